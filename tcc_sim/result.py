@@ -31,7 +31,7 @@ class Reported:
     meaning, unit : in words; the unit is empty for a dimensionless value. In a unit, {over} is the unit of the scene
         key that the nearest field `over` names, and {*} that of each key of a mapping
     name : name in JSON, if it differs from that of the attribute
-    asked_for : JSON omits the field if it is None
+    optional : JSON omits the field if it is None
     spread : JSON has the fields of the value instead of the field
     listed : the same for a sequence: each field of its members becomes a list of their values
     of : classes of the value or its members, if the annotation does not name them
@@ -41,7 +41,7 @@ class Reported:
     meaning: str
     unit: str = ""
     name: str = ""
-    asked_for: bool = False
+    optional: bool = False
     spread: bool = False
     listed: bool = False
     of: tuple[type, ...] = ()
@@ -97,7 +97,7 @@ def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
         for part in below:
             for field, each in fields_of(part):
                 if entry.spread or entry.listed:
-                    yield field, replace(each, asked_for=each.asked_for or entry.asked_for)
+                    yield field, replace(each, optional=each.optional or entry.optional)
                 else:
                     yield f"{entry.name or name}.{field}", each
 
@@ -204,7 +204,7 @@ def _items(value: Any) -> Iterator[tuple[str, Any]]:
         return
     for name, entry in (reported_of(type(value)) or {item.name: Reported("") for item in fields(value)}).items():
         part = getattr(value, name)
-        if part is None and entry.asked_for:
+        if part is None and entry.optional:
             continue
         if entry.spread:
             yield from _items(part) if part is not None else dict.fromkeys(names_in(entry.of[0])).items()
@@ -216,7 +216,7 @@ def _items(value: Any) -> Iterator[tuple[str, Any]]:
 
 def names_in(kind: type) -> list[str]:
     """Return the names in JSON of the reported fields that are never omitted."""
-    return [part for name, entry in reported_of(kind).items() if not entry.asked_for
+    return [part for name, entry in reported_of(kind).items() if not entry.optional
             for part in (names_in(entry.of[0]) if entry.spread else [entry.name or name])]
 
 

@@ -105,9 +105,9 @@ class Scene:
 
     def warnings(self) -> list[str]:
         """Return the warnings about the scene that accompany every result."""
-        own = self.system.friction
-        unused = self.unused if own.curve is not None else ()
-        return [*(f"{key} is not used, because the friction table replaces it" for key in unused), *own.doubts]
+        friction = self.system.friction
+        unused = self.unused if friction.curve is not None else ()
+        return [*(f"{key} is not used, because the friction table replaces it" for key in unused), *friction.doubts]
 
     def __post_init__(self) -> None:
         delay_ticks(self.system.pressure, 1.0 / self.operation.rate)

@@ -18,7 +18,7 @@ class Topic:
     unit : SI unit of the value; empty for a dimensionless value or several units
     direction : in (the driveline subscribes), out (it publishes) or beside (created later: by another node of this
         package, or by the driveline with its first message)
-    there_when : scene keys or node parameters, each with the value that creates the topic; empty: always created
+    created_when : scene keys or node parameters, each with the value that creates the topic; empty: always created
     carries : contents of a message
     view : entity path in Rerun, which begins with the panel (`panel`); the layouts read it, so that a new topic appears
         in them; empty for a topic that Rerun does not show
@@ -31,7 +31,7 @@ class Topic:
     type: str
     unit: str
     direction: str
-    there_when: tuple[tuple[str, object], ...]
+    created_when: tuple[tuple[str, object], ...]
     carries: str
     view: str = ""
     latched: bool = False
@@ -47,12 +47,12 @@ class Topic:
     def switch(self) -> str:
         """Condition for the topic in words; empty: always created."""
         return " or ".join(f"{key}: {str(value).lower() if isinstance(value, bool) else value}"
-                           for key, value in self.there_when)
+                           for key, value in self.created_when)
 
     def wanted(self, value_of: Callable[[str], object]) -> bool:
         """Return whether the driveline creates the topic; `value_of(key)` gives values of scene keys and parameters."""
-        return self.direction != "beside" and (not self.there_when
-                                               or any(value_of(key) == value for key, value in self.there_when))
+        return self.direction != "other" and (not self.created_when
+                                              or any(value_of(key) == value for key, value in self.created_when))
 
 
 FLOAT64 = "std_msgs/msg/Float64"
@@ -114,14 +114,14 @@ TOPICS: tuple[Topic, ...] = (
     Topic("shaft_torque", FLOAT64, "N m", "out", _SHAFT,
           "torque of spring and damper in the shaft, which acts on a vehicle at its far end", "torque/shaft",
           fields=("shaft_torque",)),
-    Topic("output_state", JOINT_STATE, "", "beside", (),
+    Topic("output_state", JOINT_STATE, "", "other", (),
           "the shaft's far end as joint output, after the first message of output_speed: angle theta3 (rad), speed "
           "held through this tick (rad/s), shaft torque (N m); stamp: time of the state",
           fields=("output_angle", "output_speed", "shaft_torque")),
-    Topic("target_slip_speed", FLOAT64, "rad/s", "beside", (),
+    Topic("target_slip_speed", FLOAT64, "rad/s", "other", (),
           "slip speed that the slip controller holds in the mean over a period of excitation; from the slip_controller "
           "node", "control/target", latched=True),
-    Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "beside", (),
+    Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "other", (),
           "number of messages, by topic, that the middleware has refused from the driveline since its start; published "
           "when it grows", latched=True),
     Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", (("publish_diagnostics", True),),

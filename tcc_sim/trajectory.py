@@ -274,9 +274,9 @@ class Trajectory(Result):
     detail: str = ""
     statistics: Statistics = Statistics()
     output_angle: Floats | None = field(default=None, metadata=reported(
-        "angle of the shaft's far end", "rad", asked_for=True))
+        "angle of the shaft's far end", "rad", optional=True))
     output_speed: Floats | None = field(default=None, metadata=reported(
-        "speed of the shaft's far end", "rad/s", asked_for=True))
+        "speed of the shaft's far end", "rad/s", optional=True))
 
     def _text(self) -> str:
         long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"

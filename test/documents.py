@@ -29,7 +29,7 @@ def valid(kind: str, found: dict[str, Any]) -> dict[str, Any]:
     names = set(documented)
     there = paths_in({key: value for key, value in found.items() if key not in HEAD}, names)
     assert there <= names, f"not documented: {there - names}"
-    missing = {name for name, entry in documented.items() if not entry.asked_for and "." not in name} - set(found)
+    missing = {name for name, entry in documented.items() if not entry.optional and "." not in name} - set(found)
     assert not missing or kind in ("sweep", "figure"), f"not there: {missing}"
     for path, unit in found["units"].items():
         name = re.sub(r"\[\d+\]", "", path)

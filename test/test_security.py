@@ -15,7 +15,7 @@ from interpreter import python
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import Definition, type_parts
-from tcc_sim.nodes.children import OwnEnvironment
+from tcc_sim.nodes.children import PrivateEnvironment
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import JOINT_NAMES, JOINT_STATE, TOPICS, topic
@@ -79,13 +79,13 @@ def test_commands_that_start_nodes_keep_discovery_on_this_machine_unless_told_ot
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    own = OwnEnvironment()
+    own = PrivateEnvironment()
     assert own.values["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
     assert 1 <= int(own.values["ROS_DOMAIN_ID"]) <= 101
     own.close()
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    found = OwnEnvironment().values
+    found = PrivateEnvironment().values
     assert (found["ROS_AUTOMATIC_DISCOVERY_RANGE"], found["ROS_DOMAIN_ID"]) == ("SUBNET", "7")
 
 
@@ -94,12 +94,12 @@ def test_every_row_is_whole_and_found_by_its_name():
     assert len({row.view for row in TOPICS if row.view}) == sum(bool(row.view) for row in TOPICS)
     for row in TOPICS:
         assert topic(row.name) is row
-        assert row.direction in ("in", "out", "beside")
+        assert row.direction in ("in", "out", "other")
         assert row.carries
         type_parts(row.type)
     assert [row.name for row in TOPICS if row.direction == "in"] == [
         "engine_torque", "actuation_pressure", "output_speed"]
-    assert [row.name for row in TOPICS if row.direction == "beside"] == [
+    assert [row.name for row in TOPICS if row.direction == "other"] == [
         "output_state", "target_slip_speed", "unsent_messages"]
     assert JOINT_NAMES == ("flywheel", "clutch_plate")
     with pytest.raises(KeyError):
@@ -118,7 +118,7 @@ def test_a_node_binds_ports_on_all_addresses_where_its_discovery_is_kept_on_this
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID"):
         monkeypatch.delenv(name, raising=False)
-    own = OwnEnvironment()
+    own = PrivateEnvironment()
     domain = int(own.values["ROS_DOMAIN_ID"])
     before = bound(domain) - {"0100007F"}  # A domain is claimed by a socket on the loopback address.
     code = "import rclpy, sys; rclpy.init(); n = rclpy.create_node('n'); print(flush=True); sys.stdin.read()"

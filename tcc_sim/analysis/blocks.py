@@ -32,20 +32,20 @@ def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
     away = [maybe and slip_grows(runs.cycles(k)) for k, maybe in enumerate(_slips_at_the_end(high, low, stick))]
     most = longest_tried(count + 1)
     points = section / _sizes_of(section, high, low)[:, None]
-    repeating = ([Periodicity(*own, most) for own in repetitions(points, most, DEFAULTS.tolerance)] if most else
-                 [of_points(own, most, DEFAULTS.tolerance) for own in points])
-    drifts = _drift(np.maximum(np.abs(high), np.abs(low)), np.array([not own.period for own in repeating]))
+    repeating = ([Periodicity(*each, most) for each in repetitions(points, most, DEFAULTS.tolerance)] if most else
+                 [of_points(each, most, DEFAULTS.tolerance) for each in points])
+    drifts = _drift(np.maximum(np.abs(high), np.abs(low)), np.array([not each.period for each in repeating]))
     loads = runs.loads
     sums = zip(loads[:, 0].sum(axis=1).tolist(), loads[:, 1].max(axis=1).tolist(), loads[:, 2].max(axis=1).tolist(),
                loads[:, 3].min(axis=1).tolist(), loads[:, 4].sum(axis=1).tolist(), loads[:, 5].sum(axis=1).tolist())
     out, sections = list[Summary](), list[Floats]()
-    for k, (top, bottom, stuck, own, seconds) in enumerate(zip(
+    for k, (top, bottom, stuck, each, seconds) in enumerate(zip(
             high.max(axis=1).tolist(), low.min(axis=1).tolist(), stick.sum(axis=1).tolist(), sums,
             runs.seconds.tolist())):
         since = first[k] * cycles[k]
         span = Span(since, since + count * cycles[k])
         summary = without_section(
-            repeating[k], away[k], drifts[k], span, sums_from(top, bottom, stuck, span.seconds, own),
+            repeating[k], away[k], drifts[k], span, sums_from(top, bottom, stuck, span.seconds, each),
             cycles=count + dropped, dropped=dropped, solver=runs.solver, elapsed=seconds)
         out.append(summary)
         sections.append(section_of(section[k, 1:], first[k], summary.period))
@@ -55,8 +55,8 @@ def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
 def confirmed_by_repetition(runs: Runs, summaries: Sequence[Summary], counts: Sequence[int]) -> list[bool]:
     """Return which runs with a settled period repeat as closely as `repeats_finely` asks, over `counts` cycles each."""
     fine = [False] * len(summaries)
-    for period in {own.period for own in summaries if own.settled and own.period}:
-        at = [k for k, own in enumerate(summaries) if own.settled and own.period == period]
+    for period in {summary.period for summary in summaries if summary.settled and summary.period}:
+        at = [k for k, summary in enumerate(summaries) if summary.settled and summary.period == period]
         points = runs.section[at, max(runs.section.shape[1] - counts[at[0]] - period, 0):]
         if points.shape[1] < counts[at[0]] + period:
             continue
@@ -84,15 +84,15 @@ def _sizes_of(section: Floats, high: Floats, low: Floats) -> Floats:
     return np.stack([fast, far, fast], axis=1)
 
 
-def _drift(largest: Floats, asked: NDArray[np.bool_]) -> list[bool]:
+def _drift(largest: Floats, chosen: NDArray[np.bool_]) -> list[bool]:
     """Return `cycles_drift` by the largest slip speeds, (m, N), of those runs that are asked for; False for others."""
-    out, width = asked.copy(), largest.shape[1] // 4
-    if width < 2 or not asked.any():
+    out, width = chosen.copy(), largest.shape[1] // 4
+    if width < 2 or not chosen.any():
         return list(out.tolist())
-    own = largest[asked]
-    quarters = own[:, own.shape[1] - 4 * width:].reshape(len(own), 4, width)
+    rows = largest[chosen]
+    quarters = rows[:, rows.shape[1] - 4 * width:].reshape(len(rows), 4, width)
     means, error = quarters.mean(axis=2), np.sqrt(quarters.var(axis=2).mean(axis=1) * 2.0 / width)
     change: Any = np.diff(means, axis=1)
-    least = np.maximum(DEFAULTS.drift * error, DEFAULTS.tolerance * own.max(axis=1))
-    out[asked] = (np.abs(change.sum(axis=1)) > least) & ((change > 0.0).all(axis=1) | (change < 0.0).all(axis=1))
+    least = np.maximum(DEFAULTS.drift * error, DEFAULTS.tolerance * rows.max(axis=1))
+    out[chosen] = (np.abs(change.sum(axis=1)) > least) & ((change > 0.0).all(axis=1) | (change < 0.0).all(axis=1))
     return list(out.tolist())

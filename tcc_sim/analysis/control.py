@@ -86,7 +86,7 @@ class CycleMeans:
         if len(self._t) and len(t) > 1 and t[0] - self._t[-1] > DEFAULTS.bridged * float(np.median(np.diff(t))):
             self.restart()
         t, v = np.concatenate([self._t, t]), np.concatenate([self._v, v])
-        if not self._clock.told or (t[-1] - t[0]) / self._clock.cycle > len(t):
+        if not self._clock.identified or (t[-1] - t[0]) / self._clock.cycle > len(t):
             # Fewer samples than cycles: time has leapt.
             self._t, self._v = t[-1:], v[-1:]
             return []

@@ -26,11 +26,12 @@ Stretch = tuple[int, Floats]
 class Uniform:
     """Cycle n starts at t = n cycle, in every run.
 
-    If not `told`, slices of time replace unknown engine cycles: they have extremes, but neither section nor period.
+    If not `identified`, slices of time replace unknown engine cycles: they have extremes, but neither section nor
+    period.
     """
 
     cycle: float
-    told: bool = True
+    identified: bool = True
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
         """Return the stretches as `EngineClock`."""
@@ -51,7 +52,7 @@ class Scheduled:
     """Cycles of a scene with a frequency that varies in time, in every run from its reset on."""
 
     system: System
-    told: bool = True
+    identified: bool = True
 
     @property
     def cycle(self) -> float:
@@ -83,7 +84,7 @@ class Tracked:
 
     cycle: float
     runs: Mapping[int, tuple[NDArray[np.int64], Floats]] = field(default_factory=dict)
-    told: bool = True
+    identified: bool = True
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
         """Return the stretches as `EngineClock`; the last start before an unknown stretch begins no cycle."""
@@ -103,8 +104,8 @@ class Tracked:
 EngineClock = Uniform | Scheduled | Tracked
 """Engine cycles of every run of a recording.
 
-`cycle` is a typical length, s; `told` is False for slices of time instead of cycles; `stretches` returns the cycles of
-a run that start between two times, s, one stretch for each group of consecutive cycles.
+`cycle` is a typical length, s; `identified` is False for slices of time instead of cycles; `stretches` returns the
+cycles of a run that start between two times, s, one stretch for each group of consecutive cycles.
 """
 
 
@@ -132,8 +133,8 @@ Blocks = list[Block]
 
 def trim(stretch: Blocks) -> None:
     """Remove a block at either end that the oscillation fills only in part."""
-    for end, beside in ((0, 1), (-1, -2)):
-        if len(stretch) > 2 and stretch[end].amplitude < DEFAULTS.full_size * stretch[beside].amplitude:
+    for end, neighbour in ((0, 1), (-1, -2)):
+        if len(stretch) > 2 and stretch[end].amplitude < DEFAULTS.full_size * stretch[neighbour].amplitude:
             del stretch[end]
 
 

@@ -73,8 +73,8 @@ class Errors:
         """Index of the first cycle after a step whose mean has reached the target; the number of cycles if none has."""
         if abs(self.step) <= self.floor:
             return 0
-        there = np.flatnonzero((np.abs(self.error) <= self.band) | (self.error * self.step > 0.0))
-        return int(there[0]) if len(there) else len(self.error)
+        arrivals = np.flatnonzero((np.abs(self.error) <= self.band) | (self.error * self.step > 0.0))
+        return int(arrivals[0]) if len(arrivals) else len(self.error)
 
     @property
     def inside_from(self) -> int:

@@ -77,12 +77,12 @@ def orders_at_speeds(run: Trajectory, speeds: Sequence[float], since: float) -> 
     orders = orders.part(np.flatnonzero(kept), len(orders.order))
     low, high = float(orders.frequency.min()), float(orders.frequency.max())
     constant = high - low <= SAME * high
-    asked = np.array(speeds, dtype=np.float64)
-    if not len(asked):
-        asked = np.array([low]) if constant else np.linspace(low, high, SPEEDS + 2)[1:-1]
+    requested = np.array(speeds, dtype=np.float64)
+    if not len(requested):
+        requested = np.array([low]) if constant else np.linspace(low, high, SPEEDS + 2)[1:-1]
     values = {name: np.array([[_largest_at(orders, speed, orders.cut(order, name), constant) for order in orders.cuts]
-                              for speed in asked]) for name in ("slip_speed", "shaft_torque")}
-    return OrdersAtSpeeds(asked, np.array(orders.cuts), **values)
+                              for speed in requested]) for name in ("slip_speed", "shaft_torque")}
+    return OrdersAtSpeeds(requested, np.array(orders.cuts), **values)
 
 
 def _largest_at(orders: Orders, speed: float, amplitude: Floats, constant: bool) -> float:

@@ -63,20 +63,20 @@ def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int = 1) ->
         torque's strongest line.
     """
     source = table.source
-    there = [name for name in (*REFERENCES, "engine_torque")
-             if name in table.columns and np.isfinite(table.columns[name]).any()]
-    if not there:
+    references = [name for name in (*REFERENCES, "engine_torque")
+                  if name in table.columns and np.isfinite(table.columns[name]).any()]
+    if not references:
         raise InputError(f"{source}: orders need one of the columns {', '.join(REFERENCES)}, engine_torque, which tell "
                          "the phase of the excitation")
-    t, values = table.filled(there[0])
+    t, values = table.filled(references[0])
     if len(t) < 4:
-        raise InputError(f"{source}: the column {there[0]} has {counted(len(t), 'value')}; 4 or more are needed")
+        raise InputError(f"{source}: the column {references[0]} has {counted(len(t), 'value')}; 4 or more are needed")
     holes: Spans = np.empty((0, 2))
     notes: list[str] = []
-    if there[0] == "engine_speed":
+    if references[0] == "engine_speed":
         t, values, holes, notes = plausible_speed(t, values, source, order)
         turns, times = integral(values, t) * order / (2.0 * math.pi), t
-    elif there[0] == "tacho":
+    elif references[0] == "tacho":
         pulse_phase = pulses_of(t, values, pulses, source)
         turns, times = pulse_phase.counts * order / pulse_phase.per_revolution, pulse_phase.times
         holes, notes = pulse_phase.holes, pulse_phase.notes
@@ -89,9 +89,9 @@ def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int = 1) ->
         turns, times = tracked.numbers.astype(np.float64), tracked.starts
         lost = np.flatnonzero(np.diff(tracked.numbers) > 1)
         holes = np.stack([times[lost], times[lost + 1]], axis=1)
-    holes = merged(np.concatenate([holes, long_holes(table.holes(there[0]), turns, times)]))
+    holes = merged(np.concatenate([holes, long_holes(table.holes(references[0]), turns, times)]))
     phase = MeasuredPhase(turns, times, holes, tuple(f"{source}: {note}" for note in notes))
-    return phase if there[0] == "engine_torque" else _agreeing(table, phase, there[0], order, pulses)
+    return phase if references[0] == "engine_torque" else _agreeing(table, phase, references[0], order, pulses)
 
 
 def long_holes(holes: Spans, turns: Floats, times: Floats) -> Spans:
@@ -247,8 +247,8 @@ def _strongest_order(table: MeasuredTable, phase: MeasuredPhase, by: str) -> tup
     a, b, c = np.log(spectrum[k - 1:k + 2])
     strongest = (k + 0.5 * float(a - c) / float(a - 2.0 * b + c)) / span
     first = round(span)
-    there = spectrum[max(first - 2, low):first + 3]
-    fundamental = first + 3 < len(spectrum) and bool(there.max() > DEFAULTS.driven * spectrum[k])
+    near = spectrum[max(first - 2, low):first + 3]
+    fundamental = first + 3 < len(spectrum) and bool(near.max() > DEFAULTS.driven * spectrum[k])
     return strongest, max(DEFAULTS.agreement * strongest, 1.5 / span), fundamental
 
 

@@ -103,11 +103,11 @@ def _curve(table: MeasuredTable, name: str, phase: MeasuredPhase) -> Callable[[F
 def _shaft_torque(table: MeasuredTable, system: System, phase: MeasuredPhase) -> Callable[[Floats], Floats]:
     """Return the shaft torque as a curve, NaN where the plate's angle is unknown."""
     names = [name for name in ("plate_angle", "plate_speed", FAR_END, "output_angle") if name in table.columns]
-    there = np.all([np.isfinite(table.columns[name]) for name in ("t", *names)], axis=0)
-    if "plate_angle" not in names or np.count_nonzero(there) < 4:
+    complete = np.all([np.isfinite(table.columns[name]) for name in ("t", *names)], axis=0)
+    if "plate_angle" not in names or np.count_nonzero(complete) < 4:
         return _unknown
-    t, d = table.t[there], system.driveline
-    columns = {name: table.columns[name][there] for name in names}
+    t, d = table.t[complete], system.driveline
+    columns = {name: table.columns[name][complete] for name in names}
     angle = columns["plate_angle"]
     speed = columns["plate_speed"] if "plate_speed" in columns else _rates(t, angle)
     if FAR_END in columns:

@@ -92,16 +92,16 @@ class Orders(Result):
             return self
         places = np.concatenate([np.arange(n + 1.0) / (n + 1.0) + k for k, n in enumerate(missing.tolist())]
                                 + [[float(len(steps))]])
-        there, first = places == np.floor(places), np.floor(places).astype(np.int64)
+        at_window, first = places == np.floor(places), np.floor(places).astype(np.int64)
         out = self.part(first, len(self.order))
-        judder = replace(out.judder, **{name: np.where(there, values, np.nan)
+        judder = replace(out.judder, **{name: np.where(at_window, values, np.nan)
                                         for name, values in vars(out.judder).items()})
         numbers = np.arange(len(self.time))
         values: dict[str, Any] = {"time": np.interp(places, numbers, self.time),
                                   "frequency": np.interp(places, numbers, self.frequency)}
         for name in ("slip_speed", "shaft_torque", "transmissibility"):
-            values[name] = np.where(there[:, None], getattr(out, name), np.nan)
-        return replace(out, judder=judder, heat=np.where(there, out.heat, np.nan), **values)
+            values[name] = np.where(at_window[:, None], getattr(out, name), np.nan)
+        return replace(out, judder=judder, heat=np.where(at_window, out.heat, np.nan), **values)
 
     def cut(self, order: float, of: str = "shaft_torque") -> Floats:
         """Return the amplitude of one order along the run, (W,)."""
@@ -216,12 +216,13 @@ def compared(measured: Signals, run: Trajectory) -> OrderComparison:
     inside = (measured.t >= run.t[0]) & (measured.t <= run.t[-1])
     measured_orders = orders_of(replace(measured, turns=measured.turns[inside], t=measured.t[inside],
                                         heat=measured.heat[inside]))
-    own = orders_of(run_signals(run, (measured.turns, measured.when)))
-    _, *both = np.intersect1d(np.rint(1e6 * measured_orders.time), np.rint(1e6 * own.time), return_indices=True)
+    simulated_orders = orders_of(run_signals(run, (measured.turns, measured.when)))
+    _, *both = np.intersect1d(np.rint(1e6 * measured_orders.time), np.rint(1e6 * simulated_orders.time),
+                              return_indices=True)
     if not len(both[0]):
         raise InputError("no window of the measurement is one of the run")
-    orders = min(len(measured_orders.order), len(own.order))
-    return OrderComparison(measured_orders.part(both[0], orders), own.part(both[1], orders))
+    orders = min(len(measured_orders.order), len(simulated_orders.order))
+    return OrderComparison(measured_orders.part(both[0], orders), simulated_orders.part(both[1], orders))
 
 
 def _with_hole(signals: Signals, begins: Floats) -> NDArray[np.bool_]:

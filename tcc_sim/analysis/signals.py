@@ -107,7 +107,7 @@ def gaps_between(turns: Floats, t: Floats) -> Floats:
     return np.stack([t[gaps], t[gaps + 1]], axis=1)
 
 
-def found_phase(run: Trajectory) -> Phase:
+def phase_of_cycles(run: Trajectory) -> Phase:
     """Return the phase of the excitation found in a run's torque, with a constant frequency in each period.
 
     Raises
@@ -126,7 +126,7 @@ def found_phase(run: Trajectory) -> Phase:
 
 def _phase_of(run: Trajectory, system: System) -> Phase:
     """Return the scene's phase or, for a commanded torque, that found in it."""
-    return found_phase(run) if system.engine.source == "topic" else (turns_at(system, run.t), system.cycle_start)
+    return phase_of_cycles(run) if system.engine.source == "topic" else (turns_at(system, run.t), system.cycle_start)
 
 
 def driven_orders(system: System) -> Floats:

@@ -31,13 +31,13 @@ class Spectrum(Result):
         "crank orders between the multiples of the excitation's whose slip speed or shaft torque is above a thousandth "
         "of the largest line"))
     slip_speed: Floats | None = field(metadata=reported(
-        "amplitudes of the sines, (N,); of order 0 the mean", "rad/s", asked_for=True))
+        "amplitudes of the sines, (N,); of order 0 the mean", "rad/s", optional=True))
     shaft_torque: Floats | None = field(metadata=reported(
-        "amplitudes of the sines, (N,); of order 0 the mean", "N m", asked_for=True))
+        "amplitudes of the sines, (N,); of order 0 the mean", "N m", optional=True))
     slip_speed_density: Floats | None = field(metadata=reported(
-        "one-sided power density, (N,), of a motion without a period", "(rad/s)^2/Hz", asked_for=True))
+        "one-sided power density, (N,), of a motion without a period", "(rad/s)^2/Hz", optional=True))
     shaft_torque_density: Floats | None = field(metadata=reported(
-        "one-sided power density, (N,), of a motion without a period", "(N m)^2/Hz", asked_for=True))
+        "one-sided power density, (N,), of a motion without a period", "(N m)^2/Hz", optional=True))
 
     def _text(self) -> str:
         return (f"Spectrum: {len(self.order)} {'lines' if self.period else 'densities'} up to order "

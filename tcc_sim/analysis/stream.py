@@ -276,15 +276,15 @@ class CycleStream:
 
     def _summary_of(self, run: RunCycles, discard: int | None) -> Summary:
         """Summarise a run."""
-        kept = run.kept(discard if self.clock.told else 0)
+        kept = run.kept(discard if self.clock.identified else 0)
         parts = [kept.parts]
         if run is self.runs[-1] and (rest := self._rest()) is not None:
             parts.append(rest)
-        if not self.clock.told:
-            summary = summarise_cycles(kept.cycles, lengths_of(kept.cycles), beside=parts, span=kept.span)
+        if not self.clock.identified:
+            summary = summarise_cycles(kept.cycles, lengths_of(kept.cycles), partial=parts, span=kept.span)
             return replace(summary, period=0, section=[], section_states=[], cycles=0, broken=0, settled=False,
                            section_change=math.nan, longest_period=0)
-        return summarise_cycles(kept.cycles, first=kept.first, tolerance=DEFAULTS.recording_tolerance, beside=parts,
+        return summarise_cycles(kept.cycles, first=kept.first, tolerance=DEFAULTS.recording_tolerance, partial=parts,
                                 dropped=kept.dropped, broken=kept.broken, span=kept.span,
                                 **self._excitation_of(kept.cycles, kept.first))
 

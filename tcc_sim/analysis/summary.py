@@ -152,7 +152,7 @@ class Summary(Result):
     elapsed_s: float = field(metadata=reported(
         "computing time; of a point of a sweep its share, by steps, in that of the points solved with it", "s"))
     section_states: list[tuple[float, float, float]] | None = field(default=None, metadata=reported(
-        "plate angle, slip speed and plate speed at the points of the section", "rad, rad/s, rad/s", asked_for=True))
+        "plate angle, slip speed and plate speed at the points of the section", "rad, rad/s, rad/s", optional=True))
     runaway: bool = field(default=False, metadata=reported(
         "whether slip grows and never sticks, for instance because the friction torque is below the mean engine "
         "torque; such a motion has no period and has not settled", scatters=True))
@@ -217,13 +217,13 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
     dropped = dropped_of(len(cycles), discard) if len(cycles) or behind is None or discard else 0
     first = first_cycle_of(trajectory) + dropped
     return summarise_cycles(cycles[dropped:], first=first, tolerance=tolerance, dropped=dropped, by=trajectory,
-                            beside=[part for part in (before if not dropped else None, behind) if part is not None],
+                            partial=[part for part in (before if not dropped else None, behind) if part is not None],
                             **spans_of(varying(trajectory), trajectory.cycle, first, len(cycles) - dropped))
 
 
 def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = DEFAULTS.tolerance,
                      varied: int = 0, carried: bool = False, dropped: int = 0, broken: int = 0, since: float = 0.0,
-                     beside: Sequence[Cycles] = (), span: Span | None = None,
+                     partial: Sequence[Cycles] = (), span: Span | None = None,
                      by: Trajectory | None = None) -> Summary:
     """Summarise consecutive cycles; NaN marks those that were not observed.
 
@@ -239,7 +239,7 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     dropped : number of observed cycles before them
     since : their start, s
     broken : number of cycles among them that a gap interrupts or hides, where NaN marks the gap
-    beside : parts of cycles before, between and after them, which period and section leave out
+    partial : parts of cycles before, between and after them, which period and section leave out
     span : time that cycles and parts cover; None for that of `cycle`, `since` and the `starts` of the parts
     by : trajectory with the solver and time that the summary names
 
@@ -250,15 +250,15 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     """
     observed = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
     count = int(observed.sum())
-    if not (count or beside):
+    if not (count or partial):
         raise InputError("there is no whole period of excitation to summarise")
     steady = cycles[min(varied, len(cycles)):] if varied else cycles
     runaway = not carried and runs_away(cycles, varied, tolerance)
     repetition = periodicity(steady, tolerance)
-    span = span or _span_of(observed, cycle, since, beside)
+    span = span or _span_of(observed, cycle, since, partial)
     summary = without_section(
         repetition, runaway, not repetition.period and not runaway and cycles_drift(steady), span,
-        sums_of(concatenated([cycles, *beside]) if beside else cycles, span.seconds), cycles=count + broken + dropped,
+        sums_of(concatenated([cycles, *partial]) if partial else cycles, span.seconds), cycles=count + broken + dropped,
         dropped=dropped, broken=broken, solver=by.solver if by is not None else "",
         elapsed=by.statistics.seconds if by is not None else 0.0)
     points = section_of(cycles.section[1:], first, summary.period)
@@ -302,13 +302,13 @@ class Span(NamedTuple):
         return self.end - self.begin - self.lost
 
 
-def _span_of(observed: NDArray[np.bool_], cycle: float | Floats, since: float, beside: Sequence[Cycles]) -> Span:
+def _span_of(observed: NDArray[np.bool_], cycle: float | Floats, since: float, partial: Sequence[Cycles]) -> Span:
     """Return the time of consecutive cycles of these lengths, s, from `since` on, and of parts before and after."""
     if isinstance(cycle, np.ndarray):
         lasts, lost = float(cycle.sum()), float(cycle[~observed].sum())
     else:
         lasts, lost = len(observed) * cycle, int((~observed).sum()) * cycle
-    ends = [part.starts[[0, -1]].tolist() for part in beside if part.starts is not None]
+    ends = [part.starts[[0, -1]].tolist() for part in partial if part.starts is not None]
     return Span(min([since, *(begin for begin, _ in ends)]), max([since + lasts, *(end for _, end in ends)]), lost)
 
 

@@ -290,7 +290,7 @@ class Loop:
         if not len(course.mean):
             return Tracking(target, verdict=None if self.why else LoopVerdict.TOO_SHORT.value,
                             verdict_why=self.why or "no whole period of excitation", **counts,
-                            **self._pressure_figures(pressed, self._own_limits()))
+                            **self._pressure_figures(pressed, self._limits_of_scene()))
         step = self._step(course, begin, stepped)
         errors, peak = self._errors(course, *step)
         error = errors.error
@@ -381,13 +381,13 @@ class Loop:
         pressed = Pressures(self.pressures.t[rows], self.pressures.values[rows])
         return pressed if np.isfinite(pressed.values).any() else None
 
-    def _own_limits(self) -> Limits:
+    def _limits_of_scene(self) -> Limits:
         """Return the limits that are given, else the scene's: no pressure is below 0."""
         return self.limits or (0.0, math.nan)
 
     def _limits(self, errors: Errors, pressed: Pressures | None) -> Limits:
         """Return the limits of the pressure: as given, or what it was held at while the error kept its sign."""
-        limits = self._own_limits()
+        limits = self._limits_of_scene()
         if self.limits is not None or pressed is None or self.pressures is None:
             return limits
         low, high = limits
@@ -406,8 +406,8 @@ class Loop:
         It must be held for five cycles, and three times as long as the pressure usually is between two changes, while
         the size of the slip speed stays above the target's (upper limit) or below it.
         """
-        there = at_level(pressed.values, value)
-        edges = np.flatnonzero(np.diff(there.astype(np.int8), prepend=0, append=0))
+        at_limit = at_level(pressed.values, value)
+        edges = np.flatnonzero(np.diff(at_limit.astype(np.int8), prepend=0, append=0))
         changes = np.diff(pressed.t[np.flatnonzero(np.diff(pressed.values))])
         usual = float(np.median(changes)) if len(changes) > 2 else 0.0
         cycle = float(np.median(errors.ends - errors.starts))
@@ -443,9 +443,9 @@ class Loop:
         since = max(errors.ends[-1] - max(whole / 3.0, DEFAULTS.settled_cycles * float(course.ends[0]
                                                                                         - course.starts[0])), 0.0)
         tail = errors.starts >= since - 1e-9
-        own = loop_verdict(errors, whole)
+        verdict = loop_verdict(errors, whole)
         if len(errors.error) < DEFAULTS.settled_cycles or not tail.any():
-            return own
+            return verdict
         known = np.isfinite(course.stick_time[tail])
         stick = course.stick_time[tail][known]
         lasts = float((errors.ends - errors.starts)[tail][known].sum())
@@ -457,7 +457,7 @@ class Loop:
             return Judged(LoopVerdict.SATURATED, limit)
         if sticks:
             return Judged(LoopVerdict.STICKING, f"in stick for {100.0 * share:.3g} % of the last {lasts:.3g} s")
-        return own
+        return verdict
 
     def _saturated(self, errors: Errors, tail: np.ndarray, pressed: Pressures | None, limits: Limits,
                    since: float) -> str:

@@ -60,5 +60,5 @@ def _say_step(step: dict[str, Any] | None, cost: bool) -> None:
                     f"{seconds * 1e6:.2f} us, {100.0 * seconds / step['own_s']:.0f} %")
                 say(f"  {name} {verb} {amount}")
         say(f"  noise of these times: {step['noise_s'] * 1e6:.2f} us")
-    for name, own in step["own_calls"].items():
-        say(f"  {name} per sub-step: {own:.3g}; with all terms {step['general_calls'][name]:.3g}")
+    for name, calls in step["own_calls"].items():
+        say(f"  {name} per sub-step: {calls:.3g}; with all terms {step['general_calls'][name]:.3g}")

@@ -146,8 +146,8 @@ def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], C
             raise InputError("--over is given twice; with --scatter it can be given once")
         if arguments.samples is None:
             raise InputError("--scatter needs --samples N, the number of samples")
-        told = PROBABILITIES if arguments.quantiles is None else _numbers("--quantiles", arguments.quantiles)
-        tolerances = Tolerances(bounds, arguments.samples, arguments.seed, told)
+        probabilities = PROBABILITIES if arguments.quantiles is None else _numbers("--quantiles", arguments.quantiles)
+        tolerances = Tolerances(bounds, arguments.samples, arguments.seed, probabilities)
         key, values = (*over, ("", []))[0]
         every = arguments.every_sample
         return (scattered_curves(system, tolerances, key, values),

@@ -187,8 +187,9 @@ class Kernel:
 def _described(kind: Any) -> object:
     """Return a description of a part of a kind that tells it from every other one."""
     if isinstance(kind, tuple) and len(kind) == 2 and isinstance(kind[0], type):
-        own, items = kind
-        return own.__module__, own.__qualname__, getattr(own, "_fields", ()), [*map(_described, items)]
+        kind_class, items = kind
+        return kind_class.__module__, kind_class.__qualname__, getattr(kind_class, "_fields",
+                                                                       ()), [*map(_described, items)]
     return kind
 
 
@@ -258,10 +259,10 @@ class Calls:
         """Return the results of calls with these numbers, then these arguments, in front of those of the slots."""
         results, waiting = list[Any](), list[tuple[tuple[Any, ...], Words]]()
         entry = before = None
-        for first, own, (last, kind, words) in zip(numbers, changing, self._slots):
+        for first, changed, (last, kind, words) in zip(numbers, changing, self._slots):
             laid = Words(first)
-            mine = _laid_out(own, laid)
-            arguments = first + own + last
+            mine = _laid_out(changed, laid)
+            arguments = first + changed + last
             laid += words
             if entry is None or mine != before:
                 if entry is not None:

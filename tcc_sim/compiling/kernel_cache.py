@@ -108,10 +108,10 @@ class Dependencies:
                 self._take(item, names)
         elif isinstance(value, ModuleType):  # Of modules outside this package add only kernels and numbers.
             self._add(value.__name__)
-            own = value.__name__.startswith(_PACKAGE)
+            of_package = value.__name__.startswith(_PACKAGE)
             for name in sorted(names & vars(value).keys()):
                 item = vars(value)[name]
-                if item is not value and (own or hasattr(item, "py_func") or isinstance(item, _PLAIN)):
+                if item is not value and (of_package or hasattr(item, "py_func") or isinstance(item, _PLAIN)):
                     self._take((name, item), names)
         elif isinstance(value, tuple | list):
             self._add(len(value))
@@ -187,8 +187,8 @@ def directory() -> Path | None:
 
 def _base() -> Path:
     """Return the user's cache directory; a relative XDG_CACHE_HOME is ignored, as its specification requires."""
-    own, named = os.environ.get("NUMBA_CACHE_DIR", ""), os.environ.get("XDG_CACHE_HOME", "")
-    return Path(own) if own else Path(named) if os.path.isabs(named) else Path.home() / ".cache"
+    given, named = os.environ.get("NUMBA_CACHE_DIR", ""), os.environ.get("XDG_CACHE_HOME", "")
+    return Path(given) if given else Path(named) if os.path.isabs(named) else Path.home() / ".cache"
 
 
 def _distrust(place: Path) -> str:
@@ -208,18 +208,18 @@ def _distrust_parents(place: Path) -> str:
 
     In a sticky folder others can rename or remove only their own.
     """
-    own, below = os.geteuid(), place
+    user, below = os.geteuid(), place
     for parent in place.parents:
         if not os.path.lexists(parent):
             continue
         status = parent.lstat()
         if not stat.S_ISDIR(status.st_mode):
             return f"{parent} is not a directory"
-        if status.st_uid not in (0, own):
+        if status.st_uid not in (0, user):
             return f"{parent} belongs to somebody else"
         if status.st_mode & 0o022:
-            whose = below.lstat().st_uid if os.path.lexists(below) else own
-            if not (status.st_mode & stat.S_ISVTX and whose == own):
+            whose = below.lstat().st_uid if os.path.lexists(below) else user
+            if not (status.st_mode & stat.S_ISVTX and whose == user):
                 return f"others can write to {parent}"
         below = parent
     return ""

@@ -184,10 +184,11 @@ class LoweredStore(NullCache):  # type: ignore[misc]
         lowered = None if name is None else self._function(name, target_context)
         if lowered is None:
             return None
-        own = environment.Environment.from_fndesc(lowered.descriptor)
+        environment_of = environment.Environment.from_fndesc(lowered.descriptor)
         return compiler.compile_result(
             typing_context=target_context.typing_context, target_context=target_context, library=lowered.library,
-            environment=own, entry_point=target_context.get_executable(lowered.library, lowered.descriptor, own),
+            environment=environment_of, entry_point=target_context.get_executable(lowered.library, lowered.descriptor,
+                                                                                  environment_of),
             fndesc=lowered.descriptor, signature=lowered.signature, objectmode=False, lifted=(), reload_init=[],
             referenced_envs=[])
 
@@ -246,8 +247,9 @@ def lowered_name(digest: str, kinds: Any) -> str | None:
 def _described(kind: Any) -> object:
     """Return a description of a type that tells it from every other one; raise TypeError for a function's."""
     if isinstance(kind, types.BaseTuple):
-        own = getattr(kind, "instance_class", tuple)
-        return own.__module__, own.__qualname__, getattr(own, "_fields", ()), [*map(_described, kind)]
+        kind_class = getattr(kind, "instance_class", tuple)
+        return kind_class.__module__, kind_class.__qualname__, getattr(kind_class, "_fields",
+                                                                       ()), [*map(_described, kind)]
     if isinstance(kind, types.Callable):
         raise TypeError
     return repr(kind)
@@ -257,8 +259,8 @@ def dispatcher(function: FunctionType, options: dict[str, Any], digest: str) -> 
     """Return Numba's dispatcher of a function, whose `machine_code` makes a kernel of it; `digest` is that of all code
     that it can reach, and of the options.
     """
-    own = type("LoweringCompiler", (LoweringCompiler,), {"digest": digest})
-    out = registered(function, options, pipeline_class=own, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    pipeline = type("LoweringCompiler", (LoweringCompiler,), {"digest": digest})
+    out = registered(function, options, pipeline_class=pipeline, no_cpython_wrapper=True, no_cfunc_wrapper=True)
     out._cache = LoweredStore(digest)
     out.machine_code = lambda arguments: machine_code(out, arguments)
     return out

@@ -32,9 +32,9 @@ def processor() -> Processor:
     those for the very processor, and have the same bits. NUMBA_CPU_NAME and NUMBA_CPU_FEATURES choose another target.
     """
     triple, features = binding.get_process_triple(), binding.get_host_cpu_features()
-    named, own = os.environ.get("NUMBA_CPU_NAME", ""), os.environ.get("NUMBA_CPU_FEATURES", "")
-    if named or own:
-        return Processor(triple, named or binding.get_host_cpu_name(), own)
+    named, given_features = os.environ.get("NUMBA_CPU_NAME", ""), os.environ.get("NUMBA_CPU_FEATURES", "")
+    if named or given_features:
+        return Processor(triple, named or binding.get_host_cpu_name(), given_features)
     if triple.startswith("x86_64") and all(features.get(feature) for feature in NEEDED):
         return Processor(triple, LEVEL, "")
     return Processor(triple, binding.get_host_cpu_name(), features.flatten())

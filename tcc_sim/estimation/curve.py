@@ -145,10 +145,10 @@ def _seen_in_slip(system: System, measured: Measurement, count: int, rates: Floa
     usual = np.diag(np.append(0.0, np.full(count, 1.0 / (USUAL_SHARE * system.friction.kinetic)))) ** 2
     best, amplitudes = math.inf, None
     for chosen in itertools.combinations(range(1, len(rates) + 1), count):
-        own = [0, *chosen]
-        factors = np.linalg.solve(squares[np.ix_(own, own)] + usual, squares[own, -1])
-        left = float(squares[-1, -1] - squares[own, -1] @ factors)
-        if left < best and factors[0] > 0.0 and (shapes[slips][:, own] @ factors).min() > 0.0:
+        columns = [0, *chosen]
+        factors = np.linalg.solve(squares[np.ix_(columns, columns)] + usual, squares[columns, -1])
+        left = float(squares[-1, -1] - squares[columns, -1] @ factors)
+        if left < best and factors[0] > 0.0 and (shapes[slips][:, columns] @ factors).min() > 0.0:
             best = left
             amplitudes = [float(factors[0]), *(x for c, k in zip(factors[1:], chosen)
                                                for x in (float(c / factors[0]), float(rates[k - 1])))]

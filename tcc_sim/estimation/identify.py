@@ -60,11 +60,11 @@ class Identification(Result):
     residuals: dict[str, Floats]
     whiteness: Whiteness = field(metadata=reported("tests of whether the residuals are noise"))
     hold: str | None = field(metadata=reported(
-        "course of measured inputs between two samples: previous, linear, smooth or next", asked_for=True))
+        "course of measured inputs between two samples: previous, linear, smooth or next", optional=True))
     likelihood: Likelihood | None = field(default=None, metadata=reported(
-        "profile likelihood of one key", asked_for=True))
+        "profile likelihood of one key", optional=True))
     curve: IdentifiedCurve | None = field(default=None, metadata=reported(
-        "sliding friction over slip speed, if friction.curve was free", asked_for=True))
+        "sliding friction over slip speed, if friction.curve was free", optional=True))
     warnings: tuple[str, ...] = field(default=(), metadata=reported(
         "sentences on how a table was read, and on what was converted or mended"))
 
@@ -141,8 +141,8 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     known = np.isfinite(errors)
     best = replace(best, values=np.where(known, best.values, begin))
-    correlations, there = np.eye(len(errors)), np.ix_(known, known)
-    correlations[there] = covariance[there] / np.outer(errors[known], errors[known])
+    correlations, block = np.eye(len(errors)), np.ix_(known, known)
+    correlations[block] = covariance[block] / np.outer(errors[known], errors[known])
     shown = [i for i, key in enumerate(model.keys) if not key.startswith(CURVE)]
     curve = profile = None
     if len(shown) < len(model.keys):
@@ -188,8 +188,8 @@ def given(measured: Measurement | str | Path, scene: Scene | None = None,
         elif columns is not None or start is not None or end is not None:
             raise InputError(f"--columns, --from and --to are for tables, and {path} is a recording")
         else:
-            measured, own = read_recording(path, scene, **driveline)
-            scene = scene or own
+            measured, recorded_scene = read_recording(path, scene, **driveline)
+            scene = scene or recorded_scene
     if scene is None:
         raise InputError("no scene is given for the table; give one (--scene)")
     return measured, scene
@@ -198,14 +198,14 @@ def given(measured: Measurement | str | Path, scene: Scene | None = None,
 def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], measured: Measurement,
             likelihood: str | None) -> dict[str, float]:
     """Return the start of every free key; raise InputError for wrong keys and starts, and for the set-valued law."""
-    asked = dict(free) if isinstance(free, Mapping) else dict.fromkeys([free] if isinstance(free, str) else free)
-    if not asked:
+    requested = dict(free) if isinstance(free, Mapping) else dict.fromkeys([free] if isinstance(free, str) else free)
+    if not requested:
         raise InputError("no key is free; name at least one")
     values, out = dict(values_of(scene.system)), {}
-    refuse_parts(asked, scene.system.friction)
-    if CURVE in asked:
-        out = curve_starts(scene.system, measured, keys_of(asked.pop(CURVE)))
-    for key, start in asked.items():
+    refuse_parts(requested, scene.system.friction)
+    if CURVE in requested:
+        out = curve_starts(scene.system, measured, keys_of(requested.pop(CURVE)))
+    for key, start in requested.items():
         check_key(key)
         if start is None:
             start = 0.0 if key in OFFSETS else values[key]
@@ -218,7 +218,7 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], meas
     kinetic = out.get(KINETIC, values[KINETIC])
     if STATIC in out:
         out[STATIC] = on_its_side(out[STATIC], float(kinetic), DEFAULTS.least_ratio)  # type: ignore[arg-type]
-    scene.with_values({k: out[k] for k in asked if k not in OFFSETS})
+    scene.with_values({k: out[k] for k in requested if k not in OFFSETS})
     if likelihood is not None and likelihood not in out:
         raise InputError(f"likelihood is {likelihood}; it must be one of the free keys")
     if scene.system.friction.law != "smoothed":

@@ -100,7 +100,7 @@ class Linearisation(Result):
     system: System
     checked: tuple[Simulated, ...] = field(default=(), metadata=reported("points of the response found by simulation"))
     controller: SlipLoop | None = field(default=None, metadata=reported(
-        "closed loop with the slip controller, with --controller", asked_for=True))
+        "closed loop with the slip controller, with --controller", optional=True))
 
     def _text(self) -> str:
         return (f"Linearisation of {self.output} by {self.input}: {self.kind}, mean slip {self.mean_slip:.6g} rad/s, "
@@ -169,17 +169,17 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     >>> round(float(result.gain[0]), 8)   # mu_k A R/(I1 omega), the integrator
     0.0010728
     """
-    for name, asked_for, known in (("input", input, INPUTS), ("output", output, OUTPUTS)):
-        if asked_for not in known:
-            raise InputError(f"{name} is {asked_for!r}; it must be {' or '.join(known)}")
+    for name, optional, known in (("input", input, INPUTS), ("output", output, OUTPUTS)):
+        if optional not in known:
+            raise InputError(f"{name} is {optional!r}; it must be {' or '.join(known)}")
     scene = as_scene(scene)
     system = scene.system
     system.check_repeats("a transfer function")
     if mean:
         system = replace(system, UNEXCITED)
-    asked = _frequencies(system, frequencies)
-    if not 0 <= check <= len(asked):
-        raise InputError(f"check is {check}; it must be 0 to the number of frequencies, {len(asked)}")
+    requested = _frequencies(system, frequencies)
+    if not 0 <= check <= len(requested):
+        raise InputError(f"check is {check}; it must be 0 to the number of frequencies, {len(requested)}")
     motion = operating_point(system, slip)
 
     def about(omegas: Floats, inputs: str = "actuation_pressure", output: str = "slip_speed") -> Linearisation:
@@ -187,17 +187,17 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
                     else _about_periodic(motion, inputs, output, omegas))
         if inputs != "actuation_pressure" or not system.pressure.actuated:
             return response
-        s, own = 1j * omegas, system.pressure  # Pressure at the plates over the command, for small commands.
-        late = np.exp(-s * own.delay) / (1.0 + s * own.time_constant)
+        s, pressure = 1j * omegas, system.pressure  # Pressure at the plates over the command, for small commands.
+        late = np.exp(-s * pressure.delay) / (1.0 + s * pressure.time_constant)
         return dataclasses.replace(response, response=response.response * late)
 
-    result = about(asked, input, output)
+    result = about(requested, input, output)
     if controller is not None:
         result = dataclasses.replace(result, controller=slip_loop(
             motion, controller, scene.operation.rate, lambda omegas: about(omegas).response, progress))
     if check == 0:
         return result
-    places = np.unique(np.round(np.linspace(0, len(asked) - 1, check)).astype(int)).tolist()
+    places = np.unique(np.round(np.linspace(0, len(requested) - 1, check)).astype(int)).tolist()
     with progress_bar("point", len(places), shown=progress) as bar:
         points = [_simulated(motion, result, place, bar) for place in places]
     return dataclasses.replace(result, checked=tuple(points))
@@ -214,11 +214,11 @@ def _simulated(motion: Constant | Periodic, linear: Linearisation, place: int, b
     return Simulated(omega, abs(value), float(np.angle(value) + 2.0 * math.pi * turns))
 
 
-def _frequencies(system: System, asked: Sequence[float] | None) -> Floats:
+def _frequencies(system: System, requested: Sequence[float] | None) -> Floats:
     """Return the frequencies, checked."""
-    if asked is None:
+    if requested is None:
         return np.geomspace(DEFAULTS.lowest, 3.0 * max(system.natural_frequency, DEFAULTS.lowest), DEFAULTS.count)
-    out = np.asarray(asked, dtype=np.float64).ravel()
+    out = np.asarray(requested, dtype=np.float64).ravel()
     if not 1 <= len(out) <= DEFAULTS.most_frequencies:
         raise InputError(f"there are {len(out)} frequencies; 1 to {DEFAULTS.most_frequencies} are allowed")
     for value in out:
@@ -259,8 +259,8 @@ def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
     c = d.stiffness * by_state[[1]] + d.damping * by_state[[2]]
     through = d.stiffness * by_input[[1]] + d.damping * by_input[[2]]
     if output == "friction_torque":   # (2b): Tf = I2 theta2'' + C23 theta2' + K23 theta2 + p_v v
-        beside = linear_of(motion.system).plate_by_slip or 0.0
-        c, through = c + beside * by_state[[0]], through + beside * by_input[[0]]
+        by_slip = linear_of(motion.system).plate_by_slip or 0.0
+        c, through = c + by_slip * by_state[[0]], through + by_slip * by_input[[0]]
         c = c + d.plate_inertia * (motion.carried.by_state[-1][[2]] - np.eye(3)[[2]]) / motion.seconds
         through = through + d.plate_inertia * motion.carried.by_input[-1][[2]] / motion.seconds
     return c, through

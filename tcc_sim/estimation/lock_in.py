@@ -59,8 +59,8 @@ def simulated(motion: Constant | Periodic, inputs: str, output: str, omega: floa
     shaft = d.stiffness * angle + d.damping * speed
     if output == "shaft_torque":
         return complex(shaft)
-    beside = (linear_of(system).plate_by_slip or 0.0) * slip
-    return complex(shaft + d.plate_inertia * 1j * omega * speed + beside)   # (2b)
+    fluid_torque = (linear_of(system).plate_by_slip or 0.0) * slip
+    return complex(shaft + d.plate_inertia * 1j * omega * speed + fluid_torque)   # (2b)
 
 
 def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, float, float], step: float,
@@ -71,14 +71,14 @@ def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, floa
     # At a constant slip speed the spring carries the mean torque.
     still = system.engine.mean_torque / system.driveline.stiffness
     stepper.state[:3] = motion.parts[0].state if isinstance(motion, Periodic) else (motion.mean_slip, still, 0.0)
-    (height, omega, lead), own = sine, system.pressure
-    plates = own.mean
+    (height, omega, lead), settings = sine, system.pressure
+    plates = settings.mean
     for k in range(ticks):
         middle = (k + 0.5) * step
-        more = height * math.sin(omega * (middle - own.delay * pressure) + lead)
-        if own.lagged:
-            before, command = plates, own.mean + more * pressure
-            plates = pressure_after(before, command, own.time_constant, own.rate_limit, step)
+        more = height * math.sin(omega * (middle - settings.delay * pressure) + lead)
+        if settings.lagged:
+            before, command = plates, settings.mean + more * pressure
+            plates = pressure_after(before, command, settings.time_constant, settings.rate_limit, step)
             stepper.press(before, plates, system.torque_per_pressure)
         stepper.use(_held(system.torque_per_pressure, terms, pressure, middle, more))
         stepper.advance()

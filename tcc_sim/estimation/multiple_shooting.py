@@ -149,12 +149,12 @@ class MultipleShooting:
                     by_start, by_key = self._step(normal, damping, values)
                     tried, moved = self._moved(values, by_key), starts + by_start * self.scales
                     self.work += n * self.count * self.width * (3.0 + len(values))
-                    there = sensitivities(self.model, moved, self.width, tried, n)
-                    now = self._cost(self._rows(there[0], moved, stage.weight), limit)
+                    trial = sensitivities(self.model, moved, self.width, tried, n)
+                    now = self._cost(self._rows(trial[0], moved, stage.weight), limit)
                 except (NumericalFailure, np.linalg.LinAlgError):
                     now = math.inf
                 if now < cost:
-                    gain, values, starts, linear = cost - now, tried, moved, there
+                    gain, values, starts, linear = cost - now, tried, moved, trial
                     damping = max(0.1 * damping, 1e-9)
                     break
                 damping *= 10.0
@@ -190,10 +190,10 @@ class MultipleShooting:
         """Return the starts, replaced by the end of the window before where that costs less."""
         ends = np.concatenate([starts[:1], states[:-1, -1]])
         other = states_of(self.model, ends, self.width, values, n)
-        own, there = (np.sum(self._rows(x, starts, weight) ** 2, axis=1) for x in (states, other))
+        costs, moved_costs = (np.sum(self._rows(x, starts, weight) ** 2, axis=1) for x in (states, other))
         # The gap to the window before vanishes; those after it are measured to the old starts.
-        own[1:] += weight * np.sum(((ends - starts)[1:] / self.scales) ** 2, axis=1)
-        return np.where((there < own)[:, None], ends, starts)
+        costs[1:] += weight * np.sum(((ends - starts)[1:] / self.scales) ** 2, axis=1)
+        return np.where((moved_costs < costs)[:, None], ends, starts)
 
     def _moved(self, values: Floats, step: Floats) -> Floats:
         """Return the parameters after a step of their logarithms, except offsets; mu_s stays on its side of mu_k."""
@@ -257,11 +257,11 @@ class MultipleShooting:
         squares, slopes = turned @ matrix, (turned @ rows[:, :, None])[:, :, 0]
         # The gap of a window depends on the start of the next one, too.
         gap, before = others[:-1, :3] * trust[:-1, None, None], rows[:-1, -4:-1] * trust[:-1, None]
-        own, border, slope = squares[:, :3, :3], squares[:, :3, 3:], slopes[:, :3]
-        own[1:] += weight * trust[:-1, None, None] * np.eye(3)
+        diagonal, border, slope = squares[:, :3, :3], squares[:, :3, 3:], slopes[:, :3]
+        diagonal[1:] += weight * trust[:-1, None, None] * np.eye(3)
         border[1:] -= root * gap[:, :, 3:]
         slope[1:] -= root * before
-        return Normal(own, -root * gap[:, :, :3].transpose(0, 2, 1), border, squares[:, 3:, 3:].sum(axis=0), slope,
+        return Normal(diagonal, -root * gap[:, :, :3].transpose(0, 2, 1), border, squares[:, 3:, 3:].sum(axis=0), slope,
                       slopes[:, 3:].sum(axis=0))
 
     def result(self, values: Floats, starts: Floats, weight: float) -> Fit:

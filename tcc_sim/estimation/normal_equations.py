@@ -14,14 +14,14 @@ from tcc_sim.trajectory import Floats
 class Normal(NamedTuple):
     """Normal equations of m windows, each of which depends on its start, the next start and the P parameters.
 
-    own : (m, 3, 3) of the starts
+    diagonal : (m, 3, 3) of the starts
     following : (m - 1, 3, 3) of a start (rows) and the next one (columns)
     border : (m, 3, P) of the starts and the parameters
     corner : (P, P) of the parameters
     slope, slope_by_key : (m, 3), (P,) right-hand sides
     """
 
-    own: Floats
+    diagonal: Floats
     following: Floats
     border: Floats
     corner: Floats
@@ -43,12 +43,12 @@ class Normal(NamedTuple):
 
     def by_starts(self, damping: float) -> Floats:
         """Solve the starts' equations for the columns of the parameters and for the slope, (m, 3, P + 1)."""
-        m, size = len(self.own), len(self.corner)
+        m, size = len(self.diagonal), len(self.corner)
         banded = np.zeros((6, 3 * m))   # as SciPy's solveh_banded takes it: the diagonal is the last row
         for i in range(3):
             for j in range(3):
                 if j >= i:
-                    banded[5 + i - j, j::3] = self.own[:, i, j]
+                    banded[5 + i - j, j::3] = self.diagonal[:, i, j]
                 banded[2 + i - j, 3 + j::3] = self.following[:, i, j]
         banded[5] *= 1.0 + damping
         banded[5] += 1e-300

@@ -142,30 +142,30 @@ def _from_settled(system: System, pressure: float, slip: float, failed: Numerica
 def _constant(system: System, slip: float | None) -> Constant:
     """Without excitation: return slip at which friction balances the mean torque, or stick."""
     terms, torque = terms_of(system), system.engine.mean_torque
-    beside = terms.linear.flywheel_by_slip or 0.0
+    by_slip = terms.linear.flywheel_by_slip or 0.0
     if slip is not None:
         coefficient, _ = _law(terms, slip)
-        carried = torque - beside * slip
+        carried = torque - by_slip * slip
         if coefficient * carried <= 0.0:
-            others = f", of which {beside * slip:g} N m pass beside friction" if beside else ""
+            others = f", of which {by_slip * slip:g} N m pass beside friction" if by_slip else ""
             raise InputError(f"a slip speed of {slip:g} rad/s needs an engine torque in its direction; "
                              f"engine.mean_torque is {torque:g} N m{others}")
         system = replace(system, {PRESSURE: carried / (coefficient * system.torque_per_pressure)})
         terms = terms_of(system)
         return _at(system, terms, slip)
     slips = abs(torque) > system.friction_ratio * terms.mean_load
-    if slips and beside == 0.0:
+    if slips and by_slip == 0.0:
         raise InputError(f"slip runs away: the mean torque of {torque:g} N m exceeds what the clutch carries, "
                          f"{system.friction_ratio * terms.mean_load:g} N m; give --slip or another pressure")
     if terms.smoothing is None and not slips:
         return Constant(system, 0.0, math.inf, 0.0)
     run = solve(system, cycles=DEFAULTS.cycles, rtol=DEFAULTS.rtol, samples_per_cycle=0).raise_for_status()
     v = run.final.slip_speed
-    if beside == 0.0 and abs(v) > stick_speed_of(terms):
+    if by_slip == 0.0 and abs(v) > stick_speed_of(terms):
         return _at(system, terms, v)
     for _ in range(60):   # In the layer, or where the coupling carries the rest, the torque rises with slip speed.
         coefficient, slope = _law(terms, v)
-        step = (torque - coefficient * terms.mean_load - beside * v) / (slope * terms.mean_load + beside)
+        step = (torque - coefficient * terms.mean_load - by_slip * v) / (slope * terms.mean_load + by_slip)
         v += step
         if abs(step) <= 1e-15 * max(abs(v), 1e-12):
             break

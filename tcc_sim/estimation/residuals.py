@@ -86,7 +86,7 @@ def judge_residuals(model: Model, levels: dict[str, float], fit: Fit, settings: 
     known = np.sqrt(np.maximum(np.diag(squares)[:len(model.keys)], 0.0)) * largest_errors(model.keys) >= 1.0
     kept = np.flatnonzero(np.append(known, np.ones(len(squares) - len(known), dtype=bool)))
     derivatives, squares, slope = derivatives[..., kept], squares[np.ix_(kept, kept)], slope[kept]
-    values, keys = values[kept[kept < len(values)]], tuple(key for key, there in zip(model.keys, known) if there)
+    values, keys = values[kept[kept < len(values)]], tuple(key for key, is_known in zip(model.keys, known) if is_known)
     size, count = len(keys), len(residuals)
     names = [*((key, UNITS.get(key) or QUANTITIES[key].unit) for key in others),
              *((f"the {kind} of {name}", unit or CHANNELS[name]) for name in problem.channels

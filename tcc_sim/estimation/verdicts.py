@@ -63,10 +63,10 @@ def check_units(model: Model, values: Floats, settings: FitSettings) -> None:
 
 def _suspects(measured: Measurement) -> list[tuple[str, tuple[str, ...]]]:
     """Return units with the columns that may have them: each alone, and all combinations."""
-    there = [name for name in OTHERS if name in measured.channels or name in measured.inputs]
+    measured_names = [name for name in OTHERS if name in measured.channels or name in measured.inputs]
     out = []
-    for unit in dict.fromkeys(unit for name in there for unit in OTHERS[name]):
-        names = [name for name in there if unit in OTHERS[name]]
+    for unit in dict.fromkeys(unit for name in measured_names for unit in OTHERS[name]):
+        names = [name for name in measured_names if unit in OTHERS[name]]
         out += [(unit, chosen) for size in range(1, len(names) + 1) for chosen in combinations(names, size)]
     return out
 
@@ -138,8 +138,8 @@ def judged(model: Model, i: int, start: float, fit: Fit, errors: Floats, correla
         verdict, why = "not identifiable", "the fit is refused"
     elif not math.isfinite(error):
         verdict = "not identifiable"
-        why = f"the measurement holds nothing about it, so it keeps its start; {_told_by(key, step)}"
-    elif _at_bound(model, i, fit.values, errors) and error <= gates.relative * max(abs(value), _own(model, key)):
+        why = f"the measurement holds nothing about it, so it keeps its start; {_determined_by(key, step)}"
+    elif _at_bound(model, i, fit.values, errors) and error <= gates.relative * max(abs(value), _scale_of(model, key)):
         verdict, why = "at its bound", "the fit ends at the largest or smallest allowed value"
         if key in (STATIC, KINETIC):
             why += "; if mu_s and mu_k meet, a start with a smaller value of the larger one leads to the other side"
@@ -148,21 +148,21 @@ def judged(model: Model, i: int, start: float, fit: Fit, errors: Floats, correla
         why = f"its standard error is {100.0 * relative:.3g} %"
         if others[most] > 0.9:
             why += f", and it depends on {keys[most]} (correlation {correlations[i, most]:.3f})"
-        why += f"; {_told_by(key, step)}"
+        why += f"; {_determined_by(key, step)}"
     elif hidden is not None:
         why += (f", if {hidden[0]} is right: residuals would not show an error of {100.0 * HIDDEN:g} % in it, which "
                 f"moves this by {hidden[1]:.2g} standard errors")
     return Parameter(key, start, value, error, low, high, verdict, why)
 
 
-TOLD_BY = {
+DETERMINED_BY = {
     "friction.decay": "samples at 10 kHz would determine it: they show slip just after breakaway",
     "friction.static_coefficient": "samples at 10 kHz, or a fixed friction.decay, would determine it",
     "friction.smoothing": "samples within the layer |v| < 2/sigma, at a higher rate or in a slower passage, would "
                           "determine it",
     "driveline.flywheel_inertia": "the flywheel's speed, or a known change of the mean torque, would determine it"}
 """Measurement that would determine a parameter."""
-TOLD_BY_FAST = TOLD_BY | {
+DETERMINED_BY_FAST = DETERMINED_BY | {
     "friction.decay": "more breakaways, or a fixed friction.static_coefficient, would determine it",
     "friction.static_coefficient": "more breakaways, or a fixed friction.decay, would determine it"}
 """The same for samples at 10 kHz."""
@@ -179,15 +179,15 @@ value: the end may be 0.
 def _size(model: Model, name: str) -> float:
     """Return the largest value of an input, N m or Pa."""
     system = model.system
-    own = {"engine_torque": (system.engine.mean_torque, system.engine.torque_amplitude),
-           "actuation_pressure": (system.pressure.mean, system.pressure.amplitude)}[name]
-    return float(np.abs(model.measured.inputs.get(name, np.array(own))).max()) or 1.0
+    means_and_amplitudes = {"engine_torque": (system.engine.mean_torque, system.engine.torque_amplitude),
+                            "actuation_pressure": (system.pressure.mean, system.pressure.amplitude)}[name]
+    return float(np.abs(model.measured.inputs.get(name, np.array(means_and_amplitudes))).max()) or 1.0
 
 
-def _told_by(key: str, step: float) -> str:
+def _determined_by(key: str, step: float) -> str:
     """Return the measurement that would determine a key, for samples every `step` s."""
-    told_by = TOLD_BY if step > BREAKAWAY else TOLD_BY_FAST
-    return told_by.get(key, "a longer measurement would determine it, or one with larger motion")
+    sentences = DETERMINED_BY if step > BREAKAWAY else DETERMINED_BY_FAST
+    return sentences.get(key, "a longer measurement would determine it, or one with larger motion")
 
 
 def _at_bound(model: Model, i: int, values: Floats, errors: Floats) -> bool:
@@ -204,11 +204,11 @@ def _at_bound(model: Model, i: int, values: Floats, errors: Floats) -> bool:
     if both and key in (STATIC, KINETIC) and max(ratio, 1.0 / ratio) <= DEFAULTS.least_ratio * (1.0 + 1e-9):
         return True
     quantity = QUANTITIES[key]
-    return (value <= quantity.low + AT_BOUND * max(abs(quantity.low), _own(model, key))
+    return (value <= quantity.low + AT_BOUND * max(abs(quantity.low), _scale_of(model, key))
             or value >= quantity.high - AT_BOUND * abs(quantity.high))
 
 
-def _own(model: Model, key: str) -> float:
+def _scale_of(model: Model, key: str) -> float:
     """Return the size of the scene's own value of a key, which tells what is large where an end of its range is 0."""
     return abs(float(attrgetter(key)(model.system)))
 

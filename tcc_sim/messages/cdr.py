@@ -264,8 +264,8 @@ def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str]
         shape.put(_LENGTH.pack(count), True)
         if count:
             shape.align(8)
-            own = fields[number * len(joints):(number + 1) * len(joints)]
-            values |= {name: len(shape.data) + 8 * place for name, place in zip(own, places)}
+            joint_fields = fields[number * len(joints):(number + 1) * len(joints)]
+            values |= {name: len(shape.data) + 8 * place for name, place in zip(joint_fields, places)}
             shape.put(bytes(8 * count), False)
     return shape.layout(values)
 

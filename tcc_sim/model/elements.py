@@ -65,10 +65,10 @@ def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any
             out[whole] = [*now[:place], number_of(value), *now[place + 1:]]
         except TypeError:
             raise InputError(f"{key} is {value!r}; it must be a number") from None
-    for whole, found_profiles in profiles.items():
+    for whole, profile_lists in profiles.items():
         now = out.get(whole, value_of(whole))
         assert isinstance(now, Sequence)
-        out.update(_profile(whole, found_profiles, now))
+        out.update(_profile(whole, profile_lists, now))
     return out
 
 

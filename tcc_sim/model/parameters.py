@@ -232,6 +232,6 @@ def replace(system: System, values: Mapping[str, object]) -> System:
         changes.setdefault(group, {})[name] = checked
     out = object.__new__(System)  # The fields are already checked; continuation makes a system for every motion.
     for name in _FIELDS:
-        own = getattr(system, name)
-        vars(out)[name] = own.changed(changes[name]) if name in changes else own
+        settings = getattr(system, name)
+        vars(out)[name] = settings.changed(changes[name]) if name in changes else settings
     return out

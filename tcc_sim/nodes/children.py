@@ -85,7 +85,7 @@ class Domain:
         self._guard.close()
 
 
-class OwnEnvironment:
+class PrivateEnvironment:
     """Environment for child processes: discovery limited to this machine, and an unused domain unless the user set one.
 
     Attributes
@@ -198,18 +198,18 @@ class Session:
     def __init__(self, recording: Path, driveline: dict[str, object],
                  controller: dict[str, object] | Sequence[str] | None = None) -> None:
         require_ros()
-        self._own = OwnEnvironment()
-        self.environment = self._own.values
-        self.beside: list[ChildProcess] = []
+        self._private = PrivateEnvironment()
+        self.environment = self._private.values
+        self.controllers: list[ChildProcess] = []
         if isinstance(controller, dict):
-            self.beside.append(NodeProcess("slip_controller", controller, self.environment))
+            self.controllers.append(NodeProcess("slip_controller", controller, self.environment))
         elif controller is not None:
             try:
-                self.beside.append(ChildProcess(" ".join(controller), controller, self.environment))
+                self.controllers.append(ChildProcess(" ".join(controller), controller, self.environment))
             except OSError as error:
                 raise InputError(f"{controller[0]}: {error.strerror}") from None
         self.recorder = NodeProcess("recorder", {"output": str(recording)}, self.environment)
-        subscribers = 1 + len(self.beside)
+        subscribers = 1 + len(self.controllers)
         self.driveline = NodeProcess("driveline", {**driveline, "wait_for_subscribers": subscribers}, self.environment)
         try:
             self._await_clock()
@@ -219,9 +219,9 @@ class Session:
 
     def stop(self) -> None:
         """End the driveline, then the controller, then the recorder, so that the recording is complete."""
-        for process in (self.driveline, *self.beside, self.recorder):
+        for process in (self.driveline, *self.controllers, self.recorder):
             process.stop()
-        self._own.close()
+        self._private.close()
 
     def watch(self, seconds: float) -> None:
         """Sleep, then raise TccError if a node has ended."""
@@ -237,13 +237,13 @@ class Session:
                 compiling = next((line for line in self.driveline.lines if line.startswith("tcc-sim: ")), "")
                 sys.stderr.write(f"{compiling}\n" if compiling else "")
             if time.monotonic() > end:
-                waits = "; no controller subscribes to joint_states" if self.beside else ""
+                waits = "; no controller subscribes to joint_states" if self.controllers else ""
                 raise TccError(f"the driveline's first tick did not come within {START_LIMIT:g} s{waits}")
             time.sleep(0.05)
 
     def _check(self) -> None:
         """Raise TccError with the last line of a node that has ended."""
-        for process in (self.recorder, *self.beside, self.driveline):
+        for process in (self.recorder, *self.controllers, self.driveline):
             process.check()
 
 

@@ -48,7 +48,7 @@ def send(node: Node) -> int:
     log(node, SENDING)
     pacer = Pacer(1.0 / rate)
     tick = 0
-    while pacer.wait(signals.asked.is_set):
+    while pacer.wait(signals.end_requested.is_set):
         t = tick / rate
         torques.publish(cdr.float64(engine.mean_torque + engine.torque_amplitude * math.sin(engine.frequency * t)))
         swing = math.sin(pressure.frequency_ratio * engine.frequency * t + pressure.phase)

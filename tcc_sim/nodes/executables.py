@@ -57,27 +57,27 @@ def _text_for(name: str, words: list[str]) -> str | None:
     """Return the text for --help or --version, or None; refuse unknown words before --ros-args by InputError."""
     from tcc_sim.errors import InputError
 
-    own, to_ros = [], False
+    options, to_ros = [], False
     for word in words:
         to_ros = word != "--" if to_ros else word == "--ros-args"
         if not to_ros and word != "--":
-            own.append(word)
-    if "--version" in own:
+            options.append(word)
+    if "--version" in options:
         return f"tcc_sim {__version__}\n"
-    if {"-h", "--help"} & set(own):
+    if {"-h", "--help"} & set(options):
         return _help(name)
-    if own:
+    if options:
         from difflib import get_close_matches
 
-        near = get_close_matches(own[0], ("--help", "--version", "--ros-args"), 1)
+        near = get_close_matches(options[0], ("--help", "--version", "--ros-args"), 1)
         after = " ".join(["--ros-args", *(word for word in words if word not in ("--", "--ros-args"))])
         if near:
             meant = f"did you mean {near[0]}?"
-        elif own[0] in _ROS_WORDS or ":=" in own[0]:
+        elif options[0] in _ROS_WORDS or ":=" in options[0]:
             meant = f"words for ROS 2 follow --ros-args: {_command_of(name)} {after}"
         else:
             meant = "options are --help, --version and --ros-args WORD ..."
-        raise InputError(f"{own[0]} is not an option; {meant}")
+        raise InputError(f"{options[0]} is not an option; {meant}")
     return None
 
 

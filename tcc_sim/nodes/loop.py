@@ -161,17 +161,17 @@ class RealTimeLoop:
         An action refuses by returning a false value other than None or by an exception, whose message becomes the
         outcome's. Without a running thread the action is called at once.
         """
-        asked: Future[Outcome] = Future()
-        self._requests.put((asked, action))
+        request: Future[Outcome] = Future()
+        self._requests.put((request, action))
         if self.running:
             self._wake.set()
         else:
             self._serve()
         try:
-            return asked.result(timeout)
+            return request.result(timeout)
         except TimeoutError:
             late = Outcome(False, f"the real-time loop did not answer within {timeout:g} s")
-            return late if asked.cancel() else asked.result()
+            return late if request.cancel() else request.result()
 
     def reset(self) -> None:
         """Return to the initial state at simulation time 0."""
@@ -245,12 +245,12 @@ class RealTimeLoop:
     def _serve(self) -> None:
         """Carry out the waiting requests that were not withdrawn; an exception becomes the outcome."""
         while not self._requests.empty():
-            asked, action = self._requests.get()
-            if asked.set_running_or_notify_cancel():
+            request, action = self._requests.get()
+            if request.set_running_or_notify_cancel():
                 try:
-                    asked.set_result(Outcome(bool((done := action()) is None or done)))
+                    request.set_result(Outcome(bool((done := action()) is None or done)))
                 except Exception as error:
-                    asked.set_result(Outcome(False, str(error) or type(error).__name__))
+                    request.set_result(Outcome(False, str(error) or type(error).__name__))
 
     def _rest(self, seconds: float | None) -> None:
         """Wait for a request, at most `seconds`."""

@@ -186,7 +186,7 @@ class Outputs:
         self.unsent: Counter[str] = Counter()
         self.zero_ns, self._last_ns, self._wall = 0, 0, operation.stamp == "wall"
         self.sensors: Sensors | None = None
-        self._told = 0
+        self._reported = 0
         self._node = node
         self._context = node.context
         self._waiting: deque[tuple[Any, bytes]] = deque()
@@ -248,11 +248,11 @@ class Outputs:
         """Publish the number of dropped messages if it has grown; not for the loop's thread."""
         counts = dict(self.unsent)
         total = sum(counts.values())
-        if total <= self._told:
+        if total <= self._reported:
             return
         publisher = self._publishers.get("unsent_messages") or self._create("unsent_messages", LATCHED)
         if self._taken(publisher, unsent_message(self._node.get_fully_qualified_name(), counts)):
-            self._told = total
+            self._reported = total
 
     def subscriptions(self) -> tuple[int, int]:
         """Return the numbers of subscriptions of joint_states and of all topics with a message for every tick."""

@@ -33,7 +33,7 @@ from tcc_sim.plant.closed_loop import doubt_of
 from tcc_sim.scene import Operation, meaning_of
 from tcc_sim.topics import FLUID_PRESSURE, topic
 
-FOUND_WITHIN = 4.0
+DISCOVERY_LIMIT = 4.0
 """Longest real time to find a driveline, and for its answer, s."""
 HEARD_WITHIN = 1.5
 """Longest real time to see a command applied or refused if diagnostics do not count it, s."""
@@ -137,7 +137,7 @@ class Operator:
         publisher = self._node.create_publisher(message_class(row.type), row.name, COMMANDS)
         if self._value(f"{group}.source") != "topic":
             raise InputError(f"{row.name}: the driveline takes this input from its scene ({group}.source: harmonic)")
-        if not self._until(lambda: publisher.get_subscription_count() > 0, FOUND_WITHIN):
+        if not self._until(lambda: publisher.get_subscription_count() > 0, DISCOVERY_LIMIT):
             raise TccError(f"the driveline runs, but nothing subscribes to {publisher.topic_name}")
         data = cdr.fluid_pressure(0, value) if row.type == FLUID_PRESSURE else cdr.float64(value)
         applied = self._applied(row.type)
@@ -226,15 +226,16 @@ class Operator:
 
         self._node.create_subscription(DiagnosticArray, "/diagnostics", take, DIAGNOSTICS)
         if self._value("publish_diagnostics"):
-            self._until(lambda: statuses, FOUND_WITHIN)
+            self._until(lambda: statuses, DISCOVERY_LIMIT)
         return statuses
 
     def _namesakes(self) -> str:
         """Return a note that names the driveline, if there are others or several with the same name."""
         self._until(lambda: len(self._drivelines()) > 1, NAMED_WITHIN)
         names = self._drivelines()
-        own, others = names.count(self._driveline), sorted(set(names) - {self._driveline})
-        notes = [f"; {own} nodes have the name {self._driveline} and received this: give them namespaces"] * (own > 1)
+        namesakes, others = names.count(self._driveline), sorted(set(names) - {self._driveline})
+        notes = [f"; {namesakes} nodes have the name {self._driveline} and received this: give them namespaces"]
+        notes *= namesakes > 1
         notes += [f"; this acted on {self._driveline}, not on {' or '.join(others)}"] * bool(others)
         return "".join(notes)
 
@@ -251,14 +252,14 @@ class Operator:
         """Call a service of the driveline and return its answer."""
         client = self._node.create_client(kind, f"{self._driveline}/{name}")
         try:
-            if not self._until(client.service_is_ready, FOUND_WITHIN):
+            if not self._until(client.service_is_ready, DISCOVERY_LIMIT):
                 others = " and ".join(sorted(set(self._drivelines()) - {self._driveline}))
-                raise TccError(f"no driveline answers at {self._driveline} within {FOUND_WITHIN:g} s "
+                raise TccError(f"no driveline answers at {self._driveline} within {DISCOVERY_LIMIT:g} s "
                                f"(ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')})"
                                f"{f'; there is {others}: use --namespace' if others else ''}")
             future = client.call_async(request)
-            if not self._until(future.done, FOUND_WITHIN):
-                raise TccError(f"{self._driveline} does not answer within {FOUND_WITHIN:g} s")
+            if not self._until(future.done, DISCOVERY_LIMIT):
+                raise TccError(f"{self._driveline} does not answer within {DISCOVERY_LIMIT:g} s")
             return future.result()
         finally:
             self._node.destroy_client(client)

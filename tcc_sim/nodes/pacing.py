@@ -99,12 +99,12 @@ class Pacer:
         while now < deadline:
             if interrupted():
                 return False
-            began, asked = now, deadline - now - self._lead
-            if asked > 0.0:
-                self._sleep(min(asked * 1e-9, SLICE))
+            began, remaining = now, deadline - now - self._lead
+            if remaining > 0.0:
+                self._sleep(min(remaining * 1e-9, SLICE))
             now = float(self._clock())
-            if 0.0 < asked <= SLICE * 1e9:
-                lead = self._lead + (_LEAD_UP if now - began - asked > self._lead else -_LEAD_DOWN)
+            if 0.0 < remaining <= SLICE * 1e9:
+                lead = self._lead + (_LEAD_UP if now - began - remaining > self._lead else -_LEAD_DOWN)
                 self._lead = min(max(lead, 0.0), self._most_lead)
         late = now - deadline
         lateness = late * 1e-9
@@ -154,9 +154,9 @@ def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bo
         try:
             os.sched_setaffinity(0, cores)
         except OSError as error:
-            there = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
+            allowed = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
             refused.append(f"cpu_affinity {list(cores)} was not granted ({error.strerror}): the thread stays on "
-                           f"{there}")
+                           f"{allowed}")
     if priority:
         try:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))

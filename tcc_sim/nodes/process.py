@@ -204,7 +204,7 @@ class Spinner:
         ExternalShutdownException
             A signal has asked the node to end, or the context has been shut down.
         """
-        if signals.asked.is_set():
+        if signals.end_requested.is_set():
             raise ExternalShutdownException
         try:
             self._executor.spin_once(timeout_sec=seconds)

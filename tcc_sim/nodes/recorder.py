@@ -103,7 +103,7 @@ class Recorder:
             The directory was renamed or removed, or a file with the name of the next part exists.
         """
         flush = synced = time.monotonic()
-        while not signals.asked.is_set():
+        while not signals.end_requested.is_set():
             wake = time.monotonic() + self.drain_period
             self.drain()
             if time.monotonic() >= flush:
@@ -208,8 +208,8 @@ class Recorder:
                 if late or latched != track.latched:
                     self.write(track, track.subscribe(latched))
             if track.latched:
-                there = {bytes(o.endpoint_gid) for o in offered}
-                for who in track.channels.keys() - there:
+                publishers = {bytes(o.endpoint_gid) for o in offered}
+                for who in track.channels.keys() - publishers:
                     self.bag.unlatch(track.channels[who])
             if track.topic == self._clock and self._simulated is not None and not track.messages:
                 self._report_missing_clock(track)

@@ -2,8 +2,8 @@
 
 A node's process blocks these signals before it imports NumPy, Numba and rclpy; its threads inherit this, and one thread
 waits for a signal. While the process starts (imports, ROS 2, compiling), no data has to be saved, and a signal ends it
-at once with status 0. After `end_in_order` a signal sets `asked`, which the node checks several times a second to end
-by itself. Its ROS 2 context stays valid until then.
+at once with status 0. After `end_in_order` a signal sets `end_requested`, which the node checks several times a second
+to end by itself. Its ROS 2 context stays valid until then.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, NoReturn, TypeVar
 
 Made = TypeVar("Made")
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-asked = threading.Event()
+end_requested = threading.Event()
 """Set by the first signal after `end_in_order`."""
 _turn = threading.Lock()
 """Lock of `_phase`."""
@@ -43,17 +43,17 @@ def take() -> None:
 
 
 def _wait(numbers: list[signal.Signals]) -> None:
-    """Wait for signals: end the process during its start, set `asked` afterwards."""
+    """Wait for signals: end the process during its start, set `end_requested` afterwards."""
     while True:
         signal.sigwait(numbers)
         with _turn:
             if _phase == "starting":
                 os._exit(0)
-        asked.set()
+        end_requested.set()
 
 
 def end_in_order() -> None:
-    """Let a signal set `asked` from now on, so that the node ends by itself."""
+    """Let a signal set `end_requested` from now on, so that the node ends by itself."""
     global _phase
     with _turn:
         _phase = _phase and "running"
@@ -120,11 +120,11 @@ def deferred() -> Iterator[None]:
 def _handled(handler: Any) -> Iterator[dict[signal.Signals, Any]]:
     """Replace the process's Python handlers for the duration of a `with` block, and yield the replaced handlers."""
     mine = threading.current_thread() is threading.main_thread()
-    handlers = {n: own for n in ENDING if mine and callable(own := signal.getsignal(n))}
+    handlers = {n: previous for n in ENDING if mine and callable(previous := signal.getsignal(n))}
     for number in handlers:
         signal.signal(number, handler)
     try:
         yield handlers
     finally:
-        for number, own in handlers.items():
-            signal.signal(number, own)
+        for number, previous in handlers.items():
+            signal.signal(number, previous)

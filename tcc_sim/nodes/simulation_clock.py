@@ -32,7 +32,7 @@ class SimulationClock:
 
     def __init__(self, node: Node, outputs: Outputs, operation: Operation) -> None:
         self._node, self._outputs = node, outputs
-        self._asked, self._lockstep = operation.publish_clock, operation.pacing == "lockstep"
+        self._wanted, self._lockstep = operation.publish_clock, operation.pacing == "lockstep"
         self._topic = node.resolve_topic_name(CLOCK_TOPIC)
         self.published = False
 
@@ -57,7 +57,7 @@ class SimulationClock:
     @property
     def due(self) -> bool:
         """Whether the driveline should publish /clock and does not yet."""
-        return not self.published and (self._asked or (self._lockstep and bool(self.followers))) and not self.rivals
+        return not self.published and (self._wanted or (self._lockstep and bool(self.followers))) and not self.rivals
 
     def begin(self, stamp_ns: int | None = None) -> None:
         """Publish /clock from the next state on, and `stamp_ns`, the simulation time of the last state, if given.
@@ -76,7 +76,7 @@ class SimulationClock:
         rivals = ", ".join(self.rivals)
         if rivals and self.published:
             return f"{self._topic} is published by {rivals} too, and simulation time jumps: end one of them"
-        if rivals and self._asked:
+        if rivals and self._wanted:
             return f"{self._topic} is published by {rivals} already, so this node does not publish it"
         followers = ", ".join(self.followers)
         if followers and not rivals and not self.published and not self._lockstep:

@@ -27,7 +27,7 @@ with a depth below that it would drop the oldest instead, even where the driveli
 """
 MOST_TOPICS = 100
 """Largest number of topics of one driveline whose unsent messages are counted; it has a dozen."""
-_MOST_ASKED = 20
+_MOST_REQUESTS = 20
 
 Taken = list[tuple[bytes, dict[str, Any]]]
 """Serialised messages, each with the middleware's message information."""
@@ -84,7 +84,7 @@ class Track(SequenceNumbers):
         self.arrived = time.monotonic()
         self.silence_reported = False
         self.stamps = StampCounter() if type_name == JOINT_STATE else None
-        self._asked: Counter[bytes] = Counter()
+        self._requests: Counter[bytes] = Counter()
         self._offered: set[bytes] = set()
 
     def subscribe(self, latched: bool) -> Taken:
@@ -136,13 +136,13 @@ class Track(SequenceNumbers):
         at once.
         """
         if len(self._offered) > MOST_PUBLISHERS:
-            self._offered, self._asked = set(), Counter({p: self._asked[p] for p in publishers})
+            self._offered, self._requests = set(), Counter({p: self._requests[p] for p in publishers})
         self._offered.update(publishers)
         if self.next and not self._offered & self.next.keys():
             return False  # This middleware has two identifiers of a publisher, so silent ones cannot be identified.
         silent = [publisher for publisher in publishers if publisher not in self.next
-                  and self._asked[publisher] < _MOST_ASKED]
-        self._asked.update(silent)
+                  and self._requests[publisher] < _MOST_REQUESTS]
+        self._requests.update(silent)
         return bool(silent)
 
 

@@ -42,10 +42,10 @@ class Waiting:
         loop = self._loop
         wanted = loop.scene.operation.wait_for_subscribers
         if not loop.clock_started.is_set():
-            there = loop.outputs.subscriptions()[0]
+            subscribers = loop.outputs.subscriptions()[0]
             name = self._node.resolve_topic_name("joint_states")
             missing = {"subscribers": f"the first tick waits for wait_for_subscribers {wanted}; "
-                       f"{name} has {counted(there, 'subscriber')}"} if there < wanted else {}
+                       f"{name} has {counted(subscribers, 'subscriber')}"} if subscribers < wanted else {}
         elif loop.paused:
             missing = {}
         elif loop.waits_for:

@@ -46,7 +46,7 @@ FILE_PERIOD = 2.0
 """Real time between two writes to a file, s. Rerun stores an index of each write: 0.4 MB a minute with this value at
 1 kHz, 7 MB with 0.1 s.
 """
-FOUND_WITHIN = 5.0
+DISCOVERY_LIMIT = 5.0
 """Longest real time to receive a driveline's scene, s."""
 WEB_PERIOD, WEB_HISTORY = 0.5, 2.0
 """Real time between two updates of a browser, and time shown in its time series, s. Where new data came, Rerun draws
@@ -99,8 +99,8 @@ class ControlWatch:
                 with suppress(ValueError):
                     self._waiting[name].append((info["received_timestamp"] or time.time_ns(), *READERS[name][1](data)))
 
-    def beside(self, stamp_ns: NDArray[np.int64], received_ns: NDArray[np.int64], slip_speed: Floats, *,
-               new_run: bool, zeros: NDArray[np.int64]) -> tuple[dict[str, Signal], list[Event]]:
+    def aligned(self, stamp_ns: NDArray[np.int64], received_ns: NDArray[np.int64], slip_speed: Floats, *,
+                new_run: bool, zeros: NDArray[np.int64]) -> tuple[dict[str, Signal], list[Event]]:
         """Return the signals (name -> stamps in ns, values) and events received up to the last of the next states.
 
         A message without simulation time gets the stamp of the first state received after it.
@@ -171,14 +171,14 @@ class Watcher:
 
     def _await_scene(self) -> Scene:
         """Wait for the current scene; raise TccError if no driveline publishes one."""
-        end = time.monotonic() + FOUND_WITHIN
+        end = time.monotonic() + DISCOVERY_LIMIT
         while time.monotonic() < end:
             scene = self._scene()
             if scene is not None:
                 return scene
             time.sleep(0.02)
         name = self._node.resolve_topic_name("scene")
-        raise TccError(f"no driveline published its scene on {name} within {FOUND_WITHIN:g} s")
+        raise TccError(f"no driveline published its scene on {name} within {DISCOVERY_LIMIT:g} s")
 
     def _scene(self) -> Scene | None:
         """Return the newest scene since the last call, or None."""
@@ -271,8 +271,8 @@ class Watcher:
             cycles = piece.cycles
             lengths = self.scene.system.cycle if cycles.starts is None else np.diff(cycles.starts)
             self._recent.extend(zip(cycles.largest.tolist(), (cycles.stick_time / lengths).tolist()))
-        view.control(*self._control.beside(stamps, received, slip_speed, new_run=new_run,
-                                           zeros=self._zeros))
+        view.control(*self._control.aligned(stamps, received, slip_speed, new_run=new_run,
+                                            zeros=self._zeros))
         # No figures are computed at the end, so cycles are not stored.
         del self._cycles.runs[:-1]
         for run in self._cycles.runs:

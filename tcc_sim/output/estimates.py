@@ -91,7 +91,7 @@ class Estimates:
     fastest: float | None = field(default=None, metadata=reported(
         "last slip speed of the friction table; null without one", "rad/s"))
     actuator: ActuatorEffect | None = field(default=None, metadata=reported(
-        "actuator of the commanded pressure", asked_for=True))
+        "actuator of the commanded pressure", optional=True))
 
 
 def estimates_of(system: System) -> Estimates:

@@ -27,16 +27,16 @@ class StepFigures:
     own_calls: Mapping[str, float] = field(metadata=reported("calls of functions in a sub-step, with this kernel"))
     general_calls: Mapping[str, float] = field(metadata=reported("calls of functions in a sub-step with every term on"))
     own_s: float | None = field(default=None, metadata=reported(
-        "time of a tick with the scene's kernel, with --cost", "s", asked_for=True))
+        "time of a tick with the scene's kernel, with --cost", "s", optional=True))
     general_s: float | None = field(default=None, metadata=reported(
-        "time of a tick with every term on", "s", asked_for=True))
-    ratio: float | None = field(default=None, metadata=reported("general_s over own_s", asked_for=True))
+        "time of a tick with every term on", "s", optional=True))
+    ratio: float | None = field(default=None, metadata=reported("general_s over own_s", optional=True))
     noise_s: float | None = field(default=None, metadata=reported(
-        "noise of these times; smaller differences than twice this are null", "s", asked_for=True))
+        "noise of these times; smaller differences than twice this are null", "s", optional=True))
     terms_s: Mapping[str, float | None] | None = field(default=None, metadata=reported(
-        "time that each term held adds to a tick", "s", asked_for=True))
+        "time that each term held adds to a tick", "s", optional=True))
     saved_s: Mapping[str, float | None] | None = field(default=None, metadata=reported(
-        "time that each term left out would add to a tick", "s", asked_for=True))
+        "time that each term left out would add to a tick", "s", optional=True))
 
 
 @dataclass(frozen=True)

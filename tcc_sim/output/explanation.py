@@ -64,7 +64,7 @@ def explained(scene: Scene, *, cost: bool = False) -> SceneExplanation:
     """
     terms = terms_of(scene.system)
     needed = [row.name for row in TOPICS if row.wanted(scene.value)]
-    topics = Held(needed, [row.name for row in TOPICS if row.name not in needed and row.direction != "beside"])
+    topics = Held(needed, [row.name for row in TOPICS if row.name not in needed and row.direction != "other"])
     step = None
     if terms.smoothing is not None:
         figures: dict[str, Any] = {**count_calls(scene.system), **(_cost(scene) if cost else {})}
@@ -78,16 +78,16 @@ def explained(scene: Scene, *, cost: bool = False) -> SceneExplanation:
 
 def friction_of(system: System) -> dict[str, Any]:
     """Return the friction law: the fields of `FrictionFigures` as JSON values."""
-    own = system.friction
+    friction = system.friction
     stick = stick_speed_of(terms_of(system))
-    largest = own.static if stick == 0.0 else own.kinetic * float(
-        smoothed_coefficient(stick, own.smoothing, own.stribeck))
-    curve, v = own.sliding, own.sliding.speeds
-    fit = [None] * 4 if own.curve is None else [curve.error, curve.worst, curve.error_between, curve.worst_between]
+    largest = friction.static if stick == 0.0 else friction.kinetic * float(
+        smoothed_coefficient(stick, friction.smoothing, friction.stribeck))
+    curve, v = friction.sliding, friction.sliding.speeds
+    fit = [None] * 4 if friction.curve is None else [curve.error, curve.worst, curve.error_between, curve.worst_between]
     slopes = curve.slope(v)
     return dict(json_of(FrictionFigures(
         curve.constant, curve.amplitudes, curve.rates, fit[0], fit[1], fit[2], fit[3], (0.0, float(v[-1])),
-        (float(curve.at(0.0)), curve.constant if own.curve is None else float(curve.at(v[-1]))),
+        (float(curve.at(0.0)), curve.constant if friction.curve is None else float(curve.at(v[-1]))),
         (float(slopes.min()), float(slopes.max())), stick, largest)))
 
 
@@ -163,9 +163,10 @@ def _cost(scene: Scene) -> dict[str, Any]:
     from tcc_sim.solvers.fixed_step import Stepper, advance
 
     stepper = Stepper(scene.system, TICK)
-    n, own, every = stepper.substeps, stepper.terms, general_terms(scene.system)
-    kernels = {"own": own, "general": every}
-    kernels |= {name: Terms(**{**own._asdict(), name: getattr(every, name) if getattr(own, name) is None else None})
+    n, scene_terms, every = stepper.substeps, stepper.terms, general_terms(scene.system)
+    kernels = {"own": scene_terms, "general": every}
+    kernels |= {name: Terms(**{**scene_terms._asdict(), name: getattr(every, name) if getattr(scene_terms,
+                                                                                              name) is None else None})
                 for name in OPTIONAL}
     seconds = {name: np.empty(ROUNDS) for name in kernels}
     for turn in range(-1, ROUNDS):  # The first turn compiles.
@@ -177,13 +178,13 @@ def _cost(scene: Scene) -> dict[str, Any]:
     best = {name: float(times.min()) for name, times in seconds.items()}
     # Noise: difference between the fastest of the even and of the odd measurements.
     noise = max(abs(float(times[::2].min() - times[1::2].min())) for times in seconds.values())
-    added = {name: abs(best[name] - best["own"]) if (best[name] > best["own"]) is (getattr(own, name) is None) else 0.0
-             for name in OPTIONAL}
+    added = {name: abs(best[name] - best["own"])
+             if (best[name] > best["own"]) is (getattr(scene_terms, name) is None) else 0.0 for name in OPTIONAL}
     measured = {name: times if times > 2.0 * noise else None for name, times in added.items()}
     return {"own_s": best["own"], "general_s": best["general"], "ratio": best["general"] / best["own"],
             "noise_s": noise,
-            "terms_s": {OPTIONAL[k]: x for k, x in measured.items() if getattr(own, k) is not None},
-            "saved_s": {OPTIONAL[k]: x for k, x in measured.items() if getattr(own, k) is None}}
+            "terms_s": {OPTIONAL[k]: x for k, x in measured.items() if getattr(scene_terms, k) is not None},
+            "saved_s": {OPTIONAL[k]: x for k, x in measured.items() if getattr(scene_terms, k) is None}}
 
 
 def closed_forms(system: System) -> dict[str, Any] | None:

@@ -40,9 +40,9 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, Any]:
                    os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") // 2)
         arrays = {}
         with ZipFile(path) as file:
-            there = set(file.namelist())
+            names_in_file = set(file.namelist())
             for name in names:
-                if f"{name}.npy" in there:
+                if f"{name}.npy" in names_in_file:
                     arrays[name] = _array(path, file, name, left)
                     left -= arrays[name].nbytes
         return arrays

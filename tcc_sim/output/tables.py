@@ -239,10 +239,10 @@ def sweep_lines(sweep: Sweep | Grid, width: int | None = None) -> list[str]:
     columns = sweep.columns()
     units, keys = units_of_columns(type(sweep), columns), list(columns)[:list(columns).index("max_slip_speed")]
     status, failed = columns["status"], np.isnan(columns["max_slip_speed"])
-    own = []
+    sampled = []
     for key in keys:
         unit, factor = key_unit(key)
-        own.append(_padded([key.rpartition(".")[2], unit, *(f"{x * factor:.8g}" for x in columns[key].tolist())]))
+        sampled.append(_padded([key.rpartition(".")[2], unit, *(f"{x * factor:.8g}" for x in columns[key].tolist())]))
     tables: list[list[list[str]]] = []
     used = math.inf
     shown = SWEPT if "judder_rms" not in columns else (
@@ -254,11 +254,11 @@ def sweep_lines(sweep: Sweep | Grid, width: int | None = None) -> list[str]:
         used += 2 + len(column[0])
         if not tables or (width is not None and used > width):
             tables.append([])
-            used = sum(2 + len(one[0]) for one in (*own, column)) - 2
+            used = sum(2 + len(one[0]) for one in (*sampled, column)) - 2
         tables[-1].append(column)
     lines = []
     for table in tables:
-        for k, line in enumerate(zip(*own, *table)):
+        for k, line in enumerate(zip(*sampled, *table)):
             fails = k > 1 and failed[k - 2]
             lines.append("  ".join([*line[:len(keys)], str(status[k - 2])] if fails else line).rstrip())
     return lines + unsettled_lines(sweep.sweeps if hasattr(sweep, "sweeps") else [sweep], "* ")

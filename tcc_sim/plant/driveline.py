@@ -73,7 +73,7 @@ class Plant:
         self.general = False
         self.general_ready = threading.Event()
         self._stamp_step = 1e9 / scene.operation.rate
-        self._own = self._terms = terms_of(scene.system)
+        self._scene_terms = self._terms = terms_of(scene.system)
         self.origin = START
         self._follow(scene)
         self._torque: float | None = None
@@ -95,11 +95,11 @@ class Plant:
         if self._cost:
             return
         self.stepper.warm_up()
-        self._cost[False] = self._measured(self._own)
-        if not _differ(general_terms(self.scene.system), self._own):
+        self._cost[False] = self._measured(self._scene_terms)
+        if not _differ(general_terms(self.scene.system), self._scene_terms):
             self._cost[True] = self._cost[False]
             self.general_ready.set()
-        self._share = max(SHARE, min(1.0, self._needed(self.scene, self._own)))
+        self._share = max(SHARE, min(1.0, self._needed(self.scene, self._scene_terms)))
         self.check(self.scene)
 
     def warm_up_general(self) -> None:
@@ -118,7 +118,7 @@ class Plant:
         """Return whether `scene` needs the kernel with every term: its terms differ from those at the start, or its
         frequency does, since the phase must be continuous.
         """
-        return _differ(terms_from(scene.system, self._origin_of(scene)), self._own)
+        return _differ(terms_from(scene.system, self._origin_of(scene)), self._scene_terms)
 
     def check(self, scene: Scene) -> None:
         """Raise InputError if `scene` cannot be computed with the held inputs or with their fallbacks."""
@@ -269,7 +269,7 @@ class Plant:
         operation = scene.operation
         if operation.real_time_factor == 0.0 or operation.pacing == "lockstep":
             return 0.0
-        cost = self._cost.get(_differ(terms, self._own), 0.0)
+        cost = self._cost.get(_differ(terms, self._scene_terms), 0.0)
         return count * cost * operation.real_time_factor / self.stepper.step
 
     def _measured(self, terms: Terms) -> float:

@@ -121,11 +121,11 @@ class BagWriter:
     def check(self) -> None:
         """Raise RecordingError if the directory or the open file was renamed or removed."""
         try:
-            there, held = os.stat(self.directory), os.fstat(self._folder)
+            directory, held = os.stat(self.directory), os.fstat(self._folder)
         except OSError:
             pass
         else:
-            if os.path.samestat(there, held) and self.file.linked():
+            if os.path.samestat(directory, held) and self.file.linked():
                 return
         raise RecordingError(f"{self.directory} was renamed or removed while it was recorded to")
 

@@ -128,29 +128,29 @@ class GrowingStates:
         if not self._runs or self._runs[-1][0] != part.run:
             self._runs.append((part.run, part.began, first))
 
-    def runs(self, beside: Sequence[Beside]) -> Found:
+    def runs(self, joined: Sequence[JoinedTopic]) -> RunsAndMissing:
         """Return the states of every run with the columns of `beside`, and the number of states whose applied pressure
         is missing although the topic was recorded.
         """
         for column in self._columns.values():
             column.resize(self.count, refcheck=False)
         columns: dict[str, Any] = dict(self._columns)
-        for one in beside:
+        for one in joined:
             columns |= {name: np.full(self.count, np.nan) for name in one.columns}
         runs, missing = [], 0
         for (run, began, first), end in zip(self._runs, [*(first for *_, first in self._runs[1:]), self.count]):
             part = {name: column[first:end] for name, column in columns.items()}
-            for one in beside:
+            for one in joined:
                 one.join(run, part)
             missing += int(np.isnan(part["applied_pressure"]).sum()) if "applied_pressure" in part else 0
             runs.append(JointStates(**part, run=run, began=began, index=first))
         return tuple(runs), missing
 
 
-Found = tuple[tuple[JointStates, ...], int]
+RunsAndMissing = tuple[tuple[JointStates, ...], int]
 
 
-class Beside:
+class JoinedTopic:
     """A further topic with stamps, whose values are joined to the joint_states of equal stamps.
 
     Parameters
@@ -194,14 +194,14 @@ class Beside:
             columns[name][same] = column[nearest[same]]
 
 
-def all_beside(joint_states_topic: str, zeros: Stamps) -> list[Beside]:
+def joined_topics(joint_states_topic: str, zeros: Stamps) -> list[JoinedTopic]:
     """Return the further topics of a driveline; `zeros` are stamps of simulation time 0, as in `simulation_ns`."""
     space = joint_states_topic.rpartition("/")[0]
     far_end = topic("output_state").fields
-    return [Beside(f"{space}/applied_pressure", Layouts(FLUID_PRESSURE, (), ("fluid_pressure",), zeros),
-                   {"applied_pressure": "fluid_pressure"}),
-            Beside(f"{space}/output_state", Layouts(JOINT_STATE, (OUTPUT_JOINT,), far_end, zeros),
-                   {name: name for name in ("output_angle", "output_speed")})]
+    return [JoinedTopic(f"{space}/applied_pressure", Layouts(FLUID_PRESSURE, (), ("fluid_pressure",), zeros),
+                        {"applied_pressure": "fluid_pressure"}),
+            JoinedTopic(f"{space}/output_state", Layouts(JOINT_STATE, (OUTPUT_JOINT,), far_end, zeros),
+                        {name: name for name in ("output_angle", "output_speed")})]
 
 
 def joint_states(values: Values) -> JointStates:

@@ -139,7 +139,7 @@ class Commands:
                     self._counted[key] = int(text)
                     self.counts[key] += int(text) - (before if int(text) >= before else 0)
 
-    def beside(self, runs: Sequence[JointStates]) -> dict[str, Commanded]:
+    def aligned(self, runs: Sequence[JointStates]) -> dict[str, Commanded]:
         """Return the commands by the name of their topic, beside all states."""
         wanted = {name: sent for name, sent in self._sent.items() if sent}
         if not wanted or not runs:
@@ -219,8 +219,8 @@ class _Clock:
         low, high = self._times[min(max(sent.before - 1, 0), last)], self._times[min(sent.until, last)]
         first, end = np.searchsorted(self._cuts, [sent.before - 1, sent.until], side="right").tolist()
         shifts = self._shift[max(first - 1, 0):end + 2]
-        own = np.cumsum(np.diff(sent.times, prepend=sent.times[0]) < -SET_BACK)  # Steps that the commands show.
-        moved = sent.times + shifts[np.minimum(own + np.arange(len(shifts))[:, None], len(shifts) - 1)]
+        steps = np.cumsum(np.diff(sent.times, prepend=sent.times[0]) < -SET_BACK)  # Steps that the commands show.
+        moved = sent.times + shifts[np.minimum(steps + np.arange(len(shifts))[:, None], len(shifts) - 1)]
         apart = np.maximum(low - moved, 0) + np.maximum(moved - high, 0)
         return np.asarray(moved[apart.sum(axis=1, dtype=np.float64).argmin()])
 

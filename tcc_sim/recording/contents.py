@@ -32,7 +32,7 @@ MOST_TOPICS = 4096
 CDR = "cdr"
 NEVER = 1 << 64
 """Time later than every log time, ns."""
-_OWN_TYPES = {row.name.rpartition("/")[2]: row.type for row in TOPICS}
+_TYPES_OF_TOPICS = {row.name.rpartition("/")[2]: row.type for row in TOPICS}
 _UNCHUNKED = 1 << 20
 _LONGEST_RESULT = 1 << 18
 _MOST_SENTENCES, _DIGITS = 20, 19
@@ -70,7 +70,7 @@ def _channel(record: Any, schema: tuple[str, str]) -> Channel:
     if record.message_encoding in ("", CDR):
         if name and "/" not in name:
             kind = f"{package}/msg/{name}"
-        kind = kind or _OWN_TYPES.get(topic.rpartition("/")[2], "")
+        kind = kind or _TYPES_OF_TOPICS.get(topic.rpartition("/")[2], "")
     return Channel(topic, kind, text, record.metadata, record.message_encoding or CDR)
 
 

@@ -226,12 +226,12 @@ class Inventory:
         here = [one for one in self._scenes if one.space == space]
         senders = [sent.publisher for sent in self._sent.values()]
         comparable = any(same_process(one.publisher, senders) for one in self._scenes)
-        own = [one for one in here if same_process(one.publisher, publishers) or not comparable]
-        texts = {one.record.text for one in own}
+        published = [one for one in here if same_process(one.publisher, publishers) or not comparable]
+        texts = {one.record.text for one in published}
         others = {one.record.text for one in self._scenes} - texts
         scenes = {(record.text, record.log_ns): record for record in recorded if record.text not in others}
         known = {record.text for record in scenes.values()}
-        more = {(one.record.text, one.record.log_ns): one.record for one in own if one.record.text not in known}
+        more = {(one.record.text, one.record.log_ns): one.record for one in published if one.record.text not in known}
         every = [*scenes.values(), *more.values()]
         return tuple(sorted(every, key=lambda record: record.log_ns) if more else every)
 
@@ -253,8 +253,8 @@ class Inventory:
             return number
         on = [one for one in drivelines if topic in (None, one.topic)]
         if topic is not None and not on:
-            there = ", ".join(dict.fromkeys(one.topic for one in drivelines)) or "none"
-            raise InputError(f"no joint_states were recorded on {topic}; the topics with joint_states are {there}")
+            topics = ", ".join(dict.fromkeys(one.topic for one in drivelines)) or "none"
+            raise InputError(f"no joint_states were recorded on {topic}; the topics with joint_states are {topics}")
         able = [number for number, one in enumerate(drivelines) if one in on and one.able]
         if topic is not None and not able:
             _check_joints(on, self._joints)

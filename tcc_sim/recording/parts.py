@@ -76,12 +76,12 @@ def parts_of(path: Path) -> Parts:
     files = [part for part in inside if part.name.endswith(_SUFFIXES)]
     names, note = _listed(path)
     if files and names is not None:
-        there = {part.name: part for part in files}
+        by_name = {part.name: part for part in files}
         listed = list(dict.fromkeys(Path(name).name for name in names))
-        paths = [there[name] for name in listed if name in there]
-        absent = [name for name in listed if name not in there]
+        paths = [by_name[name] for name in listed if name in by_name]
+        absent = [name for name in listed if name not in by_name]
         if paths:
-            return Parts(paths, True, absent, [name for name in there if name not in listed])
+            return Parts(paths, True, absent, [name for name in by_name if name not in listed])
         return Parts(files, False, absent)
     if files:
         return Parts(files, len(files) == 1, note=note)
@@ -150,8 +150,8 @@ def missing_parts(paths: Sequence[Path]) -> list[int]:
     for pattern, number, prefix in ((_COUNTER_FIRST, 1, 2), (_COUNTER_LAST, 2, 1)):
         matches = [pattern.fullmatch(stem) for stem in stems]
         if all(matches) and len({match[prefix] for match in matches if match}) == 1:
-            there = {int(match[number]) for match in matches if match}
-            return sorted(set(range(min(max(there), _MOST_PARTS))) - there)
+            numbers = {int(match[number]) for match in matches if match}
+            return sorted(set(range(min(max(numbers), _MOST_PARTS))) - numbers)
     return []
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tcc_sim import topics
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.recording.announcements import SceneRecord, zeros_of
-from tcc_sim.recording.columns import Beside, Columns, GrowingStates, JointStates, all_beside, joint_states
+from tcc_sim.recording.columns import Columns, GrowingStates, JoinedTopic, JointStates, joined_topics, joint_states
 from tcc_sim.recording.commands import DIAGNOSTICS, TARGET, Commands
 from tcc_sim.recording.contents import CDR, Batch, Channel, Contents, chunks, together, unpack
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
@@ -38,9 +38,9 @@ from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.recording.window import Window
 from tcc_sim.topics import JOINT_STATE
 
-Found = tuple[bytes, Messages, Mapping[int, Channel]]
+ReadChunk = tuple[bytes, Messages, Mapping[int, Channel]]
 _READ = ("applied_pressure", "output_state", "engine_torque", "actuation_pressure", TARGET, "input_source")
-_OWN = {"applied_pressure", "output_state", "input_source", DIAGNOSTICS.removeprefix("/")}
+_TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", "input_source", DIAGNOSTICS.removeprefix("/")}
 """Topics that the driveline itself publishes."""
 _MOST_TOPICS = 20
 BYTES_A_STATE = 110
@@ -184,10 +184,10 @@ class Run:
                      key=lambda name: (name.rpartition("/")[2] != "joint_states", len(name), name), default="")
         if states or not self.topics or damage:
             raise RecordingError(f"{self.paths[0]}: no {states or '/joint_states'} can be read{damage}")
-        there = [f"{name} ({kind or 'of unknown type'})" for name, kind in sorted(self.topics.items())]
-        more = f" and {len(there) - _MOST_TOPICS} more" if len(there) > _MOST_TOPICS else ""
+        topics = [f"{name} ({kind or 'of unknown type'})" for name, kind in sorted(self.topics.items())]
+        more = f" and {len(topics) - _MOST_TOPICS} more" if len(topics) > _MOST_TOPICS else ""
         raise RecordingError(f"{self.paths[0]} holds no {JOINT_STATE}, so no driveline; its topics are "
-                             f"{', '.join(there[:_MOST_TOPICS])}{more}")
+                             f"{', '.join(topics[:_MOST_TOPICS])}{more}")
 
     @property
     def joint_states_topic(self) -> str:
@@ -279,7 +279,7 @@ class Run:
                 kind = "attachment" if what == "attachments" else "metadata record"
                 self.warnings.append(f"{counted(count, kind)} of other programs not copied")
 
-    def _read(self, window: Window | None, order: Callable[[], Iterator[Found]]) -> Columns:
+    def _read(self, window: Window | None, order: Callable[[], Iterator[ReadChunk]]) -> Columns:
         """Read the driveline's messages in an order."""
         self.warnings, self.messages, self.stamps = Warnings(), dict.fromkeys(self.topics, 0), StampCounter()
         self._began, self._last, self._set_back, self._clock = Break.START, (0, 0), False, (1 << 63, -1 << 63)
@@ -290,7 +290,7 @@ class Run:
                                for one in self._every_channel())
         types = {(channel.topic, channel.type) for channel in self._every_channel() if self._ours(channel)}
         zeros = zeros_of(scene.text for scene in self.scenes)
-        every = [one for one in all_beside(topic, zeros) if (one.topic, one.type) in types]
+        every = [one for one in joined_topics(topic, zeros) if (one.topic, one.type) in types]
         layouts = Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields, zeros)
         states, commands = GrowingStates(), Commands(topic, zeros)
         place = self._untimed = 0
@@ -325,11 +325,11 @@ class Run:
         if 2 * self._untimed > place:
             self.warnings.append("no time of receipt or sending was recorded (all are 0): a command belongs to the "
                                  "next state in the file")
-        beside = commands.beside(runs)
+        aligned = commands.aligned(runs)
         if commands.coarse and not self._untimed:
             self.warnings.append("times of receipt are coarse: commands stand where their times of sending alone put "
                                  "them")
-        return Columns(runs, beside, commands.sources,
+        return Columns(runs, aligned, commands.sources,
                        {name: len(who) for name, who in commands.publishers.items()}, commands.counts)
 
     def _every_channel(self) -> Iterator[Channel]:
@@ -342,31 +342,31 @@ class Run:
         their publishers are known.
         """
         name, publishers = channel.topic.rpartition("/")[2], self.driveline.publishers
-        if name not in _OWN or channel.topic == self.driveline.topic:
+        if name not in _TOPICS_OF_DRIVELINE or channel.topic == self.driveline.topic:
             return True
         return not self._comparable or same_process(channel.publisher, publishers)
 
-    def _in_file_order(self) -> Iterator[Found]:
+    def _in_file_order(self) -> Iterator[ReadChunk]:
         """Iterate over the driveline's messages as they stand in the files."""
         wants = self._wants()
         for path in self.paths:
             for batch, channels in self._batches(path, wants):
                 yield batch.data, batch.messages, channels
 
-    def _in_log_order(self) -> Iterator[Found]:
+    def _in_log_order(self) -> Iterator[ReadChunk]:
         """Iterate over the driveline's messages of all files in the order of their log times."""
         bodies, numbers, logs = list[bytes](), list[int](), list[int]()
         channels: dict[int, Channel] = {}
         known: dict[tuple[str, str, str], int] = {}
         wants, memory, taken = self._wants(), _memory() // 4, 0
         for path in self.paths:
-            for batch, own in self._batches(path, wants):
+            for batch, channels_of in self._batches(path, wants):
                 for offset, length, number in zip(*(column.tolist() for column in batch.messages[:3])):
-                    if number not in own or not wants(own[number]):
+                    if number not in channels_of or not wants(channels_of[number]):
                         continue
-                    key = own[number].topic, own[number].type, own[number].publisher
+                    key = channels_of[number].topic, channels_of[number].type, channels_of[number].publisher
                     channel = known.setdefault(key, len(known) + 1)
-                    channels[channel] = own[number]
+                    channels[channel] = channels_of[number]
                     body = batch.data[offset:offset + length]
                     bodies.append(channel.to_bytes(2, "little") + body[2:])
                     numbers.append(channel)
@@ -463,7 +463,7 @@ class Run:
         if short:
             self.warnings.append(f"{short} of {counted(sum(contents.expected.values()), 'message')} could not be read")
 
-    def _pass_over(self, every: Sequence[Beside]) -> None:
+    def _pass_over(self, every: Sequence[JoinedTopic]) -> None:
         """Add warnings for messages and drivelines that were passed over."""
         topic = self.driveline.topic
         for name, refused in ((topic, self._refused), *((one.topic, one.layouts.refused) for one in every)):

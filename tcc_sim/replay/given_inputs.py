@@ -102,9 +102,9 @@ def driven_by(scene: Scene, source: Source, hold: str | None = None) -> Scene:
     """
     given = opened(source)
     if isinstance(given, MeasuredTable):
-        inputs, own = of_table(given, hold), scene.system.pressure
-        if inputs.pressure is not None and own.actuated:
-            inputs = replace(inputs, pressure=followed(inputs.pressure, own, inputs.end))
+        inputs, pressure = of_table(given, hold), scene.system.pressure
+        if inputs.pressure is not None and pressure.actuated:
+            inputs = replace(inputs, pressure=followed(inputs.pressure, pressure, inputs.end))
     elif hold is not None:
         raise InputError(f"--hold is for tables; {given.path} is a recording, which defines how its inputs were held")
     else:

@@ -31,9 +31,9 @@ class MeasuredRun(Result):
     samples: int = field(metadata=reported("number of rows of the table"))
     seconds: float = field(metadata=reported("time from the first to the last row", "s"))
     orders: Orders | None = field(default=None, metadata=reported(
-        "orders, transmissibility and judder", asked_for=True))
+        "orders, transmissibility and judder", optional=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
-        "amplitudes over frequency and order", asked_for=True))
+        "amplitudes over frequency and order", optional=True))
     warnings: tuple[str, ...] = field(default=(), metadata=reported(
         "sentences on how the table was read, and on what was converted, mended or left out"))
 
@@ -63,12 +63,12 @@ def analyse_table(table: MeasuredTable, system: System, *, orders: bool, spectru
     if len(t) < 4:
         raise InputError(f"{table.source}: at least 4 rows are needed; {counted(len(t), 'row')} selected")
     signals = signals_in(table, system, pulses)
-    orders_found, notes = orders_of(signals) if orders else None, (*table.notes, *signals.notes)
+    orders_of_run, notes = orders_of(signals) if orders else None, (*table.notes, *signals.notes)
     part, where = unbroken(signals)
     if spectrum and where is not None:
         notes = (*notes, f"{table.source}: the spectrum is that of {where[0]:.6g} to {where[1]:.6g} s, the longest "
                  "part without a hole")
-    return MeasuredRun(len(t), float(t[-1] - t[0]), orders_found, _spectrum(part) if spectrum else None, notes)
+    return MeasuredRun(len(t), float(t[-1] - t[0]), orders_of_run, _spectrum(part) if spectrum else None, notes)
 
 
 def unbroken(signals: Signals) -> tuple[Signals, tuple[float, float] | None]:

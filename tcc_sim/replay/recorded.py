@@ -191,7 +191,7 @@ class Recording(Result):
         samples = trajectory_of(states, system, clock, self.file.solver)
         control = signals_of(line, states, clock, self.file.stamps.tick).control(clock.cycle)
         trajectory = RecordedTrajectory(**vars(samples), control=control)
-        if not clock.told:
+        if not clock.identified:
             return trajectory
         stream = CycleStream(system, clock)
         for block in states.blocks():

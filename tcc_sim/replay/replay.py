@@ -80,37 +80,38 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     """
     began = time.perf_counter()
     recording = path if isinstance(path, Recording) else Recording(path, scene, joints, topic, driveline)
-    run, own, part = recording.file, recording.scene, window or Window()
+    run, recorded_scene, chosen = recording.file, recording.scene, window or Window()
     if damping:
-        _check_damping(own)
+        _check_damping(recorded_scene)
     if not 0.0 < band <= LARGEST_BAND:
         raise InputError(f"band is {band:g} rad/s; it must be above 0 and at most {LARGEST_BAND:g} rad/s")
     aim = None if target is None else target_steps(target)
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # A file may hold any double.
         bar = stack.enter_context(_Bar(progress))
-        whole = recording.line(None if verify else part)
-        line = whole.within(part)
+        whole = recording.line(None if verify else chosen)
+        line = whole.within(chosen)
         if not line.runs:
-            part.refuse(run.stamps.runs)
+            chosen.refuse(run.stamps.runs)
         if aim is not None:
             line = line.with_target(aim)
         if damping and any(states.output_speed is not None and np.isfinite(states.output_speed).any()
                            for states in line.runs):
             raise InputError("the far end of the shaft moved; --damping is for recordings in which it stands still")
         note, line = line.torques_note(), line.with_torques()
-        timing = timing_of(own, frequency, line.runs, frequency_changes(run), run.scene_text is None)
+        timing = timing_of(recorded_scene, frequency, line.runs, frequency_changes(run), run.scene_text is None)
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
-        view = _view(stack, printable(recording.path.name), timing, own, where,
+        view = _view(stack, printable(recording.path.name), timing, recorded_scene, where,
                      run.controlled or aim is not None) if where else None
-        result = _analysed(recording, line, timing, default_of(discard, timing, own), damping, view, bar, began, band)
+        result = _analysed(recording, line, timing, default_of(discard, timing, recorded_scene), damping, view, bar,
+                           began, band)
         if verify:
             bar.begin("solving")
             result = replace(result, verification=verification_of(whole, run.size, bar.advance))
         if note:
             result = replace(result, warnings=(*result.warnings, note))
-        if part.sentence():
-            result = replace(result, warnings=(*result.warnings, part.sentence()))
+        if chosen.sentence():
+            result = replace(result, warnings=(*result.warnings, chosen.sentence()))
         if view is not None:
             view.text(result.markdown())
     return result
@@ -170,7 +171,7 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
         for block in states.blocks():
             pieces = stream.feed_states(block)
             if view is not None:
-                _show(view, block, system, pieces if clock.told else [], new_run=block.index == states.index)
+                _show(view, block, system, pieces if clock.identified else [], new_run=block.index == states.index)
             bar.advance(len(block))
         if view is not None:
             signals = signals_of(line, states, clock, stream.continuity.tick)
@@ -181,7 +182,7 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
     shown = next(run for run, at in stream.numbers.items() if at == number)
     states = next(states for states in line.runs if states.run == shown)
     cycles, first = longest.kept(0)[:2]
-    kept, begin = longest.kept(discard if clock.told else 0)[:2]
+    kept, begin = longest.kept(discard if clock.identified else 0)[:2]
     warnings = [*run.warnings, *_warnings(recording, line, timing)]
     if stream.not_finite:
         verb = "is" if stream.not_finite == 1 else "are"

@@ -104,8 +104,8 @@ class Replay(Result):
     segments: tuple[Segment, ...] = field(default=(), metadata=reported(
         "figures from each start, reset, restart or change of parameters to the next"))
     verification: Verification | None = field(default=None, metadata=reported(
-        "comparison with the recording solved again", spread=True, asked_for=True))
-    damping: Damping | None = field(default=None, metadata=reported("equivalent damping", spread=True, asked_for=True))
+        "comparison with the recording solved again", spread=True, optional=True))
+    damping: Damping | None = field(default=None, metadata=reported("equivalent damping", spread=True, optional=True))
     inputs: Mapping[str, HeldInput] = field(default_factory=dict, metadata=reported("sources of each input, by topic"))
     command_age: CommandAge | None = field(default=None, metadata=reported(
         "simulation time from the state that a command answers to the first tick that applies it, 0 in lock-step; "
@@ -119,9 +119,9 @@ class Replay(Result):
     late_share: float = field(default=math.nan, metadata=reported(
         "the same as a share of the ticks that were paced in real time; null likewise"))
     orders: Orders | None = field(default=None, metadata=reported(
-        "orders, transmissibility and judder", asked_for=True))
+        "orders, transmissibility and judder", optional=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
-        "amplitudes over frequency and order", asked_for=True))
+        "amplitudes over frequency and order", optional=True))
 
     def _text(self) -> str:
         summary, ended = self.summary, "complete" if self.complete else "cut short"

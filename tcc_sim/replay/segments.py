@@ -45,7 +45,7 @@ class Segment(Described):
         "figures of the segment; null without a whole period of excitation after the dropped ones",
         spread=True, of=(Summary,)))
     tracking: Tracking | None = field(metadata=reported(
-        "tracking error of the target, if a target was recorded", asked_for=True))
+        "tracking error of the target, if a target was recorded", optional=True))
 
     def rows(self, number: int) -> list[tuple[str, str]]:
         """Return the segment as rows for a terminal."""
@@ -162,7 +162,7 @@ class _Judge:
         self._states = next(states for states in line.runs if states.run == cuts[0].states.run)
         self._clock = clock or clock_of_scene(cuts[0].scene.system)
         # Without pulsation any slice of time gives the mean.
-        sought = isinstance(self._clock, Tracked) or not self._clock.told
+        sought = isinstance(self._clock, Tracked) or not self._clock.identified
         self._slices = sought and len(self._states) > 1 and _steps_only(self._states.engine_torque)
         if self._slices:
             self._clock = Uniform(max(SLICE, TICKS * 1e-9 * float(np.median(np.diff(self._states.stamp_ns)))))
@@ -200,7 +200,8 @@ class _Judge:
             pressure = self._held.values
         bridged = [gap for run in stream.runs for gap in run.gaps
                    if gap[1] - gap[0] <= DEFAULTS.bridged * stream.continuity.tick_s]
-        why = "" if self._clock.told else "periods of excitation could not be identified, so there is no cycle mean"
+        why = ("" if self._clock.identified
+               else "periods of excitation could not be identified, so there is no cycle mean")
         note = f"; means over {self._clock.cycle:.3g} s, as the engine torque does not pulsate" if self._slices else ""
         return Loop(reader.course(), self._reference, None if pressure is None else Pressures(
             states.stamp_ns.astype(np.float64) * 1e-9, pressure), floor=self._band, why=why, note=note,

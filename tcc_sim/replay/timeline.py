@@ -290,7 +290,7 @@ def trajectory_of(states: JointStates, system: System, clock: EngineClock, solve
         t=t, slip_speed=slip_speed, plate_angle=states.plate_angle, plate_speed=states.plate_speed,
         engine_torque=states.engine_torque, saturation_torque=load, friction_torque=states.friction_torque,
         state=modes_of(np.nan_to_num(slip_speed), stick_speed_of(terms)), cycle=clock.cycle, solver=solver,
-        system=system, flywheel_angle=states.flywheel_angle, cycles=None if clock.told else no_cycles(),
+        system=system, flywheel_angle=states.flywheel_angle, cycles=None if clock.identified else no_cycles(),
         output_angle=from_first_motion(states.output_angle), output_speed=from_first_motion(states.output_speed))
 
 

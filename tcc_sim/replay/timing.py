@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.engine_clock import EngineClock, Uniform, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.signals import Phase, found_phase
+from tcc_sim.analysis.signals import Phase, phase_of_cycles
 from tcc_sim.analysis.torque_phase import PhaseTracker, clock_of
 from tcc_sim.errors import InputError, counted
 from tcc_sim.recording.columns import JointStates
@@ -76,7 +76,7 @@ class Timing:
     @reporting("frequency of a typical period of excitation; null if no cycle was identified", "rad/s")
     def frequency(self) -> float:
         """Frequency of a typical engine cycle, rad/s; NaN if no cycle was identified."""
-        if not self.clock.told:
+        if not self.clock.identified:
             return math.nan
         return self.low if self.low == self.high else 2.0 * math.pi / self.clock.cycle
 
@@ -85,11 +85,11 @@ class Timing:
         if self.source == "given":
             each = self.clock.cycle
             return run.t / each, lambda turns: turns * each
-        return found_phase(run) if self.source == "found" else None
+        return phase_of_cycles(run) if self.source == "found" else None
 
     def sentence(self) -> str:
         """Return the frequency as text."""
-        if not self.clock.told:
+        if not self.clock.identified:
             return "unknown"
         if self.low == self.high:
             return f"{speed(self.frequency, 9, engine=True)}, {SOURCES[self.source]}"
@@ -118,22 +118,24 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
         return Timing(Uniform(2.0 * math.pi / given), "given", given, given)
     engine = scene.system.engine
     if engine.source == "topic" or changed:
-        return _found(runs)
+        return _phase_found(runs)
     values = engine.frequency_values or (engine.frequency,)
-    own = Timing(clock_of_scene(scene.system), "scene", min(values), max(values))
+    of_scene = Timing(clock_of_scene(scene.system), "scene", min(values), max(values))
     if not foreign:
-        return own
-    timing = _found(runs)
+        return of_scene
+    timing = _phase_found(runs)
     # The strongest line of the torque may be a harmonic.
-    ratios = np.array([timing.low / own.low, timing.high / own.high])
-    if not timing.clock.told or (np.abs(ratios / np.maximum(np.round(ratios), 1.0) - 1.0) <= DEFAULTS.drifting).all():
-        return own
-    note = f"the scene's engine frequency is {speed(own.low, 6, own.high if own.high > own.low else None, engine=True)}"
+    ratios = np.array([timing.low / of_scene.low, timing.high / of_scene.high])
+    if not timing.clock.identified or (np.abs(ratios / np.maximum(np.round(ratios), 1.0)
+                                              - 1.0) <= DEFAULTS.drifting).all():
+        return of_scene
+    to = of_scene.high if of_scene.high > of_scene.low else None
+    note = f"the scene's engine frequency is {speed(of_scene.low, 6, to, engine=True)}"
     return replace(timing, note="; ".join([f"{note}, and differs from that of the recorded torque, which is used",
                                            *([timing.note] if timing.note else [])]))
 
 
-def _found(runs: Iterable[JointStates]) -> Timing:
+def _phase_found(runs: Iterable[JointStates]) -> Timing:
     """Return the timing by the phase of the recorded torque."""
     tracker = PhaseTracker()
     for states in runs:
@@ -144,7 +146,7 @@ def _found(runs: Iterable[JointStates]) -> Timing:
     longest = phases[tracker.longest()] if phases else None
     if clock is None or longest is None:
         why = longest.why if longest is not None else "there are no samples"
-        return Timing(Uniform(max(SLICE, TICKS * tracker.tick), told=False), "none", math.nan, math.nan,
+        return Timing(Uniform(max(SLICE, TICKS * tracker.tick), identified=False), "none", math.nan, math.nan,
                       f"periods of excitation could not be identified, so there is no section, period or cycle mean: "
                       f"{why}")
     note = longest.why and f"periods of excitation of the longest run could not be identified: {longest.why}"

@@ -86,7 +86,7 @@ class _Verifier:
             return
         recorded = rows_of(batch)
         self._size = np.maximum(self._size, np.nan_to_num(np.abs(recorded), posinf=0.0).max(axis=0))
-        pressure, angle, speed = recorded_beside(batch)
+        pressure, angle, speed = recorded_inputs(batch)
         commanded = list(zip(*(column.tolist() for column in self._line.commanded(batch).values())))
         solved = np.full_like(recorded, math.nan)
         exact = np.zeros(len(batch), dtype=np.bool_)
@@ -285,7 +285,7 @@ def rows_of(batch: JointStates) -> Floats:
     return np.stack([getattr(batch, name) for name in COLUMNS], axis=1)
 
 
-def recorded_beside(batch: JointStates) -> tuple[list[float], list[float], list[float]]:
+def recorded_inputs(batch: JointStates) -> tuple[list[float], list[float], list[float]]:
     """Return the applied pressures, Pa, and angles (rad) and speeds (rad/s) of the far end; NaN if not recorded."""
     pressure, angle, speed = ([math.nan] * len(batch) if column is None else column.tolist() for column in (
         batch.applied_pressure, batch.output_angle, batch.output_speed))

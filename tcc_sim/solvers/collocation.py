@@ -172,31 +172,32 @@ def response(linear: Linear, top: int, levels: int) -> Response:
 @lru_cache(maxsize=16)
 def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int, levels: int) -> Tables:
     """Return the tables, read only, of a system whose torque has sines of these rates (rad/s), and its load one."""
-    own = response(linear, top, levels)
-    times = own.step_sizes["length"][:, None] * C
-    sources = np.empty((levels, FROM_WAVES + 2 * len(rates), own.fixed.shape[2]))
-    sources[:, :FROM_WAVES] = own.fixed
+    linear_response = response(linear, top, levels)
+    times = linear_response.step_sizes["length"][:, None] * C
+    sources = np.empty((levels, FROM_WAVES + 2 * len(rates), linear_response.fixed.shape[2]))
+    sources[:, :FROM_WAVES] = linear_response.fixed
     waves = np.empty((levels, NODES, 2))
     for i, rate in enumerate(rates):
         angles = rate * times
         np.cos(angles, out=waves[:, :, 0])
         np.sin(angles, out=waves[:, :, 1])
-        sources[:, FROM_WAVES + 2 * i:FROM_WAVES + 2 * i + 2] = (own.torque @ waves).transpose(0, 2, 1)
-    return _tables(own, sources, load_rate, top)
+        sources[:, FROM_WAVES + 2 * i:FROM_WAVES + 2 * i + 2] = (linear_response.torque @ waves).transpose(0, 2, 1)
+    return _tables(linear_response, sources, load_rate, top)
 
 
 @lru_cache(maxsize=16)
 def nodal_tables(linear: Linear, top: int, levels: int) -> Tables:
     """Return the tables of a system whose torque is given at the nodes: each node is a source."""
-    own = response(linear, top, levels)
-    return _tables(own, np.concatenate([own.fixed, own.torque.transpose(0, 2, 1)], axis=1), 0.0, top)
+    linear_response = response(linear, top, levels)
+    return _tables(linear_response, np.concatenate([linear_response.fixed, linear_response.torque.transpose(0, 2, 1)],
+                                                   axis=1), 0.0, top)
 
 
-def _tables(own: Response, sources: Floats, load_rate: float, top: int) -> Tables:
+def _tables(linear_response: Response, sources: Floats, load_rate: float, top: int) -> Tables:
     """Return the tables with these sources, (levels, sources, numbers of a SOURCE)."""
     named = np.ascontiguousarray(sources).view(SOURCE)[..., 0]
     named.setflags(write=False)
-    return Tables(own.step_sizes, named, turns_of(load_rate, top, len(sources)))
+    return Tables(linear_response.step_sizes, named, turns_of(load_rate, top, len(sources)))
 
 
 @lru_cache(maxsize=16)

@@ -277,10 +277,10 @@ class EngineShell:
 
     def memories(self, count: int) -> tuple[NDArray[np.uint8], NDArray[Any], list[Memory]]:
         """Return new memory of a number of runs: all bytes, (count, n), which are 0; the array; and its records."""
-        there = {name: kind for name, kind in self.kinds._asdict().items() if kind is not None}
-        whole = np.zeros(count, np.dtype(list(there.items())))
+        present = {name: kind for name, kind in self.kinds._asdict().items() if kind is not None}
+        whole = np.zeros(count, np.dtype(list(present.items())))
         return whole.view(np.uint8).reshape(count, -1), whole, [
-            Memory(*(own[name] if name in there else None for name in Memory._fields)) for own in whole]
+            Memory(*(memory[name] if name in present else None for name in Memory._fields)) for memory in whole]
 
     def solve(self, problem: Problem) -> Trajectory:
         """Solve (1), (2) with the engine's law, only with the terms that the system has.
@@ -299,8 +299,8 @@ class EngineShell:
         state["slip_speed"], state["plate_angle"], state["plate_speed"], state["flywheel_angle"] = numbers
         output = RunOutput(problem, memory.output, self.columns or len(problem.first))
         limit = self.steps(setup, problem.whole_cycles + 1)
-        for own, cycles, rest in self.stretches(problem, setup):
-            ended = output.run(self.integrate, problem.start_cycle, cycles, rest, limit, own, memory, None)
+        for stretch_setup, cycles, rest in self.stretches(problem, setup):
+            ended = output.run(self.integrate, problem.start_cycle, cycles, rest, limit, stretch_setup, memory, None)
             if ended != DONE:
                 break
         first: tuple[float, ...] = problem.first

@@ -229,7 +229,7 @@ def clamp_edge(tau: float, end: float, shift: float, mean_load: float, pulsation
 
 
 @fast
-def torque_beside_mean(tau: float, mean: float, waves: Any, row: Any) -> float:
+def torque_about_mean(tau: float, mean: float, waves: Any, row: Any) -> float:
     """Return Te at tau less a mean, N m."""
     phase, now, _ = reached(tau, row)
     torque = float(now - mean) + swell_and_rate(tau, phase, 1.0, row)[0]

@@ -43,9 +43,10 @@ def with_peaks(t: Floats, y: Floats) -> Floats:
     left, right = slope[:-1], slope[1:]
     bend = np.where(apart[:-1] | apart[1:], 0.0, (right - left) / (h[:-1] + h[1:]))
     tilt = (left * h[1:] + right * h[:-1]) / (h[:-1] + h[1:])
-    beside = np.concatenate([bend[1:2], bend, bend[-2:-1]]) if len(bend) > 1 else np.tile(bend, 3)
+    neighbours = np.concatenate([bend[1:2], bend, bend[-2:-1]]) if len(bend) > 1 else np.tile(bend, 3)
     # A neighbour beside a jump has no parabola of its own, and leaves the other one to say.
-    least = np.fmax(np.where(beside[:-2] == 0.0, np.nan, beside[:-2]), np.where(beside[2:] == 0.0, np.nan, beside[2:]))
+    least = np.fmax(np.where(neighbours[:-2] == 0.0, np.nan, neighbours[:-2]), np.where(neighbours[2:] == 0.0, np.nan,
+                                                                                        neighbours[2:]))
     top = (left >= 0.0) & (right <= 0.0) & (bend < 0.0) & (BENT * least <= bend)
     out[1:-1] += np.where(top, tilt**2 / np.where(top, -4.0 * bend, 1.0), 0.0)
     return out

@@ -36,10 +36,10 @@ def numbers_of(stribeck: Stribeck, width: int = WIDE) -> dict[int, int]:
 def numbers_with(stribeck: Stribeck, of_first: bool, of_later: bool, wrapped: Callable[[Any, Any], Any]) -> Any:
     """Return amplitudes and rates in turn, each with itself as a cause of change, if there are derivatives by it."""
     causes = chain(*COLUMNS_OF_PAIRS)
-    there = (True, of_first, *[of_later] * (2 * len(COLUMNS_OF_PAIRS) - 2))
+    counted = (True, of_first, *[of_later] * (2 * len(COLUMNS_OF_PAIRS) - 2))
     return None if stribeck is None else tuple(
         wrapped(number, Causes({cause: 1.0}) if counts else None)
-        for number, cause, counts in zip(stribeck, causes, there))
+        for number, cause, counts in zip(stribeck, causes, counted))
 
 
 def mubar_at(v: Any, side: Any, sigma: Any, stribeck: Any) -> Changing:
@@ -47,28 +47,28 @@ def mubar_at(v: Any, side: Any, sigma: Any, stribeck: Any) -> Changing:
     by the numbers of the law, in the columns of `law`.
     """
     law = law_on(_exp_of, lambda number: number * side, _tanh_of)
-    found: Changing = law.smoothed_coefficient(
+    coefficient: Changing = law.smoothed_coefficient(
         Changing(v, Causes({OF_SLIP: 1.0})), Changing(sigma, Causes({OF_SMOOTHING: 1.0})),
         numbers_with(stribeck, True, True, Changing))
-    return found
+    return coefficient
 
 
 def sliding_at(v: Any, stribeck: tuple[float, ...]) -> tuple[Any, list[Any]]:
     """Return the coefficient of (6) at slip speeds v above 0, and its derivatives by amplitudes and rates in turn."""
-    found = law_on(_exp_of).sliding(Changing(v, Causes()), 1.0, numbers_with(stribeck, True, True, Changing))
-    return found.value, [found.change[cause] for cause, _ in zip(chain(*COLUMNS_OF_PAIRS), stribeck)]
+    coefficient = law_on(_exp_of).sliding(Changing(v, Causes()), 1.0, numbers_with(stribeck, True, True, Changing))
+    return coefficient.value, [coefficient.change[cause] for cause, _ in zip(chain(*COLUMNS_OF_PAIRS), stribeck)]
 
 
 def _exp_of(x: Changing) -> Changing:
     """Return e^x with its derivatives, dF = F dx."""
-    found = continued(x.value)
-    return Changing(found, x.change * found)
+    value = continued(x.value)
+    return Changing(value, x.change * value)
 
 
 def _tanh_of(x: Changing) -> Changing:
     """Return tanh x with its derivatives, dT = (1 - T^2) dx."""
-    found, rest = STAGED.step_and_rest(x.value)
-    return Changing(found, x.change * rest)
+    value, rest = STAGED.step_and_rest(x.value)
+    return Changing(value, x.change * rest)
 
 
 class Along:

@@ -143,7 +143,7 @@ class _Grid(NamedTuple):
     width : lengths of all intervals between samples and starts from the first start to the last, s
     pieces : (m,) the first of these in each cycle
     hidden : which of these intervals lie where a sample is missing; None for none
-    beside : which samples are neighbours of a missing one; None for none
+    neighbours : which samples are neighbours of a missing one; None for none
     """
 
     t: Floats
@@ -155,7 +155,7 @@ class _Grid(NamedTuple):
     width: Floats
     pieces: NDArray[np.int64]
     hidden: NDArray[np.bool_] | None = None
-    beside: NDArray[np.bool_] | None = None
+    neighbours: NDArray[np.bool_] | None = None
 
 
 def _grid(t: Floats, starts: Floats, bridged: NDArray[np.bool_] | None = None) -> _Grid:
@@ -171,7 +171,7 @@ def _grid(t: Floats, starts: Floats, bridged: NDArray[np.bool_] | None = None) -
     if bridged is None or not bridged.any():
         return grid
     return grid._replace(hidden=np.insert(bridged, left + 1, bridged[left])[first:last - 1],
-                         beside=np.append(bridged, False) | np.append(False, bridged))
+                         neighbours=np.append(bridged, False) | np.append(False, bridged))
 
 
 def _extremes(grid: _Grid, values: Floats) -> tuple[Floats, Floats]:
@@ -230,13 +230,13 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
     energy, heat = np.diff(put_in) - np.diff(held), np.diff(through)
     power = friction * v
     top = with_peaks(t, power)
-    if grid.hidden is not None and grid.beside is not None:
+    if grid.hidden is not None and grid.neighbours is not None:
         between = slice(int(place[0]), int(place[-1]) + len(starts))
         lost = np.diff((np.insert(total, place, put_in) - np.insert(stored(v, twist, speed), place, held))[between])
         energy -= np.add.reduceat(np.where(grid.hidden, lost, 0.0), grid.pieces)
         lost = np.diff(np.insert(passed, place, through)[between])
         heat -= np.add.reduceat(np.where(grid.hidden, lost, 0.0), grid.pieces)
-        top = np.where(grid.beside, power, top)
+        top = np.where(grid.neighbours, power, top)
     power = np.insert(top, place, np.interp(starts, t, power))[place[0]:place[-1] + len(starts)]
     p, dp, q, dq = _cut(grid, shaft, rise[:-1], rise[1:])
     torques = _cubic(_turning_points(p, dp, q, dq), p[:, None], dp[:, None], q[:, None], dq[:, None])
@@ -263,10 +263,10 @@ def _cut(grid: _Grid, y: Floats, leaving: Floats, arriving: Floats) -> tuple[Flo
     """Return the cubics between samples and starts of cycles from the first start to the last, p, dp, q, dq, by values
     y, (n,), and slopes at both ends of every interval, (n - 1,) each.
     """
-    own = _about_starts(grid, y, leaving, arriving)
-    slope = _cubic_slope(grid.u, *own) / grid.h
+    about_starts = _about_starts(grid, y, leaving, arriving)
+    slope = _cubic_slope(grid.u, *about_starts) / grid.h
     first, last = int(grid.place[0]), int(grid.place[-1]) + len(grid.place)
-    values = np.insert(y, grid.place, _cubic(grid.u, *own))[first:last]
+    values = np.insert(y, grid.place, _cubic(grid.u, *about_starts))[first:last]
     return (values[:-1], grid.width * np.insert(leaving, grid.left + 1, slope)[first:last - 1],
             values[1:], grid.width * np.insert(arriving, grid.left, slope)[first:last - 1])
 

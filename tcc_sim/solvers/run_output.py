@@ -161,8 +161,8 @@ def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: 
         store_transition(time + at * unit, mode, new, output, transitions)
         mode = new
         start = at
-        there = abs(workspace[BERNSTEIN, degree]) <= stick_speed
-        if there == (mode == 0) and polynomial.one_way(degree, 0.0, workspace):
+        sticks = abs(workspace[BERNSTEIN, degree]) <= stick_speed
+        if sticks == (mode == 0) and polynomial.one_way(degree, 0.0, workspace):
             break
     if mode == 0:
         behind += keep_stick(output, start, x, cut, unit)

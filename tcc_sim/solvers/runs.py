@@ -84,14 +84,14 @@ def solve_runs(systems: Sequence[System], states: Sequence[State], first: Sequen
     setups = [engine.setup(system, rtol) for system in systems]
     slots.content[:many] = 0
     state = slots.memory["state"][:many]
-    numbers = np.array([own.numbers for own in states])
+    numbers = np.array([initial.numbers for initial in states])
     for k, name in enumerate(("slip_speed", "plate_angle", "plate_speed")):
         state[name] = slots.results[name][:many, 0] = numbers[:, k]
     if slots.loads is not None:
         begin_loads(slots.loads[:many], loads_from)
     began = time.perf_counter()
-    ended = slots.calls([(start, cycles, 0.0, engine.steps(own, cycles + 1)) for start, own in zip(first, setups)],
-                        [(own._replace(waves=own.waves.copy()),) for own in setups])
+    ended = slots.calls([(start, cycles, 0.0, engine.steps(setup, cycles + 1)) for start, setup in zip(first, setups)],
+                        [(setup._replace(waves=setup.waves.copy()),) for setup in setups])
     spent = time.perf_counter() - began
     raw: Any = slots.results.view(np.float64).reshape(slots.count, -1, CYCLE.itemsize // 8)[:many]
     section = raw[:, :cycles + 1, :3].copy()

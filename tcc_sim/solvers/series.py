@@ -78,13 +78,13 @@ def side_by_side(pairs: Sequence[Any], rows: list[Any], k: int) -> list[Any]:
     """Return `inner` of several pairs of series in the lanes of one row, 0 for a pair that is None; `rows` holds the
     coefficients below k - 1.
     """
-    there = [pair for pair in pairs if pair is not None]
-    if not there:
+    present = [pair for pair in pairs if pair is not None]
+    if not present:
         return [0.0] * len(pairs)
-    rows.append([row_of([series[k - 1] for series in side]) for side in zip(*there)])
+    rows.append([row_of([series[k - 1] for series in side]) for side in zip(*present)])
     lefts, rights = zip(*rows)
     sums = inner(lefts, rights, k)
-    lanes = iter(range(len(there)))
+    lanes = iter(range(len(present)))
     return [0.0 if pair is None or k == 1 else sums[next(lanes)] for pair in pairs]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.solvers.collocation import FROM_ANGLE, FROM_MEAN, FROM_SPEED, FROM_WAVES, NODES, TERMS, C
-from tcc_sim.solvers.excitation import Pulsation, load_and_rate, torque_beside_mean
+from tcc_sim.solvers.excitation import Pulsation, load_and_rate, torque_about_mean
 from tcc_sim.solvers.series import ANGLE, SLIP, SPEED
 from tcc_sim.solvers.stages import add_share, add_slip, to_powers
 
@@ -35,7 +35,7 @@ def weigh(state: Any, h: float, kappa: float, mean_torque: float, waves: Any, pr
             weights[FROM_WAVES + 2 * i + 1] = wave.amplitude * wave.cosine
     else:
         for i in range(NODES):
-            weights[FROM_WAVES + i] = torque_beside_mean(state.tau + C[i] * h, mean_torque, waves, profile)
+            weights[FROM_WAVES + i] = torque_about_mean(state.tau + C[i] * h, mean_torque, waves, profile)
 
 
 @fast

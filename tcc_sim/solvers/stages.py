@@ -83,8 +83,8 @@ def evaluate_law(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribec
     elif sigma is None:
         return  # mubar is constant in slip.
     step, rest = (sign, 0.0) if sigma is None else STAGED.step_and_rest(v * sigma)
-    found, falls = STAGED.with_slope(total, fall, sign, 0.0 if sigma is None else sigma, step, rest)
-    law.set_row(found)
+    values, falls = STAGED.with_slope(total, fall, sign, 0.0 if sigma is None else sigma, step, rest)
+    law.set_row(values)
     slope.set_row(falls)
 
 
@@ -174,12 +174,12 @@ def eliminated(coupling: Any, friction_rate: Any, slope: Any, sides: list[list[A
             columns[WIDTH * p + lane][p] = columns[WIDTH * p + lane][p] + added * _lanes(lambda i, lane=lane: i == lane)
     inverses = []
     for k in range(NODES):
-        own, lane = divmod(k, WIDTH)
-        inverses.append(1.0 / columns[k][own][lane])
+        vector, lane = divmod(k, WIDTH)
+        inverses.append(1.0 / columns[k][vector][lane])
         factors = [part * inverses[k] for part in columns[k]]
-        factors[own] = factors[own] * _lanes(lambda i, lane=lane: i != lane)
+        factors[vector] = factors[vector] * _lanes(lambda i, lane=lane: i != lane)
         for column in [*columns[k + 1:], *sides]:
-            head = column[own][lane]
+            head = column[vector][lane]
             for p, factor in enumerate(factors):
                 column[p] = column[p] - factor * head
     return [row_of([right[k // WIDTH][k % WIDTH] * inverses[k] for k in range(NODES)]) for right in sides]

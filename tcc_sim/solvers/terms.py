@@ -102,14 +102,14 @@ def _terms(system: System, profile: Floats | None, lead: float) -> Terms:
     """Return the terms with this profile, whose loads are pressures, and the load ahead by `lead` rad."""
     e, p, f, inputs = system.engine, system.pressure, system.friction, system.inputs
     omega = e.frequency if profile is None else 1.0
-    own_torque = e.harmonic and (inputs is None or inputs.torque is None)
-    own_pressure = p.harmonic and (inputs is None or inputs.pressure is None)
-    torque = (e.torque_amplitude, omega) if (own_torque and e.torque_amplitude > 0.0
+    torque_of_scene = e.harmonic and (inputs is None or inputs.torque is None)
+    pressure_of_scene = p.harmonic and (inputs is None or inputs.pressure is None)
+    torque = (e.torque_amplitude, omega) if (torque_of_scene and e.torque_amplitude > 0.0
                                              and not e.torque_amplitude_times) else None
-    harmonics = _harmonics(e, omega) if (own_torque and e.harmonic_amplitudes
+    harmonics = _harmonics(e, omega) if (torque_of_scene and e.harmonic_amplitudes
                                          and not e.harmonic_amplitudes_times) else None
     pulsation = (system.saturation_amplitude, p.frequency_ratio * omega, p.phase + lead) if (
-        own_pressure and p.amplitude > 0.0) else None
+        pressure_of_scene and p.amplitude > 0.0) else None
     moved = None if inputs is None or profile is None else inputs.output_speed
     return Terms(
         linear=equations.linear_of(system),
@@ -189,27 +189,27 @@ def _held_in(profile: Floats, column: int, value: float) -> Floats:
 
 def general_terms(system: System, origin: Origin = START) -> Terms:
     """Return the terms with every term present, absent ones at zero amplitude: for comparison, and for live changes."""
-    own = _terms(system, of.profile_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
-    return own._replace(
+    scene_terms = _terms(system, of.profile_of(system.engine, system.pressure, system.inputs, origin), origin.lead)
+    return scene_terms._replace(
         linear=equations.linear_of(system, general=True),
-        torque=(0.0, 1.0) if own.torque is None else own.torque,
-        harmonics=np.array([[2.0, 0.0, 0.0]]) if own.harmonics is None else own.harmonics,
-        pulsation=(0.0, 1.0, 0.0) if own.pulsation is None else own.pulsation,
-        stribeck=_all_exponentials(system.friction, own.stribeck),
+        torque=(0.0, 1.0) if scene_terms.torque is None else scene_terms.torque,
+        harmonics=np.array([[2.0, 0.0, 0.0]]) if scene_terms.harmonics is None else scene_terms.harmonics,
+        pulsation=(0.0, 1.0, 0.0) if scene_terms.pulsation is None else scene_terms.pulsation,
+        stribeck=_all_exponentials(system.friction, scene_terms.stribeck),
     )
 
 
-def _all_exponentials(friction: Friction, own: Stribeck) -> Stribeck:
+def _all_exponentials(friction: Friction, exponentials: Stribeck) -> Stribeck:
     """Return as many exponentials as the law may have: the fit of a table takes as many as it needs."""
     if friction.curve is None:
-        return (0.0, friction.decay) if own is None else own
-    return padded(own)
+        return (0.0, friction.decay) if exponentials is None else exponentials
+    return padded(exponentials)
 
 
 def padded(stribeck: Stribeck) -> Stribeck:
     """Return the most exponentials that a friction table may have, those that it lacks with an amplitude of zero."""
-    own = stribeck or ()
-    return (*own, *((0.0, 1.0) * (MOST_TERMS - len(own) // 2)))
+    pairs = stribeck or ()
+    return (*pairs, *((0.0, 1.0) * (MOST_TERMS - len(pairs) // 2)))
 
 
 def torques_at(terms: Terms, t: Floats) -> tuple[Floats, Floats]:

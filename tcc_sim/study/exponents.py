@@ -66,14 +66,14 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
     mean, half = batch_means(growth)
     half += abs(float(difference.mean())) + 2.0 * float(difference.std()) / math.sqrt(len(difference))
     rate = 1.0 / system.cycle
-    told = diagnosis(mean, half)
-    if told != "chaotic":
+    verdict = diagnosis(mean, half)
+    if verdict != "chaotic":
         seen, long = _seen(run)
         together = math.lcm(long, excitation)
         if 0 < together <= DEFAULTS.longest_period:
             return _periodic(system, run.section[-1], start_cycle + len(run), together)
-        told = seen if told == "quasi-periodic" or seen == "runaway" else told
-    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, DEFAULTS.confidence, cycles, told)
+        verdict = seen if verdict == "quasi-periodic" or seen == "runaway" else verdict
+    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, DEFAULTS.confidence, cycles, verdict)
 
 
 def _periodic(system: System, start: Floats, first: int, period: int) -> Lyapunov:

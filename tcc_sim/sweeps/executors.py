@@ -62,7 +62,7 @@ def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Atte
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-def each_done(there: Attendance, take: Callable[[], Task | None],
+def each_done(attendance: Attendance, take: Callable[[], Task | None],
               submit: Callable[[Task], Future[Done]]) -> Iterator[tuple[Task, Done]]:
     """Yield tasks with their results as they complete.
 
@@ -73,21 +73,21 @@ def each_done(there: Attendance, take: Callable[[], Task | None],
     running: dict[Future[Done], Task] = {}
     try:
         while True:
-            while len(running) < DEFAULTS.ahead * max(there.threads, 1) and (task := take()) is not None:
+            while len(running) < DEFAULTS.ahead * max(attendance.threads, 1) and (task := take()) is not None:
                 running[submit(task)] = task
             if not running:
                 return
-            for future in first_done(running, there):
+            for future in first_done(running, attendance):
                 yield running.pop(future), future.result()
     finally:
         for future in running:
             future.cancel()
 
 
-def first_done(running: Collection[Future[Any]], there: Attendance) -> set[Future[Any]]:
+def first_done(running: Collection[Future[Any]], attendance: Attendance) -> set[Future[Any]]:
     """Return the completed tasks of some, at least one; raise WorkersLost if no workers are left."""
     while not (done := wait(running, DEFAULTS.look, FIRST_COMPLETED).done):
-        there.check()
+        attendance.check()
     if any(future.cancelled() or isinstance(future.exception(), CancelledError) for future in done):
         raise WorkersLost("the workers gave it up")
     return done
@@ -158,12 +158,12 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"--dask {address}: no Dask scheduler answers ({error or type(error).__name__})") from None
     with client:
-        there = Scheduler(client, address, connect)
-        if not there.threads:
+        scheduler = Scheduler(client, address, connect)
+        if not scheduler.threads:
             raise InputError(f"--dask {address}: the scheduler has no workers; start some with dask worker {address}")
         executor = client.get_executor(pure=False, retries=DEFAULTS.lost_workers)
         try:
-            yield executor, there
+            yield executor, scheduler
         finally:
             executor.shutdown(wait=False)
 

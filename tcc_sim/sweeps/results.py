@@ -55,14 +55,14 @@ class Point:
     confirmed: bool | None = field(metadata=reported(CONFIRMED))
     status: str = field(metadata=reported("how the solver ended, a sentence"))
     theta2: Floats | None = field(metadata=reported(
-        "plate angle on the section over the last cycles, oldest first, (n,)", "rad", asked_for=True))
-    damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, asked_for=True))
-    lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", asked_for=True))
+        "plate angle on the section over the last cycles, oldest first, (n,)", "rad", optional=True))
+    damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, optional=True))
+    lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", optional=True))
     end: Start
     judder: JudderFigures | None = field(default=None, metadata=reported(
-        "judder of a manoeuvre or with orders", spread=True, asked_for=True))
+        "judder of a manoeuvre or with orders", spread=True, optional=True))
     orders: OrdersAtSpeeds | None = field(default=None, metadata=reported(
-        "orders at given speeds of the engine", asked_for=True))
+        "orders at given speeds of the engine", optional=True))
 
     def as_record(self) -> dict[str, Any]:
         """Return the value, the results and the end of the motion as JSON values: a line in the file of a sweep."""
@@ -217,10 +217,10 @@ class Sweep(Result):
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the key's values and all results but the section, (n,) each; missing ones are NaN, -1 or empty."""
         flat = self._flat()
-        there = {name for r in flat for name in r}
+        names = {name for r in flat for name in r}
         return {self.curve.key: self.values,
                 **{name: np.array([none if r.get(name) is None else r[name] for r in flat], dtype=type(none))
-                   for name, none in COLUMNS.items() if name in there}, **self._order_columns()}
+                   for name, none in COLUMNS.items() if name in names}, **self._order_columns()}
 
     def _order_columns(self) -> dict[str, NDArray[np.float64]]:
         """Return the amplitudes of every order at every speed, rad/s and N m, (n,) each."""

@@ -62,10 +62,11 @@ class Tolerances:
             raise InputError(f"samples is {self.samples}; it must be 2 to {DEFAULTS.most_values}")
         if not 0 <= self.seed < 1 << 32:
             raise InputError(f"seed is {self.seed}; it must be 0 to {(1 << 32) - 1}")
-        told = self.probabilities
-        if not told or not all(0.0 <= p <= 1.0 for p in told) or list(told) != sorted(set(told)):
-            raise InputError(f"quantiles are {', '.join(f'{p:g}' for p in told) or 'none'}; they must be probabilities "
-                             "from 0 to 1 that increase")
+        probabilities = self.probabilities
+        if not probabilities or not all(0.0 <= p <= 1.0
+                                        for p in probabilities) or list(probabilities) != sorted(set(probabilities)):
+            raise InputError(f"quantiles are {', '.join(f'{p:g}' for p in probabilities) or 'none'}; they must be "
+                             "probabilities from 0 to 1 that increase")
 
     @property
     @reporting("scattered keys with their lowest and highest value", "{*}")
@@ -164,13 +165,13 @@ class Scattered(Result):
                "value", "{*}", name="quantiles")
     def all_quantiles(self) -> dict[str, NDArray[np.float64]]:
         """Quantiles of every computed result in numbers."""
-        there = self.sweeps[0].lists
-        return {name: self.quantiles(name)[slice(None) if self.over else 0] for name in NUMBERS if name in there}
+        lists = self.sweeps[0].lists
+        return {name: self.quantiles(name)[slice(None) if self.over else 0] for name in NUMBERS if name in lists}
 
     @property
     @reporting("quantiles of the amplitudes of orders over the samples: slip_speed (rad/s) and shaft_torque (N m), for "
                "each speed a list of orders with a quantile for each probability; with over, a list of them per value",
-               asked_for=True)
+               optional=True)
     def order_quantiles(self) -> dict[str, NDArray[np.float64]] | None:
         """Quantiles of `OrdersAtSpeeds`; None without orders."""
         orders = [[None if p is None else p.orders for p in sweep.points] for sweep in self.sweeps]
@@ -185,7 +186,7 @@ class Scattered(Result):
         return out
 
     @property
-    @reporting("value swept over", spread=True, asked_for=True)
+    @reporting("value swept over", spread=True, optional=True)
     def curve(self) -> Curve | None:
         """Curve over which every sample is swept; None for a single value."""
         return self.sweeps[0].curve if self.over else None
@@ -222,9 +223,9 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
     first = tolerances.bounds[0][0]
     out = []
     for k in range(tolerances.samples):
-        own = {key: float(column[k]) for key, column in sampled.items() if over or key != first}
-        factor = own.pop(SCALED, None)
-        mine = replace(system, own)
+        sampled_values = {key: float(column[k]) for key, column in sampled.items() if over or key != first}
+        factor = sampled_values.pop(SCALED, None)
+        mine = replace(system, sampled_values)
         mine = mine if factor is None else varied(mine, SCALED, factor)
         out.append(Curve(mine, over, tuple(values)) if over else Curve(mine, first, (float(sampled[first][k]),)))
     return out
@@ -260,8 +261,8 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     >>> result.quantiles("max_slip_speed").shape
     (1, 3)
     """
-    told = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed,
-                      sequence_of_numbers("quantiles", quantiles))
-    curves = scattered_curves(system_of(scene), told, over, sequence_of_numbers(over, values))
-    return Scattered(told, over, sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask,
-                                              progress=progress), every)
+    tolerances = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed,
+                            sequence_of_numbers("quantiles", quantiles))
+    curves = scattered_curves(system_of(scene), tolerances, over, sequence_of_numbers(over, values))
+    return Scattered(tolerances, over, sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask,
+                                                    progress=progress), every)

@@ -86,8 +86,8 @@ class Plan:
         if self.cycles is not None and not (isinstance(self.cycles, int) and 1 <= self.cycles <= 10_000_000):
             raise InputError(f"cycles is {self.cycles}; it must be a whole number, 1 to 10000000")
         if self.duration is not None and (self.cycles is not None or self.discard == "auto"):
-            beside = "discard auto" if self.cycles is None else "cycles"
-            raise InputError(f"duration is {self.duration:g} s beside {beside}; give one of the two")
+            alternative = "discard auto" if self.cycles is None else "cycles"
+            raise InputError(f"duration is {self.duration:g} s beside {alternative}; give one of the two")
         if self.discard != "auto" and not (self.discard is None or isinstance(self.discard, int)):
             raise InputError(f"discard is {self.discard!r}; it must be a number of cycles or auto")
         if isinstance(self.discard, int) and self.discard < 0:
@@ -134,9 +134,9 @@ class Plan:
     def check(self, system: System) -> None:
         """Raise InputError if the solver or a requested result cannot handle this system, before anything is solved."""
         check_setting(choose(system, self.solver), self.rtol, self.step)
-        for asked, what in ((self.lyapunov, "the Lyapunov exponent"), (self.damping, "the equivalent damping"), (
+        for wanted, what in ((self.lyapunov, "the Lyapunov exponent"), (self.damping, "the equivalent damping"), (
                 self.direction != "cold", f"direction {self.direction}"), (self.discard == "auto", "discard auto")):
-            if asked:
+            if wanted:
                 system.check_repeats(what)
 
 
@@ -161,21 +161,21 @@ class Simulation(Result):
     """
 
     trajectory: Trajectory
-    summary: Summary | None = field(metadata=reported("figures of the steady state", spread=True, asked_for=True))
+    summary: Summary | None = field(metadata=reported("figures of the steady state", spread=True, optional=True))
     confirmed: bool = field(metadata=reported(CONFIRMED))
     angles: Floats
-    damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, asked_for=True))
-    lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", asked_for=True))
+    damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, optional=True))
+    lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", optional=True))
     end: Start
-    plan: Plan | None = field(default=None, metadata=reported("how it was solved", asked_for=True))
+    plan: Plan | None = field(default=None, metadata=reported("how it was solved", optional=True))
     orders: Orders | None = field(default=None, metadata=reported(
-        "orders, transmissibility and judder", asked_for=True))
+        "orders, transmissibility and judder", optional=True))
     measured_orders: Orders | None = field(default=None, metadata=reported(
-        "the same of the measurement in --inputs", asked_for=True))
+        "the same of the measurement in --inputs", optional=True))
     orders_at_speeds: OrdersAtSpeeds | None = field(default=None, metadata=reported(
-        "amplitudes of orders at given speeds of the engine", asked_for=True))
+        "amplitudes of orders at given speeds of the engine", optional=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
-        "amplitudes over frequency and order", asked_for=True))
+        "amplitudes over frequency and order", optional=True))
     notes: tuple[str, ...] = ()
 
     def _text(self) -> str:
@@ -194,7 +194,7 @@ class Simulation(Result):
         return f"{run.status.value}; {run.detail}" if run.detail else run.status.value
 
     @property
-    @reporting("sentences on the scene and the solver, where there are some", asked_for=True)
+    @reporting("sentences on the scene and the solver, where there are some", optional=True)
     def warnings(self) -> list[str] | None:
         """Doubts about the solution; None if there are none."""
         run = self.trajectory
@@ -212,11 +212,11 @@ class Simulation(Result):
 def with_plan_fields(function: Called) -> Called:
     """Return the function with the fields of `Plan` in its signature in place of ``**settings``."""
     signature = inspect.signature(function)
-    own = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
-    names = {p.name for p in own}
+    named = [p for p in signature.parameters.values() if p.kind is not inspect.Parameter.VAR_KEYWORD]
+    names = {p.name for p in named}
     settings = [inspect.Parameter(item.name, inspect.Parameter.KEYWORD_ONLY, default=item.default, annotation=item.type)
                 for item in fields(Plan) if item.name not in names]
-    function.__signature__ = signature.replace(parameters=[*own, *settings])  # type: ignore[attr-defined]
+    function.__signature__ = signature.replace(parameters=[*named, *settings])  # type: ignore[attr-defined]
     return function
 
 
@@ -320,7 +320,7 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
     kept = cycles[discarded:]
     end = Start(State(*cycles.section[-1].tolist()), start.cycle + len(cycles)) if len(cycles) else start
     summary = summarise_cycles(kept, first=start.cycle + discarded, dropped=discarded, by=run,
-                               beside=[run.rest] if run.rest is not None else [],
+                               partial=[run.rest] if run.rest is not None else [],
                                **spans_of(system, 0.0, start.cycle + discarded, len(kept)))
     if plan.discard == "auto" and not (summary.settled or summary.runaway):
         summary = replace(summary, transient=True)

@@ -138,12 +138,12 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
         points[c][i] = Point.from_record(record, curves[c].at(i))
 
     try:
-        with workers(jobs, dask) as (executor, there), closing(
+        with workers(jobs, dask) as (executor, attendance), closing(
                 SweepFile(out, _header(curves, plan), take, head=head)) as file:
             done = sum(p is not None for curve_points in points for p in curve_points)
             with progress_bar("point", sum(map(len, points)), done, progress) as bar:
-                batch = DEFAULTS.dask_batch if dask else _batch(plan, sum(map(len, points)), there.threads)
-                for c, i, point in _solved(curves, plan, executor, there, batch, points):
+                batch = DEFAULTS.dask_batch if dask else _batch(plan, sum(map(len, points)), attendance.threads)
+                for c, i, point in _solved(curves, plan, executor, attendance, batch, points):
                     points[c][i] = point
                     if out is not None:
                         file.append(c, i, point.as_record())
@@ -181,7 +181,7 @@ Task = tuple[list[tuple[int, int]], Start | None]
 """Points in the order of solving, each by the numbers of its curve and of its value, and the start."""
 
 
-def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Attendance, batch: int,
+def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, attendance: Attendance, batch: int,
             points: Points) -> Iterator[tuple[int, int, Point]]:
     """Yield every missing point when it is done."""
     ready = _tasks(curves, plan, batch, points)
@@ -193,7 +193,7 @@ def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, there: Atte
         systems, values = [curves[c].at(i) for c, i in places], [curves[c].values[i] for c, i in places]
         return executor.submit(solve_points, systems, values, plans[places[0][0]], start)
 
-    for (places, _), solved in each_done(there, lambda: following.popleft() if following else next(ready, None),
+    for (places, _), solved in each_done(attendance, lambda: following.popleft() if following else next(ready, None),
                                          submit):
         if plan.direction != "cold":
             c, last = places[-1]

@@ -117,7 +117,7 @@ def columns_in(path: Path, known: Mapping[str, str | None], needed: Sequence[str
     values, read_as = contents.numbers([places[name][0] for name in order], time, most)
     arrays = {name: column if factor == 1.0 else column * factor
               for name, column, factor in zip(order, values, factors)}
-    return arrays, _told(contents, read_as, places, dict(zip(order, factors)), known), dict(contents.hold)
+    return arrays, _notes_on(contents, read_as, places, dict(zip(order, factors)), known), dict(contents.hold)
 
 
 def _places(path: Path, contents: FileColumns, known: Mapping[str, str | None],
@@ -133,11 +133,11 @@ def _places(path: Path, contents: FileColumns, known: Mapping[str, str | None],
             raise InputError(f"{path}: there is no column {one_line(column)}, which --columns names for {name}; "
                              + (f"did you mean {one_line(near[0])}?" if near else f"the file has {_listed(names)}"))
         _check_once(path, names, column)
-        own = contents.units[names.index(column)]
-        if unit and own and unit_factor(unit, known[name] or "") != unit_factor(own, known[name] or ""):
-            raise InputError(f"{path}: column {one_line(column)} is in {one_line(own)} by the file and in "
+        column_unit = contents.units[names.index(column)]
+        if unit and column_unit and unit_factor(unit, known[name] or "") != unit_factor(column_unit, known[name] or ""):
+            raise InputError(f"{path}: column {one_line(column)} is in {one_line(column_unit)} by the file and in "
                              f"{one_line(unit)} by --columns; leave out one of them")
-        places[name] = names.index(column), unit or own
+        places[name] = names.index(column), unit or column_unit
     spelled = [name.lower().replace(" ", "_").replace("-", "_") for name in names]
     for name in known:
         if name in places:
@@ -184,8 +184,8 @@ def _lacking(path: Path, contents: FileColumns, name: str, places: Mapping[str, 
     return f"{path}: there is no column {name}" + (f"; the file has {_listed(others)}{hint}" if others else "")
 
 
-def _told(contents: FileColumns, read_as: Sequence[str], places: Mapping[str, tuple[int, str]],
-          factors: Mapping[str, float], known: Mapping[str, str | None]) -> list[str]:
+def _notes_on(contents: FileColumns, read_as: Sequence[str], places: Mapping[str, tuple[int, str]],
+              factors: Mapping[str, float], known: Mapping[str, str | None]) -> list[str]:
     """Return the sentence on how a file was read, if it is not plain CSV with known columns in SI."""
     used = {place for place, _ in places.values()}
     others = [name for j, name in enumerate(contents.names) if j not in used and name not in UNITS]

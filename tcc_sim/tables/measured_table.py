@@ -58,8 +58,8 @@ class MeasuredTable:
 
     def filled(self, name: str) -> tuple[Floats, Floats]:
         """Return times and values of a column where it has any."""
-        there = np.isfinite(self.columns[name])
-        return self.t[there], self.columns[name][there]
+        finite = np.isfinite(self.columns[name])
+        return self.t[finite], self.columns[name][finite]
 
     def holes(self, *names: str) -> Spans:
         """Return the stretches, (k, 2), s, in which one of the columns has no values though it was sampled regularly;

@@ -127,14 +127,14 @@ def text_contents(path: Path, known: Sequence[str]) -> FileColumns:
     def numbers(chosen: Sequence[int], time: int | None, most: int) -> tuple[list[Floats], list[str]]:
         return _numbers_of(path, layout, chosen, time, most)
 
-    told = []
+    notes = []
     if layout.delimiter != ",":
-        told.append(DELIMITERS[layout.delimiter])
+        notes.append(DELIMITERS[layout.delimiter])
     if layout.encoding not in ("utf-8-sig", "utf-8"):
-        told.append(layout.encoding.upper())
+        notes.append(layout.encoding.upper())
     if layout.preamble:
-        told.append(f"{counted(layout.preamble, 'line')} before the names")
-    return FileColumns(layout.names, layout.units, numbers, told, hold)
+        notes.append(f"{counted(layout.preamble, 'line')} before the names")
+    return FileColumns(layout.names, layout.units, numbers, notes, hold)
 
 
 def encoding_of(path: Path) -> str:
@@ -271,7 +271,7 @@ def _names_before(lines: list[str], rows: list[list[str]], comment: list[bool], 
             return at, names, units, line
         shown = [cell.strip("[]() ") for cell in below]
         if sum(map(is_unit, shown)) * 2 > len(shown) or len(above) == place + 2:
-            units = [unit or own for unit, own in zip([*shown, *[""] * len(names)], units)]
+            units = [unit or unit_below for unit, unit_below in zip([*shown, *[""] * len(names)], units)]
             break
     return at, names, units, start
 
@@ -309,7 +309,7 @@ def _numbers_of(path: Path, layout: _Layout, chosen: Sequence[int], time: int | 
             count += 1
             for j, column, read, name in reads:
                 column.append(read(row[j], number, name))
-    told = ["decimal comma"] if reader.commas else []
+    notes = ["decimal comma"] if reader.commas else []
     if reader.first_day is not None:
-        told.append("date-times")
-    return [np.array(column) for column in numbers], told
+        notes.append("date-times")
+    return [np.array(column) for column in numbers], notes

@@ -42,11 +42,11 @@ def driveline() -> Iterator[Callable[..., Rig]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(RANGE, "OFF")
-        own = initialise()
+        initialised = initialise()
         yield start
         for rig in rigs:
             rig.close()
-        if own:
+        if initialised:
             import rclpy
 
             rclpy.try_shutdown()

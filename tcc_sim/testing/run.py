@@ -26,7 +26,7 @@ LOOK = 0.05
 """Real time between two checks of the work, s."""
 ENDING = 1.0
 """Real time in which an abandoned thread must end, s."""
-_OWN = Path(__file__).resolve().parent.parent
+_PACKAGE = Path(__file__).resolve().parent.parent
 
 
 class ControllerFailed(TccError, AssertionError):
@@ -114,7 +114,7 @@ def _place(frame: FrameType | None) -> str:
     innermost = frame
     while frame is not None:
         path = Path(frame.f_code.co_filename)
-        if not (path.is_relative_to(_OWN) or "site-packages" in path.parts or path.is_relative_to(sys.base_prefix)):
+        if not (path.is_relative_to(_PACKAGE) or "site-packages" in path.parts or path.is_relative_to(sys.base_prefix)):
             return f"{frame.f_code.co_name} ({path.name}:{frame.f_lineno})"
         frame = frame.f_back
     return "its callback" if innermost is None else f"{innermost.f_code.co_name}"

@@ -36,12 +36,12 @@ def draw_friction(path: Path, scene: SceneLike, title: str = "", width: float = 
 def draw_law(axis: Any, scene: SceneLike) -> None:
     """Draw the sliding coefficient over slip speed into an axis, with the table that it is fitted to."""
     system = system_of(scene)
-    own, v = system.friction, _speeds(system)
-    axis.plot(v, _sliding(system, v), color=style.BLUE, label="fit of the table" if own.curve else "sliding, (6)")
-    if own.law == "smoothed":
+    law, v = system.friction, _speeds(system)
+    axis.plot(v, _sliding(system, v), color=style.BLUE, label="fit of the table" if law.curve else "sliding, (6)")
+    if law.law == "smoothed":
         axis.plot(v, _smoothed(system, v), color=style.RED, linestyle=(0, (4, 2)), label="smoothed, (7)")
-    if own.curve is not None:
-        axis.plot(own.slip_speeds, own.coefficients, linestyle="none", marker="o", color=style.INK, label="table")
+    if law.curve is not None:
+        axis.plot(law.slip_speeds, law.coefficients, linestyle="none", marker="o", color=style.INK, label="table")
     axis.set(xlabel="slip speed (rad/s)", ylabel="friction coefficient", ylim=(0.0, None), xlim=(0.0, v[-1]))
 
 
@@ -54,9 +54,9 @@ def _near(axis: Any, system: System) -> None:
     if stick > 0.0:
         axis.plot(v, _smoothed(system, v), color=style.RED, linestyle=(0, (4, 2)))
         axis.axvline(stick, color=style.GREY, linewidth=0.8, linestyle=(0, (1, 1.5)), label="up to here: stick")
-    own = system.friction
-    inside = np.array(own.slip_speeds) <= far
-    axis.plot(np.array(own.slip_speeds)[inside], np.array(own.coefficients)[inside], linestyle="none", marker="o",
+    law = system.friction
+    inside = np.array(law.slip_speeds) <= far
+    axis.plot(np.array(law.slip_speeds)[inside], np.array(law.coefficients)[inside], linestyle="none", marker="o",
               color=style.INK)
     axis.set(xlabel="slip speed (rad/s)", ylabel="friction coefficient", ylim=(0.0, None), xlim=(0.0, far))
 
@@ -78,9 +78,9 @@ def _slope(axis: Any, system: System) -> None:
 
 def _speeds(system: System) -> Floats:
     """Return (n,) slip speeds of the drawing: those of the table, or up to the decay of the slowest exponential."""
-    own = system.friction
-    rates = [rate for _, rate in friction.exponentials(own.stribeck) if rate > 0.0]
-    far = own.slip_speeds[-1] if own.curve is not None else 7.0 / min(rates) if rates else 10.0 / own.smoothing
+    law = system.friction
+    rates = [rate for _, rate in friction.exponentials(law.stribeck) if rate > 0.0]
+    far = law.slip_speeds[-1] if law.curve is not None else 7.0 / min(rates) if rates else 10.0 / law.smoothing
     return np.linspace(0.0, far, POINTS)
 
 
@@ -91,6 +91,6 @@ def _sliding(system: System, v: Floats) -> Floats:
 
 def _smoothed(system: System, v: Floats) -> Floats:
     """Return the smoothed coefficient of (7)."""
-    own = system.friction
-    coefficients: Floats = own.kinetic * friction.smoothed_coefficient(v, own.smoothing, own.stribeck)
+    law = system.friction
+    coefficients: Floats = law.kinetic * friction.smoothed_coefficient(v, law.smoothing, law.stribeck)
     return coefficients

@@ -377,9 +377,9 @@ def _writable(file: Path, room: int = ROOM) -> None:
 
 def _open_viewer(recording: Any, shown: Any) -> None:
     """Start the viewer of rerun-sdk, also from beside Python in an environment that is not activated."""
-    beside = str(Path(sys.executable).parent)
-    if beside not in os.get_exec_path():
-        os.environ["PATH"] = os.pathsep.join([*os.get_exec_path(), beside])
+    folder = str(Path(sys.executable).parent)
+    if folder not in os.get_exec_path():
+        os.environ["PATH"] = os.pathsep.join([*os.get_exec_path(), folder])
     try:
         recording.spawn(default_blueprint=shown)
     except RuntimeError as error:

@@ -96,9 +96,9 @@ def read_stored(path: Path) -> dict[str, Any]:
     if path.suffix != ".json":
         raise InputError(f"{path} must end in .json or .npz")
     document = read_json(path)
-    beside = getattr(arguments_in(document), "out", None)
-    if beside is not None and beside.suffix == ".npz":
-        for place in (path.parent / beside.name, beside):
+    arrays_path = getattr(arguments_in(document), "out", None)
+    if arrays_path is not None and arrays_path.suffix == ".npz":
+        for place in (path.parent / arrays_path.name, arrays_path):
             if place.is_file() and (other := _arrays_in(place)).get("command") == document.get("command"):
                 return {**document, "arrays": other["arrays"]}
     return document
@@ -292,18 +292,18 @@ def _simulation(values: Mapping[str, Any]) -> Any:
     """Return the run of `simulate` from its samples; without samples, solve the scene again."""
     scene, arrays, arguments = scene_in(values), values.get("arrays"), arguments_in(values)
     inputs = getattr(arguments, "inputs", None)
-    there = inputs is not None and inputs.exists()
-    source = from_later_room("inputs_of")(arguments) if there else None
+    readable = inputs is not None and inputs.exists()
+    source = from_later_room("inputs_of")(arguments) if readable else None
     if arrays is not None:
         run = Trajectory(**{name: arrays[name] for name in UNITS if name in arrays}, cycle=scene.system.cycle,
                          solver=values["solver"], system=scene.system, cycles=cycles_in(arrays))
     elif inputs is None:
         run = simulate(scene, Plan(**values["plan"])).trajectory
-    elif there:
+    elif readable:
         driven = from_later_room("driven_by")(scene, source, arguments.hold)
         run = simulate(driven, Plan(**values["plan"]), samples_per_cycle=INPUT_SAMPLES).trajectory
     else:
         raise InputError(f"{inputs}, which has the inputs, does not exist; tcc-sim plot FILE.npz draws the samples "
                          "that simulate ... --out FILE.npz wrote")
-    twin = from_later_room("twin_of")(source, run) if there else None
+    twin = from_later_room("twin_of")(source, run) if readable else None
     return twin or SimpleNamespace(trajectory=run, summary=Record(values), spectrum=spectrum_in(values))

@@ -56,8 +56,8 @@ def draw_sweep(path: Path, document: Any, title: str = "", width: float = style.
             _exponents(axis, x, values)
         (further or [stick])[-1].set_xlabel(style.label_of(values["over"]))
         if len(x) > 1:
-            beside = 0.01 * np.ptp(x)  # So that no marker is cut.
-            stick.set_xlim(np.nanmin(x) - beside, np.nanmax(x) + beside)
+            margin = 0.01 * np.ptp(x)  # So that no marker is cut.
+            stick.set_xlim(np.nanmin(x) - margin, np.nanmax(x) + margin)
         style.panel_titles((maxima, orbit, stick, *further), [
             "Maxima", "Heat" if values.get("varying") else "Orbit diagram", "Time in stick",
             *(["Largest Lyapunov exponent"] if exponents else [])])
@@ -244,13 +244,13 @@ def draw_scattered(axis: Any, document: Any) -> None:
 
 def draw_band(axis: Any, values: Mapping[str, Any], name: str, scale: float = 1.0) -> None:
     """Draw the band between the outer quantiles of one result, and those between them as lines."""
-    x, told = numbers(values["values"]), [100.0 * p for p in values["probabilities"]]
+    x, percentiles = numbers(values["values"]), [100.0 * p for p in values["probabilities"]]
     rows = scale * np.array([numbers(row) for row in values["quantiles"][name]]).T
-    if len(told) > 1:
+    if len(percentiles) > 1:
         axis.fill_between(x, rows[0], rows[-1], color=style.SKY, alpha=0.45, linewidth=0.0,
-                          label=f"{told[0]:g} to {told[-1]:g} %")
-    for share, row in zip(told, rows):
-        if len(told) == 1 or share not in (told[0], told[-1]):
+                          label=f"{percentiles[0]:g} to {percentiles[-1]:g} %")
+    for share, row in zip(percentiles, rows):
+        if len(percentiles) == 1 or share not in (percentiles[0], percentiles[-1]):
             axis.plot(x, row, color=style.BLUE, linewidth=1.1, label="median" if share == 50.0 else f"{share:g} %")
     if len(x) > 1:
         axis.set_xlim(x.min(), x.max())
@@ -287,9 +287,9 @@ def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Return a curve with NaN inserted at its jumps."""
     change = np.abs(np.diff(y))
     padded = np.pad(change, 2, constant_values=np.nan)
-    beside = np.stack([padded[k:k + len(change)] for k in (0, 1, 3, 4)])
+    neighbours = np.stack([padded[k:k + len(change)] for k in (0, 1, 3, 4)])
     around = np.array([np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else np.nan
-                       for column in beside.T])
+                       for column in neighbours.T])
     span = float(np.nanmax(y) - np.nanmin(y)) if np.isfinite(y).any() else 0.0
     jumps = np.flatnonzero((change > JUMP * span) & (change > SHARPER * around)) + 1
     return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)

@@ -46,7 +46,7 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
     heights = [1.2, 1.2, *([1.0, 1.0] if controlled else []), 1.0, 0.7]
     with style.figure(width, 1.56 * sum(heights), title) as drawn:
         axes = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-        (torques, slip, *_, beside, warm), names = axes, ["Torques", "Slip speed"]
+        (torques, slip, *_, second, warm), names = axes, ["Torques", "Slip speed"]
         if control is not None and controlled:
             mean_slip_panel(axes[2], control)
             pressure_panel(axes[3], control)
@@ -66,8 +66,8 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
         line(slip, run.slip_speed, style.BLUE, "slip speed")
         shade_stick(slip, run.t, run.state)
         slip.set_ylabel("slip speed (rad/s)")
-        line(beside, shaft, style.BLUE)
-        beside.set_ylabel("torque (N m)")
+        line(second, shaft, style.BLUE)
+        second.set_ylabel("torque (N m)")
         line(warm, heat * 1e-3, style.RED)
         warm.set(xlabel="time (s)", ylabel="heat (kJ)", xlim=(run.t[0], run.t[-1]))
         for axis in (torques, slip):

@@ -148,7 +148,7 @@ def test_ctrl_c_tears_nothing_away_from_what_must_be_saved() -> None:
             "    signals.end_in_order()\n"
             "    os.kill(os.getpid(), signal.SIGINT)\n"
             "    saved = sum(1 for _ in range(300_000))\n"
-            "    while not signals.asked.is_set(): pass\n"
+            "    while not signals.end_requested.is_set(): pass\n"
             "    print(saved)\n"
             "    return 0\n"
             "sys.exit(run_node('saver', lambda: rclpy.create_node('saver'), body, []))\n")

@@ -195,7 +195,7 @@ def test_what_a_scene_does_not_take_is_said(quick: Control, monkeypatch: pytest.
 
 
 def test_without_a_node_it_says_so(control: Control, domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tcc_sim.nodes.operator.FOUND_WITHIN", 0.1)
+    monkeypatch.setattr("tcc_sim.nodes.operator.DISCOVERY_LIMIT", 0.1)
     assert control("--namespace", "/left", "reset") == (
         1, "", f"tcc-sim: no driveline answers at /left/driveline within 0.1 s (ROS_DOMAIN_ID {domain})\n")
 
@@ -324,7 +324,7 @@ def test_a_command_waits_until_all_who_listen_are_connected_and_nobody_more_come
 def test_watch_without_a_node_says_so(control: Control, capsys: pytest.CaptureFixture[str], tmp_path: Path,
                                       monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("rerun")
-    monkeypatch.setattr("tcc_sim.nodes.watcher.FOUND_WITHIN", 0.1)
+    monkeypatch.setattr("tcc_sim.nodes.watcher.DISCOVERY_LIMIT", 0.1)
     assert main(["watch", "--rrd", str(tmp_path / "none.rrd")]) == 1
     assert capsys.readouterr().err == "tcc-sim: no driveline published its scene on /scene within 0.1 s\n"
     assert not (tmp_path / "none.rrd").exists()

@@ -84,9 +84,9 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
         truncation = max(SHARE * rtol, EXACT)
         far = max(max(math.log(abs(share) / (FAR_SHARE * rtol)), 1.0) / rate for share, rate in pairs)
 
-    def stiff(inertia: float, beside: float) -> bool:
+    def stiff(inertia: float, further_decay: float) -> bool:
         """Return whether the fast part decays long before the slow part and the excitation change."""
-        fast = damping / inertia + beside
+        fast = damping / inertia + further_decay
         return fast > STIFF * math.sqrt(stiffness / inertia) and fast > STIFF**2 * (excitation + 2.0 * math.pi / period)
 
     return Bounds(

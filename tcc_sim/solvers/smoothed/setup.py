@@ -92,7 +92,7 @@ class Limits(NamedTuple):
     steps: int
 
 
-def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: float = 0.0) -> Limits:
+def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, excess: float = 0.0) -> Limits:
     """Return the limits of a solve.
 
     Parameters
@@ -106,11 +106,11 @@ def limits_of(terms: Terms, own: Terms, period: float, rtol: float, excess: floa
     assert sigma is not None
     i1, i2, damping, stiffness, _, by_speed, _ = coefficients_of(terms.linear)
     local = max(LOCAL * rtol, 1e-14)
-    stick_speed = stick_speed_of(own)
-    creep_speed, peak = friction.peak(sigma, own.stribeck)
+    stick_speed = stick_speed_of(scene_terms)
+    creep_speed, peak = friction.peak(sigma, scene_terms.stribeck)
     if not math.isfinite(creep_speed):
         creep_speed = math.atanh(1.0 - FLAT_PEAK) / sigma
-        peak = float(friction.smoothed_coefficient(creep_speed, sigma, own.stribeck))
+        peak = float(friction.smoothed_coefficient(creep_speed, sigma, scene_terms.stribeck))
     layer = max(min(0.5 * math.log(2.0 / (TANH_LEFT_OUT * rtol)), 19.0) / sigma, 1.01 * stick_speed)
     pairs = friction.exponentials(stribeck)
     far = max([layer, *(far_of(max(abs(share), excess), rate, rtol, layer) for share, rate in pairs)])

@@ -40,7 +40,7 @@ NEAR = 1e-9
 
 
 @per_system
-def own_setup(system: System, rtol: float) -> Setup:
+def prepared(system: System, rtol: float) -> Setup:
     """Return `setup_of` the terms of a system; a solve copies `waves`."""
     setup = setup_of(system, terms_of(system), rtol)
     setup.waves.setflags(write=False)
@@ -83,8 +83,8 @@ def _varying(problem: Problem, setup: Setup, profile: Floats) -> Iterator[Stretc
         for begin, stop in zip([start, *inner], [*inner, end]):
             row = profile_row(profile, begin, stop, start, phase, shift)
             whole = n < count and stop == following
-            own = setup._replace(limits=limits, terms=terms._replace(profile=row))
-            yield own, n + whole, 0.0 if whole else stop - start
+            varied = setup._replace(limits=limits, terms=terms._replace(profile=row))
+            yield varied, n + whole, 0.0 if whole else stop - start
             past = stop - begin
             phase += past * (row[of.FREQUENCY] + 0.5 * row[of.FREQUENCY_RATE] * past)
 
@@ -122,7 +122,7 @@ def stretches(problem: Problem, setup: Setup) -> Iterator[Stretch]:
     yield setup, problem.whole_cycles, problem.rest
 
 
-ENGINE = EngineShell("smoothed", integrate, Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT), SHARED, own_setup,
+ENGINE = EngineShell("smoothed", integrate, Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT), SHARED, prepared,
                 setup_of_changes, lambda setup, cycles: STEPS_AT_FIRST + setup.limits.steps * cycles,
                 lambda setup, cycles: MORE_STEPS * setup.limits.steps * cycles,
                 lambda ended, *_: "the state grew without bound" if ended == NOT_FINITE else "",

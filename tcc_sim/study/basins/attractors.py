@@ -151,9 +151,9 @@ def _distance(one: Attractor, other: Attractor, scales: Floats) -> float:
     """Return the smallest distance of two points of the same phase, in the map's scales."""
     best = np.inf
     for phase in np.unique(one.phases):
-        here, there = one.section[one.phases == phase], other.section[other.phases == phase]
-        if len(there):
-            best = min(best, float(cKDTree(there / scales).query(here / scales)[0].min()))
+        points, other_points = one.section[one.phases == phase], other.section[other.phases == phase]
+        if len(other_points):
+            best = min(best, float(cKDTree(other_points / scales).query(points / scales)[0].min()))
     return best
 
 
@@ -163,8 +163,9 @@ def _same(one: Attractor, other: Attractor, scales: Floats, settings: Settings) 
         return False
     if one.period:
         return _distance(one, other, scales) < settings.same
-    here, there = cKDTree(one.section / scales), cKDTree(other.section / scales)
-    return bool(np.mean(there.query(here.data)[0] <= max(_spread(there), settings.same_cloud)) > settings.shared)
+    tree, other_tree = cKDTree(one.section / scales), cKDTree(other.section / scales)
+    return bool(np.mean(other_tree.query(tree.data)[0] <= max(_spread(other_tree),
+                                                              settings.same_cloud)) > settings.shared)
 
 
 def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], attractors: Sequence[Attractor],

@@ -159,13 +159,13 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     stored: list[Stored] = []
     out: list[Basins] = []
     try:
-        with workers(jobs, dask) as (executor, there), closing(
+        with workers(jobs, dask) as (executor, attendance), closing(
                 SweepFile(part, _header(system, axes, cycles, over), lambda *row: stored.append(row), form=FORMAT,
                           kind="basin map", head=head)) as file, progress_bar(
                     "row", len(systems) * len(axes[1].values), shown=progress) as bar:
             for index, each in enumerate(systems):
                 mine = [(row, record) for i, row, record in stored if i == index]
-                plane_basins = _one(each, axes, cycles, mine, executor, there, partial(file.append, index), bar.update)
+                plane_basins = _one(each, axes, cycles, mine, executor, attendance, partial(file.append, index), bar.update)
                 value = None if over is None else (over.key, over.values[index])
                 known = numbered(DrivelineMotion(each), [one.attractors for one in out], plane_basins.attractors)
                 out.append(dataclasses.replace(plane_basins, over=value, attractors=known))
@@ -175,7 +175,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
 
 
 def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[tuple[int, dict[str, Any]]],
-         executor: Executor, there: Attendance, keep: Callable[[int, dict[str, Any]], None],
+         executor: Executor, attendance: Attendance, keep: Callable[[int, dict[str, Any]], None],
          tick: Callable[[], object]) -> Basins:
     """Compute one plane: find attractors from seeds, label rows, search again from undecided cells."""
     began = time.perf_counter()
@@ -186,12 +186,12 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
 
     def solved(rows: set[int]) -> Iterator[int]:
         """Yield rows as they are finished."""
-        left, size = deque(sorted(rows)), rows_together(shape[1], len(rows), there.threads)
+        left, size = deque(sorted(rows)), rows_together(shape[1], len(rows), attendance.threads)
 
         def following() -> list[int] | None:
             return [left.popleft() for _ in range(min(size, len(left)))] or None
 
-        for together, labelled_rows in each_done(there, following, lambda together: executor.submit(
+        for together, labelled_rows in each_done(attendance, following, lambda together: executor.submit(
                 solve_rows, system, plane, together, attractors, most)):
             for row, row_labels in zip(together, labelled_rows):
                 labels[row], cycles[row] = row_labels

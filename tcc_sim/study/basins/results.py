@@ -148,7 +148,7 @@ class Bounded:
 
     basins: Basins = field(metadata=reported("the plane", spread=True))
     boundary: Boundary | None = field(metadata=reported("with --boundary, unless too few cells differ",
-                                                        asked_for=True))
+                                                        optional=True))
 
 
 @dataclass(frozen=True)
@@ -160,13 +160,13 @@ class Planes(Described):
     bounded: bool = False
 
     @property
-    @reporting("key that has a plane at each of its values", asked_for=True)
+    @reporting("key that has a plane at each of its values", optional=True)
     def over(self) -> str | None:
         """Return the key; None for a single plane."""
         return None if self.along is None else self.along.key
 
     @property
-    @reporting("its values", "{over}", asked_for=True)
+    @reporting("its values", "{over}", optional=True)
     def values(self) -> Sequence[float] | None:
         """Return the values of the key; None for a single plane."""
         return None if self.along is None else self.along.values

@@ -186,17 +186,17 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Examined:
         return refused(str(error))
     if run.status is Status.REFUSED:
         return refused(run.detail)
-    own = run
+    solution = run
     if step is not None:  # Every sub-step of fixed_step; samples between sub-steps would be interpolated.
-        own = solve(system, cycles=CYCLES, solver=engine, step=step, samples_per_cycle=min(
+        solution = solve(system, cycles=CYCLES, solver=engine, step=step, samples_per_cycle=min(
             round(system.cycle / step) * substeps(terms_of(system), step), 1_000_000))
-    whole, off = finite(run) and finite(own), None
+    whole, off = finite(run) and finite(solution), None
     if truth.why == "" and short.status is Status.DONE:
         state = np.array([short.slip_speed[-1], short.plate_angle[-1], short.plate_speed[-1]])
         off = float((np.abs(state - truth.state) / truth.scale).max())
     return Examined({**keys, "cycles": cycles, "friction.law": law}, engine, step, run.status.name,
                     (run.detail if run.status is not Status.DONE else "") or truth.why, whole,
-                    energy_excess(own) <= SLACK if whole else None, off, run.statistics.iterations_max,
+                    energy_excess(solution) <= SLACK if whole else None, off, run.statistics.iterations_max,
                     run.statistics.iterations_bound, power_residual(run) if whole else None, run.statistics.seconds)
 
 

@@ -18,7 +18,7 @@ import rclpy
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 
-from tcc_sim.nodes.children import START_LIMIT, NodeProcess, OwnEnvironment
+from tcc_sim.nodes.children import START_LIMIT, NodeProcess, PrivateEnvironment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.pacing import LEAD, TIMER_SLACK_NS, Pacer, prepare_thread, release_memory
 from tcc_sim.nodes.process import created
@@ -145,12 +145,12 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
     stretches; missed ticks are ticks dropped beyond the catch-up bound. `settings` has the bare loop's figures with
     each single setting, and the refused settings.
     """
-    own = OwnEnvironment()
-    os.environ.update(own.values)
+    private = PrivateEnvironment()
+    os.environ.update(private.values)
     sys.setswitchinterval(SWITCH_INTERVAL)
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
-                               own.values) if recorder else None
+                               private.values) if recorder else None
         trials = [_trial(rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration), *trial) for trial in _trials()]
         node = created(lambda: DrivelineNode(parameter_overrides=[
             Parameter("scene", value="fig02"), Parameter("rate", value=rate), *settings.parameters(),
@@ -169,7 +169,7 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
             node.destroy_node()
             if listener is not None:
                 listener.stop()
-            own.close()
+            private.close()
     worst = max((p.drift for p in node_side.pacers), key=abs)
     return PacingFigures(rate, sum(p.ticks for p in node_side.pacers), sum(p.missed_ticks for p in node_side.pacers),
                          worst, **node_side.figures(""), **bare_side.figures("bare_"), settings=trials)

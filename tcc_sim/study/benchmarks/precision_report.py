@@ -171,11 +171,11 @@ def _head(report: PrecisionReport) -> list[str]:
     for law, engine in ENGINES.items():
         scenes = [record for record in report.scenes if record.law == law]
         best = [fastest_results(record, TARGET) for record in scenes]
-        own = [row[engine].seconds for row in best if engine in row]
-        if not own:
+        seconds = [row[engine].seconds for row in best if engine in row]
+        if not seconds:
             continue
         said += ["", f"With all three errors at most {_power(TARGET)}, {cycles} periods of excitation take "
-                 f"{code_name(engine)} {_range([1e3 * x for x in own])} ms on the {len(scenes)} scenes of its "
+                 f"{code_name(engine)} {_range([1e3 * x for x in seconds])} ms on the {len(scenes)} scenes of its "
                  "friction law."]
         names = dict.fromkeys(r.solver for record in scenes for r in record.results)
         others = [name for name in names if name != engine]
@@ -275,17 +275,18 @@ def _power(value: float) -> str:
 
 def comparison(record: StudiedScene, others: Sequence[StudiedScene]) -> str:
     """Return a sentence on the steady state of a scene, and on the same scene with the other friction law."""
-    own = record.steady
-    if own.max_slip_speed is None:
-        return f"From the initial state the motion has no period up to 16 after {own.cycles} cycles."
-    said = (f"From the initial state it settles in period {own.period} with {own.max_slip_speed:.5g} rad/s "
-            f"({own.cycles} cycles; SciPy closes it to {own.closure:.1e}).")
+    ours = record.steady
+    if ours.max_slip_speed is None:
+        return f"From the initial state the motion has no period up to 16 after {ours.cycles} cycles."
+    said = (f"From the initial state it settles in period {ours.period} with {ours.max_slip_speed:.5g} rad/s "
+            f"({ours.cycles} cycles; SciPy closes it to {ours.closure:.1e}).")
     base = record.scene.removesuffix(", set-valued")
     for other in others:
         steady = other.steady
         if other is record or other.scene.removesuffix(", set-valued") != base or steady.max_slip_speed is None:
             continue
-        apart = abs(steady.max_slip_speed / own.max_slip_speed - 1.0) > APART or steady.period != own.period
+        apart = abs(steady.max_slip_speed / ours.max_slip_speed
+                    - 1.0) > APART or steady.period != ours.period
         law = "(6)" if record.law == "smoothed" else "(7)"
         said += f" With law {law} it is period {steady.period} with {steady.max_slip_speed:.5g} rad/s"
         said += ": the smoothing decides which motion is reached." if apart else "."

@@ -80,22 +80,22 @@ def _of_steps(worst: Examined) -> list[str]:
     errors = ", ".join(f"{final_error(keys, 'fixed_step', truth, step=h):.0e}" for h in STEPS)
     said = (f"`fixed_step`, {worst.error:.0e}: with steps of {', '.join(f'{h:g}' for h in STEPS)} s the error is "
             f"{errors}, so it does not shrink with the step.")
-    own = _solved(keys, "fixed_step", truth.duration, samples_per_cycle=SAMPLES, step=step)
+    finer = _solved(keys, "fixed_step", truth.duration, samples_per_cycle=SAMPLES, step=step)
     other = _solved(keys, "smoothed", truth.duration, samples_per_cycle=SAMPLES, rtol=1e-11)
-    apart = np.flatnonzero(np.abs(own.plate_speed - other.plate_speed) > PARTED * np.abs(other.plate_speed).max())
+    apart = np.flatnonzero(np.abs(finer.plate_speed - other.plate_speed) > PARTED * np.abs(other.plate_speed).max())
     if not len(apart) or other.system is None:
         return [said]
-    crossed = np.flatnonzero(np.diff(np.sign(own.slip_speed[:apart[0]])))
+    crossed = np.flatnonzero(np.diff(np.sign(finer.slip_speed[:apart[0]])))
     k = int(crossed[-1]) + 1 if len(crossed) else int(apart[0])
     law, t = Law(other.system), float(other.t[k])
     need = abs(law.need(t, [other.slip_speed[k], other.plate_angle[k], other.plate_speed[k]]))
     share = need / max(other.system.friction_ratio * law.load(t), 1e-300)
     terms = terms_of(other.system)
     top = peak(terms.smoothing, terms.stribeck)[0] if terms.smoothing is not None else math.nan
-    beyond = np.flatnonzero(np.abs(own.slip_speed[k:]) > top)
+    beyond = np.flatnonzero(np.abs(finer.slip_speed[k:]) > top)
     if not len(beyond):
         return [said]
     return [said + f" At t = {t:.4g} s slip stops, and stick needs {100.0 * share:.0f} % of the breakaway torque. Past "
-            f"v = 0 a sub-step of the fixed step ends at {own.slip_speed[k + beyond[0]]:.2g} rad/s, beyond the "
+            f"v = 0 a sub-step of the fixed step ends at {finer.slip_speed[k + beyond[0]]:.2g} rad/s, beyond the "
             f"{top:.2g} rad/s at which friction (7) is largest: the clutch slips on instead of sticking. Where a "
             "sub-step ends decides which, at any step."]

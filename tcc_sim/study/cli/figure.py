@@ -60,9 +60,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(FIGURES)}, or all")
     stems = {number: arguments.out / f"fig{number:02d}" for number in numbers}
     files = [stem.with_suffix(suffix) for stem in stems.values() for suffix in (".png", ".svg", ".json")]
-    there = [path for path in files if replaceable(path)]
-    if there and not arguments.force:
-        raise RecordingError(f"{there[0]} exists already; choose another --out, or give --force to replace it")
+    existing = [path for path in files if replaceable(path)]
+    if existing and not arguments.force:
+        raise RecordingError(f"{existing[0]} exists already; choose another --out, or give --force to replace it")
     if arguments.title and len(numbers) > 1:
         raise InputError("--title is for one figure; leave it out with all")
     if arguments.jobs is not None and arguments.jobs < 1:

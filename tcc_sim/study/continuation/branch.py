@@ -195,29 +195,29 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         here, shooting = self.here, self.here.shooting
         if not shooting.map.piecewise:
             return None
-        for beside in self.settings.beside:
+        for distance in self.settings.corner_distances:
             try:
-                linearised = shooting.linearise(here.solution.z + beside * here.solution.tangent)
+                linearised = shooting.linearise(here.solution.z + distance * here.solution.tangent)
                 along = oriented(solution_at(here.solution.z, linearised, null_direction(linearised)),
                                  here.solution.sign).tangent
-                z = here.solution.z + beside * along
+                z = here.solution.z + distance * along
                 events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
             except FAILURES:
                 continue
-            new = None if events == here.orbit.seen.events else self._beyond(linearised, along, beside)
+            new = None if events == here.orbit.seen.events else self._beyond(linearised, along, distance)
             if new is not None:
                 return new
         return None
 
-    def _beyond(self, linearised: Linearised, along: Floats, beside: float) -> ContinuationPoint | None:
+    def _beyond(self, linearised: Linearised, along: Floats, distance: float) -> ContinuationPoint | None:
         """The next point beyond a corner at the last one; None where none is found."""
         # linearised : derivative at a distance from the corner; where it belongs to neither piece, the one along the
         # other piece
         here, shooting, z = self.here, self.here.shooting, self.here.solution.z
-        settings = replace(shooting.settings, first_step=beside, smallest_step=self.settings.corner_step)
+        settings = replace(shooting.settings, first_step=distance, smallest_step=self.settings.corner_step)
         for known in (linearised, None):
             try:
-                start = known or shooting.linearise(z + beside * along)
+                start = known or shooting.linearise(z + distance * along)
                 short: Continuation[CurvePoint, None] = Continuation(CurvePoint(
                     solution_at(z, start, tangent_of(start, along)), replace(shooting, settings=settings)))
                 moved = short.step(by_amplitude=False)

@@ -75,9 +75,9 @@ class DrivelineMap:
 
     def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
         """The state `cycles` cycles on, with derivatives by the state and by the free keys."""
-        asked = x.tobytes(), values, first, cycles
-        if self._last is None or self._last[0] != asked:
-            self._last = asked, self.evaluate_each(x[None], values, [first], [cycles])[0]
+        key = x.tobytes(), values, first, cycles
+        if self._last is None or self._last[0] != key:
+            self._last = key, self.evaluate_each(x[None], values, [first], [cycles])[0]
         return self._last[1]
 
     def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
@@ -173,9 +173,9 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
         None was found; the message names a value of the range at which motions settle.
     """
     base = map_.forcing_period
-    cycles, own = map_.settled((value,), DEFAULTS.settling)
+    cycles, summary = map_.settled((value,), DEFAULTS.settling)
     starts = range(len(cycles.section) - 1 - (len(cycles.section) - 1) % base, len(cycles.section) // 2, -base)
-    wanted = [period] if period is not None else [own] if own else [base * k for k in (1, 2, 3, 4)]
+    wanted = [period] if period is not None else [summary] if summary else [base * k for k in (1, 2, 3, 4)]
     for count in [] if slip_grows(cycles) else wanted:
         count = math.lcm(count, base) if period is None else count
         shooting = Shooting.single(map_, count, span)
@@ -192,11 +192,11 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
         z = find_orbit(shooting, (value,), guesses, known)
         if z is not None:
             return shooting, z
-    raise NumericalFailure(_nothing_found(map_, span, value, cycles, period, wanted))
+    raise NumericalFailure(_no_motion(map_, span, value, cycles, period, wanted))
 
 
-def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycles: Cycles, period: int | None,
-                   wanted: Sequence[int]) -> str:
+def _no_motion(map_: DrivelineMap, span: ParameterRange, value: float, cycles: Cycles, period: int | None,
+               wanted: Sequence[int]) -> str:
     """Why no orbit was found at a value, and another value at which to begin."""
     away = slip_grows(cycles)
     if away:
@@ -207,11 +207,11 @@ def _nothing_found(map_: DrivelineMap, span: ParameterRange, value: float, cycle
                "that come back closest")
     for other in sorted(np.linspace(span.low, span.high, DEFAULTS.elsewhere).tolist(), key=lambda x: abs(x - value)):
         try:
-            settled, own = map_.settled((other,), DEFAULTS.settling_elsewhere)
+            settled, summary = map_.settled((other,), DEFAULTS.settling_elsewhere)
         except FAILURES:
             continue
-        if own and (period is None or own == period):
-            return f"{why}; begin at --set {span.name}={other:.9g}, where the motion settles in period {own}"
+        if summary and (period is None or summary == period):
+            return f"{why}; begin at --set {span.name}={other:.9g}, where the motion settles in period {summary}"
         away &= slip_grows(settled)
     if away:
         return (f"{why}; it grows at {DEFAULTS.elsewhere} values of the range too: give another pressure.mean or "

@@ -21,8 +21,8 @@ from tcc_sim.study.continuation.palc import (
     FLAT,
     Equations,
     Solution,
-    beside,
     corrector,
+    cosine_between,
     oriented,
     over_border,
     predictor,
@@ -203,7 +203,7 @@ class Continuation(Generic[P, S]):
                     new = oriented(new, here.sign)
                 turned = abs(along) < settings.turn * reach * float(np.sqrt(1.0 + corrected.slopes @ corrected.slopes))
                 jumped = new.sign != here.sign and self.length > settings.branching
-                astray = beside(here, new, len(slopes) > 0) < settings.turn
+                astray = cosine_between(here, new, len(slopes) > 0) < settings.turn
                 if corrected.distance <= settings.farthest * self.length and not (turned or jumped or astray
                                                                                   or self.astray_beyond(new)):
                     # The corrector's distance grows as the third power of the length.

@@ -188,10 +188,11 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
 def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size: float, width: float, base: int,
            direction: str) -> tuple[str, Bifurcation | None]:
     """The cause of a jump between two neighbouring motions of a sweep, and its bifurcation."""
-    here, there = place_of(a, branches, size, base), place_of(b, branches, size, base)
-    unplaced = NOT_FOLLOWED if any(s.period and p is None for s, p in ((a, here), (b, there))) else APERIODIC
+    place_before, place_after = place_of(a, branches, size, base), place_of(b, branches, size, base)
+    unplaced = NOT_FOLLOWED if any(s.period and p is None for s,
+                                   p in ((a, place_before), (b, place_after))) else APERIODIC
     ends, goes_on = list[tuple[bool, Bifurcation]](), False
-    for place, goal, other, seen in ((here, b.value, there, b), (there, a.value, here, a)):
+    for place, goal, other, seen in ((place_before, b.value, place_after, b), (place_after, a.value, place_before, a)):
         if place is None:
             continue
         branch = branches[place[0]]
@@ -205,12 +206,12 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
         if not reached:
             bifurcation = nearest_bifurcation(branch, last, size, width)
             if bifurcation is not None:
-                ends.append((direction == ("up" if place is here else "down"), bifurcation))
+                ends.append((direction == ("up" if place is place_before else "down"), bifurcation))
     if ends:
         middle = 0.5 * (a.value + b.value)
         best = max(ends, key=lambda end: (end[0], -abs(end[1].value - middle)))[1]
         return best.kind, best
-    if here is None or there is None:
+    if place_before is None or place_after is None:
         return unplaced, None
     return BASIN if goes_on else NOT_FOLLOWED, None
 

@@ -56,7 +56,7 @@ class ContinuationPlan:
         return self.low, self.high
 
     @property
-    @reporting("key of --second", asked_for=True)
+    @reporting("key of --second", optional=True)
     def second_over(self) -> str | None:
         """The second key."""
         return None if self.second is None else self.second[0]
@@ -134,7 +134,7 @@ class Motions(Result):
         return [f for branch in self.branches for f in branch.bifurcations]
 
     @property
-    @reporting("bifurcations followed in two keys", asked_for=True, name="curves")
+    @reporting("bifurcations followed in two keys", optional=True, name="curves")
     def second_curves(self) -> list[BifurcationCurve] | None:
         """The curves; None where there is no second key."""
         return None if self.plan.second is None else self.curves

@@ -172,7 +172,7 @@ def solution_at(z: Floats, linearised: Linearised, tangent: Floats) -> Solution:
     return Solution(z, tangent, linearised, float(np.sign(np.linalg.det(matrix))))
 
 
-def beside(here: Solution, new: Solution, by_amplitude: bool) -> float:
+def cosine_between(here: Solution, new: Solution, by_amplitude: bool) -> float:
     """Cosine between the chord from one point to the next and the tangent there."""
     # Along a curve that bends little the chord lies between both tangents; else the corrector has left the curve.
     way, along = new.z - here.z, new.tangent

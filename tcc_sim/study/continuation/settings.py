@@ -98,7 +98,8 @@ class Settings:
     # Changes of the event sequence (`problem.py`, `special_points.py`, `bordered.py`, `branch.py`).
     most_borders: int = 6  # most changes in one step
     corner_step: float = 1e-10  # smallest step beyond a corner
-    beside: tuple[float, ...] = (1e-8, 1e-7, 1e-6, 1e-5)  # distances at which the other side of a corner is tried
+    corner_distances: tuple[float, ...] = (1e-8, 1e-7, 1e-6,
+                                           1e-5)  # distances at which the other side of a corner is tried
     border: float = 1e-12  # margin, relative to its natural size, of a solution
     border_residual: float = 1e-11  # residual of the orbit there
     border_halvings: tuple[int, ...] = (24, 20, 0)  # bisections before Newton's method; further ones after it fails

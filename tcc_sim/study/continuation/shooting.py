@@ -221,12 +221,12 @@ Places = tuple[NDArray[np.intp], NDArray[np.intp]]
 @lru_cache(maxsize=64)
 def layout(segments: tuple[float, ...], n: int) -> tuple[list[float], Places, Places]:
     """Starts of segments, in cycles, and the places of their derivatives and of the nodes in which they end."""
-    own = np.arange(len(segments) * n)
-    rows = own.reshape(-1, n)
+    diagonal = np.arange(len(segments) * n)
+    rows = diagonal.reshape(-1, n)
     square = (len(segments), n, n)
     return ([sum(segments[:k]) for k in range(len(segments))],
             (np.broadcast_to(rows[:, :, None], square), np.broadcast_to(rows[:, None, :], square)),
-            (own, np.roll(own, -n)))
+            (diagonal, np.roll(diagonal, -n)))
 
 
 def greedy(parts: list[tuple[float, Floats, Floats]], growth: float) -> tuple[list[float], list[Floats]]:

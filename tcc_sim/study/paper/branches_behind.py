@@ -295,6 +295,6 @@ def highest_shares(curves: Sequence[Sequence[Sequence[float]]], where: Any, negl
     on each curve and for some choice, from the largest slip speeds of all stable motions, per curve and place, rad/s.
     """
     every, some, moving = np.array([
-        (min(own) >= max(map(max, others)) - negligible, max(own) >= max(map(min, others)) - negligible,
-         max(map(max, (own, *others))) > slipping) for own, *others in zip(*curves)], dtype=bool).T
+        (min(first) >= max(map(max, others)) - negligible, max(first) >= max(map(min, others)) - negligible,
+         max(map(max, (first, *others))) > slipping) for first, *others in zip(*curves)], dtype=bool).T
     return share_where(every, where & moving), share_where(some, where & moving)

@@ -97,8 +97,8 @@ def plain(label: str) -> str:
 
 def _figure(number: int, row: Mapping[str, Any]) -> PaperFigure:
     """Return a figure of figures.yaml."""
-    own = set(row) - {"label", "common", "curves"}
-    fields: dict[str, Any] = {k: tuple(row[k]) if isinstance(row[k], list) else row[k] for k in own}
+    keys = set(row) - {"label", "common", "curves"}
+    fields: dict[str, Any] = {k: tuple(row[k]) if isinstance(row[k], list) else row[k] for k in keys}
     key, choices = row["curves"]
     ratios = ({**row.get("common", {}), key: value} for value in choices.values())
     series = [Series(row.get("label", "%s") % name, {

@@ -113,9 +113,9 @@ class JumpClaims(Rules):
                         0.75 > share > max(covered))
 
     def jump_doubles_period(self) -> Measured:
-        beside = {f"{x:.4f}": [m.period for m in self.beside(with_kinetic(0.83), x, -2e-3, 2e-3)]
-                  for x in self.jump_places(0.83) if abs(x - 0.20) <= self.limit("near")}
-        return Measured(([1, 2] in beside.values(),), {"periods around": beside})
+        periods = {f"{x:.4f}": [m.period for m in self.motions_near(with_kinetic(0.83), x, -2e-3, 2e-3)]
+                   for x in self.jump_places(0.83) if abs(x - 0.20) <= self.limit("near")}
+        return Measured(([1, 2] in periods.values(),), {"periods around": periods})
 
     def new_peaks(self) -> Measured:
         counts = [[len(self.prominent_maxima(AXIS[LOW], row[LOW])) for row in self.figure(n).maxima]
@@ -131,8 +131,8 @@ class JumpClaims(Rules):
         values: dict[str, Any] = {"stable motions end in a jump at": ends, "steep rises": rises}
         whole, part = False, False
         for x in ends or [x for x in rises if abs(x - 0.35) <= self.limit("near")]:
-            below = self.beside(row, x, -5e-3)[0].period
-            above = self.beside(row, x, 5e-3, 1e-2, 2e-2, lyapunov=True)
+            below = self.motions_near(row, x, -5e-3)[0].period
+            above = self.motions_near(row, x, 5e-3, 1e-2, 2e-2, lyapunov=True)
             values[f"period below {x:.4f}"] = below
             values[f"above {x:.4f}: period, exponent's interval (1/s), diagnosis"] = [
                 [m.period] + ([] if (e := m.lyapunov) is None else [e.low, e.high, e.diagnosis]) for m in above]
@@ -142,10 +142,10 @@ class JumpClaims(Rules):
         return Measured((whole, part), values, not ends, self.motions("psi = 0", row, near))
 
     def severity_follows_abruptness(self) -> Measured:
-        jumps = [(abs(size), self.beside(row, x, -rules.PARTED, rules.PARTED))
+        jumps = [(abs(size), self.motions_near(row, x, -rules.PARTED, rules.PARTED))
                  for _, row, x, size in self.figure(14).jumps()]
-        severity = [max(APERIODIC if m.period == 0 else float(m.period) for m in beside) for _, beside in jumps]
-        sizes, largest = [size for size, _ in jumps], [max(m.largest for m in beside) for _, beside in jumps]
+        severity = [max(APERIODIC if m.period == 0 else float(m.period) for m in motions) for _, motions in jumps]
+        sizes, largest = [size for size, _ in jumps], [max(m.largest for m in motions) for _, motions in jumps]
         abrupt, large = (float(spearmanr(severity, x).statistic) if len(set(severity)) > 1 and len(set(x)) > 1 else 0.0
                          for x in (sizes, largest))
         return Measured((abrupt > LINKED and abrupt > large, abrupt > LOOSE),

@@ -175,7 +175,7 @@ class SlipClaims(Rules):
         parts = list(delays.values())
         return Measured((min(parts[:2]) > 0.8 and max(parts[2:]) < 0.2,), {"part in the first half": delays})
 
-    def _beside_constant(self, where: Any, sign: float) -> tuple[dict[str, float], dict[str, float]]:
+    def _against_constant(self, where: Any, sign: float) -> tuple[dict[str, float], dict[str, float]]:
         """Return the parts of the slipping ratios at which curves of Figs. 10, 11 are below that of Tsp = 0, by
         frequency, and at which omega_f = omega is the lowest of its figure; sign -1: above, and the highest.
         """
@@ -188,11 +188,11 @@ class SlipClaims(Rules):
                 str(n): curves.best(1, where, sign) for n, curves in zip((10, 11), figures)}
 
     def actuation_attenuates(self) -> Measured:
-        below, parts = self._beside_constant(LOW, 1.0)
+        below, parts = self._against_constant(LOW, 1.0)
         return Measured([*parts.values(), below["1.000"]], {"lowest": parts, "below": below})
 
     def actuation_reversed(self) -> Measured:
-        over, parts = self._beside_constant(HIGH, -1.0)
+        over, parts = self._against_constant(HIGH, -1.0)
         different = {f"{row['pressure.frequency_ratio']:.3f}": row for n in (10, 11) for row in rows(n)}
         self.stretches(list(different.values()), AXIS[HIGH])
         motions = [m for ratio, row in different.items()

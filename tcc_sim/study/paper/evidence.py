@@ -142,7 +142,8 @@ class Evidence:
                                                               point.lyapunov)
         return self._motions[system, lyapunov]
 
-    def beside(self, row: Values, ratio: float, *distances: float, lyapunov: bool = False) -> list[ColdStartMotion]:
+    def motions_near(self, row: Values, ratio: float, *distances: float,
+                     lyapunov: bool = False) -> list[ColdStartMotion]:
         """Return the motions from (13) at some distances from a frequency ratio."""
         return [self.motion({**row, FREQUENCY: (ratio + d) * OMEGA_N}, lyapunov=lyapunov) for d in distances]
 
@@ -211,7 +212,7 @@ class Evidence:
             first = abs(fb - fa)
             for _ in range(BISECTIONS):
                 middle = 0.5 * (a + b)
-                fm = self.beside(row, middle, 0.0)[0].largest
+                fm = self.motions_near(row, middle, 0.0)[0].largest
                 a, fa, b, fb = (a, fa, middle, fm) if abs(fm - fa) >= abs(fb - fm) else (middle, fm, b, fb)
             if abs(fb - fa) > 0.5 * first and abs(fb - fa) > self.limit("jump") * size:
                 jumps.append((0.5 * (a + b), fb - fa))

@@ -16,7 +16,7 @@ from tcc_sim.study.continuation.newton import OrbitFigures
 from tcc_sim.study.continuation.special_points import Bifurcation
 from tcc_sim.sweeps.results import Point
 
-asked, same = partial(reported, asked_for=True), partial(as_in, asked_for=True)
+optional, same = partial(reported, optional=True), partial(as_in, optional=True)
 
 
 @dataclass(frozen=True)
@@ -69,8 +69,8 @@ class Labelled:
     """Curve or panel of a figure: label and series; series that it lacks are None."""
 
     label: str = field(metadata=reported("label of the curve or panel"))
-    values: Any = field(default=None, metadata=asked("scene keys that set it apart", "{*}"))
-    direction: Any = field(default=None, metadata=asked("direction of the sweep"))
+    values: Any = field(default=None, metadata=optional("scene keys that set it apart", "{*}"))
+    direction: Any = field(default=None, metadata=optional("direction of the sweep"))
     max_slip_speed: Any = field(default=None, metadata=same(Summary, "max_slip_speed"))
     min_slip_speed: Any = field(default=None, metadata=same(Summary, "min_slip_speed"))
     period: Any = field(default=None, metadata=same(Summary, "period"))
@@ -83,36 +83,36 @@ class Labelled:
     equivalent_damping: Any = field(default=None, metadata=same(Damping, "weighted"))
     negative_slope_mean: Any = field(default=None, metadata=same(Damping, "negative_mean"))
     status: Any = field(default=None, metadata=same(Point, "status"))
-    coexisting: Sequence[Coexisting] | None = field(default=None, metadata=asked(
+    coexisting: Sequence[Coexisting] | None = field(default=None, metadata=optional(
         "motions that a neighbour's last state leads to where they differ from those of the cold start"))
-    behind: MotionsBehind | None = field(default=None, metadata=asked("motions behind the curve", spread=True))
-    coefficient: Any = field(default=None, metadata=asked("friction coefficient over mu_k at slip_speed"))
-    slope: Any = field(default=None, metadata=asked("its slope", "s/rad"))
-    near_coefficient: Any = field(default=None, metadata=asked("the same at near_slip_speed"))
-    near_slope: Any = field(default=None, metadata=asked("slope at near_slip_speed", "s/rad"))
-    near_set_valued: Any = field(default=None, metadata=asked("that of the set-valued law at near_slip_speed"))
-    peak_slip_speed: Any = field(default=None, metadata=asked(
+    behind: MotionsBehind | None = field(default=None, metadata=optional("motions behind the curve", spread=True))
+    coefficient: Any = field(default=None, metadata=optional("friction coefficient over mu_k at slip_speed"))
+    slope: Any = field(default=None, metadata=optional("its slope", "s/rad"))
+    near_coefficient: Any = field(default=None, metadata=optional("the same at near_slip_speed"))
+    near_slope: Any = field(default=None, metadata=optional("slope at near_slip_speed", "s/rad"))
+    near_set_valued: Any = field(default=None, metadata=optional("that of the set-valued law at near_slip_speed"))
+    peak_slip_speed: Any = field(default=None, metadata=optional(
         "slip speed at which the coefficient is largest; null where it has no largest value", "rad/s"))
-    peak: Any = field(default=None, metadata=asked("largest coefficient over mu_k"))
-    static: Any = field(default=None, metadata=asked("mu_s over mu_k"))
-    solver: Any = field(default=None, metadata=asked("name of the solver"))
-    seconds: Any = field(default=None, metadata=asked("computing time", "s"))
-    rms_difference: Any = field(default=None, metadata=asked(
+    peak: Any = field(default=None, metadata=optional("largest coefficient over mu_k"))
+    static: Any = field(default=None, metadata=optional("mu_s over mu_k"))
+    solver: Any = field(default=None, metadata=optional("name of the solver"))
+    seconds: Any = field(default=None, metadata=optional("computing time", "s"))
+    rms_difference: Any = field(default=None, metadata=optional(
         "rms difference from the first curve over its largest |slip speed|; null where the solver stopped early"))
-    final: Any = field(default=None, metadata=asked(
+    final: Any = field(default=None, metadata=optional(
         "slip speed, plate angle and plate speed at the end", "rad/s, rad, rad/s"))
-    t: Any = field(default=None, metadata=asked("time from the first sample on", "periods of excitation"))
-    slip_speed: Any = field(default=None, metadata=asked("slip speed", "rad/s"))
-    plate_angle: Any = field(default=None, metadata=asked("angle of the clutch plate", "rad"))
-    friction_torque: Any = field(default=None, metadata=asked("friction torque", "N m"))
-    engine_torque: Any = field(default=None, metadata=asked("torque of the engine", "N m"))
-    saturation_torque: Any = field(default=None, metadata=asked("mu_k N R", "N m"))
-    state: Any = field(default=None, metadata=asked("-1 negative slip, 0 stick, 1 positive slip"))
-    first_half: Any = field(default=None, metadata=asked(
+    t: Any = field(default=None, metadata=optional("time from the first sample on", "periods of excitation"))
+    slip_speed: Any = field(default=None, metadata=optional("slip speed", "rad/s"))
+    plate_angle: Any = field(default=None, metadata=optional("angle of the clutch plate", "rad"))
+    friction_torque: Any = field(default=None, metadata=optional("friction torque", "N m"))
+    engine_torque: Any = field(default=None, metadata=optional("torque of the engine", "N m"))
+    saturation_torque: Any = field(default=None, metadata=optional("mu_k N R", "N m"))
+    state: Any = field(default=None, metadata=optional("-1 negative slip, 0 stick, 1 positive slip"))
+    first_half: Any = field(default=None, metadata=optional(
         "part of the positive slip in the first half cycle; null where there is none"))
-    section: Any = field(default=None, metadata=asked("plate angle and speed at t = 2 pi n/omega", "rad, rad/s"))
-    lyapunov: Any = field(default=None, metadata=asked("largest exponent, where there is no period", of=(Lyapunov,)))
-    orbit: Any = field(default=None, metadata=asked(
+    section: Any = field(default=None, metadata=optional("plate angle and speed at t = 2 pi n/omega", "rad, rad/s"))
+    lyapunov: Any = field(default=None, metadata=optional("largest exponent, where there is no period", of=(Lyapunov,)))
+    orbit: Any = field(default=None, metadata=optional(
         "periodic orbit, as an entry of `at` in `continue --json`", of=(OrbitFigures,)))
 
 
@@ -128,18 +128,18 @@ class Figure(Described):
     quick: bool = field(metadata=reported("whether it has a quarter of the values"))
     parameters: Mapping[str, Any] = field(metadata=reported("scene keys that all of its curves share", "{*}"))
     marks: Sequence[float] = field(metadata=reported("places on the axis that the text names"))
-    over: Any = field(default=None, metadata=asked("scene key of the axis"))
-    axis: Any = field(default=None, metadata=asked("name of the axis"))
-    x: Any = field(default=None, metadata=asked("values on the axis"))
-    unit: Any = field(default=None, metadata=asked("value of the key at 1 on the axis"))
-    cycles: Any = field(default=None, metadata=asked("number of periods of excitation solved at every value"))
-    discarded: Any = field(default=None, metadata=asked("number of them dropped"))
-    threshold: Any = field(default=None, metadata=asked("-C23 of (23)", "N m s/rad"))
-    slip_speed: Any = field(default=None, metadata=asked("slip speeds of the curves of Fig. 3", "rad/s"))
-    near_slip_speed: Any = field(default=None, metadata=asked("slip speeds near 0, Fig. 3", "rad/s"))
-    cycle: Any = field(default=None, metadata=asked("period of excitation", "s"))
-    curves: Any = field(default=None, metadata=asked("one for each series", of=(Labelled,)))
-    panels: Any = field(default=None, metadata=asked("time histories", of=(Labelled,)))
-    steady: Any = field(default=None, metadata=asked("steady state of each law from (13)", of=(Labelled,)))
-    steady_cycles: Any = field(default=None, metadata=asked("number of periods of excitation before a steady state"))
+    over: Any = field(default=None, metadata=optional("scene key of the axis"))
+    axis: Any = field(default=None, metadata=optional("name of the axis"))
+    x: Any = field(default=None, metadata=optional("values on the axis"))
+    unit: Any = field(default=None, metadata=optional("value of the key at 1 on the axis"))
+    cycles: Any = field(default=None, metadata=optional("number of periods of excitation solved at every value"))
+    discarded: Any = field(default=None, metadata=optional("number of them dropped"))
+    threshold: Any = field(default=None, metadata=optional("-C23 of (23)", "N m s/rad"))
+    slip_speed: Any = field(default=None, metadata=optional("slip speeds of the curves of Fig. 3", "rad/s"))
+    near_slip_speed: Any = field(default=None, metadata=optional("slip speeds near 0, Fig. 3", "rad/s"))
+    cycle: Any = field(default=None, metadata=optional("period of excitation", "s"))
+    curves: Any = field(default=None, metadata=optional("one for each series", of=(Labelled,)))
+    panels: Any = field(default=None, metadata=optional("time histories", of=(Labelled,)))
+    steady: Any = field(default=None, metadata=optional("steady state of each law from (13)", of=(Labelled,)))
+    steady_cycles: Any = field(default=None, metadata=optional("number of periods of excitation before a steady state"))
     seconds: float = field(metadata=reported("computing time", "s"))

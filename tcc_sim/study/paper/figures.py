@@ -86,9 +86,10 @@ def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     (name, unit), ratios = catalogue.NORMALISED[row.over], np.linspace(*row.span, count)
     values = np.minimum(ratios * unit, catalogue.STATIC) if unit == catalogue.STATIC else ratios * unit
     wanted = [Curve(series_system(s, options), row.over, tuple(values.tolist())) for s in row.series]
-    own = ("cold", "up", "down") if row.kind == "orbit" else ("cold",)
+    directions = ("cold", "up", "down") if row.kind == "orbit" else ("cold",)
     plans = [Plan(cycles=100 if options.quick else 150, discard=50, direction=direction, section_points=SECTION_POINTS,
-                  damping=row.kind == "damping") for direction in ((options.direction,) if options.direction else own)]
+                  damping=row.kind == "damping") for direction in ((options.direction,) if options.direction
+                                                                   else directions)]
     sweeps = [s for plan in plans for s in swept(wanted, plan, options.kept, options.jobs, options.progress)]
     others = [coexisting(sweep, options.jobs) if row.kind == "map" and sweep.plan.direction == "cold" else None
               for sweep in sweeps]
@@ -116,18 +117,18 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting
     size = float(np.nanmax(largest))
     plan = dataclasses.replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
 
-    def follow(here: int, neighbour: Point | None, there: int) -> results.Coexisting | None:
-        if neighbour is None or not (periods[here] and periods[there]):
+    def follow(here: int, neighbour: Point | None, place: int) -> results.Coexisting | None:
+        if neighbour is None or not (periods[here] and periods[place]):
             return None
         system, value = sweep.curve.at(here), sweep.curve.values[here]
-        summary = solve_point(system, value, plan, handed_over(sweep.curve.at(there), neighbour.end, system)).summary
+        summary = solve_point(system, value, plan, handed_over(sweep.curve.at(place), neighbour.end, system)).summary
         if summary is None or not summary.period or abs(summary.max_slip_speed - largest[here]) <= JUMP * size:
             return None
         return results.Coexisting(here, value, float(largest[here]), periods[here], results.Reached(
             summary.max_slip_speed, summary.period), stands_out(largest, here, JUMP * size))
 
-    pairs = [(here, sweep.points[there], there) for k in steep(largest).tolist()
-             for here, there in ((k, k + 1), (k + 1, k))]
+    pairs = [(here, sweep.points[neighbour_place], neighbour_place) for k in steep(largest).tolist()
+             for here, neighbour_place in ((k, k + 1), (k + 1, k))]
     with workers(jobs, None) as (threads, _):
         rows = [row for row in threads.map(follow, *zip(*pairs)) if row is not None] if pairs else []
     return sorted(rows, key=lambda row: row.index)

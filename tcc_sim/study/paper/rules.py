@@ -40,7 +40,7 @@ WIDE = 2.0 * T.near
 FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
 """mu_k/mu_s of Fig. 4."""
 JUMPING = f"a jump is a change of more than {T.jump:g} of the curve's maximum on a 1e-5 wide interval"
-BESIDE = f"where a curve slips (above {T.slipping:g} rad/s)"
+WHERE_SLIPPING = f"where a curve slips (above {T.slipping:g} rad/s)"
 MOST = f"{1.0 - T.missing:g} or more of"
 NINE = "of the nine curves of 0.83, 0.75 and 0.667 mu_s, each from (13), swept up and swept down, more have "
 ANYWHERE = " than of the ratios from 0.14 to 0.36 on average"
@@ -270,7 +270,7 @@ class Rules(StableMotions):
 
     def jumps_change_period(self, number: int, chosen: Sequence[int] = ()) -> Measured:
         """Judge at which part of the jumps from (13) the period changes."""
-        periods = {f"{name} at {x:.4f}": [m.period for m in self.beside(row, x, -PARTED, PARTED)]
+        periods = {f"{name} at {x:.4f}": [m.period for m in self.motions_near(row, x, -PARTED, PARTED)]
                    for name, row, x, _ in self.figure(number, chosen).jumps()}
         share = float(np.mean([below != above for below, above in periods.values()])) if periods else 1.0
         return Measured([share], {"jumps": len(periods), "share": share, "periods": periods}, share != 1.0)

@@ -83,7 +83,7 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
              ylim=edges(y)[[0, -1]])
     states = ("initial.plate_angle", "initial.slip_speed", "initial.plate_speed")
     columns = [states.index(axis["key"]) for axis in plane["plane"]]
-    beside = next(key for key in states if key not in (first["key"], second["key"]))
+    third = next(key for key in states if key not in (first["key"], second["key"]))
     ends, first_mark = np.array([edges(x)[[0, -1]], edges(y)[[0, -1]]]), ""
     for k, attractor in enumerate(plane["attractors"]):
         points = np.array(attractor["section_states"]).reshape(-1, 3)[:, columns]
@@ -107,7 +107,7 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
             style.key(axes, f"{words} ({100 * plane[name]:.3g} %){', not drawn' * blank}", area=True,
                       facecolor="none" if blank else colour, edgecolor="none" if blank else style.GREY)
     if first_mark:
-        beyond = style.label_of(beside).removeprefix("initial ").partition(" (")[0]
+        beyond = style.label_of(third).removeprefix("initial ").partition(" (")[0]
         style.key(axes, f"their sections, projected along the {beyond}", linestyle="", marker=first_mark,
                   color=style.GREY, markersize=4.5)
 

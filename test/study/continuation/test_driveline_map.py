@@ -13,7 +13,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
 from tcc_sim.study.continuation.branch import branch_through, first_point
-from tcc_sim.study.continuation.driveline import DrivelineMap, _nothing_found, start_orbit
+from tcc_sim.study.continuation.driveline import DrivelineMap, _no_motion, start_orbit
 from tcc_sim.study.continuation.follow import StopReason
 from tcc_sim.study.continuation.loss_of_stability import nearest_bifurcation
 from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
@@ -183,7 +183,7 @@ def test_what_was_looked_for_in_vain_is_named(period: int | None, words: str) ->
     """By a map that never settles, with the periods that were tried."""
     never = SimpleNamespace(settled=lambda *_: (cycles, 0))
     cycles = Cycles(np.zeros((9, 3)), np.ones(8), np.zeros(8), np.ones(8))
-    said = _nothing_found(never, ParameterRange(0.2, 0.3, name=MU_K), 0.25, cycles, period, [2, 4, 6, 8])
+    said = _no_motion(never, ParameterRange(0.2, 0.3, name=MU_K), 0.25, cycles, period, [2, 4, 6, 8])
     assert said.startswith(words)
     assert "nor does it settle in a period at 9 values of the range" in said
 

@@ -196,7 +196,7 @@ def hills(*places: float) -> Callable[..., Any]:
     return lambda row, x, direction: record(10.0 + 20.0 * max(math.exp(-((x - p) / 0.004) ** 2) for p in places))
 
 
-def beside(at: Callable[..., Any], still: float = 10.0) -> Callable[..., Any]:
+def motions_near(at: Callable[..., Any], still: float = 10.0) -> Callable[..., Any]:
     """The curve of `at`, and `still` for Tsp = 0."""
     return lambda row, x, direction: at(row, x, direction) if "pressure.amplitude" in row else record(still)
 

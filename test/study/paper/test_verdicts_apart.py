@@ -179,7 +179,7 @@ def test_a_motion_that_has_not_settled_goes_on() -> None:
     assert kept.motion(row).period == 2
     assert sweep.plan == kept.plan(row)
     assert (sweep.plan.damping, sweep.plan.lyapunov) == (False, False)
-    assert kept.beside(row, 150.0 / OMEGA_N, 0.0)[0] == kept.motion(row)
+    assert kept.motions_near(row, 150.0 / OMEGA_N, 0.0)[0] == kept.motion(row)
 
 
 def test_a_transient_of_slip_is_stick_once_it_has_settled() -> None:
