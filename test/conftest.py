@@ -64,9 +64,9 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Every figure that is saved, in its units but neither laid out nor drawn; its file is empty. Skips without
     matplotlib.
     """
-    found = _saved(monkeypatch, "convert_axes")
+    result = _saved(monkeypatch, "convert_axes")
     monkeypatch.setattr("tcc_sim.views.style.lay_out", lambda drawn: None)
-    return found
+    return result
 
 
 @pytest.fixture
@@ -83,15 +83,15 @@ def _saved(monkeypatch: pytest.MonkeyPatch, prepare: str) -> list[Any]:
 
     from tcc_sim.views import style
 
-    found: list[Any] = []
+    values: list[Any] = []
     prepared = getattr(style, prepare)
 
     def save(drawn: Any, path: Path) -> Path:
         prepared(drawn)
         assert not unmarked(drawn), f"{path.name}: entries of legends without a mark"
-        found.append(drawn)
+        values.append(drawn)
         path.touch()
         return path
 
     monkeypatch.setattr(style, "save", save)
-    return found
+    return values

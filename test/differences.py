@@ -19,13 +19,13 @@ def one_sided(at: Function, step: float) -> np.ndarray:
     return np.tensordot(weights, np.array([at(k * step) for k in range(5)]), 1)
 
 
-def apart(found: np.ndarray, at: Function, step: float, size: np.ndarray | float = 1.0, floor: float = 0.0,
+def apart(result: np.ndarray, at: Function, step: float, size: np.ndarray | float = 1.0, floor: float = 0.0,
           by: Callable[[Function, float], np.ndarray] = difference, axis: int | tuple[int, ...] | None = None) -> float:
     """Distance of a derivative from the nearest of some differences, in units of `size` for each row, relative to the
     largest or `floor`; with `axis`, separately for the other axes.
     """
     def relative(expected: np.ndarray) -> float:
-        wrong, large = (np.abs(a / size).max(axis=axis) for a in (found - expected, expected))
+        wrong, large = (np.abs(a / size).max(axis=axis) for a in (result - expected, expected))
         return float((wrong / np.maximum(large, floor)).max())
 
     return min(relative(by(at, step * k)) for k in (3.0, 1.0, 0.3, 0.1, 0.03))

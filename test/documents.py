@@ -18,34 +18,34 @@ from tcc_sim.output.provenance import HEAD, format_of
 from tcc_sim.result import names_in, reported_of
 
 
-def valid(kind: str, found: dict[str, Any]) -> dict[str, Any]:
+def valid(kind: str, result: dict[str, Any]) -> dict[str, Any]:
     """Return `found` after checks of its head, and that its fields and units are documented."""
-    assert list(found)[:2] == ["format", "version"]
-    assert (found["format"], found["version"]) == (format_of(kind), __version__)
-    assert set(QUANTITIES) <= found["scene"].keys()
-    assert found["command"]
-    assert set(HEAD) - set(found) <= {"warnings"}
+    assert list(result)[:2] == ["format", "version"]
+    assert (result["format"], result["version"]) == (format_of(kind), __version__)
+    assert set(QUANTITIES) <= result["scene"].keys()
+    assert result["command"]
+    assert set(HEAD) - set(result) <= {"warnings"}
     documented = fields_by_kind(kind)
     names = set(documented)
-    there = paths_in({key: value for key, value in found.items() if key not in HEAD}, names)
-    assert there <= names, f"not documented: {there - names}"
-    missing = {name for name, entry in documented.items() if not entry.optional and "." not in name} - set(found)
+    present = paths_in({key: value for key, value in result.items() if key not in HEAD}, names)
+    assert present <= names, f"not documented: {present - names}"
+    missing = {name for name, entry in documented.items() if not entry.optional and "." not in name} - set(result)
     assert not missing or kind in ("sweep", "figure"), f"not there: {missing}"
-    for path, unit in found["units"].items():
+    for path, unit in result["units"].items():
         name = re.sub(r"\[\d+\]", "", path)
         declared = next(documented[part].unit for start in beginnings(name)
                         for part in (start, f"{start.rpartition('.')[0]}.*") if part in documented)
         assert declared == unit or "{" in declared, f"{path}: {unit}"
-    lacking = {name for name in there & set(found) if documented[name].unit and "{" not in documented[name].unit
-               and found[name] is not None} - set(found["units"])
+    lacking = {name for name in present & set(result) if documented[name].unit and "{" not in documented[name].unit
+               and result[name] is not None} - set(result["units"])
     assert not lacking, f"no unit of {lacking}"
-    own = {key: value for key, value in found.items() if key not in HEAD}
-    wrong = [mistyped(own, of) for of in KINDS[kind][1]]
+    values = {key: value for key, value in result.items() if key not in HEAD}
+    wrong = [mistyped(values, of) for of in KINDS[kind][1]]
     assert not wrong or [] in wrong, wrong
-    return found
+    return result
 
 
-def mistyped(found: dict[str, Any], kind: type, missing: bool = False) -> list[str]:
+def mistyped(result: dict[str, Any], kind: type, missing: bool = False) -> list[str]:
     """The fields of a result with other types than declared; `missing` allows null for each."""
     wrong: list[str] = []
     for name, entry in reported_of(kind).items():
@@ -54,20 +54,20 @@ def mistyped(found: dict[str, Any], kind: type, missing: bool = False) -> list[s
         below = entry.of or tuple(part for part in (hint, *get_args(hint)) if is_dataclass(part) and reported_of(part))
         label, optional = entry.name or name, missing or type(None) in get_args(hint)
         if entry.listed:
-            wrong += [part for values in rows_of(found, names_in(entry.of[0])) for part in mistyped(
+            wrong += [part for values in rows_of(result, names_in(entry.of[0])) for part in mistyped(
                 values, entry.of[0], missing=True)]
-        elif hint is Any and "values" in found:
+        elif hint is Any and "values" in result:
             continue  # Basins at several values of a key are lists.
         elif entry.spread and below:
-            wrong += mistyped(found, below[0], optional)
-        elif label in found and not (found[label] is None and optional) and not of_type(found[label], hint):
-            wrong.append(f"{kind.__name__}.{name}: {found[label]!r:.60} is no {hint}")
+            wrong += mistyped(result, below[0], optional)
+        elif label in result and not (result[label] is None and optional) and not of_type(result[label], hint):
+            wrong.append(f"{kind.__name__}.{name}: {result[label]!r:.60} is no {hint}")
     return wrong
 
 
-def rows_of(found: dict[str, Any], names: list[str]) -> Iterator[dict[str, Any]]:
+def rows_of(result: dict[str, Any], names: list[str]) -> Iterator[dict[str, Any]]:
     """Objects of the lists, or lists of lists, of values by name."""
-    columns = {name: found[name] for name in names if isinstance(found.get(name), list)}
+    columns = {name: result[name] for name in names if isinstance(result.get(name), list)}
     for row in zip(*columns.values()):
         one = dict(zip(columns, row))
         yield from rows_of(one, names) if isinstance(one.get("status"), list) else [one]
@@ -107,15 +107,15 @@ def paths_in(value: Any, names: set[str], path: str = "") -> set[str]:
         return set()  # Nothing within it is documented.
     if isinstance(value, list):
         return {name for each in value for name in paths_in(each, names, path)}
-    found = set()
+    result = set()
     for key, each in value.items() if isinstance(value, dict) else ():
         if path and f"{path}{key}" not in names and isinstance(each, (dict, list)):
-            found |= paths_in(each, names, path)  # The key of a mapping.
+            result |= paths_in(each, names, path)  # The key of a mapping.
         elif f"{path}{key}" not in names and f"{path}*" in names and (key in QUANTITIES or key == "cycles"):
-            found.add(f"{path}*")
+            result.add(f"{path}*")
         else:
-            found |= {f"{path}{key}", *paths_in(each, names, f"{path}{key}.")}
-    return found
+            result |= {f"{path}{key}", *paths_in(each, names, f"{path}{key}.")}
+    return result
 
 
 def same_pictures(figures: list[Any], width: float) -> list[Any]:

@@ -93,7 +93,7 @@ def readings(scene, ticks, commanded, far=lambda k: None):
 
 
 def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publishers=None, targets=(), sources=(),
-        ends=(), beside=None, received=None, **options):
+        ends=(), joined=None, received=None, **options):
     """Write rows, and scenes published again before some; with `cut` like a recorder that was killed.
 
     `clock` is the driveline's clock as f(row), ns; `publishers` are (first row, name) of the publisher from there on;
@@ -128,7 +128,7 @@ def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publi
             writer.write(applied[owner], log, log, cdr.fluid_pressure(stamp, pressure), number)
         if stamp in at_end:
             writer.write(channel("/output_state", JOINT_STATE), log, log, cdr.output_state(*at_end[stamp]), number)
-        for name, kind, when, sent, data, *who in (beside or {}).get(number, ()):
+        for name, kind, when, sent, data, *who in (joined or {}).get(number, ()):
             writer.write(channel(name, kind, *who), when, sent, data, number)
         if number % 100 == 99:
             writer.file.flush()

@@ -86,13 +86,13 @@ def _looks(artist: Any) -> set[Look]:
     if not hasattr(artist, "get_marker"):
         face = {("area", one) for one in colours(_rgba(artist.get_facecolor()))}
         return face or {("-", one) for one in colours(_rgba(artist.get_edgecolor()))}
-    found = set()
+    result = set()
     colour, marker = to_hex(artist.get_color()), artist.get_marker()
     if artist.get_linestyle() not in ("None", "none", " ", ""):
-        found.add((artist.get_linestyle(), colour))
+        result.add((artist.get_linestyle(), colour))
     if marker not in ("None", "none", " ", "", None):
-        found |= {(f"marker {marker}", colour), *([("area", colour)] if marker == "s" else [])}
-    return found
+        result |= {(f"marker {marker}", colour), *([("area", colour)] if marker == "s" else [])}
+    return result
 
 
 def _rgba(colours: Any) -> Any:

@@ -82,10 +82,10 @@ def smoothed_run(system, state, cycles, per_cycle, stick_speed):
     """As `Piecewise.run`, with the transitions through a stick speed."""
     rates, jacobian = equations(system)
     edges = [lambda t, y: y[0] - stick_speed, lambda t, y: y[0] + stick_speed]
-    found = solve_ivp(rates, (0.0, cycles * system.cycle), state, "LSODA", rtol=1e-12, jac=jacobian, events=edges,
-                      atol=scales(system) * 1e-12, dense_output=False)
+    solution = solve_ivp(rates, (0.0, cycles * system.cycle), state, "LSODA", rtol=1e-12, jac=jacobian, events=edges,
+                         atol=scales(system) * 1e-12, dense_output=False)
     changes = sorted((float(u), *((0, side) if rates(u, x)[0] * side > 0.0 else (side, 0)))
-                     for side, times, states in zip((1, -1), found.t_events, found.y_events)
+                     for side, times, states in zip((1, -1), solution.t_events, solution.y_events)
                      for u, x in zip(times, states))
     marks = [0.0, *(u for u, _, _ in changes), cycles * system.cycle]
     modes = [0 if abs(state[0]) <= stick_speed else 1, *(after for _, _, after in changes)]

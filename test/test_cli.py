@@ -279,8 +279,9 @@ def test_ctrl_c_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("given", [None, "2"])
 def test_the_program_takes_one_thread_for_small_matrices_unless_told(given):
-    own = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    variables = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
     code = "import os, tcc_sim.__main__; print(os.environ['OPENBLAS_NUM_THREADS'])"
-    done = subprocess.run([sys.executable, "-c", code], env=own | ({"OPENBLAS_NUM_THREADS": given} if given else {}),
+    done = subprocess.run([sys.executable, "-c", code],
+                          env=variables | ({"OPENBLAS_NUM_THREADS": given} if given else {}),
                           capture_output=True, text=True, check=True)
     assert done.stdout.strip() == (given or "1")

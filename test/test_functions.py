@@ -43,12 +43,12 @@ def test_simulate_takes_what_the_command_takes(table, tmp_path):
              "--set", "pressure.amplitude=0"]
     assert main(["simulate", "minimal", *words, "--json", str(tmp_path / "out.json")]) == 0
     by = json.loads((tmp_path / "out.json").read_text())
-    found = tcc_sim.simulate("minimal", set={"pressure.amplitude": 0.0}, inputs=table, hold="linear",
-                             columns={"engine_speed": "n:rpm"}, from_=0.2, orders=True)
-    assert found.summary.max_slip_speed == by["max_slip_speed"]
-    np.testing.assert_array_equal(found.orders.slip_speed, by["orders"]["slip_speed"])
-    np.testing.assert_array_equal(found.measured_orders.slip_speed, by["measured_orders"]["slip_speed"])
-    assert found.warnings == by["warnings"]
+    result = tcc_sim.simulate("minimal", set={"pressure.amplitude": 0.0}, inputs=table, hold="linear",
+                              columns={"engine_speed": "n:rpm"}, from_=0.2, orders=True)
+    assert result.summary.max_slip_speed == by["max_slip_speed"]
+    np.testing.assert_array_equal(result.orders.slip_speed, by["orders"]["slip_speed"])
+    np.testing.assert_array_equal(result.measured_orders.slip_speed, by["measured_orders"]["slip_speed"])
+    assert result.warnings == by["warnings"]
     assert "engine_speed from n in rpm" in by["warnings"][0]
     assert "the simulation starts at its time 0.2 s" in by["warnings"][1]
 
@@ -59,8 +59,8 @@ def test_profiles_and_spectra(tmp_path):
     by = json.loads((tmp_path / "o.json").read_text())["max_slip_speed"]
     for profile in (["engine.speed=0:800rpm,1:1600rpm"], {"engine.speed": "0:800rpm,1:1600rpm"}):
         assert tcc_sim.simulate("minimal", profile=profile).summary.max_slip_speed == by
-    found = tcc_sim.simulate("slip", cycles=60, spectrum=True)
-    np.testing.assert_array_equal(found.spectrum.slip_speed, tcc_sim.spectrum(found, "slip").slip_speed)
+    result = tcc_sim.simulate("slip", cycles=60, spectrum=True)
+    np.testing.assert_array_equal(result.spectrum.slip_speed, tcc_sim.spectrum(result, "slip").slip_speed)
     for wrong in ({"hold": "linear"}, {"from_": 1.0}, {"columns": "t=t"}):
         with pytest.raises(InputError, match="are for inputs from a table"):
             tcc_sim.simulate("slip", **wrong)
@@ -72,8 +72,8 @@ def test_analyse_takes_tables(table, tmp_path):
     words = ["analyse", str(table), "--orders", "--columns", "engine_speed=n:rpm"]
     assert main([*words, "--json", str(tmp_path / "o.json")]) == 0
     by = json.loads((tmp_path / "o.json").read_text())["orders"]
-    found = tcc_sim.analyse(table, orders=True, columns="engine_speed=n:rpm")
-    np.testing.assert_array_equal(found.orders.slip_speed, by["slip_speed"])
+    result = tcc_sim.analyse(table, orders=True, columns="engine_speed=n:rpm")
+    np.testing.assert_array_equal(result.orders.slip_speed, by["slip_speed"])
     with pytest.raises(InputError, match="a table needs orders or spectrum"):
         tcc_sim.analyse(table)
     with pytest.raises(InputError, match="damping: only for recordings"):

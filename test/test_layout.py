@@ -115,32 +115,32 @@ def tree_of(path: Path) -> ast.Module:
 @cache
 def imports_of(path: Path) -> list[tuple[int, str]]:
     """Line and absolute dotted name of every import, function-local and type-checking ones included."""
-    found = []
+    values = []
     for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Import):
-            found += [(node.lineno, alias.name) for alias in node.names]
+            values += [(node.lineno, alias.name) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}:{node.lineno} is a relative import"
-            found += [(node.lineno, f"{node.module}.{alias.name}") for alias in node.names]
+            values += [(node.lineno, f"{node.module}.{alias.name}") for alias in node.names]
         elif isinstance(node, ast.Call) and getattr(node.func, "id", getattr(node.func, "attr", "")) == "import_module":
             word = node.args[0]
             if isinstance(word, ast.Constant):
-                found.append((node.lineno, str(word.value)))
+                values.append((node.lineno, str(word.value)))
             elif isinstance(word, ast.JoinedStr) and isinstance(word.values[0], ast.Constant):
-                found.append((node.lineno, str(word.values[0].value) + "?"))
-    return found
+                values.append((node.lineno, str(word.values[0].value) + "?"))
+    return values
 
 
 def test_what_is_worked_out_cannot_be_changed() -> None:
     """Every dataclass is frozen, except those that grow and are returned only when complete."""
-    found = []
+    values = []
     for path in MODULES:
         for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.ClassDef):
                 words = [ast.unparse(word) for word in node.decorator_list]
                 if any(word.startswith("dataclass") and "frozen=True" not in word for word in words):
-                    found.append(f"{name_of(path)}.{node.name}")
-    assert sorted(found) == sorted(GROWING)
+                    values.append(f"{name_of(path)}.{node.name}")
+    assert sorted(values) == sorted(GROWING)
 
 
 parts = pytest.mark.parametrize("part", ["", *ORDER], ids=lambda part: part or "tcc_sim")
@@ -193,29 +193,30 @@ def test_no_module_imports_itself_through_others() -> None:
         words = [word.removeprefix("tcc_sim.") for _, word in imports_of(path) if not word.endswith("?")]
         reached[name_of(path)] = {word if word in names else word.rpartition(".")[0] for word in words} - {""}
     for middle in reached:
-        for found in reached.values():
-            if middle in found:
-                found |= reached[middle]
-    assert {name for name, found in reached.items() if name in found} == set()
+        for each in reached.values():
+            if middle in each:
+                each |= reached[middle]
+    assert {name for name, each in reached.items() if name in each} == set()
 
 
 @parts
 def test_what_is_heavy_or_optional_is_imported_in_its_room_only(part: str) -> None:
-    for own, place, imported in imports_in(part):
+    for module, place, imported in imports_in(part):
         room = ROOMS.get(imported.split(".")[0])
-        assert room is None or any(own == r or own.startswith(r + ".") for r in room), f"{place} imports {imported}"
+        assert room is None or any(module == r or module.startswith(r + ".")
+                                   for r in room), f"{place} imports {imported}"
 
 
 @pytest.mark.parametrize("part", ["study.continuation", "study.basins"])
 def test_orbits_and_basins_know_the_solvers_through_one_adapter_each(part: str) -> None:
-    for own, place, imported in imports_in(part):
-        assert own == f"{part}.driveline" or not imported.startswith("tcc_sim.solvers"), place
+    for module, place, imported in imports_in(part):
+        assert module == f"{part}.driveline" or not imported.startswith("tcc_sim.solvers"), place
 
 
 @parts
 def test_what_is_measured_is_for_one_module_of_verbs_only(part: str) -> None:
-    for own, place, imported in imports_in(part) if part != "study.benchmarks" else []:
-        assert own == MEASURING or not imported.startswith("tcc_sim.study.benchmarks"), place
+    for module, place, imported in imports_in(part) if part != "study.benchmarks" else []:
+        assert module == MEASURING or not imported.startswith("tcc_sim.study.benchmarks"), place
 
 
 def loaded_by(statement: str) -> set[str]:
@@ -255,7 +256,7 @@ def test_a_name_means_one_thing() -> None:
         for node in tree_of(path).body:
             if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
                 meanings.setdefault(node.name, set()).add(of)
-    assert {name: found for name, found in meanings.items() if len(found) > 1 and name not in PROTOCOLS} == {}
+    assert {name: each for name, each in meanings.items() if len(each) > 1 and name not in PROTOCOLS} == {}
 
 
 def test_test_modules_have_names_of_their_own() -> None:
@@ -273,10 +274,10 @@ def test_every_key_says_what_it_means() -> None:
 def keys_in(path: Path) -> dict[str, object]:
     """The dotted keys of a parameter file, read without this package."""
     (node,) = yaml.safe_load(path.read_text()).values()
-    found: dict[str, object] = {}
+    by_name: dict[str, object] = {}
     for name, value in node["ros__parameters"].items():
-        found |= {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {name: value}
-    return found
+        by_name |= {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, dict) else {name: value}
+    return by_name
 
 
 def without_effect(keys: dict[str, object]) -> set[str]:
@@ -364,8 +365,8 @@ def test_the_friction_law_has_few_texts() -> None:
 
 
 def test_every_row_is_of_something() -> None:
-    there = {row for file, name in found_texts() for row in (file, f"{file} {name}")}
-    assert not {*TEXTS, *OTHERS} - there
+    names = {row for file, name in found_texts() for row in (file, f"{file} {name}")}
+    assert not {*TEXTS, *OTHERS} - names
 
 
 def test_an_eighth_text_would_be_seen() -> None:

@@ -34,11 +34,11 @@ def test_the_notebook_runs_and_shows_tables_and_pictures(tmp_path: Path, monkeyp
     assert content["nbformat"] == 4
     names: dict[str, Any] = {}
     shown = [run_cell("".join(cell["source"]), names) for cell in content["cells"] if cell["cell_type"] == "code"]
-    scene, found, picture, swept, other, path = shown
+    scene, result, picture, swept, other, path = shown
     frequency = f"{scene.system.engine.frequency:.6g}"
     assert f"<td>engine.frequency</td><td>{frequency}</td><td>rad/s</td>" in scene._repr_html_()
     assert "<td>rate</td><td>1000</td><td>Hz</td>" in scene._repr_html_()
-    assert "<th>max_slip_speed (rad/s)</th>" in found._repr_html_()
+    assert "<th>max_slip_speed (rad/s)</th>" in result._repr_html_()
     assert "<th>engine.torque_amplitude (N m)</th>" in swept._repr_html_()
     assert isinstance(swept, Sweep)
     for drawn, width in ((picture, 1440), (other, 700)):

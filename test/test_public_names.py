@@ -36,10 +36,10 @@ def test_every_public_name_has_an_example(name):
 def test_the_examples_run(module, tmp_path):
     if "plot" in module:
         pytest.importorskip("matplotlib")
-    found = doctest.testmod(import_module(module), extraglobs={"folder": tmp_path},
-                            optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
-    assert found.attempted > 0
-    assert found.failed == 0
+    result = doctest.testmod(import_module(module), extraglobs={"folder": tmp_path},
+                             optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
+    assert result.attempted > 0
+    assert result.failed == 0
 
 
 def test_a_scene_and_its_system_give_the_same():
@@ -59,5 +59,5 @@ def test_a_file_and_a_system_are_scenes_for_a_law_and_for_a_transfer_function(tm
     file.write_text(scene.text())
     runs = [tcc_sim.closed_loop(x, lambda reading: None, 0.01) for x in ("slip", file, scene, scene.system)]
     assert len({run.slip_speed.tobytes() for run in runs}) == 1
-    found = [tcc_sim.linearise(x, frequencies=[10.0]).response.tobytes() for x in ("slip", file, scene, scene.system)]
-    assert len(set(found)) == 1
+    values = [tcc_sim.linearise(x, frequencies=[10.0]).response.tobytes() for x in ("slip", file, scene, scene.system)]
+    assert len(set(values)) == 1

@@ -84,14 +84,14 @@ def test_its_keywords_have_names(name: str) -> None:
 
 @pytest.mark.parametrize("name", RESULTS)
 def test_its_text_is_short_and_its_columns_are_a_table(name: str) -> None:
-    found = result(name)
-    assert len(repr(found).splitlines()) < 20
-    assert len(repr(found)) < 800
-    assert "array(" not in repr(found)
-    columns = found.columns()
+    outcome = result(name)
+    assert len(repr(outcome).splitlines()) < 20
+    assert len(repr(outcome)) < 800
+    assert "array(" not in repr(outcome)
+    columns = outcome.columns()
     assert len({len(column) for column in columns.values()}) == 1
     assert not {np.ndim(column) for column in columns.values()} - {1}
-    shown = found._repr_html_()
+    shown = outcome._repr_html_()
     assert shown.count("<tr>") in range(2, 22) or "<pre>" in shown
 
 
@@ -124,10 +124,10 @@ def test_it_is_drawn_and_no_file_is_overwritten(name: str, figures: list[Any], t
 
 
 def test_parts_of_results_are_short_too() -> None:
-    found = result("continuation")
-    kink = Bifurcation("fold", found.branches[0].points[0], 1e-9)
-    parts = [*found.branches, kink, found.branches[0].points[0], *result("analyse").segments,
+    outcome = result("continuation")
+    kink = Bifurcation("fold", outcome.branches[0].points[0], 1e-9)
+    parts = [*outcome.branches, kink, outcome.branches[0].points[0], *result("analyse").segments,
              *result("basins").attractors]
-    assert found.branches
+    assert outcome.branches
     for part in parts:
         assert len(repr(part)) < 400

@@ -93,10 +93,10 @@ def judged(verdict: str) -> str:
     for section in (ROOT / ".github" / "paper" / "claims.md").read_text().split("\n## ")[1:]:
         head, _, body = section.partition("\n")
         criterion, *rest = body.strip().split("\n\n")
-        if (found := re.match(rf"\*\*{verdict}(?: on the (\w+)|: it holds in (part))?\*\*", criterion)) is not None:
+        if (match := re.match(rf"\*\*{verdict}(?: on the (\w+)|: it holds in (part))?\*\*", criterion)) is not None:
             figure, _, claim = head.partition(": ")
             lines = [line.removeprefix("- ").rstrip(".") for line in rest[0].split("\n")[:2]]
-            on = [next(filter(None, found.groups()))] if verdict == "Depends" else []
+            on = [next(filter(None, match.groups()))] if verdict == "Depends" else []
             rows.append((figure, claim, *on, "; ".join(lines if len("".join(lines)) < 250 else lines[:1])))
     head = ["Fig. or equation", "the paper says", *(["depends on"] if verdict == "Depends" else []), "reason"]
     return table(tuple(head), rows)
@@ -115,9 +115,9 @@ def between(name: str) -> re.Pattern[str]:
 
 @pytest.mark.parametrize("name", tables())
 def test_a_table_says_what_the_code_says(name: str) -> None:
-    found = [match for page in PAGES if (match := between(name).search(page.read_text()))]
-    assert len(found) == 1, f"{len(found)} pages have a table {name}"
-    assert found[0].group(2) == tables()[name], "python test/test_readme.py writes the tables anew"
+    values = [match for page in PAGES if (match := between(name).search(page.read_text()))]
+    assert len(values) == 1, f"{len(values)} pages have a table {name}"
+    assert values[0].group(2) == tables()[name], "python test/test_readme.py writes the tables anew"
 
 
 def test_every_verb_is_documented() -> None:
@@ -174,5 +174,5 @@ if __name__ == "__main__":
     for page in PAGES:
         text = page.read_text()
         for title, rows in tables().items():
-            text = between(title).sub(lambda found, rows=rows: found.group(1) + rows + found.group(3), text)
+            text = between(title).sub(lambda match, rows=rows: match.group(1) + rows + match.group(3), text)
         page.write_text(text)

@@ -37,9 +37,9 @@ def refusal(text: str) -> str:
 
 
 def test_what_a_file_leaves_out_keeps_its_default() -> None:
-    found = parse_scene(body("rate: 500.0"), "s")
-    assert found.system == System()
-    assert found.operation == Operation(rate=500.0)
+    result = parse_scene(body("rate: 500.0"), "s")
+    assert result.system == System()
+    assert result.operation == Operation(rate=500.0)
 
 
 @pytest.mark.parametrize("lines", [
@@ -59,9 +59,9 @@ def test_an_integer_serves_as_a_double_and_a_whole_double_as_an_integer() -> Non
 
 
 def test_harmonics_come_as_lists() -> None:
-    found = parse_scene(body("engine: {harmonic_amplitudes: [10, 2.5], harmonic_phases: [0, 1.5]}"), "s")
-    assert found.system.engine.harmonic_amplitudes == (10.0, 2.5)
-    assert parse_scene(found.text(), "s").system == found.system
+    result = parse_scene(body("engine: {harmonic_amplitudes: [10, 2.5], harmonic_phases: [0, 1.5]}"), "s")
+    assert result.system.engine.harmonic_amplitudes == (10.0, 2.5)
+    assert parse_scene(result.text(), "s").system == result.system
 
 
 def test_the_first_comment_is_the_description() -> None:
@@ -169,9 +169,9 @@ def test_scenes_are_found_beside_the_installed_package(where: str, tmp_path: Pat
     package.mkdir(parents=True)
     config.mkdir(parents=True)
     (config / "own.yaml").write_text(body("rate: 10.0"))
-    found = bundled_scenes(str(package / "scene.py"))
-    assert found == {"own": config / "own.yaml"}
-    assert load_scene(found["own"]).operation.rate == 10.0
+    result = bundled_scenes(str(package / "scene.py"))
+    assert result == {"own": config / "own.yaml"}
+    assert load_scene(result["own"]).operation.rate == 10.0
 
 
 def test_a_module_outside_any_prefix_finds_the_scenes_of_the_interpreter(tmp_path: Path) -> None:
@@ -246,14 +246,15 @@ def test_every_key_may_be_missing_but_not_twice(key: str) -> None:
     group = f"    {key.split('.')[0]}:" if "." in key else "  ros__parameters:"
     lines = text.splitlines(keepends=True)
     start = next(n for n, line in enumerate(lines) if line.startswith(group))
-    found = [n for n, line in enumerate(lines) if n > start and line.strip().startswith(f"{name}:")]
-    if not found:
+    values = [n for n, line in enumerate(lines) if n > start and line.strip().startswith(f"{name}:")]
+    if not values:
         assert key in LISTS  # An empty list is not written.
         return
-    line = lines[found[0]]
+    line = lines[values[0]]
     alone = key == "converter.coupling"  # A group without a key has no line.
-    assert parse_scene("".join([*lines[:start + (not alone)], *lines[start + 1:found[0]], *lines[found[0] + 1:]]), "s")
-    assert "twice" in refusal("".join([*lines[:found[0]], line, *lines[found[0]:]]))
+    assert parse_scene("".join([*lines[:start + (not alone)], *lines[start + 1:values[0]], *lines[values[0] + 1:]]),
+                       "s")
+    assert "twice" in refusal("".join([*lines[:values[0]], line, *lines[values[0]:]]))
 
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(

@@ -63,11 +63,11 @@ def test_names_in_a_recording_are_never_paths_to_write(tmp_path: Path, written: 
     written.clear()
     assert main(["recover", "run", "--out", "saved"]) == 0
     assert main(["analyse", "run", "--verify", "--json", "run.json"]) == 1
-    own = [Path(path) for path in written if not path.startswith("/dev/") and "__pycache__" not in path]
+    paths = [Path(path) for path in written if not path.startswith("/dev/") and "__pycache__" not in path]
     # A bag opens these by name relative to its open directory; none of them remains in the working directory.
     in_bag = re.compile(r"saved_0\.mcap|\.[0-9a-f]{16}\.part")
     names = {"saved" if in_bag.fullmatch(name) else name
-             for name in (path.relative_to(tmp_path).parts[0] for path in own)}
+             for name in (path.relative_to(tmp_path).parts[0] for path in paths)}
     drafts = {name for name in names if name.startswith(".run.") and name.endswith(".part")}
     assert len(drafts) == 1
     assert names == {"saved", "run.json"} | drafts
@@ -79,14 +79,14 @@ def test_commands_that_start_nodes_keep_discovery_on_this_machine_unless_told_ot
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    own = PrivateEnvironment()
-    assert own.values["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    assert 1 <= int(own.values["ROS_DOMAIN_ID"]) <= 101
-    own.close()
+    environment = PrivateEnvironment()
+    assert environment.values["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert 1 <= int(environment.values["ROS_DOMAIN_ID"]) <= 101
+    environment.close()
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    found = PrivateEnvironment().values
-    assert (found["ROS_AUTOMATIC_DISCOVERY_RANGE"], found["ROS_DOMAIN_ID"]) == ("SUBNET", "7")
+    result = PrivateEnvironment().values
+    assert (result["ROS_AUTOMATIC_DISCOVERY_RANGE"], result["ROS_DOMAIN_ID"]) == ("SUBNET", "7")
 
 
 def test_every_row_is_whole_and_found_by_its_name():
@@ -118,17 +118,17 @@ def test_a_node_binds_ports_on_all_addresses_where_its_discovery_is_kept_on_this
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID"):
         monkeypatch.delenv(name, raising=False)
-    own = PrivateEnvironment()
-    domain = int(own.values["ROS_DOMAIN_ID"])
+    environment = PrivateEnvironment()
+    domain = int(environment.values["ROS_DOMAIN_ID"])
     before = bound(domain) - {"0100007F"}  # A domain is claimed by a socket on the loopback address.
     code = "import rclpy, sys; rclpy.init(); n = rclpy.create_node('n'); print(flush=True); sys.stdin.read()"
     with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                          env={**os.environ, **own.values}) as node:
+                          env={**os.environ, **environment.values}) as node:
         assert node.stdout is not None
         node.stdout.readline()
         after = bound(domain) - {"0100007F"}
         node.kill()
-    own.close()
+    environment.close()
     assert (before, after) == (set(), {"00000000"})
 
 

@@ -48,10 +48,10 @@ def agrees(shown: str, printed: str) -> bool:
     parts = re.split(rf"({NUMBER}|\.\.\.)", " ".join(shown.split()))
     pattern = "".join(".*" if part == "..." else f"({NUMBER})" if re.fullmatch(NUMBER, part) else re.escape(part)
                       for part in parts)
-    found = re.fullmatch(pattern, " ".join(printed.split()))
+    match = re.fullmatch(pattern, " ".join(printed.split()))
     numbers = [float(part) for part in parts if re.fullmatch(NUMBER, part)]
-    return found is not None and all(abs(float(other) - number) <= WITHIN * abs(number)
-                                     for number, other in zip(numbers, found.groups()))
+    return match is not None and all(abs(float(other) - number) <= WITHIN * abs(number)
+                                     for number, other in zip(numbers, match.groups()))
 
 
 @pytest.mark.parametrize(("printed", "agreeing"), [("  gain  4.44", True), ("gain 4.9", False), ("loss 4.43", False)])
@@ -88,9 +88,9 @@ def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch:
         monkeypatch.delitem(sys.modules, name)
     assert "slip controller: holds a mean slip speed of 20 rad/s\n" in printed[1]
     assert "target 20 rad/s: mean " in printed[1]
-    found = valid("analyse", json.loads(Path("clutch1/analysis.json").read_text()))
-    assert (found["lost_messages"], found["complete"], found["command"][0]) == (0, True, "demo")
-    first = found["segments"][0]
+    document = valid("analyse", json.loads(Path("clutch1/analysis.json").read_text()))
+    assert (document["lost_messages"], document["complete"], document["command"][0]) == (0, True, "demo")
+    first = document["segments"][0]
     assert (first["began_by"], first["tracking"]["target"]) == ("start", 20.0)
     recorded = open_run(Path("clutch1/recording"))
     assert {"/target_slip_speed", "/actuation_pressure", "/applied_pressure", "/input_source"} <= set(recorded.topics)

@@ -20,12 +20,12 @@ def until(predicate: Callable[[], Found], *, step: Callable[[], object] | None =
     step : called between two checks
     """
     never, end = threading.Event(), time.monotonic() + limit
-    while not (found := predicate()):
+    while not (result := predicate()):
         assert time.monotonic() < end, "the condition did not come true in time"
         if step is not None:
             step()
         never.wait(LOOK if step is None else SHORT_LOOK)
-    return found
+    return result
 
 
 def until_or_ended(predicate: Callable[[], Found], process: object, **how: float) -> Found:

@@ -313,14 +313,14 @@ def largest(pressure: Pressure, before: float, after: float) -> float:
 
 def pressure_at(t: float, system: System, terms: Terms, lead: float) -> float:
     """Return the pressure at time t by the scene's own excitation, Pa, with the load's angle ahead by `lead` rad."""
-    own = system.pressure
-    amplitude = own.amplitude if own.harmonic else 0.0
+    pressure = system.pressure
+    amplitude = pressure.amplitude if pressure.harmonic else 0.0
     if terms.profile is None:
-        mean, angle = own.mean, own.frequency_ratio * (system.engine.frequency * t)
+        mean, angle = pressure.mean, pressure.frequency_ratio * (system.engine.frequency * t)
     else:
         turned, _, load = along(terms.profile, t)
-        mean, angle = float(load) / system.torque_per_pressure, own.frequency_ratio * float(turned) + lead
-    return max(0.0, mean + amplitude * math.sin(angle + own.phase)) if amplitude > 0.0 else mean
+        mean, angle = float(load) / system.torque_per_pressure, pressure.frequency_ratio * float(turned) + lead
+    return max(0.0, mean + amplitude * math.sin(angle + pressure.phase)) if amplitude > 0.0 else mean
 
 
 def shaft_torque(driveline: Driveline, angle: float, speed: float) -> float:

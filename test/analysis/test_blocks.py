@@ -52,29 +52,29 @@ RUNS = [*(orbit(p) for p in range(1, 18)), *(orbit(p, noise=1e-9) for p in (1, 2
 
 def stacked(runs):
     """The same runs as one set of arrays."""
-    columns = (np.array([getattr(own, name) for own in runs])
+    columns = (np.array([getattr(each, name) for each in runs])
                for name in ("section", "highest", "lowest", "stick_time"))
-    loads = np.array([own.loads.columns() for own in runs])
+    loads = np.array([each.loads.columns() for each in runs])
     return Runs("", *columns, loads, np.zeros(len(runs)), np.ones(len(runs), dtype=bool))
 
 
 def test_every_kind_of_run_is_judged_as_alone():
-    alone = [summarise_cycles(own, 0.05, first=50, dropped=50, since=2.5) for own in RUNS]
+    alone = [summarise_cycles(each, 0.05, first=50, dropped=50, since=2.5) for each in RUNS]
     together, sections = summaries_of(stacked(RUNS), [0.05] * len(RUNS), [50] * len(RUNS), 50)
-    assert [dataclasses.replace(own, section=[], section_states=None) for own in alone] == together
-    assert [own.section_states for own in alone] == [[(x, v, w) for v, x, w in own.tolist()] for own in sections]
-    kinds = Counter((found.period, found.settled, found.runaway) for found in alone)
+    assert [dataclasses.replace(each, section=[], section_states=None) for each in alone] == together
+    assert [each.section_states for each in alone] == [[(x, v, w) for v, x, w in each.tolist()] for each in sections]
+    kinds = Counter((each.period, each.settled, each.runaway) for each in alone)
     assert {(p, True, False) for p in range(1, 17)} <= kinds.keys()
     assert {(1, False, False), (0, False, True), (0, False, False)} <= kinds.keys()
 
 
 def test_runs_repeat_finely_as_alone():
     summaries, _ = summaries_of(stacked(RUNS), [0.05] * len(RUNS), [50] * len(RUNS), 50)
-    counts = [max(25, 5 * own.period) for own in summaries]
-    alone = [own.settled and repeats_finely(run, own.period, count)
-             for run, own, count in zip(RUNS, summaries, counts)]
+    counts = [max(25, 5 * each.period) for each in summaries]
+    alone = [each.settled and repeats_finely(run, each.period, count)
+             for run, each, count in zip(RUNS, summaries, counts)]
     assert confirmed_by_repetition(stacked(RUNS), summaries, counts) == alone
-    assert {own.settled and not fine for own, fine in zip(summaries, alone)} == {True, False}
+    assert {each.settled and not fine for each, fine in zip(summaries, alone)} == {True, False}
 
 
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])

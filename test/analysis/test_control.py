@@ -39,12 +39,12 @@ def test_a_gap_leaves_out_the_cycles_that_it_touches():
 def test_a_leap_of_time_costs_no_memory_and_gives_no_mean():
     means = CycleMeans(Uniform(0.1))
     assert means.feed(np.array([0.0, 0.05, 1e6]), np.full(3, 2.0)) == []
-    ((_, ends, found),) = means.feed(1e6 + np.arange(1, 400) * 1e-3, np.full(399, 2.0))
-    assert found == pytest.approx(2.0)
+    ((_, ends, result),) = means.feed(1e6 + np.arange(1, 400) * 1e-3, np.full(399, 2.0))
+    assert result == pytest.approx(2.0)
     assert len(ends) in (2, 3)
 
 
 def test_slices_of_time_have_no_means():
-    reader = LoopReader(Uniform(0.1, told=False))
+    reader = LoopReader(Uniform(0.1, identified=False))
     reader.feed(np.arange(1000) * 1e-3, np.full(1000, 2.0))
     assert len(reader.course().mean) == 0

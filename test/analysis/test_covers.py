@@ -40,20 +40,20 @@ def by_scipy(scene: Scene, torque: Any, pressure: Any, breaks: list[float]) -> d
 
     y, seen = np.array([start.slip_speed, start.plate_angle, start.plate_speed, 0.0]), []
     for k, (begin, end) in enumerate(pairwise(breaks)):
-        found = solve_ivp(rates, (begin, end), y, "LSODA", dense_output=True, args=(k,), rtol=1e-9,
-                          atol=[1e-9, 1e-11, 1e-8, 1e-5])
+        solution = solve_ivp(rates, (begin, end), y, "LSODA", dense_output=True, args=(k,), rtol=1e-9,
+                             atol=[1e-9, 1e-11, 1e-8, 1e-5])
         t = np.linspace(begin, end, points)
-        rows = found.sol(t)
+        rows = solution.sol(t)
         power, shaft = friction_torque(k, t, rows[0]) * rows[0], d.damping * rows[2] + d.stiffness * rows[1]
         seen.append([np.abs(rows[0]).max(), rows[0].min(), power.max(), shaft.max(), shaft.min()])
-        y = found.y[:, -1]
+        y = solution.y[:, -1]
     v, low, power, high, least = np.array(seen).T
     return dict(zip(FIGURES, (v.max(), low.min(), float(y[3]), power.max(), high.max(), least.min())))
 
 
-def agree(found: Any, expected: dict[str, float], within: float) -> None:
+def agree(result: Any, expected: dict[str, float], within: float) -> None:
     for name, value in expected.items():
-        assert getattr(found, name) == pytest.approx(value, rel=within, abs=within * 10.0), name
+        assert getattr(result, name) == pytest.approx(value, rel=within, abs=within * 10.0), name
 
 
 @pytest.fixture(scope="module")
@@ -67,10 +67,10 @@ def slow() -> tuple[Scene, dict[str, float]]:
 
 @pytest.mark.parametrize("solver", ["auto", "radau", "rk45", "fixed_step"])
 def test_a_run_shorter_than_a_cycle(slow: Any, solver: str) -> None:
-    found = simulate(slow[0], duration=0.5, solver=solver).summary
-    agree(found, slow[1], 1e-6)
-    assert (found.cycles, found.covers, found.section) == (0, (0.0, 0.5), [])
-    assert found.mean_power == found.clutch_energy / 0.5
+    summary = simulate(slow[0], duration=0.5, solver=solver).summary
+    agree(summary, slow[1], 1e-6)
+    assert (summary.cycles, summary.covers, summary.section) == (0, (0.0, 0.5), [])
+    assert summary.mean_power == summary.clutch_energy / 0.5
 
 
 def test_samples_of_a_run_shorter_than_a_cycle(slow: Any) -> None:
@@ -95,12 +95,12 @@ def test_the_last_part_of_a_cycle_counts(capsys: Any, tmp_path: Path) -> None:
         return float(np.interp(t, e.mean_torque_times, e.mean_torque_values)) + e.torque_amplitude * math.sin(phase(t))
 
     expected = by_scipy(scene, torque, lambda *_: scene.system.pressure.mean, times)
-    found = simulate(scene, duration=4.0).summary
-    agree(found, expected, 1e-5)
-    assert (found.covers, found.breakaways) == ((0.0, 4.0), 3)
+    summary = simulate(scene, duration=4.0).summary
+    agree(summary, expected, 1e-5)
+    assert (summary.covers, summary.breakaways) == ((0.0, 4.0), 3)
     later = simulate(scene, duration=4.0, discard=5).summary
     assert later.covers == (pytest.approx(10.0 * math.pi / 150.0), 4.0)
-    assert later.max_slip_speed == found.max_slip_speed
+    assert later.max_slip_speed == summary.max_slip_speed
     words = ["simulate", "fig02", "--profile", "engine.frequency=0:150,1:150,1.2:1", "--profile",
              "engine.mean_torque=0:100,2:100,2.01:900,4:900", "--set", "pressure.amplitude=0"]
     assert main([*words, "--discard", "5", "--json", str(tmp_path / "a.json")]) == 0
@@ -120,8 +120,8 @@ def test_no_parabola_crosses_a_jump(solver: str, within: float, tmp_path: Path) 
         t, torque, pressure)))
     scene = driven_by(load_scene("fig02").with_values({"engine.frequency": 600.0}), table)
     expected = by_scipy(scene, lambda k, _: torque[k], lambda k, _: pressure[k], t)
-    found = simulate(scene, duration=t[-1], solver=solver, step=1e-6 if solver == "rk4" else None).summary
-    agree(found, expected, within)
+    summary = simulate(scene, duration=t[-1], solver=solver, step=1e-6 if solver == "rk4" else None).summary
+    agree(summary, expected, within)
 
 
 def test_a_recording_with_steps_has_no_power_beyond_its_samples() -> None:
@@ -136,9 +136,9 @@ def test_a_recording_with_steps_has_no_power_beyond_its_samples() -> None:
 
 def test_profiles_are_swept_to_their_last_point() -> None:
     alone = simulate("runup").summary
-    found = sweep("runup", "friction.kinetic_coefficient", [load_scene("runup").system.friction.kinetic_coefficient],
+    swept = sweep("runup", "friction.kinetic_coefficient", [load_scene("runup").system.friction.kinetic_coefficient],
                   rtol=1e-8)
-    point = found.points[0]
+    point = swept.points[0]
     assert point.summary.covers == alone.covers
     assert point.summary.clutch_energy == pytest.approx(alone.clutch_energy, rel=1e-6)
     shorter = sweep("runup", "friction.kinetic_coefficient", [0.2], duration=0.25)
@@ -152,8 +152,8 @@ SETTLING = {"driveline.damping": 0.1233, "engine.frequency": 1161.858217}
 def test_transients_are_counted_and_left_out_of_quantiles(capsys: Any) -> None:
     """Slip at the torsional resonance with hardly any damping: settling takes thousands of cycles."""
     scene = load_scene("slip").with_values(SETTLING)
-    found = sweep(scene, "engine.torque_amplitude", [10.0, 20.0], cycles=100)
-    assert found.not_settled == found.as_json()["not_settled"] == 2
+    swept = sweep(scene, "engine.torque_amplitude", [10.0, 20.0], cycles=100)
+    assert swept.not_settled == swept.as_json()["not_settled"] == 2
     spread = scatter(scene, {"engine.torque_amplitude": (10.0, 40.0)}, 4, cycles=100)
     assert spread.left_out == {"runaway": 0, "not_settled": 4}
     assert np.isnan(spread.quantiles("max_slip_speed")).all()
@@ -173,8 +173,8 @@ def test_transients_are_counted_and_left_out_of_quantiles(capsys: Any) -> None:
 
 def test_auto_drops_half_of_what_never_settles() -> None:
     scene = load_scene("slip").with_values(SETTLING)
-    found = simulate(scene, cycles=400, discard="auto").summary
-    assert (found.cycles, found.discarded, found.transient) == (400, 200, True)
+    summary = simulate(scene, cycles=400, discard="auto").summary
+    assert (summary.cycles, summary.discarded, summary.transient) == (400, 200, True)
     settled = simulate("slip", cycles=400, discard="auto", samples_per_cycle=10)
     assert settled.summary.settled
     assert not settled.summary.transient
@@ -183,5 +183,5 @@ def test_auto_drops_half_of_what_never_settles() -> None:
 
 
 def test_chaos_is_no_transient() -> None:
-    found = simulate("chaos", cycles=400).summary
-    assert (found.period, found.settled, found.transient) == (0, False, False)
+    summary = simulate("chaos", cycles=400).summary
+    assert (summary.period, summary.settled, summary.transient) == (0, False, False)

@@ -44,10 +44,10 @@ def test_the_set_valued_averages_agree_with_quadrature_on_located_arcs(values):
     _, changes, _ = truth.run(end, np.empty(0), slices=20)
     assert len(changes) > 2
     weighted, energy, negative = truth.integrals
-    found = damping_of_cycles(system, solve(system, cycles=2).cycles, 0, 1)
-    assert found.weighted == pytest.approx(weighted / energy, rel=1e-6)
-    assert found.negative_mean == pytest.approx(negative / end, rel=1e-6)
-    assert found.threshold == -0.6
+    damping = damping_of_cycles(system, solve(system, cycles=2).cycles, 0, 1)
+    assert damping.weighted == pytest.approx(weighted / energy, rel=1e-6)
+    assert damping.negative_mean == pytest.approx(negative / end, rel=1e-6)
+    assert damping.threshold == -0.6
 
 
 @pytest.mark.parametrize(("smoothing", "tolerance"), [(50.0, 1e-8), (2000.0, 1e-8)])
@@ -74,10 +74,10 @@ def test_the_smoothed_averages_agree_with_quadratures_along_scipys_solution(smoo
     missing = [math.nan] * 3
     cycles = Cycles(np.array([missing, *section, begin]), np.array([math.nan, 1.0, 1.0]), np.zeros(3), np.zeros(3))
     weighted, energy, negative = np.sum(totals, axis=0)
-    found = damping_of_cycles(system, cycles, 6, 1)
-    assert found.weighted == pytest.approx(weighted / energy, rel=tolerance)
-    assert found.negative_mean == pytest.approx(negative / (2.0 * cycle), rel=tolerance)
-    assert found.as_json() == {"equivalent_damping": found.weighted, "negative_slope_mean": found.negative_mean}
+    damping = damping_of_cycles(system, cycles, 6, 1)
+    assert damping.weighted == pytest.approx(weighted / energy, rel=tolerance)
+    assert damping.negative_mean == pytest.approx(negative / (2.0 * cycle), rel=tolerance)
+    assert damping.as_json() == {"equivalent_damping": damping.weighted, "negative_slope_mean": damping.negative_mean}
 
 
 def test_no_cycle_gives_no_damping():
@@ -96,9 +96,9 @@ def test_equal_coefficients_have_no_negative_slope(law):
 def test_pure_stick_has_no_weighted_average_with_the_set_valued_law():
     system = replace(System(), {"friction.law": "set_valued", "engine.torque_amplitude": 0.0,
                                 "initial.slip_speed": 0.0, "initial.plate_angle": 0.1})
-    found = damping_of_cycles(system, solve(system, cycles=2).cycles, 0, 1)
-    assert math.isnan(found.weighted)
-    assert found.negative_mean == 0.0
+    damping = damping_of_cycles(system, solve(system, cycles=2).cycles, 0, 1)
+    assert math.isnan(damping.weighted)
+    assert damping.negative_mean == 0.0
 
 
 def test_the_slope_at_the_samples_is_that_of_20b_and_0_where_the_set_valued_law_has_none():
@@ -125,7 +125,7 @@ def test_the_last_sixteen_cycles_in_whole_periods_count(period, count):
     """While the motion settles every cycle has another average."""
     system = replace(System(), LOADED)
     cycles = solve(system, cycles=40).cycles
-    found = damping_of_cycles(system, cycles, 0, period)
-    assert found == damping_of_cycles(system, cycles[40 - count:], 40 - count, period)
-    assert found != damping_of_cycles(system, cycles[39 - count:], 39 - count, 1000)
-    assert found != damping_of_cycles(system, cycles[41 - count:], 41 - count, 1000)
+    damping = damping_of_cycles(system, cycles, 0, period)
+    assert damping == damping_of_cycles(system, cycles[40 - count:], 40 - count, period)
+    assert damping != damping_of_cycles(system, cycles[39 - count:], 39 - count, 1000)
+    assert damping != damping_of_cycles(system, cycles[41 - count:], 41 - count, 1000)

@@ -46,47 +46,48 @@ def fewer(columns):
 
 
 @pytest.fixture(scope="module")
-def beside(tmp_path_factory, columns, fewer):
+def aligned(tmp_path_factory, columns, fewer):
     """Function that gives a table without some columns, and the JSON of a simulation beside it."""
     @cache
     def of(*left_out, hold):
         folder = tmp_path_factory.mktemp("orders")
         path = table(folder / "run.csv", fewer if hold == "smooth" else columns, *left_out)
         assert main(["simulate", *SCENE, "--inputs", path, "--hold", hold, "--orders", "--json",
-                     str(folder / "found.json")]) == 0
-        return path, json.loads((folder / "found.json").read_text())
+                     str(folder / "result.json")]) == 0
+        return path, json.loads((folder / "result.json").read_text())
     return of
 
 
-def levels(found, name, order):
-    column = found["order"].index(order)
-    return 20.0 * np.log10(np.array(found[name])[:, column])
+def levels(result, name, order):
+    column = result["order"].index(order)
+    return 20.0 * np.log10(np.array(result[name])[:, column])
 
 
 @pytest.mark.parametrize(("left_out", "hold"), [
     (("tacho",), "linear"), (("engine_speed",), "linear"), (("engine_speed", "tacho"), "linear"),
     (("tacho",), "smooth")])
-def test_simulated_orders_are_within_a_third_of_a_decibel_of_measured_ones(beside, left_out, hold):
+def test_simulated_orders_are_within_a_third_of_a_decibel_of_measured_ones(aligned, left_out, hold):
     """Sampled at 4 kHz, or at 1 kHz."""
-    _, found = beside(*left_out, hold=hold)
+    _, result = aligned(*left_out, hold=hold)
     for name in ("slip_speed", "shaft_torque"):
         for order in (1.0, 2.0, 3.0, 4.0):
-            measured, simulated = (levels(found[run], name, order) for run in ("measured_orders", "orders"))
+            measured, simulated = (levels(result[run], name, order) for run in ("measured_orders", "orders"))
             loud = measured > measured.max() - 30.0
             assert loud.sum() > 5
             assert np.abs(simulated - measured)[loud].max() < 0.3
-    speed = 130.0 + 20.0 * np.array(found["measured_orders"]["time"])
-    np.testing.assert_allclose(found["measured_orders"]["frequency"], speed, rtol=5e-3)
+    speed = 130.0 + 20.0 * np.array(result["measured_orders"]["time"])
+    np.testing.assert_allclose(result["measured_orders"]["frequency"], speed, rtol=5e-3)
 
 
-def test_orders_of_a_table_alone_are_those_beside_the_simulation(tmp_path, beside, figures, capsys):
-    path, found = beside("tacho", hold="linear")
+def test_orders_of_a_table_alone_are_those_beside_the_simulation(tmp_path, aligned, figures, capsys):
+    path, result = aligned("tacho", hold="linear")
     capsys.readouterr()
     words = ["analyse", path, "--orders", "--json", str(tmp_path / "alone.json"), "--plot", str(tmp_path / "alone.png")]
     assert main(words) == 0
     alone = json.loads((tmp_path / "alone.json").read_text())["orders"]
-    count = len(found["measured_orders"]["time"])
-    np.testing.assert_allclose(np.array(alone["slip_speed"])[:count], found["measured_orders"]["slip_speed"], rtol=1e-9)
+    count = len(result["measured_orders"]["time"])
+    np.testing.assert_allclose(np.array(alone["slip_speed"])[:count], result["measured_orders"]["slip_speed"],
+                               rtol=1e-9)
     assert alone["torque_order"] == [1.0, 2.0]
     assert "breakaways per second" not in capsys.readouterr().out
 
@@ -96,22 +97,22 @@ def test_orders_of_a_table_alone_are_those_beside_the_simulation(tmp_path, besid
 def test_orders_are_those_of_the_crankshaft(tmp_path, monkeypatch, fewer, source, words):
     """With two periods of the excitation a revolution, and with two pulses."""
     monkeypatch.chdir(tmp_path)
-    own = {**fewer, "engine_speed": 0.5 * fewer["engine_speed"]}
-    table(tmp_path / "run.csv", own, *{"engine_speed", "tacho"} - {source})
+    columns = {**fewer, "engine_speed": 0.5 * fewer["engine_speed"]}
+    table(tmp_path / "run.csv", columns, *{"engine_speed", "tacho"} - {source})
     (tmp_path / "four.yaml").write_text("/**:\n  ros__parameters:\n    engine:\n      order: 2.0\n")
-    assert main(["analyse", "run.csv", "--orders", *words, "--json", "found.json"]) == 0
-    found = json.loads((tmp_path / "found.json").read_text())["orders"]
-    assert (found["torque_order"], 0.5 in found["order"]) == ([2.0, 4.0], True)
-    speed = (130.0 + 20.0 * np.array(found["time"])) * (1.0 if source == "engine_speed" else 0.5)
-    np.testing.assert_allclose(found["frequency"], speed, rtol=1e-2)
+    assert main(["analyse", "run.csv", "--orders", *words, "--json", "result.json"]) == 0
+    document = json.loads((tmp_path / "result.json").read_text())["orders"]
+    assert (document["torque_order"], 0.5 in document["order"]) == ([2.0, 4.0], True)
+    speed = (130.0 + 20.0 * np.array(document["time"])) * (1.0 if source == "engine_speed" else 0.5)
+    np.testing.assert_allclose(document["frequency"], speed, rtol=1e-2)
 
 
 def test_orders_of_the_slip_speed_need_no_plate_angle(tmp_path, fewer):
     path = table(tmp_path / "run.csv", fewer, "tacho", "plate_angle", "plate_speed")
-    assert main(["analyse", path, "--orders", "--json", str(tmp_path / "found.json")]) == 0
-    found = json.loads((tmp_path / "found.json").read_text())["orders"]
-    assert np.isfinite(found["slip_speed"]).all()
-    assert {value for row in found["shaft_torque"] for value in row} == {None}
+    assert main(["analyse", path, "--orders", "--json", str(tmp_path / "result.json")]) == 0
+    document = json.loads((tmp_path / "result.json").read_text())["orders"]
+    assert np.isfinite(document["slip_speed"]).all()
+    assert {value for row in document["shaft_torque"] for value in row} == {None}
 
 
 @pytest.mark.parametrize(("left_out", "words", "message"), [

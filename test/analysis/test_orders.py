@@ -40,25 +40,25 @@ def test_amplitudes_are_those_of_sines_that_go_with_the_engine():
     friction = inertia * rise + d.damping * speed + d.stiffness * angle
     still = with_fields(run, slip_speed=5.0 + 2.0 * np.sin(3.0 * phase), plate_angle=angle, plate_speed=speed,
                         friction_torque=friction, system=replace(scene.system, {"driveline.damping": 0.0}))
-    found = orders_of(still)
+    orders = orders_of(still)
     for order, amplitude in ((1.0, 0.03), (2.5, 0.01)):
-        np.testing.assert_allclose(found.cut(order), d.stiffness * amplitude, rtol=3e-3)
-    np.testing.assert_allclose(found.cut(0.0), d.stiffness * 0.2, rtol=1e-3)
-    assert found.cut(7.0).max() < 1e-3 * d.stiffness * 0.03
-    np.testing.assert_allclose(found.frequency, np.interp(found.time, [0, 4], [100, 300]), rtol=0.02)
-    assert found.order[1] == 1.0 / DEFAULTS.window
+        np.testing.assert_allclose(orders.cut(order), d.stiffness * amplitude, rtol=3e-3)
+    np.testing.assert_allclose(orders.cut(0.0), d.stiffness * 0.2, rtol=1e-3)
+    assert orders.cut(7.0).max() < 1e-3 * d.stiffness * 0.03
+    np.testing.assert_allclose(orders.frequency, np.interp(orders.time, [0, 4], [100, 300]), rtol=0.02)
+    assert orders.order[1] == 1.0 / DEFAULTS.window
 
 
 def test_order_one_of_a_stuck_clutch_is_the_closed_form():
     scene = ramp("stick", 200.0, 205.0, 10.0)
-    found = orders_of(solve(scene, duration=10.0, samples_per_cycle=64))
-    d, omega = scene.system.driveline, found.frequency
+    orders = orders_of(solve(scene, duration=10.0, samples_per_cycle=64))
+    d, omega = scene.system.driveline, orders.frequency
     inertia = d.flywheel_inertia + d.plate_inertia
     spring = d.stiffness + 1j * omega * d.damping
     exact = np.abs(spring / (spring - inertia * omega**2))
-    np.testing.assert_allclose(found.transmissibility[5:, 0], exact[5:], rtol=1e-3)
-    np.testing.assert_allclose(found.cut(1.0)[5:], 250.0 * exact[5:], rtol=1e-3)
-    assert found.judder.breakaways.max() == 0.0
+    np.testing.assert_allclose(orders.transmissibility[5:, 0], exact[5:], rtol=1e-3)
+    np.testing.assert_allclose(orders.cut(1.0)[5:], 250.0 * exact[5:], rtol=1e-3)
+    assert orders.judder.breakaways.max() == 0.0
 
 
 def test_the_extremes_of_a_slow_ramp_are_those_of_constant_frequencies():
@@ -74,9 +74,9 @@ def test_the_extremes_of_a_slow_ramp_are_those_of_constant_frequencies():
 
 def test_judder_of_a_run_up_ends_where_breakaways_do():
     scene = ramp("runup", 60.0, 600.0, 8.0).with_values({"friction.kinetic_coefficient": 0.24})
-    found = simulate(scene, duration=8.0, samples_per_cycle=64)
-    orders = orders_of(found.trajectory)
-    transitions = found.trajectory.transitions
+    result = simulate(scene, duration=8.0, samples_per_cycle=64)
+    orders = orders_of(result.trajectory)
+    transitions = result.trajectory.transitions
     last = float(transitions.time[transitions.before == 0][-1])
     ticked = solve(scene, duration=8.0, samples_per_cycle=64, solver="fixed_step")
     leaves = (ticked.state[:-1] == 0) & (ticked.state[1:] != 0)
@@ -101,16 +101,16 @@ def test_windows_over_a_gap_between_samples_are_left_out():
     even = np.linspace(0.0, 2.99, 3000)
 
     def within(signals, kept):
-        found = with_fields(signals, **{name: getattr(signals, name)[kept] for name in ("turns", "t", "heat")})
-        return with_fields(found, holes=gaps_between(found.turns, found.t))
+        result = with_fields(signals, **{name: getattr(signals, name)[kept] for name in ("turns", "t", "heat")})
+        return with_fields(result, holes=gaps_between(result.turns, result.t))
 
     for signals in (run_signals(run), with_fields(run_signals(run), turns=turns_at(run.system, even), t=even,
                                                   heat=np.zeros(3000))):
         whole, (low, high) = orders_of(signals), turns_at(run.system, np.array([1.5, 1.51]))
-        found = orders_of(within(signals, np.abs(signals.t - 1.505) > 0.005))
+        orders = orders_of(within(signals, np.abs(signals.t - 1.505) > 0.005))
         middle, half = turns_at(run.system, whole.time), 0.5 * DEFAULTS.window
         near = (middle + half > low) & (middle - half < high)
-        assert found.time.tolist() == whole.time[~near].tolist()
+        assert orders.time.tolist() == whole.time[~near].tolist()
         assert 0 < near.sum() < len(near) - 1
     short = within(signals, (signals.t < 0.45) | ((signals.t > 0.5) & (signals.t < 1.35)))
     with pytest.raises(InputError, match="every window of 16 periods of the excitation has a gap between samples"):
@@ -135,9 +135,10 @@ def test_a_recording_has_the_orders_of_the_run_that_it_holds(tmp_path):
     run = solve(scene, duration=3.0, samples_per_cycle=64, flywheel_angle=True, solver="fixed_step")
     write_trajectory(tmp_path / "run.mcap", run, scene.text())
     assert main(["analyse", str(tmp_path / "run.mcap"), "--orders", "--json", str(tmp_path / "a.json")]) == 0
-    found, own = json.loads((tmp_path / "a.json").read_text())["orders"], orders_of(run)
-    np.testing.assert_allclose(found["shaft_torque"], own.shaft_torque[:len(found["time"])], atol=1e-3)
-    np.testing.assert_allclose(found["transmissibility"], own.transmissibility[:len(found["time"])], rtol=1e-4)
+    result, recorded_orders = json.loads((tmp_path / "a.json").read_text())["orders"], orders_of(run)
+    np.testing.assert_allclose(result["shaft_torque"], recorded_orders.shaft_torque[:len(result["time"])], atol=1e-3)
+    np.testing.assert_allclose(result["transmissibility"], recorded_orders.transmissibility[:len(result["time"])],
+                               rtol=1e-4)
 
 
 def test_the_orders_are_those_of_the_torque_that_was_given(tmp_path):
@@ -147,12 +148,12 @@ def test_the_orders_are_those_of_the_torque_that_was_given(tmp_path):
     table = tmp_path / "second.csv"
     rows = np.column_stack([t, 300.0 + 20.0 * np.sin(2.0 * omega * t)])
     np.savetxt(table, rows, delimiter=",", header="t,engine_torque", comments="", fmt="%.17g")
-    found = orders_of(solve(driven_by(scene, table), duration=3.9, samples_per_cycle=64))
-    assert found.torque_order.tolist() == [2.0]
+    orders = orders_of(solve(driven_by(scene, table), duration=3.9, samples_per_cycle=64))
+    assert orders.torque_order.tolist() == [2.0]
     d = scene.system.driveline
     inertia, spring = d.flywheel_inertia + d.plate_inertia, d.stiffness + 2j * omega * d.damping
     exact = abs(spring / (spring - inertia * (2.0 * omega) ** 2))
-    np.testing.assert_allclose(found.transmissibility[-3:, 0], exact, rtol=5e-3)
+    np.testing.assert_allclose(orders.transmissibility[-3:, 0], exact, rtol=5e-3)
 
 
 def signals(slip, shaft, cycles, per_cycle=256):
@@ -168,18 +169,18 @@ def signals(slip, shaft, cycles, per_cycle=256):
 
 
 def test_lines_are_the_amplitudes_of_sines_without_a_window():
-    found = spectrum_of(signals(lambda u: 3.0 + 2.0 * np.sin(2 * np.pi * u) + 0.5 * np.cos(np.pi * u),
-                                lambda u: 7.0 * np.sin(6.0 * np.pi * u + 0.4), 7), 2)
-    lines = dict(zip(found.order.tolist(), zip(found.slip_speed, found.shaft_torque)))
+    spectrum = spectrum_of(signals(lambda u: 3.0 + 2.0 * np.sin(2 * np.pi * u) + 0.5 * np.cos(np.pi * u),
+                                   lambda u: 7.0 * np.sin(6.0 * np.pi * u + 0.4), 7), 2)
+    lines = dict(zip(spectrum.order.tolist(), zip(spectrum.slip_speed, spectrum.shaft_torque)))
     assert lines[0.0][0] == pytest.approx(3.0)
     assert lines[1.0][0] == pytest.approx(2.0)
     assert lines[0.5][0] == pytest.approx(0.5)
     assert lines[3.0][1] == pytest.approx(7.0)
     others = [slip for order, (slip, _) in lines.items() if order not in (0.0, 0.5, 1.0)]
     assert max(others) < 1e-12
-    assert found.subharmonics.tolist() == [0.5]
-    assert found.window == "none: 3 whole periods of the motion, 0.0418879 to 0.293215 s"
-    np.testing.assert_allclose(found.frequency, 150.0 * found.order)
+    assert spectrum.subharmonics.tolist() == [0.5]
+    assert spectrum.window == "none: 3 whole periods of the motion, 0.0418879 to 0.293215 s"
+    np.testing.assert_allclose(spectrum.frequency, 150.0 * spectrum.order)
 
 
 def test_a_density_holds_the_power_of_the_signal():
@@ -192,19 +193,19 @@ def test_a_density_holds_the_power_of_the_signal():
         smooth = np.convolve(level, np.ones(64) / 64.0, mode="same")  # No power above the orders that are given.
         return np.interp(u, turns, smooth)
 
-    found = spectrum_of(signals(noise, lambda u: 0.0 * u, 512), 0)
-    assert found.slip_speed is None
-    assert found.window == "Hann of 64 cycles, half of each shared with the next, 0 to 21.4466 s"
+    spectrum = spectrum_of(signals(noise, lambda u: 0.0 * u, 512), 0)
+    assert spectrum.slip_speed is None
+    assert spectrum.window == "Hann of 64 cycles, half of each shared with the next, 0 to 21.4466 s"
     variance = float(np.var(noise(turns)))
-    power = float(np.trapezoid(found.slip_speed_density, found.frequency / (2.0 * math.pi)))
+    power = float(np.trapezoid(spectrum.slip_speed_density, spectrum.frequency / (2.0 * math.pi)))
     assert power == pytest.approx(variance, rel=0.05)
 
 
 def test_a_stuck_clutch_has_the_line_of_the_closed_form(tmp_path):
     out = tmp_path / "stick.json"
     assert main(["simulate", "stick", "--cycles", "300", "--spectrum", "--json", str(out)]) == 0
-    found = json.loads(out.read_text())
-    spectrum = found["spectrum"]
+    document = json.loads(out.read_text())
+    spectrum = document["spectrum"]
     spring = 3000.0 + 1j * 50.0 * 0.6
     exact = 250.0 * abs(spring / (spring - 0.22 * 50.0**2))
     assert spectrum["order"][1] == 1.0
@@ -213,7 +214,7 @@ def test_a_stuck_clutch_has_the_line_of_the_closed_form(tmp_path):
     assert max(spectrum["shaft_torque"][2:]) < 0.2
     assert spectrum["period"] == 1
     assert spectrum["subharmonics"] == []
-    assert found["units"]["spectrum.shaft_torque"] == "N m"
+    assert document["units"]["spectrum.shaft_torque"] == "N m"
 
 
 def test_a_motion_of_period_two_has_half_orders_and_sections_with_three_states(tmp_path, figures):
@@ -221,14 +222,14 @@ def test_a_motion_of_period_two_has_half_orders_and_sections_with_three_states(t
     words = ["simulate", "fig02", "--cycles", "600", "--discard", "500", "--set", "initial.slip_speed=300"]
     assert main([*words, "--spectrum", "--json", str(out), "--plot", str(picture), "--out", str(samples),
                  "--samples", "4"]) == 0
-    found = json.loads(out.read_text())
-    assert found["spectrum"]["period"] == found["period"] == 2
-    assert {0.5, 1.5} <= set(found["spectrum"]["subharmonics"])
-    assert not any(float(order).is_integer() for order in found["spectrum"]["subharmonics"])
-    assert [state[:2] for state in found["section_states"]] == found["section"]
+    document = json.loads(out.read_text())
+    assert document["spectrum"]["period"] == document["period"] == 2
+    assert {0.5, 1.5} <= set(document["spectrum"]["subharmonics"])
+    assert not any(float(order).is_integer() for order in document["spectrum"]["subharmonics"])
+    assert [state[:2] for state in document["section_states"]] == document["section"]
     with np.load(samples) as arrays:
         np.testing.assert_allclose(arrays["section_states"][-2:][np.argsort(arrays["section_states"][-2:, 0])],
-                                   sorted(found["section_states"]), rtol=1e-6)
+                                   sorted(document["section_states"]), rtol=1e-6)
         np.testing.assert_allclose(arrays["section_states"][:, 2], arrays["plate_speed"][::4], atol=1e-6)
 
 

@@ -91,16 +91,16 @@ MOTIONS = {
 def test_motions_have_the_period_that_they_have_in_the_limit(name):
     periods, settled, motions = MOTIONS[name]
     for cycles in motions:
-        found = periodicity(cycles)
-        assert found.period in periods
-        assert settled in (None, found.settled)
+        repetition = periodicity(cycles)
+        assert repetition.period in periods
+        assert settled in (None, repetition.settled)
 
 
 @pytest.mark.parametrize("period", [1, 2, 3, 5, 11, 16])
 def test_finds_the_period_of_a_repeating_section(period):
     pattern = np.random.default_rng(period).uniform(-1.0, 1.0, period)
-    found = periodicity(embedded(np.tile(pattern, 40)[:101]))
-    assert (found.period, found.settled) == (period, True)
+    repetition = periodicity(embedded(np.tile(pattern, 40)[:101]))
+    assert (repetition.period, repetition.settled) == (period, True)
 
 
 def test_gaps_only_the_cycles_after_the_last_count():
@@ -123,8 +123,8 @@ def test_a_period_takes_enough_cycles_after_the_last_gap(after, period):
 def test_an_alternation_that_dies_out_is_no_period_two_in_however_few_cycles(count):
     """Within the tolerance two cycles apart, and beyond it one cycle apart."""
     points = 0.5 + 4e-3 * (-0.97) ** np.arange(count)
-    found = periodicity(embedded(points), 1e-3)
-    assert (found.period, found.settled) != (2, True)
+    repetition = periodicity(embedded(points), 1e-3)
+    assert (repetition.period, repetition.settled) != (2, True)
 
 
 @pytest.mark.parametrize(("tolerance", "count"), [(1e-4, 30), (1e-4, 50), (2e-3, 30)])
@@ -135,14 +135,14 @@ def test_what_falls_below_the_tolerance_while_it_is_looked_at_is_no_longer_perio
         for angle in np.linspace(0.05, 3.1, 8):
             for second in (-0.9, -0.7, -0.5, -0.12, 0.3):
                 swing, other = decay**k * np.exp(1j * angle * k), second**k
-                found = periodicity(cycles_through(
+                repetition = periodicity(cycles_through(
                     np.stack([1.0 + swing.real + other, 1.0 + 0.5 * swing.imag, 1.0 - other], axis=1)), tolerance)
-                assert found.period == 1 or not found.settled
+                assert repetition.period == 1 or not repetition.settled
 
 
 def test_too_few_cycles_give_no_period():
-    found = periodicity(embedded([0.5, 0.5]))
-    assert found.period == 0
+    repetition = periodicity(embedded([0.5, 0.5]))
+    assert repetition.period == 0
     assert periodicity(embedded([0.5])).period == 0
     assert math.isnan(periodicity(embedded([0.5])).change)
 
@@ -153,8 +153,8 @@ def test_too_few_cycles_give_no_period():
 def test_an_alternation_that_dies_out_slowly_is_no_period_two(alternation, period, settled):
     n = np.arange(60)
     section = np.stack([0.0 * n, 1.0 + (-1.0) ** n * alternation(n), 0.0 * n], axis=1)
-    found = periodicity(Cycles(section, np.ones(59), np.zeros(59), np.zeros(59)), tolerance=1e-2)
-    assert (found.period, found.settled) == (period, settled)
+    repetition = periodicity(Cycles(section, np.ones(59), np.zeros(59), np.zeros(59)), tolerance=1e-2)
+    assert (repetition.period, repetition.settled) == (period, settled)
 
 
 def test_further_cycles_stay_on_a_period_in_its_own_phase():
@@ -184,9 +184,9 @@ def test_speeds_that_are_roundings_at_rest_are_no_motion():
     speed = 1e-15 * np.random.default_rng(0).choice([-1.0, 0.3, 2.0], 101)
     section = np.stack([0.0 * speed, 0.0063 + speed / 10.0, speed], axis=1)
     rest = np.zeros(100)
-    found = periodicity(Cycles(section, rest, rest, rest))
-    assert (found.period, found.settled) == (1, True)
-    assert found.change < 1e-6
+    repetition = periodicity(Cycles(section, rest, rest, rest))
+    assert (repetition.period, repetition.settled) == (1, True)
+    assert repetition.change < 1e-6
 
 
 @pytest.mark.parametrize("angle", [2.0 * math.pi / 3.0 + 0.002, 2.0 * math.pi / 5.0 - 0.001])
@@ -196,8 +196,8 @@ def test_a_spiral_near_a_resonance_has_no_multiple_of_its_period(angle, rate):
     for size in (1e-4, 1e-3, 1e-2, 0.05):
         w = size * rate**n * np.exp(1j * angle * n)
         section = np.stack([40.0 + 100.0 * w.real, 0.1 + 0.05 * w.imag, 30.0 * w.imag], axis=1)
-        found = periodicity(cycles_through(section))
-        assert found.period in (0, 1)
-        assert not found.settled or size == 1e-4
+        repetition = periodicity(cycles_through(section))
+        assert repetition.period in (0, 1)
+        assert not repetition.settled or size == 1e-4
 
 

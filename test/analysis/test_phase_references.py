@@ -17,7 +17,7 @@ NOISE = np.random.default_rng(0).normal(size=len(T))
 FOUR = replace(System(), {"engine.order": 2.0})
 
 
-def found(name, values, pulses=1, system=FOUR, t=T, **others):
+def signals_and_orders(name, values, pulses=1, system=FOUR, t=T, **others):
     """Signals and orders of a table whose slip speed has 5 rad/s at crank order 2."""
     theta = LOW * t + 0.5 * (HIGH - LOW) / END * t**2
     columns = {"t": t, "slip_speed": 20.0 + 5.0 * np.sin(2.0 * theta + 1.0) + 0.8 * np.sin(theta),
@@ -66,7 +66,7 @@ TACHOS = {
 @pytest.mark.parametrize("name", TACHOS)
 def test_a_tacho_gives_the_orders(name):
     signal, pulses, said = TACHOS[name]
-    signals, orders = found("tacho", signal, pulses, t=T if pulses == 1 else FAST)
+    signals, orders = signals_and_orders("tacho", signal, pulses, t=T if pulses == 1 else FAST)
     assert np.abs(orders.cut(2.0, "slip_speed") / 5.0 - 1.0).max() < 0.004
     assert len(orders.time) > 40
     speed = np.interp(orders.time, T, SPEED)
@@ -87,15 +87,15 @@ def test_a_tacho_gives_the_orders(name):
 def test_a_tacho_that_is_not_to_be_believed_is_refused(signal, pulses, why):
     t = T if len(signal) == len(T) else T[::5]
     with pytest.raises(InputError, match=why):
-        found("tacho", signal, pulses, t=t)
+        signals_and_orders("tacho", signal, pulses, t=t)
 
 
 def test_a_longer_gap_of_the_tacho_leaves_windows_blank():
     signal = np.where((T > 2.0) & (T < 2.5), 0.0, square(TURNS))
-    signals, orders = found("tacho", signal)
+    signals, orders = signals_and_orders("tacho", signal)
     assert "no plausible pulses from 1.9" in " ".join(signals.notes)
     assert np.abs(orders.cut(2.0, "slip_speed") / 5.0 - 1.0).max() < 0.004
-    assert len(orders.time) < len(found("tacho", square(TURNS))[1].time)
+    assert len(orders.time) < len(signals_and_orders("tacho", square(TURNS))[1].time)
     assert np.isnan(orders.with_blanks().slip_speed).any()
 
 
@@ -118,7 +118,7 @@ SPEEDS = {
 @pytest.mark.parametrize("name", SPEEDS)
 def test_an_engine_speed_gives_the_orders(name):
     values, said = SPEEDS[name]
-    signals, orders = found("engine_speed", values)
+    signals, orders = signals_and_orders("engine_speed", values)
     assert np.abs(orders.cut(2.0, "slip_speed") / 5.0 - 1.0).max() < 0.004
     assert len(orders.time) > 30
     assert said in " ".join(signals.notes)
@@ -132,14 +132,14 @@ def test_an_engine_speed_gives_the_orders(name):
     (np.full(len(T), 130.0), "contradicts the torque")])
 def test_an_engine_speed_that_is_not_to_be_believed_is_refused(values, why):
     with pytest.raises(InputError, match=why):
-        found("engine_speed", values)
+        signals_and_orders("engine_speed", values)
 
 
 def test_without_a_torque_the_slip_speed_gives_a_doubt():
-    signals, _ = found("engine_speed", 2.0 * SPEED, engine_torque=None)
+    signals, _ = signals_and_orders("engine_speed", 2.0 * SPEED, engine_torque=None)
     assert "the strongest line of slip_speed is at 0.5 times the excitation by engine_speed" in signals.notes[0]
-    assert not found("engine_speed", SPEED, engine_torque=None)[0].notes
+    assert not signals_and_orders("engine_speed", SPEED, engine_torque=None)[0].notes
     # Crank orders of an engine whose order the scene does not state.
-    signals, orders = found("engine_speed", SPEED, system=System())
+    signals, orders = signals_and_orders("engine_speed", SPEED, system=System())
     assert "engine_torque is at 2 times the excitation" in signals.notes[0]
     assert np.abs(orders.cut(2.0, "slip_speed") / 5.0 - 1.0).max() < 0.004

@@ -16,8 +16,8 @@ def by_numpy(points, period, modes):
     count = len(difference) - modes * period
     columns = np.stack([difference[i * period:i * period + count] for i in range(modes + 1)])
     columns = (columns / np.abs(columns).max(axis=(0, 2))[None, :, None]).reshape(modes + 1, -1)
-    found, *_ = np.linalg.lstsq(columns[:-1].T, columns[-1], rcond=None)
-    return float(np.sqrt(np.mean((columns[-1] - found @ columns[:-1])**2))), found
+    result, *_ = np.linalg.lstsq(columns[:-1].T, columns[-1], rcond=None)
+    return float(np.sqrt(np.mean((columns[-1] - result @ columns[:-1])**2))), result
 
 
 @pytest.mark.parametrize("modes", [1, 2, 3])

@@ -54,8 +54,8 @@ def test_a_section_repeats_whatever_its_sign_and_where_a_coordinate_is_0(sign: f
     turns = np.array([1.0, 0.4])[np.arange(61) % 2]
     still = cycles(sign * speed * turns, sign * angle, 0.0)
     period = 2 if speed else 1
-    found = periodicity(still)
-    assert (found.period, found.settled) == (period, True)
+    repetition = periodicity(still)
+    assert (repetition.period, repetition.settled) == (period, True)
     assert stays(still[:40], still[40:], period)
     assert repeats_finely(still, period, 20)
     assert not cycles_drift(still)
@@ -70,9 +70,9 @@ def test_a_section_repeats_whatever_its_sign_and_where_a_coordinate_is_0(sign: f
 def test_the_phase_of_a_torque_is_found_whatever_its_mean(sign: float, mean: float) -> None:
     tracker, stamps = PhaseTracker(), np.arange(4000) * 1_000_000
     tracker.feed(stamps, sign * (mean + 100.0 * np.sin(150e-9 * stamps)))
-    found = tracker.runs()[0]
-    assert (found.low, found.high) == pytest.approx((150.0, 150.0), rel=1e-6)
-    turns = 150.0 * found.starts / (2.0 * math.pi) + (0.0 if sign > 0.0 else 0.5)
+    result = tracker.runs()[0]
+    assert (result.low, result.high) == pytest.approx((150.0, 150.0), rel=1e-6)
+    turns = 150.0 * result.starts / (2.0 * math.pi) + (0.0 if sign > 0.0 else 0.5)
     assert np.abs(turns - np.rint(turns)).max() < 1e-4
 
 

@@ -65,13 +65,13 @@ def test_batches_give_what_whole_arrays_give(kind, faster):
 
 def test_the_summary_knows_the_motion():
     stream, _ = fed(recorded(np.arange(6000)), sizes_like("random"))
-    found = stream.summary(7)
-    assert found.max_slip_speed == pytest.approx(25.0, abs=1e-4)
-    assert found.min_slip_speed == pytest.approx(-15.0, abs=1e-4)
-    assert found.period == 2
-    assert [p[1] for p in found.section] == pytest.approx([5.0 + 20.0 * math.sin(0.3), 5.0 - 20.0 * math.sin(0.3)],
-                                                          abs=1e-4)
-    assert (found.cycles, found.discarded, found.regime) == (143, 7, "slip")
+    summary = stream.summary(7)
+    assert summary.max_slip_speed == pytest.approx(25.0, abs=1e-4)
+    assert summary.min_slip_speed == pytest.approx(-15.0, abs=1e-4)
+    assert summary.period == 2
+    assert [p[1] for p in summary.section] == pytest.approx([5.0 + 20.0 * math.sin(0.3), 5.0 - 20.0 * math.sin(0.3)],
+                                                            abs=1e-4)
+    assert (summary.cycles, summary.discarded, summary.regime) == (143, 7, "slip")
 
 
 def test_memory_is_that_of_a_cycle():
@@ -87,13 +87,13 @@ def test_a_gap_costs_the_cycles_that_it_touches():
     count = int(7.999 / CYCLE)
     whole = {n for n in range(count) if n * CYCLE >= 2.1 or (n + 1) * CYCLE <= 1.999}
     assert {n for p in stream.runs[0].pieces for n in range(p.first, p.first + len(p.cycles))} == whole
-    found = stream.summary(10)
-    assert found.max_slip_speed == pytest.approx(25.0, abs=1e-4)
-    assert found.period == 2
-    assert found.section[0][1] == pytest.approx(5.0 + 20.0 * math.sin(0.3), abs=1e-4)
-    assert (found.cycles, found.broken) == (count, count - len(whole))
-    assert found.covers == pytest.approx((10 * CYCLE, 7.999))
-    assert (found.lost_seconds, found.seconds) == pytest.approx((0.103, 7.999 - 10 * CYCLE - 0.103))
+    summary = stream.summary(10)
+    assert summary.max_slip_speed == pytest.approx(25.0, abs=1e-4)
+    assert summary.period == 2
+    assert summary.section[0][1] == pytest.approx(5.0 + 20.0 * math.sin(0.3), abs=1e-4)
+    assert (summary.cycles, summary.broken) == (count, count - len(whole))
+    assert summary.covers == pytest.approx((10 * CYCLE, 7.999))
+    assert (summary.lost_seconds, summary.seconds) == pytest.approx((0.103, 7.999 - 10 * CYCLE - 0.103))
 
 
 def test_discard_counts_cycles_and_not_those_that_are_left():

@@ -50,14 +50,14 @@ def sine(offset, amplitude, phase, ratio=1.0):
 
 
 def test_the_maxima_and_the_section_of_a_sine_are_exact():
-    found = summarise(trajectory_of(*sine(5.0, 20.0, 0.3), 30), 10)
-    assert found.max_slip_speed == pytest.approx(25.0, abs=1e-6)
-    assert found.min_slip_speed == pytest.approx(-15.0, abs=1e-6)
-    assert found.period == 1
-    assert found.settled
-    assert "30 cycles, period 1, settled, " in repr(found)
-    assert found.section == [(0.0, pytest.approx(5.0 + 20.0 * math.sin(0.3), abs=1e-9))]
-    assert (found.cycles, found.discarded, found.solver) == (30, 10, "by_hand")
+    summary = summarise(trajectory_of(*sine(5.0, 20.0, 0.3), 30), 10)
+    assert summary.max_slip_speed == pytest.approx(25.0, abs=1e-6)
+    assert summary.min_slip_speed == pytest.approx(-15.0, abs=1e-6)
+    assert summary.period == 1
+    assert summary.settled
+    assert "30 cycles, period 1, settled, " in repr(summary)
+    assert summary.section == [(0.0, pytest.approx(5.0 + 20.0 * math.sin(0.3), abs=1e-9))]
+    assert (summary.cycles, summary.discarded, summary.solver) == (30, 10, "by_hand")
 
 
 def test_coarse_samples_that_miss_the_cycle_ends_are_interpolated():
@@ -67,25 +67,25 @@ def test_coarse_samples_that_miss_the_cycle_ends_are_interpolated():
     zero = np.zeros_like(t)
     coarse = Trajectory(t, v(t), zero, zero, SYSTEM.driveline.flywheel_inertia * a(t), zero, zero,
                         np.zeros(len(t), np.int8), CYCLE, "by_hand", SYSTEM)
-    found = summarise(coarse, 5, tolerance=1e-3)
-    assert found.max_slip_speed == pytest.approx(25.0, abs=2e-3)
-    assert found.min_slip_speed == pytest.approx(-15.0, abs=2e-3)
-    assert found.section[0][1] == pytest.approx(5.0 + 20.0 * math.sin(0.3), abs=2e-3)
+    summary = summarise(coarse, 5, tolerance=1e-3)
+    assert summary.max_slip_speed == pytest.approx(25.0, abs=2e-3)
+    assert summary.min_slip_speed == pytest.approx(-15.0, abs=2e-3)
+    assert summary.section[0][1] == pytest.approx(5.0 + 20.0 * math.sin(0.3), abs=2e-3)
 
 
 @pytest.mark.parametrize("period", [2, 3, 5])
 def test_a_subharmonic_has_its_period_and_its_points_in_order(period):
     v, a = sine(0.0, 20.0, 0.4, 1.0 / period)
     for count in range(40, 40 + period):
-        found = summarise(trajectory_of(v, a, count), 7)
-        assert found.period == period
-        assert [p[1] for p in found.section] == pytest.approx([float(v(n * CYCLE)) for n in range(period)], abs=1e-6)
+        summary = summarise(trajectory_of(v, a, count), 7)
+        assert summary.period == period
+        assert [p[1] for p in summary.section] == pytest.approx([float(v(n * CYCLE)) for n in range(period)], abs=1e-6)
 
 
 def test_a_motion_without_period_lists_every_kept_cycle():
-    found = summarise(trajectory_of(*sine(0.0, 20.0, 0.0, (math.sqrt(5.0) - 1.0) / 2.0), 60), 20)
-    assert found.period == 0
-    assert len(found.section) == 40
+    summary = summarise(trajectory_of(*sine(0.0, 20.0, 0.0, (math.sqrt(5.0) - 1.0) / 2.0), 60), 20)
+    assert summary.period == 0
+    assert len(summary.section) == 40
 
 
 def test_stick_fraction_and_regime():
@@ -96,11 +96,11 @@ def test_stick_fraction_and_regime():
 
 
 def test_json_has_the_keys_that_programs_rely_on_and_no_nan():
-    found = json.loads(json.dumps(summarise(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 0).as_json(), allow_nan=False))
+    document = json.loads(json.dumps(summarise(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 0).as_json(), allow_nan=False))
     assert {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction", "regime", "cycles", "solver",
-            "elapsed_s"} <= set(found)
-    assert found["period"] == 0
-    assert len(found["section"]) == found["cycles"] == 1
+            "elapsed_s"} <= set(document)
+    assert document["period"] == 0
+    assert len(document["section"]) == document["cycles"] == 1
 
 
 def test_a_discard_that_leaves_nothing_is_refused():
@@ -124,9 +124,9 @@ def test_parts_of_cycles_count_at_the_end_and_where_nothing_is_dropped_at_the_st
     speed = np.where(np.arange(len(whole.t)) < 300, 30.0, np.where(whole.t > 9.5 * CYCLE, 25.0, 20.0))
     cut = part_of(with_field(whole, slip_speed=speed), 3901, 200)
     for discard, begin, largest in ((0, 0.5, 30.0), (2, 3.0, 25.0)):
-        found = summarise(cut, discard)
-        assert found.covers == pytest.approx((begin * CYCLE, 9.75 * CYCLE))
-        assert (found.max_slip_speed, found.cycles) == (pytest.approx(largest), 8)
+        summary = summarise(cut, discard)
+        assert summary.covers == pytest.approx((begin * CYCLE, 9.75 * CYCLE))
+        assert (summary.max_slip_speed, summary.cycles) == (pytest.approx(largest), 8)
 
 
 def test_the_paper_drops_fifty_cycles():
@@ -134,9 +134,9 @@ def test_the_paper_drops_fifty_cycles():
 
 
 def test_the_results_of_the_solver_come_first():
-    own = Cycles(np.ones((4, 3)), np.full(3, 7.0), np.full(3, -9.0), np.zeros(3))
-    found = summarise(with_field(trajectory_of(*sine(5.0, 20.0, 0.3), 3), cycles=own), 0)
-    assert (found.max_slip_speed, found.min_slip_speed) == (9.0, -9.0)
+    cycles_given = Cycles(np.ones((4, 3)), np.full(3, 7.0), np.full(3, -9.0), np.zeros(3))
+    summary = summarise(with_field(trajectory_of(*sine(5.0, 20.0, 0.3), 3), cycles=cycles_given), 0)
+    assert (summary.max_slip_speed, summary.min_slip_speed) == (9.0, -9.0)
 
 
 def test_cycles_count_from_the_start_of_the_run():
@@ -154,9 +154,9 @@ def speeds(size: np.ndarray, swing: float = 5.0, stick: float = 0.0) -> Cycles:
 def test_slip_that_grows_is_a_runaway_whatever_its_sign() -> None:
     n = np.arange(90.0)
     for sign in (1.0, -1.0):
-        found = summarise_cycles(speeds(sign * (20.0 + 0.3 * n), sign * 5.0), CYCLE)
-        assert (found.runaway, found.period, found.settled) == (True, 0, False)
-        assert ", runaway, slip;" in repr(found)
+        summary = summarise_cycles(speeds(sign * (20.0 + 0.3 * n), sign * 5.0), CYCLE)
+        assert (summary.runaway, summary.period, summary.settled) == (True, 0, False)
+        assert ", runaway, slip;" in repr(summary)
     assert slip_grows(speeds(150.0 + 2e-3 * n))
     assert slip_grows(speeds(20.0 + 0.3 * n)[:3])
 
@@ -243,9 +243,9 @@ def test_a_periodic_motion_of_slow_slip_is_no_runaway(slip, swing, sign):
         **RISING, "engine.torque_amplitude": swing, "engine.frequency": 200.0, "pressure.mean": 250.0 / carried,
         "initial.slip_speed": sign * slip, "initial.plate_angle": sign * 250.0 / 3000.0,
         "engine.mean_torque": sign * 250.0})
-    found = simulate(scene).summary
-    assert found.section_change < 1e-9
-    assert (found.runaway, found.period, found.settled) == (False, 1, True)
+    summary = simulate(scene).summary
+    assert summary.section_change < 1e-9
+    assert (summary.runaway, summary.period, summary.settled) == (False, 1, True)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -253,10 +253,10 @@ def test_a_periodic_motion_of_slow_slip_is_no_runaway(slip, swing, sign):
 @pytest.mark.parametrize(("torque", "away"), [(200.0, False), (400.0, True)])
 def test_slip_runs_away_where_the_torque_exceeds_what_friction_carries(torque, away, swing, sign):
     """mu_k N R is 300 N m."""
-    found = simulate(load_scene("slip").with_values({
+    summary = simulate(load_scene("slip").with_values({
         "engine.mean_torque": sign * torque, "engine.torque_amplitude": swing, "initial.slip_speed": sign * 150.0,
         "pressure.amplitude": 0.0}), cycles=100).summary
-    assert found.runaway is away
+    assert summary.runaway is away
 
 
 @pytest.mark.parametrize(("pressure", "away"), [(1e5, True), (2.25e5, False)])
@@ -274,15 +274,15 @@ def test_slip_that_follows_a_torque_which_friction_carries_is_no_runaway():
     ramp = {"engine.mean_torque_times": (0.0, 4.0), "engine.mean_torque_values": (210.0, 255.0)}
     scene = load_scene("fig02").with_values({**RISING, "engine.torque_amplitude": 0.0, "pressure.mean": 2.5e5,
                                              "initial.slip_speed": 1.0, **ramp})
-    found = simulate(scene, duration=4.0).summary
-    assert found.min_slip_speed > 0.0
-    assert found.max_slip_speed > 10.0
-    assert not found.runaway
+    summary = simulate(scene, duration=4.0).summary
+    assert summary.min_slip_speed > 0.0
+    assert summary.max_slip_speed > 10.0
+    assert not summary.runaway
 
 
 @pytest.mark.parametrize(("kept", "grows"), [(3, False), (15, False), (16, True)])
 def test_few_cycles_after_a_gap_show_no_growth(kept: int, grows: bool) -> None:
-    found = speeds(20.0 + 0.3 * np.arange(9.0 if kept < 9 else 24.0))
-    found.highest[-kept - 1] = np.nan
-    assert slip_grows(found) is grows
-    assert summarise_cycles(found, CYCLE).runaway is grows
+    result = speeds(20.0 + 0.3 * np.arange(9.0 if kept < 9 else 24.0))
+    result.highest[-kept - 1] = np.nan
+    assert slip_grows(result) is grows
+    assert summarise_cycles(result, CYCLE).runaway is grows

@@ -22,58 +22,58 @@ def phase_of(torque, seconds=20.0, batch=700, ticks=None):
     return tracker.runs()[tracker.longest()]
 
 
-def largest_error(found, phase):
+def largest_error(result, phase):
     """Largest distance of the known phase at the cycle starts from a multiple of a turn, rad."""
-    turns = phase(found.starts) / TURN
-    assert np.array_equal(np.diff(np.rint(turns)), np.diff(found.numbers))
+    turns = phase(result.starts) / TURN
+    assert np.array_equal(np.diff(np.rint(turns)), np.diff(result.numbers))
     return TURN * float(np.abs(turns - np.rint(turns)).max())
 
 
 @pytest.mark.parametrize("frequency", [3.3, 41.234567, 150.0, 1000.0, 2900.0])
 def test_a_sine_is_found_to_many_digits(frequency):
-    found = phase_of(lambda t: 300.0 + 250.0 * np.sin(frequency * t + 0.4), seconds=10.0)
-    assert found.low == found.high == pytest.approx(frequency, rel=1e-7)
-    assert largest_error(found, lambda t: frequency * t + 0.4) < 1e-5
-    assert found.known == pytest.approx(1.0, abs=1e-9)
+    phase = phase_of(lambda t: 300.0 + 250.0 * np.sin(frequency * t + 0.4), seconds=10.0)
+    assert phase.low == phase.high == pytest.approx(frequency, rel=1e-7)
+    assert largest_error(phase, lambda t: frequency * t + 0.4) < 1e-5
+    assert phase.known == pytest.approx(1.0, abs=1e-9)
     # The phase at t = 0 is that of cycle 0, which began before the first sample.
-    assert found.numbers[0] == 1
-    assert len(found.starts) in {int((frequency * 9.999 + 0.4) / TURN), int((frequency * 9.999 + 0.4) / TURN) + 1}
+    assert phase.numbers[0] == 1
+    assert len(phase.starts) in {int((frequency * 9.999 + 0.4) / TURN), int((frequency * 9.999 + 0.4) / TURN) + 1}
 
 
 def test_a_small_torque_is_found_as_a_large_one_is():
-    found = phase_of(lambda t: 3e-6 + 2.5e-6 * np.sin(150.0 * t + 0.4), seconds=4.0)
-    assert found.low == found.high == pytest.approx(150.0, rel=1e-6)
+    phase = phase_of(lambda t: 3e-6 + 2.5e-6 * np.sin(150.0 * t + 0.4), seconds=4.0)
+    assert phase.low == phase.high == pytest.approx(150.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("seconds", [0.1, 0.12, 0.2, 0.3, 0.5])
 def test_a_short_run_is_fitted_as_a_whole(seconds):
-    found = phase_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t + 0.4), seconds=seconds)
-    assert found.low == found.high == pytest.approx(150.0, rel=1e-7)
-    assert largest_error(found, lambda t: 150.0 * t + 0.4) < 1e-6
+    phase = phase_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t + 0.4), seconds=seconds)
+    assert phase.low == phase.high == pytest.approx(150.0, rel=1e-7)
+    assert largest_error(phase, lambda t: 150.0 * t + 0.4) < 1e-6
 
 
 def test_noise_and_harmonics_do_not_matter():
     rng = np.random.default_rng(1)
-    found = phase_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t) + 80.0 * np.sin(300.0 * t + 1.0) + 40.0
+    phase = phase_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t) + 80.0 * np.sin(300.0 * t + 1.0) + 40.0
                      * rng.normal(size=len(t)))
-    assert found.low == found.high == pytest.approx(150.0, rel=1e-5)
-    assert largest_error(found, lambda t: 150.0 * t) < 0.01
+    assert phase.low == phase.high == pytest.approx(150.0, rel=1e-5)
+    assert largest_error(phase, lambda t: 150.0 * t) < 0.01
 
 
 def test_held_samples_of_a_slower_command_delay_the_phase_by_half_a_hold():
     """A controller at 200 Hz."""
-    found = phase_of(lambda t: 300.0 + 250.0 * np.sin(100.0 * np.floor(t * 200.0 + 1e-6) / 200.0))
-    assert found.low == found.high == pytest.approx(100.0, rel=1e-5)
-    assert largest_error(found, lambda t: 100.0 * (t - 2e-3)) < 0.02
+    phase = phase_of(lambda t: 300.0 + 250.0 * np.sin(100.0 * np.floor(t * 200.0 + 1e-6) / 200.0))
+    assert phase.low == phase.high == pytest.approx(100.0, rel=1e-5)
+    assert largest_error(phase, lambda t: 100.0 * (t - 2e-3)) < 0.02
 
 
 def test_gaps_do_not_break_the_phase_and_have_no_cycles():
     k = np.concatenate([np.arange(0, 6000), np.arange(6700, 20000), np.arange(20013, 30000)])
-    found = phase_of(lambda t: 250.0 * np.sin(150.0 * t), ticks=k)
-    assert found.low == found.high == pytest.approx(150.0, rel=1e-7)
-    assert largest_error(found, lambda t: 150.0 * t) < 1e-5
-    assert np.array_equal(found.numbers, np.rint(150.0 * found.starts / TURN))
-    assert not ((found.starts > 6.0) & (found.starts < 6.7)).any()
+    phase = phase_of(lambda t: 250.0 * np.sin(150.0 * t), ticks=k)
+    assert phase.low == phase.high == pytest.approx(150.0, rel=1e-7)
+    assert largest_error(phase, lambda t: 150.0 * t) < 1e-5
+    assert np.array_equal(phase.numbers, np.rint(150.0 * phase.starts / TURN))
+    assert not ((phase.starts > 6.0) & (phase.starts < 6.7)).any()
 
 
 @pytest.mark.parametrize(("frequency", "rate"), [
@@ -82,14 +82,14 @@ def test_a_frequency_that_drifts_by_up_to_ten_per_cent_a_second_is_followed(freq
     def phase(t):
         return frequency / rate * np.expm1(rate * t)
 
-    found = phase_of(lambda t: 300.0 + 250.0 * np.sin(phase(t)), seconds=10.0)
-    assert largest_error(found, phase) < 0.02
-    assert len(found.starts) >= abs(float(phase(9.99))) / TURN - 3
-    assert np.array_equal(found.numbers, np.rint(phase(found.starts) / TURN))
+    result = phase_of(lambda t: 300.0 + 250.0 * np.sin(phase(t)), seconds=10.0)
+    assert largest_error(result, phase) < 0.02
+    assert len(result.starts) >= abs(float(phase(9.99))) / TURN - 3
+    assert np.array_equal(result.numbers, np.rint(phase(result.starts) / TURN))
     ends = sorted([frequency, frequency * math.exp(10.0 * rate)])
-    assert [found.low, found.high] == pytest.approx(ends, rel=0.03)
-    (stretch,) = clock_of({0: found}).stretches(0, 0.0, 10.0)
-    assert np.array_equal(stretch[1], found.starts)
+    assert [result.low, result.high] == pytest.approx(ends, rel=0.03)
+    (stretch,) = clock_of({0: result}).stretches(0, 0.0, 10.0)
+    assert np.array_equal(stretch[1], result.starts)
 
 
 def test_a_slow_drift_is_followed_where_one_frequency_fits_almost_as_well():
@@ -114,17 +114,17 @@ def test_a_run_up_between_two_speeds_is_followed_through_its_corners():
         ramp = np.clip(t - 3.0, 0.0, 12.0)
         return 0.2 + 100.0 * np.minimum(t, 3.0) + ramp * (100.0 + 0.5 * rate * ramp) + 300.0 * np.maximum(t - 15.0, 0.0)
 
-    found = phase_of(lambda t: 200.0 + 5.0 * t + 250.0 * np.sin(phase(t)) + 10.0 * rng.normal(size=len(t)))
-    assert largest_error(found, phase) < 0.05
-    assert (found.low, found.high) == (pytest.approx(100.0, rel=0.01), pytest.approx(300.0, rel=0.01))
+    result = phase_of(lambda t: 200.0 + 5.0 * t + 250.0 * np.sin(phase(t)) + 10.0 * rng.normal(size=len(t)))
+    assert largest_error(result, phase) < 0.05
+    assert (result.low, result.high) == (pytest.approx(100.0, rel=0.01), pytest.approx(300.0, rel=0.01))
 
 
 @pytest.mark.parametrize("begin", [0.33, 2.33, 12.33])
 def test_cycles_begin_where_the_oscillation_does(begin):
-    found = phase_of(lambda t: np.where(t < begin, 300.0, 300.0 + 250.0 * np.sin(150.0 * (t - begin))))
-    assert largest_error(found, lambda t: 150.0 * (t - begin)) < 5e-3
-    assert begin - 0.01 < found.starts[0] < begin + 6.0 * TURN / 150.0
-    assert found.known == pytest.approx(1.0 - begin / 20.0, abs=0.02)
+    phase = phase_of(lambda t: np.where(t < begin, 300.0, 300.0 + 250.0 * np.sin(150.0 * (t - begin))))
+    assert largest_error(phase, lambda t: 150.0 * (t - begin)) < 5e-3
+    assert begin - 0.01 < phase.starts[0] < begin + 6.0 * TURN / 150.0
+    assert phase.known == pytest.approx(1.0 - begin / 20.0, abs=0.02)
 
 
 @pytest.mark.parametrize(("torque", "why"), [
@@ -134,11 +134,11 @@ def test_cycles_begin_where_the_oscillation_does(begin):
     (lambda t: np.where(t < 16.0, 300.0, 300.0 + np.sin(150.0 * t)), "for 20 % of the time only"),
 ], ids=["constant", "zero", "noise", "chirp", "mostly constant"])
 def test_what_has_no_phase_has_no_cycles_and_says_why(torque, why):
-    found = phase_of(torque)
-    assert len(found.starts) == 0
-    assert math.isnan(found.low)
-    assert re.search(why, found.why)
-    assert clock_of({0: found}) is None
+    phase = phase_of(torque)
+    assert len(phase.starts) == 0
+    assert math.isnan(phase.low)
+    assert re.search(why, phase.why)
+    assert clock_of({0: phase}) is None
 
 
 def test_a_few_samples_are_no_run():
@@ -147,8 +147,8 @@ def test_a_few_samples_are_no_run():
 
 
 def test_samples_that_are_not_finite_are_left_out():
-    found = phase_of(lambda t: np.where(np.arange(len(t)) % 1000 == 5, math.nan, 250.0 * np.sin(150.0 * t)))
-    assert found.low == pytest.approx(150.0, rel=1e-6)
+    phase = phase_of(lambda t: np.where(np.arange(len(t)) % 1000 == 5, math.nan, 250.0 * np.sin(150.0 * t)))
+    assert phase.low == pytest.approx(150.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("lengths", [(3000, 20000), (20000, 3000)])
@@ -163,9 +163,9 @@ def test_every_run_has_a_phase_of_its_own(lengths):
 
 def test_a_drift_that_is_larger_than_the_line_is_not_taken_for_it():
     """Half a swing over the whole run is below the lowest frequency that the run can show."""
-    found = phase_of(lambda t: 300.0 + 80.0 * np.cos(math.pi * t / 16.384) + 50.0 * np.sin(150.0 * t), seconds=16.384)
-    assert [found.low, found.high] == pytest.approx([150.0, 150.0], rel=1e-4)
-    assert largest_error(found, lambda t: 150.0 * t) < 1e-3
+    phase = phase_of(lambda t: 300.0 + 80.0 * np.cos(math.pi * t / 16.384) + 50.0 * np.sin(150.0 * t), seconds=16.384)
+    assert [phase.low, phase.high] == pytest.approx([150.0, 150.0], rel=1e-4)
+    assert largest_error(phase, lambda t: 150.0 * t) < 1e-3
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -179,7 +179,7 @@ def test_a_fit_is_the_least_squares_solution_of_all_unknowns(seed):
     design = np.stack([np.ones(count), t - t[0], np.sin(phase), np.cos(phase)], axis=1)
     factors, line = (np.linalg.lstsq(columns, torque, rcond=None)[0] for columns in (design, design[:, :2]))
     left, without = torque - design @ factors, torque - design[:, :2] @ line
-    found = _fit(t, torque, phase)
-    assert found.share == pytest.approx(1.0 - left @ left / (without @ without), abs=1e-12)
-    assert found.ahead == pytest.approx(math.atan2(factors[3], factors[2]), abs=1e-10)
-    assert found.amplitude == pytest.approx(math.hypot(factors[2], factors[3]), rel=1e-10)
+    result = _fit(t, torque, phase)
+    assert result.share == pytest.approx(1.0 - left @ left / (without @ without), abs=1e-12)
+    assert result.ahead == pytest.approx(math.atan2(factors[3], factors[2]), abs=1e-10)
+    assert result.amplitude == pytest.approx(math.hypot(factors[2], factors[3]), rel=1e-10)

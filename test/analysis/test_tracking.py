@@ -21,38 +21,38 @@ CYCLE = 2.0 * math.pi / 150.0
 WAYS = {"as it is": {}, "mirrored": {"sign": -1.0}, "another frequency": {"frequency": 210.0}, "losses": {"lost": 100}}
 
 
-def last_segment(found) -> Tracking:
+def last_segment(result) -> Tracking:
     """Judge from the last jump of the target, or its first value, on."""
-    begin = float((found.jumps.t if len(found.jumps.t) else found.reference.t)[-1 if len(found.jumps.t) else 0])
-    return found.tracking(begin, float(found.course.ends[-1]), stepped=True)
+    begin = float((result.jumps.t if len(result.jumps.t) else result.reference.t)[-1 if len(result.jumps.t) else 0])
+    return result.tracking(begin, float(result.course.ends[-1]), stepped=True)
 
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", LOOPS)
 def test_a_made_up_loop_is_judged_by_its_truth(name, way):
     made, how = LOOPS[name], WAYS[way]
-    found = last_segment(loop(made, **how))
+    segment = last_segment(loop(made, **how))
     sign = how.get("sign", 1.0)
-    assert found.verdict == made.verdict, found.verdict_why
-    assert found.verdict_why
-    assert math.isfinite(found.settling_time) == (made.verdict == "settled")
+    assert segment.verdict == made.verdict, segment.verdict_why
+    assert segment.verdict_why
+    assert math.isfinite(segment.settling_time) == (made.verdict == "settled")
     if math.isfinite(made.settles):
-        assert found.settling_time == pytest.approx(made.settles, abs=1.6 * CYCLE)
+        assert segment.settling_time == pytest.approx(made.settles, abs=1.6 * CYCLE)
     if math.isfinite(made.peak):
-        assert found.peak_deviation == pytest.approx(sign * made.peak, rel=0.07)
+        assert segment.peak_deviation == pytest.approx(sign * made.peak, rel=0.07)
     if math.isfinite(made.at):
-        assert found.peak_time == pytest.approx(made.at, abs=0.7 * CYCLE)
+        assert segment.peak_time == pytest.approx(made.at, abs=0.7 * CYCLE)
     if math.isfinite(made.overshoot):
-        assert found.overshoot == pytest.approx(made.overshoot, rel=0.07, abs=1e-2)
+        assert segment.overshoot == pytest.approx(made.overshoot, rel=0.07, abs=1e-2)
     if math.isfinite(made.amplitude):
-        assert found.hunting_amplitude == pytest.approx(made.amplitude, rel=0.2)
+        assert segment.hunting_amplitude == pytest.approx(made.amplitude, rel=0.2)
     if math.isfinite(made.period):
-        assert found.hunting_period == pytest.approx(made.period, rel=0.07)
+        assert segment.hunting_period == pytest.approx(made.period, rel=0.07)
     if made.limits:
-        assert found.limits == pytest.approx(made.limits, nan_ok=True)
-        assert (found.time_at_limit > 0.3) == (made.verdict == "saturated" or name == "saturated at first")
+        assert segment.limits == pytest.approx(made.limits, nan_ok=True)
+        assert (segment.time_at_limit > 0.3) == (made.verdict == "saturated" or name == "saturated at first")
     else:
-        assert not found.time_at_limit > 0.0
+        assert not segment.time_at_limit > 0.0
 
 
 def test_a_target_that_moves_has_no_jumps_and_one_that_steps_has():
@@ -72,37 +72,37 @@ def test_the_target_of_a_cycle_in_which_it_jumps_is_its_mean():
 
 
 def test_figures_of_an_exponential_cover_every_cycle():
-    found = last_segment(loop(LOOPS["good"]))
+    segment = last_segment(loop(LOOPS["good"]))
     n = np.arange(int(5.0 / CYCLE))
     error = 30.0 * 0.1 / CYCLE * (1.0 - math.exp(-CYCLE / 0.1)) * np.exp(-n * CYCLE / 0.1)
-    assert found.rms_error == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-3)
-    assert found.mean_slip == pytest.approx(20.0 + error.mean(), rel=1e-4)
-    assert (found.largest_error, found.peak_mean) == (pytest.approx(error[0], rel=1e-3),) * 2
-    assert found.iae == pytest.approx(error.sum() * CYCLE, rel=1e-3)
-    assert found.ripple == pytest.approx(8.3 / math.sqrt(2.0), rel=0.05)
-    assert (found.seconds, found.lost_seconds) == (pytest.approx(len(n) * CYCLE), 0.0)
-    assert found.stick_fraction == 0.0
-    assert found.peak_slip == pytest.approx(30.0 + 8.3 * math.sin(2.0), rel=0.02)
+    assert segment.rms_error == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-3)
+    assert segment.mean_slip == pytest.approx(20.0 + error.mean(), rel=1e-4)
+    assert (segment.largest_error, segment.peak_mean) == (pytest.approx(error[0], rel=1e-3),) * 2
+    assert segment.iae == pytest.approx(error.sum() * CYCLE, rel=1e-3)
+    assert segment.ripple == pytest.approx(8.3 / math.sqrt(2.0), rel=0.05)
+    assert (segment.seconds, segment.lost_seconds) == (pytest.approx(len(n) * CYCLE), 0.0)
+    assert segment.stick_fraction == 0.0
+    assert segment.peak_slip == pytest.approx(30.0 + 8.3 * math.sin(2.0), rel=0.02)
 
 
 def test_lost_cycles_are_counted():
-    found = last_segment(loop(LOOPS["good"], lost=20))
-    assert found.seconds + found.lost_seconds == pytest.approx(5.0, abs=3 * CYCLE)
-    assert 0.2 < found.lost_seconds < 2.0
-    assert found.verdict == "settled"
+    segment = last_segment(loop(LOOPS["good"], lost=20))
+    assert segment.seconds + segment.lost_seconds == pytest.approx(5.0, abs=3 * CYCLE)
+    assert 0.2 < segment.lost_seconds < 2.0
+    assert segment.verdict == "settled"
 
 
 @pytest.mark.parametrize("name", ["slow limit cycle", "two periods that end at 0", "small, slow, at a zero", "noise"])
 def test_a_band_of_ones_own_counts(name):
-    found = last_segment(replace(loop(LOOPS[name]), floor=1.2))
-    assert (found.verdict, found.band) == ("settled", 1.2)
+    segment = last_segment(replace(loop(LOOPS[name]), floor=1.2))
+    assert (segment.verdict, segment.band) == ("settled", 1.2)
 
 
 def test_without_a_cycle_the_reason_is_said():
     empty = Loop(LoopCycles(*(np.empty(0),) * 7), Steps(np.array([0.0]), np.array([20.0])), why="no cycle was found")
-    found = empty.tracking(0.0, 1.0)
-    assert (found.verdict, found.verdict_why) == (None, "no cycle was found")
-    assert {key for key, value in json_of(found).items() if value is not None} == {
+    tracking = empty.tracking(0.0, 1.0)
+    assert (tracking.verdict, tracking.verdict_why) == (None, "no cycle was found")
+    assert {key for key, value in json_of(tracking).items() if value is not None} == {
         "target", "verdict_why", "limits", "seconds", "lost_seconds"}
     short = loop(LOOPS["good"]).tracking(1.01, 1.02)
     assert (short.verdict, short.verdict_why) == ("too short", "no whole period of excitation")
@@ -113,10 +113,10 @@ def test_a_disturbance_counts_from_the_last_cycle_before_it():
     made = loop(MadeUp(6.0, lambda t: 20.0 - 8.0 * np.maximum(t - 2.0, 0.0) / 0.2 * np.exp(
         1.0 - np.maximum(t - 2.0, 0.0) / 0.2), "settled"))
     for stepped in (False, None):
-        found = made.tracking(2.0, 6.0, stepped=stepped)
-        assert found.peak_deviation == pytest.approx(-8.0, rel=0.02)
-        assert (found.peak_time, found.overshoot) == (pytest.approx(2.2, abs=CYCLE), pytest.approx(8.0, rel=0.02))
-        assert found.settling_time == pytest.approx(0.2 * 6.83, abs=2 * CYCLE)
+        tracking = made.tracking(2.0, 6.0, stepped=stepped)
+        assert tracking.peak_deviation == pytest.approx(-8.0, rel=0.02)
+        assert (tracking.peak_time, tracking.overshoot) == (pytest.approx(2.2, abs=CYCLE), pytest.approx(8.0, rel=0.02))
+        assert tracking.settling_time == pytest.approx(0.2 * 6.83, abs=2 * CYCLE)
 
 
 def test_a_run_of_closed_loop_is_judged_with_what_lies_between_its_samples():
@@ -124,7 +124,7 @@ def test_a_run_of_closed_loop_is_judged_with_what_lies_between_its_samples():
     run = tcc_sim.closed_loop(tcc_sim.load_scene("controlled").with_values({
         "initial.slip_speed": 400.0, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,
         "friction.static_coefficient": 0.3}), lambda reading: 150e3 if reading.slip_speed > 300.0 else 1e5, 0.4)
-    found = run.tracking_of(390.0, limits=(1e5, 150e3))
+    tracking = run.tracking_of(390.0, limits=(1e5, 150e3))
     dense = np.linspace(0.0, 0.4, 400_001)
     v = CubicSpline(run.t, run.slip_speed)(dense)
     cycle = run.cycle
@@ -132,17 +132,18 @@ def test_a_run_of_closed_loop_is_judged_with_what_lies_between_its_samples():
     means = np.array([v[(dense >= k * cycle) & (dense < (k + 1) * cycle)].mean() for k in range(count)])
     inside = dense < count * cycle
     number = np.minimum((dense / cycle).astype(int), count - 1)
-    assert found.peak_slip == pytest.approx(np.abs(v - 390.0)[inside].max(), rel=1e-6)
-    assert found.peak_mean == pytest.approx(np.abs(means - 390.0).max(), rel=1e-4)
-    assert found.ripple == pytest.approx(np.sqrt(np.mean((v - means[number])[inside] ** 2)), rel=2e-2)
-    assert found.iae == pytest.approx(np.abs(means - 390.0).sum() * cycle, rel=1e-4)
-    assert found.stick_fraction == 0.0
-    assert (found.pressure_low, found.pressure_high) == (run.applied_pressure[1:].min(), run.applied_pressure.max())
-    assert (found.time_at_limit, found.limits) == (1.0, (1e5, 150e3))
+    assert tracking.peak_slip == pytest.approx(np.abs(v - 390.0)[inside].max(), rel=1e-6)
+    assert tracking.peak_mean == pytest.approx(np.abs(means - 390.0).max(), rel=1e-4)
+    assert tracking.ripple == pytest.approx(np.sqrt(np.mean((v - means[number])[inside] ** 2)), rel=2e-2)
+    assert tracking.iae == pytest.approx(np.abs(means - 390.0).sum() * cycle, rel=1e-4)
+    assert tracking.stick_fraction == 0.0
+    assert (tracking.pressure_low, tracking.pressure_high) == (run.applied_pressure[1:].min(),
+                                                               run.applied_pressure.max())
+    assert (tracking.time_at_limit, tracking.limits) == (1.0, (1e5, 150e3))
     steps = np.count_nonzero(np.diff(run.applied_pressure[1:]))
-    assert found.pressure_rate == pytest.approx(5e7 * math.sqrt(steps * 1e-3 / 0.4))
+    assert tracking.pressure_rate == pytest.approx(5e7 * math.sqrt(steps * 1e-3 / 0.4))
     assert steps > 0
-    assert (found.commands_applied, found.commands_superseded, found.command_rate) == (400, 0, 1000.0)
+    assert (tracking.commands_applied, tracking.commands_superseded, tracking.command_rate) == (400, 0, 1000.0)
 
 
 @pytest.mark.parametrize(("torque", "limit", "verdict"), [(230.0, 6e5, "settled"), (400.0, 1.5e5, "saturated")])
@@ -151,15 +152,15 @@ def test_a_load_step_of_closed_loop_shows_its_peak(torque, limit, verdict):
     law = SlipController(Tuning(pressure_limit=limit))
     run = tcc_sim.closed_loop("controlled", lambda r: law.update(r.slip_speed, r.engine_torque), 3.0,
                               at={1.5: {"engine.mean_torque": torque}})
-    found = run.tracking_of(20.0, since=1500)
+    tracking = run.tracking_of(20.0, since=1500)
     edges = np.arange(math.ceil(1.5 / CYCLE) - 1, int(3.0 / CYCLE) + 1) * CYCLE
     area = np.interp(edges, run.t, np.append(0.0, np.cumsum(0.5 * (run.slip_speed[1:] + run.slip_speed[:-1]) * 1e-3)))
     means = np.diff(area) / CYCLE - 20.0
-    assert found.peak_deviation == pytest.approx(means.max(), rel=1e-2)
-    assert found.peak_deviation > 1.0
-    assert found.overshoot == pytest.approx(found.peak_deviation)
-    assert found.verdict == verdict
-    assert (found.time_at_limit > 0.9) == (verdict == "saturated")
+    assert tracking.peak_deviation == pytest.approx(means.max(), rel=1e-2)
+    assert tracking.peak_deviation > 1.0
+    assert tracking.overshoot == pytest.approx(tracking.peak_deviation)
+    assert tracking.verdict == verdict
+    assert (tracking.time_at_limit > 0.9) == (verdict == "saturated")
 
 
 def test_cycles_follow_a_frequency_that_changes_while_running():

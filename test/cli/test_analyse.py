@@ -37,15 +37,15 @@ def recording(tmp_path):
 def test_json_on_standard_output_is_nothing_but_json(capsys, recording):
     assert main(["analyse", str(recording), "--json", "-", "--verify", "--discard", "10"]) == 1
     out = capsys.readouterr()
-    found = json.loads(out.out)
+    document = json.loads(out.out)
     assert out.err == ""
-    assert set(found) >= KEYS | {"verified", "largest_difference"}
-    assert (found["messages"], found["lost_messages"], found["complete"]) == (2001, 0, True)
-    assert (found["cycles"], found["discarded"], found["period"], found["regime"]) == (47, 10, 1, "slip")
-    assert found["max_slip_speed"] == pytest.approx(150.0 + 2.0 * SWING, rel=1e-7)
-    assert found["solver"] == "by_hand"
+    assert set(document) >= KEYS | {"verified", "largest_difference"}
+    assert (document["messages"], document["lost_messages"], document["complete"]) == (2001, 0, True)
+    assert (document["cycles"], document["discarded"], document["period"], document["regime"]) == (47, 10, 1, "slip")
+    assert document["max_slip_speed"] == pytest.approx(150.0 + 2.0 * SWING, rel=1e-7)
+    assert document["solver"] == "by_hand"
     # The closed form is not the solution of the ticks, which start from a plate at rest at angle 0.
-    assert found["verified"] is False
+    assert document["verified"] is False
 
 
 def test_a_recorded_scene_comes_to_what_simulate_says(capsys, tmp_path):
@@ -85,8 +85,8 @@ def test_a_recorded_manoeuvre_has_the_period_that_simulate_gives_it(capsys, tmp_
     solved = json.loads(capsys.readouterr().out)
     assert main(["analyse", out, "--json", "-"]) == 0
     recorded = json.loads(capsys.readouterr().out)
-    told = "cycles", "discarded", "period", "settled", "section_change"
-    assert [recorded[key] for key in told] == [solved[key] for key in told]
+    keys = "cycles", "discarded", "period", "settled", "section_change"
+    assert [recorded[key] for key in keys] == [solved[key] for key in keys]
 
 
 @pytest.mark.parametrize(("words", "order", "discarded"), [
@@ -103,10 +103,10 @@ def test_a_spectrum_covers_the_kept_cycles_at_the_frequency_of_the_figures(tmp_p
     assert main(["analyse", str(tmp_path / "run.mcap"), *words, "--spectrum", "--orders", "--out", str(table), "--json",
                  str(json_)]) == 0
     assert "of real time" not in capsys.readouterr().out  # The file has simulation time alone.
-    found = json.loads(json_.read_text())
-    assert (found["discarded"], found["real_time_factor"]) == (discarded, None)
-    assert found["orders"]["frequency"][0] == pytest.approx(150.0 / order)
-    spectra = [found["spectrum"]]
+    document = json.loads(json_.read_text())
+    assert (document["discarded"], document["real_time_factor"]) == (discarded, None)
+    assert document["orders"]["frequency"][0] == pytest.approx(150.0 / order)
+    spectra = [document["spectrum"]]
     if not words:
         assert main(["analyse", str(table), "--spectrum", "--json", str(json_), "--force"]) == 0
         spectra.append(json.loads(json_.read_text())["spectrum"])
@@ -163,7 +163,7 @@ def test_what_is_no_recording(refused, tmp_path):
 
 def test_damping_is_that_of_pure_slip(capsys, recording):
     assert main(["analyse", str(recording), "--damping", "--json", "-"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["equivalent_damping"], found["negative_slope_mean"]) == (0.0, 0.0)
+    document = json.loads(capsys.readouterr().out)
+    assert (document["equivalent_damping"], document["negative_slope_mean"]) == (0.0, 0.0)
     assert main(["analyse", str(recording), "--damping"]) == 0
     assert "0 N m s/rad, mean of the negative slope 0; -C23 is -0.6" in capsys.readouterr().out

@@ -78,18 +78,18 @@ def test_a_recording_has_every_cycle_although_its_stamps_are_whole_nanoseconds(c
         path = tmp_path / f"{cycles}.mcap"
         solved = values_of(capsys, "fig02", "--cycles", cycles, "--samples", 50, "--out", path, "--discard", 2)
         assert main(["analyse", str(path), "--discard", "2", "--json", "-"]) == 0
-        found = json.loads(capsys.readouterr().out)
-        assert (found["cycles"], found["breakaways"]) == (cycles, solved["breakaways"])
+        document = json.loads(capsys.readouterr().out)
+        assert (document["cycles"], document["breakaways"]) == (cycles, solved["breakaways"])
 
 
 def test_the_defaults_are_150_cycles_and_50_dropped(capsys):
-    found = values_of(capsys, "slip")
-    assert (found["cycles"], found["discarded"]) == (150, 50)
-    found = values_of(capsys, "slip", "--cycles", 30)
-    assert (found["cycles"], found["discarded"]) == (30, 15)
+    result = values_of(capsys, "slip")
+    assert (result["cycles"], result["discarded"]) == (150, 50)
+    result = values_of(capsys, "slip", "--cycles", 30)
+    assert (result["cycles"], result["discarded"]) == (30, 15)
     cycle = 2.0 * math.pi / 150.0
-    found = values_of(capsys, "slip", "--set", "engine.frequency=150", "--duration", 9.5 * cycle)
-    assert (found["cycles"], found["discarded"]) == (9, 3)
+    result = values_of(capsys, "slip", "--set", "engine.frequency=150", "--duration", 9.5 * cycle)
+    assert (result["cycles"], result["discarded"]) == (9, 3)
 
 
 def test_the_table_names_units(capsys):

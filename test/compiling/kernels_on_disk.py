@@ -31,8 +31,8 @@ made = []
 
 def forget():
     """Let this process look at the disk anew, as another one does."""
-    for found in (kernel_cache.directory, kernel_cache.stored_functions, kernel_cache._read_once):
-        found.cache_clear()
+    for each in (kernel_cache.directory, kernel_cache.stored_functions, kernel_cache._read_once):
+        each.cache_clear()
     kernel_cache.new_functions.clear()
     linked.LoweredStore._functions.clear()
 

@@ -40,16 +40,16 @@ def test_the_second_process_finds_what_the_first_compiled(cache, tmp_path, capsy
     assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize(("old", "new", "found", "value"), [
+@pytest.mark.parametrize(("old", "new", "result", "value"), [
     ("GAIN = 2.0", "GAIN = 5.0", 0, 16.0), ("GAIN * x", "GAIN * x * x", 0, 19.0),
     ("UNUSED = 1.0", "UNUSED = 9.0", 1, 7.0), ("x + 1.0", "x + 9.0", 1, 7.0),
     ("times the gain", "by the gain\n    and more lines", 1, 7.0),
     ("'''A module", "# a comment\n'''A module", 1, 7.0)])
-def test_what_a_kernel_reaches_counts_and_nothing_else(cache, tmp_path, old, new, found, value):
+def test_what_a_kernel_reaches_counts_and_nothing_else(cache, tmp_path, old, new, result, value):
     modules(tmp_path, name=f"edited_{tmp_path.name}")(3.0)
     assert old in CALLEE
     kernel = modules(tmp_path, CALLEE.replace(old, new), name=f"edited_{tmp_path.name}")
-    assert (kernel(3.0), hits(kernel)) == (value, found)
+    assert (kernel(3.0), hits(kernel)) == (value, result)
 
 
 def damage(cache, kind):
@@ -201,8 +201,8 @@ def test_every_compilation_of_a_second_is_announced(cache, capsys):
 
 def test_the_estimate_counts_what_is_left_to_do(cache, tmp_path):
     kernel = modules(tmp_path, name="estimated")
-    own, called = kernel.py_func, kernel.py_func.__globals__["callee"].scaled.py_func
-    size, inner = len(own.__code__.co_code) + len(called.__code__.co_code), len(called.__code__.co_code)
+    function, called = kernel.py_func, kernel.py_func.__globals__["callee"].scaled.py_func
+    size, inner = len(function.__code__.co_code) + len(called.__code__.co_code), len(called.__code__.co_code)
     assert kernel.dependencies.size == size
     assert kernel.seconds() == pytest.approx((LOWERING + CODE) * size)
     kernel.effort = 3.0
@@ -354,12 +354,12 @@ def test_what_nothing_has_used_for_30_days_is_removed_when_something_is_kept(cac
     assert other in left
 
 
-@pytest.mark.parametrize(("days", "there"), [(29.9, True), (30.1, False)])
-def test_a_file_is_kept_for_30_days(tmp_path, days, there):
+@pytest.mark.parametrize(("days", "present"), [(29.9, True), (30.1, False)])
+def test_a_file_is_kept_for_30_days(tmp_path, days, present):
     kernel = tmp_path / "a.b-1-2"
     kernel.touch()
     kernel_cache.remove_unused(tmp_path, kernel.stat().st_mtime + days * 86400.0)
-    assert kernel.exists() == there
+    assert kernel.exists() == present
 
 
 ALONE = """
@@ -405,13 +405,13 @@ def test_a_kernel_that_another_process_compiles_is_awaited_for_a_while(cache, tm
         fcntl.flock(lock, fcntl.LOCK_UN)
 
     monkeypatch.setattr(kernel_cache, "time", SimpleNamespace(**{**vars(time), "sleep": slept}))
-    for limit, found in ((60.0, 1), (0.0, 0)):
+    for limit, each in ((60.0, 1), (0.0, 0)):
         monkeypatch.setattr(kernel_cache, "WAITED", limit)
         made.unlink()
         with open(cache / f"tmp.{made.name}", "w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             kernel = modules(tmp_path, name="awaited")
-            assert (kernel(3.0), hits(kernel)) == (7.0, found)
+            assert (kernel(3.0), hits(kernel)) == (7.0, each)
         assert list(cache.iterdir()) == [made]
 
 

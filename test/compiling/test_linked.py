@@ -122,7 +122,7 @@ class Pair(NamedTuple):
 
 
 @compiled
-def told(matrix, record, pair, flag, nothing):
+def digest_of(matrix, record, pair, flag, nothing):
     """Something of every kind of argument, which no two of them could give alike."""
     if nothing is not None:
         return -1.0, 0, flag
@@ -147,9 +147,9 @@ def test_arguments_of_every_kind_arrive_as_they_are(matrix, writable):
     pair = Pair(0.5, (7, np.arange(5.0)[::2]))
     weights = 10.0**np.arange(matrix.shape[0])[:, None] * 1000.0**np.arange(matrix.shape[1])
     for count in (1, 2):
-        assert told(matrix, record, pair, True, None) == ((matrix * weights).sum() + 0.5, 11 + count, False)
+        assert digest_of(matrix, record, pair, True, None) == ((matrix * weights).sum() + 0.5, 11 + count, False)
     assert record["count"] == 2
-    assert told(matrix, record, pair, True, 1.0) == (-1.0, 0, True)
+    assert digest_of(matrix, record, pair, True, 1.0) == (-1.0, 0, True)
 
 
 def test_a_tuple_that_has_gone_is_not_taken_for_another_at_its_place():
@@ -241,16 +241,16 @@ def test_calls_one_after_the_other_give_what_the_kernel_gives(monkeypatch, teste
 
     monkeypatch.setattr(compiled_module, "TESTED", tested)
     slots = [np.array([float(k)]) for k in range(5)]
-    calls = Calls(kernel, [(own,) for own in slots])
+    calls = Calls(kernel, [(each,) for each in slots])
     numbers = [(0.5 * k, k) for k in range(5)]
     pairs = [((10.0, 1.0), 1), (None, 1), (None, 1), ((20.0, 1.0), 1), ((30.0, 1.0), 1)]
     assert calls(numbers, pairs) == [(10.0, 1), (1.5, 1), (3.0, 1), (4.5 * 3 + 20.0, 1), (6.0 * 4 + 30.0, 1)]
-    assert [own[0] for own in slots] == [0.0, 1.5, 3.0, 4.5, 6.0]
+    assert [each[0] for each in slots] == [0.0, 1.5, 3.0, 4.5, 6.0]
     assert calls(numbers[:2], pairs[1:3]) == [(0.0, 1), (2.0, 1)]
     assert calls([], []) == []
     with pytest.raises(ArithmeticError):
         calls(numbers[:3], [((1.0, 1.0), 1), ((1.0, 1.0), 0), ((1.0, 1.0), 1)])
-    assert [own[0] for own in slots[:3]] == [0.0, 2.0, 3.0]
+    assert [each[0] for each in slots[:3]] == [0.0, 2.0, 3.0]
 
 
 def test_numbers_that_change_are_differentiated_by_rule() -> None:

@@ -48,9 +48,9 @@ def measured(law: str, seed: int) -> Measurement:
 
 @pytest.mark.parametrize("law", LAWS)
 def test_the_law_is_within_the_band_that_is_given(law: str) -> None:
-    found = identify(measured(law, 3), ["friction.curve"], scene=FIG02)
-    assert found.accepted, found.why
-    curve = found.curve
+    result = identify(measured(law, 3), ["friction.curve"], scene=FIG02)
+    assert result.accepted, result.why
+    curve = result.curve
     seen = curve.visited
     truth = LAWS[law](curve.slip_speeds)
     inside = (curve.low <= truth) & (truth <= curve.high)
@@ -59,7 +59,7 @@ def test_the_law_is_within_the_band_that_is_given(law: str) -> None:
     assert (curve.high - curve.low)[seen][5:].max() < 0.04 * truth.max()
     assert np.isnan(curve.coefficient[~seen]).all()
     assert not seen[-5:].any()
-    again = found.scene.system.friction.curve
+    again = result.scene.system.friction.curve
     np.testing.assert_allclose(again.at(curve.slip_speeds[seen]), curve.coefficient[seen], rtol=2e-3)
 
 
@@ -69,13 +69,13 @@ def test_derivatives_by_the_numbers_of_a_curve_are_those_of_differences() -> Non
     model, values = Model(FIG02.system, keys, measured("dip", 1)), np.array([0.25, 0.2, 0.4, -0.16, 0.02])
     starts = np.array([[40.0, 0.1, 2.0], [0.5, 0.09, -1.0]])
     n = model.substeps(values)
-    _, found = sensitivities(model, starts, 8, values, n)
+    _, result = sensitivities(model, starts, 8, values, n)
     for i, value in enumerate(values):
         step = np.zeros(5)
         step[i] = 1e-5 * value
         after, before = (sensitivities(model, starts, 8, values + s * step, n)[0] for s in (1.0, -1.0))
         by = (after - before) / (2.0 * step[i])
-        np.testing.assert_allclose(found[..., 3 + i], by, rtol=1e-5, atol=1e-6 * np.abs(by).max())
+        np.testing.assert_allclose(result[..., 3 + i], by, rtol=1e-5, atol=1e-6 * np.abs(by).max())
 
 
 @pytest.mark.parametrize(("free", "sentence"), [
@@ -107,11 +107,11 @@ def test_the_command_writes_curve_scene_and_picture(tmp_path: Path, capsys: pyte
     assert "sliding friction: mu(v) = 0.26" in shown
     assert re.search(r"not visited: slip speeds 0 rad/s to [0-3]\.\d+ rad/s, 19\d(\.\d)? rad/s to 24\d(\.\d)? rad/s",
                      shown)
-    found = json.loads((tmp_path / "found.json").read_text())
-    valid("identify", found)
-    assert [p["key"] for p in found["parameters"]] == ["driveline.stiffness"]
-    assert len(found["curve"]["rates"]) == 1
-    assert found["curve"]["visited"].count(False) == found["curve"]["coefficient"].count(None) > 0
-    own = load_scene(tmp_path / "own.yaml").system.friction
-    assert own.curve.at(50.0) == pytest.approx(float(LAWS["rising"](50.0)), rel=5e-3)
+    document = json.loads((tmp_path / "found.json").read_text())
+    valid("identify", document)
+    assert [p["key"] for p in document["parameters"]] == ["driveline.stiffness"]
+    assert len(document["curve"]["rates"]) == 1
+    assert document["curve"]["visited"].count(False) == document["curve"]["coefficient"].count(None) > 0
+    law = load_scene(tmp_path / "own.yaml").system.friction
+    assert law.curve.at(50.0) == pytest.approx(float(LAWS["rising"](50.0)), rel=5e-3)
     assert len(figures[0].axes) == 5

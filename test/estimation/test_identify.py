@@ -33,9 +33,9 @@ def starts(seed: int) -> dict[str, float]:
 def test_parameters_are_found_from_starts_ten_percent_off() -> None:
     for seed in range(2):
         data, noise = measured(seed)
-        found = identify(data, starts(seed), scene=FIG02, noise=noise)
-        assert found.accepted, found
-        for p in found.parameters:
+        result = identify(data, starts(seed), scene=FIG02, noise=noise)
+        assert result.accepted, result
+        for p in result.parameters:
             assert abs(p.value - KEYS[p.key]) < 4.0 * p.standard_error, p
             assert p.verdict == "identified", p
             assert p.standard_error < 0.05 * p.value, p
@@ -51,13 +51,13 @@ def test_how_an_input_holds_is_found(hold: str) -> None:
     channels = {"slip_speed": states[:, 0] + level * rng.standard_normal(len(t)),
                 "plate_speed": states[:, 2] + level * rng.standard_normal(len(t))}
     data, noise = Measurement(t, channels, {"engine_torque": torque}), {"slip_speed": level, "plate_speed": level}
-    found = identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, noise=noise)
-    assert (found.accepted, found.hold) == (True, hold), found.why
-    assert found.chi2_per_dof == pytest.approx(1.0, abs=0.2)
-    assert abs(found.parameters[0].value - 3000.0) < 4.0 * found.parameters[0].standard_error
+    result = identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, noise=noise)
+    assert (result.accepted, result.hold) == (True, hold), result.why
+    assert result.chi2_per_dof == pytest.approx(1.0, abs=0.2)
+    assert abs(result.parameters[0].value - 3000.0) < 4.0 * result.parameters[0].standard_error
     if hold == "previous":
-        told = identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, noise=noise, hold="linear", gates=ONCE)
-        assert (told.accepted, told.hold) == (False, "linear")
+        assumed = identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, noise=noise, hold="linear", gates=ONCE)
+        assert (assumed.accepted, assumed.hold) == (False, "linear")
         with pytest.raises(InputError, match="hold is 'cubic'"):
             identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, hold="cubic")
 
@@ -92,9 +92,9 @@ def test_what_one_kilohertz_does_not_tell_is_said() -> None:
     """The decay goes with mu_s: at 1 kHz the fall after breakaway is over within a sample or two."""
     data, noise = measured(3)
     free = {k: KEYS[k] for k in list(KEYS)[:2]} | {"friction.decay": 2.5}
-    found = identify(data, free, scene=FIG02, noise=noise)
-    decay = found.parameters[2]
-    assert abs(found.correlations[0, 2]) > 0.9
+    result = identify(data, free, scene=FIG02, noise=noise)
+    decay = result.parameters[2]
+    assert abs(result.correlations[0, 2]) > 0.9
     assert decay.verdict == "not identifiable"
     assert "friction.static_coefficient" in decay.why
     assert "10 kHz" in decay.why
@@ -106,10 +106,10 @@ def test_measured_torque_drives_the_model_and_its_offset_is_found() -> None:
     channels = {"slip_speed": states[:, 0] + 0.05 * rng.standard_normal(len(t)),
                 "plate_speed": states[:, 2] + 0.05 * rng.standard_normal(len(t))}
     data = Measurement(t, channels, {"engine_torque": torque + 6.0})
-    found = identify(data, {"driveline.stiffness": 3150.0, "engine_torque.offset": None}, scene=FIG02,
-                     noise={"slip_speed": 0.05, "plate_speed": 0.05})
-    assert found.accepted
-    for p, truth in zip(found.parameters, (3000.0, 6.0)):
+    result = identify(data, {"driveline.stiffness": 3150.0, "engine_torque.offset": None}, scene=FIG02,
+                      noise={"slip_speed": 0.05, "plate_speed": 0.05})
+    assert result.accepted
+    for p, truth in zip(result.parameters, (3000.0, 6.0)):
         assert abs(p.value - truth) < 4.0 * p.standard_error, p
 
 
@@ -139,14 +139,14 @@ def test_a_wrong_measurement_or_scene_is_refused_with_the_reason(words: str) -> 
     changed, values = REFUSED[words]
     (data, noise), scene = measured(seconds=0.5 if "clocks" in words else 0.2), FIG02.with_values(values)
     channels, t = changed(data.channels, data.t)
-    found = identify(Measurement(t, channels), {"driveline.stiffness": 3100.0}, scene=scene, noise=noise, gates=ONCE)
-    assert not found.accepted
-    assert words in found.why
-    shares = {name: float(np.sqrt(np.mean(r**2))) / noise[name] for name, r in found.residuals.items()}
+    result = identify(Measurement(t, channels), {"driveline.stiffness": 3100.0}, scene=scene, noise=noise, gates=ONCE)
+    assert not result.accepted
+    assert words in result.why
+    shares = {name: float(np.sqrt(np.mean(r**2))) / noise[name] for name, r in result.residuals.items()}
     most = max(shares, key=lambda name: shares[name])
-    assert f"Most of it is in {most}, whose residuals are {shares[most]:.3g} times its noise" in found.why
-    assert found.parameters[0].verdict == "not identifiable"
-    assert found.scene.text() == scene.text()
+    assert f"Most of it is in {most}, whose residuals are {shares[most]:.3g} times its noise" in result.why
+    assert result.parameters[0].verdict == "not identifiable"
+    assert result.scene.text() == scene.text()
 
 
 @pytest.mark.parametrize(("speed", "seconds", "torque", "values", "words"), [
@@ -184,10 +184,10 @@ def test_gaps_and_uneven_samples_are_said() -> None:
 def test_any_even_rate_and_any_channel_of_the_plate_will_do(rate: float, channel: str, level: float) -> None:
     t, states, _ = moved(0.1, rate)
     seen = states + np.array([0.05, 2e-4, 0.05]) * np.random.default_rng(4).standard_normal(states.shape)
-    found = identify(Measurement(t, {"slip_speed": seen[:, 0], channel: seen[:, INDEX[channel]]}),
-                     {"driveline.stiffness": 3300.0}, scene=FIG02, noise={"slip_speed": 0.05, channel: level})
-    assert found.accepted
-    assert abs(found.parameters[0].value - 3000.0) < 4.0 * found.parameters[0].standard_error
+    result = identify(Measurement(t, {"slip_speed": seen[:, 0], channel: seen[:, INDEX[channel]]}),
+                      {"driveline.stiffness": 3300.0}, scene=FIG02, noise={"slip_speed": 0.05, channel: level})
+    assert result.accepted
+    assert abs(result.parameters[0].value - 3000.0) < 4.0 * result.parameters[0].standard_error
 
 
 def test_what_cannot_be_identified_is_said() -> None:
@@ -206,14 +206,14 @@ def test_what_cannot_be_identified_is_said() -> None:
 def test_a_profile_is_what_fits_with_the_key_held_come_to() -> None:
     data, noise = measured(1)
     free = {"driveline.stiffness": 3010.0, "driveline.damping": 0.61}
-    found = identify(data, free, scene=FIG02, noise=noise, likelihood="driveline.stiffness", gates=ONCE)
-    values, excess = found.likelihood.values, found.likelihood.excess
-    samples = sum(map(len, found.residuals.values()))
+    result = identify(data, free, scene=FIG02, noise=noise, likelihood="driveline.stiffness", gates=ONCE)
+    values, excess = result.likelihood.values, result.likelihood.excess
+    samples = sum(map(len, result.residuals.values()))
     for k in (1, 8):
         held = FIG02.with_values({"driveline.stiffness": float(values[k])})
         open_gates = replace(ONCE, beyond=1e3, explained=1e3, white=0.0)
         by_hand = identify(data, {"driveline.damping": 0.61}, scene=held, noise=noise, gates=open_gates)
-        rise = by_hand.chi2_per_dof * (samples - 4) - found.chi2_per_dof * (samples - 5)
+        rise = by_hand.chi2_per_dof * (samples - 4) - result.chi2_per_dof * (samples - 5)
         assert excess[k] == pytest.approx(rise, abs=0.05)
         # And that of a parabola: k is (k - 6)/2 standard errors from the best value.
         assert excess[k] == pytest.approx((0.5 * (k - 6)) ** 2, rel=0.2, abs=0.1)
@@ -226,8 +226,8 @@ def test_verdicts() -> None:
     fitted = Fit(values, np.zeros((1, 3)), {}, 1.0, 0.0, 1000)
     alone, together = np.eye(3), np.eye(3) + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.995], [0.0, -0.995, 0.0]])
     model = Model(FIG02.system, keys, measured()[0])
-    told = [judged(model, i, 0.0, fitted, errors, alone, True, Gates()) for i in range(3)]
-    assert [p.verdict for p in told] == ["at its bound", "at its bound", "identified"]
+    judged_keys = [judged(model, i, 0.0, fitted, errors, alone, True, Gates()) for i in range(3)]
+    assert [p.verdict for p in judged_keys] == ["at its bound", "at its bound", "identified"]
     for key, value in zip(keys, (0.24 * DEFAULTS.least_ratio, 0.3 / DEFAULTS.least_ratio)):   # The other one is fixed.
         lone = Model(FIG02.system, (key,), measured()[0])
         for away, verdict in ((5e-10, "at its bound"), (0.01, "identified")):
@@ -258,8 +258,8 @@ def test_a_start_that_leads_nowhere_is_followed_by_others(monkeypatch: pytest.Mo
         return fit(model, levels, values, *rest, **named)
 
     monkeypatch.setattr("tcc_sim.estimation.search.fit", failing)
-    found = identify(data, {"driveline.stiffness": 3100.0}, scene=FIG02, noise=noise)
-    assert (found.accepted, found.starts) == (True, 3)
+    result = identify(data, {"driveline.stiffness": 3100.0}, scene=FIG02, noise=noise)
+    assert (result.accepted, result.starts) == (True, 3)
     assert begun[0] == 3100.0
     assert len(set(begun)) == 3
     assert all(abs(value / 3100.0 - 1.0) <= Gates().spread for value in begun)
@@ -276,12 +276,12 @@ def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys, figures) -
              str(tmp_path / "found.json"), "--out", str(out), "--plot", str(tmp_path / "found.png")]
     assert cli.main(words) == 0
     assert "identified" in capsys.readouterr().out
-    found = valid("identify", json.loads((tmp_path / "found.json").read_text()))
-    assert found["accepted"]
-    assert set(found["whiteness"]["p_value"]) == {"slip_speed", "plate_speed"}
-    stiffness = found["parameters"][0]
+    document = valid("identify", json.loads((tmp_path / "found.json").read_text()))
+    assert document["accepted"]
+    assert set(document["whiteness"]["p_value"]) == {"slip_speed", "plate_speed"}
+    stiffness = document["parameters"][0]
     assert load_scene(str(out)).system.driveline.stiffness == pytest.approx(stiffness["value"])
-    profile = found["likelihood"]
+    profile = document["likelihood"]
     # One parameter's profile is a parabola: 1.96 standard errors from the best value it rises by 3.84.
     rise = np.interp(stiffness["high"], profile["values"], profile["excess"])
     assert rise == pytest.approx(3.84, rel=0.3)

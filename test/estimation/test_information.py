@@ -51,11 +51,13 @@ def record(name: str) -> Measurement:
 @pytest.mark.parametrize("name", ["stuck", "fast"])
 @pytest.mark.parametrize("key", FREE)
 def test_what_a_record_holds_nothing_about_keeps_its_start_and_the_others_are_found(name: str, key: str) -> None:
-    beside = "driveline.damping" if key in ("driveline.stiffness", "driveline.plate_inertia") else "driveline.stiffness"
-    free = {key: 1.1 * float(TRUE[key]), beside: {"driveline.damping": 0.7, "driveline.stiffness": 3150.0}[beside]}
-    found = identify(record(name), free, scene=SCENE, noise=NOISE, gates=ONCE)
-    assert found.accepted, found.why
-    judged, other = found.parameters
+    coupling_keys = "driveline.damping" if key in ("driveline.stiffness",
+                                                   "driveline.plate_inertia") else "driveline.stiffness"
+    free = {key: 1.1 * float(TRUE[key]), coupling_keys: {"driveline.damping": 0.7,
+                                                         "driveline.stiffness": 3150.0}[coupling_keys]}
+    result = identify(record(name), free, scene=SCENE, noise=NOISE, gates=ONCE)
+    assert result.accepted, result.why
+    judged, other = result.parameters
     assert abs(other.value - float(TRUE[other.key])) < 4.0 * other.standard_error
     assert other.verdict == "identified"
     if key in NOTHING[name]:
@@ -63,18 +65,18 @@ def test_what_a_record_holds_nothing_about_keeps_its_start_and_the_others_are_fo
         assert "holds nothing about it, so it keeps its start" in judged.why
     if key in NOTHING[name] | LITTLE[name]:
         assert judged.verdict == "not identifiable"
-        assert not np.delete(found.correlations, 0, 0)[:, 0].any() or math.isfinite(judged.standard_error)
+        assert not np.delete(result.correlations, 0, 0)[:, 0].any() or math.isfinite(judged.standard_error)
     else:
         assert judged.verdict == "identified"
         assert abs(judged.value - float(TRUE[key])) < 4.0 * judged.standard_error
-    assert key in OFFSETS or found.scene.value(key) == judged.value
+    assert key in OFFSETS or result.scene.value(key) == judged.value
 
 
 def test_two_keys_of_which_a_record_holds_the_sum_alone_are_both_unknown() -> None:
     """In stick the inertias move as one."""
-    found = identify(record("stuck"), {"driveline.flywheel_inertia": 0.21, "driveline.plate_inertia": 0.021,
-                                       "driveline.damping": 0.7}, scene=SCENE, noise=NOISE, gates=ONCE)
-    *inertias, damping = found.parameters
+    result = identify(record("stuck"), {"driveline.flywheel_inertia": 0.21, "driveline.plate_inertia": 0.021,
+                                        "driveline.damping": 0.7}, scene=SCENE, noise=NOISE, gates=ONCE)
+    *inertias, damping = result.parameters
     assert [p.verdict for p in inertias] == ["not identifiable"] * 2
     assert sum(p.value for p in inertias) == pytest.approx(0.22, rel=1e-3)
     assert damping.verdict == "identified"

@@ -45,49 +45,49 @@ def slip_rates(x: np.ndarray, pressure: float, torque: float) -> tuple[float, fl
 def test_constant_slip_is_the_linear_model_of_the_equations(inputs: str, output: str, law: str) -> None:
     """Differences of the equations, written out here; at this slip tanh(50 v) is 1, so that both laws are one."""
     v, which = 0.8, list(INPUTS).index(inputs)
-    found = linearise(CONTROLLED.with_values(CONSTANT | {"friction.law": law}), slip=v, input=inputs, output=output,
-                      frequencies=[3.0, 400.0])
-    assert (found.kind, found.dt) == ("slip", 0.0)
+    linearised = linearise(CONTROLLED.with_values(CONSTANT | {"friction.law": law}), slip=v, input=inputs,
+                           output=output, frequencies=[3.0, 400.0])
+    assert (linearised.kind, linearised.dt) == ("slip", 0.0)
 
     def motion(x: np.ndarray, u: np.ndarray) -> np.ndarray:
         *rates, friction, spring = slip_rates(x, *u)
         return np.array([*rates, {"slip_speed": x[0], "friction_torque": friction, "shaft_torque": spring}[output]])
 
-    x, u = np.array([v, 200.0 / 3000.0, 0.0]), np.array([found.pressure, 200.0])
+    x, u = np.array([v, 200.0 / 3000.0, 0.0]), np.array([linearised.pressure, 200.0])
     assert np.abs(motion(x, u)[:3]).max() < 1e-8
     rows = np.array([(motion(x + h, u) - motion(x - h, u)) / 2e-6 for h in 1e-6 * np.eye(3)]).T
     step = np.diag([1.0, 1e-3])[which]
     by_input = (motion(x, u + step) - motion(x, u - step)) / (2.0 * step[which])
-    assert found.a == pytest.approx(rows[:3], rel=1e-5, abs=1e-4)
-    assert found.b[:, 0] == pytest.approx(by_input[:3], rel=1e-5, abs=1e-9)
-    assert found.c[0] == pytest.approx(rows[3], rel=1e-5, abs=1e-5)
-    assert found.d[0, 0] == pytest.approx(by_input[3], rel=1e-5, abs=1e-9)
-    s = 1j * found.frequencies[:, None, None]
-    bode = (found.c @ np.linalg.solve(s * np.eye(3) - found.a, found.b) + found.d)[:, 0, 0]
-    assert found.response == pytest.approx(bode, rel=1e-9, abs=1e-12 * np.abs(bode).max())
-    assert (np.diff(np.abs(found.multipliers)) <= 0.0).all()
+    assert linearised.a == pytest.approx(rows[:3], rel=1e-5, abs=1e-4)
+    assert linearised.b[:, 0] == pytest.approx(by_input[:3], rel=1e-5, abs=1e-9)
+    assert linearised.c[0] == pytest.approx(rows[3], rel=1e-5, abs=1e-5)
+    assert linearised.d[0, 0] == pytest.approx(by_input[3], rel=1e-5, abs=1e-9)
+    s = 1j * linearised.frequencies[:, None, None]
+    bode = (linearised.c @ np.linalg.solve(s * np.eye(3) - linearised.a, linearised.b) + linearised.d)[:, 0, 0]
+    assert linearised.response == pytest.approx(bode, rel=1e-9, abs=1e-12 * np.abs(bode).max())
+    assert (np.diff(np.abs(linearised.multipliers)) <= 0.0).all()
 
 
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])
 def test_constant_stick_is_one_oscillator(law: str) -> None:
     scene = CONTROLLED.with_values(CONSTANT | {"friction.law": law, "pressure.mean": 2e5, "friction.smoothing": 1e5})
-    found = linearise(scene, input="engine_torque", output="shaft_torque", frequencies=[1.0, 50.0, 116.0, 300.0])
-    omega = found.frequencies
+    linearised = linearise(scene, input="engine_torque", output="shaft_torque", frequencies=[1.0, 50.0, 116.0, 300.0])
+    omega = linearised.frequencies
     stuck = (3000.0 + 0.6j * omega) / (3000.0 - 0.22 * omega**2 + 0.6j * omega)
-    assert found.kind == "stick"
-    assert found.response == pytest.approx(stuck, rel=1e-9 if law == "set_valued" else 1e-4)
+    assert linearised.kind == "stick"
+    assert linearised.response == pytest.approx(stuck, rel=1e-9 if law == "set_valued" else 1e-4)
 
 
 def test_slip_without_slope_is_the_integrator_behind_the_plate() -> None:
     """mu_k = mu_s and a pulsating torque: slip is linear for any motion."""
     scene = CONTROLLED.with_values({"friction.kinetic_coefficient": 0.3})
     omegas = np.array([2.0, 30.0, 150.0, 380.0])
-    found = linearise(scene, slip=30.0, frequencies=omegas)
+    linearised = linearise(scene, slip=30.0, frequencies=omegas)
     gain, s = 0.3 * 0.08 * 0.1, 1j * omegas
     exact = -gain * (1.0 / (0.2 * s) + s / (0.02 * s**2 + 0.6 * s + 3000.0))
-    assert found.kind == "periodic"
-    assert found.response == pytest.approx(exact, rel=2e-3)
-    assert found.mean_slip == pytest.approx(30.0, abs=1e-6)
+    assert linearised.kind == "periodic"
+    assert linearised.response == pytest.approx(exact, rel=2e-3)
+    assert linearised.mean_slip == pytest.approx(30.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(("engine", "amplitude", "highest"), [(5.0, 12.0, 400.0), (150.0, 120.0, 2e4)])
@@ -96,9 +96,9 @@ def test_a_response_is_within_one_percent_or_refused(engine: float, amplitude: f
     scene = CONTROLLED.with_values({"friction.kinetic_coefficient": 0.3, "engine.frequency": engine,
                                     "engine.torque_amplitude": amplitude})
     omegas = np.geomspace(3.0, highest, 4)
-    found, s = linearise(scene, slip=30.0, frequencies=omegas), 1j * omegas
+    result, s = linearise(scene, slip=30.0, frequencies=omegas), 1j * omegas
     exact = -0.3 * 0.08 * 0.1 * (1.0 / (0.2 * s) + s / (0.02 * s**2 + 0.6 * s + 3000.0))
-    assert np.abs(found.response / exact - 1.0).max() < 0.01
+    assert np.abs(result.response / exact - 1.0).max() < 0.01
     with pytest.raises(InputError, match=r"1e\+06 rad/s needs more than 65536 parts"):
         linearise(scene, slip=30.0, frequencies=[10.0, 1e6])
 
@@ -116,16 +116,17 @@ def test_the_discrete_model_of_a_motion_with_stick_is_right_for_slow_inputs() ->
 
 
 def test_the_default_range_reaches_three_times_the_slipping_mode() -> None:
-    found = linearise(CONTROLLED.with_values(CONSTANT), slip=20.0)
-    assert (found.frequencies[0], found.frequencies[-1]) == pytest.approx((2.0, 3.0 * math.sqrt(3000.0 / 0.02)))
+    linearised = linearise(CONTROLLED.with_values(CONSTANT), slip=20.0)
+    assert (linearised.frequencies[0], linearised.frequencies[-1]) == pytest.approx((2.0,
+                                                                                     3.0 * math.sqrt(3000.0 / 0.02)))
 
 
 def test_a_mean_motion_is_that_without_excitation() -> None:
     scene = CONTROLLED.with_values({"engine.harmonic_amplitudes": [20.0], "engine.harmonic_phases": [0.3]})
-    found, constant = linearise(scene, slip=6.0, mean=True), linearise(CONTROLLED.with_values(CONSTANT), slip=6.0)
-    assert (found.dt, found.kind, found.mean_slip) == (0.0, "slip", 6.0)
+    result, constant = linearise(scene, slip=6.0, mean=True), linearise(CONTROLLED.with_values(CONSTANT), slip=6.0)
+    assert (result.dt, result.kind, result.mean_slip) == (0.0, "slip", 6.0)
     for name in ("a", "b", "c", "d", "response"):
-        assert np.array_equal(getattr(found, name), getattr(constant, name)), name
+        assert np.array_equal(getattr(result, name), getattr(constant, name)), name
 
 
 def test_a_set_valued_motion_that_sticks_is_found_and_its_section_differentiated() -> None:
@@ -156,23 +157,23 @@ def test_periodic_motions_answer_as_simulated_ones(slip: float, frequencies: lis
     """In slip, and with stick in every cycle, where a linear model about the mean is 20 dB and 80 degrees off; also at
     multiples of half the engine frequency and beside them, where side bands of a sine meet the answer to it.
     """
-    found = linearise(CONTROLLED, slip=slip, frequencies=frequencies, check=len(frequencies))
-    assert (np.diff(np.abs(found.multipliers)) <= 0.0).all()
-    for point, response in zip(found.checked, found.response):
+    linearised = linearise(CONTROLLED, slip=slip, frequencies=frequencies, check=len(frequencies))
+    assert (np.diff(np.abs(linearised.multipliers)) <= 0.0).all()
+    for point, response in zip(linearised.checked, linearised.response):
         assert np.all(apart(response, point.gain * np.exp(1j * point.phase)) < (0.3, 2.0)), point
 
 
 def test_a_lag_and_a_delay_of_the_actuator_cost_the_phase_of_their_closed_form() -> None:
     """And that of a simulated response; the engine's torque does not pass the actuator."""
     acted, omegas = CONTROLLED.with_values({"pressure.time_constant": 0.03, "pressure.delay": 0.005}), [60.0]
-    plain, found = (linearise(scene, slip=20.0, frequencies=omegas, check=int(scene is acted))
-                    for scene in (CONTROLLED, acted))
-    np.testing.assert_allclose(found.gain / plain.gain, 1.0 / np.hypot(1.0, 0.03 * found.frequencies), rtol=1e-12)
-    late = np.arctan(0.03 * found.frequencies) + 0.005 * found.frequencies
-    np.testing.assert_allclose(plain.phase - found.phase, late, atol=1e-12)
-    for point, gain, phase in zip(found.checked, found.gain, found.phase):
+    plain, result = (linearise(scene, slip=20.0, frequencies=omegas, check=int(scene is acted))
+                     for scene in (CONTROLLED, acted))
+    np.testing.assert_allclose(result.gain / plain.gain, 1.0 / np.hypot(1.0, 0.03 * result.frequencies), rtol=1e-12)
+    late = np.arctan(0.03 * result.frequencies) + 0.005 * result.frequencies
+    np.testing.assert_allclose(plain.phase - result.phase, late, atol=1e-12)
+    for point, gain, phase in zip(result.checked, result.gain, result.phase):
         assert (point.gain, point.phase) == (pytest.approx(gain, rel=0.02), pytest.approx(phase, abs=0.03))
-    assert [point.frequency for point in found.checked] == omegas
+    assert [point.frequency for point in result.checked] == omegas
     torque = [linearise(scene, slip=20.0, frequencies=omegas, input="engine_torque").response
               for scene in (CONTROLLED, acted)]
     np.testing.assert_allclose(*torque, rtol=1e-12)
@@ -204,7 +205,7 @@ def test_a_simulated_response_is_that_of_an_independent_integrator() -> None:
     """SciPy's LSODA with the sine on the pressure, about constant slip."""
     motion = operating_point(CONTROLLED.with_values(CONSTANT).system, 20.0)
     omega, height, mean = 40.0, 2e-3, motion.system.pressure.mean
-    found = simulated(motion, "actuation_pressure", "slip_speed", omega)
+    result = simulated(motion, "actuation_pressure", "slip_speed", omega)
 
     def rates(t: float, x: np.ndarray) -> tuple[float, ...]:
         return slip_rates(x, mean * (1.0 + height * math.sin(omega * t)), 200.0)[:3]
@@ -213,7 +214,7 @@ def test_a_simulated_response_is_that_of_an_independent_integrator() -> None:
     run = solve_ivp(rates, (0.0, t[-1]), [20.0, 200.0 / 3000.0, 0.0], "LSODA", t, rtol=1e-9, atol=1e-11)
     columns = np.column_stack([np.sin(omega * t), np.cos(omega * t), np.ones_like(t), t])
     in_phase, ahead = np.linalg.lstsq(columns, run.y[0], rcond=None)[0][:2]
-    assert found == pytest.approx(complex(in_phase, ahead) / (height * mean), rel=1e-3)
+    assert result == pytest.approx(complex(in_phase, ahead) / (height * mean), rel=1e-3)
 
 
 def test_side_bands_are_told_from_the_answer() -> None:
@@ -222,8 +223,8 @@ def test_side_bands_are_told_from_the_answer() -> None:
     t = np.arange(1.0, 1500.0) * 2.5e-4
     bands = [(0, 2.0 - 1.0j), (1, 0.7j), (-1, 0.4), (-5, -0.3j), (DEFAULTS.bands, 0.2)]
     answer = sum(size * np.exp(1j * (omega + n * base) * t) for n, size in bands) + 0.5 + 0.1 * t
-    found = _fitted(t, np.column_stack([answer, 2.0 * answer, 0.0 * answer]), omega, base)
-    assert found == pytest.approx(np.array([2.0 - 1.0j, 4.0 - 2.0j, 0.0]), abs=1e-9)
+    result = _fitted(t, np.column_stack([answer, 2.0 * answer, 0.0 * answer]), omega, base)
+    assert result == pytest.approx(np.array([2.0 - 1.0j, 4.0 - 2.0j, 0.0]), abs=1e-9)
 
 
 def test_what_cannot_be_linearised_is_refused_in_one_sentence() -> None:
@@ -244,11 +245,11 @@ def test_the_command_writes_what_control_tools_take(tmp_path, capsys, figures) -
              str(names[".json"]), "--out", str(names[".npz"]), "--plot", str(names[".png"])]
     assert cli.main(words) == 0
     assert "periodic motion of 1 period of excitation" in capsys.readouterr().out
-    found = valid("linearise", json.loads(names[".json"].read_text()))
+    document = valid("linearise", json.loads(names[".json"].read_text()))
     with np.load(names[".npz"]) as arrays:
         model = StateSpace(arrays["A"], arrays["B"], arrays["C"], arrays["D"], dt=float(arrays["dt"]))
-        assert model.A.tolist() == found["A"]
-    assert found["frequencies"][0] == pytest.approx(200.0)
-    assert len(found["checked"]) == 1
+        assert model.A.tolist() == document["A"]
+    assert document["frequencies"][0] == pytest.approx(200.0)
+    assert len(document["checked"]) == 1
     assert cli.main(words) == 2
     assert cli.main(["linearise", "controlled", "--frequencies", "2:0:5"]) == 2

@@ -30,9 +30,9 @@ def test_intervals_cover_the_truth(colour: float) -> None:
     for seed in range(6):
         data, noise = measured(100 + seed, 0.3, colour)
         model = Model(FIG02.system, tuple(KEYS), data)
-        found = fit(model, noise, truth, settings, settings.stages[-1:], states[::100].copy())
-        white, covariance = judge_residuals(model, noise, found, settings, False)
-        squares.append((found.values - truth) ** 2 / np.diag(covariance))
+        result = fit(model, noise, truth, settings, settings.stages[-1:], states[::100].copy())
+        white, covariance = judge_residuals(model, noise, result, settings, False)
+        squares.append((result.values - truth) ** 2 / np.diag(covariance))
         assert not why_no_noise(white, Gates())
         for name in ("slip_speed", "plate_speed"):
             assert white.correlation[name] == pytest.approx(colour, abs=0.2)
@@ -71,34 +71,34 @@ def test_misfits_are_refused_with_what_would_explain_them(what: str, given: bool
     channels["slip_speed"] = channels["slip_speed"] * changes.get("scale", 1.0) + changes.get("offset", 0.0)
     if "late" in changes:
         channels["plate_speed"] = np.interp(data.t - changes["late"], data.t, channels["plate_speed"])
-    found = identify(Measurement(data.t, channels), KEYS, scene=FIG02.with_values(scene),
-                     noise=noise if given else None, gates=replace(ONCE, beyond=1e3))
-    assert not found.accepted
-    assert found.whiteness.explanation.what == what
-    assert found.whiteness.explanation.amount == pytest.approx(amount, abs=within)
-    assert f"a change of {what}" in found.why
-    assert found.scene.text() == FIG02.with_values(scene).text()
+    result = identify(Measurement(data.t, channels), KEYS, scene=FIG02.with_values(scene),
+                      noise=noise if given else None, gates=replace(ONCE, beyond=1e3))
+    assert not result.accepted
+    assert result.whiteness.explanation.what == what
+    assert result.whiteness.explanation.amount == pytest.approx(amount, abs=within)
+    assert f"a change of {what}" in result.why
+    assert result.scene.text() == FIG02.with_values(scene).text()
 
 
-@pytest.mark.parametrize(("information", "found"), [(600.0, {}), (480.0, {"a": ("b", 0.1 * 480.0**0.5)}), (300.0, {})])
+@pytest.mark.parametrize(("information", "result"), [(600.0, {}), (480.0, {"a": ("b", 0.1 * 480.0**0.5)}), (300.0, {})])
 def test_a_fixed_key_hides_where_noise_covers_its_effect_and_it_moves_a_free_one(
-        information: float, found: dict[str, tuple[str, float]]) -> None:
+        information: float, result: dict[str, tuple[str, float]]) -> None:
     """One of each with correlation 1/2: after a has followed, 20 % of b has an effect of 0.15 n with variance 0.75 n,
     and moves a by 0.1 sqrt(n) standard errors, which must be more than 2.
     """
     squares = information * np.array([[1.0, 0.5], [0.5, 1.0]])
     assert _hidden(squares, squares, ("a",), ["b"]) == {key: (name, pytest.approx(value))
-                                                        for key, (name, value) in found.items()}
+                                                        for key, (name, value) in result.items()}
 
 
 def test_a_fixed_key_that_hides_is_named() -> None:
     """The decay 20 % off: mu_s goes 20 standard errors off with it, and nothing in the residuals says so."""
     data, noise = measured(2)
-    found = identify(data, KEYS, scene=FIG02.with_values({"friction.decay": 2.4}), noise=noise)
-    static, stiffness = found.parameters[0], found.parameters[3]
+    result = identify(data, KEYS, scene=FIG02.with_values({"friction.decay": 2.4}), noise=noise)
+    static, stiffness = result.parameters[0], result.parameters[3]
     assert abs(static.value - 0.3) > 8.0 * static.standard_error
     assert "if friction.decay is right" in static.why
-    assert found.whiteness.hidden[static.key] == ("friction.decay", pytest.approx(
+    assert result.whiteness.hidden[static.key] == ("friction.decay", pytest.approx(
         abs(static.value - 0.3) / static.standard_error, rel=0.5))
     assert "friction.decay" not in stiffness.why
     assert abs(stiffness.value - 3000.0) < 4.0 * stiffness.standard_error
@@ -108,9 +108,9 @@ def test_without_noise_the_interval_is_that_of_the_tolerance() -> None:
     """Errors of the solver go together: mu_s was 15 standard errors off."""
     t, states, _ = moved()
     data = Measurement(t, {"slip_speed": states[:, 0], "plate_speed": states[:, 2]})
-    found = identify(data, KEYS, scene=FIG02)
-    assert found.accepted
-    assert found.whiteness.exact
-    for p in found.parameters:
+    result = identify(data, KEYS, scene=FIG02)
+    assert result.accepted
+    assert result.whiteness.exact
+    for p in result.parameters:
         assert abs(p.value - KEYS[p.key]) < p.standard_error, p
         assert 1e-5 < p.standard_error / p.value < 0.05, p

@@ -123,8 +123,8 @@ def test_constant_slip_without_slope_is_an_integrator_with_known_multipliers() -
     scene = load_scene("controlled").with_values({
         "engine.torque_amplitude": 0.0, "friction.kinetic_coefficient": 0.3, "driveline.stiffness": 1e8,
         "driveline.plate_inertia": 1e-3, "driveline.damping": 1e3, "rate": 4.0 * 150.0 / (2.0 * math.pi)})
-    found = linearise(scene, slip=20.0, frequencies=[10.0], controller=(3.0, 11.25)).controller
-    h = found.step
+    linearised = linearise(scene, slip=20.0, frequencies=[10.0], controller=(3.0, 11.25)).controller
+    h = linearised.step
     assert h == pytest.approx(2.0 * math.pi / 600.0)
     # v+ = v - h/I1 (KP m + c), c+ = c + KI h m, m = (v + v1 + v2 + v3)/4.
     by_mean = np.full(4, 0.25)
@@ -134,22 +134,23 @@ def test_constant_slip_without_slope_is_an_integrator_with_known_multipliers() -
     rows[1, 0] = rows[2, 1] = rows[3, 2] = rows[4, 4] = 1.0
     rows[4, :4] = 11.25 * h * by_mean
     exact = np.linalg.eigvals(np.linalg.matrix_power(rows, 4))
-    assert np.sort(np.abs(found.multipliers))[::-1][:2] == pytest.approx(np.sort(np.abs(exact))[::-1][:2], rel=1e-3)
+    assert np.sort(np.abs(linearised.multipliers))[::-1][:2] == pytest.approx(np.sort(np.abs(exact))[::-1][:2],
+                                                                              rel=1e-3)
 
 
 def test_an_unstable_loop_has_no_margins() -> None:
-    found = linearise("controlled", slip=20.0, frequencies=[10.0], controller=(12.0, 45.0)).controller
-    assert not found.stable
-    assert (found.gain_margin, found.largest_delay, found.smallest_stable_slip) == (None, None, None)
-    assert abs(found.multipliers[0]) > 1.0
+    linearised = linearise("controlled", slip=20.0, frequencies=[10.0], controller=(12.0, 45.0)).controller
+    assert not linearised.stable
+    assert (linearised.gain_margin, linearised.largest_delay, linearised.smallest_stable_slip) == (None, None, None)
+    assert abs(linearised.multipliers[0]) > 1.0
 
 
 def test_the_command_prints_the_margins_and_refuses_other_gains(tmp_path, capsys) -> None:
     words = ["linearise", "controlled", "--slip", "20", "--frequencies", "2:300:5", "--controller"]
     assert cli.main([*words, "12,45", "--json", str(tmp_path / "found.json")]) == 0
     assert "N m/rad, a command every 0.9973 ms: unstable, largest multiplier 1." in capsys.readouterr().out
-    found = valid("linearise", json.loads((tmp_path / "found.json").read_text()))
-    assert found["controller"]["gain_margin"] is None
+    document = valid("linearise", json.loads((tmp_path / "found.json").read_text()))
+    assert document["controller"]["gain_margin"] is None
     assert cli.main([*words, "12"]) == 2
     assert "--controller is '12'; it must be KP,KI, two numbers above 0" in capsys.readouterr().err
     for controller, words_of_error in (((0.0, 1.0), "proportional gain"), ((1.0, math.inf), "integral gain")):

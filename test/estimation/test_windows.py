@@ -30,10 +30,10 @@ def test_the_offset_of_a_pressure_is_what_its_sensor_shows_too_much() -> None:
     rng = np.random.default_rng(9)
     channels = {"slip_speed": states[:, 0] + 0.2 * rng.standard_normal(len(t)),
                 "plate_speed": states[:, 2] + 0.2 * rng.standard_normal(len(t))}
-    found = identify(Measurement(t, channels, {"actuation_pressure": shown}), ["actuation_pressure.offset"],
-                     scene=FIG02, noise={"slip_speed": 0.2, "plate_speed": 0.2}, hold="linear").parameters[0]
-    assert found.value == pytest.approx(5e3, abs=4.0 * found.standard_error)
-    assert found.standard_error < 500.0
+    result = identify(Measurement(t, channels, {"actuation_pressure": shown}), ["actuation_pressure.offset"],
+                      scene=FIG02, noise={"slip_speed": 0.2, "plate_speed": 0.2}, hold="linear").parameters[0]
+    assert result.value == pytest.approx(5e3, abs=4.0 * result.standard_error)
+    assert result.standard_error < 500.0
 
 
 @pytest.mark.parametrize(("key", "other"), [(STATIC, 0.24), (KINETIC, 0.3)])

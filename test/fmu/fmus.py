@@ -55,9 +55,9 @@ class Driven:
         self.parameters = [row for row in described.modelVariables if row.causality == "parameter"]
         self.step = float(described.defaultExperiment.stepSize)
         self.time, self.said = 0.0, list[tuple[int, str]]()
-        own = token or (described.guid if self.version == 2 else described.instantiationToken)
+        token_given = token or (described.guid if self.version == 2 else described.instantiationToken)
         words = {"unzipDirectory": str(unpacked), "modelIdentifier": described.coSimulation.modelIdentifier,
-                 "instanceName": "plant", "guid": own}
+                 "instanceName": "plant", "guid": token_given}
         self.slave: Any = fmi2.FMU2Slave(**words) if self.version == 2 else fmi3.FMU3Slave(**words)
         if self.version == 2:
             self._callbacks = fmi2.fmi2CallbackFunctions()

@@ -75,11 +75,11 @@ def test_a_scene_whose_name_is_no_text_makes_a_valid_description(
 
 def solved(seconds: float) -> np.ndarray:
     """Slip speeds of fig02 by the node's solver."""
-    stepper, found = Stepper(load_scene("fig02").system, 1e-3), []
+    stepper, result = Stepper(load_scene("fig02").system, 1e-3), []
     for _ in range(round(seconds * 1e3)):
         stepper.advance()
-        found.append(stepper.state[0])
-    return np.array(found)
+        result.append(stepper.state[0])
+    return np.array(result)
 
 
 @needs_compiler
@@ -246,9 +246,9 @@ def test_wrong_calls_are_refused_with_a_sentence_and_change_nothing_and_no_sanit
                      "friction.kinetic_coefficient is 0.01; with friction.static_coefficient 0.3 it must be",
                      "that is no state of this FMU, or it is damaged"):
         assert sentence in sentences
-    found = [float.fromhex(line) for line in said if line.startswith(("0x", "-0x"))]
+    values = [float.fromhex(line) for line in said if line.startswith(("0x", "-0x"))]
     expected_slip = solved(0.011)[-1]
-    assert found == [0.0, 10 * 0.001, expected_slip, expected_slip]
+    assert values == [0.0, 10 * 0.001, expected_slip, expected_slip]
 
 
 @needs_compiler
@@ -265,5 +265,5 @@ def test_another_c_library_gives_the_same_to_rounding(tmp_path: Path) -> None:
         pytest.skip("musl is not installed")
     linked = Linked(tmp_path, "fig02", "-std=c99", "-O2", "-static", command="musl-gcc")
     values = linked.run("begin\n" + "step 50\nget slip_speed\n" * 40)
-    found = np.array([float.fromhex(line) for line in values if line.startswith(("0x", "-0x"))])
-    assert np.abs(found - solved(2.0)[49::50]).max() < 1e-10
+    result = np.array([float.fromhex(line) for line in values if line.startswith(("0x", "-0x"))])
+    assert np.abs(result - solved(2.0)[49::50]).max() < 1e-10

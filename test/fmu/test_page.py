@@ -32,8 +32,8 @@ def test_the_closed_loop_of_the_page_holds_its_target(tmp_path: Path, monkeypatc
     mean, = re.findall(r"mean slip speed of the last second: ([0-9.]+) rad/s", capsys.readouterr().out)
     assert float(mean) == pytest.approx(20.0, abs=0.5)
     assert main(["fmu", "fig02"]) == 0
-    found: dict[str, Any] = {}
-    exec(compile(vehicle, str(PAGE), "exec"), found)
+    by_name: dict[str, Any] = {}
+    exec(compile(vehicle, str(PAGE), "exec"), by_name)
     speed = 0.0
 
     def law(reading: Reading) -> tuple[None, None, float]:
@@ -42,8 +42,8 @@ def test_the_closed_loop_of_the_page_holds_its_target(tmp_path: Path, monkeypatc
         return None, None, speed
 
     run = closed_loop("fig02", law, 1.0)
-    assert found["slip_speed"] == run.slip_speed[1:].tolist()
-    assert found["speed"] == speed == pytest.approx(111.1964, abs=0.3)   # LSODA's, with the vehicle in its equations
+    assert by_name["slip_speed"] == run.slip_speed[1:].tolist()
+    assert by_name["speed"] == speed == pytest.approx(111.1964, abs=0.3)   # LSODA's, with the vehicle in its equations
 
 
 def test_the_command_writes_sources_alone_the_same_each_time_and_never_over_a_file(

@@ -92,7 +92,7 @@ def coexistence() -> System:
                             "engine.frequency": 0.36 * system.natural_frequency, KEY: 0.85 * static})
 
 
-def own(system: System, period: int, low: float, high: float) -> tuple[Followed, System]:
+def follow(system: System, period: int, low: float, high: float) -> tuple[Followed, System]:
     """This package's branch, and the system that starts on its first motion."""
     static = system.friction.static_coefficient
     map_ = check(system, ContinuationPlan(KEY, low, high, period=period))
@@ -101,9 +101,9 @@ def own(system: System, period: int, low: float, high: float) -> tuple[Followed,
     first = first_point(dataclasses.replace(shooting, settings=Settings(max_points=MOST)), z)
     used, branch = repeated(lambda: branch_through(first), REPEATS)
     seconds = min(used)
-    found = tuple((NAMES.get(f.kind, f.kind), f.value / static) for f in branch.bifurcations)
+    result = tuple((NAMES.get(f.kind, f.kind), f.value / static) for f in branch.bifurcations)
     started = State.of(shooting.nodes(z)[0]).starting(system)
-    return Followed(len(branch.points), seconds, found, "default settings"), started
+    return Followed(len(branch.points), seconds, result, "default settings"), started
 
 
 def model(system: System) -> str:
@@ -203,25 +203,25 @@ def auto(system: System, period: int, low: float, high: float, limit: float = TI
         process = subprocess.Popen(["/usr/bin/python3", "run.py"], cwd=folder, env=environment, text=True,
                                    stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, start_new_session=True)
         try:
-            told, sentence = process.communicate(timeout=limit)[0], ""
+            output, sentence = process.communicate(timeout=limit)[0], ""
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
-            told = process.communicate()[0]
+            output = process.communicate()[0]
             sentence = f"period {period}  AUTO-07p was stopped after {limit:.0f} s; finer meshes are left out"
         except BaseException:
             os.killpg(process.pid, signal.SIGKILL)
             raise
-    return runs_of(told, system.friction.static_coefficient), sentence
+    return runs_of(output, system.friction.static_coefficient), sentence
 
 
-def runs_of(told: str, static: float) -> list[Followed]:
+def runs_of(text: str, static: float) -> list[Followed]:
     """Results printed by AUTO's script, one per finished mesh."""
     out = []
-    for line in told.splitlines():
+    for line in text.splitlines():
         if line.startswith("RESULT "):
-            mesh, points, seconds, found, complete = json.loads(line[7:])
-            out.append(Followed(points, seconds, tuple((kind, value / static) for kind, value in found), f"NTST {mesh}",
-                                complete))
+            mesh, points, seconds, result, complete = json.loads(line[7:])
+            out.append(Followed(points, seconds, tuple((kind, value / static) for kind, value in result),
+                                f"NTST {mesh}", complete))
     return out
 
 
@@ -240,8 +240,8 @@ def compared() -> Iterator[Compared]:
     system, low, high = coexistence(), 0.6, 1.0
     static = system.friction.static_coefficient
     for period, (start, stop) in {1: (low, high), 2: (0.6679, 0.925)}.items():
-        own(system, period, 0.84 * static, 0.86 * static)  # Compiling is not following.
-        mine, started = own(system, period, start * static, stop * static)
+        follow(system, period, 0.84 * static, 0.86 * static)  # Compiling is not following.
+        mine, started = follow(system, period, start * static, stop * static)
         others, sentence = auto(started, period, start * static, stop * static)
         yield Compared(period, mine, others, sentence)
 
@@ -257,17 +257,17 @@ def page_lines(rows: Iterable[Compared]) -> list[str]:
              "until it gets through.", "",
              "| period | program | points | ms a point | bifurcations | largest difference |",
              "| ---: | --- | ---: | ---: | --- | ---: |"]
-    told = []
+    sentences = []
     for row in rows:
         for name, run in [("tcc-sim", row.mine), *(("AUTO-07p", other) for other in row.others)]:
-            found = ", ".join(f"{kind} {value:.9f}" for kind, value in run.bifurcations) or "none"
+            result = ", ".join(f"{kind} {value:.9f}" for kind, value in run.bifurcations) or "none"
             away = [min((abs(value - mine) for other, mine in row.mine.bifurcations if other == kind), default=np.inf)
                     for kind, value in run.bifurcations]
             most = f"{max(away):.1e}" if away and run is not row.mine else ""
             lines.append(f"| {row.period} | {name}, {run.options}{'' if run.complete else ', did not get through'} | "
-                         f"{run.points} | {1e3 * run.seconds / max(run.points, 1):.2f} | {found} | {most} |")
-        told += ["", row.sentence + "."] if row.sentence else []
-    return lines + told
+                         f"{run.points} | {1e3 * run.seconds / max(run.points, 1):.2f} | {result} | {most} |")
+        sentences += ["", row.sentence + "."] if row.sentence else []
+    return lines + sentences
 
 
 def main() -> int:

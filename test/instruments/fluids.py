@@ -25,13 +25,14 @@ def draw_fluids(path: Path, frequencies: np.ndarray = FREQUENCIES) -> Path:
         law, largest, judder = drawn.subplots(1, 3)
         for name, (words, colour) in LOOKS.items():
             scene = tcc_sim.load_scene(name)
-            own = scene.system.friction
-            v = np.linspace(0.0, own.slip_speeds[-1], 400)
-            law.plot(own.slip_speeds, own.coefficients, linestyle="none", marker="o", color=colour, markersize=3.5)
-            law.plot(v, own.curve.at(v), color=colour, label=words)
-            found = tcc_sim.sweep(scene, "engine.frequency", frequencies, cycles=400, discard=200).columns()
+            friction = scene.system.friction
+            v = np.linspace(0.0, friction.slip_speeds[-1], 400)
+            law.plot(friction.slip_speeds, friction.coefficients, linestyle="none", marker="o", color=colour,
+                     markersize=3.5)
+            law.plot(v, friction.curve.at(v), color=colour, label=words)
+            swept = tcc_sim.sweep(scene, "engine.frequency", frequencies, cycles=400, discard=200).columns()
             seconds = 200.0 * 2.0 * np.pi / frequencies
-            for axis, values in ((largest, found["max_slip_speed"]), (judder, found["breakaways"] / seconds)):
+            for axis, values in ((largest, swept["max_slip_speed"]), (judder, swept["breakaways"] / seconds)):
                 axis.plot(frequencies, values, linestyle="none", marker=".", color=colour)
         law.set(xlabel="slip speed (rad/s)", ylabel="friction coefficient", xlim=(0.0, None))
         law.legend(loc="best")
@@ -47,8 +48,8 @@ def draw_coupling(path: Path, frequencies: np.ndarray = FREQUENCIES) -> Path:
         axes = drawn.subplots(1, 3, sharex=True, sharey=True)
         for axis, coupling in zip(axes, (0.0, 1.0, 3.0)):
             scene = tcc_sim.load_scene("aged_fluid").with_values({"converter.coupling": coupling})
-            found = tcc_sim.sweep(scene, "engine.frequency", frequencies, cycles=400, discard=200).columns()
-            axis.plot(frequencies, found["breakaways"] / (200.0 * 2.0 * np.pi / frequencies), linestyle="none",
+            swept = tcc_sim.sweep(scene, "engine.frequency", frequencies, cycles=400, discard=200).columns()
+            axis.plot(frequencies, swept["breakaways"] / (200.0 * 2.0 * np.pi / frequencies), linestyle="none",
                       marker=".", color=style.RED)
             axis.set(xlabel="engine frequency (rad/s)", ylim=(-1.0, None))
         axes[0].set(ylabel="breakaways a second")

@@ -74,30 +74,30 @@ def run(arguments: argparse.Namespace, words: list[str]) -> int:
              for key, low, high in (("initial.slip_speed", 0.0, 120.0), ("initial.plate_angle", -0.1, 0.3))]
     try:
         branches = figure_data(6, FigureOptions(arguments.quick, jobs=arguments.jobs, progress=True, branches=True))
-        found, = basins(paper_system(AT_036_085), plane, jobs=arguments.jobs, progress=True)
-        beside = [] if arguments.quick else page_lines(compared())
+        result, = basins(paper_system(AT_036_085), plane, jobs=arguments.jobs, progress=True)
+        side_lines = [] if arguments.quick else page_lines(compared())
     except (KeyboardInterrupt, BasinsInterrupted):
         sys.stderr.write("motions: interrupted; nothing is written\n")
         return 130
-    _write(folder, branches, found, words)
-    (folder / "motions.md").write_text(motions_page(branches, found, beside), encoding="utf-8")
-    say(repr(found))
+    _write(folder, branches, result, words)
+    (folder / "motions.md").write_text(motions_page(branches, result, side_lines), encoding="utf-8")
+    say(repr(result))
     say(f"{folder}/motions.md, {folder}/pictures")
     return 0
 
 
-def _write(folder: Any, branches: Figure, found: Any, words: list[str]) -> None:
+def _write(folder: Any, branches: Figure, result: Any, words: list[str]) -> None:
     """Pictures and JSON."""
     pictures = folder / "pictures"
     pictures.mkdir(parents=True)
     draw(branches, pictures / BRANCHES)
     system = figure_system(6, FigureOptions())
     write_json(folder / f"{BRANCHES}.json", document("figure", branches, system, words))
-    draw_basins(pictures / f"{BASINS}.png", found)
-    write_json(folder / f"{BASINS}.json", document("basins", found, paper_system(AT_036_085), words))
+    draw_basins(pictures / f"{BASINS}.png", result)
+    write_json(folder / f"{BASINS}.json", document("basins", result, paper_system(AT_036_085), words))
 
 
-def motions_page(branches: Figure, basins: Basins, beside: Sequence[str] = ()) -> str:
+def motions_page(branches: Figure, basins: Basins, side_lines: Sequence[str] = ()) -> str:
     """The page: results in counts and tables; the JSON beside it has every point of the branches.
 
     Parameters
@@ -119,7 +119,7 @@ def motions_page(branches: Figure, basins: Basins, beside: Sequence[str] = ()) -
              "    tcc-sim continue minimal --set pressure.mean=225000 --set engine.frequency=139.4 --switch "
              "--over friction.kinetic_coefficient=0.18:0.29 --second engine.frequency=60:190"]
     lines += ["", "## Which initial state leads to which motion", "", f"![basins](pictures/{BASINS}.png)", "",
-              *_basins(basins), *([""] if beside else []), *beside]
+              *_basins(basins), *([""] if side_lines else []), *side_lines]
     return "\n".join(lines) + "\n"
 
 
@@ -129,11 +129,11 @@ def _summary(branches: Figure, basins: Basins) -> list[str]:
     followed = behind(curves[:1])
     periods = sorted({b["period"] for b in followed.branches})
     causes = Counter(jump.cause for jump in behind(curves).jumps)
-    boundary, beside = causes["basin_boundary"], sum(causes[c] for c in UNNAMED)
-    ends = sum(causes.values()) - boundary - beside - sum(causes[c] for c in UNSEEN)
+    boundary, unnamed = causes["basin_boundary"], sum(causes[c] for c in UNNAMED)
+    ends = sum(causes.values()) - boundary - unnamed - sum(causes[c] for c in UNSEEN)
     lines = [f"- Branches behind Fig. 6: {len(followed.branches)}, of period {', '.join(map(str, periods))}, with "
              f"{counted(len(followed.bifurcations), 'bifurcation')}. Of {counted(sum(causes.values()), 'jump')} in "
-             f"three sweeps {ends} are bifurcations, {boundary} cross the boundary of two basins, and {beside} lie "
+             f"three sweeps {ends} are bifurcations, {boundary} cross the boundary of two basins, and {unnamed} lie "
              "beside motions on no branch."]
     shares = ", ".join(f"{100.0 * basins.fraction(k):.1f} % to period {a.period or 'none'} of {a.largest:.1f} rad/s"
                        for k, a in enumerate(basins.attractors))
@@ -142,16 +142,16 @@ def _summary(branches: Figure, basins: Basins) -> list[str]:
 
 def _branches(data: Figure) -> list[str]:
     """Branches with their ends and bifurcations."""
-    found, unit = behind(data.curves[:1]), data.unit
+    result, unit = behind(data.curves[:1]), data.unit
     lines = ["| period | mu\\_k/mu\\_s | stable points | ends | bifurcations |", "| ---: | --- | ---: | --- | --- |"]
-    for k, branch in enumerate(found.branches):
+    for k, branch in enumerate(result.branches):
         ends = "; ".join(f"{ENDINGS.get(reason, LOST)}, {branch['value'][end] / unit:.6f}"
                          for end, reason in zip((0, -1), branch["reasons"]))
-        met = ", ".join(f"{f['kind'].replace('_', ' ')} {f['value'] / unit:.6f}" for f in found.bifurcations
+        met = ", ".join(f"{f['kind'].replace('_', ' ')} {f['value'] / unit:.6f}" for f in result.bifurcations
                         if f["branch"] == k)
         lines.append(f"| {branch['period']} | {min(branch['value']) / unit:.4f} to {max(branch['value']) / unit:.4f} | "
                      f"{sum(branch['stable'])} of {len(branch['stable'])} | {ends} | {met or 'none'} |")
-    worst = max((f["residual"] for f in found.bifurcations), default=0.0)
+    worst = max((f["residual"] for f in result.bifurcations), default=0.0)
     return [*lines, "", f"The multiplier of every bifurcation is within {worst:.0e} of its value at a bifurcation."]
 
 
@@ -164,30 +164,30 @@ def _jumps(data: Figure) -> list[str]:
             at += [WAYS[swept.direction]] * (WAYS[swept.direction] not in at)
     lines = ["Jumps of the sweeps, at mu\\_k/mu\\_s:", ""] if places else []
     for cause in dict.fromkeys(cause for cause, _ in places):
-        found = {place: ways for (name, place), ways in places.items() if name == cause}
-        where = ", ".join(f"{place} ({', '.join(ways)})" for place, ways in sorted(found.items()))
+        by_name = {place: ways for (name, place), ways in places.items() if name == cause}
+        where = ", ".join(f"{place} ({', '.join(ways)})" for place, ways in sorted(by_name.items()))
         if cause in UNNAMED:
-            where = f"{counted(len(found), 'place')} from {min(found)} to {max(found)}"
+            where = f"{counted(len(by_name), 'place')} from {min(by_name)} to {max(by_name)}"
         lines.append(f"- {CAUSES.get(cause, cause.replace('_', ' '))}: {where}")
     return lines
 
 
-def _basins(found: Basins) -> list[str]:
+def _basins(result: Basins) -> list[str]:
     """Attractors with their share of the plane, and the share that reached none."""
-    first, second = found.plane
+    first, second = result.plane
     lines = [f"omega/omega\\_n = 0.36, mu\\_k/mu\\_s = 0.85: {len(first.values)} by {len(second.values)} cells of "
              f"{escape(first.key)} ({first.values[0]:g} to {first.values[-1]:g} rad/s) and {escape(second.key)} "
-             f"({second.values[0]:g} to {second.values[-1]:g} rad), {float(found.cycles.mean()):.1f} cycles a cell.",
+             f"({second.values[0]:g} to {second.values[-1]:g} rad), {float(result.cycles.mean()):.1f} cycles a cell.",
              "",
              "| period | largest slip speed (rad/s) | largest multiplier | capture radius | part of the plane |",
              "| ---: | ---: | ---: | ---: | ---: |"]
-    for k, attractor in enumerate(found.attractors):
+    for k, attractor in enumerate(result.attractors):
         size = "none" if attractor.multipliers is None else f"{abs(attractor.multipliers[0]):.6f}"
         lines.append(f"| {attractor.period or 'none'} | {attractor.largest:.4f} | {size} | {attractor.radius:g} | "
-                     f"{100.0 * found.fraction(k):.3f} % |")
-    lines += ["", f"Undecided: {100.0 * found.fraction(UNDECIDED):.3g} %; runaway slip: "
-              f"{100.0 * found.fraction(RUNAWAY):.3g} %."]
-    edge = found.boundary()
+                     f"{100.0 * result.fraction(k):.3f} % |")
+    lines += ["", f"Undecided: {100.0 * result.fraction(UNDECIDED):.3g} %; runaway slip: "
+              f"{100.0 * result.fraction(RUNAWAY):.3g} %."]
+    edge = result.boundary()
     if edge is not None:
         lines.append(f"The boundary has the uncertainty exponent {edge.exponent:.3f} (standard error "
                      f"{edge.error:.3f}), dimension {edge.dimension:.3f}.")

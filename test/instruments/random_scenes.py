@@ -114,7 +114,7 @@ def excite(drawn: Drawn, g: np.random.Generator, law: str) -> None:
     drawn.words += [what] + [f"hold {drawn.hold}"] * bool(drawn.rows)
 
 
-class Own:
+class Separate:
     """The equations of a drawn scene, written for themselves."""
 
     def __init__(self, drawn: Drawn, scene: Scene) -> None:
@@ -212,10 +212,10 @@ class Own:
             out[np.abs(t - a) <= 1e-9] = state[0]
             inside = np.flatnonzero((t > a + 1e-9) & (t < b - 1e-9))
             # Just before the corner, the row of the next piece does not act yet.
-            found = odeint(lambda at, y, a, b: self.rates(min(max(at, a), b - 1e-12), y), state,
-                           np.concatenate([[a], t[inside], [b]]), (a, b), tfirst=True, rtol=1e-9, mxstep=200_000,
-                           atol=[1e-9 / max(self.sigma / 50.0, 1.0), 1e-11, 1e-9, 1e-9])
-            out[inside], state = found[1:-1, 0], found[-1]
+            result = odeint(lambda at, y, a, b: self.rates(min(max(at, a), b - 1e-12), y), state,
+                            np.concatenate([[a], t[inside], [b]]), (a, b), tfirst=True, rtol=1e-9, mxstep=200_000,
+                            atol=[1e-9 / max(self.sigma / 50.0, 1.0), 1e-11, 1e-9, 1e-9])
+            out[inside], state = result[1:-1, 0], result[-1]
         out[np.abs(t - marks[-1]) <= 1e-9] = state[0]
         return out
 
@@ -226,7 +226,7 @@ def compare(seed: int, folder: Path) -> tuple[float, float, list[str]]:
     base = "controlled" if "pressure.source" in drawn.values else "fig02"
     scene = load_scene(base).with_values({**({"engine.source": "harmonic"} if base == "controlled" else {}),
                                           **drawn.values})
-    own, given = Own(drawn, scene), scene
+    separate, given = Separate(drawn, scene), scene
     if drawn.rows:
         path = folder / f"{seed}.csv"
         with path.open("w", newline="") as stream:
@@ -236,9 +236,10 @@ def compare(seed: int, folder: Path) -> tuple[float, float, list[str]]:
         given = driven_by(scene, path, drawn.hold)
     run = simulate(given, duration=SECONDS, samples_per_cycle=SAMPLES, rtol=1e-9 if "output_speed" not in drawn.rows
                    else None).raise_for_status().trajectory
-    other = own.slip(run.t)
+    other = separate.slip(run.t)
     size = max(float(np.abs(other).max()), 1e-3)
-    which = "fixed_step" if run.solver == "fixed_step" else "actuator" if own.actuated else drawn.values["friction.law"]
+    which = ("fixed_step" if run.solver == "fixed_step" else "actuator" if separate.actuated
+             else drawn.values["friction.law"])
     allowed = WITHIN[which]
     error = float(np.abs(run.slip_speed - other).max()) / size
     if scene.system.friction.curve is not None:

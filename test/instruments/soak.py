@@ -125,17 +125,17 @@ def _cpu(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def lines(found: Soak) -> list[str]:
+def lines(result: Soak) -> list[str]:
     """Return the figures as printed lines."""
-    recorded = found.recorded
-    return [f"{recorded.simulated_s:.1f} s simulated in real time at {found.rate:g} Hz, drift "
+    recorded = result.recorded
+    return [f"{recorded.simulated_s:.1f} s simulated in real time at {result.rate:g} Hz, drift "
             f"{recorded.drift_s * 1e3:.1f} ms",
             f"{counted(sum(recorded.messages.values()), 'message')}; by the stamps {recorded.lost_messages} of "
             f"joint_states are missing; the recorder's own count "
             f"{'agrees' if recorded.count_is_honest else 'differs'}",
             *(f"{name}: {use.last_bytes / 1e6:.1f} MB, {(use.last_bytes - use.first_bytes) / 1e6:.2f} MB more than "
               f"after the warm-up, {use.cpu_fraction * 100.0:.1f} % of a core"
-              for name, use in (("driveline", found.driveline), ("recorder", found.recorder))),
+              for name, use in (("driveline", result.driveline), ("recorder", result.recorder))),
             *(f"warning: {warning}" for warning in recorded.warnings)]
 
 
@@ -147,11 +147,11 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--json", type=Path, help="write all figures as JSON")
     arguments = parser.parse_args(words)
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, seconds_bar("soak", arguments.duration) as done:
-        found = soak(Path(folder) / "recording", arguments.rate, arguments.duration, done)
-    say("\n".join(lines(found)))
+        result = soak(Path(folder) / "recording", arguments.rate, arguments.duration, done)
+    say("\n".join(lines(result)))
     if arguments.json is not None:
-        arguments.json.write_text(json.dumps(asdict(found), indent=2))
-    return 0 if found.recorded.sound else 1
+        arguments.json.write_text(json.dumps(asdict(result), indent=2))
+    return 0 if result.recorded.sound else 1
 
 
 if __name__ == "__main__":

@@ -51,16 +51,16 @@ def record_of(point: Any) -> dict[str, Any]:
 
 def differences(law: str, count: int, seed: int, plan: Plan) -> tuple[list[str], Counter[str]]:
     """Return sentences on the points of a law whose records differ, and how many points have each verdict."""
-    systems, found, kinds = random_systems(law, count, seed), list[str](), Counter[str]()
+    systems, result, kinds = random_systems(law, count, seed), list[str](), Counter[str]()
     for k in range(0, count, DEFAULTS.batch):
-        own = systems[k:k + DEFAULTS.batch]
-        values = [float(i) for i in range(k, k + len(own))]
-        for value, system, together in zip(values, own, solve_points(own, values, plan, None)):
+        result = systems[k:k + DEFAULTS.batch]
+        values = [float(i) for i in range(k, k + len(result))]
+        for value, system, together in zip(values, result, solve_points(result, values, plan, None)):
             one, other = record_of(solve_point(system, value, plan)), record_of(together)
             kinds[_kind(one)] += 1
-            found += [f"{law} {value:g} {name}: alone {one[name]!r:.80}, in a block {other[name]!r:.80}"
-                      for name in one if repr(one[name]) != repr(other[name])]
-    return found, kinds
+            result += [f"{law} {value:g} {name}: alone {one[name]!r:.80}, in a block {other[name]!r:.80}"
+                       for name in one if repr(one[name]) != repr(other[name])]
+    return result, kinds
 
 
 def _kind(record: dict[str, Any]) -> str:
@@ -150,9 +150,9 @@ def main(count: int = 5000, seed: int = 1, points: int = 512, repeats: int = 7) 
     """Compare, measure and print."""
     differ = 0
     for law in LAWS:
-        found, kinds = differences(law, count, seed, Plan(section_points=5))
-        differ += len(found)
-        say("\n".join([*found, f"{law}: {len(found)} differences in {count} points; "
+        result, kinds = differences(law, count, seed, Plan(section_points=5))
+        differ += len(result)
+        say("\n".join([*result, f"{law}: {len(result)} differences in {count} points; "
                        + ", ".join(f"{kind} {number}" for kind, number in kinds.most_common())]))
     for law in LAWS:
         spent = outside_kernels(law, points, repeats)

@@ -121,10 +121,10 @@ def loosest(system: System, solver: str, ladder: tuple[float, ...], truth: Refer
     """The first tolerance of the ladder with a section error below ERROR, and that error; raises Failed without one."""
     least = math.inf
     for setting in ladder:
-        found = errors(*_run(system, solver, setting, len(truth.largest)), truth)[1]
-        if found <= ERROR:
-            return setting, found
-        least = min(least, found)
+        result = errors(*_run(system, solver, setting, len(truth.largest)), truth)[1]
+        if result <= ERROR:
+            return setting, result
+        least = min(least, result)
     raise peers.Failed(f"its error is at least {least:.1e}")
 
 
@@ -133,8 +133,8 @@ def _run(system: System, solver: str, setting: float, cycles: int) -> tuple[Any,
     if solver == PEER:
         peer = peers.xppaut(system, "cvode", setting, cycles, 0)
         return peer.section, peer.largest
-    found = solve(system, cycles=cycles, solver=solver, rtol=setting).solved_cycles
-    return found.section, found.largest
+    result = solve(system, cycles=cycles, solver=solver, rtol=setting).solved_cycles
+    return result.section, result.largest
 
 
 def _timed(system: System, solver: str, setting: float, effort: SpeedEffort) -> float:
@@ -161,10 +161,10 @@ Scenes = list[tuple[SpeedRow | None, SpeedRow | None, SpeedRow | None]]
 """For each scene the engine at its loosest tolerance and at its default one, and the peer."""
 
 
-def speed_rows(found: SweepSpeed, stretch: str) -> Scenes:
+def speed_rows(result: SweepSpeed, stretch: str) -> Scenes:
     """The scenes of one stretch."""
     groups: dict[tuple[float, float], list[SpeedRow]] = {}
-    for row in found.rows:
+    for row in result.rows:
         if row.stretch == stretch:
             groups.setdefault(row[:2], []).append(row)
     out: Scenes = []
@@ -184,11 +184,11 @@ def ratios(table: Scenes) -> list[float]:
     return [loose.cycles_per_second / peer.cycles_per_second for loose, _, peer in table if loose and peer]
 
 
-def speed_summary(found: SweepSpeed) -> list[str]:
+def speed_summary(result: SweepSpeed) -> list[str]:
     """The figures in a few sentences."""
     out = []
     for stretch in STRETCHES:
-        table = speed_rows(found, stretch)
+        table = speed_rows(result, stretch)
         where = "from the initial state" if stretch == "transient" else "on the attractor"
         out.append(f"{where}: {_range(speeds(table, 0))} periods of excitation a second and core at a section error of "
                    f"at most {ERROR:g} on {len(table)} scenes of Fig. 4, {_range(speeds(table, 1))} at the default "
@@ -196,35 +196,35 @@ def speed_summary(found: SweepSpeed) -> list[str]:
         if faster := ratios(table):
             out[-1] += (f"; XPPAUT's CVODE {_range(speeds(table, 2))} at the same error: {min(faster):.2g} to "
                         f"{max(faster):.2g} times as long")
-    if not any(row.solver == PEER for row in found.rows):
-        out.append(f"XPPAUT's CVODE did not take part: {next((row.why for row in found.omitted), 'not run')}")
-    sweep = found.sweep
+    if not any(row.solver == PEER for row in result.rows):
+        out.append(f"XPPAUT's CVODE did not take part: {next((row.why for row in result.omitted), 'not run')}")
+    sweep = result.sweep
     return [*out, f"a sweep over Fig. 4, {sweep.points} points and {sweep.cycles} cycles: {sweep.seconds:.3g} s "
                   f"on {sweep.cores} cores, {100.0 * sweep.busy:.0f} % busy, "
                   f"{_round(sweep.cycles_per_second_and_core)} cycles a second and core with everything"]
 
 
-def speed_section(found: SweepSpeed) -> list[str]:
+def speed_section(result: SweepSpeed) -> list[str]:
     """The page's section on cycles per second on the scenes of Fig. 4."""
     lines = ["## Engine cycles a second, on the scenes of Fig. 4", "",
              f"Each program at its loosest tolerance with a section error of at most {ERROR:g} over "
-             f"{found.effort.horizon} cycles, from the initial state and from a state on the attractor; the time is "
-             f"that of {found.effort.cycles} cycles from there, on one core.", ""]
+             f"{result.effort.horizon} cycles, from the initial state and from a state on the attractor; the time is "
+             f"that of {result.effort.cycles} cycles from there, on one core.", ""]
     for stretch in STRETCHES:
         head = (f"{stretch}: mu_k/mu_s", "omega/omega_n", "`smoothed`: cycles a second", "rtol", "error",
                 "at the default rtol", "error", "XPPAUT cvode: cycles a second", "toler", "error", "ratio")
         cells = []
-        for loose, default, peer in speed_rows(found, stretch):
+        for loose, default, peer in speed_rows(result, stretch):
             one = loose or peer
             cells.append((f"{one.kinetic_ratio:.3g}", f"{one.frequency_ratio:g}", *_cells(loose, True),
                           *_cells(default, False), *_cells(peer, True),
                           *([f"{x:.2g}" for x in ratios([(loose, default, peer)])] or ["-"])))
         lines += [*markdown_table(head, cells, "---:"), ""]
     left_out = [f"{row.solver} at {row.kinetic_ratio:.3g}, {row.frequency_ratio:g}, {row.stretch}: "
-                f"{row.why}" for row in found.omitted]
+                f"{row.why}" for row in result.omitted]
     if left_out:
         lines += ["Omitted (mu_k/mu_s, omega/omega_n): " + "; ".join(left_out) + ".", ""]
-    return [*lines, *(f"- {line[0].upper()}{line[1:]}." for line in speed_summary(found)), ""]
+    return [*lines, *(f"- {line[0].upper()}{line[1:]}." for line in speed_summary(result)), ""]
 
 
 def _cells(row: SpeedRow | None, tolerance: bool) -> list[str]:

@@ -35,8 +35,8 @@ def test_what_auto_prints_is_read_mesh_by_mesh() -> None:
 
 def test_points_in_blocks_are_compared_with_single_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     plan = Plan(cycles=60, section_points=3)
-    found, kinds = sweep_blocks.differences("set_valued", 6, 5, plan)
-    assert (found, kinds.total()) == ([], 6)
+    result, kinds = sweep_blocks.differences("set_valued", 6, 5, plan)
+    assert (result, kinds.total()) == ([], 6)
     monkeypatch.setattr(blocks, "_confirmed", lambda systems, *_: [None] * len(systems))
     assert any("confirmed: alone" in line for line in sweep_blocks.differences("set_valued", 6, 5, plan)[0])
 
@@ -77,8 +77,8 @@ def test_the_model_holds_the_numbers_of_the_scene() -> None:
 
 @pytest.mark.skipif(not auto_installed(), reason="AUTO-07p is not installed")
 def test_auto_is_stopped_in_time() -> None:
-    found, sentence = auto(coexistence(), 1, 0.18, 0.3, limit=0.2)
-    assert found == []
+    result, sentence = auto(coexistence(), 1, 0.18, 0.3, limit=0.2)
+    assert result == []
     assert sentence == "period 1  AUTO-07p was stopped after 0 s; finer meshes are left out"
 
 
@@ -104,14 +104,14 @@ def test_a_tolerance_that_leaves_too_large_an_error_does_not_count_as_fast():
 
 
 def test_every_scene_has_a_row_with_an_error_below_the_bound():
-    found = sweep_speed.sweep_speed(SPEED, lambda *at: None)
-    engine = [row for row in found.rows if row.solver == sweep_speed.ENGINE]
+    swept = sweep_speed.sweep_speed(SPEED, lambda *at: None)
+    engine = [row for row in swept.rows if row.solver == sweep_speed.ENGINE]
     assert [row.kinetic_ratio for row in engine[::4]] == pytest.approx([1.0, 0.83, 0.75, 0.667])
     assert [row.stretch for row in engine] == ["transient", "transient", "attractor", "attractor"] * 4
-    assert all(row.error <= sweep_speed.ERROR and row.cycles_per_second > 0.0 for row in found.rows)
-    assert len([row for row in [*found.rows, *found.omitted] if row.solver == sweep_speed.PEER]) == 8
-    assert (found.sweep.points, found.sweep.cycles) == (8, 40)
-    assert "\n".join(sweep_speed.speed_section(found)).count("| 0.83 | 0.36 |") == 2
+    assert all(row.error <= sweep_speed.ERROR and row.cycles_per_second > 0.0 for row in swept.rows)
+    assert len([row for row in [*swept.rows, *swept.omitted] if row.solver == sweep_speed.PEER]) == 8
+    assert (swept.sweep.points, swept.sweep.cycles) == (8, 40)
+    assert "\n".join(sweep_speed.speed_section(swept)).count("| 0.83 | 0.36 |") == 2
 
 
 def test_the_picture_is_drawn(tmp_path: Path) -> None:
@@ -134,9 +134,9 @@ ROWS = ticked(load_scene("minimal"), 300)
 @pytest.mark.parametrize(("kept", "gaps"), [(ROWS, 0), (ROWS[:50] + ROWS[51:100] + ROWS[140:], 41)])
 @pytest.mark.parametrize("beyond", [0, 1, -1])
 def test_the_count_of_the_recorder_is_compared_with_the_gaps_in_the_stamps(tmp_path, kept, gaps, beyond):
-    found = figures_of(bag(tmp_path / "run", kept, "minimal", lost=gaps + beyond))
-    assert (found.lost_messages, found.messages["/joint_states"], found.complete) == (gaps, 300 - gaps, True)
-    assert found.count_is_honest == (beyond == 0)
+    result = figures_of(bag(tmp_path / "run", kept, "minimal", lost=gaps + beyond))
+    assert (result.lost_messages, result.messages["/joint_states"], result.complete) == (gaps, 300 - gaps, True)
+    assert result.count_is_honest == (beyond == 0)
 
 
 def test_without_a_count_there_is_nothing_to_believe(tmp_path):

@@ -21,8 +21,8 @@ def test_scenes_agree_with_the_other_integrator(capsys: pytest.CaptureFixture[st
 
 
 def test_a_wrong_package_differs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    own = random_scenes.simulate
-    monkeypatch.setattr(random_scenes, "simulate", lambda scene, **rest: own(
+    original = random_scenes.simulate
+    monkeypatch.setattr(random_scenes, "simulate", lambda scene, **rest: original(
         scene.with_values({"driveline.damping": 0.63}), **rest))
     assert main(4, 8) >= 3
     assert "seed 8: " in capsys.readouterr().out

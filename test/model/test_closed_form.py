@@ -78,14 +78,14 @@ def test_printed_forms_with_their_errata(omega):
     ({"engine.mean_torque": -300.0, **LOAD}, 150.0)])
 def test_stick_margin_is_the_least_over_a_dense_grid(values, omega):
     system = system_of(values, **{"engine.frequency": omega})
-    found = pure_stick.stick_margin(system)
+    result = pure_stick.stick_margin(system)
     t = np.linspace(0.0, 3 * system.cycle, 300_001)
     margin = system.friction_ratio * load(system, t) - np.abs(pure_stick.stuck_interface_torque(system)(t))
-    assert found.torque <= margin.min() + 1e-9
-    assert found.torque == pytest.approx(margin.min(), abs=2e-5 if load(system, t).min() > 0.0 else 2e-2)
-    again = system.friction_ratio * load(system,
-                                         found.time) - abs(float(pure_stick.stuck_interface_torque(system)(found.time)))
-    assert again == pytest.approx(found.torque, abs=1e-9)
+    assert result.torque <= margin.min() + 1e-9
+    assert result.torque == pytest.approx(margin.min(), abs=2e-5 if load(system, t).min() > 0.0 else 2e-2)
+    again = (system.friction_ratio * load(system, result.time)
+             - abs(float(pure_stick.stuck_interface_torque(system)(result.time))))
+    assert again == pytest.approx(result.torque, abs=1e-9)
 
 
 def test_incommensurable_load_meets_every_phase():
@@ -134,34 +134,34 @@ def test_pure_slip_solves_12(damping, values, direction):
 
     run = solve_ivp(rates, (0, t[-1]), [s.slip_speed, s.plate_angle, s.plate_speed], t_eval=t, method="DOP853",
                     rtol=1e-12, atol=1e-11)
-    found = pure_slip.pure_slip(system, direction)
-    np.testing.assert_allclose(found.slip_speed(t), run.y[0], atol=1e-8)
-    np.testing.assert_allclose(found.plate_angle(t), run.y[1], atol=1e-10)
-    np.testing.assert_allclose(found.plate_speed(t), run.y[2], atol=1e-8)
-    assert found.a1 == pytest.approx((300.0 - direction * system.saturation_mean) / 0.2, rel=1e-13)
+    result = pure_slip.pure_slip(system, direction)
+    np.testing.assert_allclose(result.slip_speed(t), run.y[0], atol=1e-8)
+    np.testing.assert_allclose(result.plate_angle(t), run.y[1], atol=1e-10)
+    np.testing.assert_allclose(result.plate_speed(t), run.y[2], atol=1e-8)
+    assert result.a1 == pytest.approx((300.0 - direction * system.saturation_mean) / 0.2, rel=1e-13)
 
 
 def test_corrected_17_and_18_for_constant_load():
     system = system_of(**{"pressure.mean": 125e3})
-    found = pure_slip.pure_slip(system)
+    result = pure_slip.pure_slip(system)
     d, omega = system.driveline, system.engine.frequency
     decay = d.damping / (2 * d.plate_inertia)
     wd = math.sqrt(d.stiffness / d.plate_inertia - decay**2)
     t = np.linspace(0.0, 0.3, 50)
     steady = 150.0 + 250.0 / (0.2 * omega) * (1 - np.cos(omega * t))
-    assert found.a1 == pytest.approx(0.0, abs=1e-10)
-    np.testing.assert_allclose(found.slip(t), steady, rtol=1e-13)
-    np.testing.assert_allclose(found.slip_speed(t), steady - 300.0 / (0.02 * wd) * np.exp(-decay * t) * np.sin(wd * t),
+    assert result.a1 == pytest.approx(0.0, abs=1e-10)
+    np.testing.assert_allclose(result.slip(t), steady, rtol=1e-13)
+    np.testing.assert_allclose(result.slip_speed(t), steady - 300.0 / (0.02 * wd) * np.exp(-decay * t) * np.sin(wd * t),
                                atol=1e-9)
 
 
 def test_condition_16_is_the_least_steady_slip_speed_where_omega_f_is_omega():
     system = system_of(**{"pressure.mean": 125e3, "pressure.amplitude": 40e3, "pressure.phase": 1.0,
                           "initial.slip_speed": 20.0})
-    found = pure_slip.pure_slip(system)
+    result = pure_slip.pure_slip(system)
     t = np.linspace(0.0, system.cycle, 20001)
-    assert found.steady
-    assert found.margin == pytest.approx(found.slip(t).min(), abs=1e-6)
+    assert result.steady
+    assert result.margin == pytest.approx(result.slip(t).min(), abs=1e-6)
 
 
 def test_condition_16_has_a_sign():
@@ -171,9 +171,9 @@ def test_condition_16_has_a_sign():
     assert pure_slip.pure_slip(backward, 1).least_slip_speed < 0.0
     mirrored = replace(backward, {"engine.mean_torque": -300.0})
     t = np.linspace(0.0, mirrored.cycle, 20001)
-    found = pure_slip.pure_slip(mirrored, -1)
-    assert found.margin == pytest.approx((-found.slip(t)).min(), abs=1e-6)
-    assert found.margin > 0.0
+    result = pure_slip.pure_slip(mirrored, -1)
+    assert result.margin == pytest.approx((-result.slip(t)).min(), abs=1e-6)
+    assert result.margin > 0.0
 
 
 @pytest.mark.parametrize(("values", "speed"), [
@@ -181,22 +181,22 @@ def test_condition_16_has_a_sign():
     ({**LOAD, "pressure.frequency_ratio": 1.5, "pressure.amplitude": 30e3}, 20.0), ({**RICH}, 60.0)])
 def test_the_least_slip_speed_has_the_transient_in_it(values, speed):
     system = system_of(values, **{"pressure.mean": 125e3, "initial.slip_speed": speed})
-    found = pure_slip.pure_slip(system)
+    result = pure_slip.pure_slip(system)
     t = np.linspace(0.0, 0.4, 400_001)
-    least = found.slip_speed(t).min()
-    assert found.least_slip_speed <= least + 1e-9
-    assert found.least_slip_speed == pytest.approx(least, abs=2e-5)
+    least = result.slip_speed(t).min()
+    assert result.least_slip_speed <= least + 1e-9
+    assert result.least_slip_speed == pytest.approx(least, abs=2e-5)
     if not values and speed == 20.0:
-        assert found.margin > 0.0 > found.least_slip_speed  # (16) as printed passes a slip that the transient ends.
+        assert result.margin > 0.0 > result.least_slip_speed  # (16) as printed passes a slip that the transient ends.
 
 
 def test_without_a_common_period_or_damping_the_least_slip_speed_is_a_bound():
     rows = {"pressure.mean": 125e3, "pressure.amplitude": 30e3, "initial.slip_speed": 80.0}
     t = np.linspace(0.0, 20.0, 400_001)
     for values in ({"pressure.frequency_ratio": math.sqrt(2)}, {"driveline.damping": 0.0}):
-        found = pure_slip.pure_slip(system_of(values, **rows))
-        least = found.slip_speed(t).min()
-        assert least - 2.0 < found.least_slip_speed <= least + 1e-9
+        result = pure_slip.pure_slip(system_of(values, **rows))
+        least = result.slip_speed(t).min()
+        assert least - 2.0 < result.least_slip_speed <= least + 1e-9
     assert pure_slip.pure_slip(system_of(**{**rows, "pressure.mean": 130e3})).least_slip_speed == -math.inf
     assert pure_slip.pure_slip(system_of(**{**rows, "pressure.mean": 120e3})).least_slip_speed > 0.0
 

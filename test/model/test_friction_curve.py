@@ -42,8 +42,8 @@ def test_a_fit_is_as_near_as_it_says(shape):
     assert curve.error == pytest.approx(error.max(), abs=1e-12)
     assert error[curve.worst == V] == pytest.approx(error.max(), abs=1e-12)
     assert np.abs(curve.amplitudes).sum() < 10.0 * mu.max()
-    beside = (curve.at(V[1:] + 1e-5) - curve.at(V[1:] - 1e-5)) / 2e-5
-    np.testing.assert_allclose(curve.slope(V[1:]), beside, rtol=1e-6, atol=1e-9)
+    differences = (curve.at(V[1:] + 1e-5) - curve.at(V[1:] - 1e-5)) / 2e-5
+    np.testing.assert_allclose(curve.slope(V[1:]), differences, rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("shape", SHAPES)

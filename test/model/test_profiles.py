@@ -62,9 +62,9 @@ def test_a_key_in_whose_place_a_profile_stands_cannot_be_changed_alone():
 
 
 def test_profiles_of_a_command_line():
-    found = parse_profiles(["engine.frequency=0:60,20:600", "pressure.mean=0:1e5"])
-    assert found == {"engine.frequency_times": [0.0, 20.0], "engine.frequency_values": [60.0, 600.0],
-                     "pressure.mean_times": [0.0], "pressure.mean_values": [1e5]}
+    result = parse_profiles(["engine.frequency=0:60,20:600", "pressure.mean=0:1e5"])
+    assert result == {"engine.frequency_times": [0.0, 20.0], "engine.frequency_values": [60.0, 600.0],
+                      "pressure.mean_times": [0.0], "pressure.mean_values": [1e5]}
     for words, message in ((["engine.speeds=0:1"], "the keys that have a profile are engine.frequency"),
                            (["engine.frequency=0:60,20"], "is not KEY=TIME:VALUE"),
                            (["engine.frequency=0:a"], "is not KEY=TIME:VALUE"),

@@ -75,7 +75,7 @@ class Bench:
                                           parameter_overrides=overrides(parameters)))
 
     @cached_property
-    def own(self) -> Any:
+    def probe(self) -> Any:
         """The node through which the test listens and calls."""
         return self.node("test")
 
@@ -103,12 +103,12 @@ class Bench:
         from tcc_sim.nodes.middleware import states
 
         heard: list[Any] = []
-        self.own.create_subscription(kind, topic, heard.append, states(10_000))
+        self.probe.create_subscription(kind, topic, heard.append, states(10_000))
         return heard
 
     def call(self, kind: Any, name: str, request: Any) -> Any:
         """The answer of a service."""
-        client = self.own.create_client(kind, name)
+        client = self.probe.create_client(kind, name)
         self.until(client.service_is_ready)
         future = client.call_async(request)
         self.until(future.done)
@@ -117,10 +117,10 @@ class Bench:
     def until(self, predicate: Callable[[], Any], limit: float = 120.0) -> Any:
         """Spin until the predicate holds; fail after `limit` seconds, long enough for a busy machine."""
         end = time.monotonic() + limit
-        while not (found := predicate()):
+        while not (result := predicate()):
             assert time.monotonic() < end, "the condition did not come true in time"
             self.executor.spin_once(timeout_sec=0.01)
-        return found
+        return result
 
     def close(self) -> None:
         for node in self.nodes:

@@ -176,7 +176,7 @@ def test_a_request_that_makes_no_sense_is_told_and_does_not_end_the_node(
     bench.until(client.service_is_ready)
     said, kinds = "", itertools.cycle((77, 255))
 
-    def told() -> bool:
+    def answered() -> bool:
         # A request may be lost while the middleware still matches client and service, so the client repeats it.
         nonlocal said
         client.call_async(SetParameters.Request(parameters=[
@@ -184,7 +184,7 @@ def test_a_request_that_makes_no_sense_is_told_and_does_not_end_the_node(
         said += capfd.readouterr().err
         return "a message or request could not be handled" in said
 
-    bench.until(told)
+    bench.until(answered)
     assert change(bench, "engine.mean_torque", 250.0).successful
     assert node.loop.running
 
@@ -245,10 +245,10 @@ class Unheard(DrivelineNode):
     """A driveline whose publisher of joint_states can be made to refuse."""
 
     def create_publisher(self, kind: Any, name: str, *options: Any, **more: Any) -> Any:
-        found = super().create_publisher(kind, name, *options, **more)
+        result = super().create_publisher(kind, name, *options, **more)
         if name != "joint_states":
-            return found
-        self.refusing = Refusing(found)
+            return result
+        self.refusing = Refusing(result)
         return self.refusing
 
 

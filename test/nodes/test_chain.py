@@ -87,17 +87,17 @@ def test_demo_records_a_controller_of_the_users_in_lock_step_until_ctrl_c_analys
     assert "stopped early" in out
     assert sorted(p.name for p in made.iterdir()) == ["analysis.json", "overview.png", "recording", "run.rrd"]
     assert len(figures) == 1
-    found = valid("analyse", json.loads((made / "analysis.json").read_text()))
-    assert (found["lost_messages"], found["complete"], found["gaps"]) == (0, True, 0)
-    assert found["messages"] > 500
+    document = valid("analyse", json.loads((made / "analysis.json").read_text()))
+    assert (document["lost_messages"], document["complete"], document["gaps"]) == (0, True, 0)
+    assert document["messages"] > 500
     recording = tcc_sim.read(made / "recording")
     assert set(recording.commands["actuation_pressure"].value.tolist()) == {123456.0}
     # The settled cycles are those of the scene with this pressure, solved by SciPy.
-    first = found["discarded"]
+    first = document["discarded"]
     held = scene.with_values({"pressure.source": "harmonic", "pressure.mean": 123456.0, "pressure.amplitude": 0.0})
     reference = solve(held.system, cycles=first + 3, solver="lsoda", rtol=1e-6).raise_for_status()
     assert reference.cycles is not None
-    assert found["max_slip_speed"] == pytest.approx(reference.cycles.highest[first:].max(), rel=1e-3)
+    assert document["max_slip_speed"] == pytest.approx(reference.cycles.highest[first:].max(), rel=1e-3)
     assert main(["analyse", str(made / "recording"), "--verify", "--json", "verified.json"]) == 0
     verified = json.loads(Path("verified.json").read_text())
     assert (verified["verified"], verified["largest_difference"]) == (True, 0.0)
@@ -146,23 +146,23 @@ def test_realtime_gives_every_figure(tmp_path: Path) -> None:
     ended = python("-m", "tcc_sim", "realtime", "--rate", "500", "--duration", "0.5", "--json", "pacing.json",
                    cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
-    found = valid("realtime", json.loads((tmp_path / "pacing.json").read_text()))
+    document = valid("realtime", json.loads((tmp_path / "pacing.json").read_text()))
     names = {"lateness_p50_s", "lateness_p99_s", "lateness_max_s", "late_share", "cpu_fraction"}
     about = {"format", "version", "environment", "scene", "command", "units"}
-    assert set(found) - about == {"rate", "ticks", "missed_ticks", "drift_s", "settings", *names,
-                                  *(f"bare_{n}" for n in names)}
-    assert [trial["name"].split()[0] for trial in found["settings"]] == ["nothing", "timer", *["slack,"] * 4, "all"]
-    assert all(names | {"name", "refused"} == set(trial) for trial in found["settings"])
-    assert found["settings"][0]["refused"] == found["settings"][1]["refused"] == []
-    assert found["rate"] == 500.0
-    assert 0.0 <= found["late_share"] <= 1.0
-    assert found["ticks"] > 0
+    assert set(document) - about == {"rate", "ticks", "missed_ticks", "drift_s", "settings", *names,
+                                     *(f"bare_{n}" for n in names)}
+    assert [trial["name"].split()[0] for trial in document["settings"]] == ["nothing", "timer", *["slack,"] * 4, "all"]
+    assert all(names | {"name", "refused"} == set(trial) for trial in document["settings"])
+    assert document["settings"][0]["refused"] == document["settings"][1]["refused"] == []
+    assert document["rate"] == 500.0
+    assert 0.0 <= document["late_share"] <= 1.0
+    assert document["ticks"] > 0
 
 
 def test_soak_counts_what_is_lost(tmp_path: Path) -> None:
     assert soak.main(["--rate", "200", "--duration", "2", "--json", str(tmp_path / "soak.json")]) == 0
-    found = json.loads((tmp_path / "soak.json").read_text())
-    assert (found["recorded"]["lost_messages"], found["recorded"]["complete"]) == (0, True)
-    assert found["recorded"]["messages"]["/joint_states"] > 50
-    assert found["recorded"]["messages"]["/engine_torque"] > 0
-    assert min(found[name]["last_bytes"] for name in ("driveline", "recorder")) > 1e6
+    document = json.loads((tmp_path / "soak.json").read_text())
+    assert (document["recorded"]["lost_messages"], document["recorded"]["complete"]) == (0, True)
+    assert document["recorded"]["messages"]["/joint_states"] > 50
+    assert document["recorded"]["messages"]["/engine_torque"] > 0
+    assert min(document[name]["last_bytes"] for name in ("driveline", "recorder")) > 1e6

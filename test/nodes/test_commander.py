@@ -22,7 +22,7 @@ def test_it_sends_nothing_before_a_driveline_subscribes_to_both_commands(
     monkeypatch.setattr(commander, "await_peer", lambda connected, limit: met.append(connected))
     ended = threading.Event()
     ended.set()
-    monkeypatch.setattr(commander.signals, "asked", ended)
+    monkeypatch.setattr(commander.signals, "end_requested", ended)
     assert commander.send(bench.node("commander")) == 0
     (connected,) = met
     assert not connected()

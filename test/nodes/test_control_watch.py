@@ -41,9 +41,9 @@ class Said:
         self.bench.until(lambda: (self.watch.poll(), len(waiting) > count)[1])
         return waiting[-1][0]
 
-    def beside(self, ticks: list[int], received: list[int], slip_speed: float = 2.0, new_run: bool = False) -> Any:
-        signals, events = self.watch.beside(np.array(ticks) * MS, np.array(received), np.full(len(ticks), slip_speed),
-                                            new_run=new_run, zeros=np.empty(0, np.int64))
+    def aligned(self, ticks: list[int], received: list[int], slip_speed: float = 2.0, new_run: bool = False) -> Any:
+        signals, events = self.watch.aligned(np.array(ticks) * MS, np.array(received), np.full(len(ticks), slip_speed),
+                                             new_run=new_run, zeros=np.empty(0, np.int64))
         return {name: list(zip((stamps // MS).tolist(), values.tolist())) for name, (stamps, values)
                 in signals.items() if len(stamps)}, events
 
@@ -59,41 +59,41 @@ def said(bench: Any) -> Said:
 def test_what_is_asked_for_stands_at_the_state_received_after_it(said: Said, name: str, data: bytes,
                                                                  value: float) -> None:
     when = said.say(name, data)
-    assert said.beside([7, 8], [when - 20, when - 10]) == ({}, [])
-    assert said.beside([9, 10], [when - 5, when + 5]) == ({name: [(10, value)]}, [])
-    assert said.beside([11], [when + 15]) == ({}, [])
+    assert said.aligned([7, 8], [when - 20, when - 10]) == ({}, [])
+    assert said.aligned([9, 10], [when - 5, when + 5]) == ({name: [(10, value)]}, [])
+    assert said.aligned([11], [when + 15]) == ({}, [])
 
 
 def test_applied_pressure_and_sources_have_stamps_of_their_own(said: Said) -> None:
     for tick, value in ((0, 1e5), (1, 1e5), (2, 2e5), (3, 2e5), (4, 1e5)):
         when = said.say("applied_pressure", cdr.fluid_pressure(tick * MS, value))
     then = said.say("input_source", cdr.header(2 * MS, "actuation_pressure: command"))
-    signals, events = said.beside([0, 1, 2, 3, 4, 5], [when] * 5 + [then])
+    signals, events = said.aligned([0, 1, 2, 3, 4, 5], [when] * 5 + [then])
     assert signals["applied_pressure"] == [(0, 1e5), (2, 2e5), (4, 1e5)]
     assert events == [Event(2e-3, "actuation_pressure: command")]
 
 
 def test_pressure_of_the_run_that_ended_is_not_shown_in_the_next(said: Said) -> None:
     late = said.say("applied_pressure", cdr.fluid_pressure(500 * MS, 3e5))
-    said.beside([499, 500], [late - 9, late - 8])
+    said.aligned([499, 500], [late - 9, late - 8])
     fresh = said.say("applied_pressure", cdr.fluid_pressure(0, 1e5))
-    signals, _ = said.beside([0], [fresh], new_run=True)
+    signals, _ = said.aligned([0], [fresh], new_run=True)
     assert signals == {"applied_pressure": [(0, 1e5)]}
 
 
 def test_the_mean_slip_is_that_of_whole_cycles_and_starts_anew_after_a_gap(said: Said) -> None:
-    signals, _ = said.beside(list(range(10)), [1] * 10)
+    signals, _ = said.aligned(list(range(10)), [1] * 10)
     assert signals == {"mean_slip": [(4, pytest.approx(2.0)), (8, pytest.approx(2.0))]}
-    signals, _ = said.beside(list(range(14, 25)), [1] * 11, slip_speed=6.0)
+    signals, _ = said.aligned(list(range(14, 25)), [1] * 11, slip_speed=6.0)
     assert signals == {"mean_slip": [(20, pytest.approx(6.0)), (24, pytest.approx(6.0))]}
-    signals, _ = said.beside(list(range(9)), [1] * 9, slip_speed=1.0, new_run=True)
+    signals, _ = said.aligned(list(range(9)), [1] * 9, slip_speed=1.0, new_run=True)
     assert signals == {"mean_slip": [(4, pytest.approx(1.0)), (8, pytest.approx(1.0))]}
 
 
 def test_messages_that_cannot_be_read_are_left_out(said: Said) -> None:
     said.publishers["engine_torque"].publish(b"\0\1\0\0")
     when = said.say("engine_torque", cdr.float64(310.0))
-    assert said.beside([1], [when]) == ({"engine_torque": [(1, 310.0)]}, [])
+    assert said.aligned([1], [when]) == ({"engine_torque": [(1, 310.0)]}, [])
 
 
 class View:

@@ -18,10 +18,10 @@ def published(times: list[float], monkeypatch: pytest.MonkeyPatch) -> list[float
     clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=0))
     node = SimpleNamespace(get_clock=lambda: clock, create_publisher=lambda *how: SimpleNamespace(
         publish=lambda message: sent.append(now[0])))
-    found = driveline.Diagnostics(node, None, None)
-    monkeypatch.setattr(found, "_status", lambda now: driveline.DiagnosticStatus())
+    result = driveline.Diagnostics(node, None, None)
+    monkeypatch.setattr(result, "_status", lambda now: driveline.DiagnosticStatus())
     for now[0] in times:
-        found.publish_when_due()
+        result.publish_when_due()
     return sent
 
 

@@ -110,7 +110,7 @@ def test_a_command_applies_from_the_next_tick_and_is_held(bench: Any) -> None:
 def test_without_commands_the_mean_applies_and_diagnostics_say_so(bench: Any) -> None:
     heard = bench.listen(DiagnosticArray, "/diagnostics")
     node = bench.started(scene="commands", command_timeout=0.05, **MEANS)
-    sender = bench.own
+    sender = bench.probe
     publisher = sender.create_publisher(Float64, "engine_torque", 10)
     bench.until(publisher.get_subscription_count)
     publisher.publish(Float64(data=123.0))
@@ -197,7 +197,7 @@ def test_lockstep_awaits_an_answer_every_command_period(bench: Any) -> None:
     node = bench.driveline(scene="controlled", pacing="lockstep", command_period=0.005, command_timeout=0.0,
                  wait_for_subscribers=0)
     heard = bench.listen(JointState, "joint_states")
-    publisher = bench.own.create_publisher(FluidPressure, "actuation_pressure", 10)
+    publisher = bench.probe.create_publisher(FluidPressure, "actuation_pressure", 10)
     bench.until(publisher.get_subscription_count)
     node.start()
     for answered in range(4):

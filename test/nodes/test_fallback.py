@@ -52,10 +52,10 @@ def test_without_arguments_it_subscribes_to_both_and_moves_as_its_scene_says(ben
     t = np.concatenate([b.stamp_ns for b in batches]) * 1e-9
     engine = np.concatenate([b.engine_torque for b in batches])
     pressure = np.concatenate([b.applied_pressure for b in batches])
-    own = load_scene("commands").system
+    system = load_scene("commands").system
     assert np.abs(engine - (300.0 + 250.0 * np.sin(150.0 * t))).max() < 1e-9
-    assert np.abs(pressure - (own.pressure.mean + own.pressure.amplitude * np.sin(150.0 * t))).max() < 1e-6
-    assert own.pressure.amplitude > 0.0
+    assert np.abs(pressure - (system.pressure.mean + system.pressure.amplitude * np.sin(150.0 * t))).max() < 1e-6
+    assert system.pressure.amplitude > 0.0
 
 
 @pytest.mark.parametrize("stamp", ["simulation", "wall"])
@@ -119,9 +119,9 @@ def test_the_recorded_source_decides_not_the_value(bench: Any, tmp_path: Path) -
     line = timeline_of(run, parse_scene(run.scene_text or "", "run"))
     for said, why in (((), "input_source was not recorded"), (line.sources[:1], "is the first that differs"),
                       (line.sources, "")):
-        found = verify(replace(line, sources=said), run.size)
-        assert found.verified == (not why)
-        assert why in found.detail
+        result = verify(replace(line, sources=said), run.size)
+        assert result.verified == (not why)
+        assert why in result.detail
 
 
 def test_a_scene_file_is_that_scene_and_not_a_change_of_the_default(bench: Any) -> None:

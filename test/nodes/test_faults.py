@@ -51,7 +51,7 @@ def missed_ticks(run: Run) -> list[tuple[int, int]]:
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.serialization import deserialize_message
 
-    found: list[tuple[int, int]] = []
+    values: list[tuple[int, int]] = []
 
     def tap(data: bytes, messages: object, channels: object) -> None:
         for channel, offset, length in zip(messages.channel, messages.offset,
@@ -59,10 +59,10 @@ def missed_ticks(run: Run) -> list[tuple[int, int]]:
             if channels[channel].topic == "/diagnostics":  # type: ignore[index]
                 status = deserialize_message(data[offset + 22:offset + length], DiagnosticArray).status[0]
                 log_ns, = struct.unpack_from("<Q", data, offset + 6)
-                found.extend((log_ns, int(item.value)) for item in status.values if item.key == "missed ticks")
+                values.extend((log_ns, int(item.value)) for item in status.values if item.key == "missed ticks")
 
     run.tapped(tap)
-    return found
+    return values
 
 
 def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_gap_or_a_burst(
@@ -86,11 +86,11 @@ def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_
     log = np.concatenate([b.log_ns for b in batches])
     assert stamps.tolist() == [k * 10**9 // RATE for k in range(len(stamps))]
     # The driveline caught up at most CATCH_UP of the ticks due while it was stopped; the others are counted as missed.
-    told, missed = missed_ticks(run)[-1]
+    warned, missed = missed_ticks(run)[-1]
     # Signal and messages may take a while to arrive on a busy machine.
     assert missed >= 2 * RATE
-    due = (told - log[0]) * 1e-9 * RATE
-    assert abs(due - np.count_nonzero(log <= told) - missed) <= 2 * CATCH_UP * RATE + 0.5 * missed
+    due = (warned - log[0]) * 1e-9 * RATE
+    assert abs(due - np.count_nonzero(log <= warned) - missed) <= 2 * CATCH_UP * RATE + 0.5 * missed
     assert run.complete
     assert run.warnings == []
 

@@ -121,22 +121,22 @@ def test_another_message_type_on_the_same_name_is_not_taken(bench: Any, monkeypa
     """The publisher is another participant's; within one, Fast DDS refuses to create it."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-    own, foreign = type(bench)(), type(bench)()
+    matching, foreign = type(bench)(), type(bench)()
     try:
         wrong = foreign.node("stranger").create_publisher(
             String, "engine_torque", COMMANDS)
-        node, attacker = driveline(own), Attacker(own)
+        node, attacker = driveline(matching), Attacker(matching)
         node.start()
-        own.until(lambda: attacker.ready() and node.count_publishers("engine_torque") == 2)
+        matching.until(lambda: attacker.ready() and node.count_publishers("engine_torque") == 2)
         for _ in range(10):
             wrong.publish(String(data="as much as you can"))
         attacker.torques.publish(cdr.float64(55.0))
-        own.until(lambda: attacker.hear() and attacker.values[-1][4] == 55.0)
+        matching.until(lambda: attacker.hear() and attacker.values[-1][4] == 55.0)
         torque = node.loop.engine_command
         assert torque is not None
         assert (torque.received, torque.refused) == (1, 0)
     finally:
-        own.close()
+        matching.close()
         foreign.close()
 
 

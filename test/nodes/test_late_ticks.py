@@ -17,9 +17,9 @@ from tcc_sim.recording.commands import LATE_SHARE
 @pytest.fixture
 def warned(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Warnings of the node."""
-    found: list[str] = []
-    monkeypatch.setattr(process, "warn", lambda node, sentence: found.append(sentence))
-    return found
+    values: list[str] = []
+    monkeypatch.setattr(process, "warn", lambda node, sentence: values.append(sentence))
+    return values
 
 
 def status_after(node: Any, ticks: int, late: int) -> Any:

@@ -65,12 +65,12 @@ class Recorded:
         return replay(self.output, verify=True, frequency=150.0)
 
 
-def exactly(found: Replay, runs: int, repeated: int = 0) -> None:
-    verification = found.verification
+def exactly(result: Replay, runs: int, repeated: int = 0) -> None:
+    verification = result.verification
     assert verification is not None
     assert (verification.detail, verification.largest_difference, verification.verified) == ("", 0.0, True)
-    assert verification.exact == verification.compared == found.messages - repeated
-    assert (found.continuity.runs, found.lost_messages) == (runs, 0)
+    assert verification.exact == verification.compared == result.messages - repeated
+    assert (result.continuity.runs, result.lost_messages) == (runs, 0)
 
 
 def test_changes_of_every_kind_between_pauses_steps_and_resets(bench: Any, tmp_path: Path) -> None:

@@ -183,8 +183,8 @@ def test_a_single_command_is_in_the_recording(control: Control, driveline: NodeP
         assert control("pressure", "230000")[0] == 0
     finally:
         assert recorder.stop() == 0
-    found = tcc_sim.read(tmp_path / "run")
-    assert {name: command.value.tolist() for name, command in found.commands.items()} == {
+    result = tcc_sim.read(tmp_path / "run")
+    assert {name: command.value.tolist() for name, command in result.commands.items()} == {
         "actuation_pressure": [230000.0]}
 
 
@@ -246,13 +246,13 @@ def test_watch_shows_what_the_driveline_does_and_what_held_its_inputs_to_the_sta
             sends.clear()
         samples(stream, stamps, *columns, **run)
 
-    def beside(stream: RerunStream, signals: Any, events: Any) -> None:
+    def controlled(stream: RerunStream, signals: Any, events: Any) -> None:
         rows.update({f"/{SIGNALS[name]}": len(stamps) for name, (stamps, _) in signals.items()})
         given.extend(event.text for event in events)
         control(stream, signals, events)
 
     monkeypatch.setattr(RerunStream, "samples", shown)
-    monkeypatch.setattr(RerunStream, "control", beside)
+    monkeypatch.setattr(RerunStream, "control", controlled)
     monkeypatch.setattr("tcc_sim.nodes.watcher.FILE_PERIOD", 0.1)
     monkeypatch.setattr("tcc_sim.nodes.process._INTERRUPTED", threading.Event())
     assert main(["watch", "--rrd", str(tmp_path / "live.rrd")]) == 0
@@ -264,11 +264,11 @@ def test_watch_shows_what_the_driveline_does_and_what_held_its_inputs_to_the_sta
     assert bool(missed) == ("missed " in said)
     assert said.startswith("watching /driveline: ")
     assert rows.pop("interrupts") == 1
-    rows["/events"], found = 1 + len(given), rerun_rows(tmp_path / "live.rrd")
-    assert {entity: found[entity] - STATIC * (entity != "/events") for entity in rows} == rows
+    rows["/events"], result = 1 + len(given), rerun_rows(tmp_path / "live.rrd")
+    assert {entity: result[entity] - STATIC * (entity != "/events") for entity in rows} == rows
     assert rows.keys() >= {"/torque/engine_command", "/pressure/command", "/pressure/applied", "/control/mean"}
-    assert found["/cycles/largest"] > STATIC
-    assert found["/summary"] > 1
+    assert result["/cycles/largest"] > STATIC
+    assert result["/summary"] > 1
 
 
 @pytest.mark.parametrize("what", ["torque", "pressure"])

@@ -120,7 +120,7 @@ def test_that_a_node_compiles_is_passed_on_once(capsys: pytest.CaptureFixture[st
 
     session = object.__new__(children.Session)
     session.driveline = session.recorder = Driveline()  # type: ignore[assignment]
-    session.beside = []
+    session.controllers = []
     session._await_clock()
     assert capsys.readouterr().err == "tcc-sim: compiling kernels for this kind of scene, about 9 s, once\n"
 

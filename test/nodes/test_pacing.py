@@ -141,19 +141,19 @@ class Sleepy(Clock):
 
 def latenesses(pacer: Pacer, clock: Clock, ticks: int) -> list[float]:
     """Lateness of each tick, s, from the deadlines themselves."""
-    began, found = clock.now, []
+    began, result = clock.now, []
     for tick in range(1, ticks + 1):
         assert pacer.wait(never)
-        found.append((clock.now - began - tick * pacer.period_ns) * 1e-9)
-    return found
+        result.append((clock.now - began - tick * pacer.period_ns) * 1e-9)
+    return result
 
 
 def test_a_sleep_ends_ahead_by_what_wake_ups_are_late_and_no_tick_is_early() -> None:
     clock = Sleepy(lambda count: 15_000 + 13_000 * (count % 4 == 0))
-    found = latenesses(Pacer(1e-3, clock=clock, sleep=clock.sleep), clock, 600)
-    assert min(found) >= 0.0
-    assert found[0] >= 15e-6
-    settled = sorted(found[100:])
+    result = latenesses(Pacer(1e-3, clock=clock, sleep=clock.sleep), clock, 600)
+    assert min(result) >= 0.0
+    assert result[0] >= 15e-6
+    settled = sorted(result[100:])
     assert settled[len(settled) // 2] < 3e-6
     assert settled[-1] < 20e-6
     plain = Sleepy(clock.late)
@@ -174,11 +174,11 @@ def test_the_lead_is_bounded(period: float) -> None:
 
 def in_a_thread(body: Callable[[], Any]) -> Any:
     """Return the result of `body` in a new thread; its settings end with the thread."""
-    found: list[Any] = []
-    thread = threading.Thread(target=lambda: found.append(body()))
+    values: list[Any] = []
+    thread = threading.Thread(target=lambda: values.append(body()))
     thread.start()
     thread.join()
-    return found[0]
+    return values[0]
 
 
 def slack() -> int:
@@ -213,9 +213,9 @@ def without_rights(body: Callable[[], list[str]]) -> list[str]:
         os._exit(0)
     os.close(writing)
     with open(reading) as said:
-        found = said.read().splitlines()
+        result = said.read().splitlines()
     assert os.waitpid(child, 0)[1] == 0
-    return found
+    return result
 
 
 @linux
@@ -239,10 +239,10 @@ def test_the_priority_is_fifo_where_it_is_granted() -> None:
 @linux
 def test_the_other_threads_of_the_process_are_one_below_the_real_time_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """The real-time thread waits for any thread that holds the interpreter or a lock of the middleware."""
-    asked: dict[int, tuple[int, int]] = {}
+    priorities: dict[int, tuple[int, int]] = {}
 
     def take(thread: int, policy: int, param: os.sched_param) -> None:
-        asked[thread] = policy, param.sched_priority
+        priorities[thread] = policy, param.sched_priority
         if thread == threading.get_native_id():
             raise PermissionError(1, "Operation not permitted")
 
@@ -252,13 +252,13 @@ def test_the_other_threads_of_the_process_are_one_below_the_real_time_one(monkey
     try:
         attend(50, (other.native_id,))
         mine = threading.get_native_id()
-        assert asked[mine] == (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 49)
-        assert other.native_id not in asked
-        assert asked.keys() < set(map(int, os.listdir("/proc/self/task")))
+        assert priorities[mine] == (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 49)
+        assert other.native_id not in priorities
+        assert priorities.keys() < set(map(int, os.listdir("/proc/self/task")))
         attend(1)
-        assert set(asked.values()) == {(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 1)}
+        assert set(priorities.values()) == {(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 1)}
         attend(0)
-        assert set(asked.values()) == {(os.SCHED_OTHER, 0)}
+        assert set(priorities.values()) == {(os.SCHED_OTHER, 0)}
     finally:
         stop.set()
         other.join()

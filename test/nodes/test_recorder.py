@@ -45,7 +45,7 @@ def publisher_of(node, name, profile=STATES):
 
 
 def test_every_topic_of_the_table_is_recorded_in_the_namespace_of_the_node(context, tmp_path):
-    found = start(context, tmp_path / "run", flush_period=1)
+    result = start(context, tmp_path / "run", flush_period=1)
     node = rclpy.create_node("driveline", context=context)
     publishers = {row.name: publisher_of(node, row.name) for row in TOPICS}
     message = {"std_msgs/msg/Float64": cdr.float64(1.0), "std_msgs/msg/Int8": cdr.int8(1), JOINT_STATE: joint_state(1),
@@ -53,8 +53,8 @@ def test_every_topic_of_the_table_is_recorded_in_the_namespace_of_the_node(conte
                "std_msgs/msg/String": cdr.string(SCENE)}
     for row in TOPICS:
         publishers[row.name].publish(message.get(row.type) or message_class(row.type)())
-    until(lambda: sum(track.messages for track in found.tracks.values()) == len(TOPICS), step=found.drain)
-    assert f"{len(TOPICS)} messages" in found.close()
+    until(lambda: sum(track.messages for track in result.tracks.values()) == len(TOPICS), step=result.drain)
+    assert f"{len(TOPICS)} messages" in result.close()
     run = open_run(tmp_path / "run")
     assert run.topics == {node.resolve_topic_name(row.name): row.type for row in TOPICS}
     assert sum(map(len, run.states())) == 1
@@ -63,14 +63,14 @@ def test_every_topic_of_the_table_is_recorded_in_the_namespace_of_the_node(conte
 
 
 def test_a_burst_is_recorded_whole_with_times_and_numbers(context, tmp_path):
-    found = start(context, tmp_path / "run", topics=["joint_states"])
+    result = start(context, tmp_path / "run", topics=["joint_states"])
     node = rclpy.create_node("driveline", context=context)
     publisher = publisher_of(node, "joint_states")
     for n in range(5000):
         publisher.publish(joint_state(n))
-    until(lambda: found.tracks["/joint_states"].messages == 5000, step=found.drain)
-    found.look()
-    found.close()
+    until(lambda: result.tracks["/joint_states"].messages == 5000, step=result.drain)
+    result.look()
+    result.close()
     run = open_run(tmp_path / "run")
     batches = list(run.states())
     assert np.concatenate([batch.stamp_ns for batch in batches]).tolist() == [n * TICK for n in range(5000)]
@@ -81,16 +81,16 @@ def test_a_burst_is_recorded_whole_with_times_and_numbers(context, tmp_path):
 
 def test_the_offered_quality_of_service_stands_in_the_bag_and_best_effort_is_received(context, tmp_path):
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
-    found = start(context, tmp_path / "run", topics=["joint_states", "slip_speed"])
+    result = start(context, tmp_path / "run", topics=["joint_states", "slip_speed"])
     node = rclpy.create_node("driveline", context=context)
     publisher = publisher_of(node, "joint_states", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
     slip = publisher_of(node, "slip_speed")
-    found.look()
+    result.look()
     until(lambda: publisher.get_subscription_count() == 1)
     publisher.publish(joint_state(0))
     slip.publish(cdr.float64(1.0))
-    until(lambda: sum(track.messages for track in found.tracks.values()) == 2, step=found.drain)
-    found.close()
+    until(lambda: sum(track.messages for track in result.tracks.values()) == 2, step=result.drain)
+    result.close()
     with rosbag2.Reader(tmp_path / "run") as reader:
         offered = {c.topic: c.ext.offered_qos_profiles[0].reliability.name for c in reader.connections}
     assert offered == {"/joint_states": "BEST_EFFORT", "/slip_speed": "RELIABLE"}
@@ -99,8 +99,8 @@ def test_the_offered_quality_of_service_stands_in_the_bag_and_best_effort_is_rec
 
 def test_a_best_effort_publisher_comes_and_goes_and_the_reliable_one_loses_nothing(context, tmp_path):
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
-    found = start(context, tmp_path / "run", topics=["slip_speed"])
-    track = found.tracks["/slip_speed"]
+    result = start(context, tmp_path / "run", topics=["slip_speed"])
+    track = result.tracks["/slip_speed"]
     publisher = publisher_of(rclpy.create_node("driveline", context=context), "slip_speed")
     other = rclpy.create_node("other", context=context)
     until(publisher.get_subscription_count)
@@ -111,22 +111,22 @@ def test_a_best_effort_publisher_comes_and_goes_and_the_reliable_one_loses_nothi
             publisher.publish(cdr.float64(next(numbers)))
 
     def publishers():
-        return len(found.node.get_publishers_info_by_topic("slip_speed"))
+        return len(result.node.get_publishers_info_by_topic("slip_speed"))
 
     for turn in range(3):
         send(100)
         guest = publisher_of(other, "slip_speed", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
         until(lambda: publishers() == 2)
         send(100)
-        found.look()
+        result.look()
         until(guest.get_subscription_count)
         send(100)
         guest.publish(cdr.float64(-1.0 - turn))
-        until(lambda turn=turn: track.messages == 301 * (turn + 1), step=found.drain)
+        until(lambda turn=turn: track.messages == 301 * (turn + 1), step=result.drain)
         other.destroy_publisher(guest)
         until(lambda: publishers() == 1)
-        found.look()
-    assert found.close() == f"recorded 903 messages in {tmp_path / 'run'}, 0 lost"
+        result.look()
+    assert result.close() == f"recorded 903 messages in {tmp_path / 'run'}, 0 lost"
     with rosbag2.Reader(tmp_path / "run") as reader:
         values = [cdr.read_float64(data) for _, _, data in reader.messages()]
     assert [value for value in values if value >= 0.0] == list(range(900))
@@ -145,41 +145,41 @@ def test_two_topics_of_other_types_remapped_onto_one_are_refused(entered, tmp_pa
 
 
 def test_a_topic_outside_the_table_is_recorded_by_its_type_once_it_is_there(context, tmp_path):
-    found = start(context, tmp_path / "run", topics=["/elsewhere"])
-    assert found.tracks == {}
+    result = start(context, tmp_path / "run", topics=["/elsewhere"])
+    assert result.tracks == {}
     node = rclpy.create_node("other", context=context)
     publisher = node.create_publisher(message_class("std_msgs/msg/Int8"), "/elsewhere", 10)
-    found.look()
+    result.look()
     publisher.publish(cdr.int8(4))
-    until(lambda: found.tracks["/elsewhere"].messages == 1, step=found.drain)
-    found.close()
+    until(lambda: result.tracks["/elsewhere"].messages == 1, step=result.drain)
+    result.close()
     assert open_run(tmp_path / "run").topics == {"/elsewhere": "std_msgs/msg/Int8"}
 
 
 def test_the_scene_of_every_driveline_that_appears_is_recorded(context, tmp_path):
-    found = start(context, tmp_path / "run")
+    result = start(context, tmp_path / "run")
     executor = SingleThreadedExecutor(context=context)
-    executor.add_node(found.node)
+    executor.add_node(result.node)
 
     def step():
         executor.spin_once(timeout_sec=0.01)
-        found.drain()
-        found.look()
+        result.drain()
+        result.look()
 
     for number in (1, 2):
         node = rclpy.create_node("driveline", context=context)
         node.create_publisher(String, "scene", LATCHED).publish(String(data=SCENE + f"# {number}\n"))
         executor.add_node(node)
         publisher = publisher_of(node, "joint_states")
-        until(lambda n=number: found.bag.scene_text == SCENE + f"# {n}\n", step=step)
-        before = found.tracks["/joint_states"].messages
+        until(lambda n=number: result.bag.scene_text == SCENE + f"# {n}\n", step=step)
+        before = result.tracks["/joint_states"].messages
         for n in range(5):
             publisher.publish(joint_state(n))
-        until(lambda b=before: found.tracks["/joint_states"].messages == b + 5, step=step)
+        until(lambda b=before: result.tracks["/joint_states"].messages == b + 5, step=step)
         executor.remove_node(node)
         node.destroy_node()
-        found.look()
-    found.close()
+        result.look()
+    result.close()
     run = open_run(tmp_path / "run")
     assert [scene.text for scene in run.scenes] == [SCENE + "# 1\n", SCENE + "# 2\n"]
     runs = run.states()
@@ -195,37 +195,37 @@ def test_messages_that_a_publisher_counted_and_nobody_received_are_counted_as_lo
 
 
 def test_a_publisher_that_kept_its_scene_to_itself_is_asked_again_a_limited_number_of_times(context, tmp_path):
-    found = start(context, tmp_path / "run")
+    result = start(context, tmp_path / "run")
     node = rclpy.create_node("driveline", context=context)
     scene, states = publisher_of(node, "scene"), publisher_of(node, "joint_states")
-    track, subscriptions = found.tracks["/scene"], []
+    track, subscriptions = result.tracks["/scene"], []
 
     def look():
-        found.look()
+        result.look()
         subscriptions.append(track.subscription)
 
     look()
     assert len(set(map(id, subscriptions))) == 1
     states.publish(joint_state(0))
-    found.next_look = float("inf")
-    until(lambda: found.tracks["/joint_states"].messages == 1, step=found.drain)
-    assert found.next_look == 0.0
+    result.next_look = float("inf")
+    until(lambda: result.tracks["/joint_states"].messages == 1, step=result.drain)
+    assert result.next_look == 0.0
     for _ in range(30):
         look()
     assert len(set(map(id, subscriptions))) == 21
     scene.publish(String(data=SCENE))
-    until(lambda: track.messages == 1, step=found.drain)
+    until(lambda: track.messages == 1, step=result.drain)
     another = rclpy.create_node("another", context=context)
     kept = publisher_of(another, "scene")
     for _ in range(3):
         look()
     assert len(set(map(id, subscriptions))) == 24
     kept.publish(String(data=SCENE + "# 2\n"))
-    until(lambda: found.bag.scene_text == SCENE + "# 2\n", step=found.drain)
+    until(lambda: result.bag.scene_text == SCENE + "# 2\n", step=result.drain)
     for _ in range(3):
         look()
     assert len(set(map(id, subscriptions))) == 24
-    found.close()
+    result.close()
 
 
 def test_where_publishers_have_other_names_in_the_messages_nobody_is_asked_again(context):
@@ -237,24 +237,24 @@ def test_where_publishers_have_other_names_in_the_messages_nobody_is_asked_again
 
 
 def test_silence_is_told_once_and_so_is_its_end(context, tmp_path, capfd):
-    found = start(context, tmp_path / "run")
+    result = start(context, tmp_path / "run")
     publisher = publisher_of(rclpy.create_node("driveline", context=context), "joint_states")
-    track = found.tracks["/joint_states"]
+    track = result.tracks["/joint_states"]
 
-    def told():
-        found.look()
-        found.look()
+    def warnings():
+        result.look()
+        result.look()
         return [line.split("]: ")[-1] for line in capfd.readouterr().err.splitlines() if "/joint_states" in line]
 
     track.arrived -= 2 * recorder.SILENCE
-    assert told() == []  # Nothing is missing before the first message.
+    assert warnings() == []  # Nothing is missing before the first message.
     for number in range(2):
         publisher.publish(joint_state(number))
-        until(lambda n=number: track.messages == n + 1, step=found.drain)
-        assert told() == ["/joint_states arrives again"][:number]
+        until(lambda n=number: track.messages == n + 1, step=result.drain)
+        assert warnings() == ["/joint_states arrives again"][:number]
         track.arrived -= 2 * recorder.SILENCE
-        assert told() == ["no /joint_states for 3 s: paused, stopped or killed; the recording continues"]
-    found.close()
+        assert warnings() == ["no /joint_states for 3 s: paused, stopped or killed; the recording continues"]
+    result.close()
 
 
 @pytest.mark.parametrize("parameters", [{"flush_period": 0.0}, {"flush_period": "soon"}, {"topics": 3}])

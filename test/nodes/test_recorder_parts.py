@@ -18,25 +18,25 @@ from tcc_sim.nodes.track import MOST_PUBLISHERS, Track, UnsentCount, unsent_mess
 from tcc_sim.recording.reader import open_run
 
 
-def publish(found, publisher, numbers):
+def publish(result, publisher, numbers):
     """Publish states and wait until the recorder has them."""
-    before = found.tracks["/joint_states"].messages
+    before = result.tracks["/joint_states"].messages
     for n in numbers:
         publisher.publish(joint_state(n))
-    until(lambda: found.tracks["/joint_states"].messages == before + len(numbers), step=found.drain)
+    until(lambda: result.tracks["/joint_states"].messages == before + len(numbers), step=result.drain)
 
 
 def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(context, tmp_path):
-    found = start(context, tmp_path / "run", max_bag_size=20_000, topics=["joint_states", "scene"])
+    result = start(context, tmp_path / "run", max_bag_size=20_000, topics=["joint_states", "scene"])
     node = rclpy.create_node("driveline", context=context)
     node.create_publisher(String, "scene", LATCHED).publish(String(data=SCENE))
     publisher = publisher_of(node, "joint_states")
-    until(lambda: found.bag.scene_text == SCENE, step=found.drain)
+    until(lambda: result.bag.scene_text == SCENE, step=result.drain)
     for n in range(0, 2000, 200):
-        publish(found, publisher, range(n, n + 200))
-        found.bag.file.flush()
-    found.unsent.add(b"driveline", unsent_message("driveline", {"/joint_states": 3}))
-    assert "2001 messages" in (said := found.close())
+        publish(result, publisher, range(n, n + 200))
+        result.bag.file.flush()
+    result.unsent.add(b"driveline", unsent_message("driveline", {"/joint_states": 3}))
+    assert "2001 messages" in (said := result.close())
     assert said.endswith("0 lost, 3 never sent")
     parts = sorted((tmp_path / "run").glob("*.mcap"), key=lambda path: int(path.stem.rpartition("_")[2]))
     assert len(parts) > 2
@@ -61,15 +61,15 @@ def test_what_was_not_sent_is_counted_for_more_drivelines_than_are_told_apart():
 
 
 def test_every_publisher_has_a_channel_of_its_own(context, tmp_path):
-    found = start(context, tmp_path / "run", topics=["joint_states"])
+    result = start(context, tmp_path / "run", topics=["joint_states"])
     for name in ("first", "second"):
         node = rclpy.create_node(name, context=context)
         publisher = publisher_of(node, "joint_states")
         until(lambda p=publisher: p.get_subscription_count() == 1)
         # The stamps of the second publisher continue those of the first.
-        publish(found, publisher, range(50) if name == "first" else range(50, 100))
+        publish(result, publisher, range(50) if name == "first" else range(50, 100))
         node.destroy_node()
-    found.close()
+    result.close()
     run = open_run(tmp_path / "run")
     assert sum(map(len, run.states())) == 100
     assert (run.stamps.restarts, run.stamps.resets, run.messages) == (1, 0, {"/joint_states": 100})
@@ -77,16 +77,16 @@ def test_every_publisher_has_a_channel_of_its_own(context, tmp_path):
 
 def test_what_the_recorder_keeps_of_publishers_and_scenes_is_bounded(context, tmp_path):
     """Every state has another publisher."""
-    found = start(context, tmp_path / "run", topics=["joint_states", "scene"])
+    result = start(context, tmp_path / "run", topics=["joint_states", "scene"])
     for n in range(MOST_PUBLISHERS + 20):
         said = {"publication_sequence_number": 1, "publisher_gid": {"data": n.to_bytes(16, "big")},
                 "received_timestamp": n + 1, "source_timestamp": n + 1}
-        found.write(found.tracks["/joint_states"], [(joint_state(n), said)])
+        result.write(result.tracks["/joint_states"], [(joint_state(n), said)])
         if n % 25 == 0:
-            found.write(found.tracks["/scene"], [(cdr.string(SCENE + f"# {n}\n"), said)])
-    assert len(found.tracks["/joint_states"].channels) == MOST_PUBLISHERS + 1
-    assert found.bag.scene_text == SCENE + "# 1000\n"
-    found.close()
+            result.write(result.tracks["/scene"], [(cdr.string(SCENE + f"# {n}\n"), said)])
+    assert len(result.tracks["/joint_states"].channels) == MOST_PUBLISHERS + 1
+    assert result.bag.scene_text == SCENE + "# 1000\n"
+    result.close()
     run = open_run(tmp_path / "run")
     assert (sum(map(len, run.states())), len(run.scenes)) == (MOST_PUBLISHERS + 20, 41)
 
@@ -110,7 +110,7 @@ class Enough(Exception):
 
 
 def test_a_period_of_synchronisation_is_kept(context, tmp_path, monkeypatch):
-    found = start(context, tmp_path / "run", fsync_period=0.2)
+    result = start(context, tmp_path / "run", fsync_period=0.2)
     synced = []
 
     def sync():
@@ -118,10 +118,10 @@ def test_a_period_of_synchronisation_is_kept(context, tmp_path, monkeypatch):
         if len(synced) == 4:
             raise Enough
 
-    monkeypatch.setattr(found.bag.file, "sync", sync)
+    monkeypatch.setattr(result.bag.file, "sync", sync)
     with pytest.raises(Enough):
-        found.spin()
-    found.close()
+        result.spin()
+    result.close()
 
 
 @pytest.mark.parametrize("most", [1, 3, 7])

@@ -122,9 +122,9 @@ def test_a_driveline_ends_after_a_busy_recorder_has_received_everything(process_
     recorder.send_signal(signal.SIGCONT)
     assert driveline.wait() == recorder.stop() == 0
     run = open_run(tmp_path / "run")
-    (found,) = run.states()
-    assert found.stamp_ns.tolist() == heard == [n * TICK for n in range(400)]
-    assert np.isfinite(found.applied_pressure).all()
+    (result,) = run.states()
+    assert result.stamp_ns.tolist() == heard == [n * TICK for n in range(400)]
+    assert np.isfinite(result.applied_pressure).all()
     assert run.warnings == []
 
 
@@ -157,15 +157,15 @@ def test_recorders_that_end_one_after_the_other_leave_what_can_be_analysed_and_r
     assert open_run(tmp_path / "stopped").scene_text is not None
     for name in ("full", "killed"):
         output, digest = tmp_path / name, hashlib.sha256(files[name].read_bytes()).digest()
-        found = tcc_sim.analyse(output, verify=True)
-        assert (found.complete, found.verification.verified) == (False, True)
-        assert found.messages >= seen[name]
+        result = tcc_sim.analyse(output, verify=True)
+        assert (result.complete, result.verification.verified) == (False, True)
+        assert result.messages >= seen[name]
         recovered = tmp_path / f"{name}_saved"
         assert main(["recover", str(output), "--out", str(recovered)]) == 0
         assert "note: the recording was cut short" in capsys.readouterr().out
         with rosbag2.Reader(recovered) as reader:
             assert sum(1 for _ in reader.messages()) == reader.message_count
-            assert next(c.msgcount for c in reader.connections if c.topic == "/joint_states") == found.messages
+            assert next(c.msgcount for c in reader.connections if c.topic == "/joint_states") == result.messages
         assert open_run(recovered).complete
         assert ([path.name for path in output.iterdir()],
                 hashlib.sha256(files[name].read_bytes()).digest()) == ([files[name].name], digest)

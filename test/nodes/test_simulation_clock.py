@@ -132,8 +132,8 @@ def test_a_recorder_with_use_sim_time_logs_simulation_time(bench: Any, tmp_path:
 
 def test_a_recorder_that_never_hears_the_clock_keeps_what_came(bench: Any, tmp_path: Path,
                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
-    own = bench.node("recorder", use_sim_time=True, output=str(tmp_path / "run"))
-    recorder = Recorder(own)
+    recorder_node = bench.node("recorder", use_sim_time=True, output=str(tmp_path / "run"))
+    recorder = Recorder(recorder_node)
     warnings: list[str] = []
     monkeypatch.setattr("tcc_sim.nodes.recorder.warn", lambda _, sentence: warnings.append(sentence))
     monkeypatch.setattr("tcc_sim.nodes.recorder.SILENCE", -1.0)
@@ -178,7 +178,7 @@ def test_a_follower_that_comes_late_gets_the_time_from_then_on(bench: Any) -> No
     late = bench.add(Node("late", context=bench.context, parameter_overrides=[Parameter("use_sim_time", value=True)]))
     heard = bench.listen(Clock, "/clock")
     bench.until(lambda: (node.housekeeping(), node.loop.clock.published)[1])
-    publisher = bench.own.create_publisher(FluidPressure, "actuation_pressure", 10)
+    publisher = bench.probe.create_publisher(FluidPressure, "actuation_pressure", 10)
     bench.until(publisher.get_subscription_count)
     publisher.publish(FluidPressure(fluid_pressure=1e5))
     bench.until(lambda: late.get_clock().now().nanoseconds == 1_000_000)

@@ -78,10 +78,10 @@ def test_a_vehicle_joins_and_leaves_lock_step_while_the_clock_runs_and_verifies_
     recorded.drain()
     assert (far_end.timeouts, far_end.refused, pressure.timeouts, pressure.refused) == (0, 0, 0, 0)
     recorded.close()
-    found = replay(tmp_path / "run", discard=0, verify=True)
-    assert found.lost_messages == 0
-    assert (found.verification.verified, found.verification.largest_difference) == (True, 0.0)
-    assert found.verification.exact == found.verification.compared
+    result = replay(tmp_path / "run", discard=0, verify=True)
+    assert result.lost_messages == 0
+    assert (result.verification.verified, result.verification.largest_difference) == (True, 0.0)
+    assert result.verification.exact == result.verification.compared
     # The recorded speed is the vehicle's answer to the recorded shaft torque of the tick before, and to no other.
     run = read(tmp_path / "run").trajectory(0)
     d = run.system.driveline

@@ -133,12 +133,12 @@ def test_the_node_logs_it_once_a_second_at_most_and_diagnostics_carry_it(
     assert capfd.readouterr().err.count("no command on /actuation_pressure") == 3
     publisher(bench, "hasty", reliability=ReliabilityPolicy.BEST_EFFORT)
 
-    def told() -> Any:
+    def answered() -> Any:
         assert node.diagnostics is not None
         node.diagnostics._due = 0.0
         node.housekeeping()
         values = {item.key: item.value for message in heard[-1:] for item in message.status[0].values}
         return "hasty (best effort" in values.get("actuation_pressure publishers", "")
 
-    bench.until(told)
+    bench.until(answered)
     assert "no command on /actuation_pressure" in capfd.readouterr().err

@@ -20,18 +20,18 @@ from tcc_sim.topics import topic
 
 
 def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
-    found = explain(load_scene("minimal"))
-    assert found["terms"]["held"] == ["engine torque sine", "smoothing tanh"]
-    assert set(found["terms"]["left_out"]) == {"engine torque harmonics 2, 3, ...", "pressure sine",
-                                               "Stribeck exponential", "pressure clamp", "profiles in time",
-                                               "fluid coupling"}
-    kernel = found["kernel"]
+    result = explain(load_scene("minimal"))
+    assert result["terms"]["held"] == ["engine torque sine", "smoothing tanh"]
+    assert set(result["terms"]["left_out"]) == {"engine torque harmonics 2, 3, ...", "pressure sine",
+                                                "Stribeck exponential", "pressure clamp", "profiles in time",
+                                                "fluid coupling"}
+    kernel = result["kernel"]
     assert (kernel["stribeck"], kernel["pulsation"], kernel["harmonics"]) == ("left out",) * 3
-    assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(found["modules"]["left_out"])
-    assert set(found["topics"]["left_out"]) == {"engine_torque", "actuation_pressure", "applied_pressure",
-                                                "slip_speed_stamped", "friction_torque_stamped",
-                                                "input_source", "/clock", "shaft_torque"}
-    assert found["step"]["sub_steps"] == 10
+    assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(result["modules"]["left_out"])
+    assert set(result["topics"]["left_out"]) == {"engine_torque", "actuation_pressure", "applied_pressure",
+                                                 "slip_speed_stamped", "friction_torque_stamped",
+                                                 "input_source", "/clock", "shaft_torque"}
+    assert result["step"]["sub_steps"] == 10
 
 
 def test_arrays_that_a_kernel_is_given_are_told_by_their_size() -> None:
@@ -46,19 +46,19 @@ def test_arrays_that_a_kernel_is_given_are_told_by_their_size() -> None:
 def test_a_kernel_calls_nothing_for_terms_that_its_scene_does_not_have(name: str, sines: float) -> None:
     """SDIRK3 has three stages, each with one engine torque and one load; one sine more a stage for every harmonic."""
     step = explain(load_scene(name))["step"]
-    own, general = step["own_calls"], step["general_calls"]
-    assert own["sines"] == sines
+    calls, general = step["own_calls"], step["general_calls"]
+    assert calls["sines"] == sines
     assert general["sines"] == 9.0
     falling = load_scene(name).system.friction_ratio > 1.0
-    assert (own["exponentials"] > 0.0) is falling
+    assert (calls["exponentials"] > 0.0) is falling
 
 
 def test_the_set_valued_law_has_no_smoothing_and_no_real_time_step() -> None:
     scene = load_scene("minimal").with_values({"friction.law": "set_valued"})
-    found = explain(scene)
-    assert found["solver"] == "event_driven"
-    assert "smoothing tanh" in found["terms"]["left_out"]
-    assert found["step"] is None
+    result = explain(scene)
+    assert result["solver"] == "event_driven"
+    assert "smoothing tanh" in result["terms"]["left_out"]
+    assert result["step"] is None
 
 
 @pytest.mark.parametrize(("name", "values", "created"), [
@@ -107,17 +107,17 @@ def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFix
     out = capsys.readouterr().out
     for words in ("Stribeck exponential", "33 sub-steps in a tick of 1 ms", "falls with slip speed from 0.3 to 0.24"):
         assert words in out
-    found = valid("explain", json.loads(file.read_text()))
-    assert found["name"] == "fig02"
-    assert "own_s" not in found["step"]
+    document = valid("explain", json.loads(file.read_text()))
+    assert document["name"] == "fig02"
+    assert "own_s" not in document["step"]
     assert main(["explain", "fig02", "--json", str(file)]) == 2
     assert main(["explain", "fig20"]) == 2
 
 
 def test_pure_slip_is_shown_beside_the_ticks() -> None:
     system = load_scene("slip").system
-    found = closed_forms(system)
-    slip = found["slip"]
+    result = closed_forms(system)
+    slip = result["slip"]
     swing = 250.0 / (0.2 * 150.0)
     assert (slip["mean"], slip["amplitude"]) == pytest.approx((150.0 + swing, swing))
     assert slip["growth"] == 0.0
@@ -126,24 +126,24 @@ def test_pure_slip_is_shown_beside_the_ticks() -> None:
     assert 150.0 - transient < slip["least"] < 150.0
     assert slip["pure_slip"] is True
     assert 0.0 < slip["tick_difference"] < 1.0
-    assert "lasts for ever" in "\n".join(closed_form_lines(found))
-    assert "of (14) over 500 ticks" in "\n".join(closed_form_lines(found))
+    assert "lasts for ever" in "\n".join(closed_form_lines(result))
+    assert "of (14) over 500 ticks" in "\n".join(closed_form_lines(result))
 
 
 def test_a_slow_engine_does_not_keep_slipping() -> None:
-    found = closed_forms(load_scene("slip").with_values({"initial.slip_speed": 30.0}).system)
-    assert found["slip"]["margin"] > 0.0 > found["slip"]["least"]
-    assert found["slip"]["tick_difference"] is None
-    assert "does not last" in "\n".join(closed_form_lines(found))
+    result = closed_forms(load_scene("slip").with_values({"initial.slip_speed": 30.0}).system)
+    assert result["slip"]["margin"] > 0.0 > result["slip"]["least"]
+    assert result["slip"]["tick_difference"] is None
+    assert "does not last" in "\n".join(closed_form_lines(result))
     gripping = closed_forms(load_scene("slip").with_values({"pressure.mean": 130e3}).system)
     assert gripping["slip"]["least"] is None
     assert "outweighs" in "\n".join(closed_form_lines(gripping))
 
 
 def test_stick_and_what_has_no_closed_form() -> None:
-    found = closed_forms(load_scene("stick").system)
-    assert found["stick"]["sticks"] is True
-    assert found["stick"]["mean"] == pytest.approx(0.1)
+    result = closed_forms(load_scene("stick").system)
+    assert result["stick"]["sticks"] is True
+    assert result["stick"]["mean"] == pytest.approx(0.1)
     falling = closed_forms(load_scene("fig02").system)
     assert falling["slip"] is None
     assert falling["stick"]["sticks"] is False
@@ -162,17 +162,19 @@ def test_the_command_shows_them(capsys) -> None:
 
 def test_estimates_by_hand() -> None:
     """Natural frequencies, torques over a cycle and the steepest slope of Fig. 2 from its numbers."""
-    found = estimates_of(load_scene("fig02").system)
-    frequencies = found.slipping.frequency, found.stuck.frequency
+    estimates = estimates_of(load_scene("fig02").system)
+    frequencies = estimates.slipping.frequency, estimates.stuck.frequency
     assert frequencies == pytest.approx((math.sqrt(150e3), math.sqrt(3000 / 0.22)))
-    assert (found.slipping.damping_ratio, found.stuck.damping_ratio) == pytest.approx(
+    assert (estimates.slipping.damping_ratio, estimates.stuck.damping_ratio) == pytest.approx(
         (0.3 / math.sqrt(60.0), 0.3 / math.sqrt(660.0)))
-    assert (found.engine.low, found.engine.mean, found.engine.high) == pytest.approx((50.0, 300.0, 550.0), rel=1e-5)
-    assert (found.kinetic.low, found.kinetic.mean, found.kinetic.high) == pytest.approx((400.0, 500.0, 600.0), rel=1e-5)
-    assert (found.static.low, found.static.high) == pytest.approx((500.0, 750.0), rel=1e-5)
-    assert found.steepest_slope == pytest.approx(-2.0 * 0.25 * 500.0)
-    assert found.critical_frequency == found.stuck.frequency
-    assert found.engine_frequency == (150.0, 150.0)
+    assert (estimates.engine.low, estimates.engine.mean, estimates.engine.high) == pytest.approx((50.0, 300.0, 550.0),
+                                                                                                 rel=1e-5)
+    assert (estimates.kinetic.low, estimates.kinetic.mean, estimates.kinetic.high) == pytest.approx((400.0, 500.0,
+                                                                                                     600.0), rel=1e-5)
+    assert (estimates.static.low, estimates.static.high) == pytest.approx((500.0, 750.0), rel=1e-5)
+    assert estimates.steepest_slope == pytest.approx(-2.0 * 0.25 * 500.0)
+    assert estimates.critical_frequency == estimates.stuck.frequency
+    assert estimates.engine_frequency == (150.0, 150.0)
     for name, verdict in (("fig02", "so steady slip at such speeds judders"),
                           ("slip", "so the oscillation of steady slip is damped")):
         assert verdict in "\n".join(estimate_lines(estimates_of(load_scene(name).system)))
@@ -227,9 +229,9 @@ def test_an_actuator_costs_phase_at_the_slipping_mode_and_has_a_line(capsys: pyt
     scene = load_scene("controlled").with_values(keys)
     omega = math.sqrt(3000.0 / 0.02)
     passed = np.exp(-0.005j * omega) / (1.0 + 0.03j * omega)
-    found = estimates_of(scene.system).actuator
-    assert np.exp(1j * found.phase) * found.gain == pytest.approx(passed, rel=1e-12)
-    assert (found.phase < -math.pi, found.largest_amplitude) == (True, pytest.approx(2e6 / omega))
+    estimates = estimates_of(scene.system).actuator
+    assert np.exp(1j * estimates.phase) * estimates.gain == pytest.approx(passed, rel=1e-12)
+    assert (estimates.phase < -math.pi, estimates.largest_amplitude) == (True, pytest.approx(2e6 / omega))
     words = [word for key, value in keys.items() for word in ("--set", f"{key}={value}")]
     assert main(["explain", "controlled", *words]) == 0
     out = capsys.readouterr().out
@@ -247,17 +249,17 @@ def test_a_table_is_judged_within_its_own_range() -> None:
         "friction.slip_speeds": [0.0, 5.0, 10.0, 20.0, 30.0, 60.0],
         "friction.coefficients": [0.12, 0.137, 0.14, 0.138, 0.135, 0.13], "engine.mean_torque": 0.128 * 3e5 * 0.008,
         "engine.torque_amplitude": 200.0, "pressure.mean": 3e5, "pressure.amplitude": 0.0})
-    found = estimates_of(scene.system)
+    estimates = estimates_of(scene.system)
     assert scene.system.friction.curve.constant < 0.1275
-    assert found.kinetic.mean == pytest.approx(0.13 * 3e5 * 0.008, rel=5e-3)
-    assert found.expected == "slip"
+    assert estimates.kinetic.mean == pytest.approx(0.13 * 3e5 * 0.008, rel=5e-3)
+    assert estimates.expected == "slip"
     beyond = estimates_of(scene.with_values({"engine.mean_torque": 0.15 * 3e5 * 0.008}).system)
     assert beyond.expected == "runaway"
     friction = explain(scene)["friction"]
     assert friction["slip_speeds"] == [0.0, 60.0]
     assert friction["coefficients"] == pytest.approx([0.12, 0.13], rel=5e-3)
     assert friction["slopes"][0] < 0.0 < friction["slopes"][1]
-    assert "judders" in "\n".join(estimate_lines(found))
+    assert "judders" in "\n".join(estimate_lines(estimates))
 
 
 def test_a_rising_table_within_noise_does_not_judder_and_settles_beyond_its_last_point() -> None:
@@ -266,10 +268,10 @@ def test_a_rising_table_within_noise_does_not_judder_and_settles_beyond_its_last
     scene = load_scene("minimal").with_values({
         "friction.slip_speeds": v.tolist(), "friction.coefficients": mu.tolist(), "pressure.mean": 3e5,
         "engine.mean_torque": 0.1287 * 3e5 * 0.008, "engine.torque_amplitude": 10.0})
-    found = estimates_of(scene.system)
-    assert found.steepest_slope == 0.0
-    assert found.expected == "slip"
-    assert "slip grows beyond its 160 rad/s" in found.why
+    estimates = estimates_of(scene.system)
+    assert estimates.steepest_slope == 0.0
+    assert estimates.expected == "slip"
+    assert "slip grows beyond its 160 rad/s" in estimates.why
 
 
 @pytest.mark.parametrize(("name", "values", "key"), [
@@ -287,7 +289,7 @@ def test_means_of_a_run_up_are_integrals_over_phase() -> None:
     """The sine of the torque has no mean over whole cycles, however long the first ones last."""
     scene = load_scene("runup").with_values({"engine.frequency_times": [0.0, 0.4], "engine.frequency_values": [
         10.0, 100.0]})
-    found = estimates_of(scene.system)
-    assert found.engine.mean == pytest.approx(300.0, abs=1e-9)
-    assert (found.engine.low, found.engine.high) == pytest.approx((50.0, 550.0), rel=1e-5)
-    assert "torques over the profiles" in estimate_lines(found)
+    estimates = estimates_of(scene.system)
+    assert estimates.engine.mean == pytest.approx(300.0, abs=1e-9)
+    assert (estimates.engine.low, estimates.engine.high) == pytest.approx((50.0, 550.0), rel=1e-5)
+    assert "torques over the profiles" in estimate_lines(estimates)

@@ -22,8 +22,8 @@ PAIRS = 80
 def ends(key: str) -> list[float]:
     """The ends of a key's range, and the smallest numbers in it."""
     meant = QUANTITIES[key]
-    found = [meant.low, meant.high, 5e-324, -5e-324, 1e-300, math.nextafter(meant.low, math.inf)]
-    return [x for x in dict.fromkeys(found) if math.isfinite(x) and (meant.low <= x <= meant.high or (
+    values = [meant.low, meant.high, 5e-324, -5e-324, 1e-300, math.nextafter(meant.low, math.inf)]
+    return [x for x in dict.fromkeys(values) if math.isfinite(x) and (meant.low <= x <= meant.high or (
         meant.zero and x == 0.0))]
 
 

@@ -115,9 +115,9 @@ def test_a_full_disk_is_said_with_the_name_that_the_user_gave(number: int, tmp_p
             part.write_text("half")
             raise error
 
-    with pytest.raises(OSError, match=r"mine\.json") as told:
+    with pytest.raises(OSError, match=r"mine\.json") as caught:
         write(OSError(number, os.strerror(number)))
-    assert (told.value.errno, told.value.filename) == (number, str(tmp_path / "mine.json"))
+    assert (caught.value.errno, caught.value.filename) == (number, str(tmp_path / "mine.json"))
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(OSError, match="Input/output error") as other:
         write(OSError(errno.EIO, os.strerror(errno.EIO)))  # Of something else that is read meanwhile.

@@ -27,8 +27,8 @@ LAGGED = ["--set", "pressure.time_constant=0.03", "--set", "pressure.delay=0.005
 
 def numbers(text):
     """Numbers of a text that stand by themselves, as they are written, each with the word behind it."""
-    for found in NUMBER.finditer(text):
-        yield found.group(), re.match(r"[ ]?(%|[a-zA-Z]+(?:/[a-z]+)?)?", text[found.end():]).group(1)
+    for each in NUMBER.finditer(text):
+        yield each.group(), re.match(r"[ ]?(%|[a-zA-Z]+(?:/[a-z]+)?)?", text[each.end():]).group(1)
 
 
 def kept_in(values):
@@ -59,16 +59,16 @@ def unknown(text, kept, unit):
                 yield number, line
 
 
-def agrees(words, capsys, tmp_path, table=False, beside=()):
+def agrees(words, capsys, tmp_path, table=False, more_columns=()):
     """Fail for a number that a verb prints and does not keep."""
     path = tmp_path / "a.json"
     assert main([*words, "--json", str(path)]) == 0
     if table:
         assert main(words) == 0
     printed = re.sub(r"\d+ of \d+ values in .*", "", capsys.readouterr().out)
-    found = json.loads(path.read_text())
-    kept = [*kept_in(found), *beside]
-    gains = found.get("gain", []) + [point["gain"] for point in found.get("checked", [])]
+    document = json.loads(path.read_text())
+    kept = [*kept_in(document), *more_columns]
+    gains = document.get("gain", []) + [point["gain"] for point in document.get("checked", [])]
     kept += [20.0 * math.log10(gain) for gain in gains]
     unit = words[words.index("--units") + 1] if "--units" in words else None
     shown = re.sub(STEPS, "", printed)
@@ -105,12 +105,12 @@ def test_basins_print_what_their_json_keeps(capsys, tmp_path):
     assert main([*words, "--out", str(tmp_path / "a.npz")]) == 0
     capsys.readouterr()
     with np.load(tmp_path / "a.npz") as arrays:
-        agrees(words, capsys, tmp_path, beside=(arrays["cycles"].size, arrays["cycles"].mean()))
+        agrees(words, capsys, tmp_path, more_columns=(arrays["cycles"].size, arrays["cycles"].mean()))
 
 
 def test_a_recording_and_a_fit_print_what_their_json_keeps(capsys, tmp_path):
     run = str(bag(tmp_path / "run", ticked(load_scene("fig02"), 800), "fig02"))
-    asked = ["--discard", "5", "--damping", "--verify", "--target", "8", "--orders", "--spectrum"]
-    agrees(["analyse", run, *asked], capsys, tmp_path)
+    options = ["--discard", "5", "--damping", "--verify", "--target", "8", "--orders", "--spectrum"]
+    agrees(["analyse", run, *options], capsys, tmp_path)
     (tmp_path / "a.json").unlink()
-    agrees(["identify", run, "--free", "friction.kinetic_coefficient"], capsys, tmp_path, beside=(800,))
+    agrees(["identify", run, "--free", "friction.kinetic_coefficient"], capsys, tmp_path, more_columns=(800,))

@@ -54,8 +54,8 @@ def test_a_package_that_is_not_installed_has_no_version(monkeypatch: pytest.Monk
         return "1.2"
 
     monkeypatch.setattr(provenance.metadata, "version", version)
-    found = provenance.environment.__wrapped__()
-    assert [found[name] for name in ("numpy", "scipy", "numba")] == ["1.2", "1.2", None]
+    result = provenance.environment.__wrapped__()
+    assert [result[name] for name in ("numpy", "scipy", "numba")] == ["1.2", "1.2", None]
 
 
 def test_the_document_of_a_file_of_arrays_is_taken_out_of_them_or_refused(tmp_path: Path) -> None:
@@ -68,15 +68,15 @@ def test_the_document_of_a_file_of_arrays_is_taken_out_of_them_or_refused(tmp_pa
 
 
 def test_a_document_that_lacks_a_key_or_has_another_is_told() -> None:
-    found = provenance.document("claims", {"claims": [], "complete": True}, System(), ["claims"])
-    valid("claims", found)
+    document = provenance.document("claims", {"claims": [], "complete": True}, System(), ["claims"])
+    valid("claims", document)
     for key in ("version", "scene", "command", "units", "claims"):
         with pytest.raises((AssertionError, KeyError)):
-            valid("claims", {k: v for k, v in found.items() if k != key})
+            valid("claims", {k: v for k, v in document.items() if k != key})
     for more in ({"x": 1}, {"claims": [{"figure": "3", "x": 1}]}, {"units": {"claims": "m"}}, {"complete": "yes"},
                  {"complete": None}, {"claims": {}}):
         with pytest.raises(AssertionError):
-            valid("claims", {**found, **more})
+            valid("claims", {**document, **more})
     assert provenance.document("claims", {"scene": "mine", "x": 1}, System(), [])["scene"]["clutch.radius"] == 0.1
 
 
@@ -92,26 +92,26 @@ def written(folder: Path, name: str, *words: object, status: int = 0) -> tuple[d
 
 
 def test_simulate_and_analyse(folder: Path) -> None:
-    found, command = written(folder, "simulate.json", "simulate", "fig02", "--set", "pressure.phase=1", "--cycles", 48,
-                             "--damping", "--lyapunov", "--json", folder / "simulate.json", "--out",
-                             folder / "run.mcap")
-    assert valid("simulate", found)["command"] == command
-    assert found["scene"]["pressure.phase"] == 1.0
-    found, _ = written(folder, "analyse.json", "analyse", folder / "run.mcap", "--json", folder / "analyse.json",
-                       "--damping", "--verify", status=1)
-    assert valid("analyse", found)["scene"]["pressure.phase"] == 1.0
+    result, command = written(folder, "simulate.json", "simulate", "fig02", "--set", "pressure.phase=1", "--cycles", 48,
+                              "--damping", "--lyapunov", "--json", folder / "simulate.json", "--out",
+                              folder / "run.mcap")
+    assert valid("simulate", result)["command"] == command
+    assert result["scene"]["pressure.phase"] == 1.0
+    result, _ = written(folder, "analyse.json", "analyse", folder / "run.mcap", "--json", folder / "analyse.json",
+                        "--damping", "--verify", status=1)
+    assert valid("analyse", result)["scene"]["pressure.phase"] == 1.0
 
 
 def test_a_run_shorter_than_a_cycle(folder: Path) -> None:
-    found, _ = written(folder, "short.json", "simulate", "fig02", "--duration", 0.01, "--json", folder / "short.json")
-    assert valid("simulate", found)["section"] == []
+    result, _ = written(folder, "short.json", "simulate", "fig02", "--duration", 0.01, "--json", folder / "short.json")
+    assert valid("simulate", result)["section"] == []
 
 
 def test_sweep_and_the_file_of_its_points(folder: Path) -> None:
     words = ("sweep", "minimal", "--over", "engine.frequency=100:120:3", "--cycles", 30, "--damping", "--out",
              folder / "s.jsonl", "--json", folder / "s.json")
-    found, command = written(folder, "s.json", *words)
-    valid("sweep", found)
+    result, command = written(folder, "s.json", *words)
+    valid("sweep", result)
     first, *points = map(json.loads, (folder / "s.jsonl").read_text().splitlines())
     assert (first["format"], first["command"]) == (provenance.format_of("sweep_points"), command)
     assert len(points) == 3
@@ -121,7 +121,7 @@ def test_sweep_and_the_file_of_its_points(folder: Path) -> None:
         assert set(point["record"]) - {"value", "final", "final_cycle", "status"} <= alone
     assert provenance.format_of("sweep_points") == sweep_file.FORMAT
     again, other = written(folder, "t.json", *words[:-1], folder / "t.json")  # another command, the same sweep
-    assert again["max_slip_speed"] == found["max_slip_speed"]
+    assert again["max_slip_speed"] == result["max_slip_speed"]
     assert other != command
     assert json.loads((folder / "s.jsonl").read_text().splitlines()[0]) == first
 
@@ -135,9 +135,9 @@ def test_a_grid(folder: Path) -> None:
 def test_continue(folder: Path) -> None:
     words = ("continue", "stick", "--set", "friction.law=set_valued", "--over", "engine.mean_torque=295:305", "--at",
              301.5, "--second", "pressure.mean=2.9e5:3.1e5", "--json", folder / "branches.json")
-    found, command = written(folder, "branches.json", *words)
-    assert valid("continue", found)["command"] == command
-    assert (found["range"], found["complete"]) == ([295.0, 305.0], True)
+    result, command = written(folder, "branches.json", *words)
+    assert valid("continue", result)["command"] == command
+    assert (result["range"], result["complete"]) == ([295.0, 305.0], True)
 
 
 @pytest.mark.parametrize("more", [(), ("--over", "engine.mean_torque=295:300:2")])
@@ -149,8 +149,8 @@ def test_basins_and_the_file_of_their_rows(more: tuple[str, ...], folder: Path) 
     words = ("basins", "stick", "--set", "friction.kinetic_coefficient=0.28", "--plane", "initial.slip_speed=0:50:3",
              "--plane", "initial.plate_angle=0:0.1:2", "--boundary", *more,
              "--json", folder / f"basins{len(more)}.json", "--out", folder / f"{len(more)}.npz")
-    found, command = written(folder, f"basins{len(more)}.json", *words)
-    assert valid("basins", found)["command"] == command
+    result, command = written(folder, f"basins{len(more)}.json", *words)
+    assert valid("basins", result)["command"] == command
     first, *rows = map(json.loads, part.read_text().splitlines())
     assert (first["format"], first["command"]) == (provenance.format_of("basin_rows"), command)
     assert len(rows) == 2 * (2 if more else 1)

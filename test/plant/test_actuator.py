@@ -31,18 +31,18 @@ def commanded(tick: int) -> float:
 
 def run(scene: Scene, ticks: int) -> list[tuple[float, float, float]]:
     """Slip speed, pressure at the plates and commanded pressure at every tick."""
-    plant, found = Plant(scene), []
+    plant, result = Plant(scene), []
     for tick in range(ticks):
         plant.hold(None, commanded(tick))
         reading = plant.advance()
-        found.append((reading.slip_speed, reading.applied_pressure, reading.commanded_pressure))
-    return found
+        result.append((reading.slip_speed, reading.applied_pressure, reading.commanded_pressure))
+    return result
 
 
 def test_a_lag_is_the_exponential_at_every_tick_and_a_delay_shifts_it_by_whole_ticks() -> None:
-    _, plain, asked = np.array(run(actuated(time_constant=0.03), 120)).T
+    _, plain, delayed = np.array(run(actuated(time_constant=0.03), 120)).T
     _, late, _ = np.array(run(actuated(time_constant=0.03, delay=0.005), 120)).T
-    np.testing.assert_array_equal(asked, [commanded(tick) for tick in range(120)])
+    np.testing.assert_array_equal(delayed, [commanded(tick) for tick in range(120)])
     expected, start = [], MEAN
     for begin in range(0, 120, 40):
         target = commanded(begin)
@@ -83,7 +83,7 @@ def test_within_a_tick_the_load_is_the_exponential_so_that_scipy_finds_the_same_
     scene = actuated(time_constant=0.004)
     system = scene.system
     d, f = system.driveline, system.friction
-    found, pressure = np.array(run(scene, 60)).T[:2]
+    result, pressure = np.array(run(scene, 60)).T[:2]
 
     def rates(t: float, y: np.ndarray, target: float) -> list[float]:
         v, angle, speed, p = y
@@ -98,7 +98,7 @@ def test_within_a_tick_the_load_is_the_exponential_so_that_scipy_finds_the_same_
     for tick in range(60):
         state = solve_ivp(rates, (tick * 1e-3, (tick + 1) * 1e-3), state, "DOP853", args=(commanded(tick),), rtol=1e-10,
                           atol=1e-10).y[:, -1]
-        worst = max(worst, abs(state[0] - found[tick]))
+        worst = max(worst, abs(state[0] - result[tick]))
         assert pressure[tick] == pytest.approx(state[3], rel=1e-9)
     assert worst < 1e-3  # The error of the solver's sub-steps without an actuator.
 

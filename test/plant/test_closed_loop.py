@@ -57,12 +57,12 @@ def test_none_is_what_the_scene_says_where_nobody_commands_it() -> None:
     answers = [None, (None, None), (50.0, None), 1e5, (None, 2e5)] * 4
     run = tcc_sim.closed_loop("commands", Scripted(answers), 0.02)
     t, commanded = run.t[1:], [(None, None), (None, None), (50.0, None), (None, 1e5), (None, 2e5)] * 4
-    torque = [300.0 + 250.0 * math.sin(150.0 * at) if own is None else own for at, (own, _) in zip(t, commanded)]
-    pressure = [225e3 + 45e3 * math.sin(150.0 * at) if own is None else own for at, (_, own) in zip(t, commanded)]
+    torque = [300.0 + 250.0 * math.sin(150.0 * at) if given is None else given for at, (given, _) in zip(t, commanded)]
+    pressure = [225e3 + 45e3 * math.sin(150.0 * at) if given is None else given for at, (_, given) in zip(t, commanded)]
     np.testing.assert_allclose(run.engine_torque[1:], torque, rtol=1e-12)
     np.testing.assert_allclose(run.applied_pressure[1:], pressure, rtol=1e-12)
     np.testing.assert_allclose(run.saturation_torque[1:], 0.24 * 0.008 * np.array(pressure), rtol=1e-12)
-    held = np.array([[math.nan if own is None else own for own in pair] for pair in commanded])
+    held = np.array([[math.nan if given is None else given for given in pair] for pair in commanded])
     np.testing.assert_array_equal(np.transpose(list(run.commands.values()))[1:], held)
 
 
@@ -107,10 +107,10 @@ def test_a_senseless_duration_or_rate_is_refused(words: dict[str, float], match:
 
 def test_a_scene_of_its_own_excitation_runs_as_the_real_time_solver_solves_it() -> None:
     run = tcc_sim.closed_loop("fig02", lambda _: None, 0.1)
-    own = Stepper(tcc_sim.load_scene("fig02").system, 1e-3)
+    stepper = Stepper(tcc_sim.load_scene("fig02").system, 1e-3)
     for _ in range(100):
-        own.advance()
-    assert run.slip_speed[-1] == own.state[0]
+        stepper.advance()
+    assert run.slip_speed[-1] == stepper.state[0]
     assert run.commands == {}
 
 

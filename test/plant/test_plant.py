@@ -19,12 +19,12 @@ MEANS = {"engine.fallback": "mean", "pressure.fallback": "mean"}
 
 def plant(cost: float = 0.0, scene: str = "commands", **values: object) -> Plant:
     """A plant that has measured a `cost` of its sub-steps, s."""
-    found = Plant(load_scene(scene).with_values({**(MEANS if scene == "commands" else {}),
-                                                 **{k.replace("__", "."): v for k, v in values.items()}}),
-                  itertools.cycle((0.0, cost * MEASURED)).__next__)
-    found.warm_up()
-    found.warm_up_general()
-    return found
+    result = Plant(load_scene(scene).with_values({**(MEANS if scene == "commands" else {}),
+                                                  **{k.replace("__", "."): v for k, v in values.items()}}),
+                   itertools.cycle((0.0, cost * MEASURED)).__next__)
+    result.warm_up()
+    result.warm_up_general()
+    return result
 
 
 def needed(system, pressure: float, step: float) -> float:
@@ -37,29 +37,29 @@ def needed(system, pressure: float, step: float) -> float:
 
 @pytest.mark.parametrize("values", [{"rate": 50.0}, {"rate": 20.0}, {"friction__decay": 100.0}])
 def test_a_pressure_that_needs_too_many_sub_steps_is_refused_and_the_last_one_holds(values: dict[str, float]) -> None:
-    found = plant(**values)
-    assert needed(found.scene.system, 1e7, found.stepper.step) > SUBSTEP_LIMIT
-    found.hold(None, 2e5)
-    terms = found.stepper.terms
+    result = plant(**values)
+    assert needed(result.scene.system, 1e7, result.stepper.step) > SUBSTEP_LIMIT
+    result.hold(None, 2e5)
+    terms = result.stepper.terms
     with pytest.raises(InputError, match=f"sub-steps; fixed_step allows at most {SUBSTEP_LIMIT}"):
-        found.check_pressure(1e7)
-    assert found.stepper.terms == terms
-    highest = 1e7 * SUBSTEP_LIMIT / needed(found.scene.system, 1e7, found.stepper.step)
-    found.check_pressure(highest * (1.0 - 1e-9))
+        result.check_pressure(1e7)
+    assert result.stepper.terms == terms
+    highest = 1e7 * SUBSTEP_LIMIT / needed(result.scene.system, 1e7, result.stepper.step)
+    result.check_pressure(highest * (1.0 - 1e-9))
     with pytest.raises(InputError):
-        found.check_pressure(highest * (1.0 + 1e-9))
+        result.check_pressure(highest * (1.0 + 1e-9))
 
 
 def test_what_takes_longer_than_its_own_time_is_refused_in_real_time_only() -> None:
     """A tick of 1 ms may take half of it: 500 sub-steps of 1 us."""
     pressure = 1e7 * 500.0 / needed(load_scene("commands").system, 1e7, 1e-3)
     assert SHARE == 0.5
-    found = plant(1e-6)
-    found.check_pressure(pressure * (1.0 - 1e-9))
+    result = plant(1e-6)
+    result.check_pressure(pressure * (1.0 - 1e-9))
     with pytest.raises(InputError, match=r"a tick of 1 ms needs 501 sub-steps, which take 0.501 ms on this machine; in "
                                          r"real time at most 0.5 ms are allowed \(no limit offline, in lock-step and "
                                          r"with real_time_factor 0\)"):
-        found.check_pressure(pressure * (1.0 + 1e-9))
+        result.check_pressure(pressure * (1.0 + 1e-9))
     plant(1e-6, real_time_factor=0.0).check_pressure(1e7)
     plant(1e-6, pacing="lockstep").check_pressure(1e7)
     plant(1e-6, real_time_factor=0.5).check_pressure(1.9 * pressure)
@@ -68,38 +68,38 @@ def test_what_takes_longer_than_its_own_time_is_refused_in_real_time_only() -> N
 
 
 def test_a_live_parameter_is_checked_beside_the_held_pressure_and_for_the_time_after_it() -> None:
-    found = plant(rate=50.0)
-    found.hold(100.0, 5e6)
-    before = found.scene
+    result = plant(rate=50.0)
+    result.hold(100.0, 5e6)
+    before = result.scene
     steeper = before.with_values({"friction.static_coefficient": 0.4})
     with pytest.raises(InputError, match="sub-steps"):
-        found.use(steeper)
-    assert (found.scene, found.stepper.terms.mean_load) == (before, before.system.torque_per_pressure * 5e6)
-    found.hold(100.0, 1e5)
+        result.use(steeper)
+    assert (result.scene, result.stepper.terms.mean_load) == (before, before.system.torque_per_pressure * 5e6)
+    result.hold(100.0, 1e5)
     with pytest.raises(InputError, match="sub-steps"):
-        found.use(steeper.with_values({"pressure.mean": 1e7}))
-    found.use(steeper)
-    found.reset()
+        result.use(steeper.with_values({"pressure.mean": 1e7}))
+    result.use(steeper)
+    result.reset()
     for _ in range(5):
-        found.stepper.advance()
-    assert np.isfinite(found.reading()).all()
+        result.stepper.advance()
+    assert np.isfinite(result.reading()).all()
 
 
 def test_a_faster_pace_is_refused_where_a_tick_would_not_fit_into_it() -> None:
-    found = plant(1e-6)
-    sub_steps = found.stepper.substeps
+    result = plant(1e-6)
+    sub_steps = result.stepper.substeps
     fits = SHARE * 1e-3 / (sub_steps * 1e-6)
-    found.use(found.scene.with_values({"real_time_factor": fits * (1.0 - 1e-9)}))
+    result.use(result.scene.with_values({"real_time_factor": fits * (1.0 - 1e-9)}))
     with pytest.raises(InputError, match="real time"):
-        found.use(found.scene.with_values({"real_time_factor": fits * (1.0 + 1e-9)}))
+        result.use(result.scene.with_values({"real_time_factor": fits * (1.0 + 1e-9)}))
 
 
 def test_a_scene_that_needs_more_than_the_share_from_the_start_keeps_running_and_gets_no_dearer() -> None:
     stepper = Plant(load_scene("fig02")).stepper
-    found = plant(0.7 * stepper.step / stepper.substeps, "fig02")
-    found.use(found.scene.with_values({"engine.mean_torque": 200.0, "pressure.mean": 2e5}))
+    result = plant(0.7 * stepper.step / stepper.substeps, "fig02")
+    result.use(result.scene.with_values({"engine.mean_torque": 200.0, "pressure.mean": 2e5}))
     with pytest.raises(InputError, match=r"in real time at most 0.7 ms are allowed"):
-        found.use(found.scene.with_values({"pressure.mean": 3e5}))
+        result.use(result.scene.with_values({"pressure.mean": 3e5}))
 
 
 def test_a_scene_that_cannot_be_computed_in_its_own_time_is_refused_at_the_start_with_the_measured_cost() -> None:
@@ -120,45 +120,45 @@ def test_a_scene_that_cannot_be_computed_in_its_own_time_is_refused_at_the_start
 
 def test_the_general_kernel_is_what_a_change_that_needs_it_is_checked_with() -> None:
     """Harmonics of zero amplitude count too: the scene's own terms stay within the limit, all terms exceed it."""
-    found = plant(scene="minimal", rate=8.0, engine__frequency=4000.0)
-    change = found.scene.with_values({"friction.kinetic_coefficient": 0.29999})
+    result = plant(scene="minimal", rate=8.0, engine__frequency=4000.0)
+    change = result.scene.with_values({"friction.kinetic_coefficient": 0.29999})
     terms = general_terms(change.system)
-    assert found.needs_general(change)
+    assert result.needs_general(change)
     assert 8.0 ** -1 * 8000.0 / 0.04 > SUBSTEP_LIMIT > 8.0 ** -1 * 4000.0 / 0.04
     assert terms.harmonics is not None
     with pytest.raises(InputError, match="25000 sub-steps"):
-        found.use(change)
-    assert not found.general
-    found.stepper.advance()
+        result.use(change)
+    assert not result.general
+    result.stepper.advance()
 
 
 def test_commands_hold_and_the_harmonic_fallback_is_the_excitation_of_the_scene_at_simulation_time() -> None:
-    found = plant(scene="commands", engine__fallback="harmonic", pressure__fallback="harmonic", pressure__phase=0.7)
+    result = plant(scene="commands", engine__fallback="harmonic", pressure__fallback="harmonic", pressure__phase=0.7)
     for _ in range(100):
-        found.stepper.advance()
-    reading, t = found.reading(), 0.1
+        result.stepper.advance()
+    reading, t = result.reading(), 0.1
     assert reading.engine_torque == pytest.approx(300.0 + 250.0 * math.sin(150.0 * t), rel=1e-12)
     assert reading.applied_pressure == pytest.approx(225e3 + 45e3 * math.sin(150.0 * t + 0.7), rel=1e-12)
-    found.hold(123.0, None)
-    found.stepper.advance()
-    reading, t = found.reading(), 0.101
+    result.hold(123.0, None)
+    result.stepper.advance()
+    reading, t = result.reading(), 0.101
     assert reading.engine_torque == 123.0
     assert reading.applied_pressure == pytest.approx(225e3 + 45e3 * math.sin(150.0 * t + 0.7), rel=1e-12)
-    found.hold(None, 1e5)
-    found.stepper.advance()
-    reading = found.reading()
+    result.hold(None, 1e5)
+    result.stepper.advance()
+    reading = result.reading()
     assert (reading.applied_pressure, reading.engine_torque) == (
         1e5, pytest.approx(300.0 + 250.0 * math.sin(150.0 * 0.102), rel=1e-12))
-    found.reset()
-    assert found.reading().engine_torque == 300.0
+    result.reset()
+    assert result.reading().engine_torque == 300.0
 
 
 def test_a_pressure_that_would_fall_below_zero_is_clamped_in_the_fallback() -> None:
-    found = plant(scene="commands", pressure__fallback="harmonic", pressure__amplitude=9e5)
+    result = plant(scene="commands", pressure__fallback="harmonic", pressure__amplitude=9e5)
     lowest = []
     for _ in range(60):
-        found.stepper.advance()
-        lowest.append(found.reading().applied_pressure)
+        result.stepper.advance()
+        lowest.append(result.reading().applied_pressure)
     assert min(lowest) == 0.0
 
 
@@ -181,12 +181,12 @@ def test_the_applied_pressure_follows_its_profile_and_the_phase() -> None:
               "pressure.mean_times": [0.0, 0.1], "pressure.mean_values": [2e5, 3e5]}
     for name, change, swing in (("fig02", {"pressure.phase": 0.3}, 1.0), ("controlled", {}, 0.0)):
         scene = load_scene(name).with_values({**values, **change, "pacing": "lockstep"})
-        found = Plant(scene)
+        result = Plant(scene)
         for _ in range(150):
-            found.stepper.advance()
+            result.stepper.advance()
         amplitude = swing * scene.system.pressure.amplitude
         phase = 100.0 * 0.15 + 100.0 * 0.15**2
-        assert found.reading().applied_pressure == pytest.approx(3e5 + amplitude * math.sin(phase + 0.3), rel=1e-12)
+        assert result.reading().applied_pressure == pytest.approx(3e5 + amplitude * math.sin(phase + 0.3), rel=1e-12)
 
 
 STEP = 1e-3

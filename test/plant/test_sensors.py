@@ -15,7 +15,7 @@ from tcc_sim.plant.sensors import SIGNALS, Sensor, Sensors
 from tcc_sim.trajectory import Floats
 
 
-def told(count: int, **sensors: Any) -> tuple[dict[str, Floats], list[bool]]:
+def sensed(count: int, **sensors: Any) -> tuple[dict[str, Floats], list[bool]]:
     """Measured signals of states with signals 1, 2, ... times the tick, and whether a message was lost."""
     measuring, columns, lost = Sensors(sensors), {name: np.empty(count) for name in SIGNALS}, []
     for tick in range(count):
@@ -30,19 +30,19 @@ def told(count: int, **sensors: Any) -> tuple[dict[str, Floats], list[bool]]:
 
 def test_each_option_does_what_it_says_and_leaves_the_other_signals() -> None:
     ticks = np.arange(40.0)
-    columns, _ = told(40, slip_speed={"offset": 0.5}, plate_speed={"quantum": 7.0}, flywheel_speed={"delay_ticks": 3})
+    columns, _ = sensed(40, slip_speed={"offset": 0.5}, plate_speed={"quantum": 7.0}, flywheel_speed={"delay_ticks": 3})
     np.testing.assert_array_equal(columns["slip_speed"], ticks + 0.5)
     assert np.abs(columns["plate_speed"] - 5.0 * ticks).max() <= 3.5
     assert (columns["plate_speed"] % 7.0 == 0.0).all()
     np.testing.assert_array_equal(columns["flywheel_speed"], 4.0 * np.maximum(ticks - 3.0, 0.0))
     np.testing.assert_array_equal(columns["plate_angle"], 3.0 * ticks)
-    late, _ = told(40, joint_states={"delay_ticks": 5})
+    late, _ = sensed(40, joint_states={"delay_ticks": 5})
     np.testing.assert_array_equal(late["engine_torque"], 6.0 * np.maximum(ticks - 5.0, 0.0))
     np.testing.assert_array_equal(late["slip_speed"], ticks)
 
 
 def test_noise_has_its_deviation_and_its_seed() -> None:
-    one, again, other = (told(4000, slip_speed={"noise": 2.0, "seed": seed})[0]["slip_speed"] for seed in (1, 1, 2))
+    one, again, other = (sensed(4000, slip_speed={"noise": 2.0, "seed": seed})[0]["slip_speed"] for seed in (1, 1, 2))
     noise = one - np.arange(4000.0)
     # Four standard deviations of the mean and of the variance of 4000 independent draws.
     assert abs(noise.mean()) < 4.0 * 2.0 / 4000.0 ** 0.5
@@ -52,7 +52,7 @@ def test_noise_has_its_deviation_and_its_seed() -> None:
 
 
 def test_one_of_every_so_many_messages_is_lost() -> None:
-    _, lost = told(60, joint_states={"drop": 10, "seed": 3})
+    _, lost = sensed(60, joint_states={"drop": 10, "seed": 3})
     assert [tick // 10 for tick, gone in enumerate(lost) if gone] == [0, 1, 2, 3, 4, 5]
 
 

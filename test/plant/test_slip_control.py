@@ -90,8 +90,8 @@ def test_the_integral_part_moves_away_from_a_limit_and_not_into_it() -> None:
 def test_the_mean_over_a_cycle_that_is_no_whole_number_of_samples_removes_the_pulsation() -> None:
     length = 2.0 * math.pi / (150.0 * STEP)
     mean = CycleMean(length)
-    found = [mean.update(7.0 + 8.0 * math.sin(150.0 * STEP * k)) for k in range(500)]
-    assert np.abs(np.array(found[50:]) - 7.0).max() < 8.0 * (150.0 * STEP) ** 2
+    values = [mean.update(7.0 + 8.0 * math.sin(150.0 * STEP * k)) for k in range(500)]
+    assert np.abs(np.array(values[50:]) - 7.0).max() < 8.0 * (150.0 * STEP) ** 2
     assert CycleMean(2.5).update(3.0) == 3.0
     short = CycleMean(2.5)
     assert [short.update(x) for x in (1.0, 2.0, 4.0, 8.0)] == [1.0, 1.5, (4.0 + 2.0 + 0.5) / 2.5,

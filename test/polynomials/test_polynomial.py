@@ -67,17 +67,18 @@ def test_values_and_slopes():
             size = sum(abs(b) * x**k for k, b in enumerate(a)) * degree
             slope = [k * b for k, b in enumerate(a)][1:]
             assert polynomial.value(c, 1, degree, x) == pytest.approx(float(exact(a, x)), abs=1e-15 * size)
-            found = polynomial.value_and_slope(c, 1, degree, x)
-            assert found[0] == pytest.approx(float(exact(a, x)), abs=1e-15 * size)
-            assert found[1] == pytest.approx(float(exact(slope, x)), abs=1e-14 * degree * size)
-            assert polynomial.variation(c, 1, degree, x) >= abs(found[0] - a[0]) - 1e-15 * size
+            result = polynomial.value_and_slope(c, 1, degree, x)
+            assert result[0] == pytest.approx(float(exact(a, x)), abs=1e-15 * size)
+            assert result[1] == pytest.approx(float(exact(slope, x)), abs=1e-14 * degree * size)
+            assert polynomial.variation(c, 1, degree, x) >= abs(result[0] - a[0]) - 1e-15 * size
             bend = [k * b for k, b in enumerate(slope)][1:]
-            found = polynomial.slope_and_curvature(c, 1, degree, x)
-            assert found[0] == pytest.approx(float(exact(slope, x)), abs=1e-14 * degree * size)
-            assert found[1] == pytest.approx(float(exact(bend, x)), abs=1e-14 * degree * degree * size / min(x, 1.0)**2)
+            result = polynomial.slope_and_curvature(c, 1, degree, x)
+            assert result[0] == pytest.approx(float(exact(slope, x)), abs=1e-14 * degree * size)
+            assert result[1] == pytest.approx(float(exact(bend, x)),
+                                              abs=1e-14 * degree * degree * size / min(x, 1.0)**2)
             c[:, :degree + 1] = [a[::-1], a, -2.0 * a]
-            found, size = polynomial.values(c, degree, x), np.abs(a).sum() * 1.5**degree
-            for row, got in zip(c[:, :degree + 1], found):
+            result, size = polynomial.values(c, degree, x), np.abs(a).sum() * 1.5**degree
+            for row, got in zip(c[:, :degree + 1], result):
                 assert got == pytest.approx(float(exact(row, x)), abs=2e-15 * max(size, 1.0))
 
 
@@ -124,8 +125,8 @@ def test_near_grazing_dips_are_found_and_near_misses_are_not(depth):
         for sign in (1.0, -1.0):
             a = product([at * at - sign * depth, -2.0 * at, 1.0], *others)
             x = first(a)
-            own = float(exact(product(*others), at))
-            if depth * own <= 1e-13 * sum(abs(b) for b in a):
+            result = float(exact(product(*others), at))
+            if depth * result <= 1e-13 * sum(abs(b) for b in a):
                 assert x == math.inf or x == pytest.approx(at, abs=1e-3)
             elif sign > 0.0:
                 assert x == pytest.approx(at - math.sqrt(depth), abs=1e-11 / math.sqrt(depth))
@@ -174,8 +175,8 @@ def test_after_the_first_row_is_there_other_levels_cost_no_conversion():
     c, degree = row_of(a)
     polynomial.to_bernstein(c, 1, degree, 1.0, WORKSPACE)
     for sign, level in ((1.0, 0.0), (1.0, 0.1), (-1.0, 0.01), (-1.0, -0.1)):
-        found = polynomial.crossing_of(c, 1, degree, 1.0, sign, level, 1e-15, WORKSPACE)
-        assert found == first(a, level, sign, accuracy=1e-15)
+        result = polynomial.crossing_of(c, 1, degree, 1.0, sign, level, 1e-15, WORKSPACE)
+        assert result == first(a, level, sign, accuracy=1e-15)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -203,8 +204,8 @@ def test_an_extreme_after_a_start_without_slope(slope):
     for sign in (1.0, -1.0):
         c[1, :4] *= sign
         highest, lowest = extremes(c, 1, degree, 1.2, 0.0, 0.0)
-        found = highest if c[1, 2] > 0.0 else lowest
-        assert found == pytest.approx(math.copysign(400.0 / 441.0, c[1, 2]), abs=1e-14)
+        result = highest if c[1, 2] > 0.0 else lowest
+        assert result == pytest.approx(math.copysign(400.0 / 441.0, c[1, 2]), abs=1e-14)
 
 
 def test_the_extremes_of_what_does_not_move():

@@ -22,7 +22,7 @@ from tcc_sim.scene import load_scene
 from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER, JOINT_STATE, STRING
 
 SCENE = load_scene("commands").with_values({"rate": 1000.0})
-OWN, OTHER = "0" * 23 + "1", "0" * 23 + "2"
+OF_PACKAGE, OTHER = "0" * 23 + "1", "0" * 23 + "2"
 """Identifiers of the processes of driveline and controller."""
 STATES, SCENES = "/joint_states", "/scene"
 
@@ -66,7 +66,7 @@ class Recording(NamedTuple):
     def channel(self, change):
         return self._replace(channels={number: change(channel) for number, channel in self.channels.items()})
 
-    def beside(self, topic, kind, data, every=50, log=0, number=200):
+    def with_topic(self, topic, kind, data, every=50, log=0, number=200):
         """The recording with another topic's message before every so many of its own."""
         out = []
         for k, message in enumerate(self.messages):
@@ -85,8 +85,9 @@ def made(folder, ticks=700):
     writer = BagWriter(folder, SCENE.text())
     draw = random.Random(1)
     one = {name: writer.channel(name, kind, publisher=who + end) for name, kind, who, end in (
-        (SCENES, STRING, OWN, "01"), ("/input_source", HEADER, OWN, "02"), (STATES, JOINT_STATE, OWN, "03"),
-        ("/applied_pressure", FLUID_PRESSURE, OWN, "04"), ("/slip_speed", FLOAT64, OWN, "05"),
+        (SCENES, STRING, OF_PACKAGE, "01"), ("/input_source", HEADER, OF_PACKAGE, "02"), (STATES, JOINT_STATE,
+                                                                                          OF_PACKAGE, "03"),
+        ("/applied_pressure", FLUID_PRESSURE, OF_PACKAGE, "04"), ("/slip_speed", FLOAT64, OF_PACKAGE, "05"),
         ("/engine_torque", FLOAT64, OTHER, "01"), ("/actuation_pressure", FLUID_PRESSURE, OTHER, "02"))}
     writer.write(one[SCENES], START - TICK, START - TICK, cdr.string(SCENE.text()), 1)
     changes = {row: (stamp, text) for row, stamp, text in sources}
@@ -128,7 +129,7 @@ def read(path):
     return Recording(channels, messages, metadata)
 
 
-def save(path, source, *, metadata=True, start=None, end=None, own=True, **options):
+def save(path, source, *, metadata=True, start=None, end=None, of_package=True, **options):
     """Write a file by the mcap package; `start(writer, file)` and `end(writer, file)` add records of their own."""
     path.parent.mkdir(parents=True, exist_ok=True)
     options.setdefault("compression", CompressionType.ZSTD)
@@ -138,7 +139,8 @@ def save(path, source, *, metadata=True, start=None, end=None, own=True, **optio
         writer.start(profile="ros2", library="other")
         if start is not None:
             start(writer, file)
-        scenes, others = ([one for one in source.metadata if (one[0] == "tcc_sim") is own] for own in (True, False))
+        scenes, others = ([one for one in source.metadata if (one[0] == "tcc_sim") is of_package]
+                          for of_package in (True, False))
         for name, values in scenes if metadata else ():
             writer.add_metadata(name, values)
         schemas, numbers = {}, {}
@@ -489,13 +491,13 @@ def chunk_of_unknown_compression_without_driveline(folder, source):
 
 @way()
 def blank_map_beside(folder, source):
-    save(folder / "run_0.mcap", source.beside("/map", "nav_msgs/msg/OccupancyGrid", bytes(1 << 20), every=10),
+    save(folder / "run_0.mcap", source.with_topic("/map", "nav_msgs/msg/OccupancyGrid", bytes(1 << 20), every=10),
          chunk_size=1 << 20)
 
 
 @way("warnings", sentence=UNCHECKED)
 def image_outside_chunks(folder, source):
-    save(folder / "run_0.mcap", source.beside("/image", "sensor_msgs/msg/Image", bytes(20 << 20), every=10**9),
+    save(folder / "run_0.mcap", source.with_topic("/image", "sensor_msgs/msg/Image", bytes(20 << 20), every=10**9),
          use_chunking=False)
 
 
@@ -550,7 +552,7 @@ def another_node_on_the_topic(folder, source):
 @way("drivelines", "warnings", sentence="not read: /joint_states: 69 states")
 def joint_states_of_a_robot_beside(folder, source):
     source = source.channel(lambda c: c._replace(topic="/clutch" + c.topic))
-    save(folder / "run_0.mcap", source.beside(STATES, JOINT_STATE, FINGER, every=47))
+    save(folder / "run_0.mcap", source.with_topic(STATES, JOINT_STATE, FINGER, every=47))
 
 
 def twice(source, right):
@@ -604,8 +606,8 @@ def forgotten_driveline_received_later(folder, source):
 def forgotten_driveline_without_pressure(folder, source):
     """Only the older one publishes the topic, and only the newer one is read."""
     both = forgotten(source, "3" * 24)
-    own = {number for number in both.numbers("/applied_pressure") if number > 100}
-    save(folder / "run_0.mcap", both._replace(messages=[m for m in both.messages if m.channel not in own]))
+    numbers = {number for number in both.numbers("/applied_pressure") if number > 100}
+    save(folder / "run_0.mcap", both._replace(messages=[m for m in both.messages if m.channel not in numbers]))
 
 
 @way("drivelines")
@@ -642,12 +644,12 @@ def framed(data, frame):
 
 @way("drivelines")
 def messages_of_another_type_on_the_topic(folder, source):
-    save(folder / "run_0.mcap", source.beside(STATES, "sensor_msgs/msg/Image", b"\0\1\0\0" + bytes(200)))
+    save(folder / "run_0.mcap", source.with_topic(STATES, "sensor_msgs/msg/Image", b"\0\1\0\0" + bytes(200)))
 
 
 @way("warnings", "drivelines", sentence="messages of /joint_states left out: their layout differs")
 def messages_that_are_no_joint_states(folder, source):
-    save(folder / "run_0.mcap", source.beside(STATES, JOINT_STATE, b"\0\1\0\0" + bytes(7)))
+    save(folder / "run_0.mcap", source.with_topic(STATES, JOINT_STATE, b"\0\1\0\0" + bytes(7)))
 
 
 def case(folder, name, source):

@@ -68,8 +68,8 @@ def test_a_complete_bag_comes_back_bit_for_bit(tmp_path):
     rows, stamps = columns(333), [n * TICK for n in range(333)]
     path = write(tmp_path / "run", rows, stamps)
     for place in (tmp_path / "run", path):
-        run, batches, found, table = read(place)
-        assert (found == stamps).all()
+        run, batches, result, table = read(place)
+        assert (result == stamps).all()
         assert (table == rows).all()
         assert (np.concatenate([batch.log_ns for batch in batches]) == 10**18 + np.array(stamps)).all()
         assert all(batch.applied_pressure is None and batch.run == 0 for batch in batches)
@@ -87,8 +87,8 @@ def test_what_the_recorder_counted_as_lost_is_told(tmp_path):
 def test_one_cut_short_gives_what_was_flushed_and_says_so(tmp_path):
     rows, stamps = columns(100), [n * TICK for n in range(100)]
     write(tmp_path / "run", rows, stamps, close=False)
-    run, _, found, table = read(tmp_path / "run")
-    assert (found == stamps).all()
+    run, _, result, table = read(tmp_path / "run")
+    assert (result == stamps).all()
     assert (table == rows).all()
     assert not run.complete
     assert run.scene_text == SCENE
@@ -99,8 +99,8 @@ def test_one_cut_short_gives_what_was_flushed_and_says_so(tmp_path):
 def test_missing_stamps_and_restarts_are_counted(tmp_path):
     stamps = [n * TICK for n in range(3, 100) if n not in (4, 50, 51, 97)] + [n * TICK for n in range(20)]
     write(tmp_path / "run", columns(len(stamps)), stamps)
-    run, batches, found, _ = read(tmp_path / "run")
-    assert found.tolist() == stamps
+    run, batches, result, _ = read(tmp_path / "run")
+    assert result.tolist() == stamps
     assert run.lost_messages == 4
     assert run.stamps.tick == TICK
     assert [batch.run for batch in batches][-1] == 1
@@ -114,8 +114,8 @@ def test_pressures_stand_beside_the_joint_states_of_their_stamp(tmp_path, restar
     stamps = [n * TICK for n in range(140)] + ([n * TICK for n in range(60)] if restart else [])
     pressures = [1e5 + n for n in range(len(stamps))]
     write(tmp_path / "run", columns(len(stamps)), stamps, pressures=pressures)
-    run, batches, found, _ = read(tmp_path / "run")
-    assert found.tolist() == stamps
+    run, batches, result, _ = read(tmp_path / "run")
+    assert result.tolist() == stamps
     assert np.concatenate([batch.applied_pressure for batch in batches]).tolist() == pressures
     assert len(run.warnings) == (1 if restart else 0)
 
@@ -172,12 +172,12 @@ def test_mcap_ros2_decodes_every_message_alike(tmp_path):
         warnings.simplefilter("ignore")
         reader = pytest.importorskip("mcap_ros2.reader")
     path = write(tmp_path / "run", columns(150), [n * TICK for n in range(150)])
-    _, _, found, table = read(path)
+    _, _, result, table = read(path)
     n = 0
     for message in reader.read_ros2_messages(str(path)):
         if message.channel.topic == "/joint_states":
             ros = message.ros_msg
-            assert ros.header.stamp.sec * 10**9 + ros.header.stamp.nanosec == found[n]
+            assert ros.header.stamp.sec * 10**9 + ros.header.stamp.nanosec == result[n]
             assert [*ros.position, *ros.velocity, *ros.effort] == table[n].tolist()
             n += 1
     assert n == 150
@@ -196,8 +196,8 @@ def test_a_trajectory_becomes_a_recording(tmp_path):
     system = System()
     trajectory = assemble(Problem(system, state=None, duration=0.1), "test", t, states)
     write_trajectory(tmp_path / "run.mcap", trajectory, SCENE)
-    run, _, found, table = read(tmp_path / "run.mcap")
-    assert (found == np.arange(101) * TICK).all()
+    run, _, result, table = read(tmp_path / "run.mcap")
+    assert (result == np.arange(101) * TICK).all()
     assert run.complete
     assert run.scene_text == SCENE
     assert table[:, 2] - table[:, 3] == pytest.approx(np.cos(t), abs=1e-12)

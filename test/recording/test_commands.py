@@ -44,7 +44,7 @@ def framed(pressure, frame):
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory):
+def result(tmp_path_factory):
     """One second at 1 kHz: pressure commands every 10 ms from 0.1 to 0.5 s and at 0.9 s, a target that changes once."""
     sent = [*range(100, 501, 10), 900]
 
@@ -52,19 +52,19 @@ def found(tmp_path_factory):
         last = max((s for s in sent if s < k), default=None)
         return 2.0e5 + last if last is not None and k - last <= 1000 * LIMIT else MINE.system.pressure.mean
 
-    beside = {k: [command(k, START + k * TICK, framed(2.0e5 + k, ("", "clutch", "a_longer_frame")[k // 10 % 3]))]
+    others = {k: [command(k, START + k * TICK, framed(2.0e5 + k, ("", "clutch", "a_longer_frame")[k // 10 % 3]))]
               for k in sent}
     log = START + 300 * TICK  # Too short, not a number, and the bytes in another order.
-    beside[300] += [command(300, log, b"\x00\x01\x00\x00"), *(
+    others[300] += [command(300, log, b"\x00\x01\x00\x00"), *(
         ("/target_slip_speed", FLOAT64, log, log, data)
         for data in (cdr.float64(math.nan), b"\x00\x00\x00\x00" + struct.pack(">d", 7.0)))]
     folder = bag(tmp_path_factory.mktemp("commands") / "run", ticked(MINE, 1000, pressure=applied), MINE,
-                 targets=[(0, 20.0), (600, 5.0)], beside=beside)
+                 targets=[(0, 20.0), (600, 5.0)], joined=others)
     return replay(folder).control, sent
 
 
-def test_every_command_is_there_at_the_tick_that_came_after_it(found):
-    control, sent = found
+def test_every_command_is_there_at_the_tick_that_came_after_it(result):
+    control, sent = result
     np.testing.assert_array_equal(control.command.values, [2.0e5 + k for k in sent])
     np.testing.assert_allclose(control.command.t, [1e-3 * (k + 1) for k in sent], atol=1e-9)
     np.testing.assert_array_equal(control.target.values, [20.0, 5.0])
@@ -72,14 +72,14 @@ def test_every_command_is_there_at_the_tick_that_came_after_it(found):
     assert control.controlled
 
 
-def test_an_input_that_fell_back_is_an_event(found):
-    control, _ = found
+def test_an_input_that_fell_back_is_an_event(result):
+    control, _ = result
     assert [event.text for event in control.events] == [f"pressure falls back: no command for {LIMIT:g} s"]
     assert control.events[0].t == pytest.approx(0.501 + LIMIT, abs=2e-3)
 
 
-def test_the_applied_pressure_follows_the_commands_and_falls_back(found):
-    control, _ = found
+def test_the_applied_pressure_follows_the_commands_and_falls_back(result):
+    control, _ = result
     mean = COMMANDS.system.pressure.mean
     at = np.searchsorted(control.applied.t, [0.25, 0.75, 0.95]) - 1
     assert control.applied.values[at[0]] == pytest.approx(2.0e5 + 245, abs=10.0)
@@ -95,12 +95,12 @@ def test_commands_are_beside_their_states_after_the_clock_was_set(step, at, tmp_
         return START + k * TICK + (step * TICK if k >= at else 0)
 
     sent = range(3, 490, 7)
-    found = commands_in(tmp_path / "run", unpressed(COMMANDS, 500, pressure=lambda k: 2e5 + k), clock=clock,
-                        beside={k: [command(k, clock(k))] for k in sent})
-    np.testing.assert_array_equal(found.values, [2e5 + k for k in sent])
-    told = np.rint(found.t * 1e3).astype(int).tolist()
+    commands = commands_in(tmp_path / "run", unpressed(COMMANDS, 500, pressure=lambda k: 2e5 + k), clock=clock,
+                           joined={k: [command(k, clock(k))] for k in sent})
+    np.testing.assert_array_equal(commands.values, [2e5 + k for k in sent])
+    counted = np.rint(commands.t * 1e3).astype(int).tolist()
     # The first state after a command is the next; the last command before a step has the last state before it.
-    assert [k + 1 - t for k, t in zip(sent, told) if t != k + 1] in ([], [1])
+    assert [k + 1 - t for k, t in zip(sent, counted) if t != k + 1] in ([], [1])
 
 
 @pytest.mark.parametrize("late", [0.3, 2.5])
@@ -111,24 +111,25 @@ def test_a_command_that_is_received_late_stands_where_it_was_sent_and_holds_up_n
     def held(k, *rows):
         return round(late * 1e9) * (k in rows)
 
-    beside = {k: [command(k, START + k * TICK, held=held(k, 701, 703, 905), publisher="aa" if k % 2 else "bb")]
+    others = {k: [command(k, START + k * TICK, held=held(k, 701, 703, 905), publisher="aa" if k % 2 else "bb")]
               for k in range(3000) if k % 2 or k % 500 == 4}
-    found = commands_in(tmp_path / "run", unpressed(COMMANDS, 3000, pressure=lambda k: 2e5 + k), beside=beside,
-                        received=lambda k: START + k * TICK + held(k, 400, 401, 402, 901, 1500))
+    commands = commands_in(tmp_path / "run", unpressed(COMMANDS, 3000, pressure=lambda k: 2e5 + k), joined=others,
+                           received=lambda k: START + k * TICK + held(k, 400, 401, 402, 901, 1500))
     sent_at = np.array([k for k in range(2999) if k % 2 or k % 500 == 4])
-    np.testing.assert_allclose(found.t, 1e-3 * (sent_at + 1), atol=1e-9)
-    np.testing.assert_array_equal(found.values, 2e5 + sent_at)
+    np.testing.assert_allclose(commands.t, 1e-3 * (sent_at + 1), atol=1e-9)
+    np.testing.assert_array_equal(commands.values, 2e5 + sent_at)
 
 
 def test_commands_of_a_machine_whose_clock_alone_is_set_back_are_not_kept_for_ever(tmp_path):
     """The states have no step of the clock that would release them."""
     back = [3600 * 10**9 * (k > 500) for k in range(2000)]
-    found = commands_in(tmp_path / "run", unpressed(COMMANDS, 2000, pressure=lambda k: 2e5 + k),
-                        beside={k: [command(k, START + k * TICK - back[k], held=back[k])] for k in range(3, 2000, 10)})
+    commands = commands_in(tmp_path / "run", unpressed(COMMANDS, 2000, pressure=lambda k: 2e5 + k),
+                           joined={k: [command(k, START + k * TICK - back[k], held=back[k])] for k in range(3, 2000,
+                                                                                                            10)})
     sent_at = np.array([*range(3, 500, 10), *range(1003, 2000, 10)])  # Between, the last delayed ones.
-    shown = np.isin(found.values - 2e5, sent_at)
-    np.testing.assert_array_equal(found.values[shown], 2e5 + sent_at)
-    np.testing.assert_allclose(found.t[shown], 1e-3 * (sent_at + 1), atol=1e-9)
+    shown = np.isin(commands.values - 2e5, sent_at)
+    np.testing.assert_array_equal(commands.values[shown], 2e5 + sent_at)
+    np.testing.assert_allclose(commands.t[shown], 1e-3 * (sent_at + 1), atol=1e-9)
 
 
 @pytest.mark.parametrize(("says", "until", "after", "fallen"), [
@@ -140,7 +141,7 @@ def test_an_input_falls_back_where_the_driveline_says_so(says, until, after, fal
                      sources=sources)
     # Commands 100 to 600 are lost.
     bag(tmp_path / "run", rows, MINE, targets=[(0, 20.0)], sources=sources if says else (),
-        beside={k: [command(0, START + k * TICK)] for k in range(50, len(rows)) if k < until or k >= after})
+        joined={k: [command(0, START + k * TICK)] for k in range(50, len(rows)) if k < until or k >= after})
     control = replay(tmp_path / "run", frequency=150.0).control
     assert [(round(event.t, 2), event.text.partition(":")[0]) for event in control.events] == [
         *((at, "pressure falls back") for at in fallen), (1.0, "reset or restart")]

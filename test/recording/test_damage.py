@@ -61,9 +61,9 @@ def check(path, rows):
     pressure = [b.applied_pressure for b in batches]
     whole = len(stamps) == COUNT and run.scene_text == SCENE and run.complete and all(p is not None for p in pressure)
     if whole:
-        found = np.concatenate(pressure)
-        assert ((found == stamps // TICK) | np.isnan(found)).all()
-        whole = not np.isnan(found).any()
+        values = np.concatenate(pressure)
+        assert ((values == stamps // TICK) | np.isnan(values)).all()
+        whole = not np.isnan(values).any()
     assert whole or run.warnings
     return "read"
 
@@ -100,15 +100,15 @@ def test_recovery_of_damage_is_a_bag_that_reads_without_damage(tmp_path, origina
         content = damaged(damaged(data, draw), draw)
         path.write_bytes(content)
         try:
-            found = recover(open_run(path), out)
+            recovered = recover(open_run(path), out)
         except RecordingError as error:
             one_line(error)
             assert not out.exists()
             continue
         assert path.read_bytes() == content
         with rosbag2.Reader(out) as reader:
-            assert sum(1 for _ in reader.messages()) == reader.message_count == sum(found.messages.values())
-        if found.messages.get("/joint_states"):
+            assert sum(1 for _ in reader.messages()) == reader.message_count == sum(recovered.messages.values())
+        if recovered.messages.get("/joint_states"):
             assert open_run(out).complete
             check(out, rows)
 

@@ -83,8 +83,8 @@ def test_any_bytes(tmp_path_factory, data, magic):
 @given(st.lists(record(), max_size=8), st.booleans())
 @example([struct.pack("<BQ", Opcode.CHUNK, 1 << 62)], False)
 @example([struct.pack("<BQ", Opcode.METADATA, 8) + string("tcc_sim", 0xFFFFFFFF)[:8]], True)
-def test_any_records(tmp_path_factory, found, closed):
-    read_or_refused(tmp_path_factory.mktemp("x"), MAGIC + b"".join(found) + (MAGIC if closed else b""))
+def test_any_records(tmp_path_factory, result, closed):
+    read_or_refused(tmp_path_factory.mktemp("x"), MAGIC + b"".join(result) + (MAGIC if closed else b""))
 
 
 @FUZZ

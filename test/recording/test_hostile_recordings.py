@@ -138,12 +138,13 @@ def test_extreme_stamps_are_a_sentence_and_no_memory(tmp_path: Path, refused: Ca
 def test_a_gap_of_years_is_not_solved_through(tmp_path: Path) -> None:
     rows = ticked(SCENE, 300)
     late = [(stamp + 10**15, *rest) for stamp, *rest in rows[150:]]
-    found = replay(bag(tmp_path / "run", rows[:150] + late, SCENE), discard=0, verify=True).verification
-    assert found is not None
-    assert (found.verified, found.compared, found.exact) == (False, 300, 150)  # The phase of the excitation differs.
-    found = replay(bag(tmp_path / "same", rows[:150] + late[:1], SCENE), discard=0, verify=True).verification
-    assert found is not None
-    assert "1 gap could not be solved through within the limit" in found.sentence
+    outcome = replay(bag(tmp_path / "run", rows[:150] + late, SCENE), discard=0, verify=True).verification
+    assert outcome is not None
+    assert (outcome.verified, outcome.compared, outcome.exact) == (False, 300,
+                                                                   150)  # The phase of the excitation differs.
+    outcome = replay(bag(tmp_path / "same", rows[:150] + late[:1], SCENE), discard=0, verify=True).verification
+    assert outcome is not None
+    assert "1 gap could not be solved through within the limit" in outcome.sentence
 
 
 def test_work_that_a_scene_asks_for_grows_with_the_file_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,10 +154,10 @@ def test_work_that_a_scene_asks_for_grows_with_the_file_only(tmp_path: Path, mon
     text = heavy.text()
     states = chunk(b"".join(message(1, round(n * 1e9 / 130.0), (1.0, 0.0, 1.0, 0.0, 300.0, 0.0)) for n in range(2000)))
     path = written(tmp_path / "x.mcap", scene(text), schema(), channel(1), states)
-    found = replay(path, frequency=50.0, verify=True).verification
-    assert found is not None
-    assert not found.verified
-    assert "sub-steps, the most allowed for a recording of its size" in found.sentence
+    outcome = replay(path, frequency=50.0, verify=True).verification
+    assert outcome is not None
+    assert not outcome.verified
+    assert "sub-steps, the most allowed for a recording of its size" in outcome.sentence
 
 
 def test_bad_metadata_is_counted_and_not_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

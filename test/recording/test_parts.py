@@ -34,8 +34,8 @@ def test_the_parts_together_are_the_recording(tmp_path):
     path, rows = split(tmp_path, max_duration=0.3)
     assert sorted(p.name for p in path.iterdir()) == ["metadata.yaml", *(f"run_{n}.mcap" for n in range(4))]
     run = open_run(path)
-    found = np.concatenate([batch.stamp_ns for batch in run.states()])
-    assert found.tolist() == [row[0] for row in rows]
+    values = np.concatenate([batch.stamp_ns for batch in run.states()])
+    assert values.tolist() == [row[0] for row in rows]
     assert (run.complete, run.warnings, len(run.scenes), run.messages) == (True, [], 2, {"/joint_states": 1000})
     verification = replay(path, verify=True).verification
     assert (verification.verified, verification.exact) == (True, 1000)
@@ -48,23 +48,23 @@ def test_each_part_is_read_by_itself(tmp_path):
         stamps = np.concatenate([batch.stamp_ns for batch in run.states()])
         assert stamps.tolist() == [row[0] for row in rows[300 * n:300 * n + 300]]
         assert run.complete
-        found = replay(path / f"run_{n}.mcap", discard=0, verify=True)
-        assert found.verification.verified
-        assert found.scene.system.engine.mean_torque == (300.0 if n < 2 else 250.0)
+        result = replay(path / f"run_{n}.mcap", discard=0, verify=True)
+        assert result.verification.verified
+        assert result.scene.system.engine.mean_torque == (300.0 if n < 2 else 250.0)
 
 
 def test_metadata_lists_the_parts_as_rosbag2_does(tmp_path):
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
     path, _ = split(tmp_path, max_duration=0.3)
-    found = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    document = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     names = [f"run_{n}.mcap" for n in range(4)]
-    assert found["relative_file_paths"] == [entry["path"] for entry in found["files"]] == names
-    assert [entry["message_count"] for entry in found["files"]] == [300, 300, 300, 100]
-    assert [entry["starting_time"]["nanoseconds_since_epoch"] for entry in found["files"]] == [
+    assert document["relative_file_paths"] == [entry["path"] for entry in document["files"]] == names
+    assert [entry["message_count"] for entry in document["files"]] == [300, 300, 300, 100]
+    assert [entry["starting_time"]["nanoseconds_since_epoch"] for entry in document["files"]] == [
         START + 300 * n * TICK for n in range(4)]
-    assert [entry["duration"]["nanoseconds"] for entry in found["files"]] == [299 * TICK] * 3 + [99 * TICK]
-    assert (found["message_count"], found["duration"]["nanoseconds"]) == (1000, 999 * TICK)
-    assert [(t["topic_metadata"]["name"], t["message_count"]) for t in found["topics_with_message_count"]] == [
+    assert [entry["duration"]["nanoseconds"] for entry in document["files"]] == [299 * TICK] * 3 + [99 * TICK]
+    assert (document["message_count"], document["duration"]["nanoseconds"]) == (1000, 999 * TICK)
+    assert [(t["topic_metadata"]["name"], t["message_count"]) for t in document["topics_with_message_count"]] == [
         ("/joint_states", 1000)]
     with rosbag2.Reader(path) as reader:
         assert sum(1 for _ in reader.messages()) == reader.message_count == 1000
@@ -78,9 +78,9 @@ def test_the_duration_of_a_bag_of_no_or_one_message(tmp_path, count):
     for _ in range(count):
         writer.write(joints, 5, 5, cdr.joint_state(0, *[0.0] * 6))
     writer.close()
-    found = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert found["duration"]["nanoseconds"] == 0
-    assert found["starting_time"]["nanoseconds_since_epoch"] == (5 if count else 2**63 - 1)
+    document = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert document["duration"]["nanoseconds"] == 0
+    assert document["starting_time"]["nanoseconds_since_epoch"] == (5 if count else 2**63 - 1)
 
 
 def test_parts_by_size(tmp_path):
@@ -110,14 +110,14 @@ def test_every_part_begins_with_the_last_latched_message_of_each_channel(tmp_pat
             writer.unlatch(second)
         writer.write(joints, log, log, cdr.joint_state(n * TICK, *[0.0] * 6), n)
     writer.close()
-    found = []
+    values = []
     for number in range(4):
         with (tmp_path / "run" / f"run_{number}.mcap").open("rb") as file:
-            found.append([(m.log_time - START, m.publish_time - START, m.sequence, cdr.read_header(m.data)[1])
-                          for _, _, m in make_reader(file).iter_messages(topics=["/input_source"])])
+            values.append([(m.log_time - START, m.publish_time - START, m.sequence, cdr.read_header(m.data)[1])
+                           for _, _, m in make_reader(file).iter_messages(topics=["/input_source"])])
     again = [(n * TICK, n * TICK - 7, n, f"source {n}") for n in (5, 6, 150)]
-    assert found == [again[:2], [(100 * TICK, *again[0][1:]), (100 * TICK, *again[1][1:]), again[2]],
-                     [(200 * TICK, *again[2][1:]), (200 * TICK, *again[1][1:])], [(300 * TICK, *again[2][1:])]]
+    assert values == [again[:2], [(100 * TICK, *again[0][1:]), (100 * TICK, *again[1][1:]), again[2]],
+                      [(200 * TICK, *again[2][1:]), (200 * TICK, *again[1][1:])], [(300 * TICK, *again[2][1:])]]
     assert stamps_of(tmp_path / "run") == list(range(350))
 
 
@@ -136,19 +136,19 @@ def test_each_part_of_a_driveline_on_its_fallback_verifies(tmp_path):
         writer.write(applied, log, log, cdr.fluid_pressure(stamp, math.nan), n)
     writer.close()
     for number, states in enumerate((200, 200, 100)):
-        found = replay(tmp_path / "run" / f"run_{number}.mcap", discard=0, verify=True)
-        assert (found.verification.verified, found.verification.compared) == (True, states)
-        assert found.inputs["engine_torque"].topic == 0.0
+        result = replay(tmp_path / "run" / f"run_{number}.mcap", discard=0, verify=True)
+        assert (result.verification.verified, result.verification.compared) == (True, states)
+        assert result.inputs["engine_torque"].topic == 0.0
     whole = replay(tmp_path / "run", discard=0, verify=True)
     assert (whole.verification.verified, whole.verification.exact) == (True, 500)
 
 
 def test_results_of_the_parts_are_added(tmp_path):
-    told = []
+    counts = []
 
     def result():
-        told.append(len(told) + 1)
-        return {"lost": {"/slip_speed": told[-1]}, "messages": {"/slip_speed": 10}}
+        counts.append(len(counts) + 1)
+        return {"lost": {"/slip_speed": counts[-1]}, "messages": {"/slip_speed": 10}}
 
     writer = BagWriter(tmp_path / "run", FIG02.text(), max_duration=0.1, result=result)
     filled(writer, range(250))

@@ -18,8 +18,8 @@ MINIMAL, COMMANDS = load_scene("minimal"), load_scene("commands")
 def test_thousands_of_resets_stay_readable(tmp_path):
     stamps = [n * TICK for _ in range(2500) for n in range(4)]
     write(tmp_path / "run", columns(len(stamps)), stamps, flush_every=500)
-    run, batches, found, _ = read(tmp_path / "run")
-    assert found.tolist() == stamps
+    run, batches, result, _ = read(tmp_path / "run")
+    assert result.tolist() == stamps
     assert (run.stamps.runs, run.stamps.resets, batches[-1].run) == (2500, 2499, 2499)
     assert "simulation time started again 2499 times (2499 resets, 0 restarts): these are separate runs" in run.warnings
 
@@ -56,9 +56,9 @@ def test_of_two_at_once_the_latest_to_start_is_read_whole_and_the_other_on_reque
         other = 200 if who == "b" else 250
         assert any(f"not read: /joint_states of publisher {'ab'[who == 'a']}: {other} states" in sentence
                    for sentence in run.warnings)
-        found = replay(path, discard=0, driveline=number)
-        assert (found.continuity.restarts, found.messages) == (0, states)
-        assert found.as_json()["drivelines"][number or 0]["topic"] == "/joint_states"
+        result = replay(path, discard=0, driveline=number)
+        assert (result.continuity.restarts, result.messages) == (0, states)
+        assert result.as_json()["drivelines"][number or 0]["topic"] == "/joint_states"
 
 
 def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):
@@ -73,8 +73,8 @@ def test_pressures_follow_their_own_publisher(tmp_path):
     rows = [(stamp, *rest[:-1], 1e5 + n) for n, (stamp, *rest) in enumerate(solved)]
     path = bag(tmp_path / "run", rows[:150] + rows[200:], COMMANDS, publishers=[(0, "a1"), (150, "b2")])
     run = open_run(path)
-    found = np.concatenate([batch.applied_pressure for batch in run.states()])
-    assert found.tolist() == [row[-1] for row in rows[:150] + rows[200:]]
+    values = np.concatenate([batch.applied_pressure for batch in run.states()])
+    assert values.tolist() == [row[-1] for row in rows[:150] + rows[200:]]
     assert not any("pressure is missing" in sentence for sentence in run.warnings)
 
 
@@ -97,8 +97,8 @@ def test_missing_pressures_are_counted_and_nan(tmp_path, left_out):
             output.write(numbers[channel.topic], message.log_time, message.publish_time, message.data, message.sequence)
     output.close()
     run = open_run(tmp_path / "less.mcap")
-    found = np.concatenate([batch.applied_pressure for batch in run.states()])
-    assert np.flatnonzero(np.isnan(found)).tolist() == list(left_out)
+    values = np.concatenate([batch.applied_pressure for batch in run.states()])
+    assert np.flatnonzero(np.isnan(values)).tolist() == list(left_out)
     assert f"the applied pressure is missing at {len(left_out)} ticks" in run.warnings
 
 

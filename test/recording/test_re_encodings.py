@@ -36,8 +36,8 @@ NOT_COMPARED = {"elapsed_s", "command", "version"}
 def figures(path):
     """The JSON of `analyse --verify`, without what differs from run to run."""
     recording = read(path)
-    found = replay(recording, discard=1, verify=True)
-    return cleaned(document("analyse", found, recording.scene, [])), found.warnings
+    result = replay(recording, discard=1, verify=True)
+    return cleaned(document("analyse", result, recording.scene, [])), result.warnings
 
 
 def cleaned(value):
@@ -54,22 +54,22 @@ def original(tmp_path_factory):
 
 
 def test_the_original_is_a_driveline_on_commands_and_then_on_its_fallback(original):
-    found, _ = original[1]
-    assert found["verified"] is True
-    assert found["inputs"]["engine_torque"]["topic"] > 0.5 < found["inputs"]["actuation_pressure"]["topic"]
-    assert found["inputs"]["engine_torque"]["fallback"] > 0.1
-    assert found["real_time_factor"] == pytest.approx(1.0, abs=1e-3)
-    assert [(one["states"], one["read"]) for one in found["drivelines"]] == [(700, True)]
+    result, _ = original[1]
+    assert result["verified"] is True
+    assert result["inputs"]["engine_torque"]["topic"] > 0.5 < result["inputs"]["actuation_pressure"]["topic"]
+    assert result["inputs"]["engine_torque"]["fallback"] > 0.1
+    assert result["real_time_factor"] == pytest.approx(1.0, abs=1e-3)
+    assert [(one["states"], one["read"]) for one in result["drivelines"]] == [(700, True)]
 
 
 @pytest.mark.parametrize("name", WAYS)
 def test_a_recording_written_again_is_the_same(tmp_path, original, name):
     source, (expected, before) = original
     fields, sentence = DIFFERS.get(name, (set(), ""))
-    found, warnings = figures(case(tmp_path / name, name, source))
-    assert {key: found.get(key) for key in expected if key not in fields} == {
+    result, warnings = figures(case(tmp_path / name, name, source))
+    assert {key: result.get(key) for key in expected if key not in fields} == {
         key: value for key, value in expected.items() if key not in fields}
-    assert found.keys() == expected.keys()
+    assert result.keys() == expected.keys()
     new = [text for text in warnings if text not in before]
     assert any(sentence in text for text in new) if sentence else "warnings" in fields or not new
 
@@ -138,24 +138,24 @@ def test_torques_that_were_not_recorded_are_estimated_with_a_note(tmp_path, what
     for k, (stamp, *values, _) in enumerate(rows):
         writer.write(channel, stamp, stamp, change(k, cdr.joint_state(stamp, *values)), k)
     writer.close()
-    found, warnings = figures(tmp_path / "run")
+    result, warnings = figures(tmp_path / "run")
     assert "no state has a number for engine_torque and friction_torque (efforts)" in warnings[0]
-    assert found["verified"] is True  # The scene gives the torques.
-    assert found["verification"].endswith("; not recorded, so not compared: engine_torque, friction_torque")
+    assert result["verified"] is True  # The scene gives the torques.
+    assert result["verification"].endswith("; not recorded, so not compared: engine_torque, friction_torque")
     for name, error in (("max_slip_speed", 1e-2), ("clutch_energy", 2e-2), ("max_shaft_torque", 1e-3)):
-        assert found[name] == pytest.approx(expected[name], rel=error)
-        assert found[name] != expected[name]
-    assert (found["cycles"], found["breakaways"]) == (expected["cycles"], expected["breakaways"])
+        assert result[name] == pytest.approx(expected[name], rel=error)
+        assert result[name] != expected[name]
+    assert (result["cycles"], result["breakaways"]) == (expected["cycles"], expected["breakaways"])
 
 
 def test_a_state_without_a_number_costs_itself_and_is_counted(tmp_path, original):
     source, (expected, _) = original
     nan = without("NaN")
     save(tmp_path / "run" / "run_0.mcap", source.changed(STATES, lambda k, data: nan(k, data) if k == 300 else data))
-    found, warnings = figures(tmp_path / "run")
-    assert found["lost_seconds"] == pytest.approx(0.002)
+    result, warnings = figures(tmp_path / "run")
+    assert result["lost_seconds"] == pytest.approx(0.002)
     assert any("not finite" in text for text in warnings)
-    assert found["cycles"] == expected["cycles"]
+    assert result["cycles"] == expected["cycles"]
 
 
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
@@ -165,15 +165,15 @@ def test_bags_that_rosbags_converts_verify(tmp_path, original, storage):
     _, (expected, _) = original
     made(tmp_path / "own", 200)
 
-    def convert(here, there, kind, mode):
-        converter.convert([here], there, kind, 9, mode and "zstd", mode or "file", None, None, [], [], [], [])
+    def convert(here, target, kind, mode):
+        converter.convert([here], target, kind, 9, mode and "zstd", mode or "file", None, None, [], [], [], [])
 
     convert(tmp_path / "own", tmp_path / "other", storage, "" if storage == "sqlite3" else "message")
     if storage == "sqlite3":
         assert "--dst-storage mcap" in refusal(tmp_path / "other")
         convert(tmp_path / "other", tmp_path / "again", "mcap", "file")
-    found, _ = figures(tmp_path / ("again" if storage == "sqlite3" else "other"))
-    assert (found["verified"], found["states"], found["scene"]) == (True, 200, expected["scene"])
+    result, _ = figures(tmp_path / ("again" if storage == "sqlite3" else "other"))
+    assert (result["verified"], result["states"], result["scene"]) == (True, 200, expected["scene"])
 
 
 def test_a_driveline_is_chosen_by_topic_or_number(tmp_path, original):
@@ -219,8 +219,8 @@ def test_a_recovery_names_what_it_does_not_copy(tmp_path, original, capsys):
     assert "note: 1 attachment of other programs not copied" in output
     assert "note: 1 metadata record of other programs not copied" in output
     assert "nothing is missing" not in output
-    found, _ = figures(tmp_path / "run_recovered")
-    assert found["verified"] is True
+    result, _ = figures(tmp_path / "run_recovered")
+    assert result["verified"] is True
 
 
 def test_options_of_a_recording_are_refused_where_none_is_read(tmp_path, refused):

@@ -25,20 +25,20 @@ def stamps(*parts):
 
 def fed(values, sizes=(10**6,), publisher=None, numbers=None):
     """A counter after these stamps, in batches of these sizes in turn, and the pieces that it returned."""
-    c, found, start, k = StampCounter(), [], 0, 0
+    c, result, start, k = StampCounter(), [], 0, 0
     while start < len(values):
         end = start + sizes[k % len(sizes)]
         who = 0 if publisher is None else np.asarray(publisher)[start:end]
         pieces = c.pieces(values[start:end], who, None if numbers is None else np.asarray(numbers)[start:end])
-        found += [(values[start:end][piece].tolist(), kind) for piece, kind in pieces]
+        result += [(values[start:end][piece].tolist(), kind) for piece, kind in pieces]
         start, k = end, k + 1
-    return c, found
+    return c, result
 
 
-def joined(found):
+def joined(result):
     """Pieces without the cuts between batches."""
     out = []
-    for rows, kind in found:
+    for rows, kind in result:
         if kind is Break.NOTHING and out:
             out[-1] = (out[-1][0] + rows, out[-1][1])
         else:
@@ -47,8 +47,8 @@ def joined(found):
 
 
 def test_pieces_of_a_stream():
-    c, found = fed(stamps([5, 6, 7, 9, 10, 10, 11, 3, 4]))
-    assert found == [([5, 6, 7], Break.START), ([9, 10], Break.GAP), ([11], Break.NOTHING), ([3, 4], Break.RESET)]
+    c, result = fed(stamps([5, 6, 7, 9, 10, 10, 11, 3, 4]))
+    assert result == [([5, 6, 7], Break.START), ([9, 10], Break.GAP), ([11], Break.NOTHING), ([3, 4], Break.RESET)]
     assert (c.tick, c.gaps, c.lost, c.repeated, c.runs, c.resets, c.restarts, c.messages) == (1, 1, 1, 1, 2, 1, 0, 9)
     assert c.pieces(stamps([5, 6])) == [(slice(0, 2), Break.NOTHING)]
 
@@ -58,16 +58,16 @@ def test_the_size_of_batches_makes_no_difference():
     values = stamps(range(100), range(150, 400), [400] * 3, range(401, 500), range(60), range(2, 300, 2), range(40))
     whole, pieces = fed(values)
     for _ in range(20):
-        c, found = fed(values, [draw.randrange(2, 60) for _ in range(9)])
+        c, result = fed(values, [draw.randrange(2, 60) for _ in range(9)])
         assert (c.gaps, c.lost, c.uneven, c.repeated, c.runs, c.resets, c.messages) == (
             whole.gaps, whole.lost, whole.uneven, whole.repeated, whole.runs, whole.resets, whole.messages)
-        assert joined(found) == joined(pieces)
+        assert joined(result) == joined(pieces)
 
 
 def test_every_run_has_a_tick_of_its_own():
-    c, found = fed(stamps(np.arange(500) * 10, np.arange(300) * 25))
+    c, result = fed(stamps(np.arange(500) * 10, np.arange(300) * 25))
     assert (c.gaps, c.lost, c.uneven, c.runs, c.tick) == (0, 0, 0, 2, 10)
-    assert [kind for _, kind in found] == [Break.START, Break.RESET]
+    assert [kind for _, kind in result] == [Break.START, Break.RESET]
     assert fed(stamps(np.arange(300) * 25, np.arange(500) * 10))[0].tick == 10
 
 
@@ -84,30 +84,30 @@ def test_a_gap_begins_beyond_one_and_a_half_ticks():
 
 @pytest.mark.parametrize("resets", [1, 5000])
 def test_resets_are_counted_however_many_there_are(resets):
-    c, found = fed(stamps(*[range(3)] * (resets + 1)), (7, 100, 1))
+    c, result = fed(stamps(*[range(3)] * (resets + 1)), (7, 100, 1))
     assert (c.runs, c.resets, c.restarts, c.lost, c.mixed) == (resets + 1, resets, 0, 0, False)
-    assert [rows for rows, _ in joined(found)] == [[0, 1, 2]] * (resets + 1)
+    assert [rows for rows, _ in joined(result)] == [[0, 1, 2]] * (resets + 1)
 
 
 def test_another_publisher_is_a_restart_though_its_stamps_go_on():
     values = stamps(range(100), range(150, 300), range(50))
-    c, found = fed(values, publisher=[1] * 100 + [2] * 200)
-    assert [kind for _, kind in found] == [Break.START, Break.RESTART, Break.RESET]
+    c, result = fed(values, publisher=[1] * 100 + [2] * 200)
+    assert [kind for _, kind in result] == [Break.START, Break.RESTART, Break.RESET]
     assert (c.runs, c.restarts, c.resets, c.lost) == (3, 1, 1, 0)
 
 
 def test_where_nobody_says_who_published_the_numbers_of_the_publisher_do():
     values = stamps(range(100), range(100), range(100))
-    c, found = fed(values, numbers=[*range(1, 201), *range(1, 101)])
-    assert [kind for _, kind in found] == [Break.START, Break.RESET, Break.RESTART]
+    c, result = fed(values, numbers=[*range(1, 201), *range(1, 101)])
+    assert [kind for _, kind in result] == [Break.START, Break.RESET, Break.RESTART]
     assert (c.resets, c.restarts) == (1, 1)
 
 
 def test_what_a_publisher_says_after_another_took_over_is_left_out():
     values = stamps(range(50), [0, 50, 1, 51, 2, 52], range(3, 90))
     who = [1] * 50 + [2, 1, 2, 1, 2, 1] + [2] * 87
-    c, found = fed(values, publisher=who)
-    assert joined(found) == [(list(range(50)), Break.START), (list(range(90)), Break.RESTART)]
+    c, result = fed(values, publisher=who)
+    assert joined(result) == [(list(range(50)), Break.START), (list(range(90)), Break.RESTART)]
     assert (c.late, c.restarts, c.lost) == (3, 1, 0)
 
 

@@ -20,7 +20,7 @@ def stepping(*steps):
     return lambda number: START + number * TICK + sum(by for row, by in steps if number >= row)
 
 
-def beside(first, second):
+def paired(first, second):
     """Each of the first with one of the second, in turn."""
     return [(one, second[n % len(second)]) for n, one in enumerate(first)]
 
@@ -28,17 +28,17 @@ def beside(first, second):
 def verified(tmp_path, resets, clock, changes=CHANGES, ticks=400):
     said = []
     rows = ticked(FIG02, ticks, changes=changes, resets=resets, said=said)
-    found = replay(bag(tmp_path / "run", rows, FIG02, said=said, clock=clock), verify=True)
-    return found.verification, len(rows), found
+    result = replay(bag(tmp_path / "run", rows, FIG02, said=said, clock=clock), verify=True)
+    return result.verification, len(rows), result
 
 
-@pytest.mark.parametrize(("steps", "resets"), beside([
+@pytest.mark.parametrize(("steps", "resets"), paired([
     [(50, -3600 * SECOND)], [(100, -SECOND)], [(101, -SECOND)], [(249, -50 * TICK)], [(251, -200 * TICK)],
     [(300, -10 * TICK)], [(80, -SECOND), (200, -SECOND)], [(120, -300 * TICK), (240, 3600 * SECOND)]],
     [(), (99,), (100, 250), (60, 180, 300)]))
 def test_after_a_step_of_the_clock_every_state_is_followed_to_the_last_bit(tmp_path, resets, steps):
-    found, count, _ = verified(tmp_path, resets, stepping(*steps))
-    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, count)
+    result, count, _ = verified(tmp_path, resets, stepping(*steps))
+    assert (result.verified, result.largest_difference, result.exact) == (True, 0.0, count)
 
 
 def test_a_change_of_the_second_run_is_not_taken_for_one_of_the_first(tmp_path):
@@ -48,8 +48,8 @@ def test_a_change_of_the_second_run_is_not_taken_for_one_of_the_first(tmp_path):
     second = ticked(FIG02, 400, changes=[(150, {"engine.mean_torque": 250.0}, False)], said=said)
     path = bag(tmp_path / "run", first + second, FIG02, said=[(row + 500, text) for row, text in said],
                clock=stepping((490, -400 * TICK)))
-    found = replay(path, verify=True).verification
-    assert (found.verified, found.exact) == (True, 900)
+    result = replay(path, verify=True).verification
+    assert (result.verified, result.exact) == (True, 900)
 
 
 STEPS = [[(50, -3600 * SECOND)], [(70, -SECOND)], [(71, -30 * TICK)], [(200, -120 * TICK)], [(281, -SECOND)],
@@ -66,16 +66,16 @@ def fallen_back(tmp_path, resets, clock, changes=()):
                   verify=True).verification, len(rows)
 
 
-@pytest.mark.parametrize(("steps", "resets"), beside([[], *STEPS], [(60, 180, 300), (99,), ()]))
+@pytest.mark.parametrize(("steps", "resets"), paired([[], *STEPS], [(60, 180, 300), (99,), ()]))
 def test_after_a_step_of_the_clock_every_fallback_is_followed_to_the_last_bit(tmp_path, resets, steps):
-    found, count = fallen_back(tmp_path, resets, stepping(*steps))
-    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, count)
+    result, count = fallen_back(tmp_path, resets, stepping(*steps))
+    assert (result.verified, result.largest_difference, result.exact) == (True, 0.0, count)
 
 
 def test_fallbacks_and_changed_parameters_are_followed_together(tmp_path):
     changes = [(150, {"engine.torque_amplitude": 100.0}, False), (250, {"pressure.amplitude": 0.0}, True)]
-    found, count = fallen_back(tmp_path, (180,), stepping((170, -100 * TICK)), changes)
-    assert (found.verified, found.exact) == (True, count)
+    result, count = fallen_back(tmp_path, (180,), stepping((170, -100 * TICK)), changes)
+    assert (result.verified, result.exact) == (True, count)
 
 
 def test_sources_that_a_recorder_got_twice_count_once(tmp_path):
@@ -89,8 +89,8 @@ def test_sources_that_a_recorder_got_twice_count_once(tmp_path):
 
 
 def test_the_pace_does_not_count_a_step(tmp_path):
-    found = verified(tmp_path, (), stepping((200, -3600 * SECOND)))[2]
-    assert found.pace == pytest.approx(1.0, abs=0.5)
+    result = verified(tmp_path, (), stepping((200, -3600 * SECOND)))[2]
+    assert result.pace == pytest.approx(1.0, abs=0.5)
 
 
 def states(run, ticks, sent, index=0):
@@ -134,6 +134,6 @@ def test_a_recorder_that_came_late_has_the_scene_in_force_from_its_first_state_o
 
 @pytest.mark.parametrize("steps", [[], [(50, -3600 * SECOND)], [(251, -200 * TICK)], [(120, -300 * TICK)]])
 def test_changed_parameters_are_drawn_where_they_came_into_force(tmp_path, steps):
-    found = verified(tmp_path, (), stepping(*steps))[2].control
-    assert [(round(event.t / (TICK * 1e-9)), event.text) for event in found.events] == [
+    result = verified(tmp_path, (), stepping(*steps))[2].control
+    assert [(round(event.t / (TICK * 1e-9)), event.text) for event in result.events] == [
         (100, "engine.mean_torque = 250"), (250, "engine.mean_torque = 300, pressure.amplitude = 0")]

@@ -85,11 +85,11 @@ def stepping(by: int) -> Flaw:
                 {"clock": lambda k: START + k * TICK + by * (k >= 1700)})
 
 
-def beside() -> Flaw:
+def missing_pressure() -> Flaw:
     """Another topic loses most of its messages."""
     sent = {k: [("/applied_pressure", FLUID_PRESSURE, START + k * TICK, START + k * TICK,
                  cdr.fluid_pressure(k * TICK, 225e3))] for k in range(0, TICKS, 7)}
-    return Flaw(clean(), clean(), "pressure is missing at 3429 ticks", {"beside": sent})
+    return Flaw(clean(), clean(), "pressure is missing at 3429 ticks", {"joined": sent})
 
 
 def exchanged() -> Flaw:
@@ -116,7 +116,7 @@ FLAWS: dict[str, Callable[[], Flaw]] = {
     "restart amid": lambda: Flaw([*clean()[:1000], *clean()], clean(), "2 runs",
                                  {"publishers": [(0, "first"), (1000, "second")], "clock": lambda k: START + k * TICK}),
     "cut file": lambda: Flaw(clean(), clean(), "cut short", {"cut": True}, bytes=0.8),
-    "blocks exchanged": exchanged, "other topic lost": beside, "paused": paused,
+    "blocks exchanged": exchanged, "other topic lost": missing_pressure, "paused": paused,
 }
 
 
@@ -146,7 +146,7 @@ class Truth:
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Any]:
     @cache
-    def found(name: str) -> Any:
+    def results_of(name: str) -> Any:
         flaw = FLAWS[name]()
         clock = {"clock": lambda k: START + flaw.rows[k][0], **flaw.options}
         path = bag(tmp_path_factory.mktemp("flaws") / "run", flaw.rows, SCENE, **clock)
@@ -156,7 +156,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Any]:
         made = replay(path, discard=DISCARD)
         used = flaw.used[:made.messages] if flaw.bytes < 1.0 else flaw.used
         return flaw, made, Truth(used)
-    return found
+    return results_of
 
 
 def between(low: float, value: float, high: float) -> bool:
@@ -197,20 +197,20 @@ FIGURES: dict[str, Callable[[Any, Truth, Truth], bool]] = {
 @pytest.mark.parametrize("figure", FIGURES)
 @pytest.mark.parametrize("name", FLAWS)
 def test_a_figure_is_that_of_the_whole_run_within_what_a_flaw_hides(results: Any, name: str, figure: str) -> None:
-    _, found, truth = results(name)
+    _, result, truth = results(name)
     whole = results("none")[2]
     whole.stuck = float((np.abs(whole.v) <= STUCK).mean())
-    assert FIGURES[figure](found.summary, truth, whole), (getattr(found.summary, figure), vars(truth))
+    assert FIGURES[figure](result.summary, truth, whole), (getattr(result.summary, figure), vars(truth))
 
 
 @pytest.mark.parametrize("name", FLAWS)
 def test_what_a_flaw_hides_is_said(results: Any, name: str) -> None:
-    flaw, found, truth = results(name)
-    text = "\n".join(found.lines())
+    flaw, result, truth = results(name)
+    text = "\n".join(result.lines())
     assert flaw.words in text
     assert f"{truth.begin:.6g} to {truth.end:.6g} s" in text
     assert (f"{truth.lost:.6g} s of them were lost" in text) is (truth.lost > 0.0)
-    summary = found.summary
+    summary = result.summary
     assert summary.covers[1] - summary.covers[0] == pytest.approx(summary.seconds + summary.lost_seconds, rel=1e-12)
     assert summary.period == 2 or (summary.period == 0 and "it needs 16 or more whole periods" in text)
-    assert found.pace == pytest.approx(1.0, abs=2e-3)
+    assert result.pace == pytest.approx(1.0, abs=2e-3)

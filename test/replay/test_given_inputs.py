@@ -51,10 +51,10 @@ def test_a_table_gives_what_the_plant_gives_that_holds_its_values(tmp_path):
         plant.stepper.advance()
     driven = driven_by(scene, path)
     assert driven.system.span == pytest.approx(STEPS * 1e-3)
-    found = solve(driven, solver="fixed_step", duration=STEPS * 1e-3).final
+    result = solve(driven, solver="fixed_step", duration=STEPS * 1e-3).final
     v, angle, speed, _ = plant.stepper.state
     # The plant takes as many sub-steps as each pressure needs; a shift by one tick would be 40 N m.
-    assert (found.slip_speed, found.plate_angle) == pytest.approx((v, angle), rel=1e-3)
+    assert (result.slip_speed, result.plate_angle) == pytest.approx((v, angle), rel=1e-3)
     exact = solve(driven, duration=STEPS * 1e-3, rtol=1e-9).final
     assert (exact.slip_speed, exact.plate_angle) == pytest.approx((v, angle), rel=1e-3)
     assert exact.plate_speed == pytest.approx(speed, abs=0.01)
@@ -77,9 +77,9 @@ def test_a_command_that_no_tick_tells_is_left_to_the_scene(tmp_path):
     scene = load_scene("commands")
     rows = ticked(scene, 20, torque=lambda k: 250.0 + k, pressure=lambda k: 2e5)
     rows = [(*row, 2e5 if k == 0 else math.inf) for k, (*row, _) in enumerate(rows)]
-    found = driven_by(scene, bag(tmp_path / "run", rows, scene)).system.inputs
-    assert found.pressure is None
-    assert found.torque[:, 1].tolist() == [250.0 + k for k in range(1, 20)]
+    result = driven_by(scene, bag(tmp_path / "run", rows, scene)).system.inputs
+    assert result.pressure is None
+    assert result.torque[:, 1].tolist() == [250.0 + k for k in range(1, 20)]
 
 
 def test_a_recording_with_fallbacks_drives_by_commands_and_by_the_scene_in_between(tmp_path):
@@ -106,8 +106,8 @@ def test_a_recording_with_fallbacks_drives_by_commands_and_by_the_scene_in_betwe
     t = (tick - 1 + np.tile((np.arange(7) + 0.5) / 7.0, 399)) * 1e-3
     sines = (e.mean_torque + e.torque_amplitude * np.sin(e.frequency * t),
              p.mean + p.amplitude * np.sin(p.frequency_ratio * e.frequency * t + p.phase))
-    found = torques_at(terms_of(driven.system), t)
-    for f, sine, value in zip(held.values(), sines, (found[0], found[1] / driven.system.torque_per_pressure)):
+    torques = torques_at(terms_of(driven.system), t)
+    for f, sine, value in zip(held.values(), sines, (torques[0], torques[1] / driven.system.torque_per_pressure)):
         acted = [sine[i] if (x := f(k)) is None else x for i, k in enumerate(tick.tolist())]
         np.testing.assert_allclose(value, acted, atol=6e-3 * np.ptp(sine))
     for solver in ("fixed_step", "auto"):
@@ -159,8 +159,8 @@ def test_a_table_holds_as_it_was_told(tmp_path, hold, torque):
     assert float(torques_at(terms_of(driven.system), np.array([0.15]))[0][0]) == pytest.approx(torque)
     path = table(tmp_path / "late.csv", t=[0.04, 0.1, 0.2], engine_torque=[200.0, 250.0, 300.0])
     driven = driven_by(load_scene("commands"), path, hold)
-    found = torques_at(terms_of(driven.system), np.array([0.02, 0.039, 0.15]))[0]
-    assert found == pytest.approx(np.array([200.0, 200.0, torque]))
+    torques = torques_at(terms_of(driven.system), np.array([0.02, 0.039, 0.15]))[0]
+    assert torques == pytest.approx(np.array([200.0, 200.0, torque]))
 
 
 def test_a_table_that_looks_smooth_is_hinted_at_and_one_of_steps_is_not(tmp_path, capsys):
@@ -196,9 +196,9 @@ def test_pressure_stays_in_its_range_after_hold_and_actuator(tmp_path, course, h
     n = np.arange(100)
     path = table(tmp_path / "p.csv", t=0.01 * n, actuation_pressure=PULSES[course](n))
     system = driven_by(load_scene("controlled").with_values(actuator), path, hold).system
-    found = torques_at(terms_of(system), np.linspace(0.0, 0.99, 3001))[1] / system.torque_per_pressure
-    assert found.min() >= -1e-6
-    assert found.max() <= 1e7 * (1.0 + 1e-12)
+    result = torques_at(terms_of(system), np.linspace(0.0, 0.99, 3001))[1] / system.torque_per_pressure
+    assert result.min() >= -1e-6
+    assert result.max() <= 1e7 * (1.0 + 1e-12)
 
 
 @pytest.mark.parametrize(("name", "most", "unit"), [("engine_torque", 1e5, "N m"), ("output_speed", 1e5, "rad/s")])
@@ -222,11 +222,11 @@ def test_an_actuator_follows_the_pressure_of_a_table_after_its_dead_time(tmp_pat
     driven = driven_by(load_scene("controlled").with_values(keys), tmp_path / "in.csv").system
     assert driven.inputs.pressure[0, 0] == 0.0
     t = np.linspace(0.0, 0.499, 300)
-    found = torques_at(terms_of(driven), t)[1] / driven.torque_per_pressure
+    result = torques_at(terms_of(driven), t)[1] / driven.torque_per_pressure
     risen = 1.5e5 - 5e4 * np.exp(-(t - 0.12) / 0.03)
     top = 1.5e5 - 5e4 * np.exp(-0.2 / 0.03)
     expected = np.select([t < 0.12, t < 0.32], [1e5, risen], 9e4 + (top - 9e4) * np.exp(-(t - 0.32) / 0.03))
-    np.testing.assert_allclose(found, expected, atol=1.0)
+    np.testing.assert_allclose(result, expected, atol=1.0)
 
 
 def shaft_torque(t, x, system, begin, before, rate):
@@ -277,9 +277,9 @@ def test_a_far_end_in_a_table_is_solved_by_ticks_or_refused(tmp_path, refused):
         assert main(["simulate", "fig02", "--inputs", str(path), "--out", str(tmp_path / out)]) == 0
     lines = (tmp_path / "run.csv").read_text().splitlines()
     assert (lines[0].split(",")[-2:], lines[1].split(",")[-2:]) == (["output_angle", "output_speed"], ["rad", "rad/s"])
-    with np.load(tmp_path / "run.npz") as found:
-        assert found["output_angle"][-1] == pytest.approx(3.0)
-        assert dict(zip(found.files, found["units"].tolist()))["output_angle"] == "rad"
+    with np.load(tmp_path / "run.npz") as arrays:
+        assert arrays["output_angle"][-1] == pytest.approx(3.0)
+        assert dict(zip(arrays.files, arrays["units"].tolist()))["output_angle"] == "rad"
     path.write_text("t,output_speed\ns,bar\n0,1\n1,1\n")
     assert "output_speed is in bar; output_speed must be in rad/s" in refused("simulate", "fig02", "--inputs", path)
     path.write_text("t,output_speed\n0,1\n1,1e7\n")

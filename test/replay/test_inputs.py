@@ -38,15 +38,15 @@ def recorded(folder, commands, *, ignored=(), announced=True, late=(), bursts=1,
         now = held.get(k, now)
         return now
 
-    now, sources, beside = None, [], {}
+    now, sources, others = None, [], {}
     rows = ticked(SCENE, N, pressure=pressure, sources=sources)
     if ignored and len(ignored) == len(commands):
         sources = [(0, 0, source_text({"engine_torque": False, "actuation_pressure": False}))]
     for number, (k, after, stamp, value) in enumerate(commands):
         at = START + k * TICK + after
         data, who = cdr.fluid_pressure(stamp, value), "deaf" if number in ignored and not one else "heard"
-        beside.setdefault(k, []).append(("/actuation_pressure", FLUID_PRESSURE, at, at, data, who))
-    return replay(bag(folder, rows, SCENE, beside=beside, sources=sources if announced else (),
+        others.setdefault(k, []).append(("/actuation_pressure", FLUID_PRESSURE, at, at, data, who))
+    return replay(bag(folder, rows, SCENE, joined=others, sources=sources if announced else (),
                       targets=[(0, 20.0)] if target else ()), discard=0)
 
 
@@ -77,32 +77,32 @@ SAID = {"wall clock": "carry stamps of the wall clock", "future": "later than th
 @pytest.mark.parametrize("way", WAYS)
 def test_what_became_of_the_commands(tmp_path, way):
     commands, how, applied, superseded, ignored, median, largest = WAYS[way]
-    found = recorded(tmp_path / "run", commands, **how)
-    held, (tracking,) = found.inputs["actuation_pressure"], [segment.tracking for segment in found.segments]
+    result = recorded(tmp_path / "run", commands, **how)
+    held, (tracking,) = result.inputs["actuation_pressure"], [segment.tracking for segment in result.segments]
     assert (held.commands, held.applied, held.superseded, held.ignored) == (len(commands), applied, superseded, ignored)
     assert (tracking.commands_applied, tracking.commands_superseded) == (applied, superseded)
     assert tracking.command_rate == pytest.approx(applied / ((N - 1) * 1e-3))
     if median is None:
-        assert found.command_age is None
+        assert result.command_age is None
     else:
-        assert found.command_age.median == pytest.approx(median * 1e-3, abs=1.01e-3)
-        assert found.command_age.largest == pytest.approx(largest * 1e-3, abs=1.01e-3)
+        assert result.command_age.median == pytest.approx(median * 1e-3, abs=1.01e-3)
+        assert result.command_age.largest == pytest.approx(largest * 1e-3, abs=1.01e-3)
     for other, text in SAID.items():
-        assert any(text in warning for warning in found.warnings) is (other == way), other
-    assert any("s old (median)" in text for text in found.warnings) is bool(median and median > 0)
+        assert any(text in warning for warning in result.warnings) is (other == way), other
+    assert any("s old (median)" in text for text in result.warnings) is bool(median and median > 0)
 
 
 def test_a_controller_without_a_target_is_named(tmp_path):
-    found = recorded(tmp_path / "run", every(10), target=False)
-    assert any("give --target" in text for text in found.warnings)
-    assert found.segments[0].tracking is None
+    result = recorded(tmp_path / "run", every(10), target=False)
+    assert any("give --target" in text for text in result.warnings)
+    assert result.segments[0].tracking is None
     assert not any("give --target" in text for text in recorded(tmp_path / "other", every(10)).warnings)
 
 
 @pytest.mark.parametrize(("scale", "doubted"), [(0.9, True), (900.0, True), (2e4, False), (0.0, False)])
 def test_a_pressure_that_is_plausible_in_bar_only_is_doubted(tmp_path, scale, doubted):
-    found = recorded(tmp_path / "run", every(10, value=lambda k: scale * min(k / 500, 1.0)))
-    sentences = [text for text in found.warnings if "the unit is Pa" in text]
+    result = recorded(tmp_path / "run", every(10, value=lambda k: scale * min(k / 500, 1.0)))
+    sentences = [text for text in result.warnings if "the unit is Pa" in text]
     expected = f"the largest actuation_pressure command is {scale:g} Pa; the unit is Pa: {scale:g} bar would be "
     assert sentences == ([f"{expected}{scale * 1e5:g}"] if doubted else [])
 
@@ -111,11 +111,11 @@ def test_an_actuator_hides_the_command_and_its_order_of_sending_counts(tmp_path)
     scene = SCENE.with_values({"pressure.time_constant": 0.03})
     rows = ticked(SCENE, N, pressure=lambda k: 9e4 + 1e3 * math.sin(0.01 * k))
     commands = every(10)
-    beside = {}
+    others = {}
     for k, after, stamp, value in commands:
         at = START + k * TICK + after
-        beside[k] = [("/actuation_pressure", FLUID_PRESSURE, at, at, cdr.fluid_pressure(stamp, value))]
-    found = replay(bag(tmp_path / "run", rows, scene, beside=beside, targets=[(0, 20.0)]), discard=0)
-    held = found.inputs["actuation_pressure"]
+        others[k] = [("/actuation_pressure", FLUID_PRESSURE, at, at, cdr.fluid_pressure(stamp, value))]
+    result = replay(bag(tmp_path / "run", rows, scene, joined=others, targets=[(0, 20.0)]), discard=0)
+    held = result.inputs["actuation_pressure"]
     assert (held.applied, held.ignored) == (len(commands), 0)
-    assert np.isfinite(found.command_age.median)
+    assert np.isfinite(result.command_age.median)

@@ -30,8 +30,8 @@ FIG02 = load_scene("fig02")
 def rows():
     """1.2 s of Fig. 2, a change at 0.7 s, a reset, and 1.8 s more."""
     said = []
-    found = ticked(FIG02, 3000, changes=[(700, {"engine.mean_torque": 250.0}, False)], resets=(1199,), said=said)
-    return found, said
+    result = ticked(FIG02, 3000, changes=[(700, {"engine.mean_torque": 250.0}, False)], resets=(1199,), said=said)
+    return result, said
 
 
 @pytest.fixture
@@ -52,21 +52,21 @@ def test_torques_without_numbers_are_those_that_the_recorded_speeds_need(tmp_pat
     table = np.column_stack([plate, plate, fast, speed, engine, friction, np.full(len(t), np.nan)])
     table[:, np.array(absent) - 1] = np.nan
     rows = [(k * TICK, *row) for k, row in enumerate(table.tolist())]
-    found = tcc_sim.read(bag(tmp_path / "run", rows, scene)).trajectory()
+    result = tcc_sim.read(bag(tmp_path / "run", rows, scene)).trajectory()
     # A central difference is off by h^2/6 of the third derivative of the speed.
     inner, off, steep = slice(1, -1), 1e-6 / 6.0, 36.0 * 3600.0
-    assert found.friction_torque[inner] == pytest.approx(friction[inner], abs=off * steep * d.plate_inertia)
-    assert found.engine_torque[inner] == pytest.approx(engine[inner], abs=off * (800.0 * 1600.0 + steep) *
-                                                       d.flywheel_inertia)
+    assert result.friction_torque[inner] == pytest.approx(friction[inner], abs=off * steep * d.plate_inertia)
+    assert result.engine_torque[inner] == pytest.approx(engine[inner], abs=off * (800.0 * 1600.0 + steep) *
+                                                        d.flywheel_inertia)
 
 
 def test_a_recording_has_runs_segments_and_every_sample(recorded, rows):
-    found = tcc_sim.read(recorded)
-    assert [(run.number, run.start, run.end, run.samples, run.began_by) for run in found.runs] == [
+    result = tcc_sim.read(recorded)
+    assert [(run.number, run.start, run.end, run.samples, run.began_by) for run in result.runs] == [
         (0, 0.0, 1.199, 1200, "start"), (1, 0.0, 1.8, 1801, "reset")]
-    assert [segment.began_by for segment in found.segments] == ["start", "parameters", "reset"]
-    assert "2 runs, complete" in repr(found)
-    first, second = found.trajectory(), found.trajectory(1)
+    assert [segment.began_by for segment in result.segments] == ["start", "parameters", "reset"]
+    assert "2 runs, complete" in repr(result)
+    first, second = result.trajectory(), result.trajectory(1)
     for run, part in ((first, rows[0][:1200]), (second, rows[0][1200:])):
         table = np.array(part)
         assert np.array_equal(run.t, table[:, 0] * 1e-9)
@@ -102,9 +102,9 @@ def test_commands_are_columns(tmp_path):
     steady = by_hand(1.0, lambda t: 150.0 + 0.0 * t, lambda t: 0.1 + 0.0 * t, lambda t: 0.0 * t,
                      lambda t: 300.0 + 0.0 * t, lambda t: 300.0 + 0.0 * t)
     path = bag(tmp_path / "run", [*steady, *steady], "slip", targets=[(0, 20.0), (500, 30.0), (1501, 40.0)])
-    found = tcc_sim.read(path).commands["target_slip_speed"]
-    assert (found.run.tolist(), found.value.tolist()) == ([0, 0, 1], [20.0, 30.0, 40.0])
-    assert found.t == pytest.approx([0.0, 0.5, 0.5], abs=1.5e-3)
+    result = tcc_sim.read(path).commands["target_slip_speed"]
+    assert (result.run.tolist(), result.value.tolist()) == ([0, 0, 1], [20.0, 30.0, 40.0])
+    assert result.t == pytest.approx([0.0, 0.5, 0.5], abs=1.5e-3)
 
 
 def test_cycles_of_a_commanded_torque_are_its_own_in_every_window(tmp_path):
@@ -120,15 +120,15 @@ def test_cycles_of_a_commanded_torque_are_its_own_in_every_window(tmp_path):
 def test_a_window_of_a_run_is_analysed_alone(recorded, tmp_path):
     assert main(["analyse", str(recorded), "--run", "1", "--from", "0.6", "--to", "1.4", "--discard", "2", "--json",
                  str(tmp_path / "a.json"), "--out", str(tmp_path / "a.csv")]) == 0
-    found = json.loads((tmp_path / "a.json").read_text())
-    (segment,) = found["segments"]
+    document = json.loads((tmp_path / "a.json").read_text())
+    (segment,) = document["segments"]
     assert (segment["start"], segment["end"]) == (pytest.approx(0.6), pytest.approx(1.4))
     assert segment["began_by"] == "reset"
-    assert "only run 1, from 0.6 s on, up to 1.4 s is analysed" in found["warnings"]
-    assert found["cycles"] == int(1.4 * 150 / (2 * math.pi)) - math.ceil(0.6 * 150 / (2 * math.pi))
+    assert "only run 1, from 0.6 s on, up to 1.4 s is analysed" in document["warnings"]
+    assert document["cycles"] == int(1.4 * 150 / (2 * math.pi)) - math.ceil(0.6 * 150 / (2 * math.pi))
     run = tcc_sim.read(recorded).trajectory(1, 0.6, 1.4)
     inside = run.t >= run.cycles.starts[2]
-    assert found["max_slip_speed"] == pytest.approx(np.abs(run.slip_speed[inside]).max(), rel=0.02)
+    assert document["max_slip_speed"] == pytest.approx(np.abs(run.slip_speed[inside]).max(), rel=0.02)
     lines = (tmp_path / "a.csv").read_text().splitlines()
     head = [line.removeprefix("# ") for line in lines if line.startswith("#")]
     assert parse_scene("\n".join(head) + "\n", "fig02").system == FIG02.system
@@ -142,10 +142,10 @@ def test_a_window_of_a_run_is_analysed_alone(recorded, tmp_path):
 
 def test_the_samples_of_the_run_that_is_shown_become_arrays(recorded, tmp_path, capsys):
     assert main(["analyse", str(recorded), "--out", str(tmp_path / "a.npz")]) == 0
-    with np.load(tmp_path / "a.npz") as found:
-        assert np.array_equal(found["t"], np.arange(1801) * TICK * 1e-9)
-        assert found["units"].tolist() == ["s", "rad/s", "rad", "rad/s", "N m", "N m", "N m", ""]
-        assert parse_scene(str(found["scene"]), "fig02").system == FIG02.system
+    with np.load(tmp_path / "a.npz") as arrays:
+        assert np.array_equal(arrays["t"], np.arange(1801) * TICK * 1e-9)
+        assert arrays["units"].tolist() == ["s", "rad/s", "rad", "rad/s", "N m", "N m", "N m", ""]
+        assert parse_scene(str(arrays["scene"]), "fig02").system == FIG02.system
     for words in (["--out", "a.mcap"], ["--run", "7"], ["--from", "3", "--to", "2"]):
         assert main(["analyse", str(recorded), *words]) == 2
     capsys.readouterr()
@@ -159,11 +159,11 @@ def test_a_table_carries_units_and_scene(recorded, monkeypatch):
     stub = types.ModuleType("pandas")
     stub.DataFrame, stub.__spec__ = Frame, types.SimpleNamespace()
     monkeypatch.setitem(sys.modules, "pandas", stub)
-    found = tcc_sim.read(recorded).to_pandas(0, 0.1, 0.2)
-    assert found.attrs["units"]["engine_torque"] == "N m"
-    assert found.attrs["scene"] == FIG02.text()
-    assert list(found)[:2] == ["t", "slip_speed"]
-    assert len(found["t"]) == 101
+    result = tcc_sim.read(recorded).to_pandas(0, 0.1, 0.2)
+    assert result.attrs["units"]["engine_torque"] == "N m"
+    assert result.attrs["scene"] == FIG02.text()
+    assert list(result)[:2] == ["t", "slip_speed"]
+    assert len(result["t"]) == 101
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(MissingPackage, match="table"):
         tcc_sim.read(recorded).to_pandas()
@@ -193,10 +193,10 @@ def test_the_difference_is_that_of_the_two_speeds(tmp_path: Path) -> None:
     table = tmp_path / "seen.csv"
     np.savetxt(table, np.column_stack([run.t, run.slip_speed - 0.5, 0.0 * run.t]), delimiter=",", comments="",
                header="t,slip_speed,engine_torque")
-    found = twin_of(table, run)
-    assert found is not None
-    assert found.difference == pytest.approx(0.5, abs=1e-6)
-    assert found.t.tolist() == run.t.tolist()
-    assert "0.5 rad/s apart" in str(found)
+    result = twin_of(table, run)
+    assert result is not None
+    assert result.difference == pytest.approx(0.5, abs=1e-6)
+    assert result.t.tolist() == run.t.tolist()
+    assert "0.5 rad/s apart" in str(result)
     table.write_text("t,engine_torque\n0,1\n1,2\n")
     assert twin_of(table, run) is None

@@ -37,13 +37,13 @@ def is_slip(summary):
 
 @pytest.mark.parametrize("cut", [False, True])
 def test_pure_slip_complete_and_cut_short(tmp_path, cut):
-    found = replay(bag(tmp_path / "run", slip(3.0), "slip", cut=cut))
-    is_slip(found.summary)
-    values = found.as_json()
+    result = replay(bag(tmp_path / "run", slip(3.0), "slip", cut=cut))
+    is_slip(result.summary)
+    values = result.as_json()
     assert (values["messages"], values["lost_messages"], values["complete"]) == (3001, 0, not cut)
     assert (values["cycles"], values["discarded"]) == (71, 35)
     assert (values["frequency"], values["frequency_source"]) == (OMEGA, "scene")
-    text = "\n".join(found.lines())
+    text = "\n".join(result.lines())
     assert ("cut short" in text) == cut
     assert "no gap" in text
     assert "from the scene" in text
@@ -72,20 +72,20 @@ def test_pure_stick(tmp_path):
 
 def test_gaps_are_counted_and_never_bridged(tmp_path):
     rows = slip(3.0)
-    found = replay(bag(tmp_path / "run", rows[:1000] + rows[1037:], "slip"), discard=0)
-    is_slip(found.summary)
-    values = found.as_json()
+    result = replay(bag(tmp_path / "run", rows[:1000] + rows[1037:], "slip"), discard=0)
+    is_slip(result.summary)
+    values = result.as_json()
     assert (values["gaps"], values["lost_messages"], values["messages"]) == (1, 37, 3001 - 37)
     assert (values["cycles"], values["broken"], values["covers"]) == (71, 2, [0.0, 3.0])
     assert (values["seconds"], values["lost_seconds"]) == pytest.approx((2.962, 0.038))
-    assert "37 lost" in "\n".join(found.lines())
+    assert "37 lost" in "\n".join(result.lines())
 
 
 def test_uneven_stamps_are_reported(tmp_path):
     rows = [(stamp + 200_000 * (k == 500), *rest) for k, (stamp, *rest) in enumerate(slip(1.0))]
-    found = replay(bag(tmp_path / "run", rows, "slip"))
-    assert found.as_json()["uneven_stamps"] == 2
-    assert "uneven" in "\n".join(found.lines())
+    result = replay(bag(tmp_path / "run", rows, "slip"))
+    assert result.as_json()["uneven_stamps"] == 2
+    assert "uneven" in "\n".join(result.lines())
 
 
 def test_every_run_ends_with_a_reset_and_no_cycle_mean_bridges_a_gap(tmp_path):
@@ -102,34 +102,34 @@ def test_every_run_ends_with_a_reset_and_no_cycle_mean_bridges_a_gap(tmp_path):
 
 def test_the_longest_of_several_runs_counts(tmp_path):
     short = by_hand(0.5, lambda t: 7.0 + 0.0 * t, *SLIP[1:])
-    found = replay(bag(tmp_path / "run", slip(2.0) + short, "slip"))
-    is_slip(found.summary)
-    assert found.as_json()["runs"] == 2
-    assert found.trajectory.t[-1] == 2.0
-    assert found.trajectory.slip_speed.min() > 100.0
+    result = replay(bag(tmp_path / "run", slip(2.0) + short, "slip"))
+    is_slip(result.summary)
+    assert result.as_json()["runs"] == 2
+    assert result.trajectory.t[-1] == 2.0
+    assert result.trajectory.slip_speed.min() > 100.0
 
 
 def test_the_end_of_the_run_is_kept_for_a_picture(tmp_path, figures):
-    found = replay(bag(tmp_path / "run", slip(3.0), "slip"))
-    end, cycle = found.trajectory, 2.0 * math.pi / OMEGA
+    result = replay(bag(tmp_path / "run", slip(3.0), "slip"))
+    end, cycle = result.trajectory, 2.0 * math.pi / OMEGA
     assert end.t[-1] == 3.0
     assert end.t[0] == pytest.approx(3.0 - TAIL_CYCLES * cycle, abs=1e-3)
     assert np.allclose(end.slip_speed, SLIP[0](end.t), rtol=1e-12)
     assert np.allclose(end.saturation_torque, LOAD)
     assert np.all(end.state == 1)
-    assert (len(found.cycles), found.first_cycle) == (71, 0)
+    assert (len(result.cycles), result.first_cycle) == (71, 0)
     pictures = pytest.importorskip("tcc_sim.views.overview")
-    pictures.overview(tmp_path / "o.png", end, found.cycles, found.first_cycle, found.summary)
+    pictures.overview(tmp_path / "o.png", end, result.cycles, result.first_cycle, result.summary)
     assert len(figures) == 1
 
 
 def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
     scene = load_scene("commands").with_values({"engine.frequency": 99.0})
     path = bag(tmp_path / "run", slip(3.0), scene)
-    found = replay(path)
-    assert found.frequency_source == "found"
-    assert found.frequency == pytest.approx(OMEGA, rel=1e-6)
-    assert found.summary.max_slip_speed == pytest.approx(SPEED + 2.0 * SWING, rel=1e-6)
+    result = replay(path)
+    assert result.frequency_source == "found"
+    assert result.frequency == pytest.approx(OMEGA, rel=1e-6)
+    assert result.summary.max_slip_speed == pytest.approx(SPEED + 2.0 * SWING, rel=1e-6)
     given = replay(path, frequency=75.0)
     assert (given.frequency, given.frequency_source) == (75.0, "given")
     assert given.summary.cycles == 35
@@ -186,9 +186,9 @@ def test_nothing_of_a_manoeuvre_is_dropped(tmp_path):
     scene = load_scene("minimal").with_values({"engine.frequency_times": [0.0, 1.0],
                                                "engine.frequency_values": [80.0, 160.0]})
     rows = ticked(scene, 1500)
-    found = replay(bag(tmp_path / "run", rows, scene))
-    assert found.summary.discarded == 0
-    assert found.summary.max_slip_speed == pytest.approx(max(abs(row[3] - row[4]) for row in rows), rel=1e-3)
+    result = replay(bag(tmp_path / "run", rows, scene))
+    assert result.summary.discarded == 0
+    assert result.summary.max_slip_speed == pytest.approx(max(abs(row[3] - row[4]) for row in rows), rel=1e-3)
 
 
 def test_more_than_half_of_the_memory_is_refused_and_a_window_of_it_is_read(tmp_path, monkeypatch):
@@ -200,9 +200,9 @@ def test_more_than_half_of_the_memory_is_refused_and_a_window_of_it_is_read(tmp_
             cut.write_bytes((path / "run_0.mcap").read_bytes()[:-3000])
         with pytest.raises(InputError, match=r"states take .* ask for a window: --from and --to"):
             replay(cut)
-        found = replay(cut, window=Window(start=1.0, end=2.5))
-        assert found.segments[0].start == 1.0
-        assert found.segments[0].end == 2.5
+        result = replay(cut, window=Window(start=1.0, end=2.5))
+        assert result.segments[0].start == 1.0
+        assert result.segments[0].end == 2.5
         assert len(read(cut).trajectory(0, 0.5, 0.6).t) == 101
 
 
@@ -223,9 +223,9 @@ def settling():
 @pytest.mark.parametrize(("gap", "period"), [((0, 0), 1), ((4000, 4030), 1), ((7800, 7830), 0)])
 def test_a_gap_is_not_taken_for_a_period(tmp_path, settling, gap, period):
     rows = settling[:gap[0]] + settling[gap[1]:]
-    found = replay(bag(tmp_path / "run", rows, load_scene("fig02")))
-    assert (found.summary.period, found.summary.settled) == (period, False)
-    said = "it needs 16 or more whole periods of excitation in a row" in "\n".join(found.lines())
+    result = replay(bag(tmp_path / "run", rows, load_scene("fig02")))
+    assert (result.summary.period, result.summary.settled) == (period, False)
+    said = "it needs 16 or more whole periods of excitation in a row" in "\n".join(result.lines())
     assert said is (period == 0)
 
 
@@ -243,15 +243,15 @@ def run_up():
 
 def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
     scene, rows = run_up
-    found = replay(bag(tmp_path / "run", rows, scene), discard=10)
-    values = found.as_json()
+    result = replay(bag(tmp_path / "run", rows, scene), discard=10)
+    values = result.as_json()
     assert values["frequency_source"] == "found"
     assert values["frequency_range"] == pytest.approx([100.0, 200.0], rel=0.02)
-    starts = found.cycles.starts
+    starts = result.cycles.starts
     turns = (100.0 * starts + 10.0 * starts * starts) / (2.0 * math.pi)
     # The torque of a tick is held from the tick before.
     assert np.abs(turns - np.rint(turns)).max() < 0.02
-    assert len(found.cycles) == pytest.approx(750.0 / (2.0 * math.pi), abs=3)
+    assert len(result.cycles) == pytest.approx(750.0 / (2.0 * math.pi), abs=3)
     v = np.array([row[3] - row[4] for row in rows])
     late = v[round(float(starts[10]) * 1000):]
     assert values["max_slip_speed"] == pytest.approx(np.abs(late).max(), rel=0.02)
@@ -259,7 +259,7 @@ def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
     assert values["stick_fraction"] == pytest.approx(stuck.mean(), abs=0.05)
     assert values["covers"] == pytest.approx([starts[10], rows[-1][0] * 1e-9])
     assert values["lost_seconds"] == 0.0
-    text = "\n".join(found.lines())
+    text = "\n".join(result.lines())
     assert re.search(r"frequency +1\d\d[.\d]* to \d+[.\d]* rad/s, found", text)
 
 
@@ -267,13 +267,13 @@ def test_a_commanded_run_up_is_followed_through_single_lost_states(tmp_path, run
     """Every 47th state is lost, so no stretch of two cycles is without a loss."""
     scene, rows = run_up
     kept = [row for k, row in enumerate(rows) if k % 47 != 20]
-    found = replay(bag(tmp_path / "run", kept, scene, clock=lambda k: START + kept[k][0]), discard=10)
+    result = replay(bag(tmp_path / "run", kept, scene, clock=lambda k: START + kept[k][0]), discard=10)
     whole = replay(bag(tmp_path / "whole", rows, scene), discard=10)
-    assert found.as_json()["frequency_range"] == pytest.approx([100.0, 200.0], rel=0.02)
-    assert (found.summary.cycles, found.summary.broken) == (whole.summary.cycles, 0)
-    assert found.summary.covers == pytest.approx(whole.summary.covers, abs=1e-3)
-    assert found.summary.lost_seconds == pytest.approx(0.002 * 93, abs=0.005)
-    assert found.summary.clutch_energy == pytest.approx(whole.summary.clutch_energy * (1.0 - 2.0 / 47.0), rel=0.01)
+    assert result.as_json()["frequency_range"] == pytest.approx([100.0, 200.0], rel=0.02)
+    assert (result.summary.cycles, result.summary.broken) == (whole.summary.cycles, 0)
+    assert result.summary.covers == pytest.approx(whole.summary.covers, abs=1e-3)
+    assert result.summary.lost_seconds == pytest.approx(0.002 * 93, abs=0.005)
+    assert result.summary.clutch_energy == pytest.approx(whole.summary.clutch_energy * (1.0 - 2.0 / 47.0), rel=0.01)
 
 
 def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_up, figures):
@@ -282,13 +282,13 @@ def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_u
     random = np.random.default_rng(4).uniform(0.0, 600.0, 200)
     rows = ticked(scene, 3000, torque=lambda k: float(random[k // 15]), pressure=lambda k: 260e3)
     path = bag(tmp_path / "run", rows, scene)
-    found = replay(path)
+    result = replay(path)
     v = np.array([row[3] - row[4] for row in rows])
-    assert (found.summary.cycles, found.summary.period, found.summary.section) == (0, 0, [])
-    assert found.summary.max_slip_speed == pytest.approx(np.abs(v[:2900]).max(), rel=0.02)
-    assert len([text for text in found.warnings if text.startswith("periods of excitation could not be")]) == 1
-    assert "frequency" in "\n".join(found.lines())
+    assert (result.summary.cycles, result.summary.period, result.summary.section) == (0, 0, [])
+    assert result.summary.max_slip_speed == pytest.approx(np.abs(v[:2900]).max(), rel=0.02)
+    assert len([text for text in result.warnings if text.startswith("periods of excitation could not be")]) == 1
+    assert "frequency" in "\n".join(result.lines())
     from tcc_sim.views.plots import plot
 
-    plot(found, tmp_path / "o.png")
+    plot(result, tmp_path / "o.png")
     assert len(figures) == 1

@@ -45,30 +45,30 @@ def said_at(row, stamp, **values):
 
 
 def test_one_run_is_one_segment_with_the_figures_of_the_whole(tmp_path):
-    found = replay(bag(tmp_path / "run", steady(3.0, 150.0), SLIP))
-    (segment,) = found.as_json()["segments"]
+    result = replay(bag(tmp_path / "run", steady(3.0, 150.0), SLIP))
+    (segment,) = result.as_json()["segments"]
     assert (segment["start"], segment["end"], segment["began_by"], segment["changes"]) == (0.0, 3.0, "start", {})
-    whole = found.as_json()
+    whole = result.as_json()
     shared = set(segment) & set(whole)
     assert {key: segment[key] for key in shared} == {key: whole[key] for key in shared}
     assert "tracking" not in segment
-    assert not any("segment 1" in line for line in found.lines())
+    assert not any("segment 1" in line for line in result.lines())
 
 
 def test_resets_restarts_and_parameters_begin_segments(tmp_path):
     rows = [*steady(2.0, 150.0), *steady(1.0, 100.0), *shifted(steady(1.0, 50.0), 1001), *steady(1.5, 80.0)]
     said = [said_at(3002, 1001, engine__mean_torque=290.0)]
     path = bag(tmp_path / "run", rows, SLIP, said=said, publishers=[(0, "a1"), (4003, "b2")])
-    found = replay(path, discard=2)
-    json_rows = found.as_json()["segments"]
+    result = replay(path, discard=2)
+    json_rows = result.as_json()["segments"]
     assert [(s["began_by"], round(s["start"], 3), round(s["end"], 3)) for s in json_rows] == [
         ("start", 0.0, 2.0), ("reset", 0.0, 1.0), ("parameters", 1.001, 2.001), ("restart", 0.0, 1.5)]
     assert [s["changes"] for s in json_rows] == [{}, {}, {"engine.mean_torque": 290.0}, {}]
     assert [s["min_slip_speed"] for s in json_rows] == pytest.approx([150.0, 100.0, 50.0, 80.0], abs=0.2)
     assert [s["discarded"] for s in json_rows] == [2, 2, 2, 2]
     # The figures above the segments are those of the longest run.
-    assert (found.as_json()["runs"], found.summary.min_slip_speed) == (3, pytest.approx(50.0, abs=0.2))
-    table = "\n".join(found.lines())
+    assert (result.as_json()["runs"], result.summary.min_slip_speed) == (3, pytest.approx(50.0, abs=0.2))
+    table = "\n".join(result.lines())
     for words in ("segment 1", "0 to 1 s, reset", "parameters: engine.mean_torque = 290.0", "restart"):
         assert words in table
 
@@ -93,10 +93,10 @@ def test_a_run_as_data_has_the_scene_that_was_in_force_in_it(tmp_path):
 
 def test_a_segment_without_a_whole_cycle_has_no_figures(tmp_path):
     rows = [*steady(2.0, 150.0), *steady(0.02, 100.0)]
-    found = replay(bag(tmp_path / "run", rows, SLIP))
-    segment = found.as_json()["segments"][1]
+    result = replay(bag(tmp_path / "run", rows, SLIP))
+    segment = result.as_json()["segments"][1]
     assert (segment["began_by"], segment["max_slip_speed"], segment["regime"]) == ("reset", None, None)
-    assert "no whole period of excitation after the dropped ones" in "\n".join(found.lines())
+    assert "no whole period of excitation after the dropped ones" in "\n".join(result.lines())
 
 
 def controlled(target, start=150.0, rate=4.0, seconds=3.0):
@@ -167,8 +167,8 @@ def test_a_run_and_its_recording_have_one_tracking(tmp_path):
     of_bag = [s.tracking for s in replay(path).segments]
     whole, jump = run.tracking_of({0.0: 20.0, 1.5: 30.0}), run.tracking_of({0.0: 20.0, 1.5: 30.0}, since=1500)
     assert len(of_bag) == 2
-    beside = {"command_rate", "commands_applied", "commands_superseded"}
-    for name in {item.name for item in fields(Tracking)} - beside:
+    others = {"command_rate", "commands_applied", "commands_superseded"}
+    for name in {item.name for item in fields(Tracking)} - others:
         expected = getattr(jump, name)
         if isinstance(expected, float):
             assert getattr(of_bag[1], name) == pytest.approx(expected, rel=1e-9, abs=1e-9, nan_ok=True), name
@@ -206,28 +206,28 @@ def test_a_target_that_is_no_number_is_none(tmp_path):
 
 def test_more_segments_than_are_told_are_counted(tmp_path):
     rows = steady(0.06, 150.0) + [row for _ in range(MOST_SEGMENTS + 29) for row in steady(0.003, 150.0)]
-    found = replay(bag(tmp_path / "run", rows, SLIP), discard=0)
-    assert len(found.segments) == MOST_SEGMENTS
-    assert "only the first 1000 of 1030 segments are analysed" in found.warnings
-    assert len(found.lines()) < 65
+    result = replay(bag(tmp_path / "run", rows, SLIP), discard=0)
+    assert len(result.segments) == MOST_SEGMENTS
+    assert "only the first 1000 of 1030 segments are analysed" in result.warnings
+    assert len(result.lines()) < 65
 
 
 def test_verification_and_segments_agree_on_where_parameters_changed(tmp_path):
     said = []
     fig02 = load_scene("fig02")
     rows = ticked(fig02, 1500, changes=[(700, {"engine.mean_torque": 250.0}, False)], resets=(1000,), said=said)
-    found = replay(bag(tmp_path / "run", rows, fig02, said=said), verify=True)
-    assert found.verification.verified
-    assert [(s.began_by, round(s.start * 1e3), dict(s.changes)) for s in found.segments] == [
+    result = replay(bag(tmp_path / "run", rows, fig02, said=said), verify=True)
+    assert result.verification.verified
+    assert [(s.began_by, round(s.start * 1e3), dict(s.changes)) for s in result.segments] == [
         ("start", 0, {}), ("parameters", 700, {"engine.mean_torque": 250.0}), ("reset", 0, {})]
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_run_of_nothing_but_nan_has_no_figures_and_takes_none_from_another(tmp_path):
     nothing = [(stamp, *[math.nan] * 6, math.nan) for stamp, *_ in steady(0.3, 1.0)]
-    found = replay(bag(tmp_path / "run", [*steady(1.0, 150.0), *nothing, *steady(0.5, 90.0)], SLIP), discard=0)
-    assert [s.summary is None for s in found.segments] == [False, True, False]
-    assert found.segments[2].summary.min_slip_speed == pytest.approx(90.0, abs=0.2)
+    result = replay(bag(tmp_path / "run", [*steady(1.0, 150.0), *nothing, *steady(0.5, 90.0)], SLIP), discard=0)
+    assert [s.summary is None for s in result.segments] == [False, True, False]
+    assert result.segments[2].summary.min_slip_speed == pytest.approx(90.0, abs=0.2)
 
 
 def test_a_frequency_that_was_changed_while_running_counts_from_there_on_and_keeps_its_phase(tmp_path):
@@ -238,10 +238,10 @@ def test_a_frequency_that_was_changed_while_running_counts_from_there_on_and_kee
     rows = by_hand(4.0, lambda t: 150.0 + 8.0 * np.cos(phase(t)), lambda t: LOAD / 3000.0, lambda t: 0.0 * t,
                    lambda t: 300.0 + 250.0 * np.sin(phase(t)), lambda t: LOAD + 0.0 * t)
     path = bag(tmp_path / "run", rows, SLIP, said=[said_at(2001, 2001, engine__frequency=180.0)])
-    found = replay(path, discard=0)
-    assert (found.frequency_source, found.timing.low, found.timing.high) == (
+    result = replay(path, discard=0)
+    assert (result.frequency_source, result.timing.low, result.timing.high) == (
         "found", pytest.approx(150.0, rel=0.02), pytest.approx(180.0, rel=0.02))
-    first, second = found.segments
+    first, second = result.segments
     assert second.changes == {"engine.frequency": 180.0}
     for segment, frequency in ((first, 150.0), (second, 180.0)):
         assert segment.summary.cycles == pytest.approx(2.0 * frequency / (2.0 * math.pi), abs=8)
@@ -259,11 +259,11 @@ def test_without_a_recorded_scene_the_torque_decides_on_the_cycles_of_a_verdict(
 
     rows = by_hand(6.0, lambda t: 20.0 + 8.0 * np.cos(phase(t)), lambda t: LOAD / 3000.0, lambda t: 0.0 * t,
                    lambda t: 300.0 + 250.0 * np.sin(phase(t)), lambda t: LOAD + 0.0 * t)
-    found = replay(bag(tmp_path / "run", rows, None, targets=[(0, 20.0)]), scene="controlled")
-    (segment,) = found.segments
-    assert found.frequency_source == source
+    result = replay(bag(tmp_path / "run", rows, None, targets=[(0, 20.0)]), scene="controlled")
+    (segment,) = result.segments
+    assert result.frequency_source == source
     assert segment.tracking.verdict == "settled"
-    assert any("differs from that of the recorded torque" in text for text in found.warnings) is (source == "found")
+    assert any("differs from that of the recorded torque" in text for text in result.warnings) is (source == "found")
 
 
 COMMANDS = load_scene("commands")
@@ -273,9 +273,9 @@ def test_a_constant_commanded_torque_has_no_cycles_and_is_judged_by_slices(tmp_p
     rows = by_hand(4.0, lambda t: 20.0 + 30.0 * np.exp(-t / 0.2), lambda t: LOAD / 3000.0, lambda t: 0.0 * t,
                    lambda t: 300.0 - 20.0 * (t > 2.0), lambda t: LOAD + 0.0 * t)
     (segment,) = replay(bag(tmp_path / "run", rows, COMMANDS, targets=[(0, 20.0)]), discard=0).segments
-    found = segment.tracking
-    assert (found.verdict, found.settling_time) == ("settled", pytest.approx(0.2 * math.log(50.0), abs=0.15))
-    assert found.verdict_why.endswith("; means over 0.1 s, as the engine torque does not pulsate")
+    tracking = segment.tracking
+    assert (tracking.verdict, tracking.settling_time) == ("settled", pytest.approx(0.2 * math.log(50.0), abs=0.15))
+    assert tracking.verdict_why.endswith("; means over 0.1 s, as the engine torque does not pulsate")
     noisy = [(stamp, *rest[:4], rest[4] + 40.0 * math.sin(7.0 * k * k), *rest[5:]) for k, (stamp, *rest) in
              enumerate(rows)]
     (segment,) = replay(bag(tmp_path / "noisy", noisy, COMMANDS, targets=[(0, 20.0)]), discard=0).segments
@@ -292,36 +292,36 @@ def test_the_seconds_of_commands_and_fallback_are_those_of_the_ticks(tmp_path):
     sources = []
     rows = ticked(COMMANDS, 1200, torque=torque, pressure=lambda k: 2e5 if 100 < k <= 400 else None, resets=(600,),
                   sources=sources)
-    found = replay(bag(tmp_path / "run", rows, COMMANDS, sources=sources), discard=0)
-    pressure, engine = found.as_json()["inputs"]["actuation_pressure"], found.as_json()["inputs"]["engine_torque"]
+    result = replay(bag(tmp_path / "run", rows, COMMANDS, sources=sources), discard=0)
+    pressure, engine = result.as_json()["inputs"]["actuation_pressure"], result.as_json()["inputs"]["engine_torque"]
     assert pressure["topic"] == pytest.approx(0.3)
     assert pressure["fallback"] == pytest.approx(1.199 - 0.3)
     assert (engine["topic"], engine["fallback"], engine["scene"]) == pytest.approx((1.199, 0.0, 0.0))
-    assert found.as_json()["command_age"] is None
-    own = replay(bag(tmp_path / "own", ticked(load_scene("fig02"), 900), "fig02")).inputs
-    assert {name: held.scene for name, held in own.items()} == pytest.approx(dict.fromkeys(own, 0.899))
+    assert result.as_json()["command_age"] is None
+    replayed = replay(bag(tmp_path / "own", ticked(load_scene("fig02"), 900), "fig02")).inputs
+    assert {name: held.scene for name, held in replayed.items()} == pytest.approx(dict.fromkeys(replayed, 0.899))
 
 
 @pytest.mark.parametrize("late", [0, 7, None])
 def test_the_age_of_commands_is_that_of_the_states_they_answer(tmp_path, late):
-    rows, beside = ticked(COMMANDS, 1500, torque=torque, pressure=lambda k: 2e5), {}
+    rows, others = ticked(COMMANDS, 1500, torque=torque, pressure=lambda k: 2e5), {}
     for k, (stamp, *_) in enumerate(rows):
         log = START + k * TICK
         answered = 0 if late is None else stamp - late * TICK  # A stamp of 0 names no state.
-        beside[k] = [("/actuation_pressure", FLUID_PRESSURE, log + 1000, log + 1000, cdr.fluid_pressure(answered, 2e5),
+        others[k] = [("/actuation_pressure", FLUID_PRESSURE, log + 1000, log + 1000, cdr.fluid_pressure(answered, 2e5),
                       ("aa", "bb")[k % 2])] if k >= (late or 0) else []
         if k in (500, 1000, 1400):  # After a restart counts begin at 0.
             counts = {500: (3, 5), 1000: (4, 6), 1400: (2, 1)}[k]
             data = diagnostics({"missed ticks": counts[0], "actuation_pressure refused": counts[1], "regime": "slip",
                                 "late ticks": 10 * counts[0], "paced ticks": 100 * counts[1]})
-            beside[k].append(("/diagnostics", DIAGNOSTIC_ARRAY, log, log, data))
-    bag(tmp_path / "run", rows, COMMANDS, targets=[(0, 20.0)], beside=beside)
-    found = replay(tmp_path / "run", discard=0)
-    age = found.as_json()["command_age"]
+            others[k].append(("/diagnostics", DIAGNOSTIC_ARRAY, log, log, data))
+    bag(tmp_path / "run", rows, COMMANDS, targets=[(0, 20.0)], joined=others)
+    result = replay(tmp_path / "run", discard=0)
+    age = result.as_json()["command_age"]
     same = dict.fromkeys(("median", "p95", "largest"), (late or 0) * 1e-3)
     assert age == (None if late is None else pytest.approx(same, abs=1e-12))
-    assert any("7 ticks: this delay adds" in text for text in found.warnings) is (late == 7)
-    held = found.inputs["actuation_pressure"]
-    assert (held.publishers, held.refused, found.missed_ticks) == (2, 7, 6)
-    assert (found.late_ticks, found.late_share) == (60, 60 / 700)
-    assert any("8.57 % of the ticks came more than a period late" in text for text in found.warnings)
+    assert any("7 ticks: this delay adds" in text for text in result.warnings) is (late == 7)
+    held = result.inputs["actuation_pressure"]
+    assert (held.publishers, held.refused, result.missed_ticks) == (2, 7, 6)
+    assert (result.late_ticks, result.late_share) == (60, 60 / 700)
+    assert any("8.57 % of the ticks came more than a period late" in text for text in result.warnings)

@@ -22,13 +22,13 @@ def pressure(k):
 
 
 def verified(directory, rows, scene, **keywords):
-    found = replay(bag(directory, rows, scene, **keywords), verify=True, frequency=150.0)
-    assert found.as_json()["verified"] == found.verification.verified
-    return found.verification
+    result = replay(bag(directory, rows, scene, **keywords), verify=True, frequency=150.0)
+    assert result.as_json()["verified"] == result.verification.verified
+    return result.verification
 
 
-def exactly(found, count):
-    assert (found.verified, found.largest_difference, found.exact) == (True, 0.0, count)
+def exactly(result, count):
+    assert (result.verified, result.largest_difference, result.exact) == (True, 0.0, count)
 
 
 STEPS = {"fig02": [(100, {"engine.mean_torque": 250.0}, False), (250, {"pressure.amplitude": 0.0}, True)],
@@ -46,10 +46,10 @@ STEEPER = [(150, {"friction.static_coefficient": 0.4, "friction.kinetic_coeffici
 def test_inputs_resets_and_changes_of_parameters_are_followed_to_the_last_bit(tmp_path, name, options, cut):
     said = []
     rows = ticked(SCENES[name], 400, said=said, **options)
-    found = verified(tmp_path / "run", rows, SCENES[name], said=said, cut=cut)
-    exactly(found, len(rows))
-    assert found.compared == len(rows)
-    assert "to the last bit" in found.sentence
+    result = verified(tmp_path / "run", rows, SCENES[name], said=said, cut=cut)
+    exactly(result, len(rows))
+    assert result.compared == len(rows)
+    assert "to the last bit" in result.sentence
 
 
 @pytest.mark.parametrize("column", range(1, 7))
@@ -58,29 +58,29 @@ def test_one_changed_digit_is_found(tmp_path, column):
     changed = list(rows[217])
     changed[column] = math.nextafter(changed[column], math.inf)
     rows[217] = tuple(changed)
-    found = verified(tmp_path / "run", rows, SCENES["fig02"])
-    assert not found.verified
-    assert found.first_difference_ns == 217 * TICK
-    assert 0.0 < found.largest_difference < 1e-12
-    assert "0.217 s" in found.sentence
+    result = verified(tmp_path / "run", rows, SCENES["fig02"])
+    assert not result.verified
+    assert result.first_difference_ns == 217 * TICK
+    assert 0.0 < result.largest_difference < 1e-12
+    assert "0.217 s" in result.sentence
 
 
 def test_a_changed_pressure_is_found(tmp_path):
     rows = ticked(SCENES["commands"], 400, torque=torque, pressure=pressure)
     rows[300] = (*rows[300][:-1], rows[300][-1] * 1.01)
-    found = verified(tmp_path / "run", rows, SCENES["commands"])
-    assert not found.verified
-    assert found.first_difference_ns == 300 * TICK
+    result = verified(tmp_path / "run", rows, SCENES["commands"])
+    assert not result.verified
+    assert result.first_difference_ns == 300 * TICK
     assert main(["analyse", str(tmp_path / "run"), "--verify", "--frequency", "150"]) == 1
 
 
 def test_a_value_that_is_not_finite_is_found(tmp_path):
     rows = ticked(SCENES["fig02"], 400)
     rows[100] = (rows[100][0], math.nan, *rows[100][2:])
-    found = replay(bag(tmp_path / "run", rows, SCENES["fig02"]), verify=True)
-    assert not found.verification.verified
-    assert found.verification.first_difference_ns == 100 * TICK
-    assert found.as_json()["largest_difference"] is None
+    result = replay(bag(tmp_path / "run", rows, SCENES["fig02"]), verify=True)
+    assert not result.verification.verified
+    assert result.verification.first_difference_ns == 100 * TICK
+    assert result.as_json()["largest_difference"] is None
 
 
 def test_the_kernel_that_the_recording_names_matters(tmp_path):
@@ -101,60 +101,60 @@ def test_a_gap_does_not_matter_where_the_inputs_are_known_and_a_change_in_it_is_
 
 def test_a_change_that_nobody_said_is_a_difference(tmp_path):
     rows = ticked(SCENES["fig02"], 400, changes=[(250, {"friction.static_coefficient": 0.31}, False)])
-    found = verified(tmp_path / "run", rows, SCENES["fig02"])
-    assert not found.verified
-    assert found.first_difference_ns == 250 * TICK
-    assert found.largest_difference > 1e-6
+    result = verified(tmp_path / "run", rows, SCENES["fig02"])
+    assert not result.verified
+    assert result.first_difference_ns == 250 * TICK
+    assert result.largest_difference > 1e-6
 
 
 def test_a_scene_counts_from_its_stamp_on_even_if_the_clock_was_set_back_before(tmp_path):
     said = []
     rows = ticked(SCENES["fig02"], 400, changes=STEPS["fig02"], said=said)
-    found = verified(tmp_path / "run", rows, SCENES["fig02"], said=[(row - 50, text) for row, text in said])
-    exactly(found, 400)
+    result = verified(tmp_path / "run", rows, SCENES["fig02"], said=[(row - 50, text) for row, text in said])
+    exactly(result, 400)
 
 
 @pytest.mark.parametrize("name", ["fig02", "chaos"])
 def test_a_recording_that_starts_late_is_checked_tick_by_tick(tmp_path, name):
     rows = ticked(SCENES[name], 600)[137:]
-    found = verified(tmp_path / "run", rows, SCENES[name])
-    assert found.verified
-    assert (found.compared, found.exact) == (463, 0)
-    assert found.largest_difference < STEP_TOLERANCE
-    assert "within 1e-06" in found.sentence
+    result = verified(tmp_path / "run", rows, SCENES[name])
+    assert result.verified
+    assert (result.compared, result.exact) == (463, 0)
+    assert result.largest_difference < STEP_TOLERANCE
+    assert "within 1e-06" in result.sentence
     changed = list(rows[200])
     changed[2] += 1e-4
     rows[200] = tuple(changed)
-    found = verified(tmp_path / "changed", rows, SCENES[name])
-    assert found.first_difference_ns == (137 + 200) * TICK
+    result = verified(tmp_path / "changed", rows, SCENES[name])
+    assert result.first_difference_ns == (137 + 200) * TICK
 
 
 def test_after_a_gap_in_commanded_inputs_it_goes_on_tick_by_tick(tmp_path):
     rows = ticked(SCENES["commands"], 400, torque=torque, pressure=pressure)
-    found = verified(tmp_path / "run", rows[:90] + rows[130:], SCENES["commands"])
-    assert found.verified
-    assert (found.compared, found.exact) == (360, 90)
+    result = verified(tmp_path / "run", rows[:90] + rows[130:], SCENES["commands"])
+    assert result.verified
+    assert (result.compared, result.exact) == (360, 90)
 
 
 def test_what_the_node_did_not_make_is_said(tmp_path):
     rows = [(stamp + 100, *rest) for stamp, *rest in ticked(SCENES["fig02"], 200)]
-    found = verified(tmp_path / "run", rows, SCENES["fig02"])
-    assert not found.verified
-    assert "is not that of a tick" in found.sentence
+    result = verified(tmp_path / "run", rows, SCENES["fig02"])
+    assert not result.verified
+    assert "is not that of a tick" in result.sentence
     set_valued = SCENES["fig02"].with_values({"friction.law": "set_valued"})
-    found = verified(tmp_path / "other", ticked(SCENES["fig02"], 200), set_valued)
-    assert not found.verified
-    assert "set_valued" in found.sentence
+    result = verified(tmp_path / "other", ticked(SCENES["fig02"], 200), set_valued)
+    assert not result.verified
+    assert "set_valued" in result.sentence
 
 
 def test_states_without_a_known_input_are_not_verified(tmp_path, capsys):
     rows = ticked(SCENES["commands"], 400, torque=torque, pressure=pressure)
     unknown = [row if k < 200 else (*row[:-1], math.nan) for k, row in enumerate(rows)]
     path = bag(tmp_path / "run", [*unknown[:-1], rows[-1]], SCENES["commands"])
-    found = replay(path, verify=True, frequency=150.0)
-    assert not found.verification.verified
-    assert found.verification.sentence == "not verified: 199 of 400 states have no known input"
-    assert (found.as_json()["states"], found.as_json()["solved"]) == (400, 201)
+    result = replay(path, verify=True, frequency=150.0)
+    assert not result.verification.verified
+    assert result.verification.sentence == "not verified: 199 of 400 states have no known input"
+    assert (result.as_json()["states"], result.as_json()["solved"]) == (400, 201)
     assert main(["analyse", str(path), "--verify", "--frequency", "150"]) == 1
     assert "199 of 400 states have no known input" in capsys.readouterr().out
 
@@ -165,9 +165,9 @@ def test_messages_in_the_wrong_order_are_not_verified(tmp_path):
     shifted = [(*row[:3], row[3] + 777.0, *row[4:]) if 201 <= k < 300 else row for k, row in enumerate(rows)]
     for name, given in (("clean", rows), ("shifted", shifted)):
         mixed = [*given[:200], given[300], *given[201:300], given[200], *given[301:]]
-        found = verified(tmp_path / name, mixed, SCENES["fig02"])
-        assert not found.verified
-        assert name == "shifted" or "begins at 0.201 s after a reset, which must lead to 0" in found.sentence
+        result = verified(tmp_path / name, mixed, SCENES["fig02"])
+        assert not result.verified
+        assert name == "shifted" or "begins at 0.201 s after a reset, which must lead to 0" in result.sentence
 
 
 def test_a_reset_with_both_inputs_commanded_is_one_event(tmp_path):
@@ -192,8 +192,8 @@ def far_speed(k):
 
 def test_a_lagged_pressure_and_a_far_end_are_solved_again_to_the_last_bit(tmp_path):
     rows, ends = readings(ACTUATED, 400, commanded, far_speed)
-    found = verified(tmp_path / "run", rows, ACTUATED, ends=ends)
-    exactly(found, 400)
+    result = verified(tmp_path / "run", rows, ACTUATED, ends=ends)
+    exactly(result, 400)
     without = verified(tmp_path / "without", rows, ACTUATED)
     assert (without.verified, without.first_difference_ns) == (False, 101 * TICK)
 
@@ -206,25 +206,25 @@ def test_one_changed_pressure_or_far_end_is_found(tmp_path, which, column):
     row = list(changed[place])
     row[column] *= 1.0 + 1e-9
     changed[place] = tuple(row)
-    found = verified(tmp_path / "run", rows, ACTUATED, ends=ends)
-    assert not found.verified
-    assert found.first_difference_ns in (217 * TICK, 218 * TICK)
+    result = verified(tmp_path / "run", rows, ACTUATED, ends=ends)
+    assert not result.verified
+    assert result.first_difference_ns in (217 * TICK, 218 * TICK)
 
 
 def test_a_gap_is_bridged_from_the_state_behind_it(tmp_path):
     rows, ends = readings(ACTUATED, 400, commanded, far_speed)
     kept = [row for row in rows if not 200 <= row[0] // TICK < 210]
-    found = verified(tmp_path / "run", kept, ACTUATED, ends=ends)
-    assert found.verified
-    assert (found.exact, found.solved) == (200, 389)
+    result = verified(tmp_path / "run", kept, ACTUATED, ends=ends)
+    assert result.verified
+    assert (result.exact, result.solved) == (200, 389)
 
 
 def test_the_shaft_torque_of_a_recording_is_that_against_the_far_end(tmp_path):
     rows, ends = readings(load_scene("fig02"), 600, lambda _: None, lambda k: 40.0 + 20.0 * math.sin(0.01 * k))
-    found = replay(bag(tmp_path / "run", rows, load_scene("fig02"), ends=ends), discard=0)
+    result = replay(bag(tmp_path / "run", rows, load_scene("fig02"), ends=ends), discard=0)
     torques = [torque for *_, torque in ends]
-    assert max(torques) == pytest.approx(found.summary.max_shaft_torque, rel=0.02)
-    assert min(torques) == pytest.approx(found.summary.min_shaft_torque, rel=0.02)
+    assert max(torques) == pytest.approx(result.summary.max_shaft_torque, rel=0.02)
+    assert min(torques) == pytest.approx(result.summary.min_shaft_torque, rel=0.02)
     still = replay(bag(tmp_path / "still", rows, load_scene("fig02")), discard=0)
     assert still.summary.max_shaft_torque > 10.0 * max(torques)
 
@@ -234,5 +234,5 @@ def test_a_vehicle_that_attaches_after_a_reset_in_one_chunk_belongs_to_the_secon
     first, _ = readings(scene, 30, lambda _: None)
     second, ends = readings(scene, 200, lambda _: None, lambda k: 30.0 if k > 40 else None)
     assert len(first) + 42 < 100  # Rows in a chunk.
-    found = verified(tmp_path / "run", [*first, *second], scene, ends=ends)
-    exactly(found, 230)
+    result = verified(tmp_path / "run", [*first, *second], scene, ends=ends)
+    exactly(result, 230)

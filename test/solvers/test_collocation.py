@@ -39,8 +39,8 @@ def test_chebyshev_coefficients_and_powers_give_the_nodal_values_back():
 @pytest.mark.parametrize("linear", [LINEAR, EVERY], ids=["paper", "every coefficient"])
 @pytest.mark.parametrize("level", [1, 4, 12])
 def test_the_plate_follows_a_given_slip_as_its_equation_says(level, linear):
-    found = tables.tables(linear, (RATE,), RATE, *tables.ladder_of(2e6, 2.0 * np.pi / RATE))
-    step_size, sources = found.step_sizes[level], found.sources[level]
+    result = tables.tables(linear, (RATE,), RATE, *tables.ladder_of(2e6, 2.0 * np.pi / RATE))
+    step_size, sources = result.step_sizes[level], result.sources[level]
     i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = coefficients_of(linear)
     inertia, kappa, h = i1 + i2, i1 / (i1 + i2), float(step_size["length"])
     assert h <= 2.0 * np.pi / RATE
@@ -53,8 +53,8 @@ def test_the_plate_follows_a_given_slip_as_its_equation_says(level, linear):
 
     def rates(t, y):
         speed = y[1] - kappa * slip(t)
-        beside = by_speed * speed + (by_slip + plate_by_slip) * slip(t)
-        return [speed, (torque(t) - stiffness * y[0] - damping * speed - beside) / inertia]
+        fluid = by_speed * speed + (by_slip + plate_by_slip) * slip(t)
+        return [speed, (torque(t) - stiffness * y[0] - damping * speed - fluid) / inertia]
 
     times = h * np.concatenate([[0.0], tables.C])
     truth = solve_ivp(rates, (0.0, h), [0.1, -3.0], "DOP853", times, rtol=1e-13, atol=1e-14).y

@@ -81,12 +81,12 @@ def truth(law: str, cycles: int, per_cycle: int) -> np.ndarray:
 @solvers
 def test_it_agrees_with_an_independent_solution(name: str) -> None:
     system = system_for(name)
-    found = run(name, system, cycles=1, samples_per_cycle=40, flywheel_angle=True)
+    result = run(name, system, cycles=1, samples_per_cycle=40, flywheel_angle=True)
     exact = truth(system.friction.law, 1, 40)
-    states = np.stack([found.slip_speed, found.plate_angle, found.plate_speed, found.flywheel_angle], axis=1)
+    states = np.stack([result.slip_speed, result.plate_angle, result.plate_speed, result.flywheel_angle], axis=1)
     error = np.abs(states - exact).max(axis=0) / np.abs(exact).max(axis=0)
     assert error.max() <= accuracy(name)
-    assert {-1, 0, 1} <= set(found.state.tolist())
+    assert {-1, 0, 1} <= set(result.state.tolist())
 
 
 @solvers
@@ -103,12 +103,12 @@ def test_a_tighter_setting_is_nearer_the_truth(name: str) -> None:
 def test_engine_work_is_stored_or_lost(name: str) -> None:
     system = system_for(name)
     d = system.driveline
-    found = run(name, system, cycles=1, samples_per_cycle=10_000)
-    v, w = found.slip_speed, found.plate_speed
-    power = found.engine_torque * (v + w) - found.friction_torque * v - d.damping * w**2
-    energy = 0.5 * (d.flywheel_inertia * (v + w)**2 + d.plate_inertia * w**2 + d.stiffness * found.plate_angle**2)
-    through = trapezoid(np.abs(found.engine_torque * (v + w)), found.t)
-    assert abs(energy[-1] - energy[0] - trapezoid(power, found.t)) <= accuracy(name) * through
+    result = run(name, system, cycles=1, samples_per_cycle=10_000)
+    v, w = result.slip_speed, result.plate_speed
+    power = result.engine_torque * (v + w) - result.friction_torque * v - d.damping * w**2
+    energy = 0.5 * (d.flywheel_inertia * (v + w)**2 + d.plate_inertia * w**2 + d.stiffness * result.plate_angle**2)
+    through = trapezoid(np.abs(result.engine_torque * (v + w)), result.t)
+    assert abs(energy[-1] - energy[0] - trapezoid(power, result.t)) <= accuracy(name) * through
 
 
 @solvers
@@ -116,12 +116,12 @@ def test_engine_work_is_stored_or_lost(name: str) -> None:
 def test_it_ends_exactly_where_it_was_asked_to(name: str, part: float) -> None:
     system = system_for(name)
     began = time.perf_counter()
-    found = run(name, system, loose(name), duration=part * system.cycle, samples_per_cycle=7)
-    assert 0.0 < found.statistics.seconds <= time.perf_counter() - began
-    assert found.t[-1] == part * system.cycle
-    assert found.t[0] == 0.0
-    assert np.all(np.diff(found.t) > 0.0)
-    assert len(found.cycles or ()) == int(part)
+    result = run(name, system, loose(name), duration=part * system.cycle, samples_per_cycle=7)
+    assert 0.0 < result.statistics.seconds <= time.perf_counter() - began
+    assert result.t[-1] == part * system.cycle
+    assert result.t[0] == 0.0
+    assert np.all(np.diff(result.t) > 0.0)
+    assert len(result.cycles or ()) == int(part)
 
 
 @solvers
@@ -157,8 +157,8 @@ def test_a_start_that_is_no_state_is_refused(name: str, state: State) -> None:
 
 @pytest.mark.parametrize("name", [name for name in SOLVERS if not compared(name)])
 def test_a_start_beyond_all_bounds_ends_with_a_status(name: str) -> None:
-    found = solve(system_for(name), cycles=1, solver=name, state=State(1e300, 0.0, -1e300))
-    assert found.status is not Status.DONE or np.all(np.isfinite(found.slip_speed))
+    result = solve(system_for(name), cycles=1, solver=name, state=State(1e300, 0.0, -1e300))
+    assert result.status is not Status.DONE or np.all(np.isfinite(result.slip_speed))
 
 
 FALLING = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 5e4, "friction.kinetic_coefficient": 0.24,
@@ -167,9 +167,9 @@ FALLING = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 5e4, 
 
 def test_blow_up_is_a_status() -> None:
     system = replace(FALLING, {"friction.smoothing": 1e6, "driveline.plate_inertia": 1e-3, "driveline.damping": 100.0})
-    found = solve(system, cycles=30, solver="rk4", step=1e-3)
-    assert found.status is Status.NOT_FINITE
-    assert np.all(np.isfinite(found.slip_speed))
+    result = solve(system, cycles=30, solver="rk4", step=1e-3)
+    assert result.status is Status.NOT_FINITE
+    assert np.all(np.isfinite(result.slip_speed))
 
 
 def test_a_step_of_rk4_that_lets_stick_ring_is_doubtful() -> None:
@@ -194,32 +194,33 @@ def test_too_many_steps_are_refused() -> None:
 
 def test_jacobian_is_the_derivative_of_the_rates() -> None:
     terms, y = terms_of(FALLING), np.array([0.013, 0.1, 3.0, 0.2])
-    found, rates = jacobian_of(terms, 4)(0.01, y), rates_of(terms, 4)
+    result, rates = jacobian_of(terms, 4)(0.01, y), rates_of(terms, 4)
     for k, step in enumerate(np.diag([1e-6, 1e-6, 1e-4, 1e-4])):
         slope = (rates(0.01, y + step) - rates(0.01, y - step)) / (2.0 * step[k])
-        np.testing.assert_allclose(found[:, k], slope, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(result[:, k], slope, rtol=1e-6, atol=1e-6)
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6])
 def test_compiled_steps_of_rk45_are_those_of_scipy(rtol: float) -> None:
     """The same number of steps to the same state, through slip and a stop: SciPy's RK45 on the same equations."""
     system = replace(FALLING, {"friction.smoothing": 5.0})
-    found = solve(system, cycles=1, solver="rk45", rtol=rtol, samples_per_cycle=8)
+    result = solve(system, cycles=1, solver="rk45", rtol=rtol, samples_per_cycle=8)
     terms, twist = terms_of(system), 550.0 / system.driveline.stiffness
     sizes = np.array([1.0 / 5.0, twist, twist * system.natural_frequency])
     scipy = solve_ivp(rates_of(terms, 3), (0.0, system.cycle), [1.0, 0.0, 0.0], rtol=rtol, atol=rtol * sizes,
                       dense_output=True)
-    assert found.statistics.steps == len(scipy.t) - 1
-    states = np.array([found.slip_speed, found.plate_angle, found.plate_speed])
-    np.testing.assert_allclose(states, scipy.sol(found.t), rtol=1e-10, atol=1e-10)
+    assert result.statistics.steps == len(scipy.t) - 1
+    states = np.array([result.slip_speed, result.plate_angle, result.plate_speed])
+    np.testing.assert_allclose(states, scipy.sol(result.t), rtol=1e-10, atol=1e-10)
 
 
 def test_cycles_are_those_of_dense_samples() -> None:
-    found = solve(FALLING, cycles=2, samples_per_cycle=4000, solver="lsoda", rtol=1e-9)
-    dense = cycles_from_samples(found.t, found.slip_speed, np.gradient(found.slip_speed, found.t), found.plate_angle,
-                                found.plate_speed, np.gradient(found.plate_speed, found.t), stick_speed=0.0,
-                                starts=cycle_starts(0, found.t[-1], found.cycle))
-    np.testing.assert_allclose(found.cycles.highest, dense.highest, rtol=1e-5)
+    result = solve(FALLING, cycles=2, samples_per_cycle=4000, solver="lsoda", rtol=1e-9)
+    dense = cycles_from_samples(result.t, result.slip_speed, np.gradient(result.slip_speed, result.t),
+                                result.plate_angle,
+                                result.plate_speed, np.gradient(result.plate_speed, result.t), stick_speed=0.0,
+                                starts=cycle_starts(0, result.t[-1], result.cycle))
+    np.testing.assert_allclose(result.cycles.highest, dense.highest, rtol=1e-5)
 
 
 PROGRAM = """

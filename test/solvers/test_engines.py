@@ -177,8 +177,8 @@ def test_no_transition_is_lost_where_there_are_more_than_one_call_has_room_for(m
     monkeypatch.setattr(run_output, "TRANSITIONS_MAXIMUM", 100)
     parts = solve(system, cycles=80, loads_from=0)
     assert len(parts.transitions.time) > 3 * run_output.TRANSITIONS_MAXIMUM
-    for found, wanted in zip(astuple(parts.transitions), astuple(whole.transitions)):
-        np.testing.assert_array_equal(found, wanted)
+    for each, wanted in zip(astuple(parts.transitions), astuple(whole.transitions)):
+        np.testing.assert_array_equal(each, wanted)
     np.testing.assert_array_equal(parts.cycles.loads.breakaways, whole.cycles.loads.breakaways)
     np.testing.assert_array_equal(parts.cycles.section, whole.cycles.section)
 
@@ -236,9 +236,9 @@ def test_terms_too_small_to_be_felt_give_the_motion_without_them(name, values):
     terms = terms_of(general)
     assert None not in (terms.pulsation, terms.stribeck)
     assert terms.harmonics is not None
-    own, other = (solve(s, cycles=4, rtol=1e-11).cycles.section
-                  for s in (ENGINES[name].system(values), general))
-    np.testing.assert_allclose(other, own, rtol=1e-8, atol=1e-8)
+    motion, other = (solve(s, cycles=4, rtol=1e-11).cycles.section
+                     for s in (ENGINES[name].system(values), general))
+    np.testing.assert_allclose(other, motion, rtol=1e-8, atol=1e-8)
 
 
 BEGIN = State(5.0, 0.1, -5.0)
@@ -273,8 +273,8 @@ def test_turning_every_sign_turns_every_bit(engine: str, name: str, monkeypatch:
     def run(state: State) -> Trajectory:
         system = replace(System(), {**TURNED[name], "friction.law": law})  # What follows from a system is kept with it.
         cycles = 1 if engine == "fixed_step" else 3  # A light plate takes 1500 sub-steps a tick.
-        found: Trajectory = module.solve(Problem(system, state, cycles=cycles, samples_per_cycle=50))
-        return found.raise_for_status()
+        result: Trajectory = module.solve(Problem(system, state, cycles=cycles, samples_per_cycle=50))
+        return result.raise_for_status()
 
     straight = run(BEGIN)
     monkeypatch.setattr(module, "terms_of", lambda given: turned(terms_of(given)))

@@ -45,11 +45,11 @@ def test_breakaway_happens_when_the_stuck_oscillator_says():
     system = system_of(**{"engine.torque_amplitude": 400.0, "engine.frequency": 20.0, "initial.slip_speed": 0.0,
                           "driveline.damping": 0.0})
     d, both = system.driveline, 0.22
-    own, w = math.sqrt(d.stiffness / both), 20.0
+    frequency, w = math.sqrt(d.stiffness / both), 20.0
     gain = 400.0 / (d.stiffness - both * w**2)
 
     def margin(t):
-        angle = 0.1 * (1 - math.cos(own * t)) + gain * (math.sin(w * t) - w / own * math.sin(own * t))
+        angle = 0.1 * (1 - math.cos(frequency * t)) + gain * (math.sin(w * t) - w / frequency * math.sin(frequency * t))
         torque = 300.0 + 400.0 * math.sin(w * t)
         return 540.0 - (0.02 * torque + 0.2 * d.stiffness * angle) / both
 
@@ -74,16 +74,16 @@ def test_two_events_close_together_are_both_found():
 
 
 def test_what_is_called_monotone_is():
-    random, found = np.random.default_rng(2), 0
+    random, result = np.random.default_rng(2), 0
     for _ in range(300):
         rows = np.zeros((ROWS, COLUMNS))
         rows[SLIP, :9] = random.normal(size=9) * 0.5 ** np.arange(9)
         x = float(random.uniform(0.05, 1.5))
         if monotone(rows, 8, x, variation(rows, SLIP, 8, x)):
-            found += 1
+            result += 1
             rise = np.diff(np.polynomial.Polynomial(rows[SLIP, :9])(np.linspace(0.0, x, 500)))
             assert (rise > 0.0).all() or (rise < 0.0).all()
-    assert 30 < found < 270
+    assert 30 < result < 270
 
 
 FIG02 = replace(System(), {"friction.law": "set_valued"})
@@ -135,12 +135,12 @@ def test_an_overdamped_plate_with_a_falling_coefficient():
     run = solve(system, cycles=2, samples_per_cycle=50).raise_for_status()
     model = Piecewise(system)
     stop = run.transitions.time[0]
-    found = solve_ivp(lambda t, y: model.rates(t, y, 1), (0.0, stop), [5.0, 0.0, 0.0, 0.0], method="Radau", rtol=1e-11,
-                      atol=1e-13, dense_output=True)
-    assert abs(found.y[0, -1]) < 1e-7
+    solution = solve_ivp(lambda t, y: model.rates(t, y, 1), (0.0, stop), [5.0, 0.0, 0.0, 0.0], method="Radau",
+                         rtol=1e-11, atol=1e-13, dense_output=True)
+    assert abs(solution.y[0, -1]) < 1e-7
     inside = run.t < stop
-    np.testing.assert_allclose(run.slip_speed[inside], found.sol(run.t[inside])[0], atol=1e-7)
-    np.testing.assert_allclose(run.plate_angle[inside], found.sol(run.t[inside])[1], atol=1e-9)
+    np.testing.assert_allclose(run.slip_speed[inside], solution.sol(run.t[inside])[0], atol=1e-7)
+    np.testing.assert_allclose(run.plate_angle[inside], solution.sol(run.t[inside])[1], atol=1e-9)
     assert run.statistics.steps < 2000
 
 
@@ -154,8 +154,8 @@ def test_an_overdamped_plate_that_sticks_and_slips_both_ways(kinetic):
     np.testing.assert_allclose(run.transitions.time, [change[0] for change in changes], atol=2e-9)
     assert run.transitions.after.tolist() == [change[2] for change in changes]
     assert set(run.transitions.after.tolist()) == {-1, 0, 1}
-    for found, expected in zip((run.slip_speed, run.plate_angle, run.plate_speed), states.T):
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
+    for each, expected in zip((run.slip_speed, run.plate_angle, run.plate_speed), states.T):
+        np.testing.assert_allclose(each, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
     assert run.statistics.steps < 150 * len(changes)
 
 

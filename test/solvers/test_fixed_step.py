@@ -34,13 +34,13 @@ def test_a_millisecond_tick_is_as_exact_as_promised(name: str, tolerance: float)
     start = load_scene(name).system
     system = replace(start, {"initial.slip_speed": min(start.initial.slip_speed, 20.0)}) if name != "slip" else start
     reference = solve(system, cycles=2, solver="radau", rtol=1e-7).raise_for_status()
-    found = solve(system, cycles=2, solver="fixed_step").raise_for_status()
+    result = solve(system, cycles=2, solver="fixed_step").raise_for_status()
     top = largest(reference.cycles.highest, reference.cycles.lowest)
-    assert largest(found.cycles.highest - reference.cycles.highest) <= tolerance * top
+    assert largest(result.cycles.highest - reference.cycles.highest) <= tolerance * top
     for column, size in enumerate((top, largest(reference.cycles.section[:, 1]),
                                    largest(reference.cycles.section[:, 2]))):
-        assert largest((found.cycles.section - reference.cycles.section)[:, column]) <= tolerance * size
-    assert found.statistics.iterations_max <= ITERATION_BOUND == found.statistics.iterations_bound
+        assert largest((result.cycles.section - reference.cycles.section)[:, column]) <= tolerance * size
+    assert result.statistics.iterations_max <= ITERATION_BOUND == result.statistics.iterations_bound
 
 
 def error_at(system: System, h: float, count: int, start: tuple[float, float, float], exact: np.ndarray) -> float:
@@ -124,10 +124,11 @@ def test_the_stepper_takes_the_ticks_of_solve() -> None:
 def test_a_stepper_follows_what_it_is_told() -> None:
     """Terms that change, and a state and a tick that are set, count in the next call."""
     system = load_scene("fig02").system
-    own = terms_of(system)
+    scene_terms = terms_of(system)
     stepper = Stepper(system, 1e-3)
-    for tick, terms in enumerate((own, holding(own, 300.0, 400.0), holding(own, 200.0, 800.0), holding(own, 200.0, 8.0),
-                                  general_terms(system), holding(own, 300.0, 200.0))):
+    for tick, terms in enumerate((scene_terms, holding(scene_terms, 300.0, 400.0), holding(scene_terms, 200.0, 800.0),
+                                  holding(scene_terms, 200.0, 8.0),
+                                  general_terms(system), holding(scene_terms, 300.0, 200.0))):
         stepper.use(terms)
         stepper.tick, stepper.state[0] = 100 * tick, 20.0 + tick
         assert stepper.now()[4:6] == engine_and_friction(0.1 * tick, 20.0 + tick, terms)
@@ -242,19 +243,19 @@ def seeded_cases(count: int, seed: int) -> list[Double]:
 def test_the_stated_accuracy_holds_within_the_rule_of_the_sub_steps() -> None:
     """Newton's method in 80 bits from the root found says how far it is; what looks far is bisected."""
     w, a, _, sigma, excess, decay = cases = seeded_cases(40_000, 2)
-    found, count = np.array([scalar_root(x, b, g, s,
-                                         (e, d)) for x, b, g, s, e, d in zip(*(c.tolist() for c in cases))]).T
+    result, count = np.array([scalar_root(x, b, g, s,
+                                          (e, d)) for x, b, g, s, e, d in zip(*(c.tolist() for c in cases))]).T
     assert count.max() <= ITERATION_BOUND
     long = [x.astype(np.longdouble) for x in (w, a, sigma, excess, decay)]
-    x, (target, size, steep, more, fall) = found.astype(np.longdouble), long
+    x, (target, size, steep, more, fall) = result.astype(np.longdouble), long
     for _ in range(4):
         tanh, falling = np.tanh(steep * x), more * np.exp(-fall * x)
         slope = steep * (1.0 + falling) * (1.0 - tanh) * (1.0 + tanh) - fall * falling * tanh
         x = x - (x + size * (1.0 + falling) * tanh - target) / (1.0 + size * slope)
-    allowed = 2e-15 * w + 1e-13 * found
-    far = np.flatnonzero(~(np.abs(found - x) <= 0.5 * allowed))
+    allowed = 2e-15 * w + 1e-13 * result
+    far = np.flatnonzero(~(np.abs(result - x) <= 0.5 * allowed))
     assert len(far) < 700
-    error = np.abs(found[far] - exact_root(*(y[far] for y in long)))
+    error = np.abs(result[far] - exact_root(*(y[far] for y in long)))
     assert (error <= allowed[far]).all()
 
 

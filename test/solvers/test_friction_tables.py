@@ -52,23 +52,23 @@ def scene(shape: str, seed: int, **changes: object) -> System:
 def test_the_smoothed_motion_of_three_exponentials_is_that_of_lsoda() -> None:
     system = scene("falling", 0)
     assert len(system.friction.curve.rates) == 3
-    found, i = solve(system, cycles=3, samples_per_cycle=8, rtol=1e-12), system.initial
+    result, i = solve(system, cycles=3, samples_per_cycle=8, rtol=1e-12), system.initial
     states = smoothed_states(system, [i.slip_speed, i.plate_angle, i.plate_speed, 0.0], 3, 8)
-    own = np.column_stack([found.slip_speed, found.plate_angle, found.plate_speed])
-    assert np.abs((own - states[:, :3]) / SIZES).max() < 1e-8
+    computed = np.column_stack([result.slip_speed, result.plate_angle, result.plate_speed])
+    assert np.abs((computed - states[:, :3]) / SIZES).max() < 1e-8
     ticks = solve(system, solver="fixed_step", cycles=1, samples_per_cycle=8, step=1e-5)
-    assert np.abs(ticks.slip_speed - found.slip_speed[:9]).max() < 1e-5 * np.abs(found.slip_speed).max()
+    assert np.abs(ticks.slip_speed - result.slip_speed[:9]).max() < 1e-5 * np.abs(result.slip_speed).max()
 
 
 @pytest.mark.parametrize("shape", ["dip", "steep"])
 def test_the_set_valued_motion_is_that_of_filippov(shape: str) -> None:
     """An exponential that died long before slip comes down again counts from its own slip speed on."""
     steep = 0.14 + 0.02 * np.exp(-8.0 * np.array(SPEEDS)) + 0.02 * np.exp(-0.05 * np.array(SPEEDS))
-    own = {"friction.coefficients": tuple(steep.tolist()), "initial.slip_speed": 60.0} if shape == "steep" else {}
-    system = scene("dip" if own else shape, 6, **{"friction.law": "set_valued", **own})
-    found = solve(system, cycles=3, samples_per_cycle=8, rtol=1e-11)
-    states = Piecewise(system).run(float(found.t[-1]), np.array(found.t))[0]
-    motion = np.column_stack([found.slip_speed, found.plate_angle, found.plate_speed])
+    settings = {"friction.coefficients": tuple(steep.tolist()), "initial.slip_speed": 60.0} if shape == "steep" else {}
+    system = scene("dip" if settings else shape, 6, **{"friction.law": "set_valued", **settings})
+    run = solve(system, cycles=3, samples_per_cycle=8, rtol=1e-11)
+    states = Piecewise(system).run(float(run.t[-1]), np.array(run.t))[0]
+    motion = np.column_stack([run.slip_speed, run.plate_angle, run.plate_speed])
     assert np.abs((motion - states[:, :3]) / SIZES).max() < 1e-9
 
 
@@ -117,16 +117,16 @@ def test_derivatives_are_those_of_differences(law: str) -> None:
         cycles = solve(of, cycles=2, state=State(*map(float, x)), rtol=1e-12).cycles
         return cycles.section[-1]
 
-    found = stroboscopic_map(system, start, 2, parameters=keys + FIT)
+    image = stroboscopic_map(system, start, 2, parameters=keys + FIT)
     if law == "set_valued":  # Without numbers of the fit another kernel does less.
         fewer = stroboscopic_map(system, start, 2, parameters=keys)
-        assert fewer.derivatives == pytest.approx(found.derivatives[:, :3 + len(keys)], rel=1e-8, abs=1e-10)
+        assert fewer.derivatives == pytest.approx(image.derivatives[:, :3 + len(keys)], rel=1e-8, abs=1e-10)
     for k, step in enumerate((1e-3, 1e-5, 1e-3)):
         unit = np.eye(3)[k] * step
-        assert apart(found.derivative[:, k] * step, lambda d, u=unit: end(system, start + d * u), 1.0, SIZES,
+        assert apart(image.derivative[:, k] * step, lambda d, u=unit: end(system, start + d * u), 1.0, SIZES,
                      1e-4 * step / SIZES[k]) < 1e-6, k
     for k, key in enumerate(keys + FIT):
-        assert apart(found.by_parameter[:, k] * 1e-5 * value_of(system, key), lambda d, key=key:
+        assert apart(image.by_parameter[:, k] * 1e-5 * value_of(system, key), lambda d, key=key:
                      end(moved(system, key, 1e-5 * d), start), 1.0, SIZES, 1e-7) < 1e-6, key
 
 
@@ -147,18 +147,18 @@ def test_a_table_takes_the_place_of_the_coefficients() -> None:
 def test_a_table_of_the_law_with_one_exponential_is_that_law() -> None:
     speeds = tuple(map(float, np.linspace(0.0, 5.0, 30)))
     table = tuple(float(0.24 + 0.06 * np.exp(-2.0 * v)) for v in speeds)
-    own = terms_of(replace(System(), {"friction.slip_speeds": speeds, "friction.coefficients": table}))
-    assert own.stribeck == pytest.approx(terms_of(System()).stribeck, rel=1e-8)
-    assert own.mean_load == pytest.approx(terms_of(System()).mean_load, rel=1e-9)
+    terms = terms_of(replace(System(), {"friction.slip_speeds": speeds, "friction.coefficients": table}))
+    assert terms.stribeck == pytest.approx(terms_of(System()).stribeck, rel=1e-8)
+    assert terms.mean_load == pytest.approx(terms_of(System()).mean_load, rel=1e-9)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_law_and_its_slope_have_every_exponential(shape: str) -> None:
     system = scene(shape, 1)
     pairs, v = sliding_of(system.friction)[1], [-40.0, -0.3, 1e-3, 2.0, 55.0]
-    found = friction.smoothed_and_slope(np.array(v), 50.0, terms_of(system).stribeck)
-    np.testing.assert_allclose(np.transpose(found), [coefficient_and_slope(x, pairs, 50.0) for x in v], rtol=1e-12)
-    assert friction.smoothed_coefficient(np.array(v), 50.0, terms_of(system).stribeck) == pytest.approx(found[0])
+    result = friction.smoothed_and_slope(np.array(v), 50.0, terms_of(system).stribeck)
+    np.testing.assert_allclose(np.transpose(result), [coefficient_and_slope(x, pairs, 50.0) for x in v], rtol=1e-12)
+    assert friction.smoothed_coefficient(np.array(v), 50.0, terms_of(system).stribeck) == pytest.approx(result[0])
     sliding = np.sign(v) * (1.0 + sum(c * np.exp(-a * np.abs(v)) for c, a in pairs))
     assert friction.sliding(np.array(v), np.sign(v), terms_of(system).stribeck) == pytest.approx(sliding, rel=1e-12)
 
@@ -183,16 +183,16 @@ def test_a_scene_file_may_name_a_table(tmp_path: Path) -> None:
     (tmp_path / "lining.csv").write_text(f"slip_speed,coefficient\n{rows}\n")
     file = tmp_path / "own.yaml"
     file.write_text("/**:\n  ros__parameters:\n    friction:\n      table: lining.csv\n")
-    found = load_scene(file)
-    assert found.system.friction.slip_speeds == SPEEDS
-    assert "mu(v) = 0.14 + 0.02 exp(-1.5 |v|) - 0.0168 exp(-0.05 |v|)" in friction_lines(friction_of(found.system))[0]
+    result = load_scene(file)
+    assert result.system.friction.slip_speeds == SPEEDS
+    assert "mu(v) = 0.14 + 0.02 exp(-1.5 |v|) - 0.0168 exp(-0.05 |v|)" in friction_lines(friction_of(result.system))[0]
     assert parse_assignments([f"friction.table={tmp_path / 'lining.csv'}"])["friction.slip_speeds"] == list(SPEEDS)
     (tmp_path / "lining.csv").write_text(  # As a spreadsheet in German writes it, in rpm.
         "\ufeffSlip Speed;coefficient\nrpm;-\n" + "\n".join(
             f"{v * 30.0 / np.pi:.9g};{x:.17g}".replace(".", ",")
             for v, x in zip(SPEEDS, SHAPES["dip"](np.array(SPEEDS)))))
     assert load_scene(file).system.friction.slip_speeds == pytest.approx(SPEEDS)
-    assert load_scene(file).system.friction.coefficients == pytest.approx(found.system.friction.coefficients)
+    assert load_scene(file).system.friction.coefficients == pytest.approx(result.system.friction.coefficients)
     for content, why in (("slip_speed,mu\n0,0.1\n", "no column coefficient; the file has mu"),
                          ("slip_speed,coefficient\n0,x\n", "line 2 has no number in column coefficient: 'x'"),
                          ("slip_speed,coefficient\n0\n", "no columns were recognised"),

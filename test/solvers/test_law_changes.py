@@ -37,8 +37,8 @@ def test_friction_along_a_motion_and_its_derivatives_have_every_exponential(coun
     for _ in law_along(rows, np.zeros(COLUMNS), law, True, 1.0, (1.0, 1.0, 0.0), stribeck, SIGMA):
         pass
     v, load = SPEED + RATE * x, LOADS[0] + LOADS[1] * x
-    found = np.polynomial.polynomial.polyval(x, np.asarray(law))
-    np.testing.assert_allclose(found[FRICTION], load * friction(v, pairs, SIGMA), rtol=1e-11)
+    result = np.polynomial.polynomial.polyval(x, np.asarray(law))
+    np.testing.assert_allclose(result[FRICTION], load * friction(v, pairs, SIGMA), rtol=1e-11)
 
     def difference(of: Any, step: float = 1e-3) -> Any:
         """Central difference of sixth order of load times mubar."""
@@ -51,12 +51,12 @@ def test_friction_along_a_motion_and_its_derivatives_have_every_exponential(coun
         numbers[number] += change
         return numbers.reshape(-1, 2)
 
-    np.testing.assert_allclose(found[OF_SLIP], difference(lambda d: friction(v + d, pairs, SIGMA)), rtol=1e-9)
+    np.testing.assert_allclose(result[OF_SLIP], difference(lambda d: friction(v + d, pairs, SIGMA)), rtol=1e-9)
     of_sigma, *of_pairs = numbers_of(stribeck)
-    np.testing.assert_allclose(found[of_sigma], difference(lambda d: friction(v, pairs, SIGMA + d)), rtol=1e-9)
+    np.testing.assert_allclose(result[of_sigma], difference(lambda d: friction(v, pairs, SIGMA + d)), rtol=1e-9)
     for number, cause in enumerate(of_pairs):
         expected = difference(lambda d, number=number: friction(v, changed(number, d), SIGMA))
-        np.testing.assert_allclose(found[cause], expected, rtol=1e-9)
+        np.testing.assert_allclose(result[cause], expected, rtol=1e-9)
 
 
 def test_law_and_slope_at_a_speed_and_the_fastest_rate_have_every_exponential() -> None:

@@ -41,23 +41,23 @@ def by_scipy(system: System, cycles: int) -> np.ndarray:
 
 def loads_by(system: System, cycles: int = LAST, first: int = 0, **settings: object) -> Loads:
     """The loads of a run."""
-    found = solve(system, cycles=cycles, loads_from=first, **settings).raise_for_status().cycles
-    return found.loads
+    result = solve(system, cycles=cycles, loads_from=first, **settings).raise_for_status().cycles
+    return result.loads
 
 
 @pytest.mark.parametrize("name", ["fig02", "chaos", "slip"])
 def test_loads_are_those_of_scipy(name: str) -> None:
     system = load_scene(name).system
     y = by_scipy(system, 4)
-    found, d = loads_by(system, 4), system.driveline
-    assert found.energy == pytest.approx(np.diff(y[3, ::500]), rel=1e-6)
+    result, d = loads_by(system, 4), system.driveline
+    assert result.energy == pytest.approx(np.diff(y[3, ::500]), rel=1e-6)
     shaft = (d.damping * y[2] + d.stiffness * y[1]).reshape(-1)
     for n in range(4):
         part = slice(500 * n, 500 * n + 501)
-        assert found.highest_shaft_torque[n] == pytest.approx(shaft[part].max(), abs=2e-4 * np.abs(shaft).max())
-        assert found.lowest_shaft_torque[n] == pytest.approx(shaft[part].min(), abs=2e-4 * np.abs(shaft).max())
-        assert found.highest_shaft_torque[n] >= shaft[part].max() - 1e-5
-        assert found.lowest_shaft_torque[n] <= shaft[part].min() + 1e-5
+        assert result.highest_shaft_torque[n] == pytest.approx(shaft[part].max(), abs=2e-4 * np.abs(shaft).max())
+        assert result.lowest_shaft_torque[n] == pytest.approx(shaft[part].min(), abs=2e-4 * np.abs(shaft).max())
+        assert result.highest_shaft_torque[n] >= shaft[part].max() - 1e-5
+        assert result.lowest_shaft_torque[n] <= shaft[part].min() + 1e-5
 
 
 @pytest.mark.parametrize(("scene", "values"), [
@@ -116,9 +116,9 @@ def test_the_shaft_s_torque_is_largest_anywhere_in_a_long_step(values: dict[str,
 
 def test_stick_turns_nothing_to_heat() -> None:
     system = replace(load_scene("stick").system, {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.24})
-    found = loads_by(system, 60, 50)
-    assert found.energy[50:] == pytest.approx(np.zeros(10), abs=0.0)
-    assert found.breakaways[50:].sum() == 0
+    result = loads_by(system, 60, 50)
+    assert result.energy[50:] == pytest.approx(np.zeros(10), abs=0.0)
+    assert result.breakaways[50:].sum() == 0
 
 
 @pytest.mark.parametrize("solver", ["smoothed", "fixed_step", "lsoda"])
@@ -128,13 +128,13 @@ def test_samples_have_the_loads_of_the_steps(solver: str) -> None:
     exact = loads_by(system, rtol=1e-10)
     if solver == "smoothed":
         run = solve(system, cycles=LAST, samples_per_cycle=420)
-        found = cycles_of(type(run)(**{**run.__dict__, "cycles": None})).loads
+        result = cycles_of(type(run)(**{**run.__dict__, "cycles": None})).loads
     else:
-        found = loads_by(system, solver=solver, **({"step": 1e-4} if solver == "fixed_step" else {"rtol": 1e-8}))
+        result = loads_by(system, solver=solver, **({"step": 1e-4} if solver == "fixed_step" else {"rtol": 1e-8}))
     for name, rel in (("energy", 2e-4), ("peak_power", 1e-3), ("highest_shaft_torque", 1e-3)):
-        assert getattr(found, name) == pytest.approx(getattr(exact, name), rel=rel)
-    assert found.lowest_shaft_torque == pytest.approx(exact.lowest_shaft_torque, abs=0.5)
-    assert found.breakaways.sum() == exact.breakaways.sum()
+        assert getattr(result, name) == pytest.approx(getattr(exact, name), rel=rel)
+    assert result.lowest_shaft_torque == pytest.approx(exact.lowest_shaft_torque, abs=0.5)
+    assert result.breakaways.sum() == exact.breakaways.sum()
 
 
 def test_loads_follow_their_cycles() -> None:
@@ -169,8 +169,8 @@ def test_samples_have_the_time_in_stick_of_the_set_valued_law(samples: int, miss
     for frequency in np.linspace(60.0, 190.0, 14):
         run = solve(replace(load_scene("fig02").system, {"friction.law": "set_valued", "engine.frequency": frequency}),
                     cycles=40, samples_per_cycle=samples, loads_from=0)
-        found = cycles_of(dataclasses.replace(run, cycles=None)).stick_time - run.cycles.stick_time
-        off += float(found.sum()) * samples / run.cycle
+        result = cycles_of(dataclasses.replace(run, cycles=None)).stick_time - run.cycles.stick_time
+        off += float(result.sum()) * samples / run.cycle
         count += float(run.cycles.loads.breakaways.sum())
     assert count > 100.0
     assert abs(off) / count < missed
@@ -191,37 +191,37 @@ def test_nonuniform_samples_off_the_cycle_ends(seed):
     t = np.linspace(0.31 * CYCLE, 6.77 * CYCLE, 2000)
     if seed is not None:
         t[1:-1] += np.random.default_rng(seed).uniform(-0.45, 0.45, len(t) - 2) * (t[1] - t[0])
-    found = sine_cycles(t, first_cycle=1)
-    assert len(found) == 5
-    assert found.section.shape == (6, 3)
-    np.testing.assert_allclose(found.section[:, 0], 0.4 + math.sin(0.3), atol=1e-10)
-    np.testing.assert_allclose(found.section[:, 1], 1.0, atol=1e-13)
-    np.testing.assert_allclose(found.section[:, 2], 0.0, atol=1e-6 * W)
-    np.testing.assert_allclose(found.highest, 1.4, atol=1e-10)
-    np.testing.assert_allclose(found.lowest, -0.6, atol=1e-10)
+    result = sine_cycles(t, first_cycle=1)
+    assert len(result) == 5
+    assert result.section.shape == (6, 3)
+    np.testing.assert_allclose(result.section[:, 0], 0.4 + math.sin(0.3), atol=1e-10)
+    np.testing.assert_allclose(result.section[:, 1], 1.0, atol=1e-13)
+    np.testing.assert_allclose(result.section[:, 2], 0.0, atol=1e-6 * W)
+    np.testing.assert_allclose(result.highest, 1.4, atol=1e-10)
+    np.testing.assert_allclose(result.lowest, -0.6, atol=1e-10)
     exact = 2.0 * (math.asin(-0.3) - math.asin(-0.5)) / W
-    np.testing.assert_allclose(found.stick_time, exact, rtol=1e-8)
+    np.testing.assert_allclose(result.stick_time, exact, rtol=1e-8)
 
 
 def test_extremes_and_double_crossings_inside_one_interval():
     t = np.arange(0.0, 3.0 + 1e-9, 0.125) * CYCLE
-    found = sine_cycles(t, offset=1.02, stick_speed=0.03)
-    assert np.all(found.lowest < 0.03)
-    assert np.all(np.abs(found.lowest - 0.02) < 2e-3)
-    assert np.all(found.stick_time > 0.0)
+    result = sine_cycles(t, offset=1.02, stick_speed=0.03)
+    assert np.all(result.lowest < 0.03)
+    assert np.all(np.abs(result.lowest - 0.02) < 2e-3)
+    assert np.all(result.stick_time > 0.0)
 
 
 def test_cycle_ends_that_are_samples_are_taken_as_they_are():
     t = (7 + np.arange(0, 3 * 64 + 1) / 64) * CYCLE
     v = np.random.default_rng(0).normal(size=len(t))
     still = np.zeros_like(t)
-    found = cycles_from_samples(t, v, still, v, still, still, starts=cycle_starts(7, t[-1], CYCLE), stick_speed=0.0)
-    np.testing.assert_allclose(found.section[:, 0], v[::64], rtol=1e-9)
-    np.testing.assert_allclose(found.section[:, 1], v[::64], rtol=1e-9)
+    result = cycles_from_samples(t, v, still, v, still, still, starts=cycle_starts(7, t[-1], CYCLE), stick_speed=0.0)
+    np.testing.assert_allclose(result.section[:, 0], v[::64], rtol=1e-9)
+    np.testing.assert_allclose(result.section[:, 1], v[::64], rtol=1e-9)
     for k in range(3):
         part = v[64 * k:64 * k + 65]
-        assert found.highest[k] == pytest.approx(part.max(), rel=1e-9)
-        assert found.lowest[k] == pytest.approx(part.min(), rel=1e-9)
+        assert result.highest[k] == pytest.approx(part.max(), rel=1e-9)
+        assert result.lowest[k] == pytest.approx(part.min(), rel=1e-9)
 
 
 def test_exact_stick_of_the_set_valued_law():
@@ -229,8 +229,8 @@ def test_exact_stick_of_the_set_valued_law():
     phase = t / CYCLE % 1.0
     v = np.where(phase < 0.5, 0.0, np.sin(2 * np.pi * (phase - 0.5)) ** 2)
     a = np.where(v == 0.0, 1e-12, 0.0)
-    found = cycles_from_samples(t, v, a, v, a, a, starts=cycle_starts(0, t[-1], CYCLE), stick_speed=0.0)
-    np.testing.assert_allclose(found.stick_time, 0.5 * CYCLE, rtol=0.03)
+    result = cycles_from_samples(t, v, a, v, a, a, starts=cycle_starts(0, t[-1], CYCLE), stick_speed=0.0)
+    np.testing.assert_allclose(result.stick_time, 0.5 * CYCLE, rtol=0.03)
 
 
 def test_less_than_a_cycle_gives_none():

@@ -49,8 +49,8 @@ class Run:
         for end in ends:
             for row, p in motions.items():
                 work["rows"][row] = 0.0
-                found = about(p, begin, unit)
-                work["rows"][row, :len(found)] = found
+                result = about(p, begin, unit)
+                work["rows"][row, :len(result)] = result
             x = (end - begin) / unit
             cut = (PERIOD - tau) / unit
             cut = x if abs(cut - x) < 1e-12 else cut

@@ -47,13 +47,13 @@ def den_hartog(flywheel):
         "pressure.amplitude": 0.0, "pressure.mean": s * plate / (0.3 * 0.008)})
     x = np.array([-1.0, 0.3, 0.5])
     for _ in range(30):
-        found = stroboscopic_map(system, x, 1)
-        step = np.linalg.solve(np.eye(3) - found.derivative, found.state - x)
+        image = stroboscopic_map(system, x, 1)
+        step = np.linalg.solve(np.eye(3) - image.derivative, image.state - x)
         x = x + step * min(1.0, 0.5 / np.abs(step).max())
         if np.abs(step).max() < 1e-11:
             break
-    assert found.events in ("+-+", "-+-")
-    return float(np.linalg.det(found.derivative))
+    assert image.events in ("+-+", "-+-")
+    return float(np.linalg.det(image.derivative))
 
 
 def test_den_hartogs_oscillator():
@@ -78,14 +78,14 @@ def test_margins_have_the_derivatives_of_their_values(changes, row, start):
     def value(of, x=start):
         return stroboscopic_map(of, np.asarray(x), 1, margins=True).margins[row, VALUE]
 
-    found = stroboscopic_map(system, start, 1, parameters=keys, margins=True).margins[row]
-    assert math.isfinite(found[VALUE])
+    image = stroboscopic_map(system, start, 1, parameters=keys, margins=True).margins[row]
+    assert math.isfinite(image[VALUE])
     for k, step in enumerate((1e-3, 1e-5, 1e-3)):
         expected = difference(lambda d, k=k: value(system, start + d * np.eye(3)[k]), step)
-        assert found[GRADIENT + k] == pytest.approx(expected, rel=1e-6, abs=1e-6)
+        assert image[GRADIENT + k] == pytest.approx(expected, rel=1e-6, abs=1e-6)
     for k, key in enumerate(keys):
         expected = by_key(system, key, value)
-        assert found[GRADIENT + 3 + k] == pytest.approx(expected, rel=1e-6, abs=1e-6), key
+        assert image[GRADIENT + 3 + k] == pytest.approx(expected, rel=1e-6, abs=1e-6), key
 
 
 def test_a_damper_too_stiff_for_derivatives_is_refused_with_the_reason():
@@ -98,9 +98,9 @@ def test_a_damper_too_stiff_for_derivatives_is_refused_with_the_reason():
     with pytest.raises(InputError, match=r"driveline\.damping is 10000"):
         check(replace(System(), light), ContinuationPlan("engine.mean_torque", 299.0, 301.0))
     system = replace(System(), {**light, "driveline.damping": 10.0})
-    found = stroboscopic_map(system, np.array([5.0, 0.1, 0.0]), 1)
+    image = stroboscopic_map(system, np.array([5.0, 0.1, 0.0]), 1)
     run = solve(system, cycles=1, state=State(5.0, 0.1, 0.0))
-    assert found.state[0] == pytest.approx(run.final.slip_speed, rel=1e-9)
+    assert image.state[0] == pytest.approx(run.final.slip_speed, rel=1e-9)
 
 
 KEY = "pressure.mean"
@@ -113,8 +113,8 @@ def scene_of(name: str, law: str) -> System:
 
 
 def settled(system: System) -> np.ndarray:
-    found = solve(system, cycles=30, rtol=1e-12).cycles
-    return found.section[-1]
+    result = solve(system, cycles=30, rtol=1e-12).cycles
+    return result.section[-1]
 
 
 def differences(system: System, x: np.ndarray, start: float, held: bool) -> np.ndarray:
@@ -137,15 +137,15 @@ def test_parts_that_begin_anywhere_have_the_derivatives_of_differences(name: str
     system = scene_of(name, law)
     x, stuck = settled(system), 0
     for k in range(PARTS):
-        found = stroboscopic_map(system, x, 1.0 / PARTS, start_cycle=k / PARTS, rtol=1e-8, parameters=(KEY,))
+        image = stroboscopic_map(system, x, 1.0 / PARTS, start_cycle=k / PARTS, rtol=1e-8, parameters=(KEY,))
         held = law == "set_valued" and x[0] == 0.0
         expected = differences(system, x, k / PARTS, held)
-        own = np.hstack([found.derivative, found.by_parameter])
+        derivatives = np.hstack([image.derivative, image.by_parameter])
         scale = np.abs(expected / SIZES[:, None]).max(axis=0) * SIZES[:, None]
         # A part at whose end the motion has just reached stick, or left it, is nearly not differentiable.
-        assert (np.abs(own - expected) <= 1e-4 * np.abs(expected) + 2e-6 * scale).all(), (k, found.events)
-        stuck += found.events == "S"
-        x = found.state
+        assert (np.abs(derivatives - expected) <= 1e-4 * np.abs(expected) + 2e-6 * scale).all(), (k, image.events)
+        stuck += image.events == "S"
+        x = image.state
     assert stuck > PARTS // 3
 
 
@@ -187,9 +187,9 @@ def ticked(terms: Callable[[int], Terms], starts: np.ndarray) -> np.ndarray:
     return out
 
 
-def check_ticks(found: np.ndarray, at: Callable[[float], np.ndarray], size: float) -> None:
+def check_ticks(result: np.ndarray, at: Callable[[float], np.ndarray], size: float) -> None:
     """Within 1e-7 of the largest derivative of each state."""
-    assert apart(found, at, size, axis=(0, 1)) <= 1e-7
+    assert apart(result, at, size, axis=(0, 1)) <= 1e-7
 
 
 def test_states_are_those_of_the_ticks() -> None:
@@ -225,16 +225,16 @@ def test_derivatives_where_inputs_are_held() -> None:
     held[7, 1] = 0.0
     by = np.zeros((len(NUMBERS), 3))
     by[LOG_LOAD, 0], by[MEAN_TORQUE, 1], by[MEAN_LOAD, 2] = 1.0, 1.0, 1.0
-    found, terms = swept(FIG02, held, by)[1], terms_of(FIG02)
+    result, terms = swept(FIG02, held, by)[1], terms_of(FIG02)
 
     def at(scale: float, torque: float, load: float) -> np.ndarray:
         return ticked(lambda tick: holding(terms, held[tick, 0] + torque,
                                            max(0.0, held[tick, 1] * (1.0 + scale) + load * (held[tick, 1] > 0.0))),
                       STARTS)
 
-    check_ticks(found[..., 3], lambda e: at(e, 0.0, 0.0), 2e-4)
-    check_ticks(found[..., 4], lambda e: at(0.0, e, 0.0), 2e-2)
-    check_ticks(found[..., 5], lambda e: at(0.0, 0.0, e), 2e-2)
+    check_ticks(result[..., 3], lambda e: at(e, 0.0, 0.0), 2e-4)
+    check_ticks(result[..., 4], lambda e: at(0.0, e, 0.0), 2e-2)
+    check_ticks(result[..., 5], lambda e: at(0.0, 0.0, e), 2e-2)
 
 
 def test_corners_of_a_profile_cut_sub_steps() -> None:

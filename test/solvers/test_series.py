@@ -20,9 +20,9 @@ EVERY = equations.Linear(0.2, 0.02, 0.6, 3000.0, 15.0, 4.0, -11.0)
 def test_sine_and_cosine_are_good_to_the_last_bits():
     angles = np.concatenate([np.random.default_rng(0).uniform(-700.0, 700.0, 20000), np.arange(-40, 41) * math.pi / 4,
                              [1e5]])
-    found = np.array([series.sine_and_cosine(x) for x in angles])
-    assert np.abs(found[:, 0] - np.sin(angles)).max() <= 3e-16
-    assert np.abs(found[:, 1] - np.cos(angles)).max() <= 3e-16
+    values = np.array([series.sine_and_cosine(x) for x in angles])
+    assert np.abs(values[:, 0] - np.sin(angles)).max() <= 3e-16
+    assert np.abs(values[:, 1] - np.cos(angles)).max() <= 3e-16
 
 
 @compiled
@@ -142,5 +142,5 @@ def test_a_load_that_stays_above_zero_has_no_edges():
 @pytest.mark.parametrize("cycle", [1, 999_983, 9_999_991])
 def test_the_loads_phase_loses_no_digits_after_many_cycles(ratio, cycle):
     exact = 2.0 * math.pi * float(Fraction(ratio) * cycle % 1) + 0.25
-    found = excitation.load_phase(ratio, (1.0, ratio, 0.25), cycle)
-    assert math.remainder(found - exact, 2.0 * math.pi) == pytest.approx(0.0, abs=4e-15)
+    result = excitation.load_phase(ratio, (1.0, ratio, 0.25), cycle)
+    assert math.remainder(result - exact, 2.0 * math.pi) == pytest.approx(0.0, abs=4e-15)

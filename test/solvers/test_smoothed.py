@@ -137,9 +137,9 @@ def anywhere(draw):
         return 0.0 if low <= 0.0 and not above and draw.random() < 0.15 else sign * size
 
     # Only commands pass an actuator, and the order changes no motion.
-    beside = ("pressure.time_constant", "pressure.delay", "pressure.rate_limit", "engine.order")
+    further = ("pressure.time_constant", "pressure.delay", "pressure.rate_limit", "engine.order")
     keys = {key: number(q.low, q.high, q.above) for key, q in QUANTITIES.items()
-            if isinstance(DEFAULTS[key], float) and math.isfinite(q.high) and key not in beside}
+            if isinstance(DEFAULTS[key], float) and math.isfinite(q.high) and key not in further}
     share = math.exp(draw.uniform(math.log(0.0501), 0.0))
     keys["friction.decay"] *= keys["pressure.amplitude"] > 0.0  # With neither a pulsation nor a falling law, or both.
     least = QUANTITIES["friction.kinetic_coefficient"].low
@@ -169,9 +169,9 @@ def test_the_sharpest_smoothing_is_the_set_valued_law_anywhere(seed):
     for _ in range(25):
         system = replace(System(), {**anywhere(draw), "friction.smoothing": 1e11})
         span = {"duration": min(3.0 * system.cycle, 300.0 / system.natural_frequency)}
-        found = solve(system, solver="smoothed", rtol=1e-6, **span).slip_speed
+        result = solve(system, solver="smoothed", rtol=1e-6, **span).slip_speed
         exact = solve(replace(system, {"friction.law": "set_valued"}), solver="event_driven", **span).slip_speed
-        apart += abs(found[-1] - exact[-1]) > 1e-5 * max(np.abs(exact).max(), 1e-6)
+        apart += abs(result[-1] - exact[-1]) > 1e-5 * max(np.abs(exact).max(), 1e-6)
     assert apart <= 1
 
 
@@ -239,21 +239,21 @@ def test_a_loose_tolerance_does_not_step_through_the_layer(name):
 @pytest.mark.parametrize("sigma", [50.0, 1e6])
 def test_static_friction_that_does_not_decay_is_kinetic_friction_as_large(sigma):
     values = {**FIG02, "friction.smoothing": sigma, "friction.decay": 0.0}
-    found = smoothed.solve(problem(values, 40)).raise_for_status()
+    result = smoothed.solve(problem(values, 40)).raise_for_status()
     same = smoothed.solve(problem({**values, "friction.kinetic_coefficient": 0.3, "friction.decay": 2.0}, 40))
-    assert found.cycles.section == pytest.approx(same.cycles.section, rel=1e-4, abs=1e-6)
-    assert found.statistics.steps < 1.5 * same.statistics.steps
+    assert result.cycles.section == pytest.approx(same.cycles.section, rel=1e-4, abs=1e-6)
+    assert result.statistics.steps < 1.5 * same.statistics.steps
 
 
 @pytest.mark.parametrize("frequency", [1e-3, 1e-2])
 def test_a_motion_in_stick_follows_the_slowest_engine(frequency):
     system = replace(System(), {**FIG02, "engine.frequency": frequency})
-    found = smoothed.solve(Problem(system, State(0.0, 0.0, 0.0), cycles=2)).raise_for_status()
+    result = smoothed.solve(Problem(system, State(0.0, 0.0, 0.0), cycles=2)).raise_for_status()
     e, d = system.engine, system.driveline
     # K23 theta2 + C23 theta2' = Te, nearly: v creeps.
     lag = e.torque_amplitude * frequency * d.damping / d.stiffness**2
-    assert found.cycles.section[1:, 1] == pytest.approx(e.mean_torque / d.stiffness - lag, abs=0.05 * lag)
-    assert found.statistics.steps < 1000
+    assert result.cycles.section[1:, 1] == pytest.approx(e.mean_torque / d.stiffness - lag, abs=0.05 * lag)
+    assert result.statistics.steps < 1000
 
 
 SOFT = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 45e3, "pressure.frequency_ratio": 0.5,
@@ -269,11 +269,11 @@ def test_the_error_follows_the_tolerance():
     truth = solve_ivp(rates, (0.0, SOFT.cycle), [5.0, 0.1, -5.0, 0.0], "DOP853", rtol=3e-14, atol=1e-15).y[:3, -1]
     steps = []
     for digits in range(3, 14):
-        found = solve(SOFT, cycles=1, solver="smoothed", rtol=10.0**-digits, state=START).raise_for_status()
-        assert len(found.transitions.time) >= 3
-        error = np.abs((found.cycles.section[-1] - truth) / np.array([10.0, 0.3, 20.0])).max()
+        result = solve(SOFT, cycles=1, solver="smoothed", rtol=10.0**-digits, state=START).raise_for_status()
+        assert len(result.transitions.time) >= 3
+        error = np.abs((result.cycles.section[-1] - truth) / np.array([10.0, 0.3, 20.0])).max()
         assert error <= 0.1 * 10.0**-digits + 5e-14, digits
-        steps.append(found.statistics.steps)
+        steps.append(result.statistics.steps)
     assert steps[:-1:3] == sorted(set(steps[:-1:3]))
     assert steps[-2] < 20 * steps[0]
 

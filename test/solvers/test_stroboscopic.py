@@ -48,8 +48,8 @@ def at(system: System, key: str) -> float:
 
 def end(system: System, x: np.ndarray, cycles: int = 2) -> np.ndarray:
     """The state behind some cycles by the solver."""
-    found = solve(system, cycles=cycles, start_cycle=3, state=State(*map(float, x)), rtol=1e-12).raise_for_status()
-    return found.cycles.section[-1]
+    result = solve(system, cycles=cycles, start_cycle=3, state=State(*map(float, x)), rtol=1e-12).raise_for_status()
+    return result.cycles.section[-1]
 
 
 @both
@@ -57,39 +57,39 @@ def end(system: System, x: np.ndarray, cycles: int = 2) -> np.ndarray:
 def test_derivatives_are_those_of_the_solver(name: str, law: str) -> None:
     system, start = replace(BASE, {**CASES[name], "friction.law": law}), START * [name != "stick", 1.0, 1.0]
     keys = [key for key in KEYS if key != "friction.smoothing" or law == "smoothed"]
-    found = stroboscopic_map(system, start, 2, start_cycle=3, parameters=keys)
+    image = stroboscopic_map(system, start, 2, start_cycle=3, parameters=keys)
     solved = solve(system, cycles=2, start_cycle=3, state=State(*start), rtol=1e-12)
     transitions, cycles = solved.transitions, solved.cycles
-    np.testing.assert_allclose(found.state, cycles.section[-1], rtol=1e-10, atol=1e-10)
-    assert found.events == event_sequence([*transitions.before[:1], *transitions.after] or [solved.state[0]])
+    np.testing.assert_allclose(image.state, cycles.section[-1], rtol=1e-10, atol=1e-10)
+    assert image.events == event_sequence([*transitions.before[:1], *transitions.after] or [solved.state[0]])
     if law == "set_valued":
-        assert [(b, a) for _, b, a in found.transitions] == list(zip(transitions.before, transitions.after))
-        np.testing.assert_allclose([t for t, _, _ in found.transitions], transitions.time, atol=1e-12)
-    np.testing.assert_allclose(found.heights, np.maximum(cycles.highest, -cycles.lowest), atol=1e-9)
-    assert found.stick_time == pytest.approx(cycles.stick_time.sum(), abs=1e-12)
+        assert [(b, a) for _, b, a in image.transitions] == list(zip(transitions.before, transitions.after))
+        np.testing.assert_allclose([t for t, _, _ in image.transitions], transitions.time, atol=1e-12)
+    np.testing.assert_allclose(image.heights, np.maximum(cycles.highest, -cycles.lowest), atol=1e-9)
+    assert image.stick_time == pytest.approx(cycles.stick_time.sum(), abs=1e-12)
     near = 1e-6 if law == "smoothed" else 1e-7
     held = law == "set_valued" and name == "stick"  # It has no derivative by the slip speed.
     for k in range(held, 3):
         step = np.eye(3)[k] * STEPS[k]
-        assert apart(found.derivative[:, k] * STEPS[k], lambda d, s=step: end(system, start + d * s), 1.0,
+        assert apart(image.derivative[:, k] * STEPS[k], lambda d, s=step: end(system, start + d * s), 1.0,
                      SIZES, 1e-4 * STEPS[k] / SIZES[k]) < near, k
     for k, key in enumerate(keys):
         value = at(system, key)
         unit = 1e-5 * (abs(value) or 1.0)
-        assert apart(found.by_parameter[:, k] * unit, lambda d, key=key, v=value, u=unit:
+        assert apart(image.by_parameter[:, k] * unit, lambda d, key=key, v=value, u=unit:
                      end(replace(system, {key: v + d * u}), start), 1.0, SIZES, 1e-7) < near, key
 
 
 @both
 def test_equal_coefficients_have_one_sided_derivatives(law: str) -> None:
     system = replace(BASE, {MU_K: 0.3, "friction.law": law})
-    found = stroboscopic_map(system, START, 2, start_cycle=3, parameters=(MU_K, MU_S, OMEGA, "friction.decay"))
+    image = stroboscopic_map(system, START, 2, start_cycle=3, parameters=(MU_K, MU_S, OMEGA, "friction.decay"))
     for k, (key, step) in enumerate(((MU_K, -1e-5), (MU_S, 1e-5))):
-        assert apart(found.by_parameter[:, k], lambda d, key=key: end(replace(system, {key: 0.3 + d}), START), step,
+        assert apart(image.by_parameter[:, k], lambda d, key=key: end(replace(system, {key: 0.3 + d}), START), step,
                      SIZES, by=one_sided) < 1e-5
-    assert apart(found.by_parameter[:, 2], lambda d: end(replace(system, {OMEGA: 150.0 + d}), START), 1e-3,
+    assert apart(image.by_parameter[:, 2], lambda d: end(replace(system, {OMEGA: 150.0 + d}), START), 1e-3,
                  SIZES) < 1e-6
-    assert not found.by_parameter[:, 3].any()
+    assert not image.by_parameter[:, 3].any()
 
 
 @both
@@ -97,8 +97,8 @@ def test_equal_coefficients_have_one_sided_derivatives(law: str) -> None:
 def test_a_fast_sine_of_no_amplitude_has_derivatives_by_it(law: str, mean: float) -> None:
     """Steps would pass over it where they are as long as the motion allows, through slip and stick."""
     system = replace(BASE, {"pressure.mean": mean, "pressure.frequency_ratio": 25.0, "friction.law": law})
-    found = stroboscopic_map(system, START, 2, start_cycle=3, parameters=("pressure.amplitude",))
-    assert apart(found.by_parameter[:, 0], lambda d: end(replace(system, {"pressure.amplitude": d}), START), 1e3,
+    image = stroboscopic_map(system, START, 2, start_cycle=3, parameters=("pressure.amplitude",))
+    assert apart(image.by_parameter[:, 0], lambda d: end(replace(system, {"pressure.amplitude": d}), START), 1e3,
                  SIZES, by=one_sided) < 1e-4
 
 
@@ -108,14 +108,14 @@ def test_derivatives_are_those_of_the_variational_equations(start: float, stop: 
     x = end(system, np.zeros(3), 12)
     if start:
         x = stroboscopic_map(system, x, start).state
-    found = stroboscopic_map(system, x, stop - start, start_cycle=start, parameters=(key,))
+    image = stroboscopic_map(system, x, stop - start, start_cycle=start, parameters=(key,))
     unit = 1e-3 * at(system, key)
     state, tangent = tangent_map(system, x, start, stop - start,
                                  by=lambda k: replace(system, {key: at(system, key) + k * unit}))
-    assert found.state == pytest.approx(state, abs=1e-7)
-    own = np.hstack([found.derivative, found.by_parameter * unit])
+    assert image.state == pytest.approx(state, abs=1e-7)
+    derivatives = np.hstack([image.derivative, image.by_parameter * unit])
     scale = np.abs(tangent / SIZES[:, None]).max(axis=0)
-    assert np.abs((own - tangent) / SIZES[:, None] / scale).max() < 2e-8
+    assert np.abs((derivatives - tangent) / SIZES[:, None] / scale).max() < 2e-8
 
 
 @both
@@ -142,7 +142,7 @@ def test_parts_of_a_cycle_make_the_whole(cuts: tuple[float, ...], law: str) -> N
 def test_the_largest_slip_speed_has_its_derivatives(name: str, law: str) -> None:
     system = replace(BASE, {**CASES[name], "friction.law": law})
     keys = (OMEGA, "pressure.mean")
-    found = stroboscopic_map(system, START, 2, start_cycle=3, parameters=keys)
+    image = stroboscopic_map(system, START, 2, start_cycle=3, parameters=keys)
 
     def heights(of: System, x: np.ndarray) -> np.ndarray:
         cycles = solve(of, cycles=2, start_cycle=3, state=State(*x), rtol=1e-12).cycles
@@ -150,36 +150,36 @@ def test_the_largest_slip_speed_has_its_derivatives(name: str, law: str) -> None
 
     for k, step in enumerate(STEPS):
         unit = np.eye(3)[k]
-        assert apart(found.heights_derivatives[:, k], lambda d, u=unit: heights(system, START + d * u), step,
+        assert apart(image.heights_derivatives[:, k], lambda d, u=unit: heights(system, START + d * u), step,
                      floor=1e-2 * 10.0 / SIZES[k]) < 1e-5
     for k, key in enumerate(keys):
         value = at(system, key)
-        assert apart(found.heights_derivatives[:, 3 + k], lambda d, key=key, v=value:
+        assert apart(image.heights_derivatives[:, 3 + k], lambda d, key=key, v=value:
                      heights(replace(system, {key: v + d}), START), 1e-5 * value, floor=1.0 / value) < 1e-5
 
 
 @both
 def test_pure_stick_has_the_multipliers_of_one_oscillator_and_nought(law: str) -> None:
     system = replace(BASE, {"pressure.mean": 600e3, "friction.law": law, "friction.smoothing": 5e3})
-    found = stroboscopic_map(system, end(system, np.zeros(3), 12) if law == "smoothed" else START * [0.0, 1.0, 1.0], 1)
-    assert found.events == "S"
+    image = stroboscopic_map(system, end(system, np.zeros(3), 12) if law == "smoothed" else START * [0.0, 1.0, 1.0], 1)
+    assert image.events == "S"
     roots = np.roots([0.22, 0.6, 3000.0]) * system.cycle
-    own = np.linalg.eigvals(found.derivative)
-    small, *pair = own[np.argsort(np.abs(own))]
+    multipliers = np.linalg.eigvals(image.derivative)
+    small, *pair = multipliers[np.argsort(np.abs(multipliers))]
     # sigma is finite: a start on the slow manifold forgets its slip speed, but stick creeps.
     assert abs(small) < (1e-9 if law == "smoothed" else 1e-300)
     assert np.sort_complex(pair) == pytest.approx(np.sort_complex(np.exp(roots)),
                                                   abs=1e-4 if law == "smoothed" else 1e-12)
     if law == "set_valued":
-        assert not found.derivative[:, 0].any()
-        assert not found.derivative[0].any()
+        assert not image.derivative[:, 0].any()
+        assert not image.derivative[0].any()
 
 
 def test_parts_that_start_in_stick_have_the_multipliers_of_the_whole() -> None:
     """Collocation steps over stick at once where a part starts on the slow manifold, but for a few series steps."""
     system = replace(BASE, {MU_K: 0.255, OMEGA: 0.36 * BASE.natural_frequency, "initial.slip_speed": 150.0})
-    found = solve(system, cycles=300, rtol=1e-9).cycles
-    x = found.section[-1]
+    result = solve(system, cycles=300, rtol=1e-9).cycles
+    x = result.section[-1]
     whole, product, state = stroboscopic_map(system, x, 1.0), np.eye(3), x
     assert whole.events == "S"
     for k in range(7):
@@ -202,9 +202,9 @@ def test_keys_without_a_derivative_are_refused(key: str, law: str) -> None:
 def test_each_motion_is_as_solved_by_itself(law, rtol, values):
     system = replace(System(), {"friction.law": law, **values, **CONSTANT[law]})
     starts = np.array([[0.0, 0.1, 0.0], [120.0, 0.05, -3.0], [-40.0, 0.2, 1.0], [0.01, 0.1, 0.0]])
-    found = sections(system, starts, 3, 5, rtol)
-    assert found.shape == (4, 6, 3)
-    for start, points in zip(starts, found):
+    result = sections(system, starts, 3, 5, rtol)
+    assert result.shape == (4, 6, 3)
+    for start, points in zip(starts, result):
         alone = solve(system, cycles=5, start_cycle=3, state=State(*start), rtol=rtol).cycles.section
         np.testing.assert_allclose(points, alone, rtol=0.0, atol=1e-12)
 
@@ -213,9 +213,9 @@ def test_each_motion_is_as_solved_by_itself(law, rtol, values):
 def test_what_cannot_be_solved_is_nan_and_harms_no_other(law):
     system = replace(System(), {"friction.law": law, **CONSTANT[law]})
     starts = np.array([[0.0, 1e308, 1e308], [50.0, 0.1, 0.0]])
-    found = sections(system, starts, 0, 3, 1e-8)
-    assert np.isnan(found[0, 1:]).all()
-    np.testing.assert_array_equal(found[1], sections(system, starts[1:], 0, 3, 1e-8)[0])
+    result = sections(system, starts, 0, 3, 1e-8)
+    assert np.isnan(result[0, 1:]).all()
+    np.testing.assert_array_equal(result[1], sections(system, starts[1:], 0, 3, 1e-8)[0])
 
 
 @pytest.mark.parametrize(("law", "rtol"), [("smoothed", 1e-8), ("set_valued", 1e-10)])
@@ -226,6 +226,6 @@ def test_a_motion_ends_behind_two_points_by_places_that_follow_each_other_at_the
     points, reach = whole[[6, 5]] / SCALES, np.full(2, 1e-10)
     for cycle, following, end in (([1, 0], [1, 0], 6), ([0, 1], [1, 0], 8), ([1, 0], [0, 1], 8)):
         orbits = Orbits(points, reach, np.array(cycle), np.array(following), 2)
-        found = sections(system, start, 3, 8, rtol, orbits)[0]
-        np.testing.assert_allclose(found[:end + 1], whole[:end + 1], rtol=0.0, atol=1e-6)
-        assert np.isnan(found[end + 1:]).all()
+        result = sections(system, start, 3, 8, rtol, orbits)[0]
+        np.testing.assert_allclose(result[:end + 1], whole[:end + 1], rtol=0.0, atol=1e-6)
+        assert np.isnan(result[end + 1:]).all()

@@ -124,12 +124,12 @@ def test_every_field_is_a_term_and_every_term_is_named() -> None:
 
 def test_terms_are_those_of_a_kernel(case) -> None:
     _, system = case
-    terms, found = terms_of(system), supported_terms.terms_in(system)
+    terms, result = terms_of(system), supported_terms.terms_in(system)
     for name, value in (*terms._asdict().items(), *((n, getattr(terms.linear, n)) for n in model.OPTIONAL)):
         if name not in ("linear", "mean_torque", "mean_load", "smoothing"):
-            assert (value is not None) == (name in found), name
+            assert (value is not None) == (name in result), name
     assert terms.smoothing is not None
-    assert "smoothed" in found
+    assert "smoothed" in result
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -142,10 +142,10 @@ def test_solvers(case, solver) -> None:
             solve(system, cycles=1, solver=solver)
         return
     options = {"step": 2e-6 if solver == "rk4" else 2e-5} if SOLVERS[solver].setting == "step" else {"rtol": 1e-8}
-    found = states(solve(system, cycles=CYCLES, samples_per_cycle=10, solver=solver, **options).raise_for_status())
+    result = states(solve(system, cycles=CYCLES, samples_per_cycle=10, solver=solver, **options).raise_for_status())
     exact = truth(name, law)[:, :3]
     tolerance = 1e-5 if solver == "fixed_step" else 2e-6
-    assert (np.abs(found - exact).max(axis=0) <= tolerance * np.abs(exact).max(axis=0)).all()
+    assert (np.abs(result - exact).max(axis=0) <= tolerance * np.abs(exact).max(axis=0)).all()
 
 
 def test_section_maps_and_their_derivatives(case) -> None:
@@ -157,8 +157,8 @@ def test_section_maps_and_their_derivatives(case) -> None:
                 work()
         return
     exact = truth(name, "smoothed")
-    found = stroboscopic_map(system, point, CYCLES)
-    np.testing.assert_allclose(found.state, exact[-1, :3], rtol=1e-6, atol=1e-7)
+    image = stroboscopic_map(system, point, CYCLES)
+    np.testing.assert_allclose(image.state, exact[-1, :3], rtol=1e-6, atol=1e-7)
     np.testing.assert_allclose(sections(system, point[None], 0, CYCLES, 1e-10)[0, -1], exact[-1, :3], rtol=1e-6,
                                atol=1e-7)
     if not drag_of(name):
@@ -166,7 +166,7 @@ def test_section_maps_and_their_derivatives(case) -> None:
     else:
         derivatives = derivative(lambda x: smoothed_states(system, (*x, 0.0), CYCLES, 1, drag=DRAG)[-1, :3], point,
                                  1e-3)
-    np.testing.assert_allclose(found.derivative, derivatives, rtol=1e-4, atol=1e-5 * np.abs(derivatives).max())
+    np.testing.assert_allclose(image.derivative, derivatives, rtol=1e-4, atol=1e-5 * np.abs(derivatives).max())
 
 
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])
@@ -175,7 +175,7 @@ def test_derivatives_by_the_coupling(law, coupling) -> None:
     """Also where there is none, whose kernel has the term at 0."""
     system = replace(BASE, {"converter.coupling": coupling, "friction.law": law, "initial.slip_speed": 40.0})
     state = np.array([40.0, 0.1, -5.0])
-    found = stroboscopic_map(system, state, 1, parameters=["converter.coupling"]).by_parameter[:, 0]
+    image = stroboscopic_map(system, state, 1, parameters=["converter.coupling"]).by_parameter[:, 0]
     base = max(coupling, 0.1)
 
     def after(b):
@@ -190,22 +190,22 @@ def test_derivatives_by_the_coupling(law, coupling) -> None:
     else:  # On the side that is allowed, of second order.
         zero, one, two = (after([h]) for h in (0.0, 1e-3, 2e-3))
         expected = (4.0 * one - 3.0 * zero - two) / 2e-3
-    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
+    np.testing.assert_allclose(image, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
 
 
 def test_equivalent_damping() -> None:
     """(21) over the motion with the coupling, of friction's slope alone; its threshold has the coupling."""
     system = CASES["plate_by_slip"]
     run = solve(system, cycles=1, rtol=1e-9)
-    found = damping_of_cycles(system, run.cycles, 0, 1)
+    damping = damping_of_cycles(system, run.cycles, 0, 1)
     dense = smoothed_states(system, START, 1, 20000)
     t = np.linspace(0.0, system.cycle, 20001)
     load = system.saturation_mean + system.saturation_amplitude * np.sin(system.engine.frequency * t)
     pairs = sliding_of(system.friction)[1]
     slope = load * [coefficient_and_slope(v, pairs, system.friction.smoothing)[1] for v in dense[:, 0]]
     square = dense[:, 0] ** 2
-    assert found.weighted == pytest.approx(np.trapezoid(slope * square, t) / np.trapezoid(square, t), rel=1e-3)
-    assert found.threshold == -0.6 - 2.0
+    assert damping.weighted == pytest.approx(np.trapezoid(slope * square, t) / np.trapezoid(square, t), rel=1e-3)
+    assert damping.threshold == -0.6 - 2.0
 
 
 def test_loads_keep_friction_and_the_fluid_apart() -> None:
@@ -273,19 +273,19 @@ def test_linear_models() -> None:
     """About a constant motion by differences of separately written equations; about a periodic one by a simulation."""
     still = replace(CASES["plate_by_slip"], {"engine.torque_amplitude": 0.0, "pressure.amplitude": 0.0,
                                              "engine.mean_torque": 600.0})
-    found = linearise(still, frequencies=np.array([10.0, 300.0]), slip=30.0)
-    held = replace(still, {"pressure.mean": found.pressure})
+    linearised = linearise(still, frequencies=np.array([10.0, 300.0]), slip=30.0)
+    held = replace(still, {"pressure.mean": linearised.pressure})
     rates, _ = equations(held)
     twist = 600.0 / 3000.0
     assert np.abs(rates(0.0, [30.0, twist, 0.0, 0.0])).max() == pytest.approx(30.0, rel=1e-9)  # theta1' alone.
     expected = derivative(lambda x: np.array(rates(0.0, [*x, 0.0]))[:3], np.array([30.0, twist, 0.0]), 1e-3)
-    np.testing.assert_allclose(found.a, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(linearised.a, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
     runs = linearise(replace(still, {"pressure.mean": 1e5}), frequencies=np.array([10.0]))
     load = 0.24 * 0.008 * 1e5
     assert runs.mean_slip == pytest.approx((600.0 - load) / 2.0, rel=1e-9)  # The fluid carries the rest.
     slipping = replace(BASE, {"converter.coupling": 2.0, "engine.mean_torque": 700.0, "engine.torque_amplitude": 100.0})
-    found = linearise(slipping, output="friction_torque", frequencies=np.array([150.0]), check=1)
-    assert abs(found.response[0]) == pytest.approx(found.checked[0].gain, rel=0.02)
+    linearised = linearise(slipping, output="friction_torque", frequencies=np.array([150.0]), check=1)
+    assert abs(linearised.response[0]) == pytest.approx(linearised.checked[0].gain, rel=0.02)
 
 
 def test_identification_finds_the_coupling() -> None:
@@ -300,9 +300,9 @@ def test_identification_finds_the_coupling() -> None:
                                "plate_speed": exact[2] + 0.05 * rng.standard_normal(count + 1)})
     scene = load_scene("fig02").with_values({key: BASE.value(key) for key in (
         "friction.smoothing", "pressure.mean", "pressure.amplitude", "engine.mean_torque", "engine.torque_amplitude")})
-    found = identify(measured, {"converter.coupling": 1.5}, scene=scene, noise=noise)
-    parameter, = found.parameters
-    assert found.accepted, found
+    result = identify(measured, {"converter.coupling": 1.5}, scene=scene, noise=noise)
+    parameter, = result.parameters
+    assert result.accepted, result
     assert abs(parameter.value - 2.0) < 4.0 * parameter.standard_error < 0.4
 
 

@@ -37,15 +37,15 @@ def test_derivatives_are_those_of_the_numbers(key):
     one, two = (numbers(replace(SYSTEM, {key: value + s * step})) - numbers(replace(SYSTEM, {key: value - s * step}))
                 for s in (1.0, 2.0))
     expected = (8.0 * one - two) / 4.0 / (3.0 * step)  # Both differences together: of fourth order.
-    found = key_derivatives(SYSTEM, [key])[:, 0]
-    np.testing.assert_allclose(found * value, expected * value, rtol=1e-10, atol=1e-10 * np.abs(numbers(SYSTEM)).max())
-    assert found.shape == (len(NUMBERS),)
+    result = key_derivatives(SYSTEM, [key])[:, 0]
+    np.testing.assert_allclose(result * value, expected * value, rtol=1e-10, atol=1e-10 * np.abs(numbers(SYSTEM)).max())
+    assert result.shape == (len(NUMBERS),)
 
 
 def test_several_keys_are_columns():
-    found = key_derivatives(SYSTEM, KEYS)
-    assert found.shape == (len(NUMBERS), len(KEYS))
-    assert all(found[:, k] == pytest.approx(key_derivatives(SYSTEM, [key])[:, 0]) for k, key in enumerate(KEYS))
+    result = key_derivatives(SYSTEM, KEYS)
+    assert result.shape == (len(NUMBERS), len(KEYS))
+    assert all(result[:, k] == pytest.approx(key_derivatives(SYSTEM, [key])[:, 0]) for k, key in enumerate(KEYS))
 
 
 @pytest.mark.parametrize(("key", "words"), [
@@ -58,32 +58,32 @@ def test_keys_without_a_derivative(key, words):
 
 
 def test_a_result_is_worked_out_once_for_an_object_and_a_number():
-    asked = []
+    calls = []
 
     @per_system
     def doubled(system, rtol):
-        asked.append((system, rtol))
+        calls.append((system, rtol))
         return system.engine.frequency * 2.0 + rtol
 
     one, equal = System(), System()
     assert doubled(one, 1.0) == doubled(one, 1.0) == doubled(equal, 1.0)
     assert doubled(one, 2.0) == doubled(one, 1.0) + 1.0
-    assert [(system is one, rtol) for system, rtol in asked] == [(True, 1.0), (False, 1.0), (True, 2.0)]
+    assert [(system is one, rtol) for system, rtol in calls] == [(True, 1.0), (False, 1.0), (True, 2.0)]
 
 
 def test_only_the_last_are_kept_and_threads_do_not_mix_them_up():
-    asked = []
+    calls = []
 
     @per_system
     def frequency(system):
-        asked.append(system)
+        calls.append(system)
         return system.engine.frequency
 
     systems = [replace(System(), {"engine.frequency": 100.0 + k}) for k in range(3 * RESULTS_KEPT)]
     with ThreadPoolExecutor(4) as executor:
         assert list(executor.map(frequency, systems * 3)) == [system.engine.frequency for system in systems] * 3
-    before = len(asked)
+    before = len(calls)
     assert frequency(systems[-1]) == systems[-1].engine.frequency
-    assert len(asked) == before
+    assert len(calls) == before
     frequency(systems[0])
-    assert len(asked) == before + 1
+    assert len(calls) == before + 1

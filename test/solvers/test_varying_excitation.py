@@ -68,8 +68,8 @@ def truth(system: System) -> np.ndarray:
 def error(name, system, **setting):
     """Largest difference of a final state from the truth, relative to the size of the motion."""
     run = solve(system, solver=name, duration=END, **setting).raise_for_status()
-    found = np.array([run.final.slip_speed, run.final.plate_angle, run.final.plate_speed])
-    return float((np.abs(found - truth(system)[:3]) / [10.0, 0.1, 10.0]).max())
+    values = np.array([run.final.slip_speed, run.final.plate_angle, run.final.plate_speed])
+    return float((np.abs(values - truth(system)[:3]) / [10.0, 0.1, 10.0]).max())
 
 
 BY_ENGINES = [("smoothed", {"rtol": 1e-6}, 1e-7), ("smoothed", {"rtol": 1e-12}, 1e-10),
@@ -171,16 +171,16 @@ def test_transitions_tell_their_time():
 
 
 def test_a_run_up_has_cycles_of_its_own_length_and_no_period():
-    found = simulate("runup", duration=6.0)
-    assert found.trajectory.t[-1] == 6.0
-    assert found.summary.cycles == int(load_scene("runup").system.cycles_until(6.0))
-    assert (found.summary.period, found.summary.discarded) == (0, 0)
+    result = simulate("runup", duration=6.0)
+    assert result.trajectory.t[-1] == 6.0
+    assert result.summary.cycles == int(load_scene("runup").system.cycles_until(6.0))
+    assert (result.summary.period, result.summary.discarded) == (0, 0)
     fixed = simulate("runup", solver="fixed_step", duration=6.0).summary
-    assert found.summary.breakaways == fixed.breakaways > 50
-    assert found.summary.clutch_energy == pytest.approx(fixed.clutch_energy, rel=1e-5)
+    assert result.summary.breakaways == fixed.breakaways > 50
+    assert result.summary.clutch_energy == pytest.approx(fixed.clutch_energy, rel=1e-5)
 
 
 def test_what_settles_after_the_last_point_has_a_period():
-    found = simulate("apply", duration=3.0)
-    assert (found.summary.period, found.summary.breakaways) == (1, 0)
-    assert found.trajectory.final.slip_speed == pytest.approx(0.0, abs=0.05)
+    result = simulate("apply", duration=3.0)
+    assert (result.summary.period, result.summary.breakaways) == (1, 0)
+    assert result.trajectory.final.slip_speed == pytest.approx(0.0, abs=0.05)

@@ -49,8 +49,8 @@ def by_differences(system: System, at: np.ndarray, first: int, cycles: int) -> f
     solver.
     """
     def end(x: np.ndarray) -> np.ndarray:
-        found = solve(system, cycles=cycles, start_cycle=first, state=State(*x), rtol=1e-12).raise_for_status().final
-        return np.array([found.plate_angle, found.plate_speed])
+        result = solve(system, cycles=cycles, start_cycle=first, state=State(*x), rtol=1e-12).raise_for_status().final
+        return np.array([result.plate_angle, result.plate_speed])
 
     matrix = np.column_stack([difference(lambda d, u=unit: end(at + d * u), step)
                               for unit, step in zip(np.eye(3)[1:], (1e-7, 1e-5))])
@@ -80,9 +80,9 @@ def test_sizes_are_those_of_the_torques_and_an_exponent_of_a_map_to_one_point_is
 def test_a_step_that_cannot_be_taken_is_said_and_no_exponent_is_given() -> None:
     system = load_scene("fig02").system
     assert np.isnan(mapped(system, np.array([math.nan, 0.0, 0.0]), 0, 1, 1e-8)[1]).all()
-    found = largest_lyapunov_exponent(system, State(math.nan, 0.0, 0.0), cycles=40)
-    assert math.isnan(found.exponent)
-    assert (found.diagnosis, found.as_json()["exponent"]) == ("unresolved", None)
+    result = largest_lyapunov_exponent(system, State(math.nan, 0.0, 0.0), cycles=40)
+    assert math.isnan(result.exponent)
+    assert (result.diagnosis, result.as_json()["exponent"]) == ("unresolved", None)
 
 
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])
@@ -91,16 +91,16 @@ def test_in_stick_it_is_the_decay_of_the_stuck_oscillator(law: str) -> None:
                                 "friction.smoothing": 1e6, "initial.slip_speed": 0.0, "initial.plate_angle": 0.1})
     end = solve(system, cycles=40).final
     for period in (0, 1):
-        found = largest_lyapunov_exponent(system, end, cycles=100, period=period)
+        result = largest_lyapunov_exponent(system, end, cycles=100, period=period)
         near = 1e-3 if period == 0 else 1e-5 if law == "smoothed" else 1e-9
-        assert found.exponent == pytest.approx(-0.6 / (2.0 * 0.22), rel=near)
-        assert found.diagnosis == ("periodic" if period else "contracting")
+        assert result.exponent == pytest.approx(-0.6 / (2.0 * 0.22), rel=near)
+        assert result.diagnosis == ("periodic" if period else "contracting")
 
 
 def test_in_slip_at_constant_friction_it_is_zero() -> None:
     system = replace(System(), {**BASE, "engine.mean_torque": 540.0})
-    found = largest_lyapunov_exponent(system, State(150.0, 0.18, 0.0), cycles=100)
-    assert found.exponent == pytest.approx(0.0, abs=1e-2)
+    result = largest_lyapunov_exponent(system, State(150.0, 0.18, 0.0), cycles=100)
+    assert result.exponent == pytest.approx(0.0, abs=1e-2)
     # A family of motions: the map has no single fixed point that Newton's method could look for.
     assert largest_lyapunov_exponent(system, State(150.0, 0.18, 0.0), period=1).exponent == pytest.approx(0.0, abs=1e-6)
 
@@ -109,11 +109,11 @@ def test_a_periodic_motion_has_the_exponent_of_its_floquet_multiplier() -> None:
     """By LSODA's variational equations."""
     system = load_scene("fig02").system
     at = section_of(system, 2000)
-    found = largest_lyapunov_exponent(system, State(*at), start_cycle=2000, period=1)
+    result = largest_lyapunov_exponent(system, State(*at), start_cycle=2000, period=1)
     expected = math.log(np.abs(np.linalg.eigvals(tangent_map(system, at, 0, 1)[1])).max()) / system.cycle
-    assert found.low - 1e-6 <= expected <= found.high + 1e-6
-    assert found.exponent == pytest.approx(expected, rel=5e-5)
-    assert (found.diagnosis, found.cycles) == ("periodic", 1)
+    assert result.low - 1e-6 <= expected <= result.high + 1e-6
+    assert result.exponent == pytest.approx(expected, rel=5e-5)
+    assert (result.diagnosis, result.cycles) == ("periodic", 1)
 
 
 def test_the_exponent_of_sharp_smoothing_is_that_of_the_set_valued_law() -> None:
@@ -121,9 +121,9 @@ def test_the_exponent_of_sharp_smoothing_is_that_of_the_set_valued_law() -> None
     for values in ({"friction.law": "set_valued"}, {"friction.smoothing": 1e5}):
         system = replace(load_scene("fig02").system, {"friction.kinetic_coefficient": 0.285, **values})
         at = section_of(system, 300)
-        found = largest_lyapunov_exponent(system, State(*at), start_cycle=300, period=1)
-        assert found.exponent == pytest.approx(by_differences(system, at, 300, 1), rel=2e-4)
-        exponents.append(found.exponent)
+        result = largest_lyapunov_exponent(system, State(*at), start_cycle=300, period=1)
+        assert result.exponent == pytest.approx(by_differences(system, at, 300, 1), rel=2e-4)
+        exponents.append(result.exponent)
     assert exponents[1] == pytest.approx(exponents[0], rel=2e-3)
 
 
@@ -131,8 +131,8 @@ def test_a_state_beside_the_motion_gives_the_exponent_of_the_motion() -> None:
     system = load_scene("fig02").system
     at = section_of(system, 300)
     exact, _ = floquet_exponent(system, at, 0, 1)
-    beside, error = floquet_exponent(system, at + np.array([0.0, 1e-4, 0.02]), 0, 1)
-    assert beside == pytest.approx(exact, abs=max(error, 1e-5))
+    perturbed, error = floquet_exponent(system, at + np.array([0.0, 1e-4, 0.02]), 0, 1)
+    assert perturbed == pytest.approx(exact, abs=max(error, 1e-5))
 
 
 def test_an_orbit_that_a_motion_only_passes_by_gives_no_exponent() -> None:
@@ -142,21 +142,21 @@ def test_an_orbit_that_a_motion_only_passes_by_gives_no_exponent() -> None:
     settled = section_of(system, 2000)
     assert settled[0] == 0.0
     expected = by_differences(system, settled, 0, 2)
-    found = largest_lyapunov_exponent(system, passing, start_cycle=60)
-    assert (found.diagnosis, found.cycles) == ("periodic", 2)
-    assert found.exponent == pytest.approx(expected, rel=1e-3)
-    beside = largest_lyapunov_exponent(system, passing, start_cycle=60, period=1)
-    assert beside.diagnosis == "unresolved"
-    assert math.isnan(beside.exponent)
+    result = largest_lyapunov_exponent(system, passing, start_cycle=60)
+    assert (result.diagnosis, result.cycles) == ("periodic", 2)
+    assert result.exponent == pytest.approx(expected, rel=1e-3)
+    nearby = largest_lyapunov_exponent(system, passing, start_cycle=60, period=1)
+    assert nearby.diagnosis == "unresolved"
+    assert math.isnan(nearby.exponent)
 
 
 def test_the_multipliers_of_a_half_frequency_load_belong_to_two_cycles() -> None:
     values = {"pressure.frequency_ratio": 0.5, "friction.kinetic_coefficient": 0.285}
     system = replace(load_scene("fig02").system, values)
-    found = largest_lyapunov_exponent(system, State(*section_of(system, 300)), start_cycle=300, period=2)
-    assert found.cycles == 2
+    result = largest_lyapunov_exponent(system, State(*section_of(system, 300)), start_cycle=300, period=2)
+    assert result.cycles == 2
     largest = np.abs(np.linalg.eigvals(tangent_map(system, section_of(system, 300), 300, 2)[1])).max()
-    assert found.exponent == pytest.approx(math.log(largest) / (2.0 * system.cycle), rel=1e-3)
+    assert result.exponent == pytest.approx(math.log(largest) / (2.0 * system.cycle), rel=1e-3)
 
 
 def energy(system: System, vector: np.ndarray) -> float:
@@ -185,14 +185,14 @@ def test_the_interval_of_a_chaotic_motion_has_the_growth_of_the_distance_to_a_mo
     """Brought back to 1e-7 at the end of every cycle."""
     system, vector, growth = load_scene("chaos").system, FIRST, []
     start = State(*section_of(system, 110))
-    found = largest_lyapunov_exponent(system, start, cycles=800, start_cycle=110)
-    assert found.diagnosis == "chaotic"
-    own = solve(system, cycles=800, state=start, start_cycle=110).cycles
-    for n, (x, following) in enumerate(pairwise(own.section), 110):
+    result = largest_lyapunov_exponent(system, start, cycles=800, start_cycle=110)
+    assert result.diagnosis == "chaotic"
+    trajectory = solve(system, cycles=800, state=start, start_cycle=110).cycles
+    for n, (x, following) in enumerate(pairwise(trajectory.section), 110):
         vector = 1e-7 / energy(system, vector) * vector
         vector = sections(system, (x + vector)[None], n, 1, 1e-10)[0, 1] - following
         growth.append(math.log(energy(system, vector) / 1e-7))
-    assert found.low < np.mean(growth) / system.cycle < found.high
+    assert result.low < np.mean(growth) / system.cycle < result.high
 
 
 def test_the_interval_of_a_mean_is_students_of_the_means_of_batches() -> None:
@@ -203,17 +203,17 @@ def test_the_interval_of_a_mean_is_students_of_the_means_of_batches() -> None:
     assert (mean - half, mean + half) == pytest.approx(t.interval(DEFAULTS.confidence, 19, np.mean(means), sem(means)))
 
 
-@pytest.mark.parametrize(("exponent", "error", "told"), [
+@pytest.mark.parametrize(("exponent", "error", "expected_verdict"), [
     (-1.0, 0.1, "periodic"), (0.1, 0.2, "periodic"), (0.3, 0.2, "unresolved"), (0.3, 0.4, "periodic")])
-def test_an_orbit_whose_whole_interval_is_unstable_is_only_passed(exponent: float, error: float, told: str,
+def test_an_orbit_whose_whole_interval_is_unstable_is_only_passed(exponent: float, error: float, expected_verdict: str,
                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(exponents, "floquet_exponent", lambda *of: (exponent, error))
     system = load_scene("fig02").system
-    found = exponents.largest_lyapunov_exponent(system, State(1.0, 0.1, 0.0), period=1)
-    assert found.diagnosis == told
-    assert math.isnan(found.exponent) == (told == "unresolved")
-    if told == "periodic":
-        assert (found.low, found.high, found.cycles) == (exponent - error, exponent + error, 1)
+    result = exponents.largest_lyapunov_exponent(system, State(1.0, 0.1, 0.0), period=1)
+    assert result.diagnosis == expected_verdict
+    assert math.isnan(result.exponent) == (expected_verdict == "unresolved")
+    if expected_verdict == "periodic":
+        assert (result.low, result.high, result.cycles) == (exponent - error, exponent + error, 1)
 
 
 def test_diagnosis_looks_at_the_whole_interval() -> None:
@@ -224,15 +224,15 @@ def test_diagnosis_looks_at_the_whole_interval() -> None:
     assert diagnosis(-0.2, 0.3) == "unresolved"
 
 
-def told(values: dict[str, object], cycles: int = 150, **settings: object) -> tuple[str, int]:
+def verdict_of(values: dict[str, object], cycles: int = 150, **settings: object) -> tuple[str, int]:
     """Diagnosis of the scene chaos with other values, and the cycles that its exponent is of."""
-    found = simulate(replace(load_scene("chaos").system, values), cycles=cycles, lyapunov=True, **settings)
-    assert found.summary.runaway == (found.lyapunov.diagnosis == "runaway")
-    return found.lyapunov.diagnosis, found.lyapunov.cycles
+    result = simulate(replace(load_scene("chaos").system, values), cycles=cycles, lyapunov=True, **settings)
+    assert result.summary.runaway == (result.lyapunov.diagnosis == "runaway")
+    return result.lyapunov.diagnosis, result.lyapunov.cycles
 
 
 def test_a_runaway_is_not_quasi_periodic() -> None:
-    assert told({"friction.kinetic_coefficient": 0.15})[0] == "runaway"
+    assert verdict_of({"friction.kinetic_coefficient": 0.15})[0] == "runaway"
 
 
 def test_long_periods_and_weak_chaos_are_not_quasi_periodic() -> None:
@@ -240,8 +240,8 @@ def test_long_periods_and_weak_chaos_are_not_quasi_periodic() -> None:
     over 30 000 cycles.
     """
     near = {"engine.frequency": 0.2057 * System().natural_frequency}
-    assert told({**near, "friction.kinetic_coefficient": 0.195}, 600) == ("periodic", 30)
-    assert told({**near, "friction.kinetic_coefficient": 0.201})[0] in ("chaotic", "unresolved")
+    assert verdict_of({**near, "friction.kinetic_coefficient": 0.195}, 600) == ("periodic", 30)
+    assert verdict_of({**near, "friction.kinetic_coefficient": 0.201})[0] in ("chaotic", "unresolved")
 
 
 def test_slip_under_a_load_of_a_golden_ratio_is_quasi_periodic() -> None:
@@ -249,8 +249,8 @@ def test_slip_under_a_load_of_a_golden_ratio_is_quasi_periodic() -> None:
     golden = replace(System(), {**BASE, "engine.mean_torque": 432.0, "friction.kinetic_coefficient": 0.24,
                                 "pressure.amplitude": 20e3,
                                 "pressure.frequency_ratio": 0.5 * (1.0 + math.sqrt(5.0)), "initial.plate_angle": 0.18})
-    found = simulate(golden, cycles=300, lyapunov=True)
-    assert found.lyapunov.diagnosis == "quasi-periodic"
+    result = simulate(golden, cycles=300, lyapunov=True)
+    assert result.lyapunov.diagnosis == "quasi-periodic"
     points = solve(golden, cycles=2000).cycles.section[100:]
     assert change_of_averages(points) < 1e-8
     chaos = solve(load_scene("chaos"), cycles=2000).cycles.section[100:]

@@ -44,9 +44,9 @@ def killed(number: int) -> int:
 
 def test_a_killed_process_costs_only_what_it_had_in_hand(tmp_path: Path) -> None:
     marks = [str(tmp_path / name) for name in ("one", "two.deadly", "three", "four")]
-    found = each_in_a_process(killed_once, marks, 2)
-    assert len(found) == 4
-    assert os.getpid() not in found
+    result = each_in_a_process(killed_once, marks, 2)
+    assert len(result) == 4
+    assert os.getpid() not in result
 
 
 def test_work_that_kills_whoever_does_it_is_given_up_in_one_line() -> None:

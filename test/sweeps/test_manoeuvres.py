@@ -26,10 +26,10 @@ SLIPS = load_scene("slip").with_values({
 def test_orders_and_judder_of_a_run_up_in_pure_slip_are_those_of_the_flywheel_alone() -> None:
     system, speeds = SLIPS.system, (130.0, 180.0, 240.0)
     point, = sweep(system, "driveline.stiffness", [system.driveline.stiffness], orders=(*speeds, 300.0)).points
-    found, amplitude = point.orders, system.engine.torque_amplitude / system.driveline.flywheel_inertia
-    assert found.order.tolist() == [1.0, 2.0, 3.0, 4.0]
-    assert found.slip_speed[:3, 0] == pytest.approx([amplitude / x for x in speeds], rel=0.01)
-    assert np.isnan(found.slip_speed[3]).all()   # The run does not reach 300 rad/s.
+    result, amplitude = point.orders, system.engine.torque_amplitude / system.driveline.flywheel_inertia
+    assert result.order.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert result.slip_speed[:3, 0] == pytest.approx([amplitude / x for x in speeds], rel=0.01)
+    assert np.isnan(result.slip_speed[3]).all()   # The run does not reach 300 rad/s.
     assert point.judder.peak == pytest.approx(amplitude / 100.0, rel=0.02)
     steady = sweep(system, "engine.frequency_values[3]", [100.0], orders=()).points[0]
     assert steady.orders.speeds == pytest.approx([100.0])
@@ -47,29 +47,30 @@ def test_speeds_of_orders_take_the_units_of_other_options(tmp_path) -> None:
 
 
 def test_quantiles_of_a_tip_in_are_those_of_single_runs(tmp_path, capsys) -> None:
-    told, path = (0.1, 0.5, 0.9), tmp_path / "tip_in.json"
+    probabilities, path = (0.1, 0.5, 0.9), tmp_path / "tip_in.json"
     words = ["sweep", "tip_in", "--scatter", f"{KINETIC}=0.22:0.26", "--samples", "4", "--quantiles", "0.1,0.5,0.9",
              "--orders", "--json", str(path), "--out", str(tmp_path / "points.jsonl"), "--plot",
              str(tmp_path / "tip_in.png")]
     assert main(words) == 0
-    found = valid("sweep", json.loads(path.read_text()))
-    assert found["probabilities"] == list(told)
-    assert found["left_out"] == {"runaway": 0, "not_settled": 0}
+    document = valid("sweep", json.loads(path.read_text()))
+    assert document["probabilities"] == list(probabilities)
+    assert document["left_out"] == {"runaway": 0, "not_settled": 0}
     runs = [simulate(load_scene("tip_in").with_values({KINETIC: x}), rtol=1e-6).summary
-            for x in found["sampled"][KINETIC]]
+            for x in document["sampled"][KINETIC]]
     for name in ("max_slip_speed", "max_shaft_torque", "clutch_energy", "breakaways", "stick_fraction"):
-        assert found["quantiles"][name] == pytest.approx(np.quantile([getattr(x, name) for x in runs], told), rel=1e-9)
+        assert document["quantiles"][name] == pytest.approx(np.quantile([getattr(x, name) for x in runs],
+                                                                        probabilities), rel=1e-9)
     for name in ("judder_rms", "judder_peak"):
-        assert found["quantiles"][name] == pytest.approx(np.quantile(found[name], told))
-    torque = np.array([each["shaft_torque"] for each in found["orders"]])
-    assert np.array(found["order_quantiles"]["shaft_torque"]) == pytest.approx(
-        np.moveaxis(np.quantile(torque, told, axis=0), 0, -1))
+        assert document["quantiles"][name] == pytest.approx(np.quantile(document[name], probabilities))
+    torque = np.array([each["shaft_torque"] for each in document["orders"]])
+    assert np.array(document["order_quantiles"]["shaft_torque"]) == pytest.approx(
+        np.moveaxis(np.quantile(torque, probabilities, axis=0), 0, -1))
     assert (tmp_path / "tip_in.png").stat().st_size > 10000
     before = (tmp_path / "points.jsonl").read_text()
     assert main([*words, "--force"]) == 0   # Nothing is solved again.
     assert (tmp_path / "points.jsonl").read_text() == before
     again = json.loads(path.read_text())
-    assert (again["judder_rms"], again["orders"]) == (found["judder_rms"], found["orders"])
+    assert (again["judder_rms"], again["orders"]) == (document["judder_rms"], document["orders"])
     capsys.readouterr()
     assert main(["sweep", "tip_in", "--scatter", f"{KINETIC}=0.22:0.26", "--samples", "2", "--orders"]) == 0
     out = capsys.readouterr().out
@@ -93,10 +94,11 @@ def test_judder_is_that_of_the_samples_about_their_cycle_means() -> None:
 
 def test_a_whole_table_is_scaled(tmp_path) -> None:
     scene = load_scene("fresh_fluid")
-    own = np.array(scene.value("friction.coefficients"))
-    found = sweep(scene, "friction.coefficients", [0.95, 1.1], cycles=60)
-    for factor, point in zip((0.95, 1.1), found.points):
-        alone = simulate(scene.with_values({"friction.coefficients": (factor * own).tolist()}), cycles=60, rtol=1e-6)
+    coefficients = np.array(scene.value("friction.coefficients"))
+    swept = sweep(scene, "friction.coefficients", [0.95, 1.1], cycles=60)
+    for factor, point in zip((0.95, 1.1), swept.points):
+        alone = simulate(scene.with_values({"friction.coefficients": (factor * coefficients).tolist()}), cycles=60,
+                         rtol=1e-6)
         assert point.summary.max_slip_speed == pytest.approx(alone.summary.max_slip_speed, rel=1e-6)
     spread = scatter(scene, {"friction.coefficients": (0.9, 1.1), "pressure.mean": (3.0e5, 3.2e5)}, 2, cycles=20)
     assert len(set(spread.result("max_slip_speed").ravel())) == 2
@@ -107,10 +109,10 @@ def test_a_whole_table_is_scaled(tmp_path) -> None:
             scatter(name, {"friction.coefficients": bounds}, 8, cycles=20)
 
 
-@pytest.mark.parametrize("told", [(), (0.5, 0.1), (0.5, 0.5), (-0.1, 0.5), (0.5, 1.1), (math.nan,)])
-def test_probabilities_that_do_not_rise_within_0_and_1_are_refused(told) -> None:
+@pytest.mark.parametrize("probabilities", [(), (0.5, 0.1), (0.5, 0.5), (-0.1, 0.5), (0.5, 1.1), (math.nan,)])
+def test_probabilities_that_do_not_rise_within_0_and_1_are_refused(probabilities) -> None:
     with pytest.raises(InputError, match="they must be probabilities from 0 to 1 that increase"):
-        Tolerances(((KINETIC, 0.2, 0.3),), 2, 0, told)
+        Tolerances(((KINETIC, 0.2, 0.3),), 2, 0, probabilities)
 
 
 @pytest.mark.parametrize(("words", "message"), [

@@ -34,19 +34,19 @@ def test_the_command_gives_a_grid_row_by_row(tmp_path, capsys) -> None:
              "20", "--rtol", "1e-8"]
     assert main([*words, "--json", str(tmp_path / "grid.json"), "--out", str(tmp_path / "grid.jsonl")]) == 0
     assert "6 of 6 values" in capsys.readouterr().out
-    found = json.loads((tmp_path / "grid.json").read_text())
-    assert (found["over"], found["second_over"]) == (KINETIC, "pressure.mean")
-    assert found["values"] == pytest.approx([0.24, 0.26, 0.28])
-    assert found["second_values"] == [2e5, 3e5]
-    assert found["complete"]
-    for r, pressure in enumerate(found["second_values"]):
-        for c, kinetic in enumerate(found["values"]):
+    document = json.loads((tmp_path / "grid.json").read_text())
+    assert (document["over"], document["second_over"]) == (KINETIC, "pressure.mean")
+    assert document["values"] == pytest.approx([0.24, 0.26, 0.28])
+    assert document["second_values"] == [2e5, 3e5]
+    assert document["complete"]
+    for r, pressure in enumerate(document["second_values"]):
+        for c, kinetic in enumerate(document["values"]):
             alone = summarise(solve(replace(SYSTEM, {KINETIC: kinetic, "pressure.mean": pressure}), cycles=20))
-            assert found["max_slip_speed"][r][c] == alone.max_slip_speed
-            assert found["section"][r][c] == [list(p) for p in alone.section]
-            assert found["period"][r][c] == alone.period
+            assert document["max_slip_speed"][r][c] == alone.max_slip_speed
+            assert document["section"][r][c] == [list(p) for p in alone.section]
+            assert document["period"][r][c] == alone.period
     for name in ("regime", "settled", "confirmed", "status", "stick_fraction", "cycles"):
-        assert [len(row) for row in found[name]] == [3, 3]
+        assert [len(row) for row in document[name]] == [3, 3]
     assert main([*words, "--out", str(tmp_path / "grid.jsonl")]) == 0
     assert main(words) == 0
     lines = capsys.readouterr().out.splitlines()
@@ -66,12 +66,12 @@ def test_every_extra_asked_for_has_its_columns(capsys) -> None:
         assert heading in full
         assert heading not in plain
     assert max(map(len, plain.splitlines())) <= 80
-    found = sweep(SYSTEM, KINETIC, [0.24], Plan(cycles=30, damping=True, lyapunov=True)).records[0]
+    swept = sweep(SYSTEM, KINETIC, [0.24], Plan(cycles=30, damping=True, lyapunov=True)).records[0]
     row = full.splitlines()[2].split()
-    assert f"{found['equivalent_damping']:.4g}" in row
-    assert f"{found['negative_slope_mean']:.4g}" in row
-    assert f"{found['lyapunov']['exponent']:.4g}" in row
-    assert found["lyapunov"]["diagnosis"] in row
+    assert f"{swept['equivalent_damping']:.4g}" in row
+    assert f"{swept['negative_slope_mean']:.4g}" in row
+    assert f"{swept['lyapunov']['exponent']:.4g}" in row
+    assert swept["lyapunov"]["diagnosis"] in row
 
 
 def test_a_motion_without_period_reads_none_and_one_that_settles_has_a_star() -> None:
@@ -79,27 +79,27 @@ def test_a_motion_without_period_reads_none_and_one_that_settles_has_a_star() ->
     lines = sweep_lines(sweep(chaos, KINETIC, [chaos.friction.kinetic_coefficient], Plan(cycles=100)))
     assert lines[2].split()[2] == "none"
     spiral = replace(load_scene("slip").system, {"driveline.damping": 0.1233})
-    found = sweep(spiral, "engine.frequency", [1161.858217])
-    lines = sweep_lines(found)
-    assert (lines[2].split()[2], lines[-1]) == ("1*", *unsettled_lines([found], "* "))
-    varied = with_fields(found, curve=with_fields(
-        found.curve, key="engine.mean_torque", system=load_scene("runup").system))
-    for one, remedy in ((found, "raise --cycles"), (with_fields(found, plan=Plan(duration=1.0)), "raise --duration"),
+    swept = sweep(spiral, "engine.frequency", [1161.858217])
+    lines = sweep_lines(swept)
+    assert (lines[2].split()[2], lines[-1]) == ("1*", *unsettled_lines([swept], "* "))
+    varied = with_fields(swept, curve=with_fields(
+        swept.curve, key="engine.mean_torque", system=load_scene("runup").system))
+    for one, remedy in ((swept, "raise --cycles"), (with_fields(swept, plan=Plan(duration=1.0)), "raise --duration"),
                         (varied, "their inputs vary in time")):
         assert unsettled_lines([one], "* ") == [f"* 1 of 1 point has not settled; {remedy}"]
 
 
 def test_points_with_too_large_a_step_are_doubtful() -> None:
-    found = sweep(load_scene("fig02").system, "friction.smoothing", [1.0, 50.0],
+    swept = sweep(load_scene("fig02").system, "friction.smoothing", [1.0, 50.0],
                   Plan(cycles=4, solver="rk4", step=1e-5))
-    assert doubtful_lines([found]) == ["1 of 2 points is doubtful, the first one because the step of 1e-05 s is above "
+    assert doubtful_lines([swept]) == ["1 of 2 points is doubtful, the first one because the step of 1e-05 s is above "
                                        "1.35e-06 s, the largest one that is stable in stick"]
 
 
 def test_columns_have_a_line_per_value_and_say_what_is_missing() -> None:
     plan = Plan(cycles=20, lyapunov=True, solver="fixed_step", step=0.1)
-    found = sweep(SYSTEM, "pressure.mean", [2e5, 1e7], plan)
-    table = found.columns()
+    swept = sweep(SYSTEM, "pressure.mean", [2e5, 1e7], plan)
+    table = swept.columns()
     assert next(iter(table)) == "pressure.mean"
     assert {len(column) for column in table.values()} == {2}
     assert table["max_slip_speed"].dtype == np.float64
@@ -107,9 +107,9 @@ def test_columns_have_a_line_per_value_and_say_what_is_missing() -> None:
     assert math.isnan(table["max_slip_speed"][1])
     assert table["lyapunov_diagnosis"][0] != ""
     assert "not started" in table["status"][1]
-    values = json.loads(json.dumps(found.as_json(), allow_nan=False))
+    values = json.loads(json.dumps(swept.as_json(), allow_nan=False))
     assert (values["max_slip_speed"][1], values["status"][0], values["complete"]) == (None, "reached the end", True)
-    assert repr(found) == "<Sweep over pressure.mean: 2 values from 200000 to 1e+07; 1 solved>"
+    assert repr(swept) == "<Sweep over pressure.mean: 2 values from 200000 to 1e+07; 1 solved>"
     grid = sweep_grid(SYSTEM, "pressure.mean", [2e5, 1e7], KINETIC, [0.24, 0.27], plan)
     both = grid.columns()
     assert both[KINETIC].tolist() == [0.24, 0.24, 0.27, 0.27]
@@ -129,9 +129,9 @@ def test_a_frame_takes_the_columns() -> None:
 
 def test_a_point_comes_back_from_its_record_and_is_small() -> None:
     plan = Plan(cycles=150, damping=True, lyapunov=True, lyapunov_cycles=40, section_points=40)
-    (found,) = sweep_curves([Curve(load_scene("chaos").system, KINETIC, (0.2,))], plan)
-    point, record = found.points[0], found.records[0]
-    again = Point.from_record(json.loads(json.dumps(record)), found.curve.at(0))
+    (result,) = sweep_curves([Curve(load_scene("chaos").system, KINETIC, (0.2,))], plan)
+    point, record = result.points[0], result.records[0]
+    again = Point.from_record(json.loads(json.dumps(record)), result.curve.at(0))
     assert again.as_record() == record
     (plain,) = sweep_curves([Curve(load_scene("chaos").system, KINETIC, (0.2,))], Plan(cycles=150))
     point = plain.points[0]
@@ -153,9 +153,9 @@ def test_a_grid_goes_on_from_its_file_only_as_the_same_grid(tmp_path) -> None:
 
 
 def test_a_table_that_is_too_wide_for_the_terminal_goes_on_below() -> None:
-    found = sweep_grid(SYSTEM, KINETIC, [0.23, 0.24], "engine.frequency", [150.0],
+    swept = sweep_grid(SYSTEM, KINETIC, [0.23, 0.24], "engine.frequency", [150.0],
                        Plan(cycles=30, damping=True, lyapunov=True))
-    whole, parts = sweep_lines(found), sweep_lines(found, width=80)
+    whole, parts = sweep_lines(swept), sweep_lines(swept, width=80)
     assert max(map(len, whole)) > 80 >= max(map(len, parts))
     heads = [k for k, line in enumerate(parts) if "kinetic_coefficient" in line]
     assert heads == [0, 4, 8, 12]
@@ -172,16 +172,16 @@ WORDS = ["sweep", "slip", "--set", "friction.law=set_valued", "--cycles", "20", 
 
 
 def test_samples_fill_their_bounds_and_are_those_of_their_seed() -> None:
-    told = Tolerances(((AMPLITUDE, 10.0, 40.0), (PRESSURE, 2e5, 3e5)), 64, 3)
-    values = told.sampled
+    tolerances = Tolerances(((AMPLITUDE, 10.0, 40.0), (PRESSURE, 2e5, 3e5)), 64, 3)
+    values = tolerances.sampled
     unit = np.stack([(values[AMPLITUDE] - 10.0) / 30.0, (values[PRESSURE] - 2e5) / 1e5], axis=1)
     assert unit.min() >= 0.0
     assert unit.max() < 1.0
     assert qmc.discrepancy(unit) < 0.2 * qmc.discrepancy(np.random.default_rng(1).random((64, 2)))
     for column in unit.T:
         assert np.bincount((64 * column).astype(int), minlength=64).tolist() == [1] * 64
-    assert np.array_equal(told.sampled[AMPLITUDE], values[AMPLITUDE])
-    assert not np.array_equal(Tolerances(told.bounds, 64, 4).sampled[AMPLITUDE], values[AMPLITUDE])
+    assert np.array_equal(tolerances.sampled[AMPLITUDE], values[AMPLITUDE])
+    assert not np.array_equal(Tolerances(tolerances.bounds, 64, 4).sampled[AMPLITUDE], values[AMPLITUDE])
 
 
 @pytest.mark.parametrize("bounds", [(2.0, 1.0), (1.0, 1.0)])
@@ -191,25 +191,25 @@ def test_bounds_go_up(bounds: tuple[float, float]) -> None:
 
 
 def test_each_sample_is_a_simulation_and_quantiles_are_numpys() -> None:
-    found = scatter(BASE, {AMPLITUDE: (10.0, 40.0)}, 8, plan=Plan(cycles=20))
-    values = found.tolerances.sampled[AMPLITUDE]
+    swept = scatter(BASE, {AMPLITUDE: (10.0, 40.0)}, 8, plan=Plan(cycles=20))
+    values = swept.tolerances.sampled[AMPLITUDE]
     alone = [simulate(replace(BASE, {AMPLITUDE: x}), cycles=20).summary.max_slip_speed for x in values]
-    assert found.result("max_slip_speed")[:, 0].tolist() == alone
-    assert found.quantiles("max_slip_speed")[0].tolist() == np.quantile(alone, [0.05, 0.5, 0.95]).tolist()
-    assert found.columns()[AMPLITUDE].tolist() == values.tolist()
+    assert swept.result("max_slip_speed")[:, 0].tolist() == alone
+    assert swept.quantiles("max_slip_speed")[0].tolist() == np.quantile(alone, [0.05, 0.5, 0.95]).tolist()
+    assert swept.columns()[AMPLITUDE].tolist() == values.tolist()
 
 
 def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:
     over = ["--over", "engine.frequency=100,120,150.5"]
     assert main([*WORDS, *over, "--seed", "5", "--json", str(tmp_path / "a.json"), "--out",
                  str(tmp_path / "a.jsonl")]) == 0
-    found = json.loads((tmp_path / "a.json").read_text())
-    valid("sweep", found)
-    assert (found["scatter"], found["samples"], found["seed"]) == ({AMPLITUDE: [10.0, 40.0]}, 8, 5)
-    assert found["values"] == [100.0, 120.0, 150.5]
-    assert np.shape(found["max_slip_speed"]) == (8, 3)
-    assert found["quantiles"]["max_slip_speed"] == np.quantile(
-        found["max_slip_speed"], [0.05, 0.5, 0.95], axis=0).T.tolist()
+    document = json.loads((tmp_path / "a.json").read_text())
+    valid("sweep", document)
+    assert (document["scatter"], document["samples"], document["seed"]) == ({AMPLITUDE: [10.0, 40.0]}, 8, 5)
+    assert document["values"] == [100.0, 120.0, 150.5]
+    assert np.shape(document["max_slip_speed"]) == (8, 3)
+    assert document["quantiles"]["max_slip_speed"] == np.quantile(
+        document["max_slip_speed"], [0.05, 0.5, 0.95], axis=0).T.tolist()
     assert main([*WORDS, "--json", str(tmp_path / "b.json")]) == 0
     alone = json.loads((tmp_path / "b.json").read_text())
     valid("sweep", alone)

@@ -48,19 +48,19 @@ def test_the_verb_a_sweep_and_python_give_the_same(tmp_path) -> None:
 def test_a_driveline_at_rest_has_period_one(law: str) -> None:
     """Stuck under constant inputs: the plate's speed is rounding."""
     for torque in (39.0, 116.0, 300.0):
-        found = simulate(load_scene("stick").with_values({
+        result = simulate(load_scene("stick").with_values({
             "friction.law": law, "engine.mean_torque": torque, "engine.torque_amplitude": 0.0,
             "pressure.amplitude": 0.0, "driveline.damping": 60.0}))
-        assert (found.summary.period, found.summary.settled, found.confirmed) == (1, True, True)
-        assert found.summary.section[0][0] == pytest.approx(torque / 3000.0)
+        assert (result.summary.period, result.summary.settled, result.confirmed) == (1, True, True)
+        assert result.summary.section[0][0] == pytest.approx(torque / 3000.0)
 
 
 def test_a_decaying_spiral_near_a_resonance_has_the_period_of_its_limit() -> None:
     """The plate's free vibration turns by nearly a third of a turn a cycle while it dies out."""
     scene = load_scene("slip").with_values({"driveline.damping": 0.1233, "engine.frequency": 1161.858217})
-    found = simulate(scene)
-    assert (found.summary.period, found.summary.settled, found.confirmed) == (1, False, False)
-    ((angle, _),) = found.summary.section
+    result = simulate(scene)
+    assert (result.summary.period, result.summary.settled, result.confirmed) == (1, False, False)
+    ((angle, _),) = result.summary.section
     late = simulate(scene, cycles=2000, discard=1900)
     assert (late.summary.period, late.summary.settled, late.confirmed) == (1, True, True)
     assert angle == pytest.approx(late.summary.section[0][0], rel=0.15)
@@ -89,9 +89,9 @@ def test_a_slow_alternation_is_not_taken_for_twice_the_period() -> None:
     scene = load_scene("fig02").with_values({
         "pressure.mean": 225e3, "pressure.amplitude": 56250.0, "friction.kinetic_coefficient": 0.225,
         "engine.frequency": 99.80380161380653})
-    found = simulate(scene)
-    assert found.summary.period in (0, 2)
-    assert (found.summary.settled, found.confirmed) == (False, False)
+    result = simulate(scene)
+    assert result.summary.period in (0, 2)
+    assert (result.summary.settled, result.confirmed) == (False, False)
 
 
 def test_what_is_asked_for_is_there_and_nothing_else() -> None:
@@ -130,9 +130,9 @@ def test_wrong_input_is_refused(options: dict[str, object], words: str) -> None:
 
 
 def test_whole_numbers_of_numpy_count_cycles() -> None:
-    found = simulate("slip", Plan(cycles=np.int64(9), discard=np.int64(4)))
-    assert (found.summary.cycles, found.summary.discarded) == (9, 4)
-    assert json.loads(json.dumps({**found.as_json(), "cycles": found.summary.cycles}))["discarded"] == 4
+    result = simulate("slip", Plan(cycles=np.int64(9), discard=np.int64(4)))
+    assert (result.summary.cycles, result.summary.discarded) == (9, 4)
+    assert json.loads(json.dumps({**result.as_json(), "cycles": result.summary.cycles}))["discarded"] == 4
 
 
 def test_a_failure_is_a_status_and_can_be_raised() -> None:
@@ -150,9 +150,9 @@ def test_a_failure_is_a_status_and_can_be_raised() -> None:
 
 
 def test_less_than_a_cycle_has_extremes_and_no_period() -> None:
-    found = simulate("slip", duration=1e-3, samples_per_cycle=200)
-    assert (found.summary.cycles, found.summary.period, found.confirmed) == (0, 0, False)
-    assert found.end.cycle == 0
+    result = simulate("slip", duration=1e-3, samples_per_cycle=200)
+    assert (result.summary.cycles, result.summary.period, result.confirmed) == (0, 0, False)
+    assert result.end.cycle == 0
 
 
 @pytest.mark.parametrize("cycles", [400, 401])
@@ -160,13 +160,13 @@ def test_a_neighbour_takes_up_both_phases(cycles: int) -> None:
     """Two values that differ by 1e-12: the second point must go on as if nothing had changed."""
     scene = load_scene("fig02").with_values({"pressure.frequency_ratio": 0.5, "friction.kinetic_coefficient": 0.29})
     for key, value in (("friction.kinetic_coefficient", 0.29), ("engine.frequency", 150.0)):
-        found = sweep(scene.system, key, [value, value * (1.0 + 1e-12)],
+        swept = sweep(scene.system, key, [value, value * (1.0 + 1e-12)],
                       Plan(cycles=cycles, discard=cycles - 1, direction="up"))
         whole = solve(scene.system, cycles=cycles + 2).cycles
-        point = found.points[1]
+        point = swept.points[1]
         assert point.end.state.plate_angle == pytest.approx(whole.section[cycles + cycles % 2, 1], abs=1e-6)
         first = simulate(replace(scene.system, {key: value * (1.0 + 1e-12)}), cycles=2, discard=0,
-                         start=handed_over(scene.system, found.points[0].end, scene.system))
+                         start=handed_over(scene.system, swept.points[0].end, scene.system))
         run = first.trajectory.cycles
         assert run.section[1] == pytest.approx(whole.section[cycles + 1], abs=1e-5)
 
@@ -207,19 +207,19 @@ def test_up_from_a_file_takes_up_the_phase_too(tmp_path) -> None:
 
 
 def test_what_further_cycles_leave_is_settled_and_not_confirmed(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
+    calls = []
 
     def leaves(cycles: Cycles, further: Cycles, period: int) -> bool:
-        asked.append((cycles.section[-1].tolist(), further.section[0].tolist(), len(further), period))
+        calls.append((cycles.section[-1].tolist(), further.section[0].tolist(), len(further), period))
         return False
 
     whole = simulate("stick", cycles=400, discard=380)
     monkeypatch.setattr(simulation, "stays", leaves)
-    found = simulate("stick", cycles=400, discard=380)
+    result = simulate("stick", cycles=400, discard=380)
     assert (whole.summary.settled, whole.confirmed) == (True, True)
-    assert (found.summary.settled, found.confirmed) == (True, False)
-    ((end, start, count, period),) = asked
-    assert (start, period) == (end, found.summary.period)
+    assert (result.summary.settled, result.confirmed) == (True, False)
+    ((end, start, count, period),) = calls
+    assert (start, period) == (end, result.summary.period)
     assert count >= 10
 
 
@@ -231,6 +231,6 @@ def test_auto_is_refused_with_a_profile_as_the_command_line_gives_it() -> None:
 
 
 def test_a_simulation_has_the_columns_of_its_summary() -> None:
-    found = simulate("slip", cycles=60)
-    assert found.summary is not None
-    assert found.columns() == found.summary.columns()
+    result = simulate("slip", cycles=60)
+    assert result.summary is not None
+    assert result.columns() == result.summary.columns()

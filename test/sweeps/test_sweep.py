@@ -192,15 +192,15 @@ def test_values_that_are_no_numbers_are_wrong_input(values: list[float]) -> None
 
 def test_a_column_is_a_result_in_numbers() -> None:
     """The exponent's too; what has another name or is text is wrong input."""
-    found = sweep("fig02", "engine.frequency", [150.0], cycles=60, lyapunov=True)
-    shown = {name: values for name, values in found.columns().items() if values.dtype.kind in "bif"}
+    swept = sweep("fig02", "engine.frequency", [150.0], cycles=60, lyapunov=True)
+    shown = {name: values for name, values in swept.columns().items() if values.dtype.kind in "bif"}
     del shown["engine.frequency"]
-    assert {name: found.column(name) for name in shown} == shown
-    assert found.column("lyapunov_exponent") < 0.0
-    assert np.isnan(found.column("equivalent_damping")).all()
+    assert {name: swept.column(name) for name in shown} == shown
+    assert swept.column("lyapunov_exponent") < 0.0
+    assert np.isnan(swept.column("equivalent_damping")).all()
     for name, words in (("max_slip", "did you mean max_slip_speed"), ("regime", "not a result in numbers")):
         with pytest.raises(InputError, match=words):
-            found.column(name)
+            swept.column(name)
 
 
 FAST = replace(load_scene("slip").system, {"friction.law": "set_valued"})
@@ -208,11 +208,11 @@ BEGIN = Start(State(150.0, 0.0, 0.0), 3)
 
 
 def test_a_motion_is_solved_until_its_section_repeats() -> None:
-    found = solve_to_steady_state(FAST, BEGIN, 4800)
-    section = found.cycles.section
-    assert np.abs(section[found.after:] - section[-1]).max() < 1e-5 * 170.0
+    result = solve_to_steady_state(FAST, BEGIN, 4800)
+    section = result.cycles.section
+    assert np.abs(section[result.after:] - section[-1]).max() < 1e-5 * 170.0
 
 
 def test_a_motion_that_does_not_settle_is_given_up() -> None:
-    found = solve_to_steady_state(load_scene("chaos").system, BEGIN, 110)
-    assert (len(found.cycles), found.after, found.run.status) == (110, None, Status.DONE)
+    result = solve_to_steady_state(load_scene("chaos").system, BEGIN, 110)
+    assert (len(result.cycles), result.after, result.run.status) == (110, None, Status.DONE)

@@ -41,9 +41,9 @@ def without(*slices):
 
 
 def empty(name, part):
-    found = columns()
-    found[name] = np.where(np.isin(np.arange(len(T)), np.arange(len(T))[part]), np.nan, found[name])
-    return found
+    result = columns()
+    result[name] = np.where(np.isin(np.arange(len(T)), np.arange(len(T))[part]), np.nan, result[name])
+    return result
 
 
 def late(shift):
@@ -56,15 +56,15 @@ def jittered(share):
 
 
 def repeated_stamp():
-    found = columns()
-    found["t"] = np.where(np.arange(len(T)) == 700, T[699], T)
-    return found
+    result = columns()
+    result["t"] = np.where(np.arange(len(T)) == 700, T[699], T)
+    return result
 
 
 def slow(name, every):
-    found = columns()
-    found[name] = np.where(np.arange(len(T)) % every == 0, found[name], np.nan)
-    return found
+    result = columns()
+    result[name] = np.where(np.arange(len(T)) % every == 0, result[name], np.nan)
+    return result
 
 
 SWAPPED = np.arange(len(T))
@@ -102,8 +102,8 @@ DEFECTS = {  # Columns, shift of the time that is meant, and the words that name
 }
 
 
-def written(path, found):
-    np.savetxt(path, np.column_stack(list(found.values())), delimiter=",", header=",".join(found), comments="",
+def written(path, result):
+    np.savetxt(path, np.column_stack(list(result.values())), delimiter=",", header=",".join(result), comments="",
                fmt="%.13g")
     return path
 
@@ -111,9 +111,9 @@ def written(path, found):
 def analysed(path, shift):
     """The amplitude of order 1 of the slip speed, 5 rad/s, in every window."""
     signals = signals_in(table_in(path, ("slip_speed",)), System())
-    found = orders_of(signals)
-    assert np.abs(found.cut(1.0, "slip_speed") / 5.0 - 1.0).max() < 0.01
-    assert np.abs(found.frequency / W - 1.0).max() < 1e-3
+    orders = orders_of(signals)
+    assert np.abs(orders.cut(1.0, "slip_speed") / 5.0 - 1.0).max() < 0.01
+    assert np.abs(orders.frequency / W - 1.0).max() < 1e-3
     return (*table_in(path).notes, *signals.notes)
 
 
@@ -141,8 +141,8 @@ def identified(path, shift):
 @pytest.mark.parametrize("verb", [analysed, simulated, identified])
 @pytest.mark.parametrize("name", DEFECTS)
 def test_no_defect_is_silent(tmp_path, name, verb):
-    found, shift, words = DEFECTS[name]
-    path = written(tmp_path / "run.csv", found)
+    result, shift, words = DEFECTS[name]
+    path = written(tmp_path / "run.csv", result)
     if name == "times in ms" and verb is identified:
         pytest.skip("test_times_in_ms_are_found_by_the_driveline")
     try:

@@ -134,17 +134,17 @@ SAID = {german: ["read as semicolons and decimal comma, 4 columns, 4 used", "sli
 
 @pytest.mark.parametrize("export", EXPORTS, ids=lambda export: export.__name__)
 def test_every_export_gives_the_same_table(tmp_path, export):
-    found = table_in(export(tmp_path / "run.csv"), columns=WORDS.get(export, [None, None])[1])
-    assert set(found.columns) == set(COLUMNS)
-    np.testing.assert_allclose(found.t - found.t[0], T, atol=2e-6)
+    result = table_in(export(tmp_path / "run.csv"), columns=WORDS.get(export, [None, None])[1])
+    assert set(result.columns) == set(COLUMNS)
+    np.testing.assert_allclose(result.t - result.t[0], T, atol=2e-6)
     for name in ("slip_speed", "engine_torque", "engine_speed"):
-        np.testing.assert_allclose(found.columns[name], COLUMNS[name], rtol=1e-9)
-    assert not len(found.holes(*COLUMNS))
-    orders = orders_of(signals_in(found, System()))
+        np.testing.assert_allclose(result.columns[name], COLUMNS[name], rtol=1e-9)
+    assert not len(result.holes(*COLUMNS))
+    orders = orders_of(signals_in(result, System()))
     assert np.abs(20.0 * np.log10(orders.cut(1.0, "slip_speed") / 5.0)).max() < 0.1
     for words in SAID[export]:
-        assert words in " ".join(found.notes)
-    assert len(found.notes) == (2 if export is epoch else 1 if SAID[export] else 0)
+        assert words in " ".join(result.notes)
+    assert len(result.notes) == (2 if export is epoch else 1 if SAID[export] else 0)
 
 
 @pytest.mark.parametrize("head", ["t,engine_torque,other\ns,N m,", "t [s],engine_torque [Nm],other",
@@ -153,17 +153,17 @@ def test_every_export_gives_the_same_table(tmp_path, export):
 def test_units_stand_beside_names_or_below(tmp_path, head):
     path = tmp_path / "in.csv"
     path.write_text(head.replace("other", "state") + "\n0,200,0\n0.1,250,0\n0.2,300,0\n")
-    found = table_in(path).columns
-    assert {name: column.tolist() for name, column in found.items()} == {"t": [0.0, 0.1, 0.2],
-                                                                         "engine_torque": [200.0, 250.0, 300.0]}
+    result = table_in(path).columns
+    assert {name: column.tolist() for name, column in result.items()} == {"t": [0.0, 0.1, 0.2],
+                                                                          "engine_torque": [200.0, 250.0, 300.0]}
     path.write_text("t [ms],engine_torque [kN m]\n0,0.2\n100,0.25\n")
     assert [column.tolist() for column in table_in(path).columns.values()] == [[200.0, 250.0], [0.0, 0.1]]
     path.write_text("t,engine_torque\nms,bananas\n0,200\n0.1,250\n")
     with pytest.raises(InputError, match="column engine_torque is in bananas; engine_torque must be in N m or one of"):
         table_in(path)
     path.write_text("t,engine_torque\nnan,200\n0.1,250\n")
-    found = table_in(path)
-    assert (found.t.tolist(), found.notes) == ([0.1], ("in.csv: 1 row without a time left out",))
+    result = table_in(path)
+    assert (result.t.tolist(), result.notes) == ([0.1], ("in.csv: 1 row without a time left out",))
 
 
 def test_a_line_between_names_and_units_is_no_unit_and_a_row_may_lack_what_is_not_used(tmp_path):
@@ -268,9 +268,9 @@ def test_samples_come_back_from_every_kind_of_table(tmp_path, suffix):
         pytest.importorskip("pyarrow")
     run = solve(load_scene("fig02"), cycles=2, samples_per_cycle=50)
     write_samples(tmp_path / f"run{suffix}", run, load_scene("fig02").text(), recorded=True)
-    found = table_in(tmp_path / f"run{suffix}")
+    result = table_in(tmp_path / f"run{suffix}")
     for name in ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque"):
-        assert found.columns[name].tolist() == getattr(run, name).tolist()
-    assert found.hold == {"engine_torque": "linear", "actuation_pressure": "linear"}
+        assert result.columns[name].tolist() == getattr(run, name).tolist()
+    assert result.hold == {"engine_torque": "linear", "actuation_pressure": "linear"}
     torque = driven_by(load_scene("commands"), tmp_path / f"run{suffix}").system.inputs.torque
     assert torque[:, 1].tolist() == run.engine_torque.tolist()

@@ -161,8 +161,8 @@ def test_changes_of_a_run_are_made_at_their_tick_as_in_closed_loop(driveline: An
     alone = tcc_sim.closed_loop("fig02", lambda _: None, 0.15, at={
         0.05: {"engine.mean_torque": 200.0}, 0.1: {"engine.mean_torque": 320.0, "pressure.amplitude": 0.0}})
     for name in ("slip_speed", "engine_torque", "plate_angle"):
-        found = np.concatenate([getattr(runs[0], name), getattr(runs[1], name)[1:]])
-        assert found.tobytes() == getattr(alone, name).tobytes(), name
+        values = np.concatenate([getattr(runs[0], name), getattr(runs[1], name)[1:]])
+        assert values.tobytes() == getattr(alone, name).tobytes(), name
     with pytest.raises(InputError, match=r"a change at 0.1 s is not possible; the run is at 0.15 s"):
         plant.at(0.1, engine__mean_torque=1.0)
     with pytest.raises(InputError, match=r"engine.mean_torque is 1e\+06 N m"):

@@ -23,7 +23,7 @@ PAGE = Path(__file__).resolve().parents[2] / ".github" / "guide" / "testing.md"
 BLOCK = re.compile(r"^```(\w+) (\S+)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 PYTEST = "import sys; sys.path.remove(''); import pytest; sys.exit(pytest.main(sys.argv[1:]))"
 """The program `pytest`, which does not see the folder that it runs in, unlike `python -m pytest`."""
-installed = pytest.mark.skipif(not [found for found in entry_points(group="pytest11") if found.name == "tcc_sim"],
+installed = pytest.mark.skipif(not [entry for entry in entry_points(group="pytest11") if entry.name == "tcc_sim"],
                                reason="the package is not installed, so pytest does not know its plugin")
 
 
@@ -172,5 +172,5 @@ def test_without_ros_the_plugin_is_silent(tmp_path: Path) -> None:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(BLOCK.sub(lambda found: f"```{found[1]} {found[2]}\n{(EXAMPLE / found[2]).read_text()}```",
+    PAGE.write_text(BLOCK.sub(lambda match: f"```{match[1]} {match[2]}\n{(EXAMPLE / match[2]).read_text()}```",
                               PAGE.read_text()))

@@ -148,8 +148,8 @@ def test_cells_meet_half_way_between_their_centres() -> None:
 def test_a_twin_shows_its_start_its_end_and_all_of_the_difference(figures: list[Any], tmp_path: Path) -> None:
     t = np.arange(-10.0, 31.0)
     run = SimpleNamespace(t=t, slip_speed=2.0 * t, cycle=1.0)
-    found = SimpleNamespace(trajectory=run, t=t, slip_speed=3.0 * t, difference=-t)
-    whole_runs.draw_twin(tmp_path / "a.png", found)
+    result = SimpleNamespace(trajectory=run, t=t, slip_speed=3.0 * t, difference=-t)
+    whole_runs.draw_twin(tmp_path / "a.png", result)
     start, end, difference = ([line.get_xydata().tolist() for line in axis.lines] for axis in figures[0].axes)
     for lines, part in ((start, t[:9]), (end, t[-9:])):
         assert lines == [[[x, 3.0 * x] for x in part], [[x, 2.0 * x] for x in part]]
@@ -157,7 +157,7 @@ def test_a_twin_shows_its_start_its_end_and_all_of_the_difference(figures: list[
     assert figures[0].axes[2].get_xlim() == (-10.0, 30.0)
     with style.figure() as drawn:
         axis = drawn.subplots()
-        whole_runs.draw_slip_speeds(axis, found)
+        whole_runs.draw_slip_speeds(axis, result)
         assert all(len(line.get_xdata()) == len(t) for line in axis.lines)
 
 
@@ -194,7 +194,7 @@ def test_stick_is_shaded_from_its_first_sample_to_its_last() -> None:
         assert not overview.shade_stick(axis, t, np.ones(7))
 
 
-def found(stable: list[bool], **bifurcation: object) -> dict[str, object]:
+def document_of(stable: list[bool], **bifurcation: object) -> dict[str, object]:
     values = [float(k) for k in range(len(stable))]
     return {"branches": [{"value": values, "max_slip_speed": [10.0 * v for v in values], "stable": stable}],
             "bifurcations": [{"branch": 0, **bifurcation}] if bifurcation else []}
@@ -208,7 +208,7 @@ def test_fast_stick_is_shaded_by_its_share_of_each_column() -> None:
         k = np.arange(10_000)
         state = np.where((k % 10 < 4) == (k < 5000), 0, 1).astype(np.int8)  # 40 %, then 60 % of each ten samples.
         assert overview.shade_stick(axis, 1e-3 * k, state)
-        mesh, = (found for found in axis.collections if isinstance(found, QuadMesh))
+        mesh, = (each for each in axis.collections if isinstance(each, QuadMesh))
         share = np.asarray(mesh.get_array()).ravel()
         assert len(share) == overview.COLUMNS
         assert abs(share[:235].mean() - 0.4) < 0.01
@@ -225,13 +225,13 @@ def test_a_run_up_has_cuts_of_both_quantities_and_a_campbell_diagram(figures: li
     peak = np.ones(60)
     peak[7] = 50.0
     windows = np.linspace(0.0, 1.0, 60)
-    found = Orders(windows, 80.0 + 100.0 * windows, np.arange(0.0, 10.1, 0.1), level, level, np.ones(1),
-                   np.ones((60, 1)), Judder(peak, peak, peak), windows, (116.8, 387.3))
-    order_maps.plot_orders(tmp_path / "orders.png", found)
+    result = Orders(windows, 80.0 + 100.0 * windows, np.arange(0.0, 10.1, 0.1), level, level, np.ones(1),
+                    np.ones((60, 1)), Judder(peak, peak, peak), windows, (116.8, 387.3))
+    order_maps.plot_orders(tmp_path / "orders.png", result)
     titles = {axis: axis.get_title(loc="left") for axis in figures[0].axes}
     axes = {title.partition(" ")[2]: axis for axis, title in titles.items() if title}
     for name in ("Orders of the shaft torque", "Orders of the slip speed"):
-        assert len(axes[name].lines) == len(found.cuts)
+        assert len(axes[name].lines) == len(result.cuts)
         assert any(text.get_text() == "order 2, below -60 dB" for text in axes[name].get_legend().get_texts())
     assert axes["Judder"].get_ylim()[1] == pytest.approx(1.1)
     assert axes["Judder"].get_legend().get_title().get_text() == "1 of 60 windows off scale"
@@ -241,7 +241,7 @@ def test_a_run_up_has_cuts_of_both_quantities_and_a_campbell_diagram(figures: li
     stuck, slipping, *lines = campbell.lines
     modes = np.array([116.8, 387.3]) / (2.0 * math.pi)
     assert [line.get_ydata()[0] for line in (stuck, slipping)] == pytest.approx(modes)
-    assert [line.get_ydata()[1] / line.get_xdata()[1] * 60.0 for line in lines] == pytest.approx(list(found.cuts))
+    assert [line.get_ydata()[1] / line.get_xdata()[1] * 60.0 for line in lines] == pytest.approx(list(result.cuts))
     heights = {text.get_text(): text.xy for text in campbell.texts}
     for name, omega in (("stuck, 18.59 Hz", 116.8), ("slipping, 61.64 Hz", 387.3)):
         assert heights[name] == pytest.approx((80.0 * 30.0 / math.pi, omega / 2 / math.pi))
@@ -250,7 +250,7 @@ def test_a_run_up_has_cuts_of_both_quantities_and_a_campbell_diagram(figures: li
 
 
 def test_a_branch_is_solid_to_its_bifurcation_and_dashed_behind_it() -> None:
-    both = found([True, True, False, False], after=1, value=1.7, max_slip_speed=14.0, changes_stability=True)
+    both = document_of([True, True, False, False], after=1, value=1.7, max_slip_speed=14.0, changes_stability=True)
     (x, y), (other_x, other_y) = stable_and_unstable(both, 0)
     assert x[np.isfinite(x)].tolist() == [0.0, 1.0, 1.7]
     assert y[np.isfinite(y)].tolist() == [0.0, 10.0, 14.0]
@@ -259,22 +259,22 @@ def test_a_branch_is_solid_to_its_bifurcation_and_dashed_behind_it() -> None:
 
 
 def test_a_fold_between_points_of_one_kind_is_a_corner_of_the_line() -> None:
-    (x, _), (other, _) = stable_and_unstable(found([False, False], after=0, value=1.2, max_slip_speed=5.0,
-                                                   changes_stability=False), 0)
+    (x, _), (other, _) = stable_and_unstable(document_of([False, False], after=0, value=1.2, max_slip_speed=5.0,
+                                                         changes_stability=False), 0)
     assert len(x) == 0
     assert other[1:].tolist() == [0.0, 1.2, 1.0]
 
 
 def test_a_piece_that_no_bifurcation_parts_is_dashed_where_either_end_is_unstable() -> None:
-    (x, _), (other, _) = stable_and_unstable(found([True, False, True, True]), 0)
+    (x, _), (other, _) = stable_and_unstable(document_of([True, False, True, True]), 0)
     assert x[1:].tolist() == [2.0, 3.0]
     assert other[1:].tolist() == [0.0, 1.0, 2.0]
-    (x, _), _ = stable_and_unstable(found([True, True, False, True, True]), 0)
+    (x, _), _ = stable_and_unstable(document_of([True, True, False, True, True]), 0)
     np.testing.assert_array_equal(x, [math.nan, 0.0, 1.0, math.nan, 3.0, 4.0])
 
 
 def test_the_picture_has_its_title_and_its_axes_named(figures: list[Any], tmp_path: Path) -> None:
-    values = {**found([True, True, False]), "over": "engine.frequency"}
+    values = {**document_of([True, True, False]), "over": "engine.frequency"}
     values["branches"][0]["period"] = 1
     values["bifurcations"] = []
     branch_diagram.branch_diagram(tmp_path / "branches.svg", values, title="a scene")

@@ -27,9 +27,9 @@ def truth(system, t0, state, at):
         slip, plate = equations.accelerations(y[0], y[1], y[2], engine, torque, terms.linear)
         return [slip, y[2], plate]
 
-    found = solve_ivp(rates, (t0, at[-1]), state, method="Radau", t_eval=at, rtol=1e-10, atol=1e-10)
-    assert found.success
-    return found.y
+    solution = solve_ivp(rates, (t0, at[-1]), state, method="Radau", t_eval=at, rtol=1e-10, atol=1e-10)
+    assert solution.success
+    return solution.y
 
 
 @pytest.fixture(scope="module")
@@ -65,10 +65,10 @@ def test_the_friction_torque_between_ticks_has_no_spikes_in_stick(recorded):
     jumps = np.abs(np.diff(dense.friction_torque))[inner[1:] & inner[:-1]]
     assert len(jumps) > 1000
     assert jumps.max() < 2.0  # N m between neighbours; what the ticks themselves hold jumps by more than 100
-    own = recorded.trajectory
-    both = (own.state[1:] == 0) & (own.state[:-1] == 0)
-    assert np.abs(np.diff(own.friction_torque))[both].max() > 30.0
-    most = own.system.friction_ratio * dense.saturation_torque
+    trajectory = recorded.trajectory
+    both = (trajectory.state[1:] == 0) & (trajectory.state[:-1] == 0)
+    assert np.abs(np.diff(trajectory.friction_torque))[both].max() > 30.0
+    most = trajectory.system.friction_ratio * dense.saturation_torque
     assert (np.abs(dense.friction_torque) <= most * (1.0 + 1e-9)).all()
 
 
@@ -121,14 +121,14 @@ def test_the_last_cycles_of_a_solve_again_with_samples(law):
 def test_a_scene_whose_frequency_varies_is_drawn_with_its_own_torque(tmp_path):
     scene = load_scene("chaos").with_values({"engine.frequency_times": [0.0, 1.0],
                                                "engine.frequency_values": [80.0, 160.0]})
-    found = between(replay(bag(tmp_path / "run", ticked(scene, 900), scene)).trajectory)
+    result = between(replay(bag(tmp_path / "run", ticked(scene, 900), scene)).trajectory)
     e = scene.system.engine
-    exact = e.mean_torque + e.torque_amplitude * np.sin(80.0 * found.t + 40.0 * found.t**2)
-    assert np.abs(found.engine_torque - exact).max() < 1e-6 * e.torque_amplitude
+    exact = e.mean_torque + e.torque_amplitude * np.sin(80.0 * result.t + 40.0 * result.t**2)
+    assert np.abs(result.engine_torque - exact).max() < 1e-6 * e.torque_amplitude
 
 
 def test_where_the_torque_is_not_the_scenes_it_is_that_of_the_samples(recorded):
     tail = recorded.trajectory
-    found = between(replace(tail, engine_torque=tail.engine_torque + 100.0))
-    place = np.searchsorted(found.t, tail.t - 1e-9)
-    np.testing.assert_allclose(found.engine_torque[place], tail.engine_torque + 100.0, rtol=1e-12)
+    result = between(replace(tail, engine_torque=tail.engine_torque + 100.0))
+    place = np.searchsorted(result.t, tail.t - 1e-9)
+    np.testing.assert_allclose(result.engine_torque[place], tail.engine_torque + 100.0, rtol=1e-12)

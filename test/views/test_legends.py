@@ -124,10 +124,10 @@ PICTURES: dict[str, list[Draw]] = {
 
 
 def test_every_function_that_makes_a_picture_has_a_row() -> None:
-    found = {f"{path.stem}.{part.name}" for path in PACKAGE.rglob("*.py")
-             for part in ast.walk(ast.parse(path.read_text()))
-             if isinstance(part, ast.FunctionDef) and "style.figure(" in ast.unparse(part)}
-    assert found == {*PICTURES, "drawings.draw"}  # The latter is in test_drawings.
+    values = {f"{path.stem}.{part.name}" for path in PACKAGE.rglob("*.py")
+              for part in ast.walk(ast.parse(path.read_text()))
+              if isinstance(part, ast.FunctionDef) and "style.figure(" in ast.unparse(part)}
+    assert values == {*PICTURES, "drawings.draw"}  # The latter is in test_drawings.
 
 
 @pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
@@ -166,12 +166,12 @@ def test_a_result_is_drawn_into_an_axis_with_its_legend(name: str, monkeypatch: 
         results = [run()] if name == "Trajectory" else INTO[name]
     for result in results:
         drawn = Figure()
-        axis, beside = drawn.subplots(1, 2)
+        axis, second = drawn.subplots(1, 2)
         with monkeypatch.context() as patch:
             patch.setattr(style, "figure", None)
             assert tcc_sim.plot(result, ax=axis) is axis
         assert axis.has_data()
-        assert not beside.has_data()
+        assert not second.has_data()
         assert {other.get_label() for other in drawn.axes} <= {"", "<colorbar>"}
         named = style.entries(axis)[1]
         legend = axis.get_legend()

@@ -185,12 +185,12 @@ def test_cycle_means_are_those_of_a_known_signal():
     means, step = CycleMeans(Uniform(0.04)), 1e-3
     t = np.arange(0, 401) * step
     v = 5.0 + 3.0 * t + np.sin(2.0 * math.pi * t / 0.04)
-    ends, found = [], []
+    ends, result = [], []
     for part in np.array_split(np.arange(401), 13):
         for _, e, m in means.feed(t[part], v[part]):
-            ends, found = [*ends, *e], [*found, *m]
+            ends, result = [*ends, *e], [*result, *m]
     np.testing.assert_allclose(ends, 0.04 * np.arange(1, 11))
-    np.testing.assert_allclose(found, 5.0 + 3.0 * (np.array(ends) - 0.02), atol=1e-9)
+    np.testing.assert_allclose(result, 5.0 + 3.0 * (np.array(ends) - 0.02), atol=1e-9)
     means.restart()
     assert not means.feed(t[:30], v[:30])
 
@@ -200,13 +200,13 @@ def test_events_of_a_recording(tmp_path):
     said = []
     rows = ticked(scene, 1500, pressure=lambda k: 2e5 if k < 700 else 2.5e5, said=said,
                   changes=[(900, {"friction.kinetic_coefficient": 0.25}, False)], resets=(1300,))
-    found = replay(bag(tmp_path / "run", rows, scene, said=said), frequency=150.0).control
-    assert [event.text for event in found.events] == ["friction.kinetic_coefficient = 0.25", "reset or restart"]
-    assert found.events[0].t == pytest.approx(0.9, abs=2e-3)
-    assert found.events[1].t == pytest.approx(1.3, abs=2e-3)
-    assert found.applied.values.min() == 2e5
-    assert found.applied.values[-1] == 2.5e5
-    assert len(found.mean_slip) == int(1.3 / load_scene("fig02").system.cycle)
+    result = replay(bag(tmp_path / "run", rows, scene, said=said), frequency=150.0).control
+    assert [event.text for event in result.events] == ["friction.kinetic_coefficient = 0.25", "reset or restart"]
+    assert result.events[0].t == pytest.approx(0.9, abs=2e-3)
+    assert result.events[1].t == pytest.approx(1.3, abs=2e-3)
+    assert result.applied.values.min() == 2e5
+    assert result.applied.values[-1] == 2.5e5
+    assert len(result.mean_slip) == int(1.3 / load_scene("fig02").system.cycle)
 
 
 def test_a_held_signal_is_drawn_to_the_end_once() -> None:
@@ -228,8 +228,8 @@ def test_curves_are_not_joined_across_jumps() -> None:
 
 
 def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(figures, tmp_path) -> None:
-    found = sweeps.classes(["stick", "slip", None, "slip"], [False, True, None, False])
-    assert {name: mine.tolist() for name, (_, mine) in found.items()} == {
+    swept = sweeps.classes(["stick", "slip", None, "slip"], [False, True, None, False])
+    assert {name: mine.tolist() for name, (_, mine) in swept.items()} == {
         "stick": [True, False, False, False], "slip": [False, False, False, True],
         "runaway": [False, True, False, False]}
     chaos = load_scene("chaos").with_values({"friction.law": "set_valued"})
@@ -243,16 +243,16 @@ def test_a_runaway_is_a_class_and_leaves_the_scale_to_the_others(figures, tmp_pa
 
 
 def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(figures, tmp_path) -> None:
-    found = simulate("apply")
-    plots.plot(found, tmp_path / "it.png")
+    result = simulate("apply")
+    plots.plot(result, tmp_path / "it.png")
     torques, slip, shaft, heat = figures[0].axes
     kinetic, static = (line.get_ydata() for line in torques.lines[2:])
     assert static == pytest.approx(load_scene("apply").system.friction_ratio * kinetic)
     t, warm = heat.lines[0].get_data()
     assert (t[0], t[-1]) == (0.0, 1.0)
-    assert 1e3 * warm[-1] == pytest.approx(found.summary.clutch_energy, rel=0.01)
-    assert max(shaft.lines[0].get_ydata()) == pytest.approx(found.summary.max_shaft_torque, rel=0.01)
-    assert max(slip.lines[0].get_ydata()) == pytest.approx(found.summary.max_slip_speed, rel=1e-3)
+    assert 1e3 * warm[-1] == pytest.approx(result.summary.clutch_energy, rel=0.01)
+    assert max(shaft.lines[0].get_ydata()) == pytest.approx(result.summary.max_shaft_torque, rel=0.01)
+    assert max(slip.lines[0].get_ydata()) == pytest.approx(result.summary.max_slip_speed, rel=1e-3)
 
 
 def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(figures, tmp_path) -> None:
@@ -260,18 +260,18 @@ def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(figures, tmp_pa
     ax = Figure().subplots()
     assert plots.plot(run, ax=ax) is ax
     assert ax.lines[0].get_ydata() == pytest.approx(run.slip_speed)
-    found = sweep("slip", "engine.torque_amplitude", [10.0, 20.0], cycles=20)
+    swept = sweep("slip", "engine.torque_amplitude", [10.0, 20.0], cycles=20)
     axis = Figure().subplots()
-    plots.plot(found, ax=axis)
-    assert axis.lines[0].get_ydata() == pytest.approx(found.column("max_slip_speed"))
-    assert found._repr_html_().count("<tr>") == 3
+    plots.plot(swept, ax=axis)
+    assert axis.lines[0].get_ydata() == pytest.approx(swept.column("max_slip_speed"))
+    assert swept._repr_html_().count("<tr>") == 3
     path = tmp_path / "a.svg"
     path.write_text("mine")
     for wrong in ({"file": path}, {"file": path, "ax": ax}):
         with pytest.raises(InputError):
-            plots.plot(found, **wrong)
+            plots.plot(swept, **wrong)
     assert path.read_text() == "mine"
-    assert plots.plot(found, path, force=True) == path
+    assert plots.plot(swept, path, force=True) == path
 
 
 def test_a_style_file_sets_fonts_and_a_wrong_one_is_refused(figures, tmp_path, refused) -> None:

@@ -60,17 +60,17 @@ def test_the_file_is_accepted_and_holds_every_sample(tmp_path):
         stream.text("# Summary")
     checked = rerun_tool("verify", path)
     assert checked.returncode == 0, checked.stderr
-    found = rerun_rows(path)
+    result = rerun_rows(path)
     static = 1
     for entity in ("/torque/engine", "/torque/friction", "/slip/speed", "/plate/angle", "/plate_speed/speed"):
-        assert found[entity] == 1500 + static
+        assert result[entity] == 1500 + static
     for entity in ("/cycles/largest", "/cycles/smallest"):
-        assert found[entity] == 28 + static
+        assert result[entity] == 28 + static
     for entity in ("/phase/section", "/phase/orbit"):
-        assert found[entity] == 28 + static + 1  # Its place in the box.
-    assert found["/events"] == 2
+        assert result[entity] == 28 + static + 1  # Its place in the box.
+    assert result["/events"] == 2
     states = [batch(0, 1000)[6], batch(0, 500)[6]]
-    assert found["/state"] == sum(1 + np.count_nonzero(np.diff(s)) for s in states) + static
+    assert result["/state"] == sum(1 + np.count_nonzero(np.diff(s)) for s in states) + static
 
 
 def test_it_streams_while_it_is_fed(tmp_path):
@@ -180,11 +180,11 @@ def test_no_panel_is_empty_after_the_first_two_cycles(controlled, tmp_path):
         at, value = np.array([100_000_000]), np.ones(1)
         stream.control(dict.fromkeys(["mean_slip", *(["applied_pressure"] if controlled else [])], (at, value)))
         stream.text("what is watched")
-    found, looks = rerun_rows(path), Counter(f"/{entity}" for entity, _ in layout.looks(controlled))
+    result, looks = rerun_rows(path), Counter(f"/{entity}" for entity, _ in layout.looks(controlled))
     shown = panels(layout.blueprint(CYCLE, controlled).root_container)
     assert len(shown) == (11 if controlled else 9)
     assert [view.name for view in shown if not any(
-        found[entity] > looks[entity] for entity in found if f"{entity}/".startswith(f"/{view.origin}/"))] == []
+        result[entity] > looks[entity] for entity in result if f"{entity}/".startswith(f"/{view.origin}/"))] == []
 
 
 def test_a_controllers_test_is_in_the_file_and_in_the_layout(tmp_path):
@@ -197,12 +197,12 @@ def test_a_controllers_test_is_in_the_file_and_in_the_layout(tmp_path):
                         "engine_torque": (at[1:], np.array([310.0]))},
                        [Event(0.25, "pressure falls back: no command for 0.5 s")])
         stream.samples(*batch(0, 500), new_run=True)
-    found, every = rerun_rows(path), printed(path)
+    result, every = rerun_rows(path), printed(path)
     static = 1
     expected = {"/control/mean": 2, "/control/target": 2, "/pressure/applied": 2, "/pressure/command": 1,
                 "/torque/engine_command": 1, "/event/mark": 2}
-    assert {entity: found[entity] for entity in expected} == {entity: n + static for entity, n in expected.items()}
-    assert found["/events"] == 3
+    assert {entity: result[entity] for entity in expected} == {entity: n + static for entity, n in expected.items()}
+    assert result["/events"] == 3
     for words in ("pressure falls back: no command for 0.5 s", "reset or restarted", "Target and cycle mean (rad/s)",
                   "Actuation pressure (Pa)"):
         assert words in every

@@ -27,13 +27,13 @@ FALLING = ["--set", "pressure.amplitude=0"]
 
 def artists(drawn: Any) -> list[Any]:
     """Titles, labels and numbers of every line, collection and text of a figure."""
-    found: list[Any] = [text.get_text() for text in drawn.texts]
+    values: list[Any] = [text.get_text() for text in drawn.texts]
     for axis in drawn.axes:
-        found += [axis.get_title(loc="left"), axis.get_xlabel(), axis.get_ylabel(), axis.get_xlim(), axis.get_ylim()]
-        found += [(line.get_label(), line.get_xydata()) for line in axis.lines]
-        found += [(c.get_array(), c.get_offsets(), [p.vertices for p in c.get_paths()]) for c in axis.collections]
-        found += [patch.get_path().vertices for patch in axis.patches]
-    return found
+        values += [axis.get_title(loc="left"), axis.get_xlabel(), axis.get_ylabel(), axis.get_xlim(), axis.get_ylim()]
+        values += [(line.get_label(), line.get_xydata()) for line in axis.lines]
+        values += [(c.get_array(), c.get_offsets(), [p.vertices for p in c.get_paths()]) for c in axis.collections]
+        values += [patch.get_path().vertices for patch in axis.patches]
+    return values
 
 
 def same(one: Any, other: Any) -> None:
@@ -171,7 +171,7 @@ def test_a_result_is_drawn_in_the_units_of_its_command_or_in_others(figures, tmp
         assert main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"), "--force", *more]) == 0
     tcc_sim.plot(tcc_sim.sweep("slip", "engine.frequency", [100.0, 200.0], cycles=20), tmp_path / "b.png", units="rpm")
     labels = [{text for text in artists(drawn) if isinstance(text, str)} for drawn in figures]
-    assert [{"engine speed (rpm)", "max |slip speed|\n(rpm)"} <= found for found in labels] == [True, False, True]
+    assert [{"engine speed (rpm)", "max |slip speed|\n(rpm)"} <= each for each in labels] == [True, False, True]
     assert r"excitation frequency $\omega/2\pi$ (Hz)" in labels[1]
     with pytest.raises(InputError, match="units is 'bpm'; it must be rad, rpm, hz"):
         tcc_sim.plot("a.json", tmp_path / "c.png", units="bpm")

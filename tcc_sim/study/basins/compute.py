@@ -165,7 +165,8 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
                     "row", len(systems) * len(axes[1].values), shown=progress) as bar:
             for index, each in enumerate(systems):
                 mine = [(row, record) for i, row, record in stored if i == index]
-                plane_basins = _one(each, axes, cycles, mine, executor, attendance, partial(file.append, index), bar.update)
+                plane_basins = _one(each, axes, cycles, mine, executor, attendance, partial(file.append, index),
+                                    bar.update)
                 value = None if over is None else (over.key, over.values[index])
                 known = numbered(DrivelineMotion(each), [one.attractors for one in out], plane_basins.attractors)
                 out.append(dataclasses.replace(plane_basins, over=value, attractors=known))

@@ -80,12 +80,12 @@ def henon_chaos(x, p):
 
 def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_iteration():
     of = Iterated(newton_for_cube_roots, 2)
-    found = find_attractors(of, 4.0 * halton(12, 2) - 2.0)
+    result = find_attractors(of, 4.0 * halton(12, 2) - 2.0)
     roots = np.array([1.0, np.exp(2j * np.pi / 3), np.exp(-2j * np.pi / 3)])
-    ours = np.array([complex(*a.section[0]) for a in found])
+    ours = np.array([complex(*a.section[0]) for a in result])
     assert sorted(np.abs(roots[:, None] - ours[None]).argmin(axis=0)) == [0, 1, 2]
-    assert all(a.period == 1 and abs(a.multipliers[0]) < 1e-8 for a in found)
-    mapper = ProximityMapper(found, of.map.scales, 1)
+    assert all(a.period == 1 and abs(a.multipliers[0]) < 1e-8 for a in result)
+    mapper = ProximityMapper(result, of.map.scales, 1)
     cells = 4.0 * halton(60, 2) - 2.0
     for cell, k in zip(cells, labelled(of, mapper, cells, DEFAULTS.cycles)[0]):
         assert abs(complex(*section_points(of, cell, 0, 100)[-1]) - ours[k]) < 1e-9
@@ -93,24 +93,24 @@ def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_it
 
 def test_two_fixed_points_and_what_runs_away():
     of = Iterated(cubic, 1)
-    found = find_attractors(of, [np.array([x]) for x in (0.3, -0.3, 4.0)])
-    assert sorted(float(a.section[0, 0]) for a in found) == pytest.approx([-1.0, 1.0])
-    mapper = ProximityMapper(found, of.map.scales, 1)
+    result = find_attractors(of, [np.array([x]) for x in (0.3, -0.3, 4.0)])
+    assert sorted(float(a.section[0, 0]) for a in result) == pytest.approx([-1.0, 1.0])
+    mapper = ProximityMapper(result, of.map.scales, 1)
     cells = np.array([-2.0, -0.7, -1e-3, 1e-3, 0.6, 2.1, 2.4, 0.0])[:, None]
     *labels, fast, middle = labelled(of, mapper, cells, DEFAULTS.cycles)[0]
     for x, k in zip(cells[:, 0], labels):
-        assert found[k].section[0, 0] == pytest.approx(section_points(of, [x], 0, 300)[-1, 0])
+        assert result[k].section[0, 0] == pytest.approx(section_points(of, [x], 0, 300)[-1, 0])
     assert (fast, middle) == (RUNAWAY, UNDECIDED)
 
 
 def test_a_strange_attractor_is_one_cloud():
     of = Iterated(henon_chaos, 2, bound=1e9, value=henon_value)
-    found = find_attractors(of, [np.array(x) for x in ((0.1, 0.1), (-0.3, 0.2))])
-    assert [(a.period, a.multipliers) for a in found] == [(0, None)]
+    result = find_attractors(of, [np.array(x) for x in ((0.1, 0.1), (-0.3, 0.2))])
+    assert [(a.period, a.multipliers) for a in result] == [(0, None)]
     wide = Iterated(henon_chaos, 2, bound=1e9, value=henon_value)
     wide.map.scales = 7.0 * of.map.scales  # Points of the cloud lie as near to each other in any unit.
-    assert len(found[0].section) == len(find_attractors(wide, [np.array([0.1, 0.1])])[0].section) < 2 * DEFAULTS.cloud
-    mapper = ProximityMapper(found, of.map.scales, 1)
+    assert len(result[0].section) == len(find_attractors(wide, [np.array([0.1, 0.1])])[0].section) < 2 * DEFAULTS.cloud
+    mapper = ProximityMapper(result, of.map.scales, 1)
     assert labelled(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), DEFAULTS.cycles)[0].tolist() == [0, RUNAWAY]
 
 
@@ -135,9 +135,9 @@ def turned(x):
 
 def test_a_quasi_periodic_attractor_is_listed_once_from_wherever_it_is_begun():
     of = Iterated(beside_a_resonance, 2, value=turned)
-    found = find_attractors(of, [1.1 * np.array([np.cos(a), np.sin(a)]) for a in (0.0, 0.15)])
-    assert [a.period for a in found] == [0]
-    angles = np.sort(np.arctan2(*found[0].section.T))
+    result = find_attractors(of, [1.1 * np.array([np.cos(a), np.sin(a)]) for a in (0.0, 0.15)])
+    assert [a.period for a in result] == [0]
+    angles = np.sort(np.arctan2(*result[0].section.T))
     assert np.diff(angles).max() < 0.05
 
 
@@ -155,17 +155,17 @@ def test_a_capture_radius_is_validated_where_motions_return_within_600_cycles(mu
     def linear(x, p):
         return multiplier * x, np.array([[multiplier]]), np.zeros((1, 0))
 
-    (found,) = find_attractors(Iterated(linear, 1), [np.array([0.01])])
-    assert (found.period, found.validated) == (1, validated)
-    assert (found.radius > DEFAULTS.smallest_radius) is validated
+    (result,) = find_attractors(Iterated(linear, 1), [np.array([0.01])])
+    assert (result.period, result.validated) == (1, validated)
+    assert (result.radius > DEFAULTS.smallest_radius) is validated
 
 
 def test_a_chaotic_transient_is_no_attractor():
     of = Iterated(leaking, 1, value=lambda x: [
         4.0000004 * x[0] * (1.0 - x[0]) if 0.0 <= x[0] <= 1.0 else 3.0 + 0.5 * (x[0] - 3.0)])
     seeds = [np.array([x]) for x in (0.11, 0.23, 0.37, 0.41)]
-    (found,) = find_attractors(of, seeds)
-    assert (found.period, found.section[0, 0]) == (1, pytest.approx(3.0))
+    (result,) = find_attractors(of, seeds)
+    assert (result.period, result.section[0, 0]) == (1, pytest.approx(3.0))
     # One of the seeds stays for longer than it takes a motion without a period to count as such.
     assert 0 in {a.period for a in find_attractors(of, seeds, settings=Settings(witnesses=0))}
 
@@ -205,19 +205,19 @@ def test_the_uncertainty_exponent_of_known_boundaries():
 def test_cells_of_the_driveline_are_labelled_as_brute_force_does():
     plane = (Axis("initial.slip_speed", tuple(np.linspace(0.0, 120.0, 9))),
              Axis("initial.plate_angle", tuple(np.linspace(-0.1, 0.3, 7))))
-    found, = basins(COEXISTENCE, plane, jobs=2)
-    assert sorted(a.period for a in found.attractors) == [1, 2]
-    for attractor in found.attractors:
+    result, = basins(COEXISTENCE, plane, jobs=2)
+    assert sorted(a.period for a in result.attractors) == [1, 2]
+    for attractor in result.attractors:
         assert abs(attractor.multipliers[0]) < 1.0
-    assert sum(found.fraction(k) for k in range(2)) == 1.0
-    assert min(found.fraction(k) for k in range(2)) > 0.05
+    assert sum(result.fraction(k) for k in range(2)) == 1.0
+    assert min(result.fraction(k) for k in range(2)) > 0.05
     random = np.random.default_rng(5)
     for j, i in zip(random.integers(7, size=12), random.integers(9, size=12)):
         start = State(plane[0].values[i], plane[1].values[j], 0.0)
         end = solve(COEXISTENCE, cycles=600, state=start).cycles.section[-2:]
         distances = [min(np.abs(end - np.roll(np.resize(a.section, (2, 3)), r, axis=0)).max() for r in (0, 1))
-                     for a in found.attractors]
-        assert int(np.argmin(distances)) == found.labels[j, i]
+                     for a in result.attractors]
+        assert int(np.argmin(distances)) == result.labels[j, i]
         assert min(distances) < 1e-3
 
 
@@ -247,14 +247,15 @@ def test_attractors_are_found_from_motions_that_are_solved_finely(law):
     """As coarsely as cells are followed, a chaotic attractor is left for a periodic motion that is none."""
     system = replace(COEXISTENCE, {"friction.law": law})
     start = np.array([[60.0, 0.1, 0.0]])
-    found, fine = (motion.sections(start, 0, 6) for motion in (DrivelineMotion(system), DrivelineMotion(system, 1e-11)))
-    assert (np.abs(found - fine) / np.abs(fine).max(axis=(0, 1))).max() < 1e-8
+    result, fine = (motion.sections(start, 0, 6) for motion in (DrivelineMotion(system),
+                                                                DrivelineMotion(system, 1e-11)))
+    assert (np.abs(result - fine) / np.abs(fine).max(axis=(0, 1))).max() < 1e-8
 
 
 def test_slip_that_runs_away_has_a_label_of_its_own():
     plane = (Axis("initial.slip_speed", (-200.0, 0.0, 30.0, 300.0, 3000.0)), Axis("initial.plate_speed", (0.0,)))
-    found, = basins(RUNNING_AWAY, plane)
-    assert found.labels[0, -1] == RUNAWAY
+    result, = basins(RUNNING_AWAY, plane)
+    assert result.labels[0, -1] == RUNAWAY
     late = solve(RUNNING_AWAY, cycles=50, state=State(3000.0, 0.0, 0.0)).cycles.section[:, 0]
     assert np.diff(late)[-1] == pytest.approx((300.0 - 180.0) / 0.2 * RUNNING_AWAY.cycle, rel=1e-3)
     assert not DrivelineMotion(COEXISTENCE).runs_away(np.array([[3000.0, 0.0, 0.0]]))[0]
@@ -275,7 +276,7 @@ def test_fractions_along_a_key_are_those_of_each_value_alone(tmp_path: Path):
     part = tmp_path / "over.part"
     two, one = basins(COEXISTENCE, plane, over=over, part=part)
     assert part.read_bytes().count(b"\n") == 1 + 2 * 3
-    assert [len(found.attractors) for found in (two, one)] == [2, 1]
+    assert [len(each.attractors) for each in (two, one)] == [2, 1]
     assert one.fraction(0) == 1.0
     (alone,) = basins(COEXISTENCE, plane)
     np.testing.assert_array_equal(two.labels, alone.labels)
@@ -294,7 +295,7 @@ def test_an_attractor_keeps_its_number_along_a_key():
     known = []
     for p, order in ((0.0, 1), (0.05, -1), (0.3, 1), (0.05, -1)):
         known.append(numbered(at(p), known, find_attractors(at(p), seeds[::order])))
-    numbers = [{a.number: float(np.sign(a.section[0, 0])) for a in found} for found in known]
+    numbers = [{a.number: float(np.sign(a.section[0, 0])) for a in each} for each in known]
     assert numbers == [{0: 1.0, 1: -1.0}, {0: 1.0, 1: -1.0}, {0: 1.0}, {0: 1.0, 2: -1.0}]
 
 

@@ -25,14 +25,14 @@ def test_the_verb_writes_labels_fractions_and_a_picture(tmp_path: Path, capsys):
              str(files[2])]
     assert main(words) == 0
     assert "period 2" in capsys.readouterr().out
-    told = json.loads(files[0].read_text())
+    document = json.loads(files[0].read_text())
     stored = np.load(files[1])
     assert stored["labels"].shape == stored["cycles"].shape == (4, 5)
-    assert [axis["key"] for axis in told["plane"]] == ["initial.slip_speed", "initial.plate_angle"]
-    for k, attractor in enumerate(told["attractors"]):
+    assert [axis["key"] for axis in document["plane"]] == ["initial.slip_speed", "initial.plate_angle"]
+    for k, attractor in enumerate(document["attractors"]):
         assert attractor["fraction"] == np.mean(stored["labels"] == k)
         assert len(attractor["section"]) == attractor["period"]
-    assert told["undecided"] == told["runaway"] == 0.0
+    assert document["undecided"] == document["runaway"] == 0.0
     assert files[2].stat().st_size > 10_000
     assert not list(tmp_path.glob("*.part"))
     assert main(words) == 2

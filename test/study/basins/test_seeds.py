@@ -30,10 +30,10 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_both_attractors_of_a_plane_are_followed(document: Path, tmp_path: Path, capsys) -> None:
     out = tmp_path / "branches.json"
     assert main(["continue", *SCENE, "--over", f"{MU_K}=0.25:0.26", "--seeds", str(document), "--json", str(out)]) == 0
-    found = json.loads(out.read_text())
+    result = json.loads(out.read_text())
     attractors = json.loads(document.read_text())["attractors"]
-    assert sorted(b["period"] for b in found["branches"]) == [1, 2]
-    for branch in found["branches"]:
+    assert sorted(b["period"] for b in result["branches"]) == [1, 2]
+    for branch in result["branches"]:
         assert branch["origin"]["kind"] == "attractor"
         attractor = attractors[branch["origin"]["attractor"]]
         assert branch["origin"]["value"] == 0.255
@@ -47,8 +47,8 @@ def test_both_attractors_of_a_plane_are_followed(document: Path, tmp_path: Path,
 
 def test_a_seed_on_a_branch_that_is_known_begins_none(document: Path) -> None:
     seeds = seeds_in(json.loads(document.read_text()), SYSTEM, MU_K, 0.25, 0.26)
-    found = continue_motions(SYSTEM, ContinuationPlan(MU_K, 0.25, 0.26, seeds=(*seeds, *seeds)))
-    assert [b.period for b in found.branches] == [s.period for s in seeds]
+    result = continue_motions(SYSTEM, ContinuationPlan(MU_K, 0.25, 0.26, seeds=(*seeds, *seeds)))
+    assert [b.period for b in result.branches] == [s.period for s in seeds]
     (only,) = continue_motions(SYSTEM, ContinuationPlan(MU_K, 0.25, 0.26, period=1, seeds=seeds)).branches
     assert only.period == 1
     with pytest.raises(NumericalFailure, match="no motion of period 3 was found near any of the 2 seeds"):
@@ -58,8 +58,8 @@ def test_a_seed_on_a_branch_that_is_known_begins_none(document: Path) -> None:
 
 
 def changed(document: Path, **values: Any) -> dict[str, Any]:
-    found: dict[str, Any] = {**json.loads(document.read_text()), **values}
-    return found
+    by_name: dict[str, Any] = {**json.loads(document.read_text()), **values}
+    return by_name
 
 
 def test_attractors_along_a_key_are_seeds_at_its_values(document: Path) -> None:

@@ -52,11 +52,11 @@ def pure_slip(system, t):
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])
 def test_the_reference_is_the_closed_form_of_pure_slip(law):
     system = replace(System(), {**SLIP, "friction.law": law})
-    found = reference(system, 2, "DOP853", 1e-12)
+    result = reference(system, 2, "DOP853", 1e-12)
     t = np.arange(3) * system.cycle
-    np.testing.assert_allclose(found.section[:, 0], pure_slip(system, t), rtol=1e-10)
+    np.testing.assert_allclose(result.section[:, 0], pure_slip(system, t), rtol=1e-10)
     dense = pure_slip(system, np.linspace(0.0, t[1], 200001))
-    assert found.largest[0] == pytest.approx(dense.max(), rel=1e-9)
+    assert result.largest[0] == pytest.approx(dense.max(), rel=1e-9)
 
 
 def test_two_references_agree_and_errors_are_relative_to_the_signals():
@@ -66,8 +66,8 @@ def test_two_references_agree_and_errors_are_relative_to_the_signals():
     off = Reference("", first.section * 1.0, first.largest * 1.0, first.size)
     off.section[3, 0] += 1e-3 * first.size[0]
     assert first.size[0] == pytest.approx(first.largest[2:].max(), rel=1e-3)
-    found = errors(off.section, off.largest, first)
-    assert found == pytest.approx((0.0, 1e-3, 0.0))
+    result = errors(off.section, off.largest, first)
+    assert result == pytest.approx((0.0, 1e-3, 0.0))
 
 
 @pytest.fixture
@@ -105,29 +105,29 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys, figures):
     tiny()
     folder = tmp_path / "out"
     assert main(["precision", "--quick", "--width", "column", "--out", str(folder)]) == 0
-    found = valid("precision", json.loads((folder / "precision.json").read_text()))
-    assert set(found) >= KEYS
-    assert len(found["reference"]["solvers"]) == 2
-    assert 0.0 < found["reference"]["floor"] < 1e-7
-    assert [r["scene"] for r in found["scenes"]] == ["fig02", "minimal, set-valued"]
-    for record in found["scenes"]:
+    document = valid("precision", json.loads((folder / "precision.json").read_text()))
+    assert set(document) >= KEYS
+    assert len(document["reference"]["solvers"]) == 2
+    assert 0.0 < document["reference"]["floor"] < 1e-7
+    assert [r["scene"] for r in document["scenes"]] == ["fig02", "minimal, set-valued"]
+    for record in document["scenes"]:
         assert set(record) >= KEYS
         assert all(set(row) == RESULT_KEYS for row in record["results"])
-    rows = {(r["solver"], r["setting"]): r for r in found["results"]}
+    rows = {(r["solver"], r["setting"]): r for r in document["results"]}
     assert max(rows["smoothed", 1e-9][k] for k in ERRORS) < 1e-8
     assert rows["lsoda", 1e-6]["error_section"] < 1e-2
-    why = {row["solver"]: row["why"] for row in found["omitted"]}
+    why = {row["solver"]: row["why"] for row in document["omitted"]}
     assert "rk4" in why or max(rows[r][k] for r in rows if r[0] == "rk4" for k in ERRORS) > 1e-4
     assert "stability" in why["dop853"]
     assert max(rows["rk45", 1e-5][k] for k in ERRORS) < 1e-3
     if ("CVODE", 1e-9) in rows:
         assert max(rows["CVODE", 1e-9][k] for k in ERRORS) < 1e-5
     else:
-        assert found["peers"]["CVODE"] == why["CVODE"]
+        assert document["peers"]["CVODE"] == why["CVODE"]
         assert f"CVODE did not join: {why['CVODE']}" in (folder / "precision.md").read_text()
-    exact = {row["solver"]: row for row in found["scenes"][1]["results"]}["event_driven"]
+    exact = {row["solver"]: row for row in document["scenes"][1]["results"]}["event_driven"]
     assert max(exact[k] for k in ERRORS) < 1e-9
-    steady = found["scenes"][0]["steady"]
+    steady = document["scenes"][0]["steady"]
     assert (steady["period"], steady["cycles"]) == (1, 400)
     assert steady["max_slip_speed"] == pytest.approx(settled("smoothed", 400), abs=2e-3)
     assert steady["closure"] < 1e-4
@@ -157,11 +157,11 @@ def test_the_steady_state_tells_the_friction_laws_of_figure_2_apart():
     records = []
     for law, period in (("smoothed", 1), ("set_valued", 2)):
         system = paper_system({**FIGURES[2].series[0].values, "friction.law": law})
-        found = precision.steady_reference(system, 1000, "DOP853" if law == "set_valued" else "LSODA", 1e-10)
-        assert (found.period, found.cycles) == (period, 1000)
-        assert found.max_slip_speed == pytest.approx(settled(law, 1000), abs=2e-3)
-        assert found.closure < 1e-4
-        records.append(scene_record("fig02" if law == "smoothed" else "fig02, set-valued", law, found))
+        result = precision.steady_reference(system, 1000, "DOP853" if law == "set_valued" else "LSODA", 1e-10)
+        assert (result.period, result.cycles) == (period, 1000)
+        assert result.max_slip_speed == pytest.approx(settled(law, 1000), abs=2e-3)
+        assert result.closure < 1e-4
+        records.append(scene_record("fig02" if law == "smoothed" else "fig02, set-valued", law, result))
     assert "the smoothing decides which motion is reached" in comparison(records[0], records)
     same = [records[0], dataclasses.replace(records[1], steady=records[0].steady)]
     assert "decides" not in comparison(same[0], same)
@@ -176,19 +176,19 @@ def test_a_ladder_goes_on_until_a_solver_reaches_the_target_or_fails():
     for solver, setting in precision.settings(case, effort):
         record.results.append(PrecisionResult(solver, setting, 1e-4, 1e-4, 1e-4, None, 1.0, 1.0, 1))
     record.omitted.append(Omitted("radau", 1e-5, "stopped"))
-    asked = []
+    calls = []
     for solver, setting in precision.further(record, case, effort):
-        asked.append((solver, setting))
+        calls.append((solver, setting))
         error = {"bdf": setting, "lsoda": 1.0, "fixed_step": setting}[solver]
         if solver == "lsoda" and setting < 1e-5:
             record.omitted.append(Omitted(solver, setting, "stopped"))
         else:
             record.results.append(PrecisionResult(solver, setting, error, error, error, None, 1.0, 1.0, 1))
-    assert [s for name, s in asked if name == "bdf"] == pytest.approx([1e-4, 1e-5, 1e-6])
-    assert [s for name, s in asked if name == "lsoda"] == pytest.approx([1e-4, 1e-5, 1e-6])
-    assert [s for name, s in asked if name == "fixed_step"] == pytest.approx([1e-3 * 0.5**k for k in range(1, 11)],
+    assert [s for name, s in calls if name == "bdf"] == pytest.approx([1e-4, 1e-5, 1e-6])
+    assert [s for name, s in calls if name == "lsoda"] == pytest.approx([1e-4, 1e-5, 1e-6])
+    assert [s for name, s in calls if name == "fixed_step"] == pytest.approx([1e-3 * 0.5**k for k in range(1, 11)],
                                                                              rel=1e-2)
-    assert "radau" not in dict(asked)
+    assert "radau" not in dict(calls)
 
 
 def test_every_solver_is_in_a_group_of_panels():
@@ -222,8 +222,8 @@ def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, capsys, mo
     monkeypatch.setattr(precision, "reference", interrupted)
     folder = tmp_path / "out"
     assert main(["precision", "--quick", "--out", str(folder)]) == 130
-    found = json.loads((folder / "precision.json").read_text())
-    assert (found["complete"], len(found["scenes"])) == (False, 1)
+    document = json.loads((folder / "precision.json").read_text())
+    assert (document["complete"], len(document["scenes"])) == (False, 1)
     assert "not complete" in (folder / "precision.md").read_text()
     assert capsys.readouterr().err == "tcc-sim: interrupted\n"
 
@@ -249,9 +249,9 @@ def test_the_equations_of_numbalsoda_are_those_of_the_package():
     states = np.array([[3.0, 0.1, 2.0], [-0.01, 0.12, -5.0], [0.0, 0.0, 1.0]])
     for t, state, expected in zip((0.0, 0.01, 0.02), states, rates_along(np.array([0.0, 0.01, 0.02]), states,
                                                                          terms_of(system))):
-        found = np.empty(3)
-        peers.rates_for_c(system)(t, state, found, None)
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
+        result = np.empty(3)
+        peers.rates_for_c(system)(t, state, result, None)
+        np.testing.assert_allclose(result, expected, rtol=1e-12)
 
 
 def test_numbalsoda_is_the_closed_form_of_pure_slip():
@@ -264,15 +264,15 @@ def test_numbalsoda_is_the_closed_form_of_pure_slip():
 
 
 def test_a_horizon_begins_in_a_settled_state_and_one_in_the_initial_state():
-    found = {case.name: case for case in precision.cases(precision.QUICK)}
-    own = load_scene("fig02").system
-    case = found["fig02"]
-    assert case.unsettled == own
+    by_name = {case.name: case for case in precision.cases(precision.QUICK)}
+    scene = load_scene("fig02").system
+    case = by_name["fig02"]
+    assert case.unsettled == scene
     run = solve(case.system, cycles=1, solver="smoothed", rtol=1e-9).solved_cycles.section
     np.testing.assert_allclose(run[1], run[0], rtol=1e-6)
-    assert found[f"fig02{precision.FROM_START}"].system == own
-    assert found["fig02, set-valued"].system.friction.law == "set_valued"
-    assert found["fig02, set-valued"].system.initial != own.initial
+    assert by_name[f"fig02{precision.FROM_START}"].system == scene
+    assert by_name["fig02, set-valued"].system.friction.law == "set_valued"
+    assert by_name["fig02, set-valued"].system.initial != scene.initial
 
 
 def test_cvode_in_double_precision_is_the_closed_form_of_pure_slip():

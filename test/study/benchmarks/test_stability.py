@@ -24,9 +24,9 @@ FREE = {"pressure.mean": 0.0, "pressure.amplitude": 0.0, "driveline.damping": 0.
 
 
 def test_the_grid_is_large_different_and_reaches_the_ends_of_the_ranges():
-    found = extremes.extreme_cases(420)
-    assert len({repr(sorted(keys.items())) for keys in found}) == 420
-    systems = [replace(System(), extremes.scene_keys(keys)) for keys in found]
+    result = extremes.extreme_cases(420)
+    assert len({repr(sorted(keys.items())) for keys in result}) == 420
+    systems = [replace(System(), extremes.scene_keys(keys)) for keys in result]
     assert max(s.friction_ratio for s in systems) == pytest.approx(4.0)
     assert max(s.friction.smoothing for s in systems) == 1e9
     assert {0.0, 1e7} <= {s.pressure.mean for s in systems}
@@ -42,9 +42,9 @@ def test_the_grid_is_large_different_and_reaches_the_ends_of_the_ranges():
     assert max(s.driveline.plate_inertia for s in systems) == 100.0
     assert min(s.friction.smoothing for s in systems) == 1.0
     assert {1e-3, 100.0, math.sqrt(2.0)} <= {s.pressure.frequency_ratio for s in systems}
-    assert max(keys.get("cycles", 0) for keys in found) == extremes.MANY
-    assert max(keys.get("tick", 0.0) for keys in found) == 1.0
-    assert all(any(extremes.case_of(keys).items() <= case.items() for case in found)
+    assert max(keys.get("cycles", 0) for keys in result) == extremes.MANY
+    assert max(keys.get("tick", 0.0) for keys in result) == 1.0
+    assert all(any(extremes.case_of(keys).items() <= case.items() for case in result)
                for keys in extremes.command_steps())
 
 
@@ -68,30 +68,30 @@ CASES = [{}, {"friction.kinetic_coefficient": 0.075, "friction.smoothing": 1e9},
 def test_extreme_cases_keep_the_criteria(keys):
     keys = extremes.case_of(keys)
     for engine, (law, _) in extremes.ENGINES.items():
-        found = extremes.examine(keys, engine, extremes.Truth(keys, law))
-        assert found.status == "DONE", found
-        assert found.finite is True
-        assert found.bounded is True
-        assert found.iterations_max <= found.iterations_bound
+        result = extremes.examine(keys, engine, extremes.Truth(keys, law))
+        assert result.status == "DONE", result
+        assert result.finite is True
+        assert result.bounded is True
+        assert result.iterations_max <= result.iterations_bound
         if engine == "fixed_step":
-            assert (found.iterations_max > 0) is (keys.get("pressure.mean") != 0.0)
-        assert found.power_residual < 5e-3
-        assert found.error < {"smoothed": 1e-5, "event_driven": 1e-6, "fixed_step": 0.02}[engine]
+            assert (result.iterations_max > 0) is (keys.get("pressure.mean") != 0.0)
+        assert result.power_residual < 5e-3
+        assert result.error < {"smoothed": 1e-5, "event_driven": 1e-6, "fixed_step": 0.02}[engine]
 
 
 def test_what_an_engine_cannot_do_is_refused_with_a_reason():
     keys = extremes.case_of({"driveline.plate_inertia": 1e-6, "friction.kinetic_coefficient": 0.15})
-    found = extremes.examine(keys, "fixed_step", extremes.Truth(keys, "smoothed"))
-    assert found.status == "REFUSED"
-    assert "sub-steps" in found.why
+    result = extremes.examine(keys, "fixed_step", extremes.Truth(keys, "smoothed"))
+    assert result.status == "REFUSED"
+    assert "sub-steps" in result.why
 
 
 def test_a_run_that_stops_within_its_first_cycle_can_be_written(monkeypatch):
     """Without a step there is no cycle for a power balance."""
     monkeypatch.setattr("tcc_sim.solvers.event_driven.solve.STEP_MAXIMUM", 4)
-    found = extremes.examine(extremes.case_of({}), "event_driven", SimpleNamespace(why="not asked for"))
-    assert (found.status, found.finite, found.power_residual) == ("STEP_LIMIT", True, None)
-    json.dumps(json_of(found), allow_nan=False)
+    result = extremes.examine(extremes.case_of({}), "event_driven", SimpleNamespace(why="not asked for"))
+    assert (result.status, result.finite, result.power_residual) == ("STEP_LIMIT", True, None)
+    json.dumps(json_of(result), allow_nan=False)
 
 
 def test_the_limits_are_the_theoretical_ones():
@@ -149,15 +149,15 @@ def tiny(monkeypatch):
 def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys, figures):
     folder = tmp_path / "out"
     assert main(["stability", "--quick", "--width", "column", "--out", str(folder)]) == 0
-    found = valid("stability", json.loads((folder / "stability.json").read_text()))
-    assert len(found["cases"]) == 9
-    for record in found["cases"]:
+    document = valid("stability", json.loads((folder / "stability.json").read_text()))
+    assert len(document["cases"]) == 9
+    for record in document["cases"]:
         assert set(record) >= KEYS
         assert any(key in QUANTITIES for key in record)
-    assert set(found["summary"]) == set(extremes.ENGINES)
-    assert all(total["not_finite"] == total["not_bounded"] == 0 for total in found["summary"].values())
-    assert len(found["charts"]) == 3 * len(stability.METHODS) - 1
-    assert {c["method"] for c in found["charts"]} >= {"smoothed", "event_driven"}
+    assert set(document["summary"]) == set(extremes.ENGINES)
+    assert all(total["not_finite"] == total["not_bounded"] == 0 for total in document["summary"].values())
+    assert len(document["charts"]) == 3 * len(stability.METHODS) - 1
+    assert {c["method"] for c in document["charts"]} >= {"smoothed", "event_driven"}
     assert {"stability.png", "stability.svg"} <= {path.name for path in folder.iterdir()}
     words = ["plot", str(folder / "stability.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
     assert main(words) == 0

@@ -17,11 +17,11 @@ ORBIT_KEYS = {"value", "slip_speed", "plate_angle", "plate_speed", "max_slip_spe
 def test_the_json_has_every_key_and_lists_of_one_length(tmp_path: Path) -> None:
     file, picture = tmp_path / "branches.json", tmp_path / "branches.svg"
     assert main([*STICK, "--at", "301.5", "--json", str(file), "--plot", str(picture)]) == 0
-    found = json.loads(file.read_text())
-    assert {"format", "version", "scene", "command", "over", "law", "branches", "at", "bifurcations"} <= set(found)
-    assert (found["over"], found["law"], found["bifurcations"]) == ("engine.mean_torque", "set_valued", [])
-    assert found["scene"]["friction.law"] == "set_valued"
-    (branch,) = found["branches"]
+    document = json.loads(file.read_text())
+    assert {"format", "version", "scene", "command", "over", "law", "branches", "at", "bifurcations"} <= set(document)
+    assert (document["over"], document["law"], document["bifurcations"]) == ("engine.mean_torque", "set_valued", [])
+    assert document["scene"]["friction.law"] == "set_valued"
+    (branch,) = document["branches"]
     assert {"period", "origin", "ended", "reasons", "closed", "residual", *ORBIT_KEYS} == set(branch)
     assert (branch["period"], branch["origin"], branch["closed"]) == (1, "start", False)
     assert len({len(branch[k]) for k in ORBIT_KEYS}) == 1
@@ -29,7 +29,7 @@ def test_the_json_has_every_key_and_lists_of_one_length(tmp_path: Path) -> None:
     assert len(branch["ended"]) == 2
     assert all("end of the range" in sentence for sentence in branch["ended"])
     assert all(len(m) == 3 and all(len(pair) == 2 for pair in m) for m in branch["multipliers"])
-    (at,) = found["at"]
+    (at,) = document["at"]
     assert set(at) >= {*ORBIT_KEYS, "period", "origin"}
     assert (at["value"], at["events"], at["stable"]) == (301.5, "S", True)
     assert picture.read_text().startswith("<?xml")
@@ -42,9 +42,9 @@ def test_ctrl_c_keeps_what_was_found(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(motions, "switch", interrupted)
     file = tmp_path / "branches.json"
     assert main([*STICK, "--switch", "--json", str(file)]) == 130
-    found = json.loads(file.read_text())
-    assert found["complete"] is False
-    assert len(found["branches"]) == 1
+    document = json.loads(file.read_text())
+    assert document["complete"] is False
+    assert len(document["branches"]) == 1
     assert "interrupted" in capsys.readouterr().err
 
 

@@ -42,8 +42,8 @@ def test_a_corrector_is_given_up_at_the_first_step_that_is_too_long() -> None:
     guess, row = np.array([0.7, 0.5]), np.array([0.0, 1.0])  # The fixed point 1 - 1/r is 2/3 at r = 3.
     assert corrector(shooting, guess, row, farthest=0.03) is None
     assert of.evaluations == 1
-    found = corrector(shooting, guess, row, farthest=0.04)
-    assert found.z[0] == pytest.approx(2.0 / 3.0, abs=1e-15)
+    result = corrector(shooting, guess, row, farthest=0.04)
+    assert result.z[0] == pytest.approx(2.0 / 3.0, abs=1e-15)
 
 
 def test_fold_and_doubling_of_the_henon_map() -> None:
@@ -138,11 +138,11 @@ def test_a_closed_branch_is_recognised() -> None:
 def test_a_branch_that_comes_back_some_cycles_later_is_met_in_its_own_direction() -> None:
     """The tangent at the second point of an orbit of period two is the difference of that point along the branch."""
     branch = branch_of(henon, 2, 0.37, 0.9, 0.6, [1.0, -0.1], 2)
-    here, there = branch.points[2:4]
-    middle = Bracket(here, there).at(0.5)
+    here, after = branch.points[2:4]
+    middle = Bracket(here, after).at(0.5)
     shifted, tangent = BranchTrack(middle).starts[1]
     z, ways = middle.solution.z, []
-    for point in (here, there):
+    for point in (here, after):
         end, _ = BranchTrack(point).starts[1]
         ways.append(end - shifted)
     assert shifted[:2] == pytest.approx(henon(z[:2], (middle.value,))[0])
@@ -172,8 +172,8 @@ def test_a_doubled_branch_does_not_go_over_to_the_simple_one() -> None:
 def test_doublings_of_the_logistic_map_are_switched_to_again_and_again() -> None:
     branches = [branch_of(logistic, 1, 2.5, 3.56, 2.7, [0.6])]
     switch(branches, 3)
-    found = [of_kind(b, "period_doubling").value for b in branches[:3]]
-    assert found == pytest.approx([3.0, 1.0 + math.sqrt(6.0), 3.544090359552], abs=1e-8)
+    values = [of_kind(b, "period_doubling").value for b in branches[:3]]
+    assert values == pytest.approx([3.0, 1.0 + math.sqrt(6.0), 3.544090359552], abs=1e-8)
     assert [b.period for b in branches] == [1, 2, 4, 8]
     assert branches[1].origin == BranchOrigin("period_doubling", branches[0].bifurcations[0].value, 0)
     assert branches[1].ended[0].reason is StopReason.BEGAN
@@ -195,8 +195,8 @@ def test_a_doubled_branch_ends_where_its_period_halves(sign: float) -> None:
 
 def test_orbits_at_a_value_on_both_sides_of_a_fold() -> None:
     branch = branch_of(henon, 2, -1.0, 1.5, 0.1, [0.1, 0.1])
-    found = sorted(o.section[0] for o in orbits_at(branch, 0.2))
-    assert found == pytest.approx(sorted(-0.35 + s * math.sqrt(0.1225 + 0.2) for s in (1.0, -1.0)), abs=1e-9)
+    names = sorted(o.section[0] for o in orbits_at(branch, 0.2))
+    assert names == pytest.approx(sorted(-0.35 + s * math.sqrt(0.1225 + 0.2) for s in (1.0, -1.0)), abs=1e-9)
     assert orbits_at(branch, -0.5) == []
 
 

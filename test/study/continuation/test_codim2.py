@@ -39,11 +39,11 @@ def curve_of(step: Step, dimension: int, kind: str, start: tuple[float, float], 
 def within_errors(curve: BifurcationCurve, places: dict[str, tuple[float, float]], most: float) -> None:
     """Its special points are these, each within its own error, and none has an error above `most`."""
     assert sorted(s.kind for s in curve.special) == sorted(places)
-    for found in curve.special:
-        assert found.located
-        value, second = places[found.kind]
-        assert abs(found.value - value) <= found.error < most
-        assert abs(found.second - second) <= found.second_error < most
+    for each in curve.special:
+        assert each.located
+        value, second = places[each.kind]
+        assert abs(each.value - value) <= each.error < most
+        assert abs(each.second - second) <= each.second_error < most
 
 
 @pytest.mark.parametrize(("kind", "law", "points"), [
@@ -67,8 +67,8 @@ def test_a_curve_that_cannot_be_followed_is_listed_with_its_end(low: float, high
             raise ArithmeticError("no map")
         return henon(x, p)
 
-    found = of_kind(branch_of(henon, 2, P.low, P.high, 0.1, [0.1, 0.1]), "fold")
-    curve = bifurcation_curve(found, TextbookMap(torn, 2), (P, Q), 0.3)
+    result = of_kind(branch_of(henon, 2, P.low, P.high, 0.1, [0.1, 0.1]), "fold")
+    curve = bifurcation_curve(result, TextbookMap(torn, 2), (P, Q), 0.3)
     assert StopReason.STEP in {end.reason for end in curve.ended}
     assert any(str(end).startswith("no further point was found beyond ") for end in curve.ended)
     assert 0.3 in [round(b, 3) for b in curve.second]
@@ -207,9 +207,9 @@ SPAN = ParameterRange(-0.5, 0.5)
 @pytest.mark.parametrize(("size", "second"), [(1e-14, 0.6), (1e-12, 0.05), (1e-10, -0.7)])
 def test_a_special_point_lies_within_its_error_wherever_the_curve_begins(size: float, second: float) -> None:
     curve, _ = curve_of(with_noise(size), 1, "period_doubling", (-0.2, second), [0.0], first=SPAN)
-    (found,) = curve.special
-    assert (found.kind, found.located) == ("generalised_doubling", True)
-    assert abs(found.second) <= found.second_error < 1e6 * size + 1e-7
+    (result,) = curve.special
+    assert (result.kind, result.located) == ("generalised_doubling", True)
+    assert abs(result.second) <= result.second_error < 1e6 * size + 1e-7
 
 
 def test_a_test_function_that_is_all_noise_lists_no_special_point() -> None:
@@ -247,7 +247,7 @@ def test_a_change_of_sign_that_only_other_segments_resolve_is_listed_as_not_loca
     monkeypatch.setattr(curves, "measured", noisy)
     curve, _ = curve_of(henon, 2, "period_doubling", (0.6, 0.3), [0.83, -0.13], period=2,
                         second=ParameterRange(0.2, 1.5), settings=Settings(growth=2.2))
-    (found,) = curve.special
-    assert (found.kind, found.located) == ("resonance_1_2", False)
-    assert abs(found.value - 1.0) <= found.error < 0.5
-    assert abs(found.second - 1.0) <= found.second_error < 0.5
+    (result,) = curve.special
+    assert (result.kind, result.located) == ("resonance_1_2", False)
+    assert abs(result.value - 1.0) <= result.error < 0.5
+    assert abs(result.second - 1.0) <= result.second_error < 0.5

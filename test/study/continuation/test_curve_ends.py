@@ -77,7 +77,7 @@ def test_a_curve_goes_on_in_more_segments_where_growth_within_one_is_taken_back(
     values = [point.equations.shooting.values(point.solution.z) for point in track.points]
     assert [27.0 * p**2 for p, _ in values] == pytest.approx([4.0 * q**3 for _, q in values], abs=1e-6)
     assert min(values[-1][0] + 1.0, 1.5 - values[-1][1]) == pytest.approx(0.0, abs=1e-9)
-    assert [found.kind for _, found in track.special] == ["cusp"]
+    assert [each.kind for _, each in track.special] == ["cusp"]
 
 
 def test_a_curve_that_comes_back_in_other_segments_is_closed() -> None:
@@ -108,7 +108,7 @@ def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
 
         def evaluate_each(self, states, values, firsts, cycles):
             nonlocal ways
-            begins = np.allclose(values, (found.value, 0.3), rtol=0.0, atol=1e-12)
+            begins = np.allclose(values, (result.value, 0.3), rtol=0.0, atol=1e-12)
             ways += begins and not self.beginning
             self.beginning = begins
             return super().evaluate_each(states, values, firsts, cycles)
@@ -116,8 +116,8 @@ def test_a_closed_curve_that_was_lost_one_way_is_closed() -> None:
         beginning = False
 
     span = ParameterRange(-2.0, 2.0)
-    found = of_kind(branch_of(at_second(torn, 0.3), 1, -2.0, 2.0, 0.0, [-0.9]), "fold")
-    curve = bifurcation_curve(found, Counted(torn, 1), (span, span), 0.3)
+    result = of_kind(branch_of(at_second(torn, 0.3), 1, -2.0, 2.0, 0.0, [-0.9]), "fold")
+    curve = bifurcation_curve(result, Counted(torn, 1), (span, span), 0.3)
     assert ways == 2
     assert {end.reason for end in curve.ended} == {StopReason.CLOSED}
     assert (curve.values[0], curve.second[0]) == (curve.values[-1], curve.second[-1])
@@ -153,9 +153,9 @@ def test_a_curve_goes_on_where_its_orbits_are_cut_anew() -> None:
     assert {end.reason for end in curve.ended} == {StopReason.RANGE}
     assert (min(curve.second) < -1.1, max(curve.second)) == (True, pytest.approx(1.5))
     # Both cycles are one segment at first, and two where a disturbance grows to twice what is allowed over one.
-    found = of_kind(branch_of(at_second(henon, 0.3), 2, P.low, P.high, 0.6, [0.83, -0.13], 2), "period_doubling")
+    result = of_kind(branch_of(at_second(henon, 0.3), 2, P.low, P.high, 0.6, [0.83, -0.13], 2), "period_doubling")
     whole = Shooting.single(of, 2, P, Q, settings=settings)
-    start = whole.unknowns(found.point.orbit.nodes, (found.value, 0.3))
+    start = whole.unknowns(result.point.orbit.nodes, (result.value, 0.3))
     equations = MinimallyAugmented("period_doubling", whole, start)
     for forward in (True, False):
         points = followed(equations, forward).points

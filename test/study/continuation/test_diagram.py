@@ -194,8 +194,8 @@ def test_the_doublings_of_the_logistic_map_are_one_branch_each() -> None:
     seen = swept(logistic, np.linspace(2.5, 3.5, 41), 0.3, cycles=3000, period_of=period)
     branches = surveyed(logistic, seen, 2.5, 3.5)
     assert [b.period for b in branches] == [1, 2, 4]
-    found = [f.value for b in branches for f in b.bifurcations]
-    assert found == pytest.approx([3.0, 1.0 + math.sqrt(6.0)], abs=1e-8)
+    values = [f.value for b in branches for f in b.bifurcations]
+    assert values == pytest.approx([3.0, 1.0 + math.sqrt(6.0)], abs=1e-8)
     for s in seen:
         place = place_of(s, branches, 1.0)
         assert place is None or branches[place[0]].period == s.period
@@ -220,18 +220,18 @@ def test_a_bifurcation_is_near_by_its_value_and_its_size_together(value: float, 
 
 def test_both_stretches_of_a_hysteresis_end_in_its_folds() -> None:
     seen = lifted(np.linspace(-1.0, 1.0, 21), -1.3, hand_over=True)
-    found = stable_segments(bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0, name="p"), seen), -1.0,
-                            1.0, 2.0)
-    lower, upper = sorted(found, key=lambda s: s.low.value)
+    result = stable_segments(bifurcation_diagram(Lifted(hysteresis, 1), ParameterRange(-1.0, 1.0, name="p"), seen),
+                             -1.0, 1.0, 2.0)
+    lower, upper = sorted(result, key=lambda s: s.low.value)
     assert (lower.low.value, lower.low.kind, lower.low.jumps) == (pytest.approx(-0.5), None, False)
     assert (lower.high.kind, lower.high.jumps, lower.high.value) == ("fold", True, pytest.approx(0.5 * FOLD, abs=1e-9))
     assert (upper.low.kind, upper.low.value) == ("fold", pytest.approx(-0.5 * FOLD, abs=1e-9))
     assert upper.high.value == pytest.approx(0.5)
     assert lower.high.residual < 1e-8
     halves = [SettledMotion(0.5 * s.value, s.state, s.cycle, 1, s.amplitude) for s in seen]
-    on = [segment_of(s, found, 4.0) for s in halves]
-    assert {found[k].high.kind for k, s in zip(on, seen) if s.value < FOLD - 1e-6} == {"fold"}
-    assert {found[k].low.kind for k, s in zip(on, seen) if s.value > FOLD} == {"fold"}
+    on = [segment_of(s, result, 4.0) for s in halves]
+    assert {result[k].high.kind for k, s in zip(on, seen) if s.value < FOLD - 1e-6} == {"fold"}
+    assert {result[k].low.kind for k, s in zip(on, seen) if s.value > FOLD} == {"fold"}
 
 
 def test_a_doubling_jumps_unless_the_doubled_motion_goes_on_stably() -> None:

@@ -63,10 +63,10 @@ def test_the_large_motion_of_period_two_is_a_closed_branch_over_the_frequency(cl
 def test_the_curve_of_a_fold_passes_the_folds_found_anew_at_its_ends(system: System, closed: Branch) -> None:
     ends = 0.357 * NATURAL, 0.365 * NATURAL
     plan = ContinuationPlan(MU_K, 0.3 * 0.87, 0.3 * 0.96, second=(OMEGA, *ends))
-    found = continue_motions(system, plan)
-    (item,) = [f for f in found.bifurcations if f.kind == "fold"]
+    result = continue_motions(system, plan)
+    (item,) = [f for f in result.bifurcations if f.kind == "fold"]
     assert item.value / 0.3 == pytest.approx(FOLDS[1], abs=1e-8)
-    (curve,) = [c for c in found.curves if c.kind == "fold"]
+    (curve,) = [c for c in result.curves if c.kind == "fold"]
     assert sorted({curve.second[0], curve.second[-1]}) == pytest.approx(list(ends), rel=1e-12)
     for value, omega in ((curve.values[k], curve.second[k]) for k in (0, -1)):
         orbit = next(o for o in orbits_at(closed, omega) if o.stable)
@@ -79,11 +79,11 @@ def test_the_curve_of_a_fold_passes_the_folds_found_anew_at_its_ends(system: Sys
 def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     """A doubling 3e-6 of mu_s off the fold, where the map bends within 1e-5 of the natural sizes."""
     at = replace(system, {MU_K: 0.3 * 0.74})
-    found = continue_motions(at, ContinuationPlan(MU_K, 0.3 * 0.6675, 0.3 * 0.76, period=2, switch=1))
-    parent, child = found.branches
+    result = continue_motions(at, ContinuationPlan(MU_K, 0.3 * 0.6675, 0.3 * 0.76, period=2, switch=1))
+    parent, child = result.branches
     (doubling,) = [f for f in parent.bifurcations if f.kind == "period_doubling"]
-    there = replace(at, {MU_K: doubling.value})
-    assert np.abs(multipliers(there, doubling.point.orbit.section, 2) + 1.0).min() < 1e-4
+    doubled = replace(at, {MU_K: doubling.value})
+    assert np.abs(multipliers(doubled, doubling.point.orbit.section, 2) + 1.0).min() < 1e-4
     assert (child.period, child.origin) == (4, BranchOrigin("period_doubling", doubling.value, 0))
     first = child.points[0].orbit
     assert first.values[0] == pytest.approx(doubling.value, abs=1e-7)
@@ -102,8 +102,8 @@ def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
 def test_a_curve_passes_the_bifurcations_found_anew_at_its_ends(system: System, kind: str, changes,
                                                                 plan: ContinuationPlan) -> None:
     at = replace(system, changes)
-    found = continue_motions(at, plan)
-    (item,), (curve,) = found.bifurcations, found.curves
+    result = continue_motions(at, plan)
+    (item,), (curve,) = result.bifurcations, result.curves
     assert curve.kind == kind
     if kind == "period_doubling":
         assert item.value / 0.3 == pytest.approx(DOUBLING, abs=1e-8)
@@ -116,14 +116,14 @@ def test_a_curve_passes_the_bifurcations_found_anew_at_its_ends(system: System, 
 
 def test_at_a_neimark_sacker_bifurcation_motions_nearby_cease_to_come_back(system: System) -> None:
     at = replace(system, {MU_K: 0.3 * 0.83, OMEGA: 0.2545 * NATURAL})
-    found = continue_motions(at, ContinuationPlan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1))
-    (item,) = found.bifurcations
-    assert (item.kind, found.branches[0].period) == ("neimark_sacker", 1)
+    result = continue_motions(at, ContinuationPlan(OMEGA, 0.254 * NATURAL, 0.2568 * NATURAL, period=1))
+    (item,) = result.bifurcations
+    assert (item.kind, result.branches[0].period) == ("neimark_sacker", 1)
     assert item.residual < 1e-8
     assert abs(item.point.orbit.multipliers[0].imag) > 0.1
     for side, comes_back in ((1.0 - 3e-4, True), (1.0 + 3e-4, False)):
         value = side * item.value
-        (orbit,) = orbits_at(found.branches[0], value)
+        (orbit,) = orbits_at(result.branches[0], value)
         start = State(*(orbit.section + np.array([1e-5, 0.0, 0.0])))
         run = solve(replace(at, {OMEGA: value}), cycles=60, state=start, rtol=1e-12)
         away = np.abs((run.cycles.section - orbit.section) / np.array([10.0, 0.1, 10.0])).max(axis=1)

@@ -18,7 +18,7 @@ from tcc_sim.study.continuation.follow import StopReason
 from tcc_sim.study.continuation.loss_of_stability import nearest_bifurcation
 from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
 from tcc_sim.study.continuation.newton import newton, orbit_at
-from tcc_sim.study.continuation.palc import beside
+from tcc_sim.study.continuation.palc import cosine_between
 from tcc_sim.study.continuation.settings import Settings
 from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.trajectory import Cycles
@@ -38,23 +38,23 @@ def test_multipliers_of_pure_stick_are_those_of_one_oscillator() -> None:
     system = replace(load_scene("stick").system, {"friction.law": "set_valued"})
     map_ = DrivelineMap(system, ("engine.mean_torque",))
     shooting, z = start_orbit(map_, ParameterRange(290.0, 310.0), 300.0, None)
-    found = orbit_at(shooting, z, shooting.linearise(z))
+    result = orbit_at(shooting, z, shooting.linearise(z))
     both = system.driveline.flywheel_inertia + system.driveline.plate_inertia
     roots = np.roots([both, system.driveline.damping, system.driveline.stiffness]) * system.cycle
     expected = sorted([*np.exp(roots), 0.0], key=lambda m: (-round(abs(m), 12), -m.imag))
-    assert found.multipliers == pytest.approx(expected, abs=1e-8)
-    assert (found.seen.events, found.seen.stick_fraction, found.seen.largest) == ("S", 1.0, 0.0)
+    assert result.multipliers == pytest.approx(expected, abs=1e-8)
+    assert (result.seen.events, result.seen.stick_fraction, result.seen.largest) == ("S", 1.0, 0.0)
 
 
 def test_the_border_of_pure_stick_is_that_of_the_closed_form() -> None:
     system = replace(load_scene("stick").system, {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3})
     border = next(w for w in constant_load_limits(system) if w > 50.0)
-    found = continue_motions(system, ContinuationPlan("engine.frequency", 40.0, border + 3.0,
+    result = continue_motions(system, ContinuationPlan("engine.frequency", 40.0, border + 3.0,
                                           second=("pressure.mean", 29e4, 31e4)))
-    (item,) = [f for f in found.bifurcations if f.kind == "stick_border"]
+    (item,) = [f for f in result.bifurcations if f.kind == "stick_border"]
     assert item.value == pytest.approx(border, abs=1e-7)
     assert item.residual < 1e-8
-    (curve,) = found.curves
+    (curve,) = result.curves
     for omega, mean in list(zip(curve.values, curve.second))[::5]:
         assert min(abs(w - omega) for w in constant_load_limits(replace(system, {"pressure.mean": mean}))) < 1e-6
 
@@ -69,29 +69,29 @@ def doubled() -> dict[str, Motions]:
 
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])
 def test_the_doubling_of_period_one(law: str, doubled: dict[str, Motions]) -> None:
-    found = doubled[law]
-    (item,) = found.bifurcations
+    result = doubled[law]
+    (item,) = result.bifurcations
     assert item.kind == "period_doubling"
-    there = replace(coexistence(law, 0.85), {MU_K: item.value})
-    assert np.abs(by_scipy.multipliers(there, item.point.orbit.section, 1) + 1.0).min() < 1e-6
+    doubled_scene = replace(coexistence(law, 0.85), {MU_K: item.value})
+    assert np.abs(by_scipy.multipliers(doubled_scene, item.point.orbit.section, 1) + 1.0).min() < 1e-6
     if law == "smoothed":
         assert item.value / 0.3 == pytest.approx(by_scipy.DOUBLING, abs=1e-8)
-    assert found.branches[0].points[0].orbit.stable != found.branches[0].points[-1].orbit.stable
+    assert result.branches[0].points[0].orbit.stable != result.branches[0].points[-1].orbit.stable
 
 
 def test_a_canard_ends_a_branch_with_a_sentence() -> None:
-    found = continue_motions(coexistence("smoothed", 0.85), ContinuationPlan(MU_K, 0.18, 0.297, period=2))
-    (branch,) = found.branches
+    result = continue_motions(coexistence("smoothed", 0.85), ContinuationPlan(MU_K, 0.18, 0.297, period=2))
+    (branch,) = result.branches
     assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in str(end)
                for end in branch.ended)
     assert max(abs(s.orbit.multipliers[0]) for s in branch.points) <= 1e10
-    folds = sorted((f for f in found.bifurcations if f.kind == "fold"), key=lambda f: f.value)
+    folds = sorted((f for f in result.bifurcations if f.kind == "fold"), key=lambda f: f.value)
     assert [f.value / 0.3 for f in folds] == pytest.approx(by_scipy.FOLDS, abs=1e-8)
     assert max(np.abs(f.point.orbit.multipliers - 1.0).min() for f in folds) < 1e-7
     assert max(s.orbit.residual for s in branch.points) < 1e-8
     assert not branch.points[0].orbit.stable
     assert not branch.points[-1].orbit.stable
-    assert max(f.residual for f in found.bifurcations) < 1e-8
+    assert max(f.residual for f in result.bifurcations) < 1e-8
     # Branch ends in the doubling of period one, which is no fold.
     assert min(s.value for s in branch.points[-3:]) / 0.3 == pytest.approx(by_scipy.DOUBLING, abs=1e-7)
 
@@ -99,22 +99,22 @@ def test_a_canard_ends_a_branch_with_a_sentence() -> None:
 def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
     system = coexistence("smoothed", 0.83)
     unit = system.natural_frequency
-    found = continue_motions(system, ContinuationPlan("engine.frequency", 0.4 * unit, 0.45 * unit, period=1))
-    assert tuple(map(str, found.branches[0].ended)) == tuple(
+    result = continue_motions(system, ContinuationPlan("engine.frequency", 0.4 * unit, 0.45 * unit, period=1))
+    assert tuple(map(str, result.branches[0].ended)) == tuple(
         f"engine.frequency reached {share * unit:.9g} rad/s, the end of the range" for share in (0.4, 0.45))
-    at = {f.kind: f.value / unit for f in found.bifurcations if f.value < 0.43 * unit}
+    at = {f.kind: f.value / unit for f in result.bifurcations if f.value < 0.43 * unit}
     assert at.keys() == {"period_doubling", "fold"}
     assert at["fold"] == pytest.approx(at["period_doubling"], abs=1e-7)  # A canard has all multipliers within that.
-    assert max(f.residual for f in found.bifurcations) < 1e-8
-    assert max(abs(s.orbit.multipliers[0]) for s in found.branches[0].points) > 1e9
+    assert max(f.residual for f in result.bifurcations) < 1e-8
+    assert max(abs(s.orbit.multipliers[0]) for s in result.branches[0].points) > 1e9
 
 
 def test_no_fold_is_lost_where_the_largest_slip_is_no_good_coordinate() -> None:
     system = coexistence("smoothed", 0.83)
     unit = system.natural_frequency
     plan = ContinuationPlan("engine.frequency", 0.3 * unit, 0.5 * unit, period=1, switch=1)
-    found = continue_motions(replace(system, {"engine.frequency": 0.4 * unit}), plan)
-    for branch in found.branches:
+    result = continue_motions(replace(system, {"engine.frequency": 0.4 * unit}), plan)
+    for branch in result.branches:
         steps = np.diff([s.value for s in branch.points])
         # Where a branch ends in a doubling its parameter stands still, so that the last step may be one of rounding.
         turns = np.count_nonzero(np.diff(np.sign(steps[np.abs(steps) > 1e-8])))
@@ -141,12 +141,12 @@ def test_the_gradient_of_the_amplitudes_is_that_of_differences(law: str) -> None
     of = DrivelineMap(system, ("engine.frequency",))
     shooting = Shooting.single(of, 1, ParameterRange(100.0, 200.0, name="engine.frequency"))
     z = shooting.unknowns(np.array([[10.0, 0.1, 5.0]]), (150.0,))
-    found = shooting.linearise(z)
+    linearised = shooting.linearise(z)
     largest = of.evaluate(shooting.nodes(z)[0], (150.0,), 0, 1).seen.largest
-    assert float(found.amplitudes.max()) * of.amplitude_scale == pytest.approx(largest, rel=1e-6)
+    assert float(linearised.amplitudes.max()) * of.amplitude_scale == pytest.approx(largest, rel=1e-6)
     for k, step in enumerate(np.eye(len(z)) * 1e-5):
         ahead, behind = (shooting.linearise(z + sign * step).amplitudes for sign in (1.0, -1.0))
-        assert found.amplitude_gradient[:, k] == pytest.approx((ahead - behind) / 2e-5, rel=1e-3, abs=1e-5)
+        assert linearised.amplitude_gradient[:, k] == pytest.approx((ahead - behind) / 2e-5, rel=1e-3, abs=1e-5)
 
 
 @pytest.mark.parametrize(("key", "values", "words"), [
@@ -193,16 +193,16 @@ def point_of(*amplitudes: float, value: float = 0.0, z: tuple[float, ...] = (0.0
     seen = SimpleNamespace(largest=amplitudes[0])
     gradient = np.array([[2.0, *[0.0] * (len(z) - 1)]])
     return SimpleNamespace(value=value, orbit=SimpleNamespace(seen=seen), z=np.array(z), tangent=np.array([0.6, 0.8]),
-                           found=SimpleNamespace(amplitudes=np.array(amplitudes), amplitude_gradient=gradient))
+                           linearised=SimpleNamespace(amplitudes=np.array(amplitudes), amplitude_gradient=gradient))
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_directions_and_distances_do_not_depend_on_the_units(scale: float) -> None:
     """A cosine whatever the lengths, and the nearest bifurcation by parts of range and largest size."""
     for way, amplitude, cosine in (((0.6, 0.8), 1.2, 1.0), ((-0.6, -0.8), -1.2, -1.0), ((0.8, -0.6), 0.0, 0.0)):
-        there = point_of(scale * amplitude, z=(scale * way[0], scale * way[1]))
-        assert beside(point_of(0.0, z=(0.0, 0.0)), there, True) == pytest.approx(cosine)
-        assert beside(point_of(0.0, z=(0.0, 0.0)), there, False) == pytest.approx(cosine)
+        scaled = point_of(scale * amplitude, z=(scale * way[0], scale * way[1]))
+        assert cosine_between(point_of(0.0, z=(0.0, 0.0)), scaled, True) == pytest.approx(cosine)
+        assert cosine_between(point_of(0.0, z=(0.0, 0.0)), scaled, False) == pytest.approx(cosine)
     points = [point_of(scale * size, value=scale * value) for value, size in ((1.0, 10.0), (2.0, 11.0), (3.0, 12.0))]
     both = [SimpleNamespace(value=scale * value, point=point_of(scale * size))
             for value, size in ((3.1, 12.2), (2.0, 12.4))]
@@ -239,9 +239,9 @@ def test_a_branch_goes_through_a_doubling_where_its_parameter_stands_still() -> 
 
 def test_rounding_makes_no_bifurcation_of_a_motion_without_damping() -> None:
     system = replace(load_scene("stick").system, {"friction.law": "set_valued", "driveline.damping": 0.0})
-    found = continue_motions(system, ContinuationPlan("driveline.stiffness", 2500.0, 3500.0))
-    assert found.bifurcations == []
-    assert not any(s.orbit.stable for s in found.branches[0].points)
+    result = continue_motions(system, ContinuationPlan("driveline.stiffness", 2500.0, 3500.0))
+    assert result.bifurcations == []
+    assert not any(s.orbit.stable for s in result.branches[0].points)
 
 
 RUNNING_AWAY = {"friction.law": "set_valued", "pressure.mean": 150e3, "pressure.amplitude": 0.0}

@@ -23,11 +23,11 @@ def test_fixed_points_of_the_henon_map_and_their_multipliers() -> None:
     a, b = 1.4, 0.3
     for sign in (1.0, -1.0):
         x = 0.5 * (-(1.0 - b) + sign * math.sqrt((1.0 - b) ** 2 + 4.0 * a))
-        found = orbit_of(shooting, (a,), [x + 0.1, x - 0.1])
-        assert found.section == pytest.approx([x, x], abs=1e-12)
+        result = orbit_of(shooting, (a,), [x + 0.1, x - 0.1])
+        assert result.section == pytest.approx([x, x], abs=1e-12)
         expected = sorted((-x + s * math.sqrt(x * x + b) for s in (1.0, -1.0)), key=abs, reverse=True)
-        assert found.multipliers.real == pytest.approx(expected, abs=1e-10)
-        assert not found.stable
+        assert result.multipliers.real == pytest.approx(expected, abs=1e-10)
+        assert not result.stable
 
 
 def test_deflation_turns_newton_to_the_other_orbit() -> None:
@@ -42,12 +42,12 @@ def test_deflation_turns_newton_to_the_other_orbit() -> None:
 def test_an_orbit_of_a_shorter_period_is_passed_over() -> None:
     map_ = TextbookMap(logistic, 1)
     r = 3.3
-    found = orbit_of(Shooting.single(map_, 2, ParameterRange(0.5, 4.0)), (r,), [1.0 - 1.0 / r + 1e-3])
+    result = orbit_of(Shooting.single(map_, 2, ParameterRange(0.5, 4.0)), (r,), [1.0 - 1.0 / r + 1e-3])
     root = math.sqrt((r + 1.0) * (r - 3.0))
-    assert sorted([found.section[0], map_.evaluate(found.section, (r,), 0, 1).value[0]]) == pytest.approx(
+    assert sorted([result.section[0], map_.evaluate(result.section, (r,), 0, 1).value[0]]) == pytest.approx(
         [(r + 1.0 - root) / (2.0 * r), (r + 1.0 + root) / (2.0 * r)], abs=1e-11)
-    assert found.multipliers[0].real == pytest.approx(4.0 + 2.0 * r - r * r, abs=1e-9)
-    assert minimal_period(map_, found.section, (r,), 4) == 2
+    assert result.multipliers[0].real == pytest.approx(4.0 + 2.0 * r - r * r, abs=1e-9)
+    assert minimal_period(map_, result.section, (r,), 4) == 2
 
 
 def test_segments_of_one_cycle_give_the_same_orbit() -> None:
@@ -58,10 +58,10 @@ def test_segments_of_one_cycle_give_the_same_orbit() -> None:
     nodes = [map_.evaluate(whole.nodes(z)[0], values, 0, k).value for k in range(4)]
     parts = Shooting(map_, 4, whole.ranges, (1, 1, 1, 1))
     fine = parts.unknowns(np.array(nodes), values)
-    found = parts.linearise(fine)
-    assert np.abs(found.residual).max() < 1e-12
+    linearised = parts.linearise(fine)
+    assert np.abs(linearised.residual).max() < 1e-12
     expected = multipliers_of(*whole.linearise(z).blocks)[0]
-    assert multipliers_of(*found.blocks)[0] == pytest.approx(expected, abs=1e-10)
+    assert multipliers_of(*linearised.blocks)[0] == pytest.approx(expected, abs=1e-10)
     again = newton(parts, fine + np.array([1e-3, 0.0, -1e-3, 0.0, 0.0]))
     assert again == pytest.approx(fine, abs=1e-10)
 
@@ -72,9 +72,9 @@ def test_the_blocks_of_segments_are_in_natural_sizes() -> None:
     x = np.array([0.4, 0.1])
     parts = Shooting(map_, 2, (ParameterRange(0.5, 1.5),), (1, 1))
     nodes = np.array([x, map_.evaluate(x, (1.0,), 0, 1).value])
-    found = parts.linearise(parts.unknowns(nodes, (1.0,))).blocks
+    linearised = parts.linearise(parts.unknowns(nodes, (1.0,))).blocks
     # By hand: x' = a - x^2 + 0.3 y, y' = x, of which the derivative is [[-2 x, 0.3], [1, 0]].
-    for block, at in zip(found, nodes[:, 0]):
+    for block, at in zip(linearised, nodes[:, 0]):
         assert block * map_.scales[:, None] / map_.scales == pytest.approx(np.array([[-2.0 * at, 0.3], [1.0, 0.0]]))
 
 
@@ -84,9 +84,9 @@ def test_the_blocks_of_segments_are_in_natural_sizes() -> None:
 def test_segments_are_as_long_as_their_growth_allows(grown: list[float], lengths: list[float],
                                                      nodes: list[int]) -> None:
     """Up to 5 from any of their pieces to their end; a single piece may have more."""
-    found = greedy([(1.0, np.array([float(k)]), np.array([[x]])) for k, x in enumerate(grown)], 5.0)
-    assert found[0] == lengths
-    assert [int(node[0]) for node in found[1]] == nodes
+    result = greedy([(1.0, np.array([float(k)]), np.array([[x]])) for k, x in enumerate(grown)], 5.0)
+    assert result[0] == lengths
+    assert [int(node[0]) for node in result[1]] == nodes
 
 
 def test_a_period_that_does_not_fit_the_excitation_is_refused() -> None:
@@ -108,14 +108,14 @@ def test_the_bracketing_root_is_exact_to_rounding() -> None:
 
 
 def test_the_bracketing_root_of_a_noisy_function_is_not_looked_for_in_its_noise() -> None:
-    asked = []
+    calls = []
 
     def noisy(x: float) -> float:
-        asked.append(x)
+        calls.append(x)
         return math.cos(x) - x + 1e-9 * math.sin(1e15 * x)
 
     assert chandrupatla(noisy, 0.0, 1.0) == pytest.approx(0.7390851332151607, abs=1e-9)
-    assert len(asked) <= 10
+    assert len(calls) <= 10
 
 
 def test_a_motion_that_runs_away_is_no_orbit_however_short_newtons_step_is() -> None:

@@ -34,13 +34,13 @@ def values_at(plant, t, states):
 
 def least_dip(size, within):
     """The smallest local minimum, by polynomials through nine samples about each."""
-    near, found = np.arange(-4, 5), []
+    near, result = np.arange(-4, 5), []
     for i in range(4, len(size) - 4):
         if within[i - 4:i + 5].all() and size[i] <= size[i - 1] and size[i] < size[i + 1]:
             curve = np.polynomial.Polynomial.fit(near, size[i - 4:i + 5], 6)
             turns = curve.deriv().roots()
-            found.append(curve(turns[np.abs(turns).argmin()].real))
-    return min(found)
+            result.append(curve(turns[np.abs(turns).argmin()].real))
+    return min(result)
 
 
 def margin_by_scipy(kind, system, x, cycles, closes=1e-9):
@@ -61,12 +61,12 @@ def margin_by_scipy(kind, system, x, cycles, closes=1e-9):
     return least_dip(speed, slips) if kind == "grazing_sliding" else least_dip(margin, ~slips)
 
 
-def orbit_beside(found, key, offset):
+def orbit_beside(result, key, offset):
     """Section of the orbit of the same branch at the border's parameter plus an offset, and its event sequence."""
-    shooting, z = found.point.shooting, found.point.solution.z
+    shooting, z = result.point.shooting, result.point.solution.z
     row = np.zeros(len(z))
     row[-1] = 1.0
-    tangent = found.point.solution.tangent
+    tangent = result.point.solution.tangent
     guess = z + offset / tangent[-1] * tangent
     guess[-1] = z[-1] + offset
     exact = dataclasses.replace(shooting, settings=Settings(correct_tolerance=1e-11))
@@ -82,9 +82,9 @@ def located_again(item, system, key, reach):
     assert differ(*sides)
     # The margin lives on the side with fewer events.
     offsets = (1.0 if len(sides[0]) <= len(sides[1]) else -1.0) * reach * np.array([1.0, 2.0, 3.0])
-    beside = [orbit_beside(item, key, offset) for offset in offsets]
+    nearby = [orbit_beside(item, key, offset) for offset in offsets]
     margins = [margin_by_scipy(item.kind, replace(system, {key: value}), x, item.point.orbit.period)
-               for x, value, _ in beside]
+               for x, value, _ in nearby]
     return abs(np.polynomial.Polynomial.fit(offsets, margins, 2).roots()).min()
 
 
@@ -94,27 +94,27 @@ SCENES = [(ALIKE, ContinuationPlan(OMEGA, 62.5, 63.1), ["adding_sliding", "grazi
 
 @pytest.mark.parametrize(("system", "plan", "kinds"), SCENES, ids=["speeds", "arrivals"])
 def test_each_kind_is_found_where_scipys_motion_has_it(system, plan, kinds):
-    found = continue_motions(system, plan).bifurcations
-    assert [f.kind for f in found] == kinds
-    for item in found:
+    result = continue_motions(system, plan).bifurcations
+    assert [f.kind for f in result] == kinds
+    for item in result:
         assert item.residual < 1e-11
         assert located_again(item, system, plan.over, 1e-4) < 1e-8
 
 
 def test_the_adding_sliding_of_period_two_beside_its_fold():
-    found = sorted(continue_motions(DRY, ContinuationPlan(MU_K, 0.25, 0.285, period=2)).bifurcations,
+    names = sorted(continue_motions(DRY, ContinuationPlan(MU_K, 0.25, 0.285, period=2)).bifurcations,
                    key=lambda f: f.value)
-    assert [f.kind for f in found] == ["adding_sliding", "fold"]
-    assert min(abs(m - 1.0) for m in found[1].point.orbit.multipliers) < 1e-6
-    assert [f.residual < 1e-8 for f in found] == [True, True]
-    assert located_again(found[0], DRY, MU_K, 1e-4) < 1e-7
+    assert [f.kind for f in names] == ["adding_sliding", "fold"]
+    assert min(abs(m - 1.0) for m in names[1].point.orbit.multipliers) < 1e-6
+    assert [f.residual < 1e-8 for f in names] == [True, True]
+    assert located_again(names[0], DRY, MU_K, 1e-4) < 1e-7
 
 
 def test_a_change_for_two_reasons_has_the_kind_of_the_margin_that_vanishes():
     map_ = DrivelineMap(ALIKE, (OMEGA,))
-    found = continue_motions(ALIKE, ContinuationPlan(OMEGA, 51.5, 54.0)).bifurcations
-    assert [f.kind for f in sorted(found, key=lambda f: f.value)] == ["grazing_sliding", "adding_sliding"]
-    for item, name in zip(sorted(found, key=lambda f: f.value), ("grazing", "stick")):
+    result = continue_motions(ALIKE, ContinuationPlan(OMEGA, 51.5, 54.0)).bifurcations
+    assert [f.kind for f in sorted(result, key=lambda f: f.value)] == ["grazing_sliding", "adding_sliding"]
+    for item, name in zip(sorted(result, key=lambda f: f.value), ("grazing", "stick")):
         orbit = item.point.orbit
         assert abs(map_.margins(orbit.section, orbit.values, 0, orbit.period)[name].value) < 1e-10
 
@@ -123,16 +123,16 @@ def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
     system = load_scene("fig02").system
     system = replace(system, {"pressure.amplitude": 0.0, "pressure.mean": 225e3, "friction.law": "set_valued",
                               "friction.kinetic_coefficient": 0.27, "engine.frequency": 63.5})
-    found = continue_motions(system, ContinuationPlan("engine.frequency", 60.0, 63.5, period=1))
+    result = continue_motions(system, ContinuationPlan("engine.frequency", 60.0, 63.5, period=1))
     # Both ends are met, whichever way along the branch is the first.
-    assert sorted(map(str, found.branches[0].ended)) == ["engine.frequency reached 60 rad/s, the end of the range",
-                                                         "engine.frequency reached 63.5 rad/s, the end of the range"]
-    grazing = [f for f in found.bifurcations if f.kind == "grazing_sliding"]
+    assert sorted(map(str, result.branches[0].ended)) == ["engine.frequency reached 60 rad/s, the end of the range",
+                                                          "engine.frequency reached 63.5 rad/s, the end of the range"]
+    grazing = [f for f in result.bifurcations if f.kind == "grazing_sliding"]
     assert len(grazing) == 4
     for item in grazing:  # Some are so unstable that an orbit beside them closes to 1e-7 only.
-        there = replace(system, {OMEGA: item.value})
-        assert abs(margin_by_scipy(item.kind, there, item.point.orbit.section, 1, closes=1e-6)) < 1e-6
-    assert max(f.residual for f in found.bifurcations) < 1e-8
+        border = replace(system, {OMEGA: item.value})
+        assert abs(margin_by_scipy(item.kind, border, item.point.orbit.section, 1, closes=1e-6)) < 1e-6
+    assert max(f.residual for f in result.bifurcations) < 1e-8
 
 
 def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion():
@@ -149,8 +149,8 @@ def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion():
     assert [f.kind for f in near] == ["fold", "grazing_sliding"]
     assert near[0].value == pytest.approx(near[1].value, abs=1e-6)
     assert min(abs(m - 1.0) for m in near[0].point.orbit.multipliers) < 1e-6
-    there = replace(system, {OMEGA: near[1].value})
-    assert abs(margin_by_scipy("grazing_sliding", there, near[1].point.orbit.section, 3)) < 1e-6
+    border = replace(system, {OMEGA: near[1].value})
+    assert abs(margin_by_scipy("grazing_sliding", border, near[1].point.orbit.section, 3)) < 1e-6
     within = [s for s in branch.points if near[1].value < s.value < near[0].value]
     point = min(within, key=lambda s: abs(s.orbit.multipliers[0].real + 815.0))
     # It closes by SciPy's motion too.
@@ -195,8 +195,8 @@ def test_a_branch_leaves_the_border_at_which_its_two_pieces_meet():
     met = [(f.kind, round(f.value, 7)) for f in branch.bifurcations]
     assert len(set(met)) == len(met)
     (item,) = [f for f in branch.bifurcations if f.kind == "grazing_sliding" and f.value < 49.2]
-    there = replace(system, {OMEGA: item.value})
-    assert abs(margin_by_scipy(item.kind, there, item.point.orbit.section, 1, closes=1e-6)) < 1e-7
+    border = replace(system, {OMEGA: item.value})
+    assert abs(margin_by_scipy(item.kind, border, item.point.orbit.section, 1, closes=1e-6)) < 1e-7
 
 
 def test_sequences_are_rings() -> None:

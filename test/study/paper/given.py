@@ -31,8 +31,8 @@ curve_along = cache(Curve)
 def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", *, settled: bool = True,
            equivalent_damping: float = 0.0, negative_slope_mean: float = 0.0) -> Point:
     """A point of a sweep."""
-    found = Summary(slip, 0.0, period, [], 0.5, regime, 150, 50, settled, 0.0, "made up", 0.0)
-    return Point(0.0, found, np.empty((0, 2)), settled, "done", np.empty(0),
+    result = Summary(slip, 0.0, period, [], 0.5, regime, 150, 50, settled, 0.0, "made up", 0.0)
+    return Point(0.0, result, np.empty((0, 2)), settled, "done", np.empty(0),
                  Damping(equivalent_damping, negative_slope_mean, -0.6), None, Start(State(0.0, 0.0, 0.0), 150))
 
 
@@ -61,8 +61,9 @@ class Given(PaperEvidence):
         return super().run(system, cycles, **how) if self.runs is None else self.runs(system)
 
     def motion(self, row, *, lyapunov=False):  # type: ignore
-        found = self.at(row, float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N, "cold").summary
-        return ColdStartMotion(found.period, found.max_slip_speed, Lyapunov(0.5, 0.0, 1.0, 0.95, 100, self.diagnosis))
+        summary = self.at(row, float(row.get("engine.frequency", OMEGA_N)) / OMEGA_N, "cold").summary
+        return ColdStartMotion(summary.period, summary.max_slip_speed,
+                               Lyapunov(0.5, 0.0, 1.0, 0.95, 100, self.diagnosis))
 
     def exponent(self, row, begin, cycles):  # type: ignore
         return Lyapunov(0.5, 0.0, 1.0, 0.95, cycles, self.longer)
@@ -196,7 +197,7 @@ def hills(*places: float) -> Callable[..., Any]:
     return lambda row, x, direction: record(10.0 + 20.0 * max(math.exp(-((x - p) / 0.004) ** 2) for p in places))
 
 
-def motions_near(at: Callable[..., Any], still: float = 10.0) -> Callable[..., Any]:
+def next_to(at: Callable[..., Any], still: float = 10.0) -> Callable[..., Any]:
     """The curve of `at`, and `still` for Tsp = 0."""
     return lambda row, x, direction: at(row, x, direction) if "pressure.amplitude" in row else record(still)
 

@@ -59,16 +59,16 @@ def test_motions_that_settle_slowly_lie_on_their_branch_and_their_jump_is_the_do
     """Continued downward, the motion of period one loses its stability where it doubles and departs slowly: just below,
     it still looks like period one after hundreds of cycles.
     """
-    found, = motions_behind([swept(np.arange(0.768, 0.8365, 0.004), "down")])
-    jump, = found.jumps
+    result, = motions_behind([swept(np.arange(0.768, 0.8365, 0.004), "down")])
+    jump, = result.jumps
     assert jump.cause == "period_doubling"
     assert jump.value / STATIC == pytest.approx(DOUBLING, abs=1e-8)
 
 
 def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
     evidence = StableMotions(1e-9, 1)
-    (found,) = evidence.stretches([AT_036], AXIS, over=KINETIC)
-    one, two = sorted(found, key=lambda s: s.period)
+    (result,) = evidence.stretches([AT_036], AXIS, over=KINETIC)
+    one, two = sorted(result, key=lambda s: s.period)
     assert (one.low.kind, one.high.kind, one.low.value, one.high.value) == (None, None, pytest.approx(0.865),
                                                                           pytest.approx(0.93))
     assert (two.period, two.high.kind, two.high.jumps) == (2, "fold", True)
@@ -84,7 +84,7 @@ def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
     assert evidence.jump_ends(AT_036, AXIS, over=KINETIC) == [two.high.value]
     assert len(evidence.known) == 1
     again = StableMotions(1e-11, 1, known=evidence.known)
-    assert again.stretches([AT_036], AXIS, over=KINETIC)[0] is found
+    assert again.stretches([AT_036], AXIS, over=KINETIC)[0] is result
 
 
 def test_both_attractors_of_fig_2_and_a_stable_orbit_at_a_ratio() -> None:

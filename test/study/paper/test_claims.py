@@ -26,15 +26,15 @@ PAGE = Path(__file__).resolve().parents[3] / ".github" / "paper" / "claims.md"
 
 def test_the_stick_limit_is_that_of_the_closed_form() -> None:
     """(25a) by hand: the amplitude of the interface torque is mu_s N R - Tm at the limit, far above omega_sn."""
-    found = rows["limits_of_stick"](claims.PaperEvidence(claims.TOLERANCE))
-    (ratio, simulated), = found.values.values()
+    result = rows["limits_of_stick"](claims.PaperEvidence(claims.TOLERANCE))
+    (ratio, simulated), = result.values.values()
     omega = ratio * OMEGA_N
     spring = complex(3000.0, 0.6 * omega)
     assert 250.0 * abs(spring - 0.02 * omega**2) / abs(spring - 0.22
                                                        * omega**2) == pytest.approx(540.0 - 300.0, rel=1e-6)
     assert ratio > paper_system().stuck_natural_frequency / paper_system().natural_frequency
     assert simulated == pytest.approx(ratio, abs=1e-3)
-    assert found.verdict == CONFIRMED
+    assert result.verdict == CONFIRMED
 
 
 def test_the_page_has_every_claim_with_the_criterion_in_force() -> None:
@@ -77,10 +77,10 @@ def test_the_page_says_what_the_cheap_claims_come_to_now() -> None:
 def test_a_verdict_is_that_of_every_pressure_and_tolerance(judged: Any, verdict: str, on: str | None,
                                                            words: str) -> None:
     finding = Finding({"x": float("nan"), "n": np.int64(3)}, CONFIRMED)
-    found = json_of(claims.Verdict(rows["maximum_falls"], finding, judged))
-    assert (found["verdict"], found["depends_on"], found["why"], found["fitted"]) == (verdict, on, words, False)
-    assert list(found["pressures"]) == [f"{p / 1e3:g}" for p in judged]
-    assert json.loads(json.dumps(found, allow_nan=False))["values"] == {"x": None, "n": 3}
+    result = json_of(claims.Verdict(rows["maximum_falls"], finding, judged))
+    assert (result["verdict"], result["depends_on"], result["why"], result["fitted"]) == (verdict, on, words, False)
+    assert list(result["pressures"]) == [f"{p / 1e3:g}" for p in judged]
+    assert json.loads(json.dumps(result, allow_nan=False))["values"] == {"x": None, "n": 3}
 
 
 def test_a_run_goes_on_from_what_was_judged(tmp_path: Path) -> None:
@@ -93,10 +93,10 @@ def test_a_run_goes_on_from_what_was_judged(tmp_path: Path) -> None:
 
     row = Claim("4", "5", "a claim", holds("it holds"), measure, "a_claim")
     for count in (2, 3, 3):
-        found, = claims.judge([row], pressures=claims.PRESSURES[:count], kept=tmp_path / "kept.jsonl")
+        result, = claims.judge([row], pressures=claims.PRESSURES[:count], kept=tmp_path / "kept.jsonl")
     assert worked == [(225e3, claims.TOLERANCE), (225e3, claims.TIGHTER), (230e3, claims.TOLERANCE),
                       (240e3, claims.TOLERANCE)]
-    assert (found.pressures, found.finding.values) == (
+    assert (result.pressures, result.finding.values) == (
         {"225": CONFIRMED, "230": CONFIRMED, "240": NOT_CONFIRMED}, {"x": 1.5})
     varied, = claims.judge([row], pressures=(225e3,), kept=tmp_path / "kept.jsonl", thresholds=True)
     assert varied.varied == {}
@@ -112,9 +112,9 @@ def test_every_threshold_that_a_criterion_uses_is_halved_and_doubled() -> None:
         return Measured((evidence.limit("near") >= 0.03,), {})
 
     row = Claim("4", "5", "a claim", holds("it holds"), measure, "a_claim", alone=True)
-    found, = claims.judge([row], thresholds=True)
-    assert json_of(found)["thresholds"] == {"near": [NOT_CONFIRMED, CONFIRMED]}
-    page = claims.claims_page([found])
+    result, = claims.judge([row], thresholds=True)
+    assert json_of(result)["thresholds"] == {"near": [NOT_CONFIRMED, CONFIRMED]}
+    page = claims.claims_page([result])
     assert ("| `near`, in 1 claim | largest distance from a printed frequency or friction ratio | 0.02 | none | "
             "4: a claim (confirmed instead of not confirmed) |") in page
     assert "| `jump`, in 0 claims | least size of a jump, over the curve's largest value | 0.08 | none | none |" in page
@@ -125,10 +125,10 @@ def test_every_threshold_that_a_criterion_uses_is_halved_and_doubled() -> None:
 def test_the_command_writes_json_and_a_page(tmp_path, judge_only, capsys) -> None:  # type: ignore[no-untyped-def]
     judge_only(rows["maximum_falls"], rows["slope_turns_negative"])
     assert main(["claims", "--json", str(tmp_path / "c.json"), "--markdown", str(tmp_path / "c.md")]) == 0
-    found = valid("claims", json.loads((tmp_path / "c.json").read_text()))
-    assert found["complete"] is True
+    document = valid("claims", json.loads((tmp_path / "c.json").read_text()))
+    assert document["complete"] is True
     assert [{"figure", "claim", "values", "criterion", "verdict", "why", "pressures", "fitted"} <= row.keys()
-            for row in found["claims"]] == [True, True]
+            for row in document["claims"]] == [True, True]
     assert (tmp_path / "c.md").read_text().count("## 3: ") == 2
     assert "confirmed" in capsys.readouterr().out
     assert main(["claims", "--json", str(tmp_path / "none" / "c.json")]) == 2

@@ -95,7 +95,7 @@ def painted(kind: str, *panels: Labelled) -> Iterator[Any]:
         yield drawn
 
 
-def told(drawn: Any, name: str, part: slice = slice(None), **how: Any) -> list[Any]:
+def drawn_numbers(drawn: Any, name: str, part: slice = slice(None), **how: Any) -> list[Any]:
     return [getattr(axis, f"get_{name}")(**how) for axis in drawn.axes[part]]
 
 
@@ -103,15 +103,15 @@ def test_the_panels_of_figure_7_share_ranges_and_show_the_plate_in_the_section()
     """Of two motions of different size, both sections have room for the larger."""
     large = replace(CHAOTIC, section=[(0.4, 20.0)], slip_speed=4.0 * PANEL.slip_speed)
     with painted("histories", PANEL, PANEL, large) as drawn:
-        assert told(drawn, "xlabel") == 6 * [""] + 2 * [CYCLES] + [r"$\delta_2$ (rad)"]
-        assert told(drawn, "ylabel")[2] == r"$\dot\delta_2$ (rad/s)"
-        assert told(drawn, "title", slice(2, None, 3), loc="right") == [
+        assert drawn_numbers(drawn, "xlabel") == 6 * [""] + 2 * [CYCLES] + [r"$\delta_2$ (rad)"]
+        assert drawn_numbers(drawn, "ylabel")[2] == r"$\dot\delta_2$ (rad/s)"
+        assert drawn_numbers(drawn, "title", slice(2, None, 3), loc="right") == [
             "period 2", "period 2", r"chaotic, $\lambda_1 = 2.0 \pm 0.5$ s$^{-1}$"]
         points, wild = drawn.axes[2].lines[0], drawn.axes[8].lines[0]
         assert points.get_xydata().tolist() == [[0.1, 5.0], [0.2, 6.0]]
         assert points.get_markersize() > wild.get_markersize()
-        assert told(drawn, "xlim")[:2] == [(0.0, 3.0)] * 2
-        ranges = list(zip(told(drawn, "xlim"), told(drawn, "ylim")))
+        assert drawn_numbers(drawn, "xlim")[:2] == [(0.0, 3.0)] * 2
+        ranges = list(zip(drawn_numbers(drawn, "xlim"), drawn_numbers(drawn, "ylim")))
         assert ranges == ranges[:3] * 3
         assert drawn.axes[2].get_ylim()[1] > 20.0
 
@@ -122,8 +122,8 @@ def lines_in(drawn: Any) -> list[Any]:
 
 def test_figure_9_has_the_torque_above_the_shading_and_the_share_of_slip() -> None:
     with painted("delay", PANEL, PANEL, PANEL, replace(PANEL, first_half=math.nan)) as drawn:
-        assert told(drawn, "xlabel")[:4] == ["", "", CYCLES, CYCLES]
-        assert told(drawn, "title", loc="right")[2:4] == ["25 % in first half cycle", "no positive slip"]
+        assert drawn_numbers(drawn, "xlabel")[:4] == ["", "", CYCLES, CYCLES]
+        assert drawn_numbers(drawn, "title", loc="right")[2:4] == ["25 % in first half cycle", "no positive slip"]
         torques = [axis for axis in drawn.axes for line in axis.lines if line.get_ydata().tolist() == [3.0, 4.0, 5.0]]
         shaded = [axis for axis in drawn.axes if axis.collections]
         # Matplotlib draws axes of one order as they were made: first the shading, then the torque.
@@ -135,10 +135,10 @@ def test_figure_9_has_the_torque_above_the_shading_and_the_share_of_slip() -> No
 def test_figure_12_has_both_torques_and_a_tick_for_every_cycle() -> None:
     followed = replace(PANEL, orbit={"stable": True, "multipliers": [[0.3, 0.4], [0.3, -0.4], [0.0, 0.0]]})
     with painted("actuation", PANEL, followed) as drawn:
-        assert told(drawn, "title", loc="right")[:2] == [
+        assert drawn_numbers(drawn, "title", loc="right")[:2] == [
             "period 2", "period 2, stable: largest Floquet multiplier 0.5"]
-        assert [ticks.tolist() for ticks in told(drawn, "xticks")[:2]] == [[0, 1, 2, 3]] * 2
-        assert told(drawn, "xlabel")[:2] == ["", CYCLES]
+        assert [ticks.tolist() for ticks in drawn_numbers(drawn, "xticks")[:2]] == [[0, 1, 2, 3]] * 2
+        assert drawn_numbers(drawn, "xlabel")[:2] == ["", CYCLES]
         assert lines_in(drawn).count([3.0, 4.0, 5.0]) == lines_in(drawn).count([6.0, 7.0, 8.0]) == 2
 
 
@@ -199,13 +199,13 @@ def column_numbers(kind: str) -> Any:
                                               ("delay", 6.5), ("actuation", 4.8)])
 def test_a_picture_in_a_column_has_no_strips_and_nothing_cut(kind: str, height: float,
                                                              monkeypatch: pytest.MonkeyPatch) -> None:
-    found: list[Any] = []
-    monkeypatch.setattr(style, "save_both", lambda drawn, stem: found.append(drawn))
+    values: list[Any] = []
+    monkeypatch.setattr(style, "save_both", lambda drawn, stem: values.append(drawn))
     caption = r"constant load, $\mu_s N_m R = 540$ N m; dotted: $\omega/\omega_n = 1/6, 1/5, 1/4, 1/3$"
     with style.figure():  # Measure with the fonts of pictures.
         data = figure_of(kind, column_numbers(kind), caption=caption)
         drawings.draw(data, Path("none"), "a title that is far too long for one line of a narrow column", style.COLUMN)
-        drawn, = found
+        drawn, = values
         style.lay_out(drawn)
         assert drawn.get_figwidth() == style.COLUMN
         caption_lines = drawings.caption_of(data, style.COLUMN).count("\n") + 1

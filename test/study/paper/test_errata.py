@@ -78,10 +78,10 @@ def test_8_9_and_29_by_hand() -> None:
     assert high[0] - high[1] == pytest.approx(math.pi)
     printed, right = next(iter(errata.amplitude().values()))
     assert printed / right == pytest.approx(5.0, rel=0.01)
-    found = errata.driving_torques()
-    assert list(found.values())[:2] == [pytest.approx([250.0, 492.5, 1235.0, 2720.0], rel=1e-5),
-                                        pytest.approx([250.0, 182.5, 115.0, 20.0])]
-    at_low, slip_low, at_high, slip_high = list(found.values())[2:]
+    result = errata.driving_torques()
+    assert list(result.values())[:2] == [pytest.approx([250.0, 492.5, 1235.0, 2720.0], rel=1e-5),
+                                         pytest.approx([250.0, 182.5, 115.0, 20.0])]
+    at_low, slip_low, at_high, slip_high = list(result.values())[2:]
     assert sorted(at_low, reverse=True) == at_low
     assert sorted(slip_low, reverse=True) == slip_low
     assert sorted(at_high) == at_high

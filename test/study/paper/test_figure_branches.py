@@ -34,9 +34,9 @@ def test_pure_stick_under_the_set_valued_law_lies_on_one_branch_without_a_jump()
     """
     system = paper_system({"friction.law": "set_valued", "initial.slip_speed": 0.0, "initial.plate_angle": 0.1})
     values = tuple(np.linspace(0.45, 0.47, 3) * OMEGA_N)
-    found, = motions_behind(sweep_curves([Curve(system, "engine.frequency", values)], Plan(cycles=150, discard=50)))
-    branch, = found.branches
-    assert (branch["period"], found.bifurcations, found.jumps) == (1, [], [])
+    result, = motions_behind(sweep_curves([Curve(system, "engine.frequency", values)], Plan(cycles=150, discard=50)))
+    branch, = result.branches
+    assert (branch["period"], result.bifurcations, result.jumps) == (1, [], [])
     assert set(branch["events"]) == {"S"}
     for value, multipliers in zip(branch["value"], branch["multipliers"]):
         size = math.exp(-0.6 / (2.0 * 0.22) * 2.0 * math.pi / value)

@@ -55,17 +55,17 @@ def test_the_curves_of_a_figure_are_the_paper_s(number: int, of: str, expected: 
     """Captions and legends of the paper: values that differ between curves, and values of all curves."""
     row = FIGURES[number]
     systems = [paper_system(series.values) for series in row.series]
-    found = {"mu_k": [1.0 / s.friction_ratio for s in systems], "psi": [s.pressure.phase / math.pi for s in systems],
-             "omega": [s.engine.frequency / OMEGA_N for s in systems], "Tsp": [
+    by_name = {"mu_k": [1.0 / s.friction_ratio for s in systems], "psi": [s.pressure.phase / math.pi for s in systems],
+               "omega": [s.engine.frequency / OMEGA_N for s in systems], "Tsp": [
                  s.pressure.amplitude / s.pressure.mean for s in systems],
-             "omega_f": [s.pressure.frequency_ratio for s in systems]}
-    assert found[of] == pytest.approx(list(expected))
-    assert kinetic is None or found["mu_k"] == pytest.approx([kinetic] * len(systems))
-    assert amplitude is None or found["Tsp"] == pytest.approx([amplitude] * len(systems))
+               "omega_f": [s.pressure.frequency_ratio for s in systems]}
+    assert by_name[of] == pytest.approx(list(expected))
+    assert kinetic is None or by_name["mu_k"] == pytest.approx([kinetic] * len(systems))
+    assert amplitude is None or by_name["Tsp"] == pytest.approx([amplitude] * len(systems))
     spans = {5: (0.08, 0.30), 6: (0.55, 1.0)}
     assert row.span == spans.get(number, (0.05, 0.5))
     ratio = {6: 0.36, 7: 0.36, 12: 150.0 / OMEGA_N}.get(number)
-    assert ratio is None or found["omega"] == pytest.approx([ratio] * len(systems))
+    assert ratio is None or by_name["omega"] == pytest.approx([ratio] * len(systems))
 
 
 def test_the_axes_of_the_claims_are_those_that_they_name() -> None:
@@ -119,9 +119,9 @@ def test_figures_without_a_sweep_are_drawn(number: int, periods: list[int] | Non
     """The periods of Fig. 12 are those of (35)."""
     assert main(["figure", str(number), "--out", str(tmp_path)]) == 0
     assert sorted(p.suffix for p in tmp_path.iterdir()) == [".json", ".png", ".svg"]
-    found = valid("figure", json.loads((tmp_path / f"fig{number:02d}.json").read_text()))
-    assert found["figure"] == number
-    assert periods is None or [panel["period"] for panel in found["panels"]] == periods
+    result = valid("figure", json.loads((tmp_path / f"fig{number:02d}.json").read_text()))
+    assert result["figure"] == number
+    assert periods is None or [panel["period"] for panel in result["panels"]] == periods
 
 
 def test_a_figure_in_a_column_has_its_title_and_is_redrawn_so(figures: list[Any], tmp_path: Path,
@@ -154,13 +154,13 @@ def test_the_numbers_of_every_kind_are_what_the_schema_says(number: int, kind: s
                                                             monkeypatch: pytest.MonkeyPatch) -> None:
     """With few values, since the schema does not count them; other tests draw and check the other kinds."""
     monkeypatch.setitem(FIGURES, number, replace(FIGURES[number], count=16))
-    found = as_written(number, figure_data(number, FigureOptions(quick=True)), tmp_path)
-    assert (found["figure"], found["kind"]) == (number, kind)
+    result = as_written(number, figure_data(number, FigureOptions(quick=True)), tmp_path)
+    assert (result["figure"], result["kind"]) == (number, kind)
     assert main(["plot", str(tmp_path / f"fig{number:02d}.json"), "--plot", str(tmp_path / "again.png")]) == 0
     if kind == "orbit":
-        assert found["axis"] == "mu_k/mu_s"
-        assert all(len(curve["theta2"]) == len(found["x"]) for curve in found["curves"])
-        assert [curve["direction"] for curve in found["curves"]] == ["cold", "up", "down"]
+        assert result["axis"] == "mu_k/mu_s"
+        assert all(len(curve["theta2"]) == len(result["x"]) for curve in result["curves"])
+        assert [curve["direction"] for curve in result["curves"]] == ["cold", "up", "down"]
 
 
 def test_figure_2_shows_where_each_law_settles(figures: list[Any], tmp_path: Path) -> None:
@@ -190,10 +190,10 @@ def test_a_spike_of_a_cold_start_is_told_from_what_coexists() -> None:
     axis = np.linspace(0.05, 0.5, 57)[9:12]
     curve = Curve(paper_system(series.values), "engine.frequency", tuple(float(x) * OMEGA_N for x in axis))
     swept = sweep_curves([curve], Plan(cycles=300, discard=250), jobs=1)[0]  # Chaotic transients last up to 80.
-    found = coexisting(swept, 1)
+    result = coexisting(swept, 1)
     assert stick_margin(curve.at(1)).sticks
-    assert {row.index for row in found} == {1}
-    assert all(row.spike and row.max_slip_speed > 20.0 and row.other.max_slip_speed < 0.2 for row in found)
+    assert {row.index for row in result} == {1}
+    assert all(row.spike and row.max_slip_speed > 20.0 and row.other.max_slip_speed < 0.2 for row in result)
     assert not stands_out(np.array([0.0, 5.0, 9.0]), 1, 1.0)
     assert not stands_out(np.array([9.0, 5.0]), 1, 1.0)
     assert stands_out(np.array([9.0, 5.0, 9.0]), 1, 1.0)
@@ -206,7 +206,7 @@ def test_figures_share_the_curves_that_they_have_in_common() -> None:
     swept = dict(options.kept)
     second = figure_data(11, options)
     assert (len(swept), len(options.kept)) == (3, 5)
-    assert all(options.kept[curve] is found for curve, found in swept.items())
+    assert all(options.kept[curve] is each for curve, each in swept.items())
     assert first.curves[1].max_slip_speed == second.curves[1].max_slip_speed
 
 

@@ -27,22 +27,22 @@ def rates(system, t, y):
 @pytest.mark.parametrize(("ratio", "phase", "period"), [(1.0, 0.0, 1), (0.5, 0.0, 2), (0.5, 1.0, 2)])
 def test_the_corrected_series_is_the_motion(ratio, phase, period):
     system = replace(BASE, {"pressure.frequency_ratio": ratio, "pressure.phase": phase})
-    found = harmonic_balance(system, period, 80)
+    result = harmonic_balance(system, period, 80)
     end = 60 * system.cycle
     t = np.linspace(end, end + period * system.cycle, 101)
     run = solve_ivp(lambda t, y: rates(system, t, y), (0.0, t[-1]), [5.0, 0.1, 0.0], t_eval=t, method="LSODA",
                     rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(found.slip_speed(t), run.y[0], atol=1e-2 * np.abs(run.y[0]).max())
-    assert found.residual < 1e-7
-    assert found.slip[0] > 0.1  # The mean that (30) has not.
-    assert mean_friction_torque(system, found.coefficient, period) == pytest.approx(300.0, abs=1e-6)
+    np.testing.assert_allclose(result.slip_speed(t), run.y[0], atol=1e-2 * np.abs(run.y[0]).max())
+    assert result.residual < 1e-7
+    assert result.slip[0] > 0.1  # The mean that (30) has not.
+    assert mean_friction_torque(system, result.coefficient, period) == pytest.approx(300.0, abs=1e-6)
 
 
 def test_the_printed_series_cannot_carry_the_mean_torque():
     system = replace(BASE, {"pressure.frequency_ratio": 0.5})
     bound = 2.0 / math.pi * system.engine.torque_amplitude
-    found = harmonic_balance(system, 2, 40)
-    assert abs(mean_friction_torque(system, found.coefficient, 2, printed=True)) <= bound < 300.0
+    result = harmonic_balance(system, 2, 40)
+    assert abs(mean_friction_torque(system, result.coefficient, 2, printed=True)) <= bound < 300.0
     # The bound itself: a coefficient of +-1 in step with the printed sine of omega/N.
     square = np.zeros(81)
     square[40 + 1:][::2] = 4.0 / math.pi / np.arange(1, 41, 2)
@@ -52,9 +52,9 @@ def test_the_printed_series_cannot_carry_the_mean_torque():
 
 def test_a_falling_law_balances_too():
     system = replace(BASE, {"friction.kinetic_coefficient": 0.27, "friction.decay": 0.3})
-    found = harmonic_balance(system, 1, 40)
-    assert mean_friction_torque(system, found.coefficient, 1) == pytest.approx(300.0, abs=1e-6)
-    assert found.residual < 1e-6
+    result = harmonic_balance(system, 1, 40)
+    assert mean_friction_torque(system, result.coefficient, 1) == pytest.approx(300.0, abs=1e-6)
+    assert result.residual < 1e-6
 
 
 @pytest.mark.parametrize(("values", "period", "count", "word"), [

@@ -10,7 +10,6 @@ import pytest
 from given import (
     NAMED,
     Given,
-    beside,
     by_amplitude,
     cliffs,
     coprime,
@@ -22,6 +21,7 @@ from given import (
     hills,
     law_of,
     lowest,
+    next_to,
     orbit,
     other_phase,
     period_at,
@@ -54,8 +54,8 @@ def between(row: Any, x: float, direction: str) -> Any:
     return record(10.0 + turn * (4.0 * turn - 3.0))
 
 
-def at_phase(value: float, there: int, other: int) -> Callable[..., Any]:
-    return period_at(lambda row, x: there if phase_is(row, value) else other)
+def at_phase(value: float, first: int, other: int) -> Callable[..., Any]:
+    return period_at(lambda row, x: first if phase_is(row, value) else other)
 
 
 CASES: dict[str, list[tuple[Any, ...]]] = {
@@ -145,15 +145,15 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
         (Given(period_at(lambda row, x: 7)), NO)],
     "actuation_bifurcations": [(Given(period_at(denominators)), YES),
         (Given(period_at(lambda row, x: coprime(row) * (1 + (x > 0.49)))), NO)],
-    "actuation_attenuates": [(Given(beside(lowest("pressure.frequency_ratio", 1.0))), YES),
-        (Given(beside(lowest("pressure.frequency_ratio", 1.0), 8.0)), PART),
-        (Given(beside(lowest("pressure.frequency_ratio", 1.0, low=-1.0))), NO),
-        (Given(beside(lowest("pressure.frequency_ratio", 1.0), 9.5)), YES, {"lowest of its figure": [1.0, 1.0],
+    "actuation_attenuates": [(Given(next_to(lowest("pressure.frequency_ratio", 1.0))), YES),
+        (Given(next_to(lowest("pressure.frequency_ratio", 1.0), 8.0)), PART),
+        (Given(next_to(lowest("pressure.frequency_ratio", 1.0, low=-1.0))), NO),
+        (Given(next_to(lowest("pressure.frequency_ratio", 1.0), 9.5)), YES, {"lowest of its figure": [1.0, 1.0],
          "lower than Tsp = 0": [0.0, 1.0, 0.0, 0.0, 0.0]})],
-    "actuation_reversed": [(Given(beside(lowest("pressure.frequency_ratio", 1.0))), YES),
-        (Given(beside(lowest("pressure.frequency_ratio", 1.0, high=-1.0), 8.0)), PART),
-        (Given(beside(lowest("pressure.frequency_ratio", 1.0, high=-1.0))), NO),
-        (Given(beside(lowest("pressure.frequency_ratio", 1.0, place=0.4))), NO,
+    "actuation_reversed": [(Given(next_to(lowest("pressure.frequency_ratio", 1.0))), YES),
+        (Given(next_to(lowest("pressure.frequency_ratio", 1.0, high=-1.0), 8.0)), PART),
+        (Given(next_to(lowest("pressure.frequency_ratio", 1.0, high=-1.0))), NO),
+        (Given(next_to(lowest("pressure.frequency_ratio", 1.0, place=0.4))), NO,
          {"above Tsp = 0": [0.0, 11 / 29, 0.0, 0.0, 0.0], "highest of its figure": [11 / 29] * 2})],
     "amplitude_attenuates": [(Given(by_amplitude((-1.0, 1.0))), YES), (Given(by_amplitude((1.0, 1.0))), NO)],
     "amplitude_reversed": [
@@ -280,12 +280,12 @@ def leaves(value: Any) -> list[Any]:
                                             for name, cases in CASES.items() for k, case in enumerate(cases)])
 def test_verdict_and_numbers_follow_what_a_claim_is_given(name: str, case: tuple[Any, ...]) -> None:
     given, verdict, *numbers = case
-    found = rows[name](given)
-    assert found.verdict == verdict
-    assert set(rows[name].labels.values()) - {"another curve is lower at"} <= set(found.values)
+    result = rows[name](given)
+    assert result.verdict == verdict
+    assert set(rows[name].labels.values()) - {"another curve is lower at"} <= set(result.values)
     for words, expected in (numbers[0] if numbers else {}).items():
-        (key,) = [key for key in found.values if key.startswith(words)][:1]
-        assert leaves(found.values[key]) == pytest.approx(expected, abs=1e-9), key
+        (key,) = [key for key in result.values if key.startswith(words)][:1]
+        assert leaves(result.values[key]) == pytest.approx(expected, abs=1e-9), key
 
 
 def test_every_claim_has_a_case_that_flips_it() -> None:

@@ -105,10 +105,10 @@ def smoothings(*slips: float) -> Given:
         seconds=times if system.friction.law == "set_valued" else 1.0)), verdict)
       for times, verdict in ((11.0, CONFIRMED), (9.0, NOT_CONFIRMED)))])
 def test_verdicts_on_given_runs_and_curves(name: str, given: Given, verdict: str) -> None:
-    found = rows[name](given)
-    assert found.verdict == verdict
-    assert found.values.get("ratios", 51) == 51
-    assert set(rows[name].labels.values()) <= set(found.values)
+    result = rows[name](given)
+    assert result.verdict == verdict
+    assert result.values.get("ratios", 51) == 51
+    assert set(rows[name].labels.values()) <= set(result.values)
 
 
 @pytest.mark.parametrize(("differences", "along", "period", "largest", "verdict"), [
@@ -135,14 +135,14 @@ def test_the_classical_method_differs_at_some_steps(sizes, verdict, monkeypatch)
 
 def test_a_difference_over_a_cycle_is_its_root_mean_square() -> None:
     """Of RK4 beyond its limit of stability, by the Euclidean norm of samples at the same times."""
-    found = claims_methods.cycle_differences((("rk4, step 5e-05 s", "smoothed", 5e-5), ("smoothed", "smoothed", None)))
+    result = claims_methods.cycle_differences((("rk4, step 5e-05 s", "smoothed", 5e-5), ("smoothed", "smoothed", None)))
     system = paper_system(claims_methods.FIG02)
     start = solve(system, cycles=1000).final
     one, other = (solve(system, cycles=1, samples_per_cycle=400, start_cycle=1000, state=start, solver=name, step=step)
                   for name, step in (("smoothed", None), ("rk4", 5e-5)))
     apart = np.linalg.norm(other.slip_speed - one.slip_speed) / len(one.t) ** 0.5
-    assert found["rk4, step 5e-05 s"] == pytest.approx(apart / np.abs(one.slip_speed).max(), rel=1e-3)
-    assert found["smoothed"] == pytest.approx(0.0, abs=1e-12)
+    assert result["rk4, step 5e-05 s"] == pytest.approx(apart / np.abs(one.slip_speed).max(), rel=1e-3)
+    assert result["smoothed"] == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(("name", "law", "flat"), [("maximum_falls", "peak", (0.1, 2.0)),
@@ -163,9 +163,9 @@ def test_pure_slip_is_held_against_the_solution() -> None:
     v = pure_slip(paper_system(claims_stick.PURE_SLIP)).slip_speed(t)
     for off, verdict in ((0.0, DEPENDS), (1e-3, NOT_CONFIRMED)):
         run = given_run(t=t, slip_speed=v * (1.0 + off))
-        found = rows["pure_slip_guaranteed"](Given(runs=lambda system, run=run: run))
-        assert found.verdict == verdict
-        assert found.values["least Omega_e that slips for ever (rad/s)"] == pytest.approx(35.1, abs=0.1)
+        result = rows["pure_slip_guaranteed"](Given(runs=lambda system, run=run: run))
+        assert result.verdict == verdict
+        assert result.values["least Omega_e that slips for ever (rad/s)"] == pytest.approx(35.1, abs=0.1)
 
 
 def test_a_motion_that_has_not_settled_goes_on() -> None:
@@ -173,8 +173,8 @@ def test_a_motion_that_has_not_settled_goes_on() -> None:
     row = {**claims_methods.FIG02, "friction.law": "set_valued"}
     kept = Evidence(1e-9, 1)
     sweep = kept.curves([row], np.array([150.0 / OMEGA_N]))[0]
-    found = sweep.points[0].summary
-    assert (found.period, found.settled) == (0, False)
+    summary = sweep.points[0].summary
+    assert (summary.period, summary.settled) == (0, False)
     assert kept.periods(sweep).tolist() == [2]
     assert kept.motion(row).period == 2
     assert sweep.plan == kept.plan(row)
@@ -222,16 +222,16 @@ def test_a_jump_keeps_its_change_on_a_narrow_interval_and_a_steep_rise_does_not(
     def slip(row: Any, x: float, direction: str) -> Any:
         return record(10.0 if x < 0.23 else 25.0 + 500.0 * min(max(x - 0.26, 0.0), 0.04))
 
-    (found,) = Curve(slip).jumps({}, np.arange(0.1, 0.5, 0.04))
-    assert found == pytest.approx((0.23, 15.0), abs=1e-3)
+    (result,) = Curve(slip).jumps({}, np.arange(0.1, 0.5, 0.04))
+    assert result == pytest.approx((0.23, 15.0), abs=1e-3)
 
 
 def test_stick_ends_where_10_says_by_a_run_from_stick() -> None:
     """(10) by hand for psi = pi: Tm + |Tp G + Tsp| at their phases; without a limit there is no value."""
     values = rows["stick_limits_varying"](PaperEvidence(1e-9, 1)).values
     assert len(values) == 4  # For psi = 0 a lower limit too.
-    for name, found in values.items():
-        limit, simulated = found
+    for name, each in values.items():
+        limit, simulated = each
         assert simulated == pytest.approx(limit, abs=1e-3), name
         omega = limit * OMEGA_N
         gain = (3000.0 - 0.02 * omega**2 + 0.6j * omega) / (3000.0 - 0.22 * omega**2 + 0.6j * omega)
@@ -251,9 +251,9 @@ def test_limits_of_stick_are_held_against_the_simulation(off, verdict, monkeypat
 
 def test_the_smoothed_law_creeps_where_the_set_valued_one_sticks() -> None:
     """Its slip speed carries the torque: tanh(50 v) is near |Tfi|/(mu_s N R), so v is some hundredths of a rad/s."""
-    found = rows["smoothed_stick_creeps"](PaperEvidence(1e-9, 1))
-    assert found.verdict == CONFIRMED
-    assert 0.01 < found.values["largest slip speed (rad/s)"]["smoothed"] < 0.2
+    result = rows["smoothed_stick_creeps"](PaperEvidence(1e-9, 1))
+    assert result.verdict == CONFIRMED
+    assert 0.01 < result.values["largest slip speed (rad/s)"]["smoothed"] < 0.2
 
 
 def test_a_repeated_series_is_told_by_its_shortest_period() -> None:
@@ -283,11 +283,11 @@ def test_the_other_readings_of_21_are_means_of_the_slope() -> None:
     row = with_kinetic(0.667, {FREQUENCY: 0.12 * OMEGA_N})
     run = Evidence(1e-9, 1).last_cycles(row, 16, 4096)
     slope, v = slope_of_friction(run), run.slip_speed
-    found = PaperEvidence(1e-9, 1).other_readings()
+    result = PaperEvidence(1e-9, 1).other_readings()
     for name, weights in (("no weight", None), ("|v|", np.abs(v)), ("(v - mean v)^2", (v - np.mean(v)) ** 2),
                           ("v^2 outside stick", v**2 * (run.state != 0))):
-        assert len(found[name]) == 3
-        assert found[name][0] == pytest.approx(np.average(slope, weights=weights), rel=0.02), name
+        assert len(result[name]) == 3
+        assert result[name][0] == pytest.approx(np.average(slope, weights=weights), rel=0.02), name
 
 
 def test_two_torques_have_the_frequencies_and_amplitudes_of_engine_and_load() -> None:
@@ -306,6 +306,6 @@ def test_two_torques_have_the_frequencies_and_amplitudes_of_engine_and_load() ->
 def test_an_exponent_too_near_0_is_that_of_a_longer_run(longer: str, verdict: str) -> None:
     given = Given(lambda row, x, direction: record(period=2 if x > 0.7 else 0), lambda row: [0.2], "unresolved",
                   longer=longer)
-    found = rows["doubling_to_chaos"](given)
-    assert found.verdict == verdict
-    assert {name for name, *_ in found.values["diagnosis, exponent's interval (1/s)"].values()} == {longer}
+    result = rows["doubling_to_chaos"](given)
+    assert result.verdict == verdict
+    assert {name for name, *_ in result.values["diagnosis, exponent's interval (1/s)"].values()} == {longer}
