@@ -45,7 +45,9 @@ class InputError(TccError, ValueError):
 
 
 class OutOfRange(InputError):
-    """A value is out of its range, or needs more steps than a method allows: wrong input that a search may meet."""
+    """Wrong input that a search may meet: a value out of its range, one that needs more steps than a method allows, or
+    one without a motion of the requested kind.
+    """
 
 
 class RecordingError(InputError):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.summary import Span, Summary, dropped_of, spans_of, summarise_cycles
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.columns import JointStates
@@ -109,7 +109,7 @@ class RunCycles:
         Raise InputError if no whole cycle is left, or for a negative number.
         """
         if not self.pieces:
-            raise InputError("the recording holds no whole period of excitation: its states go from "
+            raise OutOfRange("the recording holds no whole period of excitation: its states go from "
                              f"{self.begin:.6g} to {self.end:.6g} s")
         self._join_all()
         first, last = self._numbers()
@@ -117,7 +117,7 @@ class RunCycles:
         whole = [p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces
                  if p.first + len(p.cycles) > first + dropped]
         if not whole:
-            raise InputError(f"gaps interrupt or hide every period of excitation after the first {dropped}")
+            raise OutOfRange(f"gaps interrupt or hide every period of excitation after the first {dropped}")
         joined = _with_gaps(whole)
         parts = np.array(self.parts).reshape(-1, 2 + len(fields(Loads)) + 3)
         begin = self.begin

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.periodicity import Periodicity, cycles_drift, enough_after_a_gap, periodicity, sizes_of
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME, along
@@ -110,7 +110,7 @@ def dropped_of(cycles: int, discard: int | None) -> int:
         raise InputError(f"--discard is {dropped}; it must be 0 or more cycles")
     if dropped >= cycles:
         whole = f"the {cycles} cycles" if cycles != 1 else "the only cycle"
-        raise InputError(f"--discard {dropped} leaves none of {whole}" if cycles else
+        raise OutOfRange(f"--discard {dropped} leaves none of {whole}" if cycles else
                          "there is no whole period of excitation to summarise")
     return dropped
 
@@ -251,7 +251,7 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     observed = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
     count = int(observed.sum())
     if not (count or partial):
-        raise InputError("there is no whole period of excitation to summarise")
+        raise OutOfRange("there is no whole period of excitation to summarise")
     steady = cycles[min(varied, len(cycles)):] if varied else cycles
     runaway = not carried and runs_away(cycles, varied, tolerance)
     repetition = periodicity(steady, tolerance)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
-from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace
@@ -129,7 +129,7 @@ def _from_settled(system: System, pressure: float, slip: float, failed: Numerica
         try:
             load = replace(system, {PRESSURE: min(float(factor) * pressure, 1e7)})
             motions.append(closed(load, *_settled(load), None))
-        except (InputError, NumericalFailure):
+        except (OutOfRange, NumericalFailure):
             continue
     for near in sorted(motions, key=lambda motion: abs(motion.mean_slip - slip)):
         try:
@@ -148,14 +148,14 @@ def _constant(system: System, slip: float | None) -> Constant:
         carried = torque - by_slip * slip
         if coefficient * carried <= 0.0:
             others = f", of which {by_slip * slip:g} N m pass beside friction" if by_slip else ""
-            raise InputError(f"a slip speed of {slip:g} rad/s needs an engine torque in its direction; "
+            raise OutOfRange(f"a slip speed of {slip:g} rad/s needs an engine torque in its direction; "
                              f"engine.mean_torque is {torque:g} N m{others}")
         system = replace(system, {PRESSURE: carried / (coefficient * system.torque_per_pressure)})
         terms = terms_of(system)
         return _at(system, terms, slip)
     slips = abs(torque) > system.friction_ratio * terms.mean_load
     if slips and by_slip == 0.0:
-        raise InputError(f"slip runs away: the mean torque of {torque:g} N m exceeds what the clutch carries, "
+        raise OutOfRange(f"slip runs away: the mean torque of {torque:g} N m exceeds what the clutch carries, "
                          f"{system.friction_ratio * terms.mean_load:g} N m; give --slip or another pressure")
     if terms.smoothing is None and not slips:
         return Constant(system, 0.0, math.inf, 0.0)
@@ -192,10 +192,10 @@ def _settled(system: System) -> tuple[int, Floats]:
     cycles, period = settled_from_start(system, DEFAULTS.cycles, rtol=1e-9)
     if period == 0:
         if not cycles.stick_time[len(cycles) // 2:].any() and abs(system.engine.mean_torque) > system.saturation_mean:
-            raise InputError(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
+            raise OutOfRange(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
                              f"clutch carries while it slips, {system.saturation_mean:g} N m; give --slip or another "
                              "pressure")
-        raise InputError(f"the scene settles in no motion of a period up to {ANALYSIS.maximum_period} periods of "
+        raise OutOfRange(f"the scene settles in no motion of a period up to {ANALYSIS.maximum_period} periods of "
                          "excitation "
                          f"within {DEFAULTS.cycles}; there is nothing to linearise about")
     return period, cycles.section[-1]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.estimation.curve import SHARES
 from tcc_sim.estimation.multiple_shooting import Fit, fit
 from tcc_sim.estimation.settings import FitSettings, Gates
@@ -144,7 +144,7 @@ def profile_likelihood(model: Model, noise: dict[str, float], settings: FitSetti
             else:
                 other = Model(changed(model.system, {key: float(value)}), tuple(held), model.measured)
             again = fit(other, noise, np.delete(best.values, at), settings, settings.stages[-1:], best.starts)
-        except (*FAILED, InputError):
+        except (*FAILED, OutOfRange):
             continue
         excess[i] = again.chi2 * max(samples - len(held) - 3, 1) - least
     return Likelihood(key, values, excess)

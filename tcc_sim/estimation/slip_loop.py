@@ -20,7 +20,7 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from tcc_sim.analysis.multipliers import largest_first
-from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.estimation.constant_motion import matrices_of
 from tcc_sim.estimation.operating_point import Constant, Periodic, closed, operating_point, refined
 from tcc_sim.model.parameters import System
@@ -221,7 +221,7 @@ def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: tuple[float, 
                     point = _with_slip(near, slip)
                     known[slip] = _Loop.about(point, ticks, gains).growth()
                     near = point if known[slip] < 0.0 else near
-                except (InputError, NumericalFailure):   # No motion of this slip speed repeats.
+                except (OutOfRange, NumericalFailure):   # No motion of this slip speed repeats.
                     known[slip] = 1.0
             return known[slip]
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model.friction import onset
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.sines import Floats, Sines, common_cycles, dynamic_stiffness, engine_series, load_series, smallest
@@ -140,7 +140,7 @@ def stick_limits(system: System, low: float, high: float, count: int = 400) -> S
     def margin(omega: float) -> float:
         try:
             return stick_margin(replace(system, {"engine.frequency": omega})).torque
-        except InputError:
+        except OutOfRange:
             return -math.inf
 
     orders = [1.0, *range(2, len(system.engine.harmonic_amplitudes) + 2)]

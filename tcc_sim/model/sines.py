@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import OutOfRange
 from tcc_sim.model.groups import Driveline
 from tcc_sim.model.parameters import System
 
@@ -88,10 +88,10 @@ def smallest(value: Callable[[Floats], Floats], slack: Callable[[Floats, float],
 
 
 def dynamic_stiffness(d: Driveline, inertia: float, omega: float, resonance: str) -> complex:
-    """K23 - J w^2 + i C23 w of an inertia J on the spring, N m/rad; InputError with `resonance` if it is 0."""
+    """K23 - J w^2 + i C23 w of an inertia J on the spring, N m/rad; OutOfRange with `resonance` if it is 0."""
     stiffness = complex(d.stiffness - inertia * omega**2, d.damping * omega)
     if stiffness == 0.0:
-        raise InputError(f"{resonance} resonance, {omega:g} rad/s: no steady state")
+        raise OutOfRange(f"{resonance} resonance, {omega:g} rad/s: no steady state")
     return stiffness
 
 

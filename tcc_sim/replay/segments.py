@@ -15,7 +15,7 @@ from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.analysis.tracking import Loop, LoopReader, Pressures, Tracking, target_jumps
-from tcc_sim.errors import InputError, counted
+from tcc_sim.errors import OutOfRange, counted
 from tcc_sim.model.parameters import values_of
 from tcc_sim.output.tables import tracking_lines
 from tcc_sim.recording.columns import JointStates
@@ -149,7 +149,7 @@ def _summary(cut: Cut, clock: EngineClock | None, shared: CycleStream | None, di
         for block in cut.states.blocks():
             stream.feed_states(block)
     if cut.states.run in stream.numbers:
-        with suppress(InputError):
+        with suppress(OutOfRange):
             return stream.summary(discard, number=stream.numbers[cut.states.run])
     return None
 

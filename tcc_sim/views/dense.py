@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
-from tcc_sim.errors import InputError
+from tcc_sim.errors import OutOfRange
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
@@ -96,7 +96,7 @@ def _solved(recorded: Trajectory, system: System, known: Floats, points: int, wh
         step = float(recorded.t[k + 1] - recorded.t[k])
         try:
             n = points * math.ceil(substeps(applied, step) / points)
-        except InputError:
+        except OutOfRange:
             continue
         if len(fine) != n:
             fine = np.empty((n, 3))

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import OutOfRange
 from tcc_sim.model.friction import smoothed_and_slope
 from tcc_sim.model.parameters import DEFAULTS, System, replace
 from tcc_sim.output.tables import markdown_table
@@ -186,7 +186,7 @@ def _error(system: System, method: str, step: float, truth: Reference | None) ->
     else:
         try:
             run = solve(system, cycles=CYCLES, solver=method, **{SOLVERS[method].setting: step})  # type: ignore[arg-type]
-        except InputError:
+        except OutOfRange:
             return None
         if run.cycles is None or len(run.cycles) < CYCLES:
             return None
