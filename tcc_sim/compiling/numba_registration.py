@@ -18,8 +18,12 @@ from tcc_sim.compiling.unrolled import Unrolled
 
 
 def registered(function: FunctionType, options: dict[str, Any], **how: Any) -> Any:
-    """Return Numba's dispatcher of a function, whose types do not depend on the values of literal numbers."""
-    out = numba.njit(function, nogil=True, error_model="numpy", **how, **options)
+    """Return Numba's dispatcher of a function, whose types do not depend on the values of literal numbers.
+
+    Every option that a function would inherit from whoever calls it first is stated: its code is its own.
+    """
+    stated = {"nogil": True, "error_model": "numpy", "fastmath": False, "forceinline": False, **options}
+    out = numba.njit(function, **how, **stated)
     template = out.get_call_template
     out.get_call_template = lambda kinds, names: template(
         tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})

@@ -63,6 +63,19 @@ def test_a_part_is_compiled_for_python_only_where_python_calls_it():
     assert len(part.entries) == 1
 
 
+def test_a_function_keeps_its_own_arithmetic_whoever_compiles_it_first():
+    @compiled
+    def rounded(x, y, z):
+        return x * y - z
+
+    @fast
+    def kernel(x, y, z):
+        return rounded(x, y, z)
+
+    x, z = 1.0 + 2.0**-30, 1.0 + 2.0**-29  # x x - z is 2^-60 before the product is rounded.
+    assert (kernel(x, x, z), rounded(x, x, z)) == (0.0, 0.0)
+
+
 def test_what_is_wrong_in_a_part_is_said():
     @fast
     def part(x):
