@@ -112,9 +112,9 @@ def _dependencies(type_name: str, text: str) -> Iterator[str]:
     package = type_name.split("/")[0]
     for line in text.splitlines():
         words = line.split("#")[0].split()
-        if len(words) < 2 or "=" in line.split("#")[0]:
+        if len(words) < 2:
             continue
         name = re.split(r"[\[<]", words[0])[0]
         parts = name.split("/")
-        if len(parts) > 1 or name[:1].isupper():  # Names of primitive types are lower-case.
+        if len(parts) > 1 or name[:1].isupper():  # Names of primitive types, which constants have, are lower-case.
             yield f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}"

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.messages import cdr
+from tcc_sim.messages.definitions import _dependencies
 
 
 def values(count):
@@ -123,3 +124,11 @@ def test_the_names_of_joints_come_back_and_a_cut_message_is_refused() -> None:
     for length in range(len(whole)):
         with pytest.raises(ValueError, match="JointState"):
             cdr.read_joints(whole[:length])
+    with pytest.raises(ValueError, match="JointState"):
+        cdr.read_joints(whole + b"\0")
+
+
+def test_the_types_of_fields_are_found_behind_bounds_and_comments() -> None:
+    text = "Point[3] corners  # of Box\nstd_msgs/Header[<=2] heads\nstring<=5 name\nuint8 LARGE=2\nfloat64 x\nPose at\n"
+    assert list(_dependencies("geometry_msgs/msg/Shape", text)) == [
+        "geometry_msgs/msg/Point", "std_msgs/msg/Header", "geometry_msgs/msg/Pose"]
