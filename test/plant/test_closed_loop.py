@@ -123,6 +123,16 @@ def test_keys_change_at_the_tick_that_begins_at_their_time() -> None:
     np.testing.assert_allclose(run.engine_torque[201:], 260.0, atol=1e-9)
 
 
+def test_a_run_has_the_means_of_its_slip_over_whole_cycles() -> None:
+    run = tcc_sim.closed_loop("controlled", lambda _: 1e5, 0.3)
+    cycle = 2.0 * math.pi / 150.0
+    ends = cycle * np.arange(1, 8)
+    np.testing.assert_allclose(run.control.t, ends, atol=1e-9)
+    area = np.append(0.0, np.cumsum(0.5 * (run.slip_speed[1:] + run.slip_speed[:-1]) * 1e-3))
+    means = np.diff(np.interp(np.append(0.0, ends), run.t, area)) / cycle
+    np.testing.assert_allclose(run.control.mean_slip, means, rtol=1e-3)
+
+
 @pytest.mark.parametrize(("changes", "sentence"), [
     ({0.0005: {"engine.mean_torque": 1.0}}, "a change at 0.0005 s is not possible; it must be a whole number of ticks"),
     ({0.1: {"engine.mean_torqe": 1.0}}, "did you mean engine.mean_torque"),

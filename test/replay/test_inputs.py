@@ -10,7 +10,10 @@ from driveline_bags import START, TICK, bag, ticked
 
 from tcc_sim.messages import cdr
 from tcc_sim.recording.announcements import source_text
+from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.window import Window
 from tcc_sim.replay.replay import replay
+from tcc_sim.replay.timeline import timeline_of
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import FLUID_PRESSURE
 
@@ -74,6 +77,7 @@ SAID = {"wall clock": "carry stamps of the wall clock", "future": "later than th
         "one stamp": "repeat the stamp of the command before", "none arrives": "none of the 1497 recorded commands"}
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("way", WAYS)
 def test_what_became_of_the_commands(tmp_path, way):
     commands, how, applied, superseded, ignored, median, largest = WAYS[way]
@@ -90,6 +94,13 @@ def test_what_became_of_the_commands(tmp_path, way):
     for other, text in SAID.items():
         assert any(text in warning for warning in result.warnings) is (other == way), other
     assert any("s old (median)" in text for text in result.warnings) is bool(median and median > 0)
+
+
+def test_a_window_begins_under_the_last_command_before_it(tmp_path):
+    recorded(tmp_path / "run", every(300))
+    run = open_run(tmp_path / "run")
+    held = timeline_of(run, SCENE, Window(start=0.7, end=1.0)).commands["actuation_pressure"]
+    assert (held.rows.tolist(), held.values.tolist()) == ([0, 201], [9e4 + 600, 9e4 + 900])
 
 
 def test_a_controller_without_a_target_is_named(tmp_path):

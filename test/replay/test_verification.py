@@ -6,8 +6,10 @@ import pytest
 from driveline_bags import TICK, bag, readings, ticked
 
 from tcc_sim.cli import main
+from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.replay import replay
-from tcc_sim.replay.verification import STEP_TOLERANCE
+from tcc_sim.replay.timeline import timeline_of
+from tcc_sim.replay.verification import STEP_TOLERANCE, verify
 from tcc_sim.scene import load_scene
 
 SCENES = {name: load_scene(name) for name in ("fig02", "minimal", "chaos", "commands")}
@@ -50,6 +52,14 @@ def test_inputs_resets_and_changes_of_parameters_are_followed_to_the_last_bit(tm
     exactly(result, len(rows))
     assert result.compared == len(rows)
     assert "to the last bit" in result.sentence
+
+
+def test_progress_counts_every_state_and_may_be_left_out(tmp_path):
+    line = timeline_of(open_run(bag(tmp_path / "run", ticked(SCENES["fig02"], 300), SCENES["fig02"])), SCENES["fig02"])
+    counts = []
+    assert verify(line, 10**6, counts.append).verified
+    assert sum(counts) == 300
+    assert verify(line, 10**6).verified
 
 
 @pytest.mark.parametrize("column", range(1, 7))
