@@ -5,6 +5,7 @@ Their runs are those of a law without ROS to the last bit.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -177,6 +178,7 @@ def test_the_slip_controller_follows_a_profile_of_its_target(driveline: Any) -> 
     run = plant.run(seconds=1.0)
     # 30 is asked for with the state of 0.501 s; the target is seen with the state after that.
     assert run.target == (30.0, 502)
+    assert replace(run, targets=(*run.targets, (40.0, 900))).target == (40.0, 900)
     assert run.tracking.rms_error < 2.5
     law = SlipController(Tuning(target_times=tuple(times), target_values=tuple(values)))
 
