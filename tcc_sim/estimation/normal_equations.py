@@ -58,6 +58,6 @@ class Normal(NamedTuple):
     def by_keys(self, solved: Floats, damping: float) -> tuple[Floats, Floats]:
         """Return the equations of the parameters (P, P), (P,) after the elimination of the starts, `by_starts`."""
         size = len(self.corner)
-        both = self.border.reshape(-1, size).T @ solved.reshape(-1, size + 1)
+        both = np.concatenate(self.border).T @ np.concatenate(solved)
         corner = self.corner + damping * np.diag(np.diag(self.corner))
         return corner - both[:, :size], self.slope_by_key - both[:, size]

@@ -124,7 +124,7 @@ class Model:
         """Return values with the numbers of a curve limited to their ranges."""
         low, high = rates_allowed(float(np.abs(self.measured.channels["slip_speed"]).max()))
         bounds = dict.fromkeys(SHARES, (-LARGEST_SHARE, LARGEST_SHARE)) | dict.fromkeys(RATES, (low, high))
-        least, most = np.array([bounds.get(key, (-math.inf, math.inf)) for key in self.keys]).T
+        least, most = np.array([bounds.get(key, (-math.inf, math.inf)) for key in self.keys]).reshape(-1, 2).T
         return np.asarray(np.clip(values, least, most))
 
     def substeps(self, values: Floats) -> int:

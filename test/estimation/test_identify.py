@@ -219,6 +219,14 @@ def test_a_profile_is_what_fits_with_the_key_held_come_to() -> None:
         assert excess[k] == pytest.approx((0.5 * (k - 6)) ** 2, rel=0.2, abs=0.1)
 
 
+def test_the_profile_of_a_key_that_is_free_alone_is_a_parabola() -> None:
+    """No other key is fitted again."""
+    data, noise = measured(1)
+    found = identify(data, {"driveline.stiffness": 3010.0}, scene=FIG02, noise=noise, likelihood="driveline.stiffness",
+                     gates=ONCE)
+    assert found.likelihood.excess == pytest.approx((0.5 * np.arange(-6.0, 7.0)) ** 2, rel=0.2, abs=0.1)
+
+
 def test_verdicts() -> None:
     """At a bound, identified, and not identifiable because of another parameter, by the numbers of a fit."""
     keys = ("friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping")
