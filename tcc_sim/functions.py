@@ -34,10 +34,14 @@ SAMPLES = 200
 
 
 def driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | None, orders: bool,
-                 pulses: int) -> tuple[Scene, Signals | None]:
+                 pulses: int | None) -> tuple[Scene, Signals | None]:
     """Return the scene with inputs, at the measured engine speed where orders are wanted, and the measured signals."""
     driven = driven_by(scene, source, hold)
-    return at_measured_speed(driven, source, pulses) if orders and isinstance(source, MeasuredTable) else (driven, None)
+    if orders and isinstance(source, MeasuredTable):
+        return at_measured_speed(driven, source, pulses)
+    if pulses is not None:
+        raise InputError("pulses are those of the tacho of a table, for orders; ask for orders of a table")
+    return driven, None
 
 
 def with_figures(result: Simulation, scene: Scene, table: MeasuredTable | None, measured: Signals | None, *,
@@ -91,7 +95,7 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
                profile: Mapping[str, str] | Sequence[str] = (),
                inputs: str | Path | MeasuredTable | Recording | None = None,
                hold: str | None = None, columns: str | Mapping[str, str] | None = None, from_: float | None = None,
-               to: float | None = None, orders: bool = False, spectrum: bool = False, pulses: int = 1,
+               to: float | None = None, orders: bool = False, spectrum: bool = False, pulses: int | None = None,
                samples_per_cycle: int = 0, flywheel_angle: bool = False, start: Start | None = None,
                **settings: Any) -> Simulation:
     """Solve a motion and compute its summary and further results, as `tcc-sim simulate` does.
@@ -126,8 +130,8 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     """
     words = [f"{key}={points}" for key, points in profile.items()] if isinstance(profile, Mapping) else list(profile)
     changed, table, measured = as_scene(scene).with_values({**(set or {}), **parse_profiles(words)}), None, None
-    if inputs is None and any(value is not None for value in (hold, columns, from_, to)):
-        raise InputError("hold, columns, from_ and to are for inputs from a table; give it as inputs")
+    if inputs is None and any(value is not None for value in (hold, columns, from_, to, pulses)):
+        raise InputError("hold, columns, from_, to and pulses are for inputs from a table; give it as inputs")
     if inputs is not None:
         from tcc_sim.replay.recorded import read
 
@@ -159,9 +163,9 @@ def with_recorded_figures(result: Replay, samples: Trajectory, *, orders: bool, 
 
 def analysis(recording: str | Path | Recording, *, scene: str | None = None, run: int | None = None,
              from_: float | None = None, to: float | None = None, columns: str | Mapping[str, str] | None = None,
-             orders: bool = False, spectrum: bool = False, pulses: int = 1, joints: Mapping[str, str] | None = None,
-             topic: str | None = None, driveline: int | None = None, discard: int | None = None,
-             frequency: float | None = None, verify: bool = False, damping: bool = False,
+             orders: bool = False, spectrum: bool = False, pulses: int | None = None,
+             joints: Mapping[str, str] | None = None, topic: str | None = None, driveline: int | None = None,
+             discard: int | None = None, frequency: float | None = None, verify: bool = False, damping: bool = False,
              target: float | Mapping[float, float] | None = None, band: float = DEFAULTS.band,
              rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
              progress: bool = False) -> Replay | MeasuredRun:
@@ -205,8 +209,9 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
                              "a table needs orders or spectrum; ask for one of them")
         table = table_in(Path(recording), ("slip_speed",), columns=columns).part(from_, to)
         return analyse_table(table, as_scene(scene or "fig02").system, orders=orders, spectrum=spectrum, pulses=pulses)
-    if columns is not None:
-        raise InputError(f"columns are for tables, and {recording} is a recording")
+    for name, value in (("columns", columns), ("pulses", pulses)):
+        if value is not None:
+            raise InputError(f"{name} are for tables, and {recording} is a recording")
     opened = recording if isinstance(recording, Recording) else read(recording, scene, joints, topic, driveline)
     result = replay(opened, window=Window(run, from_, to), discard=discard, frequency=frequency, verify=verify,
                     damping=damping, target=target, band=band, rrd=rrd, spawn=spawn, connect=connect, progress=progress)

@@ -49,18 +49,18 @@ class MeasuredPhase:
         return lambda turns: np.interp(turns, self.turns, self.times)
 
 
-def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int = 1) -> MeasuredPhase:
+def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int | None = None) -> MeasuredPhase:
     """Return the phase of the excitation in a table, from the first of these columns.
 
     engine_speed : of the crankshaft, rad/s, with `order` periods of the excitation in a revolution
-    tacho : signal with `pulses` rising edges in a revolution, see `tacho.pulses_of`
+    tacho : signal with `pulses` rising edges in a revolution (None: 1), see `tacho.pulses_of`
     engine_torque : its strongest line is the excitation
 
     Raises
     ------
     InputError
-        None of these columns; one without rotation, or that is implausible; or a speed or tacho that contradicts the
-        torque's strongest line.
+        None of these columns; more than one of `pulses` for another column than tacho; one without rotation, or that is
+        implausible; or a speed or tacho that contradicts the torque's strongest line.
     """
     source = table.source
     references = [name for name in (*REFERENCES, "engine_torque")
@@ -68,6 +68,8 @@ def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int = 1) ->
     if not references:
         raise InputError(f"{source}: orders need one of the columns {', '.join(REFERENCES)}, engine_torque, which tell "
                          "the phase of the excitation")
+    if pulses not in (None, 1) and references[0] != "tacho":
+        raise InputError(f"{source}: the phase is that of the column {references[0]}; --pulses {pulses} is for a tacho")
     t, values = table.filled(references[0])
     if len(t) < 4:
         raise InputError(f"{source}: the column {references[0]} has {counted(len(t), 'value')}; 4 or more are needed")
@@ -77,7 +79,7 @@ def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int = 1) ->
         t, values, holes, notes = plausible_speed(t, values, source, order)
         turns, times = integral(values, t) * order / (2.0 * math.pi), t
     elif references[0] == "tacho":
-        pulse_phase = pulses_of(t, values, pulses, source)
+        pulse_phase = pulses_of(t, values, pulses or 1, source)
         turns, times = pulse_phase.counts * order / pulse_phase.per_revolution, pulse_phase.times
         holes, notes = pulse_phase.holes, pulse_phase.notes
     else:
@@ -91,7 +93,7 @@ def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int = 1) ->
         holes = np.stack([times[lost], times[lost + 1]], axis=1)
     holes = merged(np.concatenate([holes, long_holes(table.holes(references[0]), turns, times)]))
     phase = MeasuredPhase(turns, times, holes, tuple(f"{source}: {note}" for note in notes))
-    return phase if references[0] == "engine_torque" else _agreeing(table, phase, references[0], order, pulses)
+    return phase if references[0] == "engine_torque" else _agreeing(table, phase, references[0], order, pulses or 1)
 
 
 def long_holes(holes: Spans, turns: Floats, times: Floats) -> Spans:

@@ -16,7 +16,7 @@ from tcc_sim.topics import FAR_END
 from tcc_sim.trajectory import Floats, integral
 
 
-def signals_in(table: MeasuredTable, system: System, pulses: int = 1) -> Signals:
+def signals_in(table: MeasuredTable, system: System, pulses: int | None = None) -> Signals:
     """Return the signals in a table with a slip speed.
 
     The shaft torque is that of plate_angle and plate_speed, minus output_angle and output_speed if the far end moved.

@@ -98,8 +98,9 @@ def run(arguments: argparse.Namespace) -> int:
 
     if is_table(arguments.recording):
         return _table(arguments)
-    if arguments.columns is not None:
-        raise InputError(f"--columns is for tables, and {arguments.recording} is a recording")
+    for name in ("columns", "pulses"):
+        if getattr(arguments, name) is not None:
+            raise InputError(f"--{name} is for tables, and {arguments.recording} is a recording")
     window = Window(arguments.run, arguments.start, arguments.end)
     check_outputs(arguments, TABLES, arguments.rrd)
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:

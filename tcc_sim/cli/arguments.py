@@ -85,7 +85,10 @@ def recording_of(arguments: argparse.Namespace, path: Path, scene: str | None) -
     """Open a recording with the options of `add_driveline`, and with a scene in case it has none."""
     from tcc_sim.replay.recorded import read
 
-    return read(path, scene, **driveline_of(arguments))
+    found = read(path, scene, **driveline_of(arguments))
+    if scene is not None and found.file.scene_text is not None:
+        say_of_table([f"{path} holds its scene, which is used; --scene {scene} is left out"])
+    return found
 
 
 def refuse_driveline(arguments: argparse.Namespace, why: str) -> None:
@@ -180,7 +183,7 @@ def add_spectrum(figures: argparse._ArgumentGroup) -> None:
     """Add --spectrum and --pulses to the group of figures of a verb."""
     figures.add_argument("--spectrum", action="store_true", help="add the spectra of slip speed and shaft torque in "
                          "the steady state, over frequency and order; --plot then draws them")
-    figures.add_argument("--pulses", metavar="N", type=number(1, 10_000, kind=int), default=1,
+    figures.add_argument("--pulses", metavar="N", type=number(1, 10_000, kind=int),
                          help="pulses per crank revolution in the tacho column of a table (default 1)")
 
 

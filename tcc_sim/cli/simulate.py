@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         scene, measured = driven_scene(scene, source, arguments.hold, arguments.orders, arguments.pulses)
     elif arguments.recorded_scene is not None:
         raise InputError("--scene is for a recording without a scene; give the recording with --inputs")
-    for name in ("hold", "columns", "start", "end"):
+    for name in ("hold", "columns", "start", "end", "pulses"):
         if getattr(arguments, name) is not None and arguments.inputs is None:
             option = {"start": "from", "end": "to"}.get(name, name)
             raise InputError(f"--{option} is for the inputs of a table; give the table with --inputs")

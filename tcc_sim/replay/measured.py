@@ -44,7 +44,7 @@ class MeasuredRun(Result):
 
 
 def analyse_table(table: MeasuredTable, system: System, *, orders: bool, spectrum: bool,
-                  pulses: int = 1) -> MeasuredRun:
+                  pulses: int | None = None) -> MeasuredRun:
     """Return orders and spectrum of a table.
 
     The spectrum is that of the longest stretch without a hole.
@@ -86,7 +86,7 @@ def _spectrum(signals: Signals) -> Spectrum:
     return spectrum_of(signals, period, max(whole - default_discard(whole), period or DEFAULTS.spectrum_least))
 
 
-def at_measured_speed(scene: Scene, table: MeasuredTable, pulses: int = 1) -> tuple[Scene, Signals | None]:
+def at_measured_speed(scene: Scene, table: MeasuredTable, pulses: int | None = None) -> tuple[Scene, Signals | None]:
     """Return the scene with the measured engine speed, and the signals in the table (None without a slip speed).
 
     Raises
