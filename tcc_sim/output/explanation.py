@@ -151,6 +151,8 @@ def _interpreted(kernel: Any, numpy: Any, known: dict[Any, Any]) -> Callable[...
         for name in kernel.py_func.__code__.co_names:
             if hasattr(names.get(name), "py_func"):
                 names[name] = _interpreted(names[name], numpy, known)
+            elif isinstance(names.get(name), np.ufunc):  # A kernel's own name for a function of NumPy.
+                names[name] = getattr(numpy, names[name].__name__)
     out: Callable[..., Any] = known[kernel]
     return out
 
