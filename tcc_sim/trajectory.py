@@ -167,6 +167,19 @@ class Runs:
                     self.seconds[at], self.done[at])
 
 
+def joined_runs(parts: Sequence[Runs]) -> Runs:
+    """Join successive cycles of the same runs."""
+    if len(parts) == 1:
+        return parts[0]
+    section = [part.section[:, :-1] for part in parts[:-1]] + [parts[-1].section]
+    loads = [part.loads for part in parts if part.loads is not None]
+    highest, lowest, stick_time = (np.concatenate([getattr(part, name) for part in parts], axis=1)
+                                   for name in ("highest", "lowest", "stick_time"))
+    return replace(parts[-1], section=np.concatenate(section, axis=1), highest=highest, lowest=lowest,
+                   stick_time=stick_time, loads=np.concatenate(loads, axis=2) if len(loads) == len(parts) else None,
+                   seconds=np.sum([part.seconds for part in parts], axis=0))
+
+
 def split_cycles(cycles: Cycles, whole: int) -> tuple[Cycles, Cycles | None]:
     """Return the first `whole` cycles, and the partial cycle after them or None."""
     return cycles[:whole], cycles[whole:] if len(cycles) > whole else None

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from tcc_sim.analysis.blocks import confirmed_by_repetition, summaries_of
 from tcc_sim.analysis.periodicity import stays
+from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.analysis.summary import Summary, default_discard
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import choose
 from tcc_sim.solvers.runs import ENGINES, LONGEST, solve_runs
 from tcc_sim.sweeps.results import Point
+from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import Plan, angles_of, confirming_cycles, requested, start_of
-from tcc_sim.sweeps.steady_state import Start
-from tcc_sim.trajectory import Runs, State, Status
+from tcc_sim.sweeps.steady_state import Start, repeats_after
+from tcc_sim.trajectory import Runs, State, Status, joined_runs
 
 
 def in_blocks(systems: Sequence[System], plan: Plan) -> bool:
     """Return whether `solve_block` solves these systems: whole cycles from their initial states by an engine."""
-    return (plan.direction == "cold" and plan.orders is None and plan.discard != "auto" and plan.most <= LONGEST
+    return (plan.direction == "cold" and plan.orders is None and plan.most <= LONGEST
             and len({system.friction.law for system in systems}) == 1
             and all(system.profile is None and plan.seconds(system) is None
                     and choose(system, plan.solver) in ENGINES for system in systems))
@@ -27,25 +32,59 @@ def in_blocks(systems: Sequence[System], plan: Plan) -> bool:
 def solve_block(systems: Sequence[System], values: Sequence[float], plan: Plan) -> list[Point | None]:
     """Return the points of systems, for which `in_blocks` holds; None where the solver stopped early."""
     plan.check(systems[0])
-    discarded = plan.dropped(plan.most, default_discard(plan.most))
-    starts = [start_of(system) for system in systems]
-    runs = solve_runs(systems, [start.state for start in starts], [start.cycle for start in starts], plan.most,
-                      plan.rtol, discarded)
     out: list[Point | None] = [None] * len(systems)
-    at = [k for k, done in enumerate(runs.done.tolist()) if done]
-    if not at:
-        return out
-    kept = runs.chosen(at, discarded)
-    first = [starts[k].cycle + discarded for k in at]
-    summaries, sections = summaries_of(kept, [systems[k].cycle for k in at], first, discarded)
-    ends = [Start(State(*last), starts[k].cycle + plan.most) for k, last in zip(at, kept.section[:, -1].tolist())]
-    confirmed = _confirmed([systems[k] for k in at], plan, kept, summaries, ends)
-    for i, k in enumerate(at):
-        system, summary, cycles = systems[k], summaries[i], kept.cycles(i)
-        out[k] = Point(values[k], summary, sections[i][:, [1, 0]], confirmed[i], Status.DONE.value,
-                       angles_of(plan, cycles) if plan.section_points else None,
-                       *requested(system, plan, cycles, first[i], summary.period, ends[i]), ends[i])
+    for at, kept, discarded in (_settled_runs if plan.discard == "auto" else _whole_runs)(systems, plan):
+        own, count = [systems[k] for k in at], discarded + kept.highest.shape[1]
+        summaries, sections = summaries_of(kept, [system.cycle for system in own], [discarded] * len(at), discarded)
+        if plan.discard == "auto":
+            summaries = [summary if summary.settled or summary.runaway else dataclasses.replace(summary, transient=True)
+                         for summary in summaries]
+        ends = [Start(State(*last), count) for last in kept.section[:, -1].tolist()]
+        confirmed = _confirmed(own, plan, kept, summaries, ends)
+        for i, k in enumerate(at):
+            summary, cycles = summaries[i], kept.cycles(i)
+            out[k] = Point(values[k], summary, sections[i][:, [1, 0]], confirmed[i], Status.DONE.value,
+                           angles_of(plan, cycles) if plan.section_points else None,
+                           *requested(own[i], plan, cycles, discarded, summary.period, ends[i]), ends[i])
     return out
+
+
+Kept = tuple[list[int], Runs, int]
+"""Numbers of systems, their runs without the dropped cycles, all of one length, and the number of these."""
+
+
+def _whole_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
+    """Yield the runs over the cycles of the plan."""
+    discarded = plan.dropped(plan.most, default_discard(plan.most))
+    runs = solve_runs(systems, [start_of(system).state for system in systems], [0] * len(systems), plan.most, plan.rtol,
+                      discarded)
+    at = np.flatnonzero(runs.done).tolist()
+    if at:
+        yield at, runs.chosen(at, discarded), discarded
+
+
+def _settled_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
+    """Yield the runs until their sections repeat, as `steady_state.solve_to_steady_state` solves them."""
+    going, states, done = list(range(len(systems))), [start_of(system).state for system in systems], 0
+    runs: Runs | None = None
+    while going:
+        count = min(DEFAULTS.settled_block, plan.most - done)
+        latest = solve_runs([systems[k] for k in going], states, [done] * len(going), count, plan.rtol, 0)
+        solved, done = np.flatnonzero(latest.done).tolist(), done + count
+        if not solved:
+            return
+        parts = [latest] if runs is None else [runs, latest]
+        going, runs = [going[i] for i in solved], joined_runs([part.chosen(solved) for part in parts])
+        after = [repeats_after(runs.cycles(i)) if done >= DEFAULTS.settled_window else None for i in range(len(going))]
+        unsettled = min(max(ANALYSIS.discard, (done + 1) // 2), done - 1)
+        drops = [unsettled if cycles is None else cycles for cycles in after]
+        ended = [i for i, cycles in enumerate(after) if cycles is not None or done >= plan.most]
+        for discarded in sorted({drops[i] for i in ended}):
+            alike = [i for i in ended if drops[i] == discarded]
+            yield [going[i] for i in alike], runs.chosen(alike, discarded), discarded
+        left = [i for i in range(len(going)) if i not in ended]
+        runs, going = runs.chosen(left), [going[i] for i in left]
+        states = [State(*last) for last in runs.section[:, -1].tolist()]
 
 
 def _confirmed(systems: Sequence[System], plan: Plan, runs: Runs, summaries: Sequence[Summary],

@@ -51,16 +51,16 @@ def record_of(point: Any) -> dict[str, Any]:
 
 def differences(law: str, count: int, seed: int, plan: Plan) -> tuple[list[str], Counter[str]]:
     """Return sentences on the points of a law whose records differ, and how many points have each verdict."""
-    systems, result, kinds = random_systems(law, count, seed), list[str](), Counter[str]()
+    systems, sentences, kinds = random_systems(law, count, seed), list[str](), Counter[str]()
     for k in range(0, count, DEFAULTS.batch):
-        result = systems[k:k + DEFAULTS.batch]
-        values = [float(i) for i in range(k, k + len(result))]
-        for value, system, together in zip(values, result, solve_points(result, values, plan, None)):
+        block = systems[k:k + DEFAULTS.batch]
+        values = [float(i) for i in range(k, k + len(block))]
+        for value, system, together in zip(values, block, solve_points(block, values, plan, None)):
             one, other = record_of(solve_point(system, value, plan)), record_of(together)
             kinds[_kind(one)] += 1
-            result += [f"{law} {value:g} {name}: alone {one[name]!r:.80}, in a block {other[name]!r:.80}"
-                       for name in one if repr(one[name]) != repr(other[name])]
-    return result, kinds
+            sentences += [f"{law} {value:g} {name}: alone {one[name]!r:.80}, in a block {other[name]!r:.80}"
+                          for name in one if repr(one[name]) != repr(other[name])]
+    return sentences, kinds
 
 
 def _kind(record: dict[str, Any]) -> str:
