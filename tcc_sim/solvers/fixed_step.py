@@ -181,15 +181,14 @@ Reached = tuple[float, float, float, float, float, float, int]
 
 
 class HeldInputs(NamedTuple):
-    """Terms before inputs are held, the inputs that are not held, and the least and most saturation torque, N m, that
-    are known to need the present number of sub-steps.
+    """Terms before inputs are held, the inputs that are not held, and by numbers of sub-steps the least and most
+    saturation torque, N m, that are known to need them.
     """
 
     terms: Terms
     no_torque: bool
     no_load: bool
-    least: float
-    most: float
+    known: dict[int, tuple[float, float]]
 
 
 def initial_state(system: System) -> tuple[float, float, float, float]:
@@ -265,14 +264,19 @@ class Stepper:
                 load is None):
             self.use(holding(terms, torque, load))
             if terms.profile is None:
-                self._held = HeldInputs(terms, torque is None, load is None, self.terms.mean_load, self.terms.mean_load)
+                self._held = HeldInputs(terms, torque is None, load is None,
+                                        {self.substeps: (self.terms.mean_load, self.terms.mean_load)})
             return
-        changed = self.terms._replace(mean_torque=terms.mean_torque if torque is None else torque,
-                                      mean_load=terms.mean_load if load is None else load)
-        if not held.least <= changed.mean_load <= held.most:
-            count, ends = substeps(changed, self.step), (held.least, held.most, changed.mean_load)
-            least, most = (min(ends), max(ends)) if count == self.substeps else 2 * ends[-1:]
-            self.substeps, self._held = count, held._replace(least=least, most=most)
+        needed, known = terms.mean_load if load is None else load, held.known
+        changed = self.terms._replace(mean_torque=terms.mean_torque if torque is None else torque, mean_load=needed)
+        for count in (self.substeps, self.substeps + 1, self.substeps - 1):
+            if count in known and known[count][0] <= needed <= known[count][1]:
+                break
+        else:
+            count = substeps(changed, self.step)
+            least, most = known.get(count, (needed, needed))
+            known[count] = min(least, needed), max(most, needed)
+        self.substeps = count
         if self._laid_out is self.terms:
             self._laid_out = changed
         self.terms = changed
