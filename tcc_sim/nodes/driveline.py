@@ -231,7 +231,7 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
         self._due = time.monotonic() + DIAGNOSTICS_PERIOD
         self._since = time.monotonic()
-        self._missed = self._stick = self._slip = self._ticks = self._late = 0
+        self._missed = self._lost = self._stick = self._slip = self._ticks = self._late = 0
         self.lateness = ""
 
     def publish_when_due(self) -> None:
@@ -276,6 +276,7 @@ class Diagnostics:
                        f"{command.name} publishers": self.waiting.publishers(command),
                        f"{command.name} received": str(command.received),
                        f"{command.name} refused": str(command.refused),
+                       f"{command.name} lost": str(command.lost),
                        f"{command.name} last refusal": command.refusal,
                        f"{command.name} time-outs": str(command.timeouts),
                        f"{command.name} source": "fallback" if command.fallen_back else "topic"}
@@ -283,14 +284,17 @@ class Diagnostics:
             commanded, applied = loop.plant.pressures
             values |= {"commanded pressure (Pa)": f"{commanded:.6g}", "applied pressure (Pa)": f"{applied:.6g}"}
         waiting = [c.name for c in loop.commands if c.fallen_back]
+        lost = sum(command.lost for command in loop.commands)
         wrong = []
+        if lost > self._lost:
+            wrong.append(f"{counted(lost - self._lost, 'command')} lost or replaced before a tick could take them")
         if pacer.missed_ticks > self._missed:
             wrong.append(f"{counted(pacer.missed_ticks - self._missed, 'tick')} missed in real time")
         if self.lateness:
             wrong.append(self.lateness)
         if waiting:
             wrong.append(f"no command on {' and '.join(waiting)}; the scene's fallback applies")
-        self._since, self._missed = now, pacer.missed_ticks
+        self._since, self._missed, self._lost = now, pacer.missed_ticks, lost
         self._ticks, self._late = pacer.ticks, pacer.late_ticks
         self._stick, self._slip = self._stick + stick, self._slip + slip
         return DiagnosticStatus(level=DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK,

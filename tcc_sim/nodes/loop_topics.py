@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import islice
 from operator import itemgetter
 from typing import Any
@@ -19,10 +19,11 @@ from tcc_sim.nodes.middleware import (
     CHANGES,
     COMMANDS,
     LATCHED,
-    MOST_TAKEN,
+    SequenceNumbers,
     await_peer,
     message_class,
     poll,
+    publisher_of,
     states,
     subscribe,
     taker,
@@ -73,7 +74,7 @@ class CommandedInput:
         self.timed, self._early = False, (b"", math.inf)
         self._stamped = row.type == FLUID_PRESSURE
         self.subscription: Any = subscribe(node, message_class(row.type), row.name, COMMANDS)
-        self._take = taker(self.subscription)
+        self._take, self._numbers = taker(self.subscription), SequenceNumbers()
 
     def doubt(self, tick: int, after: float) -> str:
         """Return a sentence on a probable wrong unit if all commands in more than `after` ticks suggest it; else empty.
@@ -91,7 +92,8 @@ class CommandedInput:
 
     def poll(self, tick: int, timeout_ticks: float) -> None:
         """Take the messages that arrived before tick `tick`; the caller ensures that the subscription exists."""
-        for data, _ in islice(iter(self._take, None), MOST_TAKEN):
+        for data, info in islice(iter(self._take, None), COMMANDS.depth):  # No flood may hold a tick up.
+            self._count(info)
             self.accept(data, tick)
         if self.value is not None and tick - self._last_tick >= timeout_ticks:
             self.fall_back()
@@ -117,6 +119,7 @@ class CommandedInput:
         same time arrives and answer an older state of the period: such a command counts if none follows within GRACE.
         """
         while taken := poll(self.subscription, most=1):
+            self._count(taken[0][1])
             if self.accept(taken[0][0], tick, stamp_ns):
                 self._early = b"", math.inf
                 return True
@@ -125,6 +128,17 @@ class CommandedInput:
             return False
         self._early = b"", math.inf
         return self.accept(data, tick)
+
+    def _count(self, info: Mapping[str, Any]) -> None:
+        """Count the commands that were lost before this one."""
+        number, publisher = info.get("publication_sequence_number"), publisher_of(info)
+        if number and publisher:
+            self._numbers.count(publisher, number)
+
+    @property
+    def lost(self) -> int:
+        """Number of commands that newer ones replaced in the queue, or that were lost on the way."""
+        return self._numbers.lost
 
     def fall_back(self) -> None:
         """Apply the fallback and count the time-out."""

@@ -1,6 +1,10 @@
 """Run driveline, recorder and a command per tick for a long time: lost messages, growth of memory, drift of the clock.
 
-    python test/instruments/soak.py [--rate HZ] [--duration S] [--json FILE]
+    python test/instruments/soak.py [--rate HZ] [--commands HZ] [--lossy LOSS,HELD,MS] [--duration S] [--json FILE]
+
+`--commands 20000` is a flood: twenty times as many commands as ticks, of each input. `--lossy 0.02,0.1,20` loses 2 % of
+the UDP datagrams of every node and delays 10 % by at least 20 ms (lossy.c, which needs a C compiler, no right and no
+kernel module as netem does).
 
 The status is 0 if the recorder lost no message, counted right and closed its file, else 1.
 """
@@ -10,6 +14,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -18,11 +24,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.errors import counted
+from tcc_sim.errors import TccError, counted
 from tcc_sim.nodes.children import SENDING, NodeProcess, Session
 from tcc_sim.output.terminal import say, seconds_bar
 from tcc_sim.recording.reader import open_run
 
+COMMANDED = ("/engine_torque", "/actuation_pressure")
 WARM_UP = 60.0
 """Time after which growth of memory counts, s; a fifth of the duration if that is shorter."""
 
@@ -69,10 +76,10 @@ class Soak:
     recorder: ProcessUse
 
 
-def soak(recording: Path, rate: float, duration: float, progress: Callable[[float], Any]) -> Soak:
-    """Run and record the scene `commands` at `rate` Hz, with a command per tick, for `duration` seconds."""
+def soak(recording: Path, rate: float, commands: float, duration: float, progress: Callable[[float], Any]) -> Soak:
+    """Run and record the scene `commands` at `rate` Hz, with `commands` per second, for `duration` seconds."""
     session = Session(recording, {"scene": "commands", "rate": float(rate)})
-    sender = NodeProcess("commander", {"rate": float(rate)}, session.environment)
+    sender = NodeProcess("commander", {"rate": float(commands)}, session.environment)
     processes = {"driveline": session.driveline, "recorder": session.recorder}
     warm = min(WARM_UP, 0.2 * duration)
     memory: dict[str, list[tuple[float, int]]] = {name: [] for name in processes}
@@ -96,6 +103,18 @@ def soak(recording: Path, rate: float, duration: float, progress: Callable[[floa
         later = [size for when, size in samples if when >= warm] or [samples[-1][1]]
         use[name] = ProcessUse(later[0], later[-1], share[name])
     return Soak(rate, wall, figures_of(recording), **use)
+
+
+def lossy(folder: Path, shares: str) -> dict[str, str]:
+    """Return the environment of nodes whose datagrams are lost or delayed; they use UDP alone."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        raise TccError("--lossy needs a C compiler, cc")
+    library = folder / "lossy.so"
+    subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", library, Path(__file__).with_name("lossy.c"), "-ldl"],
+                   check=True)
+    return {"LD_PRELOAD": str(library), "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+            **dict(zip(("LOSSY_LOSS", "LOSSY_HELD", "LOSSY_DELAY"), shares.split(","), strict=True))}
 
 
 def figures_of(recording: Path) -> Recorded:
@@ -136,18 +155,25 @@ def lines(result: Soak) -> list[str]:
             *(f"{name}: {use.last_bytes / 1e6:.1f} MB, {(use.last_bytes - use.first_bytes) / 1e6:.2f} MB more than "
               f"after the warm-up, {use.cpu_fraction * 100.0:.1f} % of a core"
               for name, use in (("driveline", result.driveline), ("recorder", result.recorder))),
+            *(f"commands recorded: {number / recorded.simulated_s:.0f} a second on {name}"
+              for name, number in recorded.messages.items() if name in COMMANDED),
             *(f"warning: {warning}" for warning in recorded.warnings)]
 
 
 def main(words: list[str] | None = None) -> int:
     """Run, print the figures, and return the status."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--rate", type=float, default=1000.0, help="ticks and commands per second, Hz")
+    parser.add_argument("--rate", type=float, default=1000.0, help="ticks per second, Hz")
+    parser.add_argument("--commands", type=float, help="commands of each input per second, Hz (default: one a tick)")
+    parser.add_argument("--lossy", metavar="LOSS,HELD,MS", help="shares of datagrams lost and delayed; delay, ms")
     parser.add_argument("--duration", type=float, default=600.0, help="s")
     parser.add_argument("--json", type=Path, help="write all figures as JSON")
     arguments = parser.parse_args(words)
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, seconds_bar("soak", arguments.duration) as done:
-        result = soak(Path(folder) / "recording", arguments.rate, arguments.duration, done)
+        if arguments.lossy is not None:
+            os.environ |= lossy(Path(folder), arguments.lossy)
+        result = soak(Path(folder) / "recording", arguments.rate, arguments.commands or arguments.rate,
+                      arguments.duration, done)
     say("\n".join(lines(result)))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(asdict(result), indent=2))
