@@ -59,7 +59,7 @@ def make_ticks(scene: Scene) -> None:
 
 def make_windows(scene: Scene) -> None:
     """Make ticks with derivatives by a key."""
-    by = key_derivatives(scene.system, ("friction.kinetic_coefficient",))
+    by = key_derivatives(scene.system, ("driveline.stiffness",))
     advance_windows(NEAR_REST[None], 0.0, 1e-6, 1, 1, terms_of(scene.system), None, by)
 
 
@@ -77,13 +77,29 @@ def solve_figures(scene: Scene) -> None:
         solve(series_system(FIGURES[2].series[0], FigureOptions(law=law)), cycles=1, solver=solver, **changes)
 
 
+OTHER_SCENES: dict[str, tuple[str, dict[str, object]]] = {
+    "ramp": ("minimal", {"engine.frequency_times": [0.0, 5.0], "engine.frequency_values": [80.0, 300.0]}),
+    "set_valued": ("chaos", {"friction.law": "set_valued"}),
+    "actuator": ("controlled", {"pressure.time_constant": 0.03, "pressure.delay": 0.005}),
+    "curve": ("controlled", {"friction.slip_speeds": [0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0],
+                             "friction.coefficients": [0.22, 0.2072, 0.1887, 0.1816, 0.1879, 0.1955, 0.1999]})}
+"""Scenes that commands on the pages make of bundled ones: a profile, the set-valued law, an actuator, and friction by
+two exponentials, which `identify --free friction.curve` takes.
+"""
 USES: tuple[tuple[Use, tuple[str, ...]], ...] = (
-    (solve_cycle, tuple(bundled_scenes())), (make_ticks, tuple(bundled_scenes())),
-    (make_windows, ("commands", "controlled")), (map_cycle, ("chaos", "minimal")), (find_sections, ("chaos",)),
+    (solve_cycle, (*bundled_scenes(), "ramp")), (make_ticks, (*bundled_scenes(), "actuator")),
+    (make_windows, ("commands", "controlled", "curve")), (map_cycle, ("chaos", "minimal", "set_valued")),
+    (find_sections, ("chaos",)), (solve_cycle, ("set_valued",)),
     (solve_figures, ("minimal",)), (judge_section, ("minimal",)))
 """Every use with its scenes: all bundled ones for a run and the nodes, those of the pages for other verbs."""
 PARTS = slice(0, 3), slice(3, None)
 """Two halves of the work, in processes of their own."""
+
+
+def scene_of(name: str) -> Scene:
+    """Return a bundled scene, or one of OTHER_SCENES."""
+    base, changes = OTHER_SCENES.get(name, (name, {}))
+    return load_scene(base).with_values(changes)
 
 
 def make(part: int) -> None:
@@ -92,7 +108,7 @@ def make(part: int) -> None:
     for use, scenes in USES[PARTS[part]]:
         for name in scenes:
             try:
-                use(load_scene(name))
+                use(scene_of(name))
             except Exception as error:
                 print(f"tcc_sim: not compiled ahead: {use.__name__} of {name}: {error}", file=sys.stderr)
     print(*sorted(kernel_cache.used), sep="\n")
