@@ -21,7 +21,7 @@ BASE_UNITS = {"N": {"kg": 1, "m": 1, "s": -2}, "Pa": {"kg": 1, "m": -1, "s": -2}
 TYPES = {"rad/s": "AngularVelocity", "rad": "Angle", "N m": "Torque", "Pa": "Pressure", "Pa/s": "PressureRate",
          "kg m^2": "Inertia", "N m s/rad": "Damping", "N m/rad": "Stiffness", "s/rad": "Slowness", "m^2": "Area",
          "m": "Length", "s": "Time", "": "Number"}
-"""Declared types by unit."""
+"""Declared types by unit; a unit without a row makes a name of its own."""
 ACTUATOR = "pressure.time_constant", "pressure.rate_limit"
 """Keys of the actuator that are parameters."""
 UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -163,6 +163,11 @@ def unit_name(unit: str) -> str:
     return unit.replace(" ", ".")
 
 
+def _declared(unit: str) -> str:
+    """Return the name of a unit's declared type."""
+    return TYPES.get(unit) or "".join(re.findall(r"\w+", unit.replace("/", " per ")))
+
+
 def base_units(unit: str) -> dict[str, int]:
     """Return the exponents of SI's base units, and of rad, in a unit such as `N m s/rad`."""
     exponents: dict[str, int] = {}
@@ -230,15 +235,15 @@ def _units_and_types(version: int, root: ET.Element, rows: list[Variable]) -> No
     definitions = ET.SubElement(root, "UnitDefinitions")
     types = ET.SubElement(root, "TypeDefinitions")
     for unit in units:
-        quantity = {"quantity": TYPES[unit]}
+        quantity = {"quantity": _declared(unit)}
         if unit:
             one = ET.SubElement(definitions, "Unit", {"name": unit_name(unit)})
             ET.SubElement(one, "BaseUnit", {base: str(power) for base, power in base_units(unit).items()})
             quantity["unit"] = unit_name(unit)
         if version == 2:
-            ET.SubElement(ET.SubElement(types, "SimpleType", {"name": TYPES[unit]}), "Real", quantity)
+            ET.SubElement(ET.SubElement(types, "SimpleType", {"name": _declared(unit)}), "Real", quantity)
         else:
-            ET.SubElement(types, "Float64Type", {"name": TYPES[unit], **quantity})
+            ET.SubElement(types, "Float64Type", {"name": _declared(unit), **quantity})
 
 
 def _variable(version: int, listed: ET.Element, reference: int, row: Variable) -> None:
@@ -250,7 +255,7 @@ def _variable(version: int, listed: ET.Element, reference: int, row: Variable) -
     elif row.causality == "output":
         head["initial"] = "calculated"
     real = row.kind == "real"
-    values = {"declaredType": TYPES[row.unit]} if real else {}
+    values = {"declaredType": _declared(row.unit)} if real else {}
     values |= {name: repr(bound) for name, bound in (("min", row.low), ("max", row.high)) if math.isfinite(bound)}
     if not real:
         values |= {"min": "-1", "max": "1"}
