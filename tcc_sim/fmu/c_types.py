@@ -155,6 +155,13 @@ def kind_name(kind: Kind) -> str:
     return kind.name
 
 
+def size_of(kind: Kind) -> int:
+    """Return about how many bytes a variable has."""
+    if isinstance(kind, Struct):
+        return sum(size_of(part) for _, part in kind.fields)
+    return 8 * (kind.most * kind.columns if isinstance(kind, Table) else kind.length if isinstance(kind, Row) else 1)
+
+
 def struct_of(source: type[Any], tables: dict[str, Table], lengths: dict[str, int]) -> Struct:
     """Return the structure of a NamedTuple.
 

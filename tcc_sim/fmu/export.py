@@ -206,15 +206,13 @@ def _unpadded(stribeck: tuple[float, ...]) -> tuple[float, ...]:
 
 def _linear_part() -> str:
     """Return a C function printed from `model.equations.COEFFICIENTS`: the linear part of the values."""
-    lines = "\n".join(f"    linear.{name} += {share!r} * x[at_{key.replace('.', '_')}];"
+    lines = "\n".join(f"    linear->{name} += {share!r} * x[at_{key.replace('.', '_')}];"
                       for key, shares in COEFFICIENTS.items() for name, share in shares.items())
     return f"""\
-static Linear py_linear_of(const double *x)
+static void py_linear_of(const double *x, Linear *linear)
 {{
-    Linear linear;
-    memset(&linear, 0, sizeof linear);
+    memset(linear, 0, sizeof *linear);
 {lines}
-    return linear;
 }}"""
 
 

@@ -232,8 +232,12 @@ class Expressions:
         return f"{text}[{place}]", DOUBLE
 
     def _result(self, text: str, kind: Kind) -> Text:
-        """Return a call's text; a structure that it returns is stored first."""
-        return self._kept(f"*{text}", kind) if isinstance(kind, (Table, Struct)) else (text, kind)
+        """Return a call's text; a structure that it makes is stored in a new variable, its last argument."""
+        if not isinstance(kind, (Table, Struct)):
+            return text, kind
+        name = self._variable(kind)
+        self._put(f"{text[:-1]}{'' if text.endswith('()') else ', '}&{name});")
+        return f"&{name}", kind
 
     def _subscript(self, node: ast.Subscript) -> Text:
         """Print a part of a tuple, an element, a row or a slice of an array, or its shape."""
@@ -499,6 +503,7 @@ class Expressions:
         elif isinstance(kind, Table) and isinstance(wanted, Table) and kind.columns == wanted.columns \
                 and kind.most < wanted.most:
             text = text[1:] + "." if text.startswith("&") else text + "->"
+            self._put(f"memset(&{place}, 0, sizeof {place});")
             self._put(f"{place}.has = {text}has;")
             self._put(f"{place}.rows = {text}rows;")
             self._put(f"memcpy({place}.at, {text}at, sizeof {text}at);")

@@ -32,6 +32,7 @@ from tcc_sim.fmu.c_types import (
     Vector,
     common_kind,
     kind_name,
+    size_of,
     stored_name,
     struct_of,
 )
@@ -52,6 +53,9 @@ static int unique(double *at, int n) \
 { int count = 0; for (int k = 0; k < n; k++) { double x = at[k]; int j = count; \
 while (j > 0 && at[j - 1] > x) j--; if (j > 0 && at[j - 1] == x) continue; \
 memmove(at + j + 1, at + j, (size_t)(count - j) * sizeof *at); at[j] = x; count++; } return count; }"""
+LARGE = 16384
+"""Size of a variable, bytes, beyond which it is not on the stack, which TCC_LARGE says in C. No function calls itself.
+"""
 Signature = tuple[Any, tuple[Kind, ...]]
 
 
@@ -179,8 +183,11 @@ class Function(Expressions):
         self.result: Kind = whole
         if isinstance(whole, (Static, Items)):
             return
-        head = ", ".join(f"{library.declared(kind)} {word(parameter)}" for parameter, kind in given
-                         if not isinstance(kind, Static)).replace("* ", "*")
+        library.declared(whole)
+        head = [f"{library.declared(kind)} {word(parameter)}".replace("* ", "*") for parameter, kind in given
+                if not isinstance(kind, Static)]
+        pointed = isinstance(whole, (Table, Struct))
+        head += [f"{stored_name(whole)} *made"] if pointed else []
         used = set(re.findall(r"\w+", " ".join(self._written)))
         unused = [f"    (void){word(parameter)};" for parameter, kind in given
                   if not isinstance(kind, Static) and word(parameter) not in used]
@@ -188,13 +195,14 @@ class Function(Expressions):
         for local, kind in self._locals.items():
             library.declared(kind)
             stored = isinstance(kind, Row)
-            declarations.setdefault("double" if stored else stored_name(kind), []).append(
+            large = "TCC_LARGE " if size_of(kind) > LARGE else ""
+            declarations.setdefault(large + ("double" if stored else stored_name(kind)), []).append(
                 word(local) + (f"[{kind.length}]" if isinstance(kind, Row) else ""))
         written = [textwrap.fill(f"{kind} {', '.join(names)};".replace("* ", "*"), 110, initial_indent="    ",
                                  subsequent_indent="        ") for kind, names in declarations.items()]
-        library.declared(whole)
-        self.lines: str = "\n".join([f"static {stored_name(whole)} {name}({head})", "{", *written,
-                                     *unused, *self._written, "}"])
+        self.lines: str = "\n".join([
+            f"static {'void' if pointed else stored_name(whole)} {name}({', '.join(head)})", "{", *written, *unused,
+            *self._written, "}"])
 
     def _block(self, body: list[ast.stmt]) -> bool:
         """Print statements up to a return, and return whether there was one."""
@@ -258,7 +266,10 @@ class Function(Expressions):
             text = f"&{name}"
         elif not isinstance(wanted, (Table, Struct)):
             text = self._as((text, kind), wanted, node)
-        self._put(f"return {target_of(text) if isinstance(wanted, (Table, Struct)) else text};")
+        if isinstance(wanted, (Table, Struct)):
+            self._put(f"*made = {target_of(text)};")
+            text = ""
+        self._put(f"return {text};".replace(" ;", ";"))
 
     def _for(self, node: ast.For) -> None:
         """Print a loop: unrolled if its items are known, and over whole numbers otherwise."""

@@ -129,6 +129,19 @@ def test_it_compiles_without_a_warning_as_the_standard_declares_it_and_may_be_li
 
 
 @needs_compiler
+def test_long_profiles_are_not_on_the_stack(tmp_path: Path) -> None:
+    """An importer's thread may have a stack of a megabyte."""
+    times = [0.01 * k for k in range(500)]
+    scene = load_scene("fig02").with_values({
+        "engine.harmonic_amplitudes": [10.0] * 4, "engine.harmonic_phases": [0.1] * 4,
+        "engine.harmonic_amplitudes_times": times, "engine.harmonic_amplitudes_values": [10.0] * 2000,
+        "engine.frequency_times": times, "engine.frequency_values": [100.0 + t for t in times]})
+    (tmp_path / "long.yaml").write_text(scene.text())
+    sources = unpacked_sources(str(tmp_path / "long.yaml"), 3, tmp_path)
+    compile_c(["-O0", "-std=c99", *WARNINGS, "-Wframe-larger-than=65536", "-c", f"{sources}/fmi3.c", "-o", "/dev/null"])
+
+
+@needs_compiler
 def test_what_rounds_otherwise_is_refused_by_the_compiler(tmp_path: Path) -> None:
     sources = unpacked_sources("fig02", 2, tmp_path)
     with pytest.raises(AssertionError, match="-ffast-math changes the results of this model; compile it without"):

@@ -66,7 +66,7 @@ def shipped():
     with called() as names:
         for use, scenes in ahead.USES:
             for name in scenes:
-                use(ahead.scene_of(name))
+                use(ahead.named_scene(name))
     return names
 
 
@@ -94,7 +94,7 @@ def scene_of(words):
     """Scene of a command: its file or name with what its options change, or the verb's own."""
     name = next((word for word in words[1:] if word in bundled_scenes() or word.endswith(".yaml")), None)
     if "friction.curve" in options(words, "--free"):
-        return ahead.scene_of("curve")
+        return ahead.named_scene("curve")
     if name is None or words[0] == "identify":
         return load_scene({"demo": "commands", "realtime": "commands", "figure": "minimal", "identify": "controlled",
                            "simulate": "commands"}[words[0]])

@@ -28,6 +28,14 @@
 #error "this model needs double arithmetic that is rounded to double (on x86: -msse2 -mfpmath=sse)"
 #endif
 #include "tcc_variables.h"
+/* Variables of long profiles are not on the stack, but one for each thread where the compiler has such. */
+#if defined(__GNUC__)
+#define TCC_LARGE static __thread
+#elif defined(_MSC_VER)
+#define TCC_LARGE static __declspec(thread)
+#else
+#define TCC_LARGE
+#endif
 #include "tcc_kernel.h"
 
 /* Sub-steps of one communication step, some ten seconds of a processor, and ticks in all: time is still exact there. */
@@ -54,7 +62,8 @@ typedef struct {
     int started;                   /* terms that there were at the start, as tcc_present gives them */
 } tcc_model;
 
-typedef struct { tcc_model model; char said[400]; } tcc_plant;
+/* fresh: terms of changed values until they are checked. */
+typedef struct { tcc_model model; Terms fresh; char said[400]; } tcc_plant;
 
 /* Say why, for the logger, and give the answer back. */
 static tcc_answer tcc_say(tcc_plant *p, tcc_answer answer, const char *format, ...)
@@ -98,25 +107,25 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     const double *x = m->x;
     double fixed = x[at_friction_static_coefficient], sliding = x[at_friction_kinetic_coefficient], needed;
     Origin origin = m->origin;
-    Terms terms;
+    Terms *terms = &p->fresh;
     int present;
     if (!m->changed) return TCC_OK;
     if (!TCC_TABLE && (sliding < fixed / TCC_LARGEST_RATIO || sliding > fixed * TCC_LARGEST_RATIO))
         return tcc_say(p, TCC_DISCARD, "friction.kinetic_coefficient is %g; with friction.static_coefficient %g it must be "
                        "one twentieth of it to twenty times it", sliding, fixed);
     if (tcc_increasing(p) != TCC_OK) return TCC_DISCARD;
-    if (m->mode == TCC_STEP_MODE) origin = tcc_origin_after(m->used, x, &m->origin, (double)m->tick * TCC_STEP);
-    terms = tcc_terms_of(x, &origin);
-    present = tcc_present(&terms);
-    if (m->mode == TCC_STEP_MODE && present != m->started) terms = tcc_general_terms_of(x, &origin);
-    if (TCC_ENGINE_TOPIC) terms = tcc_hold_torque(&terms, x[at_engine_torque]);
-    if (TCC_PRESSURE_TOPIC) terms = tcc_hold_pressure(x, &terms, x[at_actuation_pressure]);
-    needed = tcc_substeps(&terms, TCC_STEP, 0.0);
+    if (m->mode == TCC_STEP_MODE) tcc_origin_after(m->used, x, &m->origin, (double)m->tick * TCC_STEP, &origin);
+    tcc_terms_of(x, &origin, terms);
+    present = tcc_present(terms);
+    if (m->mode == TCC_STEP_MODE && present != m->started) tcc_general_terms_of(x, &origin, terms);
+    if (TCC_ENGINE_TOPIC) tcc_hold_torque(terms, x[at_engine_torque], terms);
+    if (TCC_PRESSURE_TOPIC) tcc_hold_pressure(x, terms, x[at_actuation_pressure], terms);
+    needed = tcc_substeps(terms, TCC_STEP, 0.0);
     if (tcc_few(p, needed) != TCC_OK) return TCC_DISCARD;
-    m->terms = terms;
+    m->terms = *terms;
     m->origin = origin;
     memcpy(m->used, x, sizeof m->used);
-    m->stick_speed = tcc_stick_speed(&terms);
+    m->stick_speed = tcc_stick_speed(terms);
     m->substeps = (int)needed;
     m->changed = 0;
     if (m->mode != TCC_STEP_MODE) m->started = present;
@@ -130,7 +139,7 @@ static int tcc_actuated(const double *x) { return TCC_PRESSURE_TOPIC && (tcc_lag
 static double tcc_press(tcc_model *m, double before, double after)
 {
     const double *x = m->x;
-    m->terms = tcc_hold_pressure(x, &m->terms, tcc_largest(x, before, after));
+    tcc_hold_pressure(x, &m->terms, tcc_largest(x, before, after), &m->terms);
     m->terms.approach.has = m->terms.approach.rows = tcc_lagged(x);
     if (tcc_lagged(x)) {
         tuple_dddd row = tcc_course((double)m->tick * TCC_STEP, before, after, tcc_torque_per_pressure(x),

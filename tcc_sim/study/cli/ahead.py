@@ -96,7 +96,7 @@ PARTS = slice(0, 3), slice(3, None)
 """Two halves of the work, in processes of their own."""
 
 
-def scene_of(name: str) -> Scene:
+def named_scene(name: str) -> Scene:
     """Return a bundled scene, or one of OTHER_SCENES."""
     base, changes = OTHER_SCENES.get(name, (name, {}))
     return load_scene(base).with_values(changes)
@@ -108,7 +108,7 @@ def make(part: int) -> None:
     for use, scenes in USES[PARTS[part]]:
         for name in scenes:
             try:
-                use(scene_of(name))
+                use(named_scene(name))
             except Exception as error:
                 print(f"tcc_sim: not compiled ahead: {use.__name__} of {name}: {error}", file=sys.stderr)
     print(*sorted(kernel_cache.used), sep="\n")
