@@ -2,6 +2,9 @@
 
 Points are independent with the direction cold; up and down follow a curve from neighbour to neighbour, so that only
 curves run in parallel. Results do not depend on the number of workers nor on the distribution of tasks.
+
+Workers are threads, for sweeps of any size: the compiled calls of a block of points are one call without the
+interpreter lock, which a thread holds for a tenth of its time. Processes would import a user's script again.
 """
 
 from __future__ import annotations
