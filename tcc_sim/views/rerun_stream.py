@@ -99,7 +99,7 @@ class RerunStream:
         self._mean = 0.0
         self._target: float | None = None
         self._controlled, self._history = controlled, history
-        self._say, self.left_out, self._stalled = say, 0, False
+        self._say, self.left_out, self._stalled, self._restarted = say, 0, False, False
         self._sent = self._received = 0
         self._flushed = -math.inf
         self._asked: tuple[int, Future[None]] | None = None
@@ -143,8 +143,13 @@ class RerunStream:
 
         With `new_run`, simulation time has started again: the stream marks this and continues the time of the views.
         """
-        if not len(stamp_ns) or not self._takes(len(stamp_ns)):
+        if not len(stamp_ns):
             return
+        new_run = new_run or self._restarted
+        if not self._takes(len(stamp_ns)):
+            self._restarted, self._strip, self._cycle_number = new_run, np.empty((0, 2)), None
+            return
+        self._restarted = False
         if self._last_ns is None:
             self._event(int(stamp_ns[0]), "the first state that is shown", "INFO")
         elif new_run:

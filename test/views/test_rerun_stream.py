@@ -304,11 +304,14 @@ def test_samples_that_a_viewer_does_not_receive_are_left_out_and_reported_once(v
     assert said == ["the Rerun viewer takes no more data: what it does not receive is left out and counted"]
     assert stream.left_out == 4000
     assert stream._sent < 2 * 2600  # Two batches, each of five signals, and what is drawn of each cycle.
+    stream.samples(*batch(0, 500), new_run=True)
     reads.set()
     while stream._ask():
         pass
-    stream.samples(*batch(5000, 500))
-    assert stream.left_out == 4000
+    shown = stream._elapsed_ns
+    stream.samples(*batch(500, 500))
+    assert stream.left_out == 4500
+    assert stream._elapsed_ns == shown + 500 * 1_000_000  # A restart that was left out is shown when the viewer reads.
     stream.close(wait=False)
 
 
