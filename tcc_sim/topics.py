@@ -16,7 +16,7 @@ class Topic:
     name : name in ROS 2, relative to the node's namespace or absolute
     type : message type, package/msg/Name
     unit : SI unit of the value; empty for a dimensionless value or several units
-    direction : in (the driveline subscribes), out (it publishes) or beside (created later: by another node of this
+    direction : in (the driveline subscribes), out (it publishes) or other (created later: by another node of this
         package, or by the driveline with its first message)
     created_when : scene keys or node parameters, each with the value that creates the topic; empty: always created
     carries : contents of a message

@@ -375,3 +375,39 @@ def test_an_eighth_text_would_be_seen() -> None:
                  "def f(v, e, k):\n    exponential(-a, v, e, k)"):
         assert evaluates(ast.parse(text))
     assert not evaluates(ast.parse("np.exp(1j * phase)"))
+
+
+ABOLISHED = {"Room", "found", "told", "beside", "asked", "own", "there", "rung", "rungs", "grip", "moves"}
+"""Words that once were names of many things."""
+
+
+def words_of_house() -> list[str]:
+    """The words of the table in the contributing page."""
+    page = (ROOT / ".github" / "internals" / "contributing.md").read_text()
+    table = page.partition("## House words")[2].partition("## ")[0]
+    return re.findall(r"^\| (?!word|---)(.+?) \|", table, re.MULTILINE)
+
+
+@cache
+def identifiers() -> frozenset[str]:
+    """Names of variables, arguments, functions, classes, attributes and keywords of the package."""
+    return frozenset(name for path in MODULES for node in ast.walk(tree_of(path))
+                     for name in (getattr(node, field, None) for field in ("id", "arg", "attr", "name"))
+                     if isinstance(name, str))
+
+
+def test_the_page_for_contributors_has_the_words_of_the_house() -> None:
+    words = words_of_house()
+    assert 20 <= len(words) <= 25
+    parts = {part.lower() for name in identifiers() for part in re.findall("[A-Z]?[a-z]+|[A-Z]+", name)}
+    rooms = {part for path in MODULES for part in path.relative_to(PACKAGE).with_suffix("").parts}
+    parts |= {part for name in rooms for part in name.split("_")}
+    assert [word for word in words if not any({one, one + "s"} & parts for one in word.split()[:1])] == []
+
+
+def test_no_name_is_a_word_that_names_nothing() -> None:
+    """Also in fields of records, which are strings."""
+    assert identifiers() & ABOLISHED == set()
+    fields = {node.value for path in MODULES if "solvers" in path.parts for node in ast.walk(tree_of(path))
+              if isinstance(node, ast.Constant)}
+    assert fields & ABOLISHED == set()

@@ -85,10 +85,10 @@ def recording_of(arguments: argparse.Namespace, path: Path, scene: str | None) -
     """Open a recording with the options of `add_driveline`, and with a scene in case it has none."""
     from tcc_sim.replay.recorded import read
 
-    found = read(path, scene, **driveline_of(arguments))
-    if scene is not None and found.file.scene_text is not None:
+    recording = read(path, scene, **driveline_of(arguments))
+    if scene is not None and recording.file.scene_text is not None:
         say_of_table([f"{path} holds its scene, which is used; --scene {scene} is left out"])
-    return found
+    return recording
 
 
 def refuse_driveline(arguments: argparse.Namespace, why: str) -> None:

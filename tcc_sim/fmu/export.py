@@ -96,7 +96,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
 
 def compiler() -> str | None:
     """Return the path of a C compiler on this machine, or None."""
-    return next((found for name in COMPILERS if (found := shutil.which(name))), None)
+    return next((path for name in COMPILERS if (path := shutil.which(name))), None)
 
 
 def binary_of(fmu: Fmu, command: str) -> bytes:
@@ -218,8 +218,8 @@ static void py_linear_of(const double *x, Linear *linear)
 
 def _present(terms: Struct) -> str:
     """Return a C function that tells which terms are there: a bit for each that may be absent."""
-    found = [f"t->{name}.has" for name, kind in terms.fields
-             if isinstance(kind, Table) or (isinstance(kind, Tuple) and kind.optional)]
-    found += [f"(t->linear.{name} != 0.0)" for name in OPTIONAL]
-    bits = " | ".join(f"{text} << {place}" for place, text in enumerate(found))
+    present = [f"t->{name}.has" for name, kind in terms.fields
+               if isinstance(kind, Table) or (isinstance(kind, Tuple) and kind.optional)]
+    present += [f"(t->linear.{name} != 0.0)" for name in OPTIONAL]
+    bits = " | ".join(f"{text} << {place}" for place, text in enumerate(present))
     return f"static int tcc_present(const Terms *t)\n{{\n    return {bits};\n}}\n"

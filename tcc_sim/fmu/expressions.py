@@ -142,8 +142,8 @@ class Expressions:
         method = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
             raise self._refused(node)
-        found: Text = method(node)
-        return found
+        text: Text = method(node)
+        return text
 
     def _number(self, node: ast.expr) -> Text:
         """Print an expression that is a number."""
@@ -206,18 +206,18 @@ class Expressions:
         if isinstance(kind, Static):
             return self._value(getattr(kind.value, node.attr), node)
         if isinstance(kind, Struct):
-            for name, found in kind.fields:
+            for name, field in kind.fields:
                 if name == node.attr:
                     place = f"{text[1:]}.{name}" if text.startswith("&") else f"{text}->{name}"
-                    return f"&{place}" if isinstance(found, (Table, Struct)) else place, found
+                    return f"&{place}" if isinstance(field, (Table, Struct)) else place, field
         raise self._refused(node)
 
     def _key(self, text: str, kind: Keys, node: ast.Attribute) -> Text:
         """Print a scene key of a group, one of its groups, or what a property of it computes."""
-        title, own = f"{type(kind.value).__name__}.{node.attr}", type(kind.value)
-        found = getattr(own, node.attr, None)
-        if title not in self._library.data and (isinstance(found, property) or hasattr(found, "func")):
-            name, result = self._library.function(getattr(found, "fget", None) or found.func, (kind,))  # type: ignore[union-attr]
+        title, group = f"{type(kind.value).__name__}.{node.attr}", type(kind.value)
+        member = getattr(group, node.attr, None)
+        if title not in self._library.data and (isinstance(member, property) or hasattr(member, "func")):
+            name, result = self._library.function(getattr(member, "fget", None) or member.func, (kind,))  # type: ignore[union-attr]
             return (name, result) if isinstance(result, (Static, Items)) else self._result(f"{name}({text})", result)
         value = getattr(kind.value, node.attr)
         if not kind.group and node.attr in type(kind.value).__annotations__ and hasattr(value, "quantities"):
@@ -465,9 +465,9 @@ class Expressions:
         if not (lines or others or isinstance(kind, (Table, Struct))):
             return f"({test} ? {self._as(one, kind, node)} : {self._as(other, kind, node)})", kind
         name = self._variable(kind)
-        for head, own, part in ((f"if ({test}) {{", lines, one), ("} else {", others, other)):
+        for head, branch, part in ((f"if ({test}) {{", lines, one), ("} else {", others, other)):
             self._put(head)
-            self._written += own
+            self._written += branch
             self._depth += 1
             self._assign_to(name, part, kind, node)
             self._depth -= 1
@@ -558,8 +558,8 @@ class Expressions:
         if isinstance(target, ast.Name):
             self._names[target.id] = part
         elif isinstance(target, ast.Tuple) and isinstance(part[1], Items):
-            for name, own in zip(target.elts, part[1].parts):
-                self._bind(name, own)
+            for name, value in zip(target.elts, part[1].parts):
+                self._bind(name, value)
         else:
             raise self._refused(target)
 
@@ -567,7 +567,7 @@ class Expressions:
         """Return a value in the form in which C holds it: a tuple of numbers as a structure."""
         if isinstance(kind, Items) and kind.parts and all(isinstance(part, Scalar) for _, part in kind.parts):
             whole = Tuple(tuple(part for _, part in kind.parts))  # type: ignore[misc]
-            return f"({self._library.declared(whole)}){{{', '.join(own for own, _ in kind.parts)}}}", whole
+            return f"({self._library.declared(whole)}){{{', '.join(element for element, _ in kind.parts)}}}", whole
         return text, kind
 
     def _call(self, node: ast.Call) -> Text:
@@ -576,8 +576,8 @@ class Expressions:
             return self._method(node, node.func)
         called = self._resolved(node.func)
         if called in ARRAYS:
-            found: Text = getattr(self, f"_np_{ARRAYS[called]}")(node)
-            return found
+            printed: Text = getattr(self, f"_np_{ARRAYS[called]}")(node)
+            return printed
         if isinstance(called, type) and hasattr(called, "_fields"):
             return self._built(node, self._library.structure(called), called)
         plain = inspect.unwrap(getattr(called, "py_func", called)) if callable(called) else called
@@ -586,11 +586,11 @@ class Expressions:
         if called in (int, float, bool, len):
             return self._converted(node, called)
         if called in (max, min, np.maximum) and len(node.args) > 1:
-            found = self._number(node.args[0]) if called in (max, min) else self._expression(node.args[0])
+            printed = self._number(node.args[0]) if called in (max, min) else self._expression(node.args[0])
             others = [self._expression(argument) for argument in node.args[1:]]
             for other in others:
-                found = self._each(lambda one, two: self._larger(called, one, two, node), found, other)
-            return found
+                printed = self._each(lambda one, two: self._larger(called, one, two, node), printed, other)
+            return printed
         if called in FUNCTIONS:
             return self._each(lambda *parts: (f"{FUNCTIONS[called]}({', '.join(text for text, _ in parts)})", DOUBLE),
                               *(self._numbers(argument) for argument in node.args))
@@ -647,11 +647,11 @@ class Expressions:
             return self._kept(text, kind)
         if method.attr in ("max", "min") and isinstance(kind, (Vector, Row)):
             vector = self._vector(text, kind)
-            found, _ = self._kept(vector.at("0"), DOUBLE)
+            extreme, _ = self._kept(vector.at("0"), DOUBLE)
             with self._loop(vector.length) as k:
-                value = f"{method.attr}_double({found}, {vector.at(k)})"
-                self._put(f"{found} = {value};")
-            return found, DOUBLE
+                value = f"{method.attr}_double({extreme}, {vector.at(k)})"
+                self._put(f"{extreme} = {value};")
+            return extreme, DOUBLE
         raise self._refused(node)
 
     def _built(self, node: ast.Call, kind: Struct, called: type[Any] | None, copied: str = "") -> Text:
@@ -756,8 +756,8 @@ class Expressions:
         self._put(f"{count} = 0;")
         for text, kind in parts:
             if isinstance(kind, Items):
-                for own, number in kind.parts:
-                    self._put(f"{name}[{count}++] = {self._as((own, number), DOUBLE, node)};")
+                for number_text, number in kind.parts:
+                    self._put(f"{name}[{count}++] = {self._as((number_text, number), DOUBLE, node)};")
             else:
                 vector = self._vector(text, kind)
                 with self._loop(vector.length) as k:
@@ -786,18 +786,18 @@ class Expressions:
         vector = self._vector(*self._numbers(node.args[0]))
         if vector.kind != INT:
             raise self._refused(node)
-        found, _ = self._kept("0", INT)
+        index, _ = self._kept("0", INT)
         with self._loop(vector.length) as k:
-            self._put(f"if {vector.at(k)} {{ {found} = {k}; break; }}")
-        return found, INT
+            self._put(f"if {vector.at(k)} {{ {index} = {k}; break; }}")
+        return index, INT
 
     def _np_any(self, node: ast.Call) -> Text:
         """Print whether any number of an array is not 0."""
         vector = self._vector(*self._numbers(node.args[0]))
-        found, _ = self._kept("0", INT)
+        nonzero, _ = self._kept("0", INT)
         with self._loop(vector.length) as k:
-            self._put(f"{found} = {found} || {vector.at(k)} != 0.0;")
-        return found, INT
+            self._put(f"{nonzero} = {nonzero} || {vector.at(k)} != 0.0;")
+        return nonzero, INT
 
     def _resolved(self, node: ast.expr) -> Any:
         """Return the object of a dotted name in the source's module, or None."""

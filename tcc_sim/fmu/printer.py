@@ -168,15 +168,15 @@ class Function(Expressions):
             if isinstance(kind, Static):
                 self._names[parameter] = str(int(bool(kind.value))), kind
         if tree.args.vararg:
-            self._names[tree.args.vararg.arg] = "", Items(tuple((word(own), self._kinds[own]) for own in further))
-        self.text, self._wanted, self._found = "", result, list[Kind]()
+            self._names[tree.args.vararg.arg] = "", Items(tuple((word(one), self._kinds[one]) for one in further))
+        self.text, self._wanted, self._returned = "", result, list[Kind]()
         self._stores = Counter(part.id for part in ast.walk(tree) if isinstance(part, ast.Name)
                                and isinstance(part.ctx, ast.Store))
         self._block(tree.body)
-        if not self._found:
+        if not self._returned:
             raise self._refused(tree)
-        whole: Kind | None = self._found[0]
-        for kind in self._found[1:]:
+        whole: Kind | None = self._returned[0]
+        for kind in self._returned[1:]:
             whole = common_kind(whole, kind) if whole is not None else None
         if whole is None:
             raise Refused(f"{source.__name__}: its results are of several types")
@@ -255,7 +255,7 @@ class Function(Expressions):
         """Print a return."""
         assert node.value is not None
         text, kind = self._stored(*self._expression(node.value))
-        self._found.append(kind)
+        self._returned.append(kind)
         wanted = self._wanted if self._wanted is not None else kind
         self.text = text
         if isinstance(wanted, (Static, Items, Vector)) or (self._wanted is None and isinstance(kind, Static)):

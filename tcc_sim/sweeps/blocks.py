@@ -34,18 +34,18 @@ def solve_block(systems: Sequence[System], values: Sequence[float], plan: Plan) 
     plan.check(systems[0])
     out: list[Point | None] = [None] * len(systems)
     for at, kept, discarded in (_settled_runs if plan.discard == "auto" else _whole_runs)(systems, plan):
-        own, count = [systems[k] for k in at], discarded + kept.highest.shape[1]
-        summaries, sections = summaries_of(kept, [system.cycle for system in own], [discarded] * len(at), discarded)
+        chosen, count = [systems[k] for k in at], discarded + kept.highest.shape[1]
+        summaries, sections = summaries_of(kept, [system.cycle for system in chosen], [discarded] * len(at), discarded)
         if plan.discard == "auto":
             summaries = [summary if summary.settled or summary.runaway else dataclasses.replace(summary, transient=True)
                          for summary in summaries]
         ends = [Start(State(*last), count) for last in kept.section[:, -1].tolist()]
-        confirmed = _confirmed(own, plan, kept, summaries, ends)
+        confirmed = _confirmed(chosen, plan, kept, summaries, ends)
         for i, k in enumerate(at):
             summary, cycles = summaries[i], kept.cycles(i)
             out[k] = Point(values[k], summary, sections[i][:, [1, 0]], confirmed[i], Status.DONE.value,
                            angles_of(plan, cycles) if plan.section_points else None,
-                           *requested(own[i], plan, cycles, discarded, summary.period, ends[i]), ends[i])
+                           *requested(chosen[i], plan, cycles, discarded, summary.period, ends[i]), ends[i])
     return out
 
 
