@@ -152,14 +152,14 @@ def test_no_scene_is_crawled_through(seed):
     draw = np.random.default_rng(seed)
     for _ in range(25):
         drawn = anywhere(draw)
-        # A coupling at a light flywheel decays fast: one of these takes 102 514 steps with it, and 430 without.
-        for keys, most in ((drawn, 120_000), ({**drawn, "converter.coupling": 0.0}, 100_000)):
+        # A coupling at a light flywheel decays fast, and one of these sticks 640 times with it.
+        for keys in (drawn, {**drawn, "converter.coupling": 0.0}):
             system = replace(System(), keys)
             initial = system.initial
             run = smoothed.solve(Problem(system, State(initial.slip_speed, initial.plate_angle, initial.plate_speed),
                                          duration=min(3.0 * system.cycle, 2000.0 / system.natural_frequency)))
             assert run.status is Status.DONE, keys
-            assert run.statistics.steps + run.statistics.rejected < most, keys
+            assert run.statistics.steps + run.statistics.rejected < 60_000, keys
 
 
 @pytest.mark.parametrize("seed", [0, 2])

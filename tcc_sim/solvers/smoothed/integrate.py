@@ -38,7 +38,7 @@ def start(setup: Setup, memory: Memory, tangent: Any) -> None:
     """Set up all but the state, where a motion starts."""
     limits, state, control = setup.limits, memory.state, memory.control
     v = state.slip_speed
-    begin(state, control)
+    begin(state, control, limits)
     if tangent is not None:
         control.waited, control.unsettled = SETTLED, limits.forgotten
         tangent.shared.peak, tangent.shared.slopes[:] = -1.0, 0.0
@@ -217,7 +217,7 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
         return NOT_FINITE
     counters.steps += 1
     if after >= period:
-        begin_cycle(state, control)
+        begin_cycle(state, control, limits)
     after_step(step, x, control, limits, tables)
     return GOES_ON
 

@@ -35,6 +35,10 @@ FALLING_ERROR = 1e-2
 from the edge of the layer must not return to it by its error."""
 RESOLVED = 1e3
 """Tolerance factor for perturbations that decay within one series step; later decay makes the error smaller."""
+FAST = 10.0
+"""Decay of the slip speed by the linear part, per rate of everything else but friction, from which on it is fast."""
+FINER = 8.0
+"""Longest series step there per shortest one of collocation, times that elsewhere: the series must not fill the gap."""
 FLAT_PEAK = 1e-6
 """Relative distance below its limit at which mubar counts as at its peak where mu_k = mu_s or alpha = 0."""
 
@@ -57,6 +61,7 @@ class Limits(NamedTuple):
     strength : beta times the largest Ts, the deceleration by full friction, rad/s^2
     beta, kappa : 1/I1 + 1/I2, 1/(kg m^2), and I1/(I1 + I2)
     slip_decay : rate at which the linear part lets the slip speed decay
+    fast_slip : whether that is far faster than everything else but friction
     rest : plate speed that counts as 0; smaller numbers become denormal and make a series twenty times slower
     order, linear_order : of the series with and without varying friction
     resolved : largest rate of decay times length of a series step that resolves the decay of a perturbation
@@ -84,6 +89,7 @@ class Limits(NamedTuple):
     beta: float
     kappa: float
     slip_decay: float
+    fast_slip: bool
     rest: float
     order: int
     linear_order: int
@@ -120,17 +126,20 @@ def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, exce
     beta = 1.0 / i1 + 1.0 / i2
     strength = beta * peak_load(terms)
     slip_decay = decay_of_slip(terms.linear)
+    excitation = 2.0 * math.pi / period + excitation_frequency(terms) + load_frequency(terms)
+    fast_slip = slip_decay > FAST * (math.sqrt(stiffness / i2) + excitation)
     base_rate = (math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
                  + load_frequency(terms) + slip_decay + by_speed / i1)
+    fastest = base_rate + strength * sigma * peak
     return Limits(
         period=period, sigma=sigma, rtol=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
         layer_tolerance=min(1e-3, 300.0 * local) / sigma,
         falling_tolerance=FALLING_ERROR / steepest if steepest > 0.0 else math.inf,
         creep_tolerance=min(CREEP_ERROR * max(rtol, 1e-13), 1e-2) / sigma,
         layer=layer, far=far, nearly_zero=1e-7 / sigma, stick_speed=stick_speed, peak=peak,
-        creep_speed=creep_speed, base_rate=base_rate, fastest=base_rate + strength * sigma * peak,
-        strength=strength, beta=beta, kappa=i1 / (i1 + i2), slip_decay=slip_decay, rest=1e-26 * speed,
-        steps=steps_allowed(terms, period), **of_tolerance(local))
+        creep_speed=creep_speed, base_rate=base_rate, fastest=FINER * fastest if fast_slip else fastest,
+        strength=strength, beta=beta, kappa=i1 / (i1 + i2), slip_decay=slip_decay, fast_slip=fast_slip,
+        rest=1e-26 * speed, steps=steps_allowed(terms, period), **of_tolerance(local))
 
 
 @lru_cache(maxsize=16)

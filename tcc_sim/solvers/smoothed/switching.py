@@ -8,15 +8,16 @@ series, whose steps then have equal lengths.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from tcc_sim.compiling.compiled import fast, lost_torque
-from tcc_sim.solvers.collocation import LEVELS, Tables
+from tcc_sim.solvers.collocation import LEVELS, NODES, Tables
 from tcc_sim.solvers.shared_collocation import growth, step_size_below
 from tcc_sim.solvers.smoothed.collocation_step import FLAT, WORTH
 from tcc_sim.solvers.smoothed.series_step import LocalFriction
 from tcc_sim.solvers.smoothed.setup import CREEP, SERIES, STIFF, Limits, Step
-from tcc_sim.solvers.stages import LAYER, Place
+from tcc_sim.solvers.stages import FALLING, LAYER, Place
 from tcc_sim.solvers.terms import Terms
 
 WORTH_USUAL = 2.0
@@ -40,6 +41,15 @@ FIRST = 0.2
 PATIENCE, PATIENCE_MOST = 16, 1024
 """Series steps of equal length after which collocation is tried, doubled each time until it succeeds; and collocation
 steps of one step size after which a longer one is tried."""
+HURRY = 2
+"""PATIENCE with the series where the linear part lets the slip speed decay fast, which alone limits their steps."""
+SMALL = 2.0 ** (-0.5 * NODES)
+"""Error there below which the next longer collocation step passes by the power law; the error of a start off the slow
+manifold does not depend on the length."""
+NEARING, CAUTIOUS = 0.5, 8
+"""Length there of a collocation step in slip that falls towards the layer, per time in which it would reach it (as slip
+falls friction brakes it more, and across v = 0 Newton's method fails); steps since a refused one to which this holds.
+"""
 ALIKE = 0.1
 """Relative difference of lengths that count as equal."""
 SERIES_REACH = 3.0
@@ -81,7 +91,8 @@ def enter_creep(place: Place, friction: LocalFriction, remaining: float, state: 
     delta = distance_to_creep(friction, rho, state, limits, terms, drive)
     near = (abs(delta) * max(friction.slope / limits.sigma, FLAT) < PROJECTED * limits.creep_tolerance
             and abs(v) >= SLOW * abs(delta))
-    settled = control.waited >= SETTLED and delta * delta * limits.sigma < CURVED * limits.creep_tolerance
+    decayed = control.waited >= SETTLED or (limits.fast_slip and control.streak > control.patience)
+    settled = decayed and delta * delta * limits.sigma < CURVED * limits.creep_tolerance
     if not (near or settled):
         return False
     if near:
@@ -98,6 +109,15 @@ def enter_creep(place: Place, friction: LocalFriction, remaining: float, state: 
 def choose_method(place: Place, friction: LocalFriction, remaining: float, state: Any, control: Any, limits: Limits,
                   terms: Terms, drive: Any, tables: Tables) -> bool:
     """Set control.method for the next step; return whether collocation in stick begins, which may move the state."""
+    room, near = math.inf, False
+    if limits.fast_slip and place.region == FALLING and place.sign * friction.acceleration < 0.0:
+        room = NEARING * (abs(state.slip_speed) - limits.layer) / abs(friction.acceleration)
+        near = room < max(SERIES_REACH / limits.base_rate, tables.step_sizes[tables.step_sizes.shape[0] - 1].length)
+        if control.method == STIFF and control.streak <= CAUTIOUS:
+            if near:
+                control.method, control.streak = SERIES, 0
+            else:
+                control.level = step_size_below(tables.step_sizes, control.level, room)
     if control.method != SERIES:
         return False
     if place.region != LAYER:
@@ -106,11 +126,12 @@ def choose_method(place: Place, friction: LocalFriction, remaining: float, state
         control.waited = 0
     elif enter_creep(place, friction, remaining, state, control, limits, terms, drive, tables):
         return True
-    if control.streak > control.patience:
+    if control.streak > control.patience and not near:
         control.streak = 0
         control.patience = min(2 * control.patience, PATIENCE_MOST)
         control.method = STIFF
-        control.level = min(step_size_below(tables.step_sizes, 0, 8.0 * control.last), tables.step_sizes.shape[0] - 1)
+        control.level = min(step_size_below(tables.step_sizes, 0, min(8.0 * control.last, room)),
+                            tables.step_sizes.shape[0] - 1)
     return False
 
 
@@ -137,13 +158,14 @@ def after_collocation(error: float, length: float, control: Any, limits: Limits,
     longest = length * growth(error)
     control.streak += 1
     level = control.level
-    if control.streak > PATIENCE and level > 0:
+    eager = limits.fast_slip and control.method == STIFF and error < SMALL
+    if (control.streak > PATIENCE or eager) and level > 0:
         longest = max(longest, tables.step_sizes[level - 1].length)
     while level > 0 and tables.step_sizes[level - 1].length <= longest:
         level -= 1
     control.level = step_size_below(tables.step_sizes, level, longest)
     if control.method == STIFF:
-        control.patience = PATIENCE
+        control.patience = patience_of(limits)
     leave_if_short(control, limits, tables)
 
 
@@ -160,18 +182,24 @@ def after_step(step: Step, x: float, control: Any, limits: Limits, tables: Table
 
 
 @fast
-def begin(state: Any, control: Any) -> None:
+def patience_of(limits: Limits) -> int:
+    """Return the number of series steps of equal length after which collocation is tried for the first time."""
+    return HURRY if limits.fast_slip else PATIENCE
+
+
+@fast
+def begin(state: Any, control: Any, limits: Limits) -> None:
     """Reset `control` at the start of a motion."""
     control.method, control.level, control.rate, control.last, control.streak = SERIES, 0, 0.0, 0.0, 0
-    control.released, control.waited, control.calm, control.patience = 0.0, 0, CALM, PATIENCE
+    control.released, control.waited, control.calm, control.patience = 0.0, 0, CALM, patience_of(limits)
     control.unsettled, control.slip_before, control.speed_before = 0.0, 0.0, 0.0
     control.slip_now, control.speed_now = abs(state.slip_speed), abs(state.plate_speed)
 
 
 @fast
-def begin_cycle(state: Any, control: Any) -> None:
+def begin_cycle(state: Any, control: Any, limits: Limits) -> None:
     """Begin a cycle: sizes of the motion are those of this cycle and of the one before."""
     control.slip_before, control.slip_now = control.slip_now, abs(state.slip_speed)
     control.speed_before, control.speed_now = control.speed_now, abs(state.plate_speed)
     control.streak = 0
-    control.patience = PATIENCE
+    control.patience = patience_of(limits)
