@@ -2,8 +2,8 @@
 
 Series are cheapest as long as the motion itself, not a decaying rate, limits their step. In stick the decaying rate is
 friction's rho = beta Ts mubar': on its slow manifold collocation takes longer steps (Hairer and Wanner, Solving
-Ordinary Differential Equations II, Sec. VI.3). Where the linear part is stiff (a light plate), stability limits the
-series, whose steps then have equal lengths.
+Ordinary Differential Equations II, Sec. VI.3). Where the linear part is stiff (a light plate, or a coupling at a light
+flywheel), stability limits the series, whose steps then have equal lengths.
 """
 
 from __future__ import annotations
