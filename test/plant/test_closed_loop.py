@@ -123,13 +123,16 @@ def test_keys_change_at_the_tick_that_begins_at_their_time() -> None:
     np.testing.assert_allclose(run.engine_torque[201:], 260.0, atol=1e-9)
 
 
-def test_a_run_has_the_means_of_its_slip_over_whole_cycles() -> None:
-    run = tcc_sim.closed_loop("controlled", lambda _: 1e5, 0.3)
-    cycle = 2.0 * math.pi / 150.0
-    ends = cycle * np.arange(1, 8)
-    np.testing.assert_allclose(run.control.t, ends, atol=1e-9)
+@pytest.mark.parametrize("changes", [{}, {0.1: {"engine.frequency": 300.0}}], ids=["one frequency", "changed"])
+def test_a_run_has_the_means_of_its_slip_over_whole_cycles(changes: dict[float, dict[str, float]]) -> None:
+    run = tcc_sim.closed_loop("controlled", lambda _: 1e5, 0.3, at=changes)
+    cycle, after = 2.0 * math.pi / 150.0, 2.0 * math.pi / 300.0
+    starts = cycle * np.arange(8)
+    if changes:   # The phase goes on from that at 0.1 s.
+        starts = np.append(starts[:3], 0.1 + after * (np.arange(3.0, 12.0) - 0.1 / cycle))
+    np.testing.assert_allclose(run.control.t, starts[1:], atol=2e-6 if changes else 1e-9)
     area = np.append(0.0, np.cumsum(0.5 * (run.slip_speed[1:] + run.slip_speed[:-1]) * 1e-3))
-    means = np.diff(np.interp(np.append(0.0, ends), run.t, area)) / cycle
+    means = np.diff(np.interp(starts, run.t, area)) / np.diff(starts)
     np.testing.assert_allclose(run.control.mean_slip, means, rtol=1e-3)
 
 

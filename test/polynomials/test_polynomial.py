@@ -7,7 +7,18 @@ import numpy as np
 import pytest
 
 from tcc_sim.polynomials import polynomial
-from tcc_sim.polynomials.bernstein import DEGREE_MAXIMUM, NOISE, slope_changes, to_bernstein
+from tcc_sim.polynomials.bernstein import (
+    BERNSTEIN,
+    DEGREE_MAXIMUM,
+    HIGH,
+    LEFT,
+    LOW,
+    NOISE,
+    WIDTH,
+    later_part,
+    slope_changes,
+    to_bernstein,
+)
 
 WORKSPACE = np.zeros(polynomial.WORKSPACE)
 GRID = np.linspace(0, 1, 4097, dtype=np.longdouble)
@@ -80,6 +91,17 @@ def test_values_and_slopes():
             result, size = polynomial.values(c, degree, x), np.abs(a).sum() * 1.5**degree
             for row, got in zip(c[:, :degree + 1], result):
                 assert got == pytest.approx(float(exact(row, x)), abs=2e-15 * max(size, 1.0))
+
+
+@pytest.mark.parametrize("degree", [1, 4, 9])
+def test_a_later_part_goes_from_the_cut_to_the_end_within_its_hull(degree):
+    a = np.arange(1.0, degree + 2.0)   # It rises, so that its ends are its least and largest value.
+    c, _ = row_of(a)
+    to_bernstein(c, 1, degree, 2.0, WORKSPACE)
+    later_part(WORKSPACE, BERNSTEIN, degree, 0.25)
+    row, (begin, end) = WORKSPACE[BERNSTEIN], (float(exact(a, x)) for x in (0.5, 2.0))
+    assert row[[0, LOW, degree, HIGH]].tolist() == pytest.approx([begin, begin, end, end])
+    assert row[[LEFT, WIDTH]].tolist() == [0.5, 1.5]
 
 
 def test_steps_between_coefficients_within_their_rounding_are_no_changes_of_the_slope():

@@ -107,6 +107,17 @@ def test_a_chunk_of_nothing_but_records_is_left_out(tmp_path: Path) -> None:
     assert peak < MEMORY
 
 
+def test_what_a_file_may_unpack_to_is_16_mib_and_a_hundred_times_its_size_and_ten_times_as_much_unused() -> None:
+    limit = (16 << 20) + 100 * 7
+    for used, most in ((True, limit), (False, 10 * limit)):
+        expansion = records.Expansion(7)
+        expansion.take(most - 5, used)
+        expansion.take(5, used)
+        expansion.take(1, not used)
+        with pytest.raises(records.DamagedChunk, match=f"would unpack to more than {most} bytes"):
+            expansion.take(1, used)
+
+
 def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path,
                                                                   monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(records, "SMALLEST_EXPANSION", 1 << 20)
