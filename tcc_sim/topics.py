@@ -1,6 +1,6 @@
 """Topics of the driveline, one row each: type, unit, direction, condition, contents, and place in a viewer.
 
-Nodes (publishers, subscriptions, encoding), recorder, `explain` and the page of topics read these rows.
+Nodes (publishers, subscriptions, encoding), recorder, viewers, `explain` and the page of topics read these rows.
 """
 
 from __future__ import annotations
@@ -136,6 +136,13 @@ INPUTS = "engine_torque", "actuation_pressure"
 """Topics of the two inputs, which come from the scene or from commands."""
 FAR_END = "output_speed"
 """Topic of the speed of the shaft's far end, which is fixed without publisher."""
+
+
+def shown() -> tuple[Topic, ...]:
+    """Return the topics whose numbers a viewer shows by themselves; joint_states has those of the others."""
+    known = {*topic("joint_states").fields, "slip_speed", "stick_slip_state"}
+    return tuple(row for row in TOPICS if row.view and row.type in (FLOAT64, FLUID_PRESSURE)
+                 and not (row.fields and known.issuperset(row.fields)))
 
 
 def topic(name: str) -> Topic:

@@ -35,7 +35,7 @@ from tcc_sim.nodes.process import node_of_command
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.topics import topic
+from tcc_sim.topics import FLOAT64, shown, topic
 from tcc_sim.trajectory import Floats, modes_of
 from tcc_sim.views.rerun_stream import RerunStream
 
@@ -61,14 +61,34 @@ SILENCE = 3.0
 """Real time without states after which the watcher reports it, s."""
 MOST_WAITING = 20_000
 """Largest number of messages of a topic that wait for the next states."""
-READERS: dict[str, tuple[QoSProfile, Callable[[bytes], tuple[int | None, Any]]]] = {
-    "engine_torque": (COMMANDS, lambda data: (None, cdr.read_float64(data))),
-    "actuation_pressure": (COMMANDS, lambda data: (None, cdr.read_fluid_pressure(data)[1])),
-    "target_slip_speed": (LATCHED, lambda data: (None, cdr.read_float64(data))),
-    "applied_pressure": (states(MOST_WAITING), cdr.read_fluid_pressure), "input_source": (CHANGES, cdr.read_header)}
-"""Watched topics with their quality of service, and functions that return stamp (ns, or None) and content of a message.
-"""
 Signal = tuple[NDArray[np.int64], Floats]
+
+
+Reader = Callable[[bytes], tuple[int | None, Any]]
+"""Function that returns stamp (ns, or None) and content of a message."""
+
+
+def readers() -> dict[str, tuple[QoSProfile, Reader]]:
+    """Return the watched topics with their quality of service and reader: those that a viewer shows by themselves, and
+    the sources of the inputs.
+    """
+    out: dict[str, tuple[QoSProfile, Reader]] = {"input_source": (CHANGES, cdr.read_header)}
+    for row in shown():
+        command = row.direction == "in"
+        profile = COMMANDS if command else LATCHED if row.latched else states(MOST_WAITING)
+        read: Reader = _read_number if row.type == FLOAT64 else _read_command if command else cdr.read_fluid_pressure
+        out[row.name] = profile, read
+    return out
+
+
+def _read_number(data: bytes) -> tuple[None, float]:
+    """Read a number, which has no stamp."""
+    return None, cdr.read_float64(data)
+
+
+def _read_command(data: bytes) -> tuple[None, float]:
+    """Read a commanded pressure; its stamp is that of the state that it answers."""
+    return None, cdr.read_fluid_pressure(data)[1]
 
 
 def _subscribed(node: Node, name: str, profile: QoSProfile) -> Any:
@@ -86,9 +106,11 @@ class ControlWatch:
     """
 
     def __init__(self, node: Node, cycle: float) -> None:
-        self._subscriptions = {name: _subscribed(node, name, profile) for name, (profile, _) in READERS.items()}
+        self._readers = {name: read for name, (_, read) in readers().items()}
+        self._subscriptions = {name: _subscribed(node, name, profile)
+                               for name, (profile, _) in readers().items()}
         self._waiting: dict[str, deque[tuple[int, int | None, Any]]] = {
-            name: deque(maxlen=MOST_WAITING) for name in READERS}
+            name: deque(maxlen=MOST_WAITING) for name in self._readers}
         self._means = CycleMeans(Uniform(cycle))
         self._applied = math.nan
 
@@ -97,7 +119,8 @@ class ControlWatch:
         for name, subscription in self._subscriptions.items():
             for data, info in poll(subscription, MOST_WAITING):
                 with suppress(ValueError):
-                    self._waiting[name].append((info["received_timestamp"] or time.time_ns(), *READERS[name][1](data)))
+                    self._waiting[name].append((info["received_timestamp"] or time.time_ns(),
+                                                *self._readers[name](data)))
 
     def aligned(self, stamp_ns: NDArray[np.int64], received_ns: NDArray[np.int64], slip_speed: Floats, *,
                 new_run: bool, zeros: NDArray[np.int64]) -> tuple[dict[str, Signal], list[Event]]:
@@ -118,7 +141,7 @@ class ControlWatch:
             stamps, values = [], []
             while waiting and waiting[0][0] <= received_ns[-1]:
                 received, stamp, value = waiting.popleft()
-                if name == "applied_pressure" and new_run and received < received_ns[0]:
+                if new_run and received < received_ns[0] and topic(name).fields:
                     continue  # It is sent after its state, so this one belongs to the run that has ended.
                 place = int(np.searchsorted(received_ns, received))
                 stamps.append(int(stamp_ns[place]) if stamp is None else stamp)
@@ -198,7 +221,8 @@ class Watcher:
         name = self._node.resolve_topic_name("driveline")
         commanded = "topic" in (system.engine.source, system.pressure.source)
         controlled = commanded or self._node.count_publishers("target_slip_speed") > 0
-        return RerunStream(name, system.cycle, controlled=controlled, say=self._say, **where)
+        given = [row.name for row in shown() if self._node.count_publishers(row.name) > 0]
+        return RerunStream(name, system.cycle, controlled=controlled, topics=given, say=self._say, **where)
 
     def drain(self, view: RerunStream, everything: bool = False) -> None:
         """Take the messages that have arrived, and show them if an update is due or `everything` is set."""

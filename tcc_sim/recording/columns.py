@@ -98,6 +98,7 @@ class Columns:
 
     runs : the states of each run, views of common arrays
     commands : commands by the name of their topic
+    further : likewise the numbers of other topics that a viewer shows by themselves
     sources : announced sources of the inputs, in the order of publication
     publishers : number of publishers of commands, by topic
     counts : counts of the driveline's diagnostics, by key
@@ -105,6 +106,7 @@ class Columns:
 
     runs: tuple[JointStates, ...]
     commands: Mapping[str, Commanded]
+    further: Mapping[str, Commanded]
     sources: tuple[InputSource, ...]
     publishers: Mapping[str, int]
     counts: Mapping[str, int]

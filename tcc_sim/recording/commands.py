@@ -15,7 +15,7 @@ from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSo
 from tcc_sim.recording.columns import Commanded, JointStates, receipt_times
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.records import Messages
-from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLUID_PRESSURE, HEADER
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLUID_PRESSURE, HEADER, shown
 
 TARGET, SOURCE = "target_slip_speed", "input_source"
 COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, TARGET: FLOAT64}
@@ -34,6 +34,13 @@ FEW = 10
 """Number of messages in a stretch below which the next stretches with as many count too."""
 Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
+
+
+def signal_types() -> dict[str, str]:
+    """Return the topics that are placed at states by their times: commands, and others that a viewer shows by
+    themselves, with their types. The applied pressure has stamps.
+    """
+    return {**COMMANDS, **{row.name: row.type for row in shown() if row.name != "applied_pressure"}}
 
 
 class _Sent(NamedTuple):
@@ -74,8 +81,9 @@ class Commands:
     def __init__(self, joint_states_topic: str, zeros: Stamps) -> None:
         self._zeros = zeros
         space = joint_states_topic.rpartition("/")[0]
-        self._names = {f"{space}/{name}": name for name in (*COMMANDS, SOURCE)}
-        self._sent: dict[str, list[_Sent]] = {name: [] for name in COMMANDS}
+        self._types = signal_types()
+        self._names = {f"{space}/{name}": name for name in (*self._types, SOURCE)}
+        self._sent: dict[str, list[_Sent]] = {name: [] for name in self._types}
         self._sources: dict[InputSource, None] = {}
         self.coarse = False
         """Whether times of receipt are so coarse that most states share them with others."""
@@ -99,7 +107,7 @@ class Commands:
                 mine = messages.channel == number
                 self._count(data, messages.offset[mine].tolist(), messages.length[mine].tolist())
             name = self._names.get(row.topic)
-            if name is None or row.type != COMMANDS.get(name, HEADER):
+            if name is None or row.type != self._types.get(name, HEADER):
                 continue
             mine = messages.channel == number
             if not mine.any():
@@ -110,7 +118,8 @@ class Commands:
                 continue
             offset, log, sent, values, answers = _decoded(np.frombuffer(data, dtype=np.uint8), offset, length, row.type)
             if len(offset):
-                self.publishers.setdefault(name, set()).add(row.publisher)
+                if name in COMMANDS:
+                    self.publishers.setdefault(name, set()).add(row.publisher)
                 who = self._numbers.setdefault(row.publisher, len(self._numbers))
                 pieces.setdefault(name, []).append((offset, np.full(len(offset), who), sent, log, values,
                                                     simulation_ns(answers, self._zeros)))
@@ -140,7 +149,7 @@ class Commands:
                     self.counts[key] += int(text) - (before if int(text) >= before else 0)
 
     def aligned(self, runs: Sequence[JointStates]) -> dict[str, Commanded]:
-        """Return the commands by the name of their topic, beside all states."""
+        """Return the commands, and the other signals, by the name of their topic, each at a state."""
         wanted = {name: sent for name, sent in self._sent.items() if sent}
         if not wanted or not runs:
             return {}

@@ -19,7 +19,7 @@ from tcc_sim import topics
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.recording.announcements import SceneRecord, zeros_of
 from tcc_sim.recording.columns import Columns, GrowingStates, JoinedTopic, JointStates, joined_topics, joint_states
-from tcc_sim.recording.commands import DIAGNOSTICS, TARGET, Commands
+from tcc_sim.recording.commands import COMMANDS, DIAGNOSTICS, TARGET, Commands, signal_types
 from tcc_sim.recording.contents import CDR, Batch, Channel, Contents, chunks, together, unpack
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import Layouts
@@ -39,7 +39,7 @@ from tcc_sim.recording.window import Window
 from tcc_sim.topics import JOINT_STATE
 
 ReadChunk = tuple[bytes, Messages, Mapping[int, Channel]]
-_READ = ("applied_pressure", "output_state", "engine_torque", "actuation_pressure", TARGET, "input_source")
+_READ = ("applied_pressure", "output_state", "input_source")
 _TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", "input_source", DIAGNOSTICS.removeprefix("/")}
 """Topics that the driveline itself publishes."""
 _MOST_TOPICS = 20
@@ -329,7 +329,9 @@ class Run:
         if commands.coarse and not self._untimed:
             self.warnings.append("times of receipt are coarse: commands stand where their times of sending alone put "
                                  "them")
-        return Columns(runs, aligned, commands.sources,
+        given = {name: values for name, values in aligned.items() if name in COMMANDS}
+        further = {name: values for name, values in aligned.items() if name not in COMMANDS}
+        return Columns(runs, given, further, commands.sources,
                        {name: len(who) for name, who in commands.publishers.items()}, commands.counts)
 
     def _every_channel(self) -> Iterator[Channel]:
@@ -342,7 +344,8 @@ class Run:
         their publishers are known.
         """
         name, publishers = channel.topic.rpartition("/")[2], self.driveline.publishers
-        if name not in _TOPICS_OF_DRIVELINE or channel.topic == self.driveline.topic:
+        published = {row.name for row in topics.shown() if row.direction == "out"}
+        if name not in _TOPICS_OF_DRIVELINE | published or channel.topic == self.driveline.topic:
             return True
         return not self._comparable or same_process(channel.publisher, publishers)
 
@@ -384,7 +387,7 @@ class Run:
     def _wants(self) -> Callable[[Channel], bool]:
         """Return a function that tells whether messages of a channel are needed for the columns."""
         space = self.driveline.topic.rpartition("/")[0]
-        names = {self.driveline.topic, DIAGNOSTICS, *(f"{space}/{name}" for name in _READ)}
+        names = {self.driveline.topic, DIAGNOSTICS, *(f"{space}/{name}" for name in (*_READ, *signal_types()))}
         return lambda channel: channel.topic in names
 
     def _check_memory(self, count: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -102,7 +102,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         timing = timing_of(recorded_scene, frequency, line.runs, frequency_changes(run), run.scene_text is None)
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, printable(recording.path.name), timing, recorded_scene, where,
-                     run.controlled or aim is not None) if where else None
+                     run.controlled or aim is not None, [*line.commands, *line.further]) if where else None
         result = _analysed(recording, line, timing, default_of(discard, timing, recorded_scene), damping, view, bar,
                            began, band)
         if verify:
@@ -252,7 +252,7 @@ def _check_damping(scene: Scene) -> None:
 
 
 def _view(stack: ExitStack, name: str, timing: Timing, scene: Scene, where: tuple[Path | None, bool, str | None],
-          controlled: bool) -> RerunStream:
+          controlled: bool, topics: Sequence[str]) -> RerunStream:
     """Return the stream to Rerun: a new file, which appears when it is complete, a viewer to start, or a URL."""
     from tcc_sim.views.rerun_stream import RerunStream
 
@@ -261,4 +261,4 @@ def _view(stack: ExitStack, name: str, timing: Timing, scene: Scene, where: tupl
     system = scene.system
     commanded = "topic" in (system.engine.source, system.pressure.source)
     return stack.enter_context(RerunStream(name, timing.clock.cycle, file=file, spawn=spawn, url=connect,
-                                           controlled=controlled or commanded))
+                                           controlled=controlled or commanded, topics=topics))

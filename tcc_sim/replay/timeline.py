@@ -42,6 +42,7 @@ class Timeline:
     scenes : all scenes of the recording
     places : (index of the first state, number of the scene that applies from it on), not descending
     commands : commands by topic
+    further : likewise the numbers of other topics that a viewer shows by themselves
     sources : (index of the first state, inputs that follow commands from it on)
     publishers : number of publishers of commands, by topic
     counts : counts of the driveline's diagnostics over the whole recording, by key
@@ -52,6 +53,7 @@ class Timeline:
     scenes: Sequence[SceneRecord]
     places: tuple[tuple[int, int], ...]
     commands: Mapping[str, Commanded]
+    further: Mapping[str, Commanded]
     sources: Held
     publishers: Mapping[str, int]
     counts: Mapping[str, int]
@@ -61,7 +63,9 @@ class Timeline:
         if window.all:
             return self
         runs = tuple(states[rows] for states in self.runs for rows in [window.rows(states)] if rows.stop > rows.start)
-        return replace(self, runs=runs, commands={name: _within(runs, every) for name, every in self.commands.items()})
+        commands, further = ({name: _within(runs, every) for name, every in of.items()}
+                             for of in (self.commands, self.further))
+        return replace(self, runs=runs, commands=commands, further=further)
 
     @cached_property
     def absent(self) -> tuple[str, ...]:
@@ -189,7 +193,7 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
     held = tuple((index, columns.sources[number].commanded) for index,
                  number in places_of(columns.sources, columns.runs))
     line = Timeline(columns.runs, scene, run.scenes, tuple(places_of(run.scenes[:MOST_SCENES], columns.runs)),
-                    columns.commands, held, columns.publishers, columns.counts)
+                    columns.commands, columns.further, held, columns.publishers, columns.counts)
     return line if window is None else line.within(window)
 
 

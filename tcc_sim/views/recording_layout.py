@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from tcc_sim import topics
 from tcc_sim.errors import InputError
-from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, INT8, TOPICS, Topic
+from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, INT8, Topic
 from tcc_sim.views.rerun_layout import rerun
 
 SUFFIX = ".rbl"
@@ -17,11 +18,18 @@ PANELS = {"Slip speed (rad/s)": ("slip", "control"), "Torques (N m)": ("torque",
           "Stick and slip: -1, 0, 1": ("state",), "Actuation pressure (Pa)": ("pressure",),
           "Far end of the shaft (rad/s)": ("far_end",)}
 """Panels of `Topic.view` in each time series view."""
-VIEWS = {title: tuple(f"/{row.name}" for row in TOPICS if row.type in PARTS and row.panel in panels)
-         for title, panels in PANELS.items()}
-"""Topics of each time series view."""
 JOINTS = "/joint_states"
 """Topic that Rerun draws as lines without a mapping."""
+
+
+def views() -> dict[str, tuple[str, ...]]:
+    """Return the topics of each time series view; a topic whose panel has none gets one."""
+    rows = [row for row in topics.TOPICS if row.view and row.type in PARTS]
+    known = {panel for panels in PANELS.values() for panel in panels}
+    further = {f"{row.name.replace('_', ' ').capitalize()} ({row.unit})": (row.panel,) for row in rows
+               if row.panel not in known}
+    return {title: tuple(f"/{row.name}" for row in rows if row.panel in panels)
+            for title, panels in (PANELS | further).items()}
 
 
 def layout_path(recording: Path) -> Path:
@@ -56,11 +64,11 @@ def write_layout(recording: Path) -> Path:
     """
     path = layout_path(recording)
     rrb = rerun().blueprint
-    views = [rrb.TimeSeriesView(origin="/", name=name, contents=list(topics),
-                                overrides={topic: _line(_row(topic)) for topic in topics})
-             for name, topics in VIEWS.items()]
-    views.append(rrb.TimeSeriesView(origin=JOINTS, name="Joint states"))
-    shown = rrb.Blueprint(rrb.Vertical(*views), collapse_panels=True, auto_views=False)
+    shown_views = [rrb.TimeSeriesView(origin="/", name=name, contents=list(given),
+                                overrides={topic: _line(_row(topic)) for topic in given})
+             for name, given in views().items()]
+    shown_views.append(rrb.TimeSeriesView(origin=JOINTS, name="Joint states"))
+    shown = rrb.Blueprint(rrb.Vertical(*shown_views), collapse_panels=True, auto_views=False)
     try:
         path.open("xb").close()
         shown.save(path.stem, str(path))
@@ -73,7 +81,7 @@ def write_layout(recording: Path) -> Path:
 
 def _row(path: str) -> Topic:
     """Return the row of a topic in the root namespace."""
-    return next(row for row in TOPICS if row.name == path[1:])
+    return next(row for row in topics.TOPICS if row.name == path[1:])
 
 
 def _line(row: Topic) -> Any:

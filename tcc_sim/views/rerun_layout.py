@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from tcc_sim.errors import require
-from tcc_sim.topics import TOPICS
+from tcc_sim.topics import shown
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
 
@@ -24,15 +25,13 @@ LINES = {"torque/engine": ("engine torque (N m)", style.ORANGE),
          "slip/speed": ("slip speed (rad/s)", style.BLUE), "plate/angle": ("plate angle (rad)", style.GREEN),
          "plate_speed/speed": ("plate speed (rad/s)", style.PURPLE),
          "control/mean": ("cycle mean of the slip speed (rad/s)", style.BLUE)}
-HELD = {"control/target": ("target (rad/s)", style.RED), "pressure/applied": ("applied (Pa)", style.GREEN),
-        "pressure/command": ("commanded (Pa)", style.ORANGE),
-        "torque/engine_command": ("engine torque commanded (N m)", style.YELLOW)}
-"""Signals that hold each value until the next one."""
+_LOOKS = {"control/target": ("target (rad/s)", style.RED), "pressure/applied": ("applied (Pa)", style.GREEN),
+          "pressure/command": ("commanded (Pa)", style.ORANGE),
+          "torque/engine_command": ("engine torque commanded (N m)", style.YELLOW)}
+"""Names and colours of signals that hold each value until the next one, where they are not those of the topic."""
 MARKS = {"cycles/largest": ("largest slip speed (rad/s)", style.BLUE, "circle", 3.0),
          "cycles/smallest": ("smallest slip speed (rad/s)", style.RED, "circle", 3.0),
          "event/mark": ("event", style.RED, "diamond", 6.0)}
-SIGNALS = {"mean_slip": "control/mean", **{row.name: row.view for row in TOPICS if row.view in HELD}}
-"""Entity paths of the signals of a controller's test."""
 HISTORY_CYCLES = 8
 """Number of engine cycles before the cursor in the time series; zoom out to see more."""
 CONTROL_CYCLES = 400
@@ -45,6 +44,23 @@ WIDTH = 2.1
 """Width of the phase portrait's box; its height is 1."""
 BOUNDS = (-0.42, WIDTH + 0.2), (-0.28, 1.48)
 """Ranges of the view around the box, x and y (downwards), with room for the labels."""
+
+
+def signals() -> dict[str, str]:
+    """Return the entity paths of the mean slip speed and of the topics that are shown by themselves, by name."""
+    return {"mean_slip": "control/mean", **{row.name: row.view for row in shown()}}
+
+
+def signal_looks() -> dict[str, tuple[str, str]]:
+    """Return names and colours of these topics, by entity path."""
+    return {row.view: _LOOKS.get(row.view, (f"{row.name.replace('_', ' ')} ({row.unit})", style.PURPLE))
+            for row in shown()}
+
+
+def further_panels(names: Collection[str]) -> dict[str, str]:
+    """Return the panels of these topics that the layout has only for them, each with a title."""
+    return {row.panel: f"{row.name.replace('_', ' ').capitalize()} ({row.unit})" for row in reversed(shown())
+            if row.name in names and row.panel not in ("torque", "slip", "control", "pressure")}
 
 
 @dataclass(frozen=True)
@@ -115,11 +131,12 @@ def _ticks(low: float, high: float, intervals: int) -> list[float]:
     return [k * step for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
 
 
-def blueprint(cycle: float, controlled: bool = False, least: float = 0.0) -> Any:
+def blueprint(cycle: float, controlled: bool = False, least: float = 0.0,
+              further: Mapping[str, str] = MappingProxyType({})) -> Any:
     """Return the blueprint: torques, slip, mode and plate on the left; portrait, maxima, events, summary on the right.
 
     In a test of a controller, its target and the pressures over more cycles replace the plate. The time series show
-    `least` seconds, or HISTORY_CYCLES engine cycles where these are longer.
+    `least` seconds, or HISTORY_CYCLES engine cycles where these are longer. `further` panels (`further_panels`) follow.
     """
     rrb = rerun().blueprint
 
@@ -144,8 +161,9 @@ def blueprint(cycle: float, controlled: bool = False, least: float = 0.0) -> Any
                history("pressure", "Actuation pressure (Pa)", CONTROL_CYCLES)]
     rows = [history("torque", "Torques (N m)"), history("slip", "Slip speed (rad/s)", marked=True),
             rrb.StateTimelineView(origin="state", name="Stick and slip", time_view=recent())]
-    histories = rrb.Vertical(*rows, *(control if controlled else plate),
-                             row_shares=[3, 3, 1.6, *((3, 2.5) if controlled else (2, 2))])
+    last = [history(panel, title, CONTROL_CYCLES) for panel, title in further.items()]
+    histories = rrb.Vertical(*rows, *(control if controlled else plate), *last,
+                             row_shares=[3, 3, 1.6, *((3, 2.5) if controlled else (2, 2)), *(2 for _ in last)])
     start, end = before(PORTRAIT_CYCLES)
     figures = rrb.Vertical(
         rrb.Spatial2DView(origin="phase", name=f"Phase portrait and section of the last {PORTRAIT_CYCLES} cycles",
@@ -181,7 +199,7 @@ def looks(controlled: bool) -> Iterator[tuple[str, Any]]:
     rr = rerun()
     for path, (name, colour) in LINES.items():
         yield path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5)
-    for path, (name, colour) in HELD.items():
+    for path, (name, colour) in signal_looks().items():
         if controlled or path.startswith("torque"):
             yield path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5, interpolation_mode="StepAfter")
     for path, (name, colour, marker, size) in MARKS.items():

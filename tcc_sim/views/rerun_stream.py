@@ -9,7 +9,7 @@ import socket
 import sys
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures import wait as wait_for
 from pathlib import Path
@@ -61,6 +61,7 @@ class RerunStream:
     spawn : whether to start a viewer
     url : URL of a running viewer, rerun+http://HOST:PORT/proxy
     controlled : whether to show target and pressures, which `control` sends
+    topics : names of further topics that `control` sends, which may have panels of their own
     history : least time before the cursor in the time series, s; they show some engine cycles at least
     say : function that takes a sentence, of a stream that must not wait: samples that a slow viewer does not receive
         are left out. Without it, the stream waits for the viewer.
@@ -79,8 +80,8 @@ class RerunStream:
     """
 
     def __init__(self, name: str, cycle: float, *, file: Path | None = None,
-                 spawn: bool = False, url: str | None = None, controlled: bool = False, history: float = 0.0,
-                 say: Callable[[str], Any] | None = None) -> None:
+                 spawn: bool = False, url: str | None = None, controlled: bool = False, topics: Collection[str] = (),
+                 history: float = 0.0, say: Callable[[str], Any] | None = None) -> None:
         if (file is not None) + spawn + (url is not None) != 1:
             raise InputError("give one of a file, a viewer to start and the URL of a running viewer")
         self._rr = layout.rerun()
@@ -90,6 +91,7 @@ class RerunStream:
             _create(file)
         self._file = file
         self._cycle = cycle
+        self._further = layout.further_panels(topics)
         self._state: int | None = None
         self._elapsed_ns = 0
         self._offset_ns = 0
@@ -117,7 +119,7 @@ class RerunStream:
         self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
         self.recording.set_log_time_enabled(False)
         self.recording.set_log_tick_enabled(False)
-        shown, file = layout.blueprint(self._cycle, self._controlled, self._history), self._file
+        shown, file = layout.blueprint(self._cycle, self._controlled, self._history, self._further), self._file
         if file is not None:
             _writable(file, LAYOUT)  # Rerun would wait for ever for a writer that ends here.
             self.recording.save(file, default_blueprint=shown)
@@ -181,19 +183,19 @@ class RerunStream:
 
         Parameters
         ----------
-        signals : by name (mean_slip, target_slip_speed, applied_pressure, actuation_pressure, engine_torque): stamps
-            (ns) and values (rad/s, Pa, N m), (n,) arrays
+        signals : by name, mean_slip or that of a topic that is shown (`topics.shown`): stamps (ns) and values in the
+            unit of the topic, (n,) arrays
         events : events of the current run
         """
         if self._stalled:
             return
         for name, (stamps, values) in signals.items():
             if len(stamps):
-                self._send(layout.SIGNALS[name], stamps, self._rr.Scalars.columns(scalars=values))
+                self._send(layout.signals()[name], stamps, self._rr.Scalars.columns(scalars=values))
         for value in signals.get("target_slip_speed", ((), ()))[1][-1:]:
             self._target = float(value)
         if self._target is not None and self._last_ns is not None:  # One point makes no line.
-            self._send(layout.SIGNALS["target_slip_speed"], np.array([self._last_ns]),
+            self._send(layout.signals()["target_slip_speed"], np.array([self._last_ns]),
                        self._rr.Scalars.columns(scalars=[self._target]))
         if "mean_slip" in signals and len(signals["mean_slip"][1]):
             self._mean = float(signals["mean_slip"][1][-1])

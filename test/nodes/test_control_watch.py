@@ -13,7 +13,7 @@ from tcc_sim.analysis.control import Event
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import middleware
 from tcc_sim.nodes.middleware import LATCHED, message_class
-from tcc_sim.nodes.watcher import READERS, ControlWatch, Watcher
+from tcc_sim.nodes.watcher import ControlWatch, Watcher, readers
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import JOINT_STATE, topic
 
@@ -29,7 +29,7 @@ class Said:
         self.bench = bench
         self.watch = ControlWatch(bench.node("watcher"), CYCLE)
         self.publishers = {name: node.create_publisher(message_class(topic(name).type), name, profile)
-                           for name, (profile, _) in READERS.items()}
+                           for name, (profile, _) in readers().items()}
         for publisher in self.publishers.values():
             bench.until(publisher.get_subscription_count)
 

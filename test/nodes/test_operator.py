@@ -34,7 +34,7 @@ from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.nodes.operator import COMMANDS_OF, COUNTED_WITHIN, SETTLED, Operator, all_met
 from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import topic
-from tcc_sim.views.rerun_layout import SIGNALS
+from tcc_sim.views.rerun_layout import signals as entities
 
 Control = Callable[..., tuple[int, str, str]]
 
@@ -247,7 +247,7 @@ def test_watch_shows_what_the_driveline_does_and_what_held_its_inputs_to_the_sta
         samples(stream, stamps, *columns, **run)
 
     def controlled(stream: RerunStream, signals: Any, events: Any) -> None:
-        rows.update({f"/{SIGNALS[name]}": len(stamps) for name, (stamps, _) in signals.items()})
+        rows.update({f"/{entities()[name]}": len(stamps) for name, (stamps, _) in signals.items()})
         given.extend(event.text for event in events)
         control(stream, signals, events)
 

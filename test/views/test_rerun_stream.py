@@ -21,7 +21,7 @@ from tcc_sim.topics import TOPICS
 from tcc_sim.trajectory import Cycles
 from tcc_sim.views import rerun_layout as layout
 from tcc_sim.views import rerun_stream
-from tcc_sim.views.recording_layout import JOINTS, PARTS, VIEWS, write_layout
+from tcc_sim.views.recording_layout import JOINTS, PARTS, views, write_layout
 from tcc_sim.views.rerun_layout import PhaseAxes
 from tcc_sim.views.rerun_stream import RerunStream
 
@@ -357,7 +357,7 @@ def test_the_layout_has_every_signal_and_the_name_of_the_file(tmp_path: Path) ->
     assert path == tmp_path / "mine_0.rbl"
     assert b"mine_0" in path.read_bytes()
     text = printed(path)
-    for topics in (*VIEWS.values(), [JOINTS]):
+    for topics in (*views().values(), [JOINTS]):
         for topic in topics:
             assert topic in text, topic
     for component in ("std_msgs.msg.Float64:message", "std_msgs.msg.Int8:message", "Measurements:values"):
@@ -367,7 +367,7 @@ def test_the_layout_has_every_signal_and_the_name_of_the_file(tmp_path: Path) ->
 
 
 def test_every_number_with_a_place_in_a_viewer_is_in_the_layout() -> None:
-    shown = [topic for topics in VIEWS.values() for topic in topics]
+    shown = [topic for topics in views().values() for topic in topics]
     assert sorted(shown) == sorted(f"/{row.name}" for row in TOPICS if row.view and row.type in PARTS)
     assert {row.name for row in TOPICS if row.type in PARTS and not row.view} == set()
 
