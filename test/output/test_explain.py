@@ -80,7 +80,7 @@ def test_a_saving_is_given_where_it_can_be_measured(noise, tmp_path, capsys, mon
     def advance(state: Any, t: float, step: float, count: int, terms: Any, *_: Any) -> None:
         calls[0] += 1
         jitter = noise if calls[0] // 6 % 2 else 0.0
-        now[0] += explanation.TICKS * (1e-6 + jitter + (2e-6 if terms.stribeck is not None else 0.0))
+        now[0] += count * step / explanation.TICK * (1e-6 + jitter + (2e-6 if terms.stribeck is not None else 0.0))
 
     monkeypatch.setattr(fixed_step, "advance", advance)
     monkeypatch.setattr(explanation, "count_calls", lambda _: {"own_calls": {}, "general_calls": {}})

@@ -167,6 +167,7 @@ def scattered(bounds: str, samples: int) -> list[str]:
         ((f"{KINETIC}=0.2:0.3:2", "pressure.mean=-1:2e5:2"), "pressure.mean is -1 Pa"))),
     *(([*over(f"{TORQUE}=10:40:3"), option, value], option[2:]) for option, value in (
         ("--discard", "150"), ("--discard", "some"), ("--discard", "-1"), ("--jobs", "-1"), ("--jobs", "0"),
+        ("--jobs", "1025"),
         ("--solver", "none"), ("--cycles", "0"), ("--rtol", "2"))),
     ([*over(f"{TORQUE}=1:2:3"), "--set", f"{TORQUE}=3"], "itself varies"),
     (["--samples", "4"], "--scatter"), (["--scatter", f"{TORQUE}=1:2"], "--samples"),

@@ -84,6 +84,7 @@ DEFECTS = {  # Columns, shift of the time that is meant, and the words that name
     "no torque at all": (empty("engine_torque", np.s_[:]), 0.0, "empty cells|must name the column"),
     "rows without a time": (empty("t", np.s_[700:720]), 0.0, "without a time|hole|gap"),
     "shuffled": (rows(G.permutation(len(T))), 0.0, "rows were sorted by time"),
+    "backwards": (rows(np.arange(len(T))[::-1]), 0.0, "sorted by time"),
     "swapped": (rows(SWAPPED), 0.0, "sorted by time"),
     "blocks out of order": (rows(np.r_[2000:3000, 0:1000, 1000:2000]), 0.0, "sorted by time"),
     "a reset": (rows(np.r_[0:800, 0:3000]), 0.0, "the times start again 1 time .* only the longest of 2 runs is used"),
@@ -138,6 +139,7 @@ def identified(path, shift):
     return measured.notes
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("verb", [analysed, simulated, identified])
 @pytest.mark.parametrize("name", DEFECTS)
 def test_no_defect_is_silent(tmp_path, name, verb):

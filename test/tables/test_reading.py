@@ -48,6 +48,10 @@ def utf16(path):
                     COLUMNS["engine_speed"] / (2.0 * math.pi)], delimiter="\t", encoding="utf-16")
 
 
+def without_mark(path):
+    return written(path, [*COLUMNS], COLUMNS.values(), delimiter=";", encoding="utf-16-le")
+
+
 def pandas_index(path):
     return written(path, ["", *COLUMNS, "gear", "comment"], [np.arange(len(T)), *COLUMNS.values(), ["D"] * len(T),
                                                            ["a, b" if k % 2 else "" for k in range(len(T))]],
@@ -120,10 +124,12 @@ def mdf(path):
     return path
 
 
-EXPORTS = [german, utf16, pandas_index, date_times, clock_times, epoch, spaces, savetxt, quoted, parquet, matlab, mdf]
+EXPORTS = [german, utf16, without_mark, pandas_index, date_times, clock_times, epoch, spaces, savetxt, quoted, parquet,
+           matlab, mdf]
 WORDS = {german: ["--columns", "slip_speed=n_slip,engine_torque=M_Mot,engine_speed=n_Mot"]}
 SAID = {german: ["read as semicolons and decimal comma, 4 columns, 4 used", "slip_speed from n_slip in 1/min"],
         utf16: ["read as tabs and UTF-16", "t from t in ms", "engine_torque from engine_torque in kN m"],
+        without_mark: ["UTF-16-LE"],
         pandas_index: ["7 columns, 4 used", "passed over: one without a name, gear, comment"],
         date_times: ["read as 2 lines before the names and date-times"],
         clock_times: ["read as date-times"], epoch: ["times in ms since 1970", "slip_speed from Slip Speed"],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 from itertools import combinations
@@ -24,10 +23,20 @@ from tcc_sim.study.views import basin_map, branch_diagram
 from tcc_sim.study.views.branch_diagram import stable_and_unstable
 from tcc_sim.views import estimation, order_maps, overview, style, sweeps, whole_runs
 
+SWEEP = {"over": "engine.frequency", "values": [1.0, 2.0], "max_slip_speed": [1.0, 2.0], "regime": ["stick", "slip"],
+         "period": [1, 0], "section": [[[0.1, 0.0]], [[0.1, 0.0]]], "stick_fraction": [0.5, 0.5],
+         "transient": [False, True], "runaway": [False, False],
+         "lyapunov": [{"exponent": -1.0, "low": -2.0, "high": 0.5, "diagnosis": "periodic"}] * 2}
+LEAST = {sweeps.draw_sweep: 0.5, order_maps.plot_orders: 0.4}
+"""Least height of panels that show little, inches."""
 
+
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(("draw", "values", "width"), [
     (branch_diagram.branch_diagram, BRANCHES, style.COLUMN), (estimation.bode, RESPONSE, style.COLUMN),
     (basin_map.draw_basins, PLANE, style.COLUMN), (order_maps.plot_spectrum, SPECTRUM, style.COLUMN),
+    (sweeps.draw_sweep, SWEEP, style.COLUMN), (sweeps.draw_sweep, SWEEP, style.PAGE),
+    (order_maps.plot_orders, ORDERS, style.PAGE),
     (order_maps.plot_comparison, OrderComparison(ORDERS, ORDERS), style.COLUMN),
     (order_maps.plot_comparison, OrderComparison(ORDERS, ORDERS), style.PAGE)])
 def test_labels_lie_within_the_picture_and_axes_are_no_strips(draw, values, width, laid_out, tmp_path):
@@ -43,7 +52,10 @@ def test_labels_lie_within_the_picture_and_axes_are_no_strips(draw, values, widt
     panels = [axis for axis in drawn.axes if axis.get_label() != "<colorbar>"]
     for axis in panels:
         box = axis.get_window_extent()
-        assert min(box.width, box.height) / drawn.dpi > 1.1
+        assert min(box.width, box.height) / drawn.dpi > LEAST.get(draw, 1.1)
+        legend = axis.get_legend()
+        if legend is not None:
+            assert not axis._left_title.get_window_extent().overlaps(legend.get_window_extent().padded(-1.0))
     for one, other in combinations([axis.get_tightbbox().padded(-2.0) for axis in panels], 2):
         assert not one.overlaps(other)
 
@@ -86,17 +98,6 @@ def test_a_title_is_over_the_picture_and_a_legend_beside_no_panel_title(laid_out
     words = ["simulate", "minimal", "--cycles", "60", "--width", "column", "--title", "Mine $x_{$", "--plot"]
     assert main([*words, str(tmp_path / "a.svg")]) == 0
     assert laid_out[0]._suptitle.get_text() == "Mine $x_{$"  # No formula.
-    sweep = json.loads(json.dumps({
-        "over": "engine.frequency", "values": [1.0, 2.0], "max_slip_speed": [1.0, 2.0], "regime": ["stick", "slip"],
-        "period": [1, 0], "section": [[[0.1, 0.0]], [[0.1, 0.0]]], "stick_fraction": [0.5, 0.5],
-        "transient": [False, True], "runaway": [False, False]}))
-    for width in (style.COLUMN, style.PAGE):
-        sweeps.draw_sweep(tmp_path / f"{width}.png", sweep, width=width)
-        drawn = laid_out[-1]
-        for axis in drawn.axes:
-            if axis.get_legend() is not None:
-                title, legend = axis._left_title.get_window_extent(), axis.get_legend().get_window_extent()
-                assert not title.overlaps(legend)
 
 
 def test_texts_of_events_stand_beside_their_lines_and_are_short() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import socket
 import sys
@@ -375,3 +376,15 @@ def test_every_number_with_a_place_in_a_viewer_is_in_the_layout() -> None:
 def test_a_directory_without_a_recording_gets_none(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no MCAP file"):
         write_layout(tmp_path)
+
+
+def test_ticks_are_round_and_stand_outside_of_the_box() -> None:
+    for raw in np.geomspace(0.011, 97.0, 40):
+        step = layout._step(0.0, 4.0 * float(raw), 4)
+        assert raw * (1.0 - 1e-9) <= step <= 2.5 * raw  # The smallest of 1, 2 and 5 times powers of ten.
+        assert round(step / 10.0 ** math.floor(math.log10(step) + 1e-9), 6) in (1.0, 2.0, 5.0)
+    assert layout._step(0.0, 4.0, 4) == 1.0
+    axes = PhaseAxes((-0.1, 0.3), (-20.0, 60.0))
+    across, along = axes.places()
+    ticks = [[(x, 1.0), (x, 1.02)] for x, _ in across] + [[(0.0, y), (-0.02, y)] for y, _ in along]
+    assert axes.strips()[1:] == ticks
