@@ -67,7 +67,7 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
             np.savez(part, **columns, **more, units=np.array(list(units.values())), scene=np.array(scene_text))
         else:
             hold = _holds(trajectory) if recorded else {}
-            comments = [*scene_text.splitlines(), hold_line(hold)] if recorded else []
+            comments = [*scene_text.splitlines(), "# " + hold_line(hold)] if recorded else []  # A comment of the scene.
             write_columns(part, path.suffix, columns, units, {"scene": scene_text}, hold, comments)
 
 
