@@ -16,7 +16,12 @@ import tcc_sim
 from tcc_sim.views import style
 
 FREQUENCIES = np.linspace(50.0, 300.0, 126)
+BELOW_STICK = np.linspace(50.0, 180.0, 131)
+"""Frequencies up to a little above the judder; all of these clutches stick from 169 rad/s."""
 LOOKS = {"fresh_fluid": ("fresh fluid", style.BLUE), "aged_fluid": ("aged fluid", style.RED)}
+COUPLINGS = {0.0: {"color": style.RED}, 1.0: {"color": style.BLUE, "linestyle": (0, (4, 1.5))},
+             3.0: {"color": style.INK, "linewidth": 2.0}}
+"""Lines by converter.coupling, N m s/rad; they differ in grey too."""
 
 
 def draw_fluids(path: Path, frequencies: np.ndarray = FREQUENCIES) -> Path:
@@ -42,18 +47,17 @@ def draw_fluids(path: Path, frequencies: np.ndarray = FREQUENCIES) -> Path:
         return style.save(drawn, path)
 
 
-def draw_coupling(path: Path, frequencies: np.ndarray = FREQUENCIES) -> Path:
-    """Draw the judder of aged fluid over engine frequency for three values of converter.coupling."""
-    with style.figure(style.PAGE, 2.4) as drawn:
-        axes = drawn.subplots(1, 3, sharex=True, sharey=True)
-        for axis, coupling in zip(axes, (0.0, 1.0, 3.0)):
+def draw_coupling(path: Path, frequencies: np.ndarray = BELOW_STICK) -> Path:
+    """Draw the largest slip speed of aged fluid over engine frequency for three values of converter.coupling."""
+    with style.figure(style.PAGE, 2.8) as drawn:
+        axis = drawn.subplots()
+        for coupling, look in COUPLINGS.items():
             scene = tcc_sim.load_scene("aged_fluid").with_values({"converter.coupling": coupling})
-            swept = tcc_sim.sweep(scene, "engine.frequency", frequencies, cycles=400, discard=200).columns()
-            axis.plot(frequencies, swept["breakaways"] / (200.0 * 2.0 * np.pi / frequencies), linestyle="none",
-                      marker=".", color=style.RED)
-            axis.set(xlabel="engine frequency (rad/s)", ylim=(-1.0, None))
-        axes[0].set(ylabel="breakaways a second")
-        style.panel_titles(axes, [f"$b$ = {coupling:g} N m s/rad" for coupling in (0, 1, 3)])
+            swept = tcc_sim.sweep(scene, "engine.frequency", frequencies, cycles=600, discard=400).columns()
+            axis.plot(frequencies, swept["max_slip_speed"], label=f"$b$ = {coupling:g} N m s/rad", **look)
+        axis.set(xlabel="engine frequency (rad/s)", ylabel="largest slip speed (rad/s)", ylim=(-1.0, None),
+                 xlim=(frequencies[0], frequencies[-1]))
+        axis.legend(loc="upper right")
         return style.save(drawn, path)
 
 

@@ -8,7 +8,7 @@ import sweep_blocks
 import sweep_speed
 from branch_speed import Compared, Followed, auto, auto_installed, coexistence, constants, model, page_lines, runs_of
 from driveline_bags import bag, ticked
-from fluids import draw_coupling, draw_fluids
+from fluids import COUPLINGS, draw_coupling, draw_fluids
 from oracle import smoothed_states
 from soak import figures_of
 
@@ -126,6 +126,15 @@ def test_aged_fluid_judders_and_fresh_fluid_does_not(name: str, sticks: bool) ->
     assert (slip.min() < 0.02) == sticks
     assert 20.0 < slip.max() < 40.0
     assert slip.min() > -1e-2
+
+
+@pytest.mark.parametrize("frequency", [60.0, 110.0])
+def test_the_fluid_beside_the_clutch_takes_slip_from_the_judder(frequency: float) -> None:
+    scenes = [load_scene("aged_fluid").with_values({"converter.coupling": coupling, "engine.frequency": frequency})
+              for coupling in COUPLINGS]
+    none, some, most = (smoothed_states(scene.system, [20.0, 0.1, 0.0, 0.0], 40, 64, rtol=1e-8)[-20 * 64:, 0].max()
+                        for scene in scenes)
+    assert none > 1.2 * some > 1.44 * most
 
 
 ROWS = ticked(load_scene("minimal"), 300)
