@@ -220,9 +220,12 @@ class LoweredStore(NullCache):  # type: ignore[misc]
 
     @classmethod
     def _read(cls, content: bytes, context: Any) -> LoweredFunction | None:
-        """Return a function, as `save_overload` stored it."""
+        """Return a function, as `save_overload` stored it; None if it names a type that is not there."""
         size = 8 + int.from_bytes(content[:8], "little")
-        signature, descriptor, called = pickle.loads(content[8:size])  # noqa: S301  As safe as the code behind it.
+        try:
+            signature, descriptor, called = pickle.loads(content[8:size])  # noqa: S301  As safe as the code behind it.
+        except (ImportError, AttributeError):
+            return None
         library = LoweredLibrary(context.codegen(), descriptor.qualname)
         for name in called:
             if (lowered := cls._function(name, context)) is None:

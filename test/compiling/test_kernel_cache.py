@@ -308,6 +308,17 @@ def test_functions_that_are_damaged_are_compiled_anew(cache, tmp_path):
     assert (out, "least" in names) == (7.0, True)
 
 
+def test_functions_with_types_that_are_gone_are_compiled_anew(cache, tmp_path, monkeypatch):
+    def gone(_content):
+        raise ModuleNotFoundError
+
+    lowered(modules(tmp_path, caller=SEVERAL, name=f"gone_{tmp_path.name}"), 1.0, None)
+    monkeypatch.setattr(linked.pickle, "loads", gone)
+    forget()
+    out, names, _ = lowered(modules(tmp_path, caller=SEVERAL, name=f"gone_{tmp_path.name}"), 1.0, 2.0)
+    assert (out, "least" in names) == (7.0, True)
+
+
 def test_the_order_of_fields_is_part_of_a_kind():
     """Arguments are laid out by position, and the code of a function names only the field."""
     names = set()
