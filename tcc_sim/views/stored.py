@@ -84,7 +84,7 @@ def read_stored(path: Path) -> dict[str, Any]:
     """Return the JSON in a .json or .npz file of a command; `arrays` has the arrays of the .npz.
 
     With a .json, the .npz that the same command wrote with --out is read too, if it is in the same directory or at its
-    recorded place.
+    recorded place. A .json of `demo` is that of `analyse` of the recording beside it.
 
     Raises
     ------
@@ -96,6 +96,8 @@ def read_stored(path: Path) -> dict[str, Any]:
     if path.suffix != ".json":
         raise InputError(f"{path} must end in .json or .npz")
     document = read_json(path)
+    if _demo_wrote(document):
+        document["command"] = ["analyse", str((path.parent / "recording").absolute())]
     arrays_path = getattr(arguments_in(document), "out", None)
     if arrays_path is not None and arrays_path.suffix == ".npz":
         for place in (path.parent / arrays_path.name, arrays_path):
@@ -157,12 +159,21 @@ def arguments_in(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     InputError
-        This version does not accept the command.
+        This version does not accept the command, or it is `demo`, which does not name its recording.
     """
     words = values.get("command")
     if words and not (isinstance(words, list) and all(isinstance(word, str) for word in words)):
         raise InputError("the result is damaged: its command is no list of words")
+    if _demo_wrote(values):
+        raise InputError("a result of demo does not name its recording; give its file, DIR/analysis.json, with the "
+                         "recording beside it")
     return from_later_room("arguments_of")(words) if words else SimpleNamespace()
+
+
+def _demo_wrote(values: Mapping[str, Any]) -> bool:
+    """Return whether `demo` wrote a JSON, whose format is that of `analyse`."""
+    words = values.get("command")
+    return isinstance(words, list) and words[:1] == ["demo"]
 
 
 def kind_of(values: Mapping[str, Any]) -> str:

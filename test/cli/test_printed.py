@@ -9,7 +9,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+import tcc_sim
 from tcc_sim.cli import demo, main
+from tcc_sim.errors import InputError
 from tcc_sim.scene import load_scene
 
 
@@ -82,3 +84,11 @@ def test_a_demo_records_as_long_as_it_says_and_names_its_files(capsys, figures, 
     assert clock[0] == pytest.approx(103.0)
     assert f"\n  rerun {made / 'run.rrd'}\n" in out
     assert {path.name for path in made.iterdir()} >= {"recording", "analysis.json", "run.rrd", "overview.png"}
+    made.rename(tmp_path / "elsewhere")
+    again = printed(capsys, "plot", tmp_path / "elsewhere" / "analysis.json", "--plot", tmp_path / "again.png")
+    assert again == ("analysis.json has no samples: the recording is read again\n"
+                     f"picture in {tmp_path / 'again.png'}\n")
+    first, last = ([line.get_xydata() for axis in drawn.axes for line in axis.lines] for drawn in figures)
+    np.testing.assert_equal(last, first)
+    with pytest.raises(InputError, match="a result of demo does not name its recording"):
+        tcc_sim.plot(json.loads((tmp_path / "elsewhere" / "analysis.json").read_text()))

@@ -17,6 +17,7 @@ from driveline_bags import bag, ticked
 import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
+from tcc_sim.output.provenance import head_of
 from tcc_sim.scene import load_scene
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
@@ -116,6 +117,16 @@ def test_what_has_no_picture_is_refused_in_a_line(content, says, tmp_path, refus
         stored.read_stored(tmp_path / "a.npz")
     with pytest.raises(InputError, match="must end in"):
         stored.read_stored(tmp_path / "a.txt")
+
+
+@pytest.mark.parametrize(("kind", "words"), [
+    ("claims", ["claims"]), ("realtime", ["realtime"]),
+    ("sweep_points", ["sweep", "slip", "--over", "engine.frequency=100,200"]),
+    ("basin_rows", ["basins", "slip", "--plane", "initial.slip_speed=0:1:2", "--plane", "initial.plate_angle=0:1:2"])])
+def test_a_kind_without_a_picture_is_refused_by_its_name(kind, words, tmp_path, refused):
+    """Every other kind is drawn in a test of its own."""
+    (tmp_path / "a.json").write_text(json.dumps(head_of(kind, load_scene("slip"), words)))
+    assert f"there is no picture of a JSON of {kind}" in refused("plot", "a.json", "--plot", "a.pdf")
 
 
 def test_a_picture_is_a_pdf_by_default_and_never_overwritten(figures, tmp_path, monkeypatch, capsys):
