@@ -40,7 +40,7 @@ def operating_points(patch, error):
     """The motion at the nearest of the pressures that have one."""
     patch(operating_point, "_settled", failing(error, {0, 1}, lambda system: (1, np.zeros(3))))
     patch(operating_point, "closed", lambda system, period, state, slip: SimpleNamespace(
-        mean_slip=1.0, system=system, period=period, parts=[SimpleNamespace(state=state)]))
+        mean_slip=1.0, system=system, period=period, segments=[SimpleNamespace(state=state)]))
     return operating_point._from_settled(SYSTEM, 3e5, 20.0, NumericalFailure("none")).mean_slip == 1.0
 
 

@@ -3,12 +3,12 @@
 About a constant motion: continuous matrices of (2a), (2b) with friction's slope (20b). About a periodic motion the
 plant is linear with periodic coefficients. Its frequency response is the harmonic transfer function (N. M. Wereley,
 Analysis and Control of Linear Periodically Time Varying Systems, MIT 1991): the response at the frequency of the input,
-without the others. It follows from the exact derivatives of the parts of the motion. The matrices are then those of the
-cycle-rate model, x[k+1] = A x[k] + B u[k], whose output is the mean over the cycle; it is valid well below half the
-rate of cycles.
+without the others. It follows from the exact derivatives of the segments of the motion. The matrices are then those of
+the cycle-rate model, x[k+1] = A x[k] + B u[k], whose output is the mean over the cycle; it is valid well below half
+the rate of cycles.
 
-The input is constant over each part, and an output is a mean of its ends. Both errors grow with the square of the angle
-by which the input turns in a part. Parts are added until the response of half as many agrees.
+The input is constant over each segment, and an output is a mean of its ends. Both errors grow with the square of the
+angle by which the input turns in a segment. Segments are added until the response of half as many agrees.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tcc_sim.estimation.operating_point import (
     mean_rows,
     operating_point,
     refined,
-    stuck_parts,
+    stuck_segments,
 )
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.estimation.slip_loop import SlipLoop, slip_loop
@@ -267,22 +267,22 @@ def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
 
 
 def response_of(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
-    """Return the harmonic transfer function within DEFAULTS.within; raise InputError if it needs too many parts."""
-    out, count = np.zeros(len(omegas), np.complex128), DEFAULTS.parts
+    """Return the harmonic transfer function within DEFAULTS.within; raise InputError if it needs too many segments."""
+    out, count = np.zeros(len(omegas), np.complex128), DEFAULTS.segments
     left = np.arange(len(omegas))
     while len(left):
-        if count * motion.period > DEFAULTS.most_parts:
-            raise InputError(f"a response at {omegas[left].min():g} rad/s needs more than {DEFAULTS.most_parts} parts "
-                             f"of a motion of {motion.seconds:.4g} s to be right within {100.0 * DEFAULTS.within:g} %; "
-                             "ask for lower frequencies")
+        if count * motion.period > DEFAULTS.most_segments:
+            raise InputError(f"a response at {omegas[left].min():g} rad/s needs more than {DEFAULTS.most_segments} "
+                             f"segments of a motion of {motion.seconds:.4g} s to be right within "
+                             f"{100.0 * DEFAULTS.within:g} %; ask for lower frequencies")
         turn = omegas[left] * motion.system.cycle / count
         ready = left[turn <= DEFAULTS.turn]
         if len(ready):
-            if count * motion.period > len(motion.parts):
+            if count * motion.period > len(motion.segments):
                 motion = refined(motion, count)
             out[ready] = harmonic_transfer(motion, inputs, output, omegas[ready])
             half = harmonic_transfer(halved(motion), inputs, output, omegas[ready])
-            # The error is of second order in the length of the parts: a third of the difference; half is assumed.
+            # The error is of second order in the length of the segments: a third of the difference; half is assumed.
             good = np.abs(out[ready] - half) <= 2.0 * DEFAULTS.within * np.abs(out[ready])
             left = np.setdiff1d(left, ready[good])
         count *= 2
@@ -292,24 +292,24 @@ def response_of(motion: Periodic, inputs: str, output: str, omegas: Floats) -> C
 def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
     """Return H0(i omega): the output's component at omega for an input exp(i omega t), without the others.
 
-    The input is constant over each part, at its value in the middle. The disturbed motion repeats except for exp(i
+    The input is constant over each segment, at its value in the middle. The disturbed motion repeats except for exp(i
     omega t), so that its start follows from one linear equation. The component at omega is a mean over the period, to
-    second order in the parts' length even where slip ends.
+    second order in the segments' length even where slip ends.
     """
-    parts, column, d = motion.parts, list(INPUTS).index(inputs), motion.system.driveline
-    h = motion.seconds / len(parts)
-    maps = np.array([p.by_state for p in parts])
-    forces = np.array([p.by_input[:, column] for p in parts])
+    segments, column, d = motion.segments, list(INPUTS).index(inputs), motion.system.driveline
+    h = motion.seconds / len(segments)
+    maps = np.array([each.by_state for each in segments])
+    forces = np.array([each.by_input[:, column] for each in segments])
     omega = omegas[:, None]
     whole_map, response = np.eye(3), np.zeros((len(omegas), 3), complex)
-    for i in range(len(parts)):
+    for i in range(len(segments)):
         whole_map = maps[i] @ whole_map
         response = response @ maps[i].T + np.exp(1j * omega * (i + 0.5) * h) * forces[i]
     turned = np.exp(1j * omegas * motion.seconds)[:, None, None] * np.eye(3) - whole_map
     state = np.linalg.solve(turned, response[:, :, None])[:, :, 0]
     slip, angle = np.zeros((2, len(omegas)), np.complex128)
-    start, stuck, inertias = state, stuck_parts(motion), 1.0 + d.plate_inertia / d.flywheel_inertia
-    for i in range(len(parts)):
+    start, stuck, inertias = state, stuck_segments(motion), 1.0 + d.plate_inertia / d.flywheel_inertia
+    for i in range(len(segments)):
         state = state @ maps[i].T + np.exp(1j * omega * (i + 0.5) * h) * forces[i]
         end = state * np.exp(-1j * omega * (i + 1) * h)
         mean, turn = 0.5 * (start + end), end[:, 1] - start[:, 1]
@@ -319,9 +319,9 @@ def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats
         slip += mean[:, 0] + inertias * jump
         start = end
     if output == "slip_speed":
-        return slip / len(parts)
-    shaft = (d.stiffness + 1j * omegas * d.damping) * angle / len(parts)
+        return slip / len(segments)
+    shaft = (d.stiffness + 1j * omegas * d.damping) * angle / len(segments)
     if output == "friction_torque":   # (2b)
-        shaft = shaft + (linear_of(motion.system).plate_by_slip or 0.0) * slip / len(parts)
-        shaft = shaft - d.plate_inertia * omegas**2 * angle / len(parts)
+        shaft = shaft + (linear_of(motion.system).plate_by_slip or 0.0) * slip / len(segments)
+        shaft = shaft - d.plate_inertia * omegas**2 * angle / len(segments)
     return np.asarray(shaft, np.complex128)

@@ -70,7 +70,7 @@ def _driven(motion: Constant | Periodic, pressure: bool, sine: tuple[float, floa
     terms, stepper, out = terms_of(system), Stepper(system, step), np.empty((ticks, 3))
     # At a constant slip speed the spring carries the mean torque.
     still = system.engine.mean_torque / system.driveline.stiffness
-    stepper.state[:3] = motion.parts[0].state if isinstance(motion, Periodic) else (motion.mean_slip, still, 0.0)
+    stepper.state[:3] = motion.segments[0].state if isinstance(motion, Periodic) else (motion.mean_slip, still, 0.0)
     (height, omega, lead), settings = sine, system.pressure
     plates = settings.mean
     for k in range(ticks):

@@ -1,7 +1,7 @@
 """The settled motion about which a driveline is linearised: constant, or periodic with the engine.
 
-For both friction laws. A periodic motion is cut into parts, each with its exact derivatives by its start and by an
-input (`solvers.*.stroboscopic`); the product of its parts is the effect of a small change on the whole motion.
+For both friction laws. A periodic motion is cut into segments, each with its exact derivatives by its start and by an
+input (`solvers.*.stroboscopic`); the product of its segments is the effect of a small change on the whole motion.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
 """Scene keys whose change is that of the actuation pressure and of the engine torque."""
 
 
-class Part(NamedTuple):
-    """A part of a periodic motion.
+class MotionSegment(NamedTuple):
+    """A segment of a periodic motion.
 
     state : (3,) slip speed, plate angle, plate speed at its start
     by_state : (3, 3) derivative of the state at its end by that at its start
-    by_input : (3, 2) derivative by the mean pressure (Pa) and the mean engine torque (N m), constant over the part
+    by_input : (3, 2) derivative by the mean pressure (Pa) and the mean engine torque (N m), constant over the segment
     """
 
     state: Floats
@@ -46,7 +46,7 @@ class Part(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """Derivatives of the states between parts by the motion's start and the inputs, (n + 1, 3, 3), (n + 1, 3, 2)."""
+    """Derivatives of the states between segments by the motion's start and the inputs, (n + 1, 3, 3), (n + 1, 3, 2)."""
 
     by_state: Floats
     by_input: Floats
@@ -72,19 +72,19 @@ class Periodic:
     """A motion that repeats with the engine.
 
     period : engine cycles
-    parts : in order, over the whole period
+    segments : in order, over the whole period
     mean_slip : rad/s
     """
 
     system: System
     period: int
-    parts: list[Part]
+    segments: list[MotionSegment]
     mean_slip: float
 
     @cached_property
     def carried(self) -> Carried:
-        """Derivatives of the states between the parts."""
-        return _carried(self.parts)
+        """Derivatives of the states between the segments."""
+        return _carried(self.segments)
 
     @property
     def seconds(self) -> float:
@@ -133,7 +133,7 @@ def _from_settled(system: System, pressure: float, slip: float, failed: Numerica
             continue
     for near in sorted(motions, key=lambda motion: abs(motion.mean_slip - slip)):
         try:
-            return closed(near.system, near.period, near.parts[0].state, slip)
+            return closed(near.system, near.period, near.segments[0].state, slip)
         except NumericalFailure:
             continue
     raise failed
@@ -217,16 +217,16 @@ def closed(system: System, period: int, state: Floats, slip: float | None) -> Pe
         try:
             if not 0.0 < load <= 1e7:
                 raise NumericalFailure("the pressure is out of its range")
-            parts, end = _parts(replace(system, {PRESSURE: load}), period, trial)
-            carried, weights = _carried(parts), simpson(len(parts))
-            mean = float(weights @ [*(p.state[0] for p in parts), end[0]])
+            segments, end = _segments(replace(system, {PRESSURE: load}), period, trial)
+            carried, weights = _carried(segments), simpson(len(segments))
+            mean = float(weights @ [*(each.state[0] for each in segments), end[0]])
             residual = np.append((end - trial) / SCALES, 0.0 if slip is None else (mean - slip) / SCALES[0])
             norm = float(np.abs(residual).max())
         except NumericalFailure:
             norm = math.inf
         if norm < DEFAULTS.closed:
-            parts[0] = _landed(system, parts[0])
-            return Periodic(replace(system, {PRESSURE: load}), period, parts, mean)
+            segments[0] = _landed(system, segments[0])
+            return Periodic(replace(system, {PRESSURE: load}), period, segments, mean)
         if norm >= least:
             damping *= 0.5
             if damping < 1e-4:
@@ -247,65 +247,67 @@ def closed(system: System, period: int, state: Floats, slip: float | None) -> Pe
                            f"{least:.1e} in natural sizes")
 
 
-def _carried(parts: list[Part]) -> Carried:
-    """Return derivatives of every part's start, and of the end, by the start of the motion and by the inputs."""
+def _carried(segments: list[MotionSegment]) -> Carried:
+    """Return derivatives of every segment's start, and of the end, by the start of the motion and by the inputs."""
     by_state, by_input = [np.eye(3)], [np.zeros((3, 2))]
-    for part in parts:
-        by_state.append(part.by_state @ by_state[-1])
-        by_input.append(part.by_state @ by_input[-1] + part.by_input)
+    for segment in segments:
+        by_state.append(segment.by_state @ by_state[-1])
+        by_input.append(segment.by_state @ by_input[-1] + segment.by_input)
     return Carried(np.array(by_state), np.array(by_input))
 
 
-def _landed(system: System, part: Part) -> Part:
-    """Return a part that begins in stick of the set-valued law, with its derivative by a slip speed just before it.
+def _landed(system: System, segment: MotionSegment) -> MotionSegment:
+    """Return a segment that begins in stick of the set-valued law, with its derivative by a slip speed just before it.
 
     Slip ends at once and preserves I1 v + (I1 + I2) theta2', so that v acts like a plate speed of I1/(I1 + I2) v.
     """
-    if part.by_state[:, 0].any():
-        return part
+    if segment.by_state[:, 0].any():
+        return segment
     d = system.driveline
-    by_state = part.by_state.copy()
+    by_state = segment.by_state.copy()
     by_state[:, 0] = d.flywheel_inertia / (d.flywheel_inertia + d.plate_inertia) * by_state[:, 2]
-    return part._replace(by_state=by_state)
+    return segment._replace(by_state=by_state)
 
 
 def refined(motion: Periodic, count: int) -> Periodic:
-    """Return the same motion in `count` parts a cycle."""
-    return dataclasses.replace(motion, parts=_parts(motion.system, motion.period, motion.parts[0].state, count)[0])
+    """Return the same motion in `count` segments a cycle."""
+    segments, _ = _segments(motion.system, motion.period, motion.segments[0].state, count)
+    return dataclasses.replace(motion, segments=segments)
 
 
 def halved(motion: Periodic) -> Periodic:
-    """Return the same motion in half as many parts."""
-    first, second = motion.parts[::2], motion.parts[1::2]
-    parts = [Part(a.state, b.by_state @ a.by_state, b.by_state @ a.by_input + b.by_input)
-             for a, b in zip(first, second)]
-    return dataclasses.replace(motion, parts=parts)
+    """Return the same motion in half as many segments."""
+    first, second = motion.segments[::2], motion.segments[1::2]
+    segments = [MotionSegment(a.state, b.by_state @ a.by_state, b.by_state @ a.by_input + b.by_input)
+                for a, b in zip(first, second)]
+    return dataclasses.replace(motion, segments=segments)
 
 
-def _parts(system: System, period: int, state: Floats, count: int = DEFAULTS.parts) -> tuple[list[Part], Floats]:
-    """Return the parts from `state` on, `count` a cycle, and the state at their end."""
+def _segments(system: System, period: int, state: Floats,
+              count: int = DEFAULTS.segments) -> tuple[list[MotionSegment], Floats]:
+    """Return the segments from `state` on, `count` a cycle, and the state at their end."""
     of = Prepared(system, (PRESSURE, TORQUE), DEFAULTS.rtol)
-    parts = []
+    segments = []
     for cycle in range(period):
         for i in range(count):
             image = of.over(state, cycle + i / count, cycle + (i + 1) / count)
             if not np.isfinite(image.state).all():
                 raise NumericalFailure("the state is not finite")
-            parts.append(Part(state, image.derivative, image.by_parameter))
+            segments.append(MotionSegment(state, image.derivative, image.by_parameter))
             state = image.state
-    return parts, state
+    return segments, state
 
 
-def simpson(parts: int) -> Floats:
-    """Return the weights of Simpson's rule for a mean over an even number of parts, (parts + 1,)."""
-    weights = np.where(np.arange(parts + 1) % 2 == 1, 4.0, 2.0)
+def simpson(segments: int) -> Floats:
+    """Return the weights of Simpson's rule for a mean over an even number of segments, (segments + 1,)."""
+    weights = np.where(np.arange(segments + 1) % 2 == 1, 4.0, 2.0)
     weights[[0, -1]] = 1.0
-    return weights / (3.0 * parts)
+    return weights / (3.0 * segments)
 
 
-def stuck_parts(motion: Periodic) -> NDArray[np.bool_]:
-    """Return whether each part starts and ends in stick, (n,)."""
-    speeds = np.abs([*(part.state[0] for part in motion.parts), motion.parts[0].state[0]])
+def stuck_segments(motion: Periodic) -> NDArray[np.bool_]:
+    """Return whether each segment starts and ends in stick, (n,)."""
+    speeds = np.abs([*(segment.state[0] for segment in motion.segments), motion.segments[0].state[0]])
     stuck = speeds <= stick_speed_of(terms_of(motion.system))
     return np.asarray(stuck[:-1] & stuck[1:])
 
@@ -316,7 +318,7 @@ def mean_rows(motion: Periodic) -> tuple[Floats, Floats]:
     Rows: slip speed, plate angle, plate speed. Samples give no mean of a quantity that jumps where slip ends. The mean
     of the plate speed is the change of its angle, and I1 v + (I1 + I2) theta2' does not jump.
     """
-    d, h, slips = motion.system.driveline, motion.seconds / len(motion.parts), ~stuck_parts(motion)
+    d, h, slips = motion.system.driveline, motion.seconds / len(motion.segments), ~stuck_segments(motion)
     rows = []
     for carried in (motion.carried.by_state, motion.carried.by_input):
         mean, turn = 0.5 * (carried[:-1] + carried[1:]), np.diff(carried[:, 1], axis=0) / h

@@ -15,9 +15,9 @@ from tcc_sim.model.quantity import quantity
 class Settings:
     """Settings of the check of measurements, the search for motions, and their responses."""
 
-    parts: int = quantity(512, "fewest parts of a period of excitation; even, for Simpson's rule")
-    most_parts: int = quantity(65536, "most parts of a motion, over each of which an input is held")
-    turn: float = quantity(0.4, "most of a period of the input in one part", "rad")
+    segments: int = quantity(512, "fewest segments of a period of excitation; even, for Simpson's rule")
+    most_segments: int = quantity(65536, "most segments of a motion, over each of which an input is held")
+    turn: float = quantity(0.4, "most of a period of the input in one segment", "rad")
     still_slip: float = quantity(1e-9, "slip speed of a section of the set-valued law that counts as stick", "rad/s")
     within: float = quantity(0.01, "largest relative error of a response")
     pressures: tuple[float, float, int] = (0.95, 2.0, 16)

@@ -117,7 +117,7 @@ class _Loop:
     def about(motion: Constant | Periodic, ticks: int, gains: tuple[float, float]) -> _Loop:
         """Return the loop about a motion."""
         if isinstance(motion, Periodic):
-            maps = [(part.by_state, part.by_input[:, 0]) for part in refined(motion, ticks).parts]
+            maps = [(segment.by_state, segment.by_input[:, 0]) for segment in refined(motion, ticks).segments]
         else:
             a, b, *_ = matrices_of(motion, True)
             held = expm(np.block([[a, b], [np.zeros((1, 4))]]) * motion.system.cycle / ticks)
@@ -238,7 +238,7 @@ def _with_slip(motion: Constant | Periodic, slip: float) -> Constant | Periodic:
     """Return the motion of another mean slip speed, near this one if there is one."""
     if isinstance(motion, Periodic):
         try:
-            return closed(motion.system, motion.period, motion.parts[0].state, slip)
+            return closed(motion.system, motion.period, motion.segments[0].state, slip)
         except NumericalFailure:
             pass
     return operating_point(motion.system, slip)

@@ -92,14 +92,14 @@ def test_slip_without_slope_is_the_integrator_behind_the_plate() -> None:
 
 @pytest.mark.parametrize(("engine", "amplitude", "highest"), [(5.0, 12.0, 400.0), (150.0, 120.0, 2e4)])
 def test_a_response_is_within_one_percent_or_refused(engine: float, amplitude: float, highest: float) -> None:
-    """Slip alone, as above: coarse parts were 22 % off at 387 rad/s for an engine at 2 rad/s."""
+    """Slip alone, as above: coarse segments were 22 % off at 387 rad/s for an engine at 2 rad/s."""
     scene = CONTROLLED.with_values({"friction.kinetic_coefficient": 0.3, "engine.frequency": engine,
                                     "engine.torque_amplitude": amplitude})
     omegas = np.geomspace(3.0, highest, 4)
     result, s = linearise(scene, slip=30.0, frequencies=omegas), 1j * omegas
     exact = -0.3 * 0.08 * 0.1 * (1.0 / (0.2 * s) + s / (0.02 * s**2 + 0.6 * s + 3000.0))
     assert np.abs(result.response / exact - 1.0).max() < 0.01
-    with pytest.raises(InputError, match=r"1e\+06 rad/s needs more than 65536 parts"):
+    with pytest.raises(InputError, match=r"1e\+06 rad/s needs more than 65536 segments"):
         linearise(scene, slip=30.0, frequencies=[10.0, 1e6])
 
 
@@ -135,7 +135,7 @@ def test_a_set_valued_motion_that_sticks_is_found_and_its_section_differentiated
     """
     motion = operating_point(CONTROLLED.with_values({"friction.law": "set_valued"}).system, 6.0)
     assert motion.system.pressure.mean == pytest.approx(101226.4, abs=0.2)
-    start, cycle = motion.parts[0].state, motion.system.cycle
+    start, cycle = motion.segments[0].state, motion.system.cycle
 
     def after(slip_speed: float) -> np.ndarray:
         named = {"initial.slip_speed": slip_speed, "initial.plate_angle": start[1], "initial.plate_speed": start[2],
@@ -179,8 +179,9 @@ def test_a_lag_and_a_delay_of_the_actuator_cost_the_phase_of_their_closed_form()
     np.testing.assert_allclose(*torque, rtol=1e-12)
 
 
-def test_means_of_cubics_over_the_parts_of_a_cycle_are_exact() -> None:
-    assert simpson(DEFAULTS.parts) @ np.linspace(0.0, 1.0, DEFAULTS.parts + 1) ** 3 == pytest.approx(0.25, rel=1e-12)
+def test_means_of_cubics_over_the_segments_of_a_cycle_are_exact() -> None:
+    ends = np.linspace(0.0, 1.0, DEFAULTS.segments + 1)
+    assert simpson(DEFAULTS.segments) @ ends**3 == pytest.approx(0.25, rel=1e-12)
 
 
 def test_outputs_balance_where_slip_ends_within_a_part() -> None:
