@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.multipliers import largest_first, multipliers_of
 from tcc_sim.errors import InputError, counted
-from tcc_sim.estimation.constant_motion import matrices_of
 from tcc_sim.estimation.operating_point import (
     Constant,
     Periodic,
     halved,
+    matrices_of,
     mean_rows,
     operating_point,
     refined,

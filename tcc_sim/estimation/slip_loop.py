@@ -21,8 +21,7 @@ from scipy.optimize import brentq
 
 from tcc_sim.analysis.multipliers import largest_first
 from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
-from tcc_sim.estimation.constant_motion import matrices_of
-from tcc_sim.estimation.operating_point import Constant, Periodic, closed, operating_point, refined
+from tcc_sim.estimation.operating_point import Constant, Periodic, closed, matrices_of, operating_point, refined
 from tcc_sim.model.parameters import System
 from tcc_sim.result import Described, reported
 from tcc_sim.sweeps.progress import progress_bar
