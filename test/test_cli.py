@@ -83,6 +83,15 @@ def test_every_verb_is_in_one_group_and_a_misspelt_one_gets_a_suggestion(refused
     assert "see tcc-sim --help" in refused("xyzzy")
 
 
+@pytest.mark.parametrize(("words", "says"), [
+    (["analyse", "a.csv", "--pulses", "1.5"], "'1.5' must be a whole number from 1 to 10000\n"),
+    (["fmu", "slip", "--step", "x"], "'x' must be a number from 5e-05 to 1 s\n"),
+    (["demo", "--duration", "nan"], "'nan' must be a number from 0.5 to 86400 s\n"),
+    (["control", "torque", "x"], "'x' must be a number\n")])
+def test_what_an_option_takes_is_named(words: list[str], says: str, refused: Callable[..., str]) -> None:
+    assert says in refused(*words)
+
+
 @pytest.mark.parametrize(("value", "says"), [
     ("0.01499999999", "is 0.01499999999; it must be 0.015 to 6, one twentieth"), ("0.01", "is 0.01;")])
 def test_numbers_that_differ_are_told_apart(value: str, says: str, refused: Callable[..., str]) -> None:

@@ -75,6 +75,12 @@ def test_what_cannot_be_written_is_one_line_and_no_file(words: list[str], senten
     assert sentence in refused("fmu", *words)
 
 
+def test_a_step_is_at_least_the_shortest_tick(tmp_path: Path, refused: Callable[..., str]) -> None:
+    words = ["fmu", "slip", "--sources-only", "--out", str(tmp_path / "a.fmu"), "--step"]
+    assert main([*words, "5e-5"]) == 0
+    assert "must be a number from 5e-05 to 1 s" in refused(*words, "4.9e-5")
+
+
 def test_what_the_printer_does_not_know_it_refuses_and_names() -> None:
     def third(x: float) -> float:
         return x ** 3
