@@ -64,7 +64,7 @@ def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Atte
 
 def each_done(attendance: Attendance, take: Callable[[], Task | None],
               submit: Callable[[Task], Future[Done]]) -> Iterator[tuple[Task, Done]]:
-    """Yield tasks with their results as they complete.
+    """Yield tasks with their results as they complete, those before a failure of the same moment first.
 
     Few tasks are submitted ahead, so that memory does not grow and Ctrl-C takes effect soon.
 
@@ -77,7 +77,7 @@ def each_done(attendance: Attendance, take: Callable[[], Task | None],
                 running[submit(task)] = task
             if not running:
                 return
-            for future in first_done(running, attendance):
+            for future in sorted(first_done(running, attendance), key=lambda future: future.exception() is not None):
                 yield running.pop(future), future.result()
     finally:
         for future in running:

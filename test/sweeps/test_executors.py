@@ -6,12 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 
 from tcc_sim.errors import WorkersLost
-from tcc_sim.sweeps.executors import each_in_a_process
+from tcc_sim.sweeps.executors import Attendance, each_done, each_in_a_process
 
 REFUSED = """
 import multiprocessing
@@ -52,6 +54,23 @@ def test_a_killed_process_costs_only_what_it_had_in_hand(tmp_path: Path) -> None
 def test_work_that_kills_whoever_does_it_is_given_up_in_one_line() -> None:
     with pytest.raises(WorkersLost, match=r"0 of 2 parts were done$"):
         each_in_a_process(killed, [1, 2], 2)
+
+
+@pytest.mark.parametrize("failing", range(4))
+def test_what_is_done_at_the_moment_of_a_failure_is_kept(failing: int) -> None:
+    def submit(task: int) -> Future[int]:
+        future: Future[int] = Future()
+        if task == failing:
+            future.set_exception(KeyboardInterrupt())
+        else:
+            future.set_result(task)
+        return future
+
+    tasks: Iterator[int] = iter(range(4))
+    kept: list[int] = []
+    with pytest.raises(KeyboardInterrupt):
+        kept.extend(result for _, result in each_done(Attendance(4), lambda: next(tasks, None), submit))
+    assert sorted(kept) == [k for k in range(4) if k != failing]
 
 
 def test_one_part_is_done_here() -> None:
