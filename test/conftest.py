@@ -71,7 +71,22 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 @pytest.fixture
 def laid_out(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Every figure that is saved, laid out but not drawn; its file is empty. Skips without matplotlib."""
+    """Every figure that is saved, laid out but not drawn, with the ticks that it is saved with: the number of ticks
+    depends on the style, which no longer applies. Its file is empty. Skips without matplotlib.
+    """
+    pytest.importorskip("matplotlib")
+    from matplotlib.ticker import FixedLocator
+
+    from tcc_sim.views import style
+
+    lay_out = style.lay_out
+
+    def held(drawn: Any) -> None:
+        lay_out(drawn)
+        for axis in (each for axes in drawn.axes for each in (axes.xaxis, axes.yaxis)):
+            axis.set_major_locator(FixedLocator(axis.get_majorticklocs()))
+
+    monkeypatch.setattr(style, "lay_out", held)
     return _saved(monkeypatch, "lay_out")
 
 

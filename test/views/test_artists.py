@@ -36,7 +36,7 @@ LEAST = {sweeps.draw_sweep: 0.5, order_maps.plot_orders: 0.4}
     (branch_diagram.branch_diagram, BRANCHES, style.COLUMN), (estimation.bode, RESPONSE, style.COLUMN),
     (basin_map.draw_basins, PLANE, style.COLUMN), (order_maps.plot_spectrum, SPECTRUM, style.COLUMN),
     (sweeps.draw_sweep, SWEEP, style.COLUMN), (sweeps.draw_sweep, SWEEP, style.PAGE),
-    (order_maps.plot_orders, ORDERS, style.PAGE),
+    (order_maps.plot_orders, ORDERS, style.COLUMN), (order_maps.plot_orders, ORDERS, style.PAGE),
     (order_maps.plot_comparison, OrderComparison(ORDERS, ORDERS), style.COLUMN),
     (order_maps.plot_comparison, OrderComparison(ORDERS, ORDERS), style.PAGE)])
 def test_labels_lie_within_the_picture_and_axes_are_no_strips(draw, values, width, laid_out, tmp_path):

@@ -63,10 +63,17 @@ def run(**more: Any) -> Any:
     return tcc_sim.simulate("fig02", cycles=40, samples_per_cycle=100, **more).trajectory
 
 
+class Twin(SimpleNamespace):
+    """A run beside a recording."""
+
+    def __str__(self) -> str:
+        return "rms difference 1 rad/s"
+
+
 def twin() -> Any:
     """A run beside a recording that is shorter."""
-    return SimpleNamespace(trajectory=SimpleNamespace(t=T, slip_speed=T, cycle=0.1), t=T, slip_speed=T + 1.0,
-                           difference=np.ones(31))
+    return Twin(trajectory=SimpleNamespace(t=T, slip_speed=T, cycle=0.1), t=T, slip_speed=T + 1.0,
+                difference=np.ones(31))
 
 
 def control() -> Control:
@@ -130,6 +137,7 @@ def test_every_function_that_makes_a_picture_has_a_row() -> None:
     assert values == {*PICTURES, "drawings.draw"}  # The latter is in test_drawings.
 
 
+@pytest.mark.filterwarnings("error:constrained_layout not applied")
 @pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
 @pytest.mark.parametrize("name", PICTURES)
 def test_entries_of_legends_are_in_view_and_cover_nothing(name: str, width: float, laid_out: list[Any], tmp_path: Path
