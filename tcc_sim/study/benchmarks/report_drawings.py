@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tcc_sim.study.benchmarks.peers import SINGLE
+from tcc_sim.study.benchmarks.work_precision import FROM_START
 from tcc_sim.views import style
 from tcc_sim.views.stored import Record
 from tcc_sim.views.sweeps import edges, numbers
@@ -97,9 +98,10 @@ def _draw(stem: Path, rows: Sequence[Sequence[tuple[list[StudiedScene], str]]], 
                 axis.set(xscale="log", yscale="log", ylim=(1e-15, 2.0))
                 axis.set_yticks([1e-12, 1e-8, 1e-4, 1.0])
                 if by_scene and not number:
-                    axis.set_title(f"({next(letters)}) {records[0].scene}", pad=34.0)
-                    axis.text(0.0, 1.03, _wrapped(records[0].description), transform=axis.transAxes, fontsize=6.5,
-                              va="bottom")
+                    scene, start, _ = records[0].scene.partition(FROM_START)
+                    axis.set_title(f"({next(letters)}) {scene}", pad=34.0)
+                    axis.text(0.0, 1.03, _wrapped("; ".join(filter(None, (start.strip(), records[0].description)))),
+                              transform=axis.transAxes, fontsize=6.5, va="bottom")
                 elif not by_scene:
                     axis.set_title(f"({next(letters)}) {group}", fontsize=7.5 if wide else 6.5, pad=3.0)
             line[0].set_ylabel(panels[0][1] if by_scene else "error of the section" if key == "error_section" else
