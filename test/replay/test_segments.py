@@ -130,7 +130,8 @@ def test_a_target_that_is_given_is_that_of_a_recorded_one(tmp_path):
     recorded = replay(bag(tmp_path / "one", rows, SLIP, targets=[(0, 20.0), (3001, 50.0)])).segments
     bare = bag(tmp_path / "two", rows, SLIP)
     given = replay(bare, target={0.0: 20.0, 3.0005: 50.0})
-    assert [s.tracking for s in given.segments] == [s.tracking for s in recorded]
+    # By their text: a nan equals itself there, and from Python 3.13 on no longer as a field.
+    assert [repr(s.tracking) for s in given.segments] == [repr(s.tracking) for s in recorded]
     assert given.segments[1].changes == {"target_slip_speed": 50.0}
     (whole,) = replay(bare, target=20.0).segments
     assert whole.tracking.verdict == "off target"
