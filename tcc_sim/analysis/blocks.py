@@ -6,12 +6,10 @@ Operations on arrays and one compiled call judge all runs together; a run whose 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tcc_sim.analysis.periodicity import Periodicity, longest_tried, of_points
+from tcc_sim.analysis.periodicity import Periodicity, drifts, finely_repeated, longest_tried, of_points
 from tcc_sim.analysis.repetition import repetitions
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.summary import Span, Summary, section_of, slip_grows, sums_from, without_section
@@ -34,7 +32,9 @@ def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
     points = section / _sizes_of(section, high, low)[:, None]
     repeating = ([Periodicity(*each, most) for each in repetitions(points, most, DEFAULTS.tolerance)] if most else
                  [of_points(each, most, DEFAULTS.tolerance) for each in points])
-    drifts = _drift(np.maximum(np.abs(high), np.abs(low)), np.array([not each.period for each in repeating]))
+    without = np.array([not each.period for each in repeating])
+    drifting = without.copy()
+    drifting[without] = drifts(np.maximum(np.abs(high), np.abs(low))[without])
     loads = runs.loads
     sums = zip(loads[:, 0].sum(axis=1).tolist(), loads[:, 1].max(axis=1).tolist(), loads[:, 2].max(axis=1).tolist(),
                loads[:, 3].min(axis=1).tolist(), loads[:, 4].sum(axis=1).tolist(), loads[:, 5].sum(axis=1).tolist())
@@ -45,7 +45,7 @@ def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
         since = first[k] * cycles[k]
         span = Span(since, since + count * cycles[k])
         summary = without_section(
-            repeating[k], away[k], drifts[k], span, sums_from(top, bottom, stuck, span.seconds, each),
+            repeating[k], away[k], bool(drifting[k]), span, sums_from(top, bottom, stuck, span.seconds, each),
             cycles=count + dropped, dropped=dropped, solver=runs.solver, elapsed=seconds)
         out.append(summary)
         sections.append(section_of(section[k, 1:], first[k], summary.period))
@@ -60,9 +60,7 @@ def confirmed_by_repetition(runs: Runs, summaries: Sequence[Summary], counts: Se
         points = runs.section[at, max(runs.section.shape[1] - counts[at[0]] - period, 0):]
         if points.shape[1] < counts[at[0]] + period:
             continue
-        apart = np.abs(points[:, period:] - points[:, :-period]).max(axis=1)
-        near = (apart <= DEFAULTS.fine * np.abs(points).max(axis=1)).all(axis=1)
-        for k, close in zip(at, near.tolist()):
+        for k, close in zip(at, finely_repeated(points, period).tolist()):
             fine[k] = close
     return fine
 
@@ -82,17 +80,3 @@ def _sizes_of(section: Floats, high: Floats, low: Floats) -> Floats:
     fast, far = np.maximum(speed, 1e-6 * angle), np.maximum(angle, 1e-6 * speed)
     fast, far = np.where(fast == 0.0, 1.0, fast), np.where(far == 0.0, 1.0, far)
     return np.stack([fast, far, fast], axis=1)
-
-
-def _drift(largest: Floats, chosen: NDArray[np.bool_]) -> list[bool]:
-    """Return `cycles_drift` by the largest slip speeds, (m, N), of those runs that are asked for; False for others."""
-    out, width = chosen.copy(), largest.shape[1] // 4
-    if width < 2 or not chosen.any():
-        return list(out.tolist())
-    rows = largest[chosen]
-    quarters = rows[:, rows.shape[1] - 4 * width:].reshape(len(rows), 4, width)
-    means, error = quarters.mean(axis=2), np.sqrt(quarters.var(axis=2).mean(axis=1) * 2.0 / width)
-    change: Any = np.diff(means, axis=1)
-    least = np.maximum(DEFAULTS.drift * error, DEFAULTS.tolerance * rows.max(axis=1))
-    out[chosen] = (np.abs(change.sum(axis=1)) > least) & ((change > 0.0).all(axis=1) | (change < 0.0).all(axis=1))
-    return list(out.tolist())

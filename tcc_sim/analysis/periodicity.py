@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.analysis.repetition import repetitions
 from tcc_sim.analysis.settings import DEFAULTS
@@ -71,20 +73,26 @@ def of_points(points: Floats, most: int, tolerance: float) -> Periodicity:
 
 
 def cycles_drift(cycles: Cycles) -> bool:
-    """Return whether the largest slip speeds of cycles without a period still grow or decay.
+    """Return whether the largest slip speeds of cycles without a period still grow or decay (`drifts`)."""
+    return bool(drifts(cycles.largest[np.isfinite(cycles.largest)][None])[0])
+
+
+def drifts(largest: Floats) -> NDArray[np.bool_]:
+    """Return whether the largest slip speeds of each run, (m, N), still grow or decay.
 
     The means over their quarters change in one direction, in all by more than `DEFAULTS.drift` standard errors, which
     is rare for a torus or chaos, and by more than the tolerance. Too few cycles for quarters count as a drift.
     """
-    largest = cycles.largest[np.isfinite(cycles.largest)]
-    width = len(largest) // 4
+    runs, width = len(largest), largest.shape[1] // 4
     if width < 2:
-        return True
-    quarters = largest[len(largest) - 4 * width:].reshape(4, width)
-    means, error = quarters.mean(axis=1), math.sqrt(float(quarters.var(axis=1).mean()) * 2.0 / width)
-    change = np.diff(means)
-    return bool(abs(change.sum()) > max(DEFAULTS.drift * error, DEFAULTS.tolerance * largest.max())
-                and (np.all(change > 0.0) or np.all(change < 0.0)))
+        return np.ones(runs, np.bool_)
+    quarters = largest[:, largest.shape[1] - 4 * width:].reshape(runs, 4, width)
+    means, error = quarters.mean(axis=2), np.sqrt(quarters.var(axis=2).mean(axis=1) * 2.0 / width)
+    change: Any = np.diff(means, axis=1)
+    least = np.maximum(DEFAULTS.drift * error, DEFAULTS.tolerance * largest.max(axis=1))
+    out: NDArray[np.bool_] = (np.abs(change.sum(axis=1)) > least) & (
+        (change > 0.0).all(axis=1) | (change < 0.0).all(axis=1))
+    return out
 
 
 def enough_after_a_gap(cycles: Cycles) -> bool:
@@ -113,10 +121,14 @@ def repeats_finely(cycles: Cycles, period: int, count: int) -> bool:
     A difference that grew from rounding to `fine` in so many cycles needs more cycles to leave.
     """
     points = cycles.section[-count - period:]
-    if len(points) < count + period:
-        return False
-    apart: Floats = np.abs(points[period:] - points[:-period]).max(axis=0)
-    return bool((apart <= DEFAULTS.fine * np.abs(points).max(axis=0)).all())
+    return len(points) == count + period and bool(finely_repeated(points[None], period)[0])
+
+
+def finely_repeated(points: Floats, period: int) -> NDArray[np.bool_]:
+    """Return whether the points of each run, (m, n, 3), repeat after a period within `DEFAULTS.fine` of their size."""
+    apart = np.abs(points[:, period:] - points[:, :-period]).max(axis=1)
+    out: NDArray[np.bool_] = (apart <= DEFAULTS.fine * np.abs(points).max(axis=1)).all(axis=1)
+    return out
 
 
 def _scaled(cycles: Cycles, first: int) -> Floats:
