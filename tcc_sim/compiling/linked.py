@@ -250,9 +250,8 @@ def lowered_name(digest: str, kinds: Any) -> str | None:
 def _described(kind: Any) -> object:
     """Return a description of a type that tells it from every other one; raise TypeError for a function's."""
     if isinstance(kind, types.BaseTuple):
-        kind_class = getattr(kind, "instance_class", tuple)
-        return kind_class.__module__, kind_class.__qualname__, getattr(kind_class, "_fields",
-                                                                       ()), [*map(_described, kind)]
+        named = getattr(kind, "instance_class", tuple)
+        return named.__module__, named.__qualname__, getattr(named, "_fields", ()), [*map(_described, kind)]
     if isinstance(kind, types.Callable):
         raise TypeError
     return repr(kind)
