@@ -97,7 +97,7 @@ IN_TEXT = re.compile(r"\b(?:exp|expm1|tanh|sinh|cosh)\(")
 ADVICE = ("evaluates an exponential or a hyperbolic tangent. The friction law has its text at slip speeds in "
           "model/friction.py and along series in `motion` of solvers/series.py: call these, or run them on other "
           "numbers by solvers/law_on.py. What is not the friction law has a row of OTHERS")
-"""What to do about an eighth text."""
+"""The advice to whoever writes an eighth text."""
 
 
 def name_of(path: Path) -> str:

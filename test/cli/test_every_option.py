@@ -84,7 +84,7 @@ def without_times(values):
 
 
 SEEN = {}
-"""What was seen of each line."""
+"""Results, words and pictures that each line gave."""
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""What verbs print and write, against the figures that they print it from."""
+"""Verbs print and write the figures that they computed."""
 
 import json
 import math

@@ -156,7 +156,7 @@ def test_no_bit_differs_with_an_actuator_and_a_far_end_that_moves(version: int, 
 
 @pytest.mark.parametrize("name", KINDS)
 def test_every_parameter_gives_the_bits_of_the_node_when_it_is_set_before_the_start_and_on_the_way(name: str) -> None:
-    """What the node refuses, the FMU refuses; what cannot change while the node runs, the FMU does not take then."""
+    """The FMU refuses every value that the node refuses, and takes no change that a running node does not take."""
     scene = lockstep("controlled", ACTUATOR) if name == "actuator" else lockstep(*OTHERS.get(name, (name, {})))
     driven = Driven(written(scene, 2))
     states = [*NAMES, "shaft_torque"]

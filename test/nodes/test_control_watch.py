@@ -112,7 +112,7 @@ class View:
 
 
 def shown(bench: Any, period: float, ticks: list[int]) -> tuple[View, Watcher]:
-    """What a watcher has shown of states with these stamps, ms, that arrive ten at a time, and the watcher."""
+    """Return the view of a watcher that states with these stamps, ms, reached ten at a time, and the watcher."""
     node = bench.node("driveline")
     node.create_publisher(message_class("std_msgs/msg/String"), "scene", LATCHED).publish(
         cdr.string(load_scene("minimal").text()))
