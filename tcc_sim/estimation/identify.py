@@ -66,7 +66,7 @@ class Identification(Result):
     curve: IdentifiedCurve | None = field(default=None, metadata=reported(
         "sliding friction over slip speed, if friction.curve was free", optional=True))
     warnings: tuple[str, ...] = field(default=(), metadata=reported(
-        "sentences on how a table was read, and on what was converted or mended"))
+        "sentences on how a file was read, and on what was converted, mended or left out"))
 
     def _text(self) -> str:
         estimates = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)

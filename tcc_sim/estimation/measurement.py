@@ -30,7 +30,7 @@ class Measurement:
         both ends of the step after each sample, which is linear
     hold : course of the inputs between two samples, one of HOLDS; None if it is unknown
     source : origin of the data, for messages
-    notes : sentences on how a table was read
+    notes : sentences on how a file was read
     """
 
     t: Floats
@@ -113,9 +113,10 @@ def measurement_in(table: MeasuredTable) -> Measurement:
         table = table.noting(f"{table.source}: {', '.join(slower)} joined by straight lines where cells are empty, "
                              "between its regular samples")
     held = {table.hold[name] for name in INPUTS if name in columns and name in table.hold}
-    return Measurement(columns[TIME], {name: columns[name] for name in CHANNELS if name in columns},
-                       {name: columns[name] for name in INPUTS if name in columns}, table.source,
-                       held.pop() if len(held) == 1 else None, table.notes)
+    n, notes = _evenly_spaced(columns[TIME], table.source)
+    return Measurement(columns[TIME][:n], {name: columns[name][:n] for name in CHANNELS if name in columns},
+                       {name: columns[name][:n] for name in INPUTS if name in columns}, table.source,
+                       held.pop() if len(held) == 1 else None, (*table.notes, *notes))
 
 
 def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> tuple[Measurement, Scene]:
@@ -144,8 +145,23 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     states, ticks = from_later_room("measured_run")(recorded, scene)
     _check_still(path, states.output_speed)
     inputs = {name: np.concatenate([values, values[-1:]]) for name, values in ticks.items()}
-    channels = {"slip_speed": states.flywheel_speed - states.plate_speed, "plate_speed": states.plate_speed}
-    return Measurement(states.stamp_ns.astype(np.float64) * 1e-9, channels, inputs, str(path), HOLDS[0]), scene
+    t, channels = states.stamp_ns.astype(np.float64) * 1e-9, {
+        "slip_speed": states.flywheel_speed - states.plate_speed, "plate_speed": states.plate_speed}
+    n, notes = _evenly_spaced(t, str(path))
+    return Measurement(t[:n], {name: column[:n] for name, column in channels.items()},
+                       {name: ends[:n] for name, ends in inputs.items()}, str(path), HOLDS[0], notes), scene
+
+
+def _evenly_spaced(t: Floats, source: str) -> tuple[int, tuple[str, ...]]:
+    """Return the number of samples without the last one after a shorter step, and a sentence about it.
+
+    A simulation whose duration is no multiple of its output step ends with such a step.
+    """
+    usual, last = (float(np.median(np.diff(t))), float(t[-1] - t[-2])) if len(t) > 1 else (0.0, 0.0)
+    if last >= (1.0 - DEFAULTS.even) * usual:
+        return len(t), ()
+    return len(t) - 1, (f"{source}: the last sample is left out; its step of {last:.6g} s is shorter than the others, "
+                        f"{usual:.6g} s",)
 
 
 def _check_still(path: Path, speed: Floats | None) -> None:

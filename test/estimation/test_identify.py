@@ -13,13 +13,15 @@ from fig02_measured import BEGAN, FIG02, KEYS, ONCE, measured, moved
 
 from tcc_sim import cli
 from tcc_sim.errors import InputError, NumericalFailure
-from tcc_sim.estimation.identify import identify
+from tcc_sim.estimation.identify import given, identify
 from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of
 from tcc_sim.estimation.multiple_shooting import INDEX, Fit, fit
 from tcc_sim.estimation.settings import DEFAULTS, Gates
 from tcc_sim.estimation.verdicts import _drift, judged
 from tcc_sim.estimation.windows import Model
+from tcc_sim.output.samples import write_samples
 from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
 from tcc_sim.tables.measured_table import table_in
 from tcc_sim.views import style
 
@@ -178,6 +180,21 @@ def test_gaps_and_uneven_samples_are_said() -> None:
     assert Measurement(t + 0.99 * jitter, {"slip_speed": slip}).step == pytest.approx(1e-3, rel=1e-5)
     with pytest.raises(InputError, match="evenly spaced"):
         Measurement(t + 1.01 * jitter, {"slip_speed": slip})
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".csv"])
+@pytest.mark.parametrize(("cycles", "left_out"), [(2.0, 0), (2.005, 1)])
+def test_a_short_last_step_is_left_out(tmp_path, suffix: str, cycles: float, left_out: int) -> None:
+    """With 100 samples a cycle: a simulation ends at its duration, here half a step after its last full step."""
+    run, path = solve(FIG02, duration=cycles * FIG02.system.cycle, samples_per_cycle=100), tmp_path / f"run{suffix}"
+    write_samples(path, run, FIG02.text())
+    kept = slice(0, 201)
+    measured, _ = given(path, FIG02)
+    assert measured.t.tolist() == pytest.approx(run.t[kept], abs=1e-9)
+    assert measured.channels["slip_speed"] == pytest.approx(run.slip_speed[kept], rel=1e-12)
+    assert {len(values) for values in measured.inputs.values()} <= {201}
+    assert measured.notes == (f"{path}: the last sample is left out; its step of 0.00020944 s is shorter than the "
+                              "others, 0.000418879 s",)[:left_out]
 
 
 @pytest.mark.parametrize(("rate", "channel", "level"), [(500.0, "plate_speed", 0.05), (2000.0, "plate_angle", 2e-4)])
