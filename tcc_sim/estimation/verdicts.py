@@ -14,7 +14,7 @@ from tcc_sim.estimation.measurement import Measurement, noise_of
 from tcc_sim.estimation.multiple_shooting import INDEX, Fit, MultipleShooting
 from tcc_sim.estimation.residuals import HIDDEN, Whiteness
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
-from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, states_of
+from tcc_sim.estimation.windows import FREE, KINETIC, OFFSETS, STATIC, Model, states_of
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.result import reported
 from tcc_sim.trajectory import Floats
@@ -124,7 +124,7 @@ class Parameter:
 def judged(model: Model, i: int, start: float, fit: Fit, errors: Floats, correlations: Floats, accepted: bool,
            gates: Gates, hidden: tuple[str, float] | None = None) -> Parameter:
     """Judge one parameter; `hidden` is a fixed key on which it depends, see `residuals.Whiteness`."""
-    keys, step = model.keys, model.measured.step
+    keys = model.keys
     key, value, error = keys[i], float(fit.values[i]), float(errors[i])
     low, high = value - WITHIN * error, value + WITHIN * error
     others = np.abs(correlations[i]).copy()
@@ -138,7 +138,7 @@ def judged(model: Model, i: int, start: float, fit: Fit, errors: Floats, correla
         verdict, why = "not identifiable", "the fit is refused"
     elif not math.isfinite(error):
         verdict = "not identifiable"
-        why = f"the measurement holds nothing about it, so it keeps its start; {_determined_by(key, step)}"
+        why = f"the measurement holds nothing about it, so it keeps its start; {_determined_by(model, key)}"
     elif _at_bound(model, i, fit.values, errors) and error <= gates.relative * max(abs(value), _scale_of(model, key)):
         verdict, why = "at its bound", "the fit ends at the largest or smallest allowed value"
         if key in (STATIC, KINETIC):
@@ -148,7 +148,7 @@ def judged(model: Model, i: int, start: float, fit: Fit, errors: Floats, correla
         why = f"its standard error is {100.0 * relative:.3g} %"
         if others[most] > 0.9:
             why += f", and it depends on {keys[most]} (correlation {correlations[i, most]:.3f})"
-        why += f"; {_determined_by(key, step)}"
+        why += f"; {_determined_by(model, key)}"
     elif hidden is not None:
         why += (f", if {hidden[0]} is right: residuals would not show an error of {100.0 * HIDDEN:g} % in it, which "
                 f"moves this by {hidden[1]:.2g} standard errors")
@@ -166,6 +166,12 @@ DETERMINED_BY_FAST = DETERMINED_BY | {
     "friction.decay": "more breakaways, or a fixed friction.static_coefficient, would determine it",
     "friction.static_coefficient": "more breakaways, or a fixed friction.decay, would determine it"}
 """The same for samples at 10 kHz."""
+OF_SLIP = tuple(key for key in FREE if key.startswith(("friction.", "converter."))) + ("actuation_pressure.offset",)
+"""Keys without effect in stick."""
+FALLING, FALLEN = (STATIC, "friction.decay"), 1e3
+"""Keys whose effect decays with slip speed, and the factor after which it counts as gone."""
+OF_NOISE = 5.0
+"""Standard deviations of noise that do not show slip."""
 BREAKAWAY = 1.5e-4
 """Longest time between samples that resolve the fall of friction just after breakaway, s."""
 
@@ -184,9 +190,20 @@ def _size(model: Model, name: str) -> float:
     return float(np.abs(model.measured.inputs.get(name, np.array(means_and_amplitudes))).max()) or 1.0
 
 
-def _determined_by(key: str, step: float) -> str:
-    """Return the measurement that would determine a key, for samples every `step` s."""
-    sentences = DETERMINED_BY if step > BREAKAWAY else DETERMINED_BY_FAST
+def _determined_by(model: Model, key: str) -> str:
+    """Return the measurement that would determine a key, after what slip and what step between samples this one has."""
+    measured, friction = model.measured, model.system.friction
+    slip = measured.channels.get("slip_speed")
+    if slip is not None:
+        slowest = 0.0 if slip.min() < 0.0 < slip.max() else float(np.abs(slip).min())
+        reach = {"friction.smoothing": 2.0 / friction.smoothing,
+                 **dict.fromkeys(FALLING, math.log(FALLEN) / max(friction.decay, 1e-300))}.get(key, math.inf)
+        if slowest > reach:
+            return f"slip below {reach:.3g} rad/s would determine it; the slowest here is {slowest:.3g} rad/s"
+        fastest = float(np.abs(slip).max()) - OF_NOISE * noise_of(slip)
+        if key in OF_SLIP and fastest < 2.0 / friction.smoothing:
+            return "slip would determine it; here the clutch sticks throughout"
+    sentences = DETERMINED_BY if measured.step > BREAKAWAY else DETERMINED_BY_FAST
     return sentences.get(key, "a longer measurement would determine it, or one with larger motion")
 
 
