@@ -166,7 +166,7 @@ DETERMINED_BY_FAST = DETERMINED_BY | {
     "friction.decay": "more breakaways, or a fixed friction.static_coefficient, would determine it",
     "friction.static_coefficient": "more breakaways, or a fixed friction.decay, would determine it"}
 """The same for samples at 10 kHz."""
-OF_SLIP = tuple(key for key in FREE if key.startswith(("friction.", "converter."))) + ("actuation_pressure.offset",)
+OF_SLIP = (*(key for key in FREE if key.startswith(("friction.", "converter."))), "actuation_pressure.offset")
 """Keys without effect in stick."""
 FALLING, FALLEN = (STATIC, "friction.decay"), 1e3
 """Keys whose effect decays with slip speed, and the factor after which it counts as gone."""
