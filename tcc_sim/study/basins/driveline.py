@@ -29,7 +29,8 @@ class DrivelineMotion:
         terms = terms_of(system)
         slowest = min([rate for _, rate in exponentials(terms.stribeck)], default=0.0)
         self._constant = DEFAULTS.constant / slowest if slowest > 0.0 else 0.0
-        self._drift = terms.mean_torque
+        # A torque that grows with slip ends any growth.
+        self._drift = terms.mean_torque if system.converter.coupling == 0.0 else 0.0
         self._drag = mean_load(system) * (system.friction_ratio if terms.stribeck and slowest == 0.0 else 1.0)
         torques = abs(terms.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
         torque = torques + system.largest_friction_ratio * peak_load(terms)
@@ -47,7 +48,8 @@ class DrivelineMotion:
     def runs_away(self, points: Floats) -> NDArray[np.bool_]:
         """Return (m,) whether slip is so fast that friction is constant and below the mean engine torque.
 
-        Slip then gains (Tm - Tsm)/I1 per second on average, (1a) with a bounded plate, and never returns.
+        Slip then gains (Tm - Tsm)/I1 per second on average, (1a) with a bounded plate, and never returns. With a
+        coupling b it ends at (Tm - Tsm)/b.
         """
         v = points[:, 0]
         out: NDArray[np.bool_] = (np.abs(v) > self._constant + self._swing) & (self._drift * np.sign(v) > self._drag)
