@@ -119,7 +119,7 @@ class ProximityMapper:
             near = np.zeros(scaled.shape[:2], dtype=bool)
             for i, phase in enumerate(phases):
                 known = np.isfinite(scaled[:, i]).all(axis=1)
-                near[known, i] = trees[phase].query(scaled[known, i], distance_upper_bound=radius)[0] <= radius
+                near[known, i] = trees[phase].query(scaled[known, i], distance_upper_bound=radius)[0] < np.inf
             two = near[:, 1:] & near[:, :-1]
             sooner = two.any(axis=1) & (two.argmax(axis=1) < after)
             labels[sooner], after[sooner] = k, two[sooner].argmax(axis=1)
