@@ -13,6 +13,7 @@ from html import escape
 from types import MappingProxyType
 from typing import Any, TypeVar, get_args, get_type_hints
 
+from tcc_sim.errors import counted
 from tcc_sim.topics import TOPICS
 
 ROWS_SHOWN = 20
@@ -233,7 +234,7 @@ def html_of(columns: Mapping[str, Any], units: Mapping[str, str] = MappingProxyT
     cells = "".join(f"<tr>{''.join(f'<td>{escape(_cell(column[k]))}</td>' for column in columns.values())}</tr>"
                     for k in range(min(length, most)))
     heads = (f"{name} ({units[name]})" if name in units else name for name in columns)
-    left = f"<p>{length - most} more lines</p>" if length > most else ""
+    left = f"<p>{counted(length - most, 'more line')}</p>" if length > most else ""
     head = "".join(f"<th>{escape(name)}</th>" for name in heads)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{cells}</tbody></table>{left}"
 

@@ -12,15 +12,20 @@ import pytest
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, System
-from tcc_sim.parameter_file import LARGEST_FILE
+from tcc_sim.parameter_file import LARGEST_FILE, description_in, read_parameters
 from tcc_sim.scene import (
     KNOWN_KEYS,
+    LONGEST_VALUE,
     OPERATION_QUANTITIES,
     Operation,
+    Scene,
+    as_scene,
     bundled_scenes,
     load_scene,
     parse_assignments,
+    parse_profiles,
     parse_scene,
+    system_of,
 )
 
 
@@ -149,6 +154,10 @@ def test_a_scene_that_is_not_there_is_refused_with_the_nearest_name(tmp_path: Pa
         load_scene(tmp_path / "nowhere.yaml")
     with pytest.raises(InputError, match="there is no scene"):
         load_scene(tmp_path)
+    for file in ("fig20.yaml", "fig20.yml", "./fig20", "zzzzzz"):  # Only a name has a nearest name.
+        with pytest.raises(InputError) as caught:
+            load_scene(file)
+        assert str(caught.value) == f"there is no scene {file!r}; the bundled ones are {', '.join(bundled_scenes())}"
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
@@ -190,10 +199,102 @@ def test_assignments_are_read_as_a_file_would_be() -> None:
 @pytest.mark.parametrize(("words", "match"), [
     (["rate"], "'rate' is not KEY=VALUE"), (["=3"], "'=3' is not KEY=VALUE"), (["rate="], "'rate=' is not KEY=VALUE"),
     (["rat=3"], "rat is not a scene key; did you mean rate"), (["rate=1", "rate=2"], "rate is given twice"),
-    (["rate=[1"], "rate: '\\[1' is not a number, a word or a list")])
+    (["rate=[1"], "rate: '\\[1' is not a number, a word or a list"),
+    (["pacing=" + (LONGEST_VALUE + 1) * "a"], "pacing: a value of 4001 characters; at most 4000 are allowed")])
 def test_a_wrong_assignment_is_named(words: list[str], match: str) -> None:
     with pytest.raises(InputError, match=match):
         parse_assignments(words)
+    assert parse_assignments(["pacing=" + LONGEST_VALUE * "a"]) == {"pacing": LONGEST_VALUE * "a"}
+
+
+@pytest.mark.parametrize(("words", "values"), [
+    ([], {}),
+    (["pressure.mean=0:1e5,0.5:2e5"], {"pressure.mean_times": [0.0, 0.5], "pressure.mean_values": [1e5, 2e5]}),
+    (["engine.speed=0:30rpm,1:2", "engine.harmonic_amplitudes[2]=0:1"],
+     {"engine.speed_times": [0.0, 1.0], "engine.speed_values": pytest.approx([math.pi, 2.0]),
+      "engine.harmonic_amplitudes[2]_times": [0.0], "engine.harmonic_amplitudes[2]_values": [1.0]})])
+def test_profiles_are_times_and_values(words: list[str], values: dict[str, object]) -> None:
+    assert parse_profiles(words) == values
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    (["clutch.area=0:1"], "--profile clutch.area=0:1: the keys that have a profile are "),
+    (["engine.harmonic_amplitudes=0:1"], "--profile engine.harmonic_amplitudes=0:1: the keys that have a profile are "),
+    (["pressure.mean=0:1", "pressure.mean=0:1"], "--profile pressure.mean is given twice"),
+    (["pressure.mean"], "--profile pressure.mean is not KEY=TIME:VALUE,TIME:VALUE,... in s and the key's unit"),
+    (["pressure.mean=0:1:2"], "--profile pressure.mean=0:1:2 is not KEY=TIME"),
+    (["pressure.mean=0:x"], "--profile pressure.mean=0:x is not KEY=TIME"),
+    (["pressure.mean=" + 200 * "0"], "--profile pressure.mean=" + 86 * "0" + " is not KEY=TIME"),
+    (["x" * 200], "--profile " + 100 * "x" + ": the keys that have a profile are "),
+    (["engine.frequency=0:1500rpm"], "engine.frequency")])
+def test_a_wrong_profile_is_named(words: list[str], says: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_profiles(words)
+    assert str(caught.value).startswith(says)
+
+
+@pytest.mark.parametrize(("period", "ticks"), [(0.0, 1), (0.001, 1), (0.004, 4), (0.003 + 5e-10, 3), (0.003 - 5e-10, 3),
+                                               (0.0005, 0), (0.003 + 3e-9, 0), (0.003 - 3e-9, 0)])
+def test_commands_come_after_whole_ticks(period: float, ticks: int) -> None:
+    if ticks:
+        assert Operation(command_period=period).answer_ticks == ticks
+    else:
+        with pytest.raises(InputError, match=r"it must be a whole number of ticks of 0\.001 s$"):
+            Operation(command_period=period)
+
+
+def test_a_value_is_found_by_its_key_and_a_scene_in_every_form(tmp_path: Path) -> None:
+    scene = load_scene("fig02").with_values({"engine.order": 2.0, "rate": 500.0})
+    assert [scene.value(key) for key in ("engine.speed", "engine.frequency", "clutch.radius", "rate")] == [
+        75.0, 150.0, 0.1, 500.0]
+    with pytest.raises(InputError, match="ratee is not a scene key; did you mean rate"):
+        scene.value("ratee")
+    assert system_of(scene.system) is scene.system is system_of(scene)
+    assert (as_scene(scene.system).name, as_scene(scene.system).operation) == ("system", Operation())
+    assert as_scene(scene) is scene
+    assert system_of("minimal") == load_scene("minimal").system
+    (tmp_path / "mine.yaml").write_text(Scene("bare", scene.system).text())
+    mine = as_scene(str(tmp_path / "mine.yaml"))
+    assert (mine.name, mine.description, mine.system) == ("mine", "bare", scene.system)
+    html = scene._repr_html_()
+    assert html.startswith(f"<p>fig02: {scene.description}</p><table>")
+    assert html.count("<tr>") == 1 + len(KNOWN_KEYS)
+    assert "<td>engine.order</td><td>2</td>" in html
+
+
+def test_a_table_replaces_keys_which_are_named_and_not_written(tmp_path: Path) -> None:
+    (tmp_path / "mu.csv").write_text("slip_speed,coefficient\n0,0.14\n1,0.12\n4,0.11\n")
+    path = tmp_path / "mine.yaml"
+    path.write_text(body("friction: {table: mu.csv, kinetic_coefficient: 0.2, static_coefficient: 0.3}"))
+    scene = load_scene(path)
+    assert (scene.system.friction.slip_speeds, scene.system.friction.coefficients) == ((0.0, 1.0, 4.0),
+                                                                                      (0.14, 0.12, 0.11))
+    assert [line.partition(" ")[0] for line in scene.warnings() if "is not used" in line] == [
+        "friction.static_coefficient", "friction.kinetic_coefficient"]
+    assert scene.with_values({"friction.slip_speeds": [], "friction.coefficients": []}).warnings() == []
+    (tmp_path / "mu.csv").write_text("slip_speed,coefficient\n0,0.14\n1,\n4,0.11\n")
+    with pytest.raises(InputError, match=r"friction\.table: .*mu\.csv has no number in column coefficient of row 2$"):
+        load_scene(path)
+    path.write_text(body("friction: {table: mu.csv, slip_speeds: [0.0]}"))
+    with pytest.raises(InputError, match=r"friction\.table and friction\.slip_speeds are both given; remove"):
+        load_scene(path)
+
+
+def test_a_file_is_as_deep_and_as_long_as_its_limits() -> None:
+    for lists, fine in ((17, True), (18, False)):
+        text = "/**: {ros__parameters: {a: " + lists * "[" + lists * "]" + "}}"
+        if fine:
+            assert list(read_parameters(text)) == ["a"]
+        else:
+            with pytest.raises(InputError, match="line 1: nested more than 20 deep; a scene needs at most 3"):
+                read_parameters(text)
+    assert read_parameters(body("a: {b: {c: {d: {e: {f: 1}}}}}")) == {"a.b.c.d.e": {"f": 1}}
+    text = body("rate: 10.0") + "#"
+    assert parse_scene(text.ljust(LARGEST_FILE, "#"), "s").operation.rate == 10.0
+    with pytest.raises(InputError, match="the text is longer than 65536 characters"):
+        parse_scene(text.ljust(LARGEST_FILE + 1, "#"), "s")
+    for text, description in (("# a\n", "a"), ("\n\n## a clutch  \nmore", "a clutch"), ("rate: 1", ""), ("", "")):
+        assert description_in(text) == description
 
 
 def test_changed_keys_are_checked_together() -> None:

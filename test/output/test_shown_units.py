@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.shown_units import engine_speed, frequency, key_value, show_in, shown_axis, shown_unit, speed
+from tcc_sim.shown_units import (
+    engine_speed,
+    frequency,
+    key_unit,
+    key_value,
+    show_in,
+    shown_axis,
+    shown_in,
+    shown_unit,
+    speed,
+)
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 from tcc_sim.views import style
@@ -37,6 +47,37 @@ def test_a_number_is_converted_with_its_unit():
     assert key_value("engine.frequency", 104.71976, 6, 209.43952) == "engine.frequency 500 to 1000 rpm"
     assert key_value("friction.smoothing", 50.0) == "friction.smoothing 50 s/rad"
     assert shown_unit("N m s/rad") == ("N m s/rad", 1.0)
+
+
+RPM, HZ = 30.0 / math.pi, 0.5 / math.pi
+
+
+@pytest.mark.parametrize(("units", "unit", "other", "engine", "slip_axis", "engine_axis", "frequency_axis"), [
+    ("rad", ("rad/s", 1.0), "2 rad/s", "engine frequency 2 to 4 rad/s", None, None, None),
+    ("rpm", ("rpm", RPM), "0.31831 Hz", "engine speed 9.5493 to 19.0986 rpm", ("slip speed (rpm)", RPM),
+     ("engine speed (rpm)", RPM / 2.0), ("angular frequency (Hz)", HZ)),
+    ("hz", ("Hz", HZ), "0.31831 Hz", "engine frequency 0.31831 to 0.63662 Hz", ("slip speed (Hz)", HZ),
+     (r"excitation frequency $\omega/2\pi$ (Hz)", HZ), ("angular frequency (Hz)", HZ))])
+def test_every_kind_of_speed_in_every_unit(units, unit, other, engine, slip_axis, engine_axis, frequency_axis):
+    with shown_in(units, 2.0):
+        assert shown_unit() == unit
+        assert shown_unit("N m", engine=True) == ("N m", 1.0)
+        assert frequency(2.0) == other
+        assert engine_speed(2.0, last=4.0) == engine
+        assert key_unit("initial.slip_speed") == unit
+        assert key_unit("engine.frequency") == shown_unit(engine=True)
+        assert key_unit("no.key") == ("", 1.0)
+        for label, shown in (("slip speed (rad/s)", slip_axis), ("engine frequency (rad/s)", engine_axis),
+                             ("angular frequency (rad/s)", frequency_axis), ("torque (N m)", None),
+                             ("slip speed (rad/s)\n", None)):
+            assert shown_axis(label) == shown
+        show_in()  # Changes nothing.
+        assert shown_unit(engine=True)[1] == pytest.approx(unit[1] / (2.0 if units == "rpm" else 1.0))
+        show_in(order=4.0)
+        assert shown_unit(engine=True)[1] == pytest.approx(unit[1] / (4.0 if units == "rpm" else 1.0))
+    assert (shown_unit(), speed(2.0, 3, 2.0)) == (("rad/s", 1.0), "2 to 2 rad/s")  # As it was before.
+    show_in("rpm")
+    assert shown_unit(engine=True) == ("rpm", RPM)
 
 
 def test_axes_keep_their_data_and_change_their_ticks():
