@@ -1,6 +1,8 @@
 """Closed forms against direct integration of (1), (2), (12) by SciPy and against the paper's printed identities."""
 
+import cmath
 import math
+import re
 
 import numpy as np
 import pytest
@@ -226,22 +228,109 @@ def test_29b_rises_with_tsp_while_what_drives_the_slip_falls():
     assert [pure_slip.slip_torque(s).swing() for s in rows] == pytest.approx([250.0, 182.5, 115.0, 20.0], abs=0.1)
 
 
+@pytest.mark.parametrize("decay", [0.0, 1.0, 3.0 * (1.0 - 1e-15), 3.0, 3.0 * (1.0 + 1e-12), 5.0])
+def test_a_damped_pair_is_cosine_and_sine_of_a_complex_frequency(decay):
+    t, wd = np.linspace(0.0, 2.0, 9), cmath.sqrt(9.0 - decay**2) or 1e-12
+    for result, exact in zip(pure_slip.damped_pair(t, decay, 9.0), (np.cos(wd * t), np.sin(wd * t) / wd)):
+        np.testing.assert_allclose(result, (np.exp(-decay * t) * exact).real, atol=1e-6 if decay > 2.0 else 1e-14)
+
+
+@pytest.mark.parametrize(("values", "slowest", "fastest"), [
+    ({"driveline.damping": 0.0}, 0.0, 387.298), ({"driveline.damping": 2.0}, 50.0, 387.298),
+    ({"driveline.damping": 20.0}, 500.0 - math.sqrt(1e5), 387.298),
+    ({"converter.coupling": 0.8, "driveline.damping": 2.0}, 4.0, 384.0)])
+def test_a_transient_is_within_its_bounds_and_as_slow_as_they_say(values, slowest, fastest):
+    result = pure_slip.pure_slip(system_of({**SLIP, **values}, **{"pressure.mean": 125e3}))
+    largest, curved, slow, fast = result._bounds()
+    assert (slow, fast) == (pytest.approx(slowest, rel=0.05), pytest.approx(fastest, rel=0.01))
+    h = 1e-5
+    t = np.arange(0.0, 0.05, h)
+    v = result.slip_speed(t) - result.slip(t) - result.a1 * t
+    heavy = values["driveline.damping"] > 10.0
+    assert (0.1 if heavy else 0.6) * largest < np.abs(v).max() <= largest * (1.0 + 1e-9)
+    assert (0.0 if heavy else 0.2) * curved < np.abs(np.diff(v, 2)).max() / h**2 <= curved * (1.0 + 1e-3)
+    if not slowest:
+        assert (np.abs(v).max(), np.abs(np.diff(v, 2)).max() / h**2) == pytest.approx((largest, curved), rel=1e-3)
+
+
+def test_slip_that_the_mean_torque_ends_or_drives_has_a_sign():
+    for mean, direction, growth, least in ((310.0, 1, 50.0, True), (290.0, 1, -50.0, False), (-310.0, -1, -50.0, True),
+                                           (-290.0, -1, 50.0, False), (300.0 * (1.0 + 1e-15), 1, 0.0, True)):
+        result = pure_slip.pure_slip(system_of(**{
+            "engine.mean_torque": mean, "pressure.mean": 125e3, "engine.torque_amplitude": 1.0,
+            "initial.slip_speed": 150.0 * direction, "initial.plate_angle": 0.1 * direction}), direction)
+        assert (result.a1, result.steady, result.direction) == (pytest.approx(growth), growth == 0.0, direction)
+        assert (result.least_slip_speed > 0.0) == (result.least_slip_speed > -math.inf) == least
+    still = pure_slip.pure_slip(system_of(**{"pressure.mean": 125e3, "engine.torque_amplitude": 0.0,
+                                             "initial.plate_angle": 0.1}))
+    assert still.least_slip_speed == pytest.approx(150.0)
+
+
+SLIPS = "pure slip in closed form needs"
+
+
 @pytest.mark.parametrize(("values", "message"), [
-    ({"friction.kinetic_coefficient": 0.2}, "kinetic_coefficient"),
-    ({"pressure.amplitude": 300e3}, "above pressure.mean"),
+    ({"friction.kinetic_coefficient": 0.2},
+     f"friction.kinetic_coefficient is 0.2; {SLIPS} it equal to friction.static_coefficient, 0.3"),
+    ({"friction.slip_speeds": [0.0, 1.0, 2.0], "friction.coefficients": [0.3, 0.2, 0.19]},
+     f"the coefficient of the friction table depends on slip speed; {SLIPS} one that does not"),
+    ({"pressure.amplitude": 225.1e3}, f"pressure.amplitude is above pressure.mean; {SLIPS} a pressure above 0"),
     ({"driveline.damping": 0.0, "pressure.amplitude": 1e3, "engine.frequency": 1.0, "driveline.stiffness": 0.02},
-     "resonance")])
+     "pressure.frequency_ratio excites the undamped plate resonance, 1 rad/s: no steady state")])
 def test_cases_without_a_closed_form_are_refused(values, message):
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=f"^{re.escape(message)}$"):
         pure_slip.pure_slip(system_of(values))
+    assert pure_slip.pure_slip(system_of(**{"pressure.amplitude": 225e3})).direction == 1
 
 
 def test_undamped_stuck_resonance_is_refused():
     system = system_of(**{"driveline.damping": 0.0, "driveline.stiffness": 0.22, "engine.frequency": 1.0})
-    with pytest.raises(InputError, match="resonance"):
-        pure_stick.plate_angle(system)
-    with pytest.raises(InputError, match="resonance"):
-        pure_stick.stuck_interface_torque(system)
+    for work in (pure_stick.plate_angle, pure_stick.stuck_interface_torque, pure_stick.stick_margin):
+        with pytest.raises(InputError, match=r"^engine.frequency excites the undamped stuck resonance, 1 rad/s: no "):
+            work(system)
+    limits = pure_stick.stick_limits(replace(system, {"engine.torque_amplitude": 10.0}), 0.5, 2.0, 12)
+    assert (limits.lower, limits.higher) == pytest.approx((math.sqrt(5.06 / 5.26), math.sqrt(5.5 / 5.3)))
+
+
+def test_margins_without_a_torque_or_a_load_that_varies():
+    still = {"engine.torque_amplitude": 0.0}
+    for values, torque, time, sticks in (
+            (still, 240.0, 0.0, True), ({**still, "engine.mean_torque": -600.0}, -60.0, 0.0, False),
+            ({**still, "engine.mean_torque": 540.0}, 0.0, 0.0, True),
+            ({**still, "pressure.amplitude": 25e3}, 180.0, math.nan, True),
+            ({**still, "pressure.amplitude": 250e3}, -300.0, math.nan, False)):
+        result = pure_stick.stick_margin(system_of(values))
+        assert (result.torque, result.sticks) == (pytest.approx(torque, abs=1e-9), sticks)
+        assert result.time == pytest.approx(time, nan_ok=True)
+    system = system_of(**{"pressure.frequency_ratio": math.sqrt(2), "pressure.amplitude": 225e3})
+    assert pure_stick.stick_margin(system).torque == pytest.approx(
+        -300.0 - 250.0 * abs(pure_stick.interface_response(system, 150.0)), abs=1e-9)
+    assert math.isnan(pure_stick.stick_margin(system).time)
+    only = system_of(**{"engine.frequency": 30.0})
+    turn = (0.5 * math.pi - np.angle(pure_stick.interface_response(only, 30.0))) / 30.0
+    assert pure_stick.stick_margin(only).time == pytest.approx(turn, abs=1e-5)
+
+
+def test_limits_of_stick_exist_where_stick_begins_or_ends():
+    """The mean and the amplitude times a gain are 540 N m there; the gain is 1 at low frequency and 0.09 at high."""
+    for amplitude, mean, count in ((150.0, 300.0, 2), (250.0, 300.0, 1), (150.0, -300.0, 2), (150.0, 540.0, 0),
+                                   (150.0, 600.0, 0)):
+        system = system_of(**{"engine.torque_amplitude": amplitude, "engine.mean_torque": mean})
+        closed, limits = pure_stick.constant_load_limits(system), pure_stick.stick_limits(system, 5.0, 2000.0, 40)
+        assert len(closed) == count
+        for omega in closed:
+            gain = abs((3000.0 - 0.02 * omega**2 + 0.6j * omega) / (3000.0 - 0.22 * omega**2 + 0.6j * omega))
+            assert abs(mean) + amplitude * gain == pytest.approx(540.0)
+        expected = {2: closed, 1: (None, *closed), 0: (None, None)}[count]
+        assert [x and round(x, 6) for x in limits] == [x and round(x, 6) for x in expected]
+    for low, high in ((0.0, 1.0), (2.0, 2.0), (3.0, 2.0)):
+        with pytest.raises(InputError, match=f"^the frequency range is {low:g} to {high:g} rad/s; it must be above 0 "
+                           f"and "
+                                             "increasing$"):
+            pure_stick.stick_limits(BASE, low, high)
+    for values in ({"pressure.amplitude": 1.0}, RICH, {"engine.torque_amplitude": 0.0}):
+        with pytest.raises(InputError, match=r"^the closed-form stick limits need pressure.amplitude 0 and exactly "):
+            pure_stick.constant_load_limits(system_of(values))
 
 
 def test_any_pressure_amplitude_counts_for_the_common_period():

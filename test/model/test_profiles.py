@@ -1,12 +1,31 @@
 """Profiles in time: the phase against quadrature, its inverse, and refusals."""
 
+import dataclasses
+import math
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.profile import along, phase_at, time_at
+from tcc_sim.model.profile import (
+    PHASE,
+    SWELL,
+    SWELLS,
+    TIME,
+    Inputs,
+    Origin,
+    along,
+    far_end_at,
+    lines_through,
+    motion_of_far_end,
+    phase_at,
+    profile_of,
+    smooth_corners,
+    swelling,
+    time_at,
+)
 from tcc_sim.scene import parse_profiles
 
 TIMES, VALUES = [0.0, 0.3, 0.4, 2.0], [80.0, 400.0, 90.0, 90.0]
@@ -37,8 +56,115 @@ def test_means_are_linear_between_points_and_constant_outside():
 
 
 def test_a_system_without_profiles_has_no_course():
-    assert System().profile is None
-    assert System().cycle_start(7) == 7 * System().cycle
+    system = replace(System(), {"engine.frequency": 20.0 * math.pi})
+    assert (system.profile, system.varying, system.span) == (None, [], 0.0)
+    assert system.cycle_start(7) == pytest.approx(0.7)
+    assert (system.cycles_until(0.25), system.whole_cycles(3, 0.25), system.whole_cycles(3, 0.3)) == (
+        pytest.approx(2.5), 2, 3)
+    system.check_repeats("it")
+    start = float(VARYING.cycle_start(3))
+    for cycles, number in ((2.0, 2), (1.999, 1), (0.0, 0)):   # Whole to the last bit.
+        assert VARYING.whole_cycles(3, float(VARYING.cycle_start(3.0 + cycles)) - start) == number
+    assert (VARYING.span, VARYING.cycle) == (2.0, pytest.approx(2.0 * math.pi / 400.0))
+    assert VARYING.varying == ["engine.frequency_times", "pressure.mean_times"]
+    driven = dataclasses.replace(System(), inputs=Inputs(None, np.array([[0.0, 1e5, 0.0]]), 3.5))
+    assert (driven.varying, driven.span) == (["inputs"], 3.5)
+    with pytest.raises(InputError, match="it needs a periodic excitation, and this scene has inputs; simulate and the "
+                                         "driveline node solve it"):
+        driven.check_repeats("it")
+
+
+def test_lines_run_through_points_or_hold_them():
+    t, values = np.array([0.5, 1.0, 3.0]), np.array([2.0, 4.0, 0.0])
+    for held, rates in ((False, [4.0, -2.0, 0.0]), (True, [0.0, 0.0, 0.0])):
+        lines = lines_through(t, values, held)
+        assert lines.tolist() == [[0.0, 2.0, 0.0], *([x, y, rate] for x, y, rate in zip(t, values, rates))]
+        assert lines_through(t - 0.5, values, held).tolist() == [[x - 0.5, *row] for x, *row in lines[1:].tolist()]
+
+
+def test_corners_of_a_parabola_are_lower_by_a_twelfth_of_its_bend():
+    """x - h h' x''/12 for the steps h, h' on both sides, and within limits."""
+    t = np.array([0.0, 1.0, 3.0, 4.0])
+    for low, high, expected in ((-np.inf, np.inf, [0.0, 2.0, 26.0, 48.0]), (2.5, 20.0, [2.5, 2.5, 20.0, 20.0])):
+        assert smooth_corners(t, 3.0 * t**2, low, high) == pytest.approx(expected)
+
+
+def test_lines_through_smoothed_corners_keep_the_amplitude_of_a_sine():
+    """A period has 25 samples, so that the mean over two periods leaves no other part of the course."""
+    t = np.linspace(0.0, 0.2, 81)
+    w = 2.0 * np.pi / (25.0 * t[1])
+    corners = smooth_corners(t, 0.3 * np.sin(w * t))
+    at = np.linspace(t[5], t[55], 4001)[:-1]
+    for course, error in ((corners, (w * t[1])**4 / 90.0), (0.3 * np.sin(w * t), (w * t[1])**2 / 12.0)):
+        amplitude = 2.0 * np.mean(np.interp(at, t, course) * np.sin(w * at))
+        assert abs(amplitude / 0.3 - 1.0) == pytest.approx(error, rel=0.05)
+
+
+def test_a_pressure_from_data_is_never_below_0():
+    """At any line's start or end, the last of which is that of the data; by more than rounding."""
+    falling = (0.0, 5.0, -4.0), (1.0, 1.0, -2.0)
+    for lines, end, words in (
+            (falling, 1.5, ""), (falling, 2.0, "-1 Pa at 2 s"),
+            (((0.0, 5.0, -6.0), (1.0, 1.0, 0.0)), 2.0, "-1 Pa at 1 s"),
+            (((0.0, -3.0, 4.0),), 9.0, "-3 Pa at 0 s"), (((0.0, 1.0, 0.0), (1.0, -0.9e-9, 1.0)), 2.0, ""),
+            (((0.0, 1.0, 0.0), (1.0, -2e-9, 1.0)), 2.0, "-2e-09 Pa at 1 s"),
+            (((0.0, 1.0, 0.0), (3.0, 2.0, -1.0)), 1.0, "")):
+        if words:
+            with pytest.raises(InputError, match=f"^the pressure at the plates is {words}; it must be 0 or more$"):
+                Inputs(None, np.array(lines), end)
+        else:
+            Inputs(None, np.array(lines), end)
+    Inputs(np.array([[0.0, -5.0, 0.0]]), None, 1.0)
+
+
+def test_the_far_end_turns_by_the_integral_of_its_speed():
+    speed = lines_through(np.array([0.0, 1.0, 3.0]), np.array([2.0, 4.0, 0.0]))
+    at = np.array([0.0, 0.5, 1.0, 2.0, 3.0, 4.0])
+    expected = [0.0, 1.25, 3.0, 6.0, 7.0, 7.0], [2.0, 3.0, 4.0, 2.0, 0.0, 0.0], [2.0, 2.0, -2.0, -2.0, 0.0, 0.0]
+    motion = motion_of_far_end(speed, at)
+    np.testing.assert_allclose(motion.T, [at, *expected])
+    assert np.array(far_end_at(motion, at + 0.0)) == pytest.approx(np.array(expected))
+    assert far_end_at(motion, 0.75) == pytest.approx((2.0625, 3.5, 2.0))
+
+
+def test_a_profile_has_a_row_for_each_interval_with_every_course_in_it():
+    """Beside interpolation; inputs replace the scene's courses, and an origin moves the phase unless omega has a
+    course of its own.
+    """
+    system = replace(System(), {
+        "engine.torque_amplitude_times": [0.0, 2.0], "engine.torque_amplitude_values": [100.0, 200.0],
+        "engine.harmonic_phases": [0.3, 0.7], "engine.harmonic_amplitudes": [1.0, 2.0],
+        "engine.harmonic_amplitudes_times": [0.0, 1.0], "engine.harmonic_amplitudes_values": [10.0, 0.0, 30.0, 0.0],
+        "engine.mean_torque_times": [0.0, 4.0], "engine.mean_torque_values": [300.0, 100.0]})
+    profile = system.profile
+    assert profile[:, TIME].tolist() == [0.0, 1.0, 2.0, 4.0]
+    assert profile.shape[1] == SWELLS + 3 * SWELL
+    assert profile[:, SWELLS::SWELL].tolist() == [[1.0, 2.0, 0.0]] * 4
+    assert profile[:, SWELLS + 1::SWELL].tolist() == [[0.0, 0.3, 0.7]] * 4
+    for t in (0.0, 0.25, 1.0, 1.75, 3.0, 5.0):
+        row = profile[int(np.searchsorted(profile[:, TIME], t, side="right")) - 1]
+        first, second = (np.interp(t, *xy) for xy in (((0.0, 2.0), (100.0, 200.0)), ((0.0, 1.0), (10.0, 30.0))))
+        assert along(profile, t) == pytest.approx((150.0 * t, np.interp(t, (0.0, 4.0), (300.0, 100.0)),
+                                                   system.pressure.mean))
+        assert swelling(t, 0.4, row) == pytest.approx(first * math.sin(0.4) + second * math.sin(0.8 + 0.3))
+    origin = Origin(1.5, 7.0, 0.1)
+    later = profile_of(system.engine, system.pressure, None, origin)
+    assert later[:, TIME].tolist() == [1.5, 2.0, 4.0]
+    assert later[:, PHASE] == pytest.approx([7.0, 7.0 + 75.0, 7.0 + 375.0])
+    for t in (1.5, 1.75, 4.5):
+        assert along(later, t)[1:] == pytest.approx(along(profile, t)[1:])
+    np.testing.assert_array_equal(profile_of(VARYING.engine, VARYING.pressure, None, origin), VARYING.profile)
+    torque, pressure = (np.array([[0.0, x, 1.0], [0.5, 2.0 * x, 0.0]]) for x in (7.0, 1e5))
+    speed = np.array([[0.0, 1.0, 0.0], [0.25, 2.0, 0.0]])
+    for inputs, times, at, swells in (
+            (Inputs(torque, None, 1.0), [0.0, 0.5], (7.4, system.pressure.mean), 0),
+            (Inputs(None, pressure, 1.0), [0.0, 0.5, 1.0, 2.0, 4.0], (280.0, 1e5 + 0.4), 3),
+            (Inputs(torque, pressure, 1.0, speed), [0.0, 0.25, 0.5], (7.4, 1e5 + 0.4), 0)):
+        driven = profile_of(system.engine, system.pressure, inputs)
+        assert (driven[:, TIME].tolist(), driven.shape[1]) == (times, SWELLS + swells * SWELL)
+        assert along(driven, 0.4)[1:] == pytest.approx(at)
+    commanded = replace(system, {"engine.source": "topic"})
+    assert commanded.profile.shape[1] == SWELLS   # Its fallback is the mean.
 
 
 @pytest.mark.parametrize(("values", "message"), [
