@@ -10,15 +10,15 @@ from collections.abc import Mapping
 from typing import Any
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.quantity import LATEST, Quantity, number_in
+from tcc_sim.model.quantity import Quantity, number_in
 from tcc_sim.result import KEY_UNITS
 
 SPEED, FREQUENCY, ORDER = "engine.speed", "engine.frequency", "engine.order"
 DERIVED = {
-    SPEED: Quantity("speed of the crankshaft: engine.frequency over engine.order", "rad/s", 1e-5, 1e6,
+    SPEED: Quantity("speed of the crankshaft: engine.frequency over engine.order", "rad/s",
                     label=r"crankshaft speed $\omega/n$"),
-    f"{SPEED}_times": Quantity("times at which engine.speed_values hold, the first 0", "s", 0.0, LATEST),
-    f"{SPEED}_values": Quantity("speed of the crankshaft at these times, linear between them", "rad/s", 1e-5, 1e6)}
+    f"{SPEED}_times": Quantity("times at which engine.speed_values hold, the first 0", "s"),
+    f"{SPEED}_values": Quantity("speed of the crankshaft at these times, linear between them", "rad/s")}
 """The key and those of its profile, with their meanings."""
 KEY_UNITS[SPEED] = "rad/s"
 

@@ -69,17 +69,19 @@ def test_a_system_without_profiles_has_no_course():
     assert VARYING.varying == ["engine.frequency_times", "pressure.mean_times"]
     driven = dataclasses.replace(System(), inputs=Inputs(None, np.array([[0.0, 1e5, 0.0]]), 3.5))
     assert (driven.varying, driven.span) == (["inputs"], 3.5)
+    assert driven != dataclasses.replace(driven, inputs=Inputs(None, driven.inputs.pressure, 3.5))
     with pytest.raises(InputError, match="it needs a periodic excitation, and this scene has inputs; simulate and the "
                                          "driveline node solve it"):
         driven.check_repeats("it")
 
 
 def test_lines_run_through_points_or_hold_them():
-    t, values = np.array([0.5, 1.0, 3.0]), np.array([2.0, 4.0, 0.0])
-    for held, rates in ((False, [4.0, -2.0, 0.0]), (True, [0.0, 0.0, 0.0])):
+    t, values = np.array([0.5, 1.0, 3.0]), np.array([2.0, 4.25, 0.0])
+    for held, rates in ((False, [4.5, -2.125, 0.0]), (True, [0.0, 0.0, 0.0])):
         lines = lines_through(t, values, held)
         assert lines.tolist() == [[0.0, 2.0, 0.0], *([x, y, rate] for x, y, rate in zip(t, values, rates))]
-        assert lines_through(t - 0.5, values, held).tolist() == [[x - 0.5, *row] for x, *row in lines[1:].tolist()]
+        for early in (0.5, 0.75):
+            assert lines_through(t - early, values, held).tolist() == [[x - early, *y] for x, *y in lines[1:].tolist()]
 
 
 def test_corners_of_a_parabola_are_lower_by_a_twelfth_of_its_bend():

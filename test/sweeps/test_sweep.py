@@ -12,11 +12,10 @@ from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.steady_state import Start, repeats_after, solve_to_steady_state
+from tcc_sim.sweeps.steady_state import repeats_after
 from tcc_sim.sweeps.sweep import Curve, Plan, solve_points, sweep, sweep_curves, sweep_grid
-from tcc_sim.trajectory import State, Status
+from tcc_sim.trajectory import State
 
 KINETIC = "friction.kinetic_coefficient"
 PAPER = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "initial.slip_speed": 150.0,
@@ -202,18 +201,3 @@ def test_a_column_is_a_result_in_numbers() -> None:
     for name, words in (("max_slip", "did you mean max_slip_speed"), ("regime", "not a result in numbers")):
         with pytest.raises(InputError, match=words):
             swept.column(name)
-
-
-FAST = replace(load_scene("slip").system, {"friction.law": "set_valued"})
-BEGIN = Start(State(150.0, 0.0, 0.0), 3)
-
-
-def test_a_motion_is_solved_until_its_section_repeats() -> None:
-    result = solve_to_steady_state(FAST, BEGIN, 4800)
-    section = result.cycles.section
-    assert np.abs(section[result.after:] - section[-1]).max() < 1e-5 * 170.0
-
-
-def test_a_motion_that_does_not_settle_is_given_up() -> None:
-    result = solve_to_steady_state(load_scene("chaos").system, BEGIN, 110)
-    assert (len(result.cycles), result.after, result.run.status) == (110, None, Status.DONE)
