@@ -109,7 +109,8 @@ def test_a_hump_to_which_friction_rises_from_rest_is_no_peak():
 
 
 def test_a_harmonic_of_amplitude_zero_is_none():
-    system = replace(System(), {"engine.harmonic_amplitudes": (0.0, 35.0), "engine.harmonic_phases": (0.3, 0.4)})
+    system = replace(System(), {"engine.harmonic_amplitudes": (0.0, 35.0), "engine.harmonic_phases": (0.3, 0.4),
+                                "engine.torque_amplitude": 0.5})
     w = system.engine.frequency
     assert engine_series(system).frequency.tolist() == [w, 3.0 * w]
 

@@ -77,8 +77,8 @@ def test_choices_and_descriptions() -> None:
 def test_numbers_are_printed_as_far_as_they_differ() -> None:
     assert [apart(1.0, *others) for others in ((), (2.0,), (1.0,), (1.0 + 1e-7,), (1.0 + 1e-10,), (1.0 + 1e-13,))] == [
         "1"] * 6
-    assert [apart(1.0 + x, 1.0) for x in (1e-3, 1e-7, 1e-10, 1e-13, 1e-15)] == [
-        "1.001", "1.0000001", "1.0000000001", "1.0000000000001", repr(1.0 + 1e-15)]
+    assert [apart(1.0 + 1.2346 * x, 1.0) for x in (1e-3, 1e-7, 1e-10, 1e-13, 1e-15)] == [
+        "1.00123", "1.00000012", "1.00000000012", "1.00000000000012", repr(1.0 + 1.2346e-15)]
     assert (as_float(3), as_float(10**400), as_float(-10**400)) == (3.0, math.inf, -math.inf)
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -17,7 +20,7 @@ from tcc_sim.sweeps import simulation
 from tcc_sim.sweeps.simulation import Plan, simulate
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import handed_over, sweep
-from tcc_sim.trajectory import Cycles, State
+from tcc_sim.trajectory import Cycles, State, Status
 
 PLAN = Plan(cycles=60, discard=20, rtol=1e-8, damping=True, lyapunov=True)
 
@@ -234,3 +237,108 @@ def test_a_simulation_has_the_columns_of_its_summary() -> None:
     result = simulate("slip", cycles=60)
     assert result.summary is not None
     assert result.columns() == result.summary.columns()
+
+
+@pytest.mark.parametrize(("options", "why"), [
+    ({"direction": "left"}, "direction is 'left'; it must be cold or up or down"),
+    ({"cycles": 10_000_001}, "cycles is 10000001; it must be a whole number, 1 to 10000000"),
+    ({"cycles": 2.0}, "cycles is 2.0; it must be a whole number, 1 to 10000000"),
+    ({"cycles": 3, "duration": 0.5}, "duration is 0.5 s beside cycles; give one of the two"),
+    ({"discard": "auto", "duration": 0.5}, "duration is 0.5 s beside discard auto; give one of the two"),
+    ({"discard": "some"}, "discard is 'some'; it must be a number of cycles or auto"),
+    ({"discard": -1}, "discard is -1; it must be 0 or more cycles, or auto"),
+    ({"orders": (100.0, 0.0)}, "orders has the speeds 100, 0 rad/s; they must be above 0"),
+    ({"orders": (math.inf,)}, "orders has the speeds inf rad/s; they must be above 0"),
+    ({"section_points": 10_000_001}, "section_points is 10000001; it must be 0 to 10000000")])
+def test_a_plan_names_what_is_wrong_with_it(options: dict[str, object], why: str) -> None:
+    with pytest.raises(InputError, match=f"^{re.escape(why)}$"):
+        Plan(**options)
+
+
+def test_a_plan_has_defaults_and_takes_the_ends_of_its_ranges() -> None:
+    slip, runup = load_scene("slip").system, load_scene("runup").system
+    assert [item for item in vars(Plan()).values() if item not in (None, False)] == ["cold", "auto", 2000]
+    assert (Plan().most, Plan(cycles=1).most, Plan(cycles=10_000_000, section_points=10_000_000, discard=0).most) == (
+        150, 1, 10_000_000)
+    assert Plan(orders=[3, 4]).orders == (3.0, 4.0)
+    for plan, seconds in ((Plan(), (None, runup.span)), (Plan(cycles=9), (None, None)), (Plan(duration=2.0), (2.0,
+        2.0))):
+        assert (plan.seconds(slip), plan.seconds(runup)) == seconds
+    assert [Plan(discard=discard).dropped(10, 4) for discard in (None, 0, 9, "auto")] == [4, 0, 9, 4]
+    assert Plan(discard=0).dropped(0, 3) == Plan().dropped(0, 0) == 0
+    for plan, cycles, why in ((Plan(discard=10), 10, "10; it must be 0 to 9, since 10"), (Plan(), 2, "4; it must be 0 "
+        "to 1, "
+                              "since 2"), (Plan(discard=1), 0, "1; it must be 0 to 0, since 0")):
+        with pytest.raises(InputError, match=f"^discard is {why} whole cycles are solved$"):
+            plan.dropped(cycles, 4)
+    for options, what in (({"lyapunov": True}, "the Lyapunov exponent"), ({"damping": True}, "the equivalent damping"),
+                          ({"direction": "up"}, "direction up"), ({"discard": "auto"}, "discard auto")):
+        Plan(**options).check(slip)
+        with pytest.raises(InputError, match=f"^{what} needs a periodic excitation"):
+            Plan(**options).check(runup)
+    Plan().check(runup)
+    with pytest.raises(InputError, match="rtol"):
+        Plan(solver="fixed_step", rtol=1e-6).check(slip)
+    assert Plan.of(None, {"cycles": 3}) == Plan.of(Plan(cycles=3), {}) == Plan(cycles=3)
+    with pytest.raises(InputError, match=r"^cycle is not a setting; the settings are cycles, duration, discard, "
+                       r"direction, "
+                                         r"solver, rtol, step, section_points, damping, lyapunov, lyapunov_cycles, "
+                                             r"orders$"):
+        Plan.of(None, {"cycle": 3})
+    with pytest.raises(InputError, match=r"^rtol is given beside a plan; change the plan instead$"):
+        Plan.of(Plan(), {"rtol": 3})
+    names = list(inspect.signature(simulate).parameters)
+    assert names == ["scene", "plan", "samples_per_cycle", "flywheel_angle", "start", *vars(Plan())]
+    assert inspect.signature(simulate).parameters["direction"].default == "cold"
+    assert inspect.signature(simulate).parameters["direction"].kind is inspect.Parameter.KEYWORD_ONLY
+
+
+def test_the_section_is_kept_and_confirmed_over_so_many_cycles() -> None:
+    cycles = Cycles(np.arange(33.0).reshape(11, 3), *np.zeros((3, 10)))
+    assert [simulation.angles_of(Plan(section_points=count), cycles).tolist() for count in (0, 1, 9, 10, 50)] == [
+        [], [31.0], [3.0 * k + 1.0 for k in range(2, 11)], *[[3.0 * k + 1.0 for k in range(1, 11)]] * 2]
+    assert [simulation.confirming_cycles(period) for period in (0, 1, 5, 6, 16)] == [10, 10, 10, 12, 32]
+    start = simulation.start_of(replace(load_scene("slip").system, {
+        "initial.slip_speed": 1.0, "initial.plate_angle": 2.0, "initial.plate_speed": 3.0}))
+    assert start == Start(State(1.0, 2.0, 3.0, 2.0), 0)
+
+
+@pytest.mark.parametrize("rest", [0.0, 0.5])
+def test_a_duration_has_its_whole_cycles_and_the_part_behind_them(rest: float) -> None:
+    """A third of them is dropped, and at most 50."""
+    system = load_scene("slip").system
+    for whole, dropped in ((10, 3), (180, 50)):
+        run = simulate(system, duration=(whole + rest) * system.cycle).summary
+        assert (run.cycles, run.discarded) == (whole, dropped)
+        assert run.covers == pytest.approx((dropped * system.cycle, (whole + rest) * system.cycle))
+        assert run.seconds == pytest.approx((whole + rest - dropped) * system.cycle)
+    assert simulate(load_scene("tip_in"), duration=0.5).summary.discarded == 0
+
+
+@pytest.mark.parametrize(("most", "dropped"), [(60, 50), (130, 65), (131, 66), (1, 0)])
+def test_auto_drops_half_and_at_least_fifty_if_nothing_settles(most: int, dropped: int) -> None:
+    result = simulate("chaos", cycles=most, discard="auto")
+    assert (result.summary.cycles, result.summary.discarded) == (most, dropped)
+    assert result.summary.transient
+    sampled = simulate("chaos", cycles=most, discard="auto", samples_per_cycle=4)
+    assert len(sampled.trajectory.t) == 4 * most + 1
+    assert sampled.summary.max_slip_speed == pytest.approx(result.summary.max_slip_speed, rel=1e-6)
+
+
+def test_what_a_simulation_says_of_itself() -> None:
+    result = simulate("slip", cycles=20)
+    assert repr(result) == ("<Simulation by smoothed: 20 cycles, period 1, settled, slip; largest |slip speed| "
+                            f"{result.summary.max_slip_speed:.6g} rad/s>")
+    assert (result.warnings, result.status) == (None, "reached the end")
+    noted = dataclasses.replace(result, notes=("a",), trajectory=dataclasses.replace(result.trajectory, detail="b"))
+    assert (noted.warnings, noted.status) == (["smoothed: b", "a"], "reached the end; b")
+    failed = dataclasses.replace(noted, summary=None, trajectory=dataclasses.replace(
+        result.trajectory, status=Status.REFUSED, detail="c"))
+    assert failed.warnings == ["a"]
+    assert failed.columns() == {"status": [f"{Status.REFUSED.value}; c"]}
+    assert repr(failed) == f"<Simulation by smoothed: {Status.REFUSED.value}; c>"
+    assert result.raise_for_status() is result
+    for detail, said in (("c", "c"), ("", Status.REFUSED.value)):
+        refused = dataclasses.replace(failed, trajectory=dataclasses.replace(failed.trajectory, detail=detail))
+        with pytest.raises(InputError, match=f"^smoothed: {said}$"):
+            refused.raise_for_status()
