@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace as with_fields
 
 import numpy as np
 import pytest
@@ -12,9 +13,22 @@ from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.solvers.runs import LONGEST
+from tcc_sim.sweeps import sweep as sweeps_of_one_key
+from tcc_sim.sweeps.blocks import in_blocks
 from tcc_sim.sweeps.steady_state import repeats_after
-from tcc_sim.sweeps.sweep import Curve, Plan, solve_points, sweep, sweep_curves, sweep_grid
+from tcc_sim.sweeps.sweep import (
+    Curve,
+    Plan,
+    solve_point,
+    solve_points,
+    sweep,
+    sweep_curves,
+    sweep_grid,
+    with_sweep_tolerance,
+)
 from tcc_sim.trajectory import State
 
 KINETIC = "friction.kinetic_coefficient"
@@ -201,3 +215,64 @@ def test_a_column_is_a_result_in_numbers() -> None:
     for name, words in (("max_slip", "did you mean max_slip_speed"), ("regime", "not a result in numbers")):
         with pytest.raises(InputError, match=words):
             swept.column(name)
+
+
+SMOOTHED = replace(system(0.36), {"friction.law": "smoothed"})
+
+
+@pytest.mark.parametrize("plan", [
+    Plan(cycles=90, section_points=5, damping=True, lyapunov=True, lyapunov_cycles=60), Plan(cycles=120,
+        discard="auto"),
+    Plan(cycles=60, discard=3), Plan(cycles=30, solver="event_driven")], ids=["extras", "auto", "discard", "solver"])
+def test_points_solved_together_are_those_solved_alone(plan: Plan) -> None:
+    """Periods one and two, one that does not settle and one that runs away."""
+    values = (0.3, 0.258, 0.192, 0.06)
+    systems = [replace(system(0.36), {KINETIC: x}) for x in values]
+    assert in_blocks(systems, plan)
+    together = solve_points(systems, values, plan, None)
+    for one, value, each in zip(together, values, systems):
+        alone, with_others = solve_point(each, value, plan).as_record(), one.as_record()
+        assert with_others == {**alone, "elapsed_s": with_others["elapsed_s"]}
+    assert {each.summary.runaway for each in together} == {False, True}
+
+
+def test_whole_cycles_from_rest_by_an_engine_are_solved_together() -> None:
+    one, runup = system(0.36), load_scene("runup").system
+    for systems, plan, together in (
+            ([one, one], Plan(), True), ([SMOOTHED], Plan(discard="auto"), True), ([one, SMOOTHED], Plan(), False),
+            ([one], Plan(direction="up"), False), ([one], Plan(orders=()), False), ([one], Plan(duration=1.0), False),
+            ([runup], Plan(), False), ([runup], Plan(cycles=9), False), ([SMOOTHED], Plan(solver="radau"), False),
+            ([one], Plan(cycles=LONGEST), True), ([one], Plan(cycles=LONGEST + 1), False)):
+        assert in_blocks(systems, plan) == together
+
+
+def test_the_order_the_batch_and_the_tolerance_of_a_sweep() -> None:
+    curve = Curve(system(0.36), KINETIC, (0.3, 0.26, 0.28, 0.26))
+    for direction, order in (("cold", [0, 1, 2, 3]), ("up", [1, 3, 2, 0]), ("down", [0, 2, 3, 1])):
+        assert sweeps_of_one_key._order(curve, Plan(direction=direction)) == order
+    for cycles, points, threads, batch in ((150, 1000, 2, 32), (2000, 1000, 2, 2), (10_000, 1000, 2, 1), (150, 13, 2,
+        2),
+                                           (150, 4, 2, 1), (150, 1000, 200, 1)):
+        assert sweeps_of_one_key._batch(Plan(cycles=cycles), points, threads) == batch
+        assert sweeps_of_one_key._batch(Plan(cycles=cycles, direction="up"), points, threads) == 1
+    for plan, rtol in ((Plan(), 1e-6), (Plan(rtol=1e-9), 1e-9), (Plan(rtol=1e-3), 1e-3), (Plan(discard="auto"), None),
+                       (Plan(solver="fixed_step"), None), (Plan(solver="rk4"), None)):
+        assert with_sweep_tolerance(SMOOTHED, plan) == with_fields(plan, rtol=rtol)
+
+
+def test_curves_of_both_laws_and_of_different_lengths_are_solved_in_one_call(tmp_path) -> None:
+    """One of the tasks would have both laws; a file has every point once."""
+    curves = [Curve(each, KINETIC, values) for each, values in (
+        (system(0.36), (0.3,)), (SMOOTHED, (0.3, 0.25)), (system(0.2), (0.29, 0.28, 0.27)))]
+    for plan in (Plan(cycles=12), Plan(cycles=12, direction="down")):
+        out = tmp_path / f"{plan.direction}.jsonl"
+        together = sweep_curves(curves, plan, jobs=1, out=out)
+        assert out.read_bytes().count(b"\n") == 7
+        for curve, result in zip(curves, together):
+            assert result.complete
+            assert result.seconds > 0.0
+            alone, = sweep_curves([curve], plan)
+            assert without_time(result.records) == without_time(alone.records)
+    with pytest.raises(InputError, match=r"^discard is 12; it must be 0 to 11, since 12 whole cycles are solved$"):
+        sweep_curves(curves, Plan(cycles=12, discard=12), out=tmp_path / "none.jsonl")
+    assert not (tmp_path / "none.jsonl").exists()
