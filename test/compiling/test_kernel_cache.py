@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import fcntl
+import math
 import os
+import re
 import signal
 import stat
 import subprocess
@@ -11,8 +13,9 @@ import sys
 import time
 from collections import namedtuple
 from contextlib import nullcontext
+from enum import Enum
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,9 +26,9 @@ from numba.core import compiler
 
 from tcc_sim.compiling import compiled as compiled_module
 from tcc_sim.compiling import kernel_cache, linked
-from tcc_sim.compiling.compiled import CODE, LOWERING, Kernel, compiled
+from tcc_sim.compiling.compiled import Kernel, compiled, timed
 from tcc_sim.compiling.kernel_cache import Dependencies
-from tcc_sim.compiling.processor import Processor, processor
+from tcc_sim.compiling.processor import NEEDED, Processor, processor
 from tcc_sim.scene import system_of
 from tcc_sim.solvers import fixed_step
 from tcc_sim.solvers.terms import terms_of
@@ -191,8 +194,12 @@ def test_no_base_that_is_not_absolute_and_no_home(cache, monkeypatch, capsys):
 
 
 def test_every_compilation_of_a_second_is_announced(cache, capsys):
-    for name, seconds, said in (("short", 0.9, ""), ("long", 7.0, "about 7 s"), ("other", 2.0, "about 2 s")):
-        assert kernel_cache.load_or_build(name, lambda s=seconds: s, lambda: b"code", bytes.upper) == b"CODE"
+    for name, seconds, said in (("short", 0.9, ""), ("long", 7.0, "about 7 s"), ("other", 1.0, "about 1 s")):
+        def make(name=name):
+            assert stat.S_IMODE((cache / f"tmp.{name}").stat().st_mode) == 0o600  # The lock.
+            return b"code"
+
+        assert kernel_cache.load_or_build(name, lambda s=seconds: s, make, bytes.upper) == b"CODE"
         err = capsys.readouterr().err
         assert err == (f"tcc-sim: compiling kernels for this kind of scene, {said}, once\n" if said else "")
     assert kernel_cache.load_or_build("long", lambda: 7.0, lambda: b"another", bytes.upper) == b"CODE"
@@ -204,13 +211,15 @@ def test_the_estimate_counts_what_is_left_to_do(cache, tmp_path):
     function, called = kernel.py_func, kernel.py_func.__globals__["callee"].scaled.py_func
     size, inner = len(function.__code__.co_code) + len(called.__code__.co_code), len(called.__code__.co_code)
     assert kernel.dependencies.size == size
-    assert kernel.seconds() == pytest.approx((LOWERING + CODE) * size)
+    assert kernel.seconds() == pytest.approx(7e-5 * size)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delitem(sys.modules, "numba")
+        assert kernel.seconds() == pytest.approx(0.7 + 7e-5 * size)
     kernel.effort = 3.0
-    assert kernel.seconds() == pytest.approx((LOWERING + 3.0 * CODE) * size)
+    assert kernel.seconds() == pytest.approx(13e-5 * size)
     kernel(3.0)
     forget()
-    assert modules(tmp_path, name="estimated").seconds() == pytest.approx(
-        LOWERING * (size - 3 * inner) + CODE * size)
+    assert modules(tmp_path, name="estimated").seconds() == pytest.approx(7e-5 * size - 12e-5 * inner)
 
 
 def lowered(kernel, *arguments):
@@ -344,6 +353,130 @@ def test_closures_and_defaults_count():
     assert compiled(two)(1.0, 2.0) == 5.0
 
 
+class Colour(Enum):
+    RED = 1
+
+
+class Gain:
+    """Something of this module, whose text counts only in the package."""
+
+    def __init__(self, value):
+        self.value = value
+
+    def __repr__(self):
+        return f"<Gain {self.value} at 0x7f00>"
+
+
+def function_of(text, **names):
+    """A function whose global names are these."""
+    exec(f"out = {text}", names)
+    return names["out"]
+
+
+def reading(value):
+    """A function that looks up a constant."""
+    return function_of("lambda x: (VALUE, x)", VALUE=value)
+
+
+@pytest.mark.parametrize(("value", "others"), [
+    (1, [2, 1.0, True, "1", None]), (0.5, [0.25, np.float32(0.5)]), ("ab", ["ac", b"ab"]), (1j, [2j]),
+    ((1, 2), [(1, 3), (1,), (1, 2, 3), [1, 2], ((1, 2),)]), (((1,), 2), [(1, (2,)), (1, 2)]),
+    (np.array([1.0, 2.0]), [np.array([1.0, 2.5]), np.array([[1.0, 2.0]]), np.array([1, 2]), np.array([1.0])]),
+    (np.dtype(float), [np.dtype(int)]), (math.sin, [math.cos]), (namedtuple("Two", "a b"), [namedtuple("Two", "b a")]),
+    (Colour, [Enum("Colour", {"RED": 2}, module=__name__)]), (Gain(1), [Gain(2)]),
+    (lambda x: x + 1, [lambda x: x + 2, lambda x: x - 1, lambda y: y + 1, lambda x, y=1: x + 1]),
+    (lambda x: [lambda y: y + 1], [lambda x: [lambda y: y + 2]]),
+    (compiled(abs_of := lambda x: abs(x)), [abs_of, compiled(abs_of, fastmath=True)])])
+def test_what_a_constant_is_and_its_value_count(value, others):
+    digest = Dependencies(reading(value)).digest
+    assert digest == Dependencies(reading(value)).digest
+    assert len({digest, *(Dependencies(reading(other)).digest for other in others)}) == 1 + len(others)
+
+
+def test_of_a_module_that_names_count_which_are_looked_up():
+    """Of one outside the package only its numbers and kernels; a module that holds itself, and calls in a circle."""
+    def digest(name="outside", names=(), **content):
+        module = ModuleType(name)
+        vars(module).update(content, itself=module)
+        looked_up = ", ".join(f"module.{each}" for each in names)
+        return Dependencies(function_of(f"lambda x: (module, {looked_up})", module=module)).digest
+
+    names = ["a", "itself"]
+    assert digest(names=names, a=1.0) == digest(names=names, a=1.0, b=2.0) != digest(names=names, a=1.5)
+    assert digest(names=names, a=Gain(1)) == digest(names=names, a=Gain(2))
+    assert digest("tcc_sim.any", names, a=Gain(1)) != digest("tcc_sim.any", names, a=Gain(2))
+    assert digest(names=names, a=compiled(lambda x: x)) != digest(names=names, a=compiled(lambda x: -x))
+    assert digest() != digest("other")
+    two = function_of("lambda x: one(x)")
+    one = two.__globals__["one"] = function_of("lambda x: two(x)", two=two)
+    reached = Dependencies(one)
+    assert reached.size == len(one.__code__.co_code) + len(two.__code__.co_code)
+    assert reached.digest != Dependencies(one, "another compiler").digest
+
+
+def test_the_first_process_alone_prints_and_only_where_it_can(monkeypatch, capsys):
+    monkeypatch.setattr(kernel_cache, "announced", set())
+    for _ in range(2):
+        kernel_cache.print_once("kind", "a sentence\n")
+    kernel_cache.print_once("other", "another")
+    assert capsys.readouterr().err == "tcc-sim: a sentence\\n\ntcc-sim: another\n"
+    with monkeypatch.context() as patch:
+        patch.setattr(kernel_cache.multiprocessing, "parent_process", object)
+        kernel_cache.print_once("child", "nothing")
+    assert capsys.readouterr().err == ""
+    for stream in (None, open(os.devnull)):  # noqa: SIM115  The second one takes no text.
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "stderr", stream)
+            kernel_cache.print_once(str(stream), "nothing")
+    for error, reason in ((FileNotFoundError(2, "No such file", "/a"), "/a: No such file"), (OSError("text"), "text"),
+                          (ValueError("text"), "text"), (ValueError(), "ValueError")):
+        assert kernel_cache._reason(error) == reason
+
+
+@pytest.mark.parametrize(("named", "features", "host", "expected"), [
+    ("", "", {}, ("x86-64-v3", "")), ("", "", {"avx2": False}, ("host", "-avx2")), ("skylake", "", {}, ("skylake", "")),
+    ("", "+avx", {}, ("host", "+avx")), ("", "", {"triple": "aarch64-linux"}, ("host", "-all"))])
+def test_kernels_are_for_the_level_where_the_processor_has_it(monkeypatch, named, features, host, expected):
+    class Features(dict):
+        def flatten(self):
+            return expected[1]
+
+    present = Features(dict.fromkeys(NEEDED, True) | dict.fromkeys(host, False))
+    triple = host.get("triple", "x86_64-pc-linux")
+    for name, value in (("process_triple", triple), ("host_cpu_features", present), ("host_cpu_name", "host")):
+        monkeypatch.setattr(binding, f"get_{name}", lambda value=value: value)
+    monkeypatch.setenv("NUMBA_CPU_NAME", named)
+    monkeypatch.setenv("NUMBA_CPU_FEATURES", features)
+    assert processor.__wrapped__() == (triple, *expected)
+
+
+def test_some_versions_of_numba_are_linked_and_only_code_for_the_level_is_shipped(monkeypatch):
+    for version, known in (("0.61.9", False), ("0.62.0", True), ("0.62.1rc1", True), ("0.68.3", True),
+                           ("0.69.0", False), ("1.0.0", False)):
+        monkeypatch.setattr(compiled_module, "_numba", lambda version=version: (version, ""))
+        assert compiled_module.numba_supported() == known
+    assert compiled_module.not_to_ship() == "the build has Numba 1.0.0, not one of 0.62 to 0.68"
+    monkeypatch.setattr(compiled_module, "_numba", lambda: ("0.62.0", ""))
+    for name, why in (("x86-64-v3", ""), ("generic", "the build's processor is not x86-64-v3")):
+        monkeypatch.setattr(compiled_module, "processor", lambda name=name: Processor("", name, ""))
+        assert compiled_module.not_to_ship() == why
+
+
+def test_a_file_is_named_by_function_digest_and_kind_and_a_call_is_timed(monkeypatch):
+    @compiled
+    def doubled(x):
+        return 2.0 * x
+
+    assert timed(doubled, 3.0)[0] == 6.0
+    clock = iter([10.0, 12.5])
+    monkeypatch.setattr(compiled_module.time, "perf_counter", lambda: next(clock))
+    assert timed(doubled, 4.0) == (8.0, 2.5)
+    name = doubled.file_name(("d",))
+    head = "test_kernel_cache.test_a_file_is_named_by_function_digest_and_kind_and_a_call_is"  # 80 letters.
+    assert re.fullmatch(rf"{head}-{doubled.dependencies.digest[:24]}-[0-9a-f]{{16}}", name)
+    assert name != doubled.file_name(("q",))
+
+
 def test_what_nothing_has_used_for_30_days_is_removed_when_something_is_kept(cache, tmp_path):
     """A kernel that is loaded counts as used from then on."""
     now, day = time.time(), 86400.0
@@ -365,12 +498,15 @@ def test_what_nothing_has_used_for_30_days_is_removed_when_something_is_kept(cac
     assert other in left
 
 
-@pytest.mark.parametrize(("days", "present"), [(29.9, True), (30.1, False)])
-def test_a_file_is_kept_for_30_days(tmp_path, days, present):
-    kernel = tmp_path / "a.b-1-2"
-    kernel.touch()
-    kernel_cache.remove_unused(tmp_path, kernel.stat().st_mtime + days * 86400.0)
-    assert kernel.exists() == present
+@pytest.mark.parametrize(("name", "days"), [("a.b-1-2", 30), ("tmp5", 1), ("other.txt", None)])
+def test_a_file_is_kept_for_some_days(tmp_path, name, days):
+    file = tmp_path / name
+    file.touch()
+    os.utime(file, (0.0, 0.0))
+    kernel_cache.remove_unused(tmp_path, 86400.0 * (days or 1000))
+    assert file.exists()
+    kernel_cache.remove_unused(tmp_path, 86400.0 * (days or 1000) + 0.1)
+    assert file.exists() == (days is None)
 
 
 ALONE = """
