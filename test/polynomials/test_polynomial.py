@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tcc_sim.polynomials.bernstein import (
     NOISE,
     WIDTH,
     later_part,
+    search_on,
     slope_changes,
     to_bernstein,
 )
@@ -102,6 +104,29 @@ def test_a_later_part_goes_from_the_cut_to_the_end_within_its_hull(degree):
     row, (begin, end) = WORKSPACE[BERNSTEIN], (float(exact(a, x)) for x in (0.5, 2.0))
     assert row[[0, LOW, degree, HIGH]].tolist() == pytest.approx([begin, begin, end, end])
     assert row[[LEFT, WIDTH]].tolist() == [0.5, 1.5]
+
+
+def test_a_stack_of_halves_ends_at_a_short_interval_or_a_full_stack():
+    """Each half has the values of the polynomial, by de Casteljau in rational numbers, and a wider error bound."""
+    rows = [Fraction(x) for x in (1, -3, 5, 2, 4)]
+    left, right = [], []
+    while rows:
+        left, right = [*left, rows[0]], [rows[-1], *right]
+        rows = [(a + b) / 2 for a, b in pairwise(rows)]
+    for changes, width, row, top in ((1, 2.0, 3, 2), (2, 2.0, 3, 4), (2, 0.5, 3, 2), (2, 0.51, 3, 4), (2, 2.0, 41, 42),
+                                     (2, 2.0, 42, 41)):
+        work = np.zeros(polynomial.WORKSPACE)
+        work[row, :5], work[row, [LEFT, WIDTH, NOISE]] = [1.0, -3.0, 5.0, 2.0, 4.0], (7.0, width, 1e-16)
+        before = work.copy()
+        assert search_on(work, row, 4, changes, 0.5) == top
+        if top < row:
+            np.testing.assert_array_equal(work, before)
+            continue
+        np.testing.assert_array_equal(work[row + 1, :5], np.array(left, dtype=float))
+        np.testing.assert_array_equal(work[row, :5], np.array(right, dtype=float))
+        for place, start in ((row + 1, 7.0), (row, 7.0 + 0.5 * width)):
+            assert work[place, [LEFT, WIDTH]].tolist() == [start, 0.5 * width]
+            assert work[place, NOISE] == pytest.approx(1e-16 + 4 * 1.12e-16 * 4.0, rel=1e-14)
 
 
 def test_steps_between_coefficients_within_their_rounding_are_no_changes_of_the_slope():
