@@ -298,17 +298,3 @@ def test_without_compiler_or_library_cvode_says_so(missing, why, monkeypatch):
         monkeypatch.setattr(peers, "LIBRARIES", missing["LIBRARIES"])
     with pytest.raises(peers.Failed, match=why):
         peers.cvode(System(), 1, 1e-6, 1)
-
-
-def test_points_below_the_floor_are_faded():
-    """Of three errors one lies below the references' floor of 1e-8, and one more below what XPPAUT writes."""
-    from matplotlib.figure import Figure
-    record = scene_record("fig02", "smoothed", SteadyState(400, 0, None, None, []))
-    record.results += [PrecisionResult(name, 1e-6, 1.0, e, 1.0, None, s, s, None)
-                       for name in ("smoothed", "XPPAUT cvode") for s, e in ((1.0, 1e-5), (2.0, 1e-7), (3.0, 1e-9))]
-    axis, handles = Figure().subplots(), {}
-    report_drawings.draw_curves(axis, record, "error_section", handles)
-    shown = {name: np.isfinite(np.asarray(line.get_ydata())).tolist() for name, line in handles.items()}
-    assert shown == {"smoothed": [True, True, False], "XPPAUT cvode": [True, False, False]}
-    faded = [line for line in axis.lines if line not in handles.values()]
-    assert [(line.get_alpha(), len(line.get_ydata())) for line in faded] == [(report_drawings.FADED, 3)] * 2

@@ -22,7 +22,6 @@ from tcc_sim.study.paper.branches_behind import creeps, motions_behind, motions_
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, FigureOptions, paper_system, plain
 from tcc_sim.study.paper.drawings import draw
 from tcc_sim.study.paper.figure_results import Figure, JumpBehind, Labelled, MotionsBehind
-from tcc_sim.study.views.branch_diagram import MARKS
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 from tcc_sim.views import style
 from tcc_sim.views.plots import plot
@@ -108,10 +107,6 @@ def test_given_branches_are_drawn(data: Figure, figures: list[Any], tmp_path: Pa
     stored = json.loads(json.dumps(document("figure", data, paper_system(), [])))
     plot(stored, tmp_path / "again.png")
     assert same_pictures(figures, style.PAGE)
-    folds = [line.get_xydata().tolist() for axis in figures[0].axes for line in axis.lines
-             if line.get_marker() == MARKS["fold"][0] and len(line.get_xdata()) == 1]
-    assert folds[0] == [[pytest.approx(150.0 / data.unit), 30.0]]
-    assert folds == [folds[0]] * len(folds)
 
 
 def test_points_far_above_the_branches_are_counted_and_not_shown() -> None:
