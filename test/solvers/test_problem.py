@@ -253,7 +253,7 @@ def test_torques_on_the_way_by_hand() -> None:
     assert pull(0.5, None, 0, linear) == 0.0
     assert pull(0.5, far, 0, linear) == pytest.approx(0.6 * 4.0 + 3000.0 * (0.1 + 1.0 + 0.5))
     assert pull(1.5, far, 1, linear) == pull(1.5, far, 7, linear) == pytest.approx(0.6 * 2.0 + 3000.0 * (2.0 - 0.25))
-    profile = np.array([[0.0], [1.0], [2.0]])
+    profile = np.array([[0.0, 9.0], [1.0, -9.0], [2.0, 1.5]])
     assert (piece(None, 5.0), after(None, 5.0, 0.25)) == (0, 0.25)
     assert [piece(profile, t) for t in (-1.0, 0.0, 0.9, 1.0, 2.0, 9.0)] == [0, 0, 0, 1, 2, 2]
     for t, h, expected in ((0.5, 0.25, 0.25), (0.5, 0.5, 0.5), (0.5, 0.75, 0.5), (1.0, 2.0, 1.0), (2.0, 1.0, 1.0),
