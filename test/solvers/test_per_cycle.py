@@ -60,16 +60,16 @@ def expected(begin, end, hidden=(math.inf, math.inf)):
             "coupling_energy": float(0.5 * h @ (heat[1:] + heat[:-1]))}
 
 
-def compare(result, n, wanted, tolerance=2e-4):
+def compare(result, n, wanted):
     got = {**{name: getattr(result, name)[n] for name in ("highest", "lowest", "stick_time")},
            **{name: values[n] for name, values in asdict(result.loads).items()}}
     assert got.keys() == wanted.keys()
     for name, value in wanted.items():
-        scale = 1e-3 if name == "stick_time" else max(abs(value), 1.0)
-        assert got[name] == pytest.approx(value, abs=tolerance * scale), name
+        scale = {"stick_time": 1e-3, "peak_power": 50.0 * abs(value)}.get(name, max(abs(value), 1.0))
+        assert got[name] == pytest.approx(value, abs=2e-5 * scale), name
 
 
-@pytest.mark.parametrize("count", [1000, 997])
+@pytest.mark.parametrize("count", [400, 397])
 def test_all_results_are_those_of_the_closed_form(count):
     """With samples at the starts of the cycles, or between them."""
     t, starts = np.linspace(0.0, 0.8, count + 1), np.array([0.04, 0.19, 0.34, 0.49, 0.76])
@@ -78,7 +78,8 @@ def test_all_results_are_those_of_the_closed_form(count):
     for n in range(4):
         compare(result, n, expected(starts[n], starts[n + 1]))
     v, _, angle, speed, *_ = motion(starts)
-    np.testing.assert_allclose(result.section, np.stack([v, angle, speed], axis=1), rtol=1e-6, atol=1e-7)
+    for column, exact, error in zip(result.section.T, (v, angle, speed), (3e-6, 1e-9, 3e-6)):
+        np.testing.assert_allclose(column, exact, rtol=0.0, atol=error)
     none = cycles_of(t, starts[:1])
     assert (len(none), none.section.shape) == (0, (1, 3))
     assert all(len(values) == 0 for values in asdict(none.loads).values())
@@ -87,7 +88,7 @@ def test_all_results_are_those_of_the_closed_form(count):
 @pytest.mark.parametrize("gap", [(0.2501, 0.2899), (0.1701, 0.2199), (0.3301, 0.5299)])
 def test_nothing_between_the_neighbours_of_a_missing_sample_counts(gap):
     """Within a cycle, across a start, and a whole cycle, of which nothing is known."""
-    t, starts = np.linspace(0.0, 0.8, 1001), np.array([0.04, 0.19, 0.34, 0.49, 0.76])
+    t, starts = np.linspace(0.0, 0.8, 401), np.array([0.04, 0.19, 0.34, 0.49, 0.76])
     t = t[(t < gap[0]) | (t > gap[1])]
     bridged = np.diff(t) > 0.01
     hidden = t[:-1][bridged][0], t[1:][bridged][0]
@@ -97,7 +98,8 @@ def test_nothing_between_the_neighbours_of_a_missing_sample_counts(gap):
         if hidden[0] <= begin and end <= hidden[1]:
             assert (result.stick_time[n], result.loads.energy[n], result.loads.coupling_energy[n]) == pytest.approx(
                 (0.0, 0.0, 0.0), abs=1e-9)
-            assert np.isnan([result.highest[n], result.lowest[n], *(column[n] for column in result.loads.columns()[1:4])]).all()
+            extremes = result.highest, result.lowest, *result.loads.columns()[1:4]
+            assert np.isnan([column[n] for column in extremes]).all()
             continue
         compare(result, n, expected(begin, end, hidden))
     plain, none = cycles_of(t, starts), cycles_of(t, starts, np.zeros(len(t) - 1, bool))
@@ -147,20 +149,28 @@ def test_times_of_samples_and_cycles():
 def test_a_jump_of_the_torque_cuts_the_samples_on_both_sides():
     """Friction in fast slip is the load: with a load that jumps at 0.31 s the slip speed is two lines."""
     system = replace(System(), {
-        "engine.torque_amplitude": 0.0, "engine.mean_torque": 0.0, "friction.decay": 0.0, "driveline.stiffness": 1e-3,
-        "driveline.damping": 0.0, "engine.frequency": 2.0 * math.pi / CYCLE, "friction.kinetic_coefficient": 0.3})
-    terms = terms_of(dataclasses.replace(system, inputs=Inputs(None, np.array([[0.0, 0.0, 0.0], [0.31, 1e5, 0.0]]),
+        "engine.torque_amplitude": 0.0, "engine.mean_torque": 0.0, "engine.frequency": 2.0 * math.pi / CYCLE,
+        "driveline.stiffness": 1e-3, "driveline.damping": 0.0, "driveline.plate_inertia": 10.0, "friction.decay": 0.0,
+        "friction.kinetic_coefficient": 0.3})
+    terms = terms_of(dataclasses.replace(system, inputs=Inputs(None, np.array([[0.0, 4e4, 0.0], [0.31, 1e5, 0.0]]),
                                                                1.0)))
-    rate = 240.0 / 0.2 + 240.0 / 0.02
-    for t in (np.arange(0.0, 0.45001, 0.025), np.append(np.arange(0.0, 0.31, 0.025), np.arange(0.31, 0.4501, 0.02))):
+    rate = 2.4e-3 * (1.0 / 0.2 + 1.0 / 10.0)  # Of v, rad/s^2 per Pa; of theta2' by the plate alone.
+
+    def states_at(t):
         past = np.maximum(t - 0.31, 0.0)
-        states = np.stack([9e3 - rate * past, 6e3 * past**2, 12e3 * past], axis=1)
-        result = cycles_of_states(t, states, terms, np.array([0.15, 0.3, 0.45]))
-        assert result.highest.tolist() == pytest.approx([9e3, 9e3])
-        assert result.lowest.tolist() == pytest.approx([9e3, 9e3 - rate * 0.14], rel=1e-6)
-        assert result.loads.energy[0] == pytest.approx(0.0, abs=1e-3)
-        assert result.loads.energy[1] == pytest.approx(240.0 * (9e3 * 0.14 - 0.5 * rate * 0.14**2), rel=1e-4)
-        assert result.section[:, 0].tolist() == pytest.approx([9e3, 9e3, 9e3 - rate * 0.14])
+        speed = 2.4e-4 * (4e4 * t + 6e4 * past)
+        return np.stack([9e3 - rate / 2.4e-4 * speed, 1.2e-4 * (4e4 * t**2 + 6e4 * past**2), speed], axis=1)
+
+    v = states_at(np.array([0.15, 0.3, 0.31, 0.45]))[:, 0]
+    for t in (np.arange(0.0, 0.45001, 0.025), np.append(np.arange(0.0, 0.31, 0.025), np.arange(0.31, 0.4501, 0.02))):
+        result = cycles_of_states(t, states_at(t), terms, np.array([0.15, 0.3, 0.45]))
+        assert result.highest.tolist() == pytest.approx(v[:2].tolist(), rel=1e-6)
+        assert result.lowest.tolist() == pytest.approx(v[[1, 3]].tolist(), rel=1e-6)
+        energy = 0.5 * np.array([96.0 * 0.15 * (v[0] + v[1]),
+                                 96.0 * 0.01 * (v[1] + v[2]) + 240.0 * 0.14 * (v[2] + v[3])])
+        assert result.loads.energy.tolist() == pytest.approx(energy.tolist(), rel=2e-5)
+        assert result.loads.peak_power.tolist() == pytest.approx([96.0 * v[0], 240.0 * v[2]], rel=1e-4)
+        assert result.section == pytest.approx(states_at(np.array([0.15, 0.3, 0.45])), rel=1e-6)
 
 
 JUMP = np.array([0.0, 1.0, 3.0, 4.0, np.nextafter(4.0, 5.0), 5.0, 7.0, np.nextafter(7.0, 8.0), 8.0,
