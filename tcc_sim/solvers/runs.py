@@ -32,35 +32,33 @@ LONGEST = 4096
 class Slots:
     """Memory and arrays of a number of runs of an engine, in a thread, used again by the next ones."""
 
-    def __init__(self, engine: EngineShell, count: int, cycles: int, with_loads: bool) -> None:
+    def __init__(self, engine: EngineShell, count: int, cycles: int) -> None:
         self.count, self.cycles = count, cycles
         self.content, self.memory, records = engine.memories(count)
         self.results = np.zeros((count, cycles + 2), CYCLE)
-        self.loads = np.zeros((count, cycles + 2), LOADS) if with_loads else None
+        self.loads = np.zeros((count, cycles + 2), LOADS)
         samples = np.empty((0, engine.columns or 3))
         if len(scratch.transitions) < TRANSITIONS_MAXIMUM:
             scratch.transitions = np.empty(TRANSITIONS_MAXIMUM, TRANSITION)
         transitions = scratch.transitions[:TRANSITIONS_MAXIMUM]
         self.calls = Calls(engine.integrate, [
-            (memory, None, Store(self.results[k], samples, 0, transitions,
-                                 None if self.loads is None else self.loads[k]), None)
+            (memory, None, Store(self.results[k], samples, 0, transitions, self.loads[k]), None)
             for k, memory in enumerate(records)])
 
 
 class _Kept(threading.local):
-    """The slots of a thread, by solver and whether there are loads."""
+    """The slots of a thread, by solver."""
 
     def __init__(self) -> None:
-        self.slots: dict[tuple[str, bool], Slots] = {}
+        self.slots: dict[str, Slots] = {}
 
-    def of(self, engine: EngineShell, count: int, cycles: int, with_loads: bool) -> Slots:
+    def of(self, engine: EngineShell, count: int, cycles: int) -> Slots:
         """Return slots for so many runs of so many cycles."""
-        key = engine.name, with_loads
-        slots = self.slots.get(key)
+        slots = self.slots.get(engine.name)
         if slots is None or slots.count < count or slots.cycles < cycles:
             if slots is not None:
                 count, cycles = max(count, slots.count), max(cycles, slots.cycles)
-            slots = self.slots[key] = Slots(engine, count, cycles, with_loads)
+            slots = self.slots[engine.name] = Slots(engine, count, cycles)
         return slots
 
 
@@ -68,7 +66,7 @@ kept = _Kept()
 
 
 def solve_runs(systems: Sequence[System], states: Sequence[State], first: Sequence[int], cycles: int,
-               rtol: float | None = None, loads_from: int | None = None) -> Runs:
+               rtol: float | None, loads_from: int) -> Runs:
     """Solve systems with the same friction law and a periodic excitation by its engine, in this thread.
 
     Parameters
@@ -76,10 +74,10 @@ def solve_runs(systems: Sequence[System], states: Sequence[State], first: Sequen
     systems, states, first : (m,) systems, their initial states, and the numbers of their first engine cycles
     cycles : number of engine cycles of each, 1 to LONGEST
     rtol : relative tolerance; None for the engine's
-    loads_from : engine cycle of each run from which on loads are worked out; None for no loads
+    loads_from : engine cycle of each run from which on loads are worked out
     """
     engine, many = engine_of(systems[0]), len(systems)
-    slots = kept.of(engine, many, cycles, loads_from is not None)
+    slots = kept.of(engine, many, cycles)
     rtol = SOLVERS[engine.name].default if rtol is None else rtol
     setups = [engine.setup(system, rtol) for system in systems]
     slots.content[:many] = 0
@@ -87,8 +85,7 @@ def solve_runs(systems: Sequence[System], states: Sequence[State], first: Sequen
     numbers = np.array([initial.numbers for initial in states])
     for k, name in enumerate(("slip_speed", "plate_angle", "plate_speed")):
         state[name] = slots.results[name][:many, 0] = numbers[:, k]
-    if slots.loads is not None:
-        begin_loads(slots.loads[:many], loads_from)
+    begin_loads(slots.loads[:many], loads_from)
     began = time.perf_counter()
     ended = slots.calls([(start, cycles, 0.0, engine.steps(setup, cycles + 1)) for start, setup in zip(first, setups)],
                         [(setup._replace(waves=setup.waves.copy()),) for setup in setups])
@@ -96,11 +93,9 @@ def solve_runs(systems: Sequence[System], states: Sequence[State], first: Sequen
     raw: Any = slots.results.view(np.float64).reshape(slots.count, -1, CYCLE.itemsize // 8)[:many]
     section = raw[:, :cycles + 1, :3].copy()
     highest, lowest, stick_time = np.ascontiguousarray(raw[:, :cycles, 3:].transpose(2, 0, 1))
-    loads = None
-    if slots.loads is not None:
-        records = slots.loads.view(np.float64).reshape(slots.count, -1, LOADS.itemsize // 8)[:many, :cycles, :-1]
-        loads = np.ascontiguousarray(records.transpose(0, 2, 1))
-        loads[:, :, :loads_from] = math.nan
+    records = slots.loads.view(np.float64).reshape(slots.count, -1, LOADS.itemsize // 8)[:many, :cycles, :-1]
+    loads = np.ascontiguousarray(records.transpose(0, 2, 1))
+    loads[:, :, :loads_from] = math.nan
     steps = slots.memory["counters"]["steps"][:many]
     finite = np.isfinite(section).all(axis=(1, 2)) & np.isfinite(highest + lowest + stick_time).all(axis=1)
     return Runs(engine.name, section, highest, lowest, stick_time, loads, spent * steps / max(int(steps.sum()), 1),

@@ -95,7 +95,7 @@ def _confirmed(systems: Sequence[System], plan: Plan, runs: Runs, summaries: Seq
     open_ = [k for k, summary in enumerate(summaries) if summary.period and summary.settled and not confirmed[k]]
     for count in {counts[k] for k in open_}:
         at = [k for k in open_ if counts[k] == count]
-        # Loads from the end on, so none: without a place for them it would be another kernel.
+        # Loads from the end on, so none.
         further = solve_runs([systems[k] for k in at], [ends[k].state for k in at], [ends[k].cycle for k in at], count,
                              plan.rtol, count)
         for i, k in enumerate(at):

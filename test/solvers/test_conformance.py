@@ -9,6 +9,7 @@ import sys
 import time
 from dataclasses import astuple
 from functools import cache
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from piecewise import Piecewise
 from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
@@ -193,11 +195,28 @@ def test_too_many_steps_are_refused() -> None:
 
 
 def test_jacobian_is_the_derivative_of_the_rates() -> None:
+    """With every coefficient of the linear part."""
     terms, y = terms_of(FALLING), np.array([0.013, 0.1, 3.0, 0.2])
+    terms = terms._replace(linear=Linear(0.2, 0.02, 0.6, 3000.0, 15.0, 4.0, -11.0))
     result, rates = jacobian_of(terms, 4)(0.01, y), rates_of(terms, 4)
     for k, step in enumerate(np.diag([1e-6, 1e-6, 1e-4, 1e-4])):
         slope = (rates(0.01, y + step) - rates(0.01, y - step)) / (2.0 * step[k])
         np.testing.assert_allclose(result[:, k], slope, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "limit"), [("lsoda", "STEPS"), ("rk4", "STEPS")])
+def test_a_run_ends_at_the_most_steps(name: str, limit: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The last step that is allowed is taken; classical Runge-Kutta knows the number before it begins."""
+    module = import_module(SOLVERS[name].load().func.__module__ if name == "lsoda" else SOLVERS[name].load().__module__)
+    settings = {"rtol": 1e-5} if name == "lsoda" else {"step": FALLING.cycle / 2000.0}
+    whole = solve(FALLING, cycles=1, solver=name, **settings).raise_for_status().statistics.steps
+    for most, status in ((whole, Status.DONE), (whole - 1, Status.STEP_LIMIT if name == "lsoda" else Status.REFUSED)):
+        monkeypatch.setattr(module, limit, most)
+        run = solve(FALLING, cycles=1, solver=name, **settings)
+        assert (run.status, run.statistics.steps) == (status, most if name == "lsoda" or status is Status.DONE else 0)
+    if name == "rk4":
+        assert whole == 2000
+        assert run.detail == f"2e+03 steps of {settings['step']:g} s are more than 2e+03"
 
 
 @pytest.mark.parametrize("rtol", [1e-3, 1e-6])
@@ -225,6 +244,7 @@ def test_cycles_are_those_of_dense_samples() -> None:
 
 PROGRAM = """
 import os, sys, time
+from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.compiling.compiled import Kernel
