@@ -193,16 +193,15 @@ def _size(model: Model, name: str) -> float:
 def _determined_by(model: Model, key: str) -> str:
     """Return the measurement that would determine a key, after what slip and what step between samples this one has."""
     measured, friction = model.measured, model.system.friction
-    slip = measured.channels.get("slip_speed")
-    if slip is not None:
-        slowest = 0.0 if slip.min() < 0.0 < slip.max() else float(np.abs(slip).min())
-        reach = {"friction.smoothing": 2.0 / friction.smoothing,
-                 **dict.fromkeys(FALLING, math.log(FALLEN) / max(friction.decay, 1e-300))}.get(key, math.inf)
-        if slowest > reach:
-            return f"slip below {reach:.3g} rad/s would determine it; the slowest here is {slowest:.3g} rad/s"
-        fastest = float(np.abs(slip).max()) - OF_NOISE * noise_of(slip)
-        if key in OF_SLIP and fastest < 2.0 / friction.smoothing:
-            return "slip would determine it; here the clutch sticks throughout"
+    slip = measured.channels["slip_speed"]
+    slowest = 0.0 if slip.min() < 0.0 < slip.max() else float(np.abs(slip).min())
+    reach = {"friction.smoothing": 2.0 / friction.smoothing,
+             **dict.fromkeys(FALLING, math.log(FALLEN) / max(friction.decay, 1e-300))}.get(key, math.inf)
+    if slowest > reach:
+        return f"slip below {reach:.3g} rad/s would determine it; the slowest here is {slowest:.3g} rad/s"
+    fastest = float(np.abs(slip).max()) - OF_NOISE * noise_of(slip)
+    if key in OF_SLIP and fastest < 2.0 / friction.smoothing:
+        return "slip would determine it; here the clutch sticks throughout"
     sentences = DETERMINED_BY if measured.step > BREAKAWAY else DETERMINED_BY_FAST
     return sentences.get(key, "a longer measurement would determine it, or one with larger motion")
 

@@ -16,8 +16,8 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.identify import given, identify
 from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of
 from tcc_sim.estimation.multiple_shooting import INDEX, Fit, fit
-from tcc_sim.estimation.settings import DEFAULTS, Gates
-from tcc_sim.estimation.verdicts import _drift, judged
+from tcc_sim.estimation.settings import Gates
+from tcc_sim.estimation.verdicts import _drift
 from tcc_sim.estimation.windows import Model
 from tcc_sim.output.samples import write_samples
 from tcc_sim.scene import load_scene
@@ -242,33 +242,6 @@ def test_the_profile_of_a_key_that_is_free_alone_is_a_parabola() -> None:
     found = identify(data, {"driveline.stiffness": 3010.0}, scene=FIG02, noise=noise, likelihood="driveline.stiffness",
                      gates=ONCE)
     assert found.likelihood.excess == pytest.approx((0.5 * np.arange(-6.0, 7.0)) ** 2, rel=0.2, abs=0.1)
-
-
-def test_verdicts() -> None:
-    """At a bound, identified, and not identifiable because of another parameter, by the numbers of a fit."""
-    keys = ("friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping")
-    values, errors = np.array([0.24 * DEFAULTS.least_ratio, 0.24, 0.6]), np.array([1e-3, 1e-3, 0.01])
-    fitted = Fit(values, np.zeros((1, 3)), {}, 1.0, 0.0, 1000)
-    alone, together = np.eye(3), np.eye(3) + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -0.995], [0.0, -0.995, 0.0]])
-    model = Model(FIG02.system, keys, measured()[0])
-    judged_keys = [judged(model, i, 0.0, fitted, errors, alone, True, Gates()) for i in range(3)]
-    assert [p.verdict for p in judged_keys] == ["at its bound", "at its bound", "identified"]
-    for key, value in zip(keys, (0.24 * DEFAULTS.least_ratio, 0.3 / DEFAULTS.least_ratio)):   # The other one is fixed.
-        lone = Model(FIG02.system, (key,), measured()[0])
-        for away, verdict in ((5e-10, "at its bound"), (0.01, "identified")):
-            one = replace(fitted, values=np.array([value * (1.0 + (away if value < 0.25 else -away))]))
-            assert judged(lone, 0, value, one, np.array([1e-3]), np.eye(1), True, Gates()).verdict == verdict
-    damping = judged(model, 2, 0.6, fitted, errors, together, True, Gates())
-    assert damping.verdict == "not identifiable"
-    assert "friction.kinetic_coefficient (correlation -0.995)" in damping.why
-    wide = judged(model, 2, 0.6, fitted, 20.0 * errors, alone, True, Gates())
-    assert (wide.verdict, wide.high - wide.low) == ("not identifiable", pytest.approx(2.0 * 1.96 * 0.2, rel=1e-3))
-    fitted = replace(fitted, values=np.array([0.3, 0.24, 0.6]))
-    slow, fast = (judged(replace(model, measured=replace(model.measured, t=model.measured.t * scale)), 0, 0.3, fitted,
-                         100.0 * errors, alone, True, Gates()) for scale in (1.0, 0.1))
-    assert "10 kHz" in slow.why
-    assert "10 kHz" not in fast.why
-    assert "more breakaways" in fast.why
 
 
 def test_a_start_that_leads_nowhere_is_followed_by_others(monkeypatch: pytest.MonkeyPatch) -> None:

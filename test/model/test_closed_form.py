@@ -325,8 +325,7 @@ def test_limits_of_stick_exist_where_stick_begins_or_ends():
         assert [x and round(x, 6) for x in limits] == [x and round(x, 6) for x in expected]
     for low, high in ((0.0, 1.0), (2.0, 2.0), (3.0, 2.0)):
         with pytest.raises(InputError, match=f"^the frequency range is {low:g} to {high:g} rad/s; it must be above 0 "
-                           f"and "
-                                             "increasing$"):
+                           "and increasing$"):
             pure_stick.stick_limits(BASE, low, high)
     for values in ({"pressure.amplitude": 1.0}, RICH, {"engine.torque_amplitude": 0.0}):
         with pytest.raises(InputError, match=r"^the closed-form stick limits need pressure.amplitude 0 and exactly "):

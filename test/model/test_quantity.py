@@ -151,8 +151,8 @@ NOT_COMMANDED = ("it acts on commanded pressure and needs pressure.source topic,
     ({PHASES: 1.0}, f"{PHASES} is 1.0; it must be a list of numbers, each -100 to 100 rad"),
     ({PHASES: ["a"]}, f"{PHASES} is ['a']; it must be a list of numbers, each -100 to 100 rad"),
     ({"friction.law": 3},
-     "friction.law is '3'; it must be smoothed or set_valued; laws with memory, such as LuGre, are not modelled: sweep "
-     "over friction tables instead"),
+     "friction.law is '3'; it must be smoothed or set_valued; laws with memory, such as LuGre, are not modelled: "
+     "sweep over friction tables instead"),
     ({"engine.frequency_values": ["7rpm"]},
      "engine.frequency_values is 7rpm; it is the frequency of the excitation, in rad/s or hz: give the crankshaft's "
      "speed in rpm as engine.speed=7rpm"),
@@ -312,8 +312,8 @@ def test_terms_are_those_of_the_keys_and_a_refusal_names_who_has_them() -> None:
     assert sentence(lambda: supported_terms.check_supported("section map", odd, "it")) == ""
     driven = dataclasses.replace(odd, inputs=Inputs(lines, None, 1.0))
     assert sentence(lambda: supported_terms.check_supported("smoothed", driven, "it")) == (
-        "it does not know friction.law set_valued; those that do are event_driven, section map, pure slip, pure stick, "
-        "reference")
+        "it does not know friction.law set_valued; those that do are event_driven, section map, pure slip, pure "
+        "stick, reference")
     assert sentence(lambda: supported_terms.check_supported("event_driven", driven, "it")) == (
         "it does not know inputs; those that do are fixed_step, smoothed, rk45, dop853, radau, bdf, lsoda, rk4, tick "
         "derivatives, node")

@@ -298,8 +298,7 @@ def test_a_grid_puts_its_rows_below_each_other_and_counts_together() -> None:
     assert grid.lists["lyapunov"][1] == [None] * 3
     assert grid.lists["judder_rms"] == [[4.0, None, None], [None] * 3]
     assert repr(grid) == (f"<Grid over {KINETIC}: 3 values from 0.24 to 0.26, and pressure.mean: 2 values from 200000 "
-                          f"to "
-                          "300000; 4 solved>")
+                          "to 300000; 4 solved>")
 
 
 @pytest.mark.parametrize("change", [

@@ -267,8 +267,7 @@ def test_a_plan_has_defaults_and_takes_the_ends_of_its_ranges() -> None:
     assert [Plan(discard=discard).dropped(10, 4) for discard in (None, 0, 9, "auto")] == [4, 0, 9, 4]
     assert Plan(discard=0).dropped(0, 3) == Plan().dropped(0, 0) == 0
     for plan, cycles, why in ((Plan(discard=10), 10, "10; it must be 0 to 9, since 10"), (Plan(), 2, "4; it must be 0 "
-        "to 1, "
-                              "since 2"), (Plan(discard=1), 0, "1; it must be 0 to 0, since 0")):
+        "to 1, since 2"), (Plan(discard=1), 0, "1; it must be 0 to 0, since 0")):
         with pytest.raises(InputError, match=f"^discard is {why} whole cycles are solved$"):
             plan.dropped(cycles, 4)
     for options, what in (({"lyapunov": True}, "the Lyapunov exponent"), ({"damping": True}, "the equivalent damping"),
@@ -281,9 +280,7 @@ def test_a_plan_has_defaults_and_takes_the_ends_of_its_ranges() -> None:
         Plan(solver="fixed_step", rtol=1e-6).check(slip)
     assert Plan.of(None, {"cycles": 3}) == Plan.of(Plan(cycles=3), {}) == Plan(cycles=3)
     with pytest.raises(InputError, match=r"^cycle is not a setting; the settings are cycles, duration, discard, "
-                       r"direction, "
-                                         r"solver, rtol, step, section_points, damping, lyapunov, lyapunov_cycles, "
-                                             r"orders$"):
+                       r"direction, solver, rtol, step, section_points, damping, lyapunov, lyapunov_cycles, orders$"):
         Plan.of(None, {"cycle": 3})
     with pytest.raises(InputError, match=r"^rtol is given beside a plan; change the plan instead$"):
         Plan.of(Plan(), {"rtol": 3})

@@ -1,0 +1,259 @@
+"""Sentences about fits and parameters, by numbers of fits made by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fig02_measured import FIG02, ONCE, measured
+
+from tcc_sim.errors import InputError
+from tcc_sim.estimation.measurement import Measurement
+from tcc_sim.estimation.multiple_shooting import Fit
+from tcc_sim.estimation.residuals import Explanation, Whiteness
+from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
+from tcc_sim.estimation.verdicts import _drift, check_sampling, check_units, judged, why_no_noise, why_not
+from tcc_sim.estimation.windows import Model
+
+STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
+KEYS = (STATIC, KINETIC, "driveline.damping", "engine_torque.offset")
+VALUES = np.array([0.3, 0.24, 0.6, 5.0])
+ERRORS = np.array([3e-3, 2.4e-3, 0.03, 4.0])
+LONGER = "a longer measurement would determine it, or one with larger motion"
+T = np.arange(200) * 1e-3
+
+
+def model(keys: tuple[str, ...] = KEYS, step: float = 1e-3, slip: np.ndarray | None = None,
+    scene: object = FIG02) -> Model:
+    """Keys of a scene, with slip from stick to 5 rad/s both ways by default."""
+    v = 5.0 * np.sin(100.0 * T) if slip is None else slip
+    return Model(scene.system, keys, Measurement(T * step / 1e-3, {"slip_speed": v}))
+
+
+def verdict(key: str, of: Model | None = None, values: np.ndarray = VALUES, errors: np.ndarray = ERRORS,
+            accepted: bool = True, hidden: tuple[str, float] | None = None, **correlated: float) -> tuple[str, str]:
+    """Verdict and reason of a key; `correlated` are its correlations with other keys, by their last words."""
+    of = of or model()
+    i, correlations = of.keys.index(key), np.eye(len(of.keys))
+    for name, value in correlated.items():
+        k = next(k for k, each in enumerate(of.keys) if each.endswith(name))
+        correlations[i, k] = correlations[k, i] = value
+    found = judged(of, i, 7.0, Fit(values, np.zeros((1, 3)), {}, 1.0, 0.0, 9), errors, correlations, accepted, ONCE,
+                   hidden)
+    assert (found.key, found.start, found.value, found.standard_error) == (key, 7.0, values[i], errors[i])
+    if math.isfinite(errors[i]):
+        half = 1.959963985 * errors[i]
+        assert (found.low, found.high) == pytest.approx((values[i] - half, values[i] + half))
+    return found.verdict, found.why
+
+
+def with_(array: np.ndarray, **changes: float) -> np.ndarray:
+    """An array with some numbers changed; `x2=5.0` is number 2."""
+    out = array.copy()
+    for name, value in changes.items():
+        out[int(name[1:])] = value
+    return out
+
+
+def test_a_parameter_is_identified_within_fifteen_percent_and_correlations_below_099() -> None:
+    interval = "the 95 % interval reaches {} % to either side"
+    assert verdict("driveline.damping") == ("identified", interval.format("9.8"))
+    assert verdict("driveline.damping", hidden=("friction.decay", 4.56)) == (
+        "identified", interval.format("9.8") + ", if friction.decay is right: residuals would not show an error of 20 "
+        "% in it, which moves this by 4.6 standard errors")
+    assert verdict("driveline.damping", errors=with_(ERRORS, x2=0.6 * 0.15))[0] == "identified"
+    assert verdict("driveline.damping", errors=with_(ERRORS, x2=0.0901)) == (
+        "not identifiable", f"its standard error is 15 %; {LONGER}")
+    assert verdict("driveline.damping", kinetic_coefficient=-0.99)[0] == "identified"
+    assert verdict("driveline.damping", kinetic_coefficient=-0.991) == (
+        "not identifiable", f"its standard error is 5 %, and it depends on {KINETIC} (correlation -0.991); {LONGER}")
+    assert verdict("driveline.damping", errors=with_(ERRORS, x2=0.12), kinetic_coefficient=0.9) == (
+        "not identifiable", f"its standard error is 20 %; {LONGER}")
+    assert verdict("driveline.damping", errors=with_(ERRORS, x2=0.12), kinetic_coefficient=0.5,
+                   static_coefficient=0.91) == (
+        "not identifiable", f"its standard error is 20 %, and it depends on {STATIC} (correlation 0.910); {LONGER}")
+    assert verdict("driveline.damping", accepted=False) == ("not identifiable", "the fit is refused")
+    assert verdict("driveline.damping", errors=with_(ERRORS, x2=math.inf)) == (
+        "not identifiable", f"the measurement holds nothing about it, so it keeps its start; {LONGER}")
+    assert verdict("driveline.damping", model(("driveline.damping",)), VALUES[2:3], ERRORS[2:3])[0] == "identified"
+
+
+def test_an_offset_is_measured_by_the_largest_value_of_its_input() -> None:
+    """Of the scene, 300 + 250 N m or the mean pressure, or of the measurement."""
+    assert verdict("engine_torque.offset") == ("identified", "an offset, with its 95 % interval")
+    for size, of in ((300.0, model()), (700.0, replace(model(), measured=replace(
+            model().measured, inputs={"engine_torque": np.append(np.zeros(199), -700.0)})))):
+        assert verdict("engine_torque.offset", of, errors=with_(ERRORS, x3=0.1499 * size))[0] == "identified"
+        assert verdict("engine_torque.offset", of, errors=with_(ERRORS, x3=0.1501 * size)) == (
+            "not identifiable", f"its standard error is 15 %; {LONGER}")
+    pressure = model(("actuation_pressure.offset",))
+    mean = FIG02.system.pressure.mean
+    for error, found in ((0.1499, "identified"), (0.1501, "not identifiable")):
+        assert verdict("actuation_pressure.offset", pressure, VALUES[:1], np.array([error * mean]))[0] == found
+    still = model(("engine_torque.offset",), scene=FIG02.with_values({"engine.mean_torque": 0.0,
+                                                                      "engine.torque_amplitude": 0.0}))
+    assert verdict("engine_torque.offset", still, VALUES[:1], np.array([0.149]))[0] == "identified"
+
+
+MET = ("the fit ends at the largest or smallest allowed value; if mu_s and mu_k meet, a start with a smaller value of "
+       "the larger one leads to the other side")
+
+
+@pytest.mark.parametrize(("static", "kinetic", "met"), [
+    (0.24 * DEFAULTS.least_ratio, 0.24, True), (0.24 / DEFAULTS.least_ratio, 0.24, True), (0.24, 0.24, True),
+    (0.24 * DEFAULTS.least_ratio * (1.0 + 5e-10), 0.24, True), (0.24 * DEFAULTS.least_ratio * (1.0 + 2e-9), 0.24,
+                                                                False),
+    (0.24 / DEFAULTS.least_ratio / (1.0 + 2e-9), 0.24, False)])
+def test_coefficients_that_meet_bound_each_other(static: float, kinetic: float, met: bool) -> None:
+    """Free or not, and unless one of them is unknown."""
+    values = with_(VALUES, x0=static, x1=kinetic)
+    for key, other, place in ((STATIC, {KINETIC: kinetic}, 0), (KINETIC, {STATIC: static}, 1)):
+        found = verdict(key, values=values)
+        assert found == ("at its bound", MET) if met else found[0] == "identified"
+        assert verdict(key, values=values, errors=with_(ERRORS, **{f"x{1 - place}": math.inf}))[0] == "identified"
+        lone = model((key,), scene=FIG02.with_values(other))
+        assert (verdict(key, lone, values[[place]], ERRORS[:1])[0] == "at its bound") == met
+    assert verdict("driveline.damping", values=values)[0] == "identified"
+
+
+@pytest.mark.parametrize(("key", "value", "found"), [
+    ("driveline.damping", 0.0, "at its bound"), ("driveline.damping", 0.5e-9, "at its bound"),
+    ("driveline.damping", 2e-9, "not identifiable"), ("driveline.damping", 1e4, "at its bound"),
+    ("driveline.damping", 1e4 * (1.0 - 0.5e-9), "at its bound"), ("driveline.damping", 1e4 * (1.0 - 2e-9),
+                                                                  "identified"),
+    ("friction.smoothing", 1.0, "at its bound"), ("friction.smoothing", 1.0 + 49e-9, "at its bound"),
+    ("friction.smoothing", 1.0 + 51e-9, "identified")])
+def test_ends_of_ranges_are_bounds(key: str, value: float, found: str) -> None:
+    """Within 1e-9 of the end, or of the scene's own value, which is 0.6 N m s/rad or 50 s/rad."""
+    size = max(value, 0.6 if key == "driveline.damping" else 50.0)
+    error = 1.0 if found == "not identifiable" else 0.1499 * (size if found == "at its bound" else value)
+    assert verdict(key, model((key,)), np.array([value]), np.array([error]))[0] == found
+    assert verdict(key, model((key,)), np.array([value]), np.array([0.1501 * size]))[0] == "not identifiable"
+
+
+@pytest.mark.parametrize(("key", "slip", "step", "advice"), [
+    ("friction.decay", None, 1e-3, "samples at 10 kHz would determine it: they show slip just after breakaway"),
+    (STATIC, None, 1e-3, "samples at 10 kHz, or a fixed friction.decay, would determine it"),
+    ("friction.decay", None, 1.4e-4, "more breakaways, or a fixed friction.static_coefficient, would determine it"),
+    (STATIC, None, 1.4e-4, "more breakaways, or a fixed friction.decay, would determine it"),
+    ("friction.smoothing", None, 1.4e-4, "samples within the layer |v| < 2/sigma, at a higher rate or in a slower "
+     "passage, would determine it"),
+    ("driveline.flywheel_inertia", None, 1e-3, "the flywheel's speed, or a known change of the mean torque, would "
+     "determine it"),
+    ("friction.decay", 60.0 + T, 1e-3, "slip below 3.45 rad/s would determine it; the slowest here is 60 rad/s"),
+    (STATIC, -60.0 - T, 1e-3, "slip below 3.45 rad/s would determine it; the slowest here is 60 rad/s"),
+    ("friction.smoothing", 0.05 + T, 1e-3, "slip below 0.04 rad/s would determine it; the slowest here is 0.05 rad/s"),
+    (KINETIC, 60.0 + T, 1e-3, LONGER), ("driveline.stiffness", 1e-3 * np.sin(T), 1e-3, LONGER),
+    *((key, 0.035 * np.sin(30.0 * T), 1e-3, "slip would determine it; here the clutch sticks throughout") for key in (
+        KINETIC, STATIC, "converter.coupling", "actuation_pressure.offset")),
+    ("engine_torque.offset", 0.035 * np.sin(30.0 * T), 1e-3, LONGER), (KINETIC, 0.045 * np.sin(30.0 * T), 1e-3, LONGER),
+    (KINETIC, 0.1 * np.random.default_rng(1).standard_normal(200), 1e-3,
+     "slip would determine it; here the clutch sticks throughout")])
+def test_the_advice_is_what_the_record_lacks(key: str, slip: np.ndarray | None, step: float, advice: str) -> None:
+    why = verdict(key, model((key,), step, slip), np.array([0.3]), np.array([math.inf]))[1]
+    assert why == f"the measurement holds nothing about it, so it keeps its start; {advice}"
+
+
+def whiteness(explanation: Explanation | None, **p_value: float) -> Whiteness:
+    """Tests of residuals with given probabilities."""
+    return Whiteness({}, p_value or {"slip_speed": 1.0}, explanation, {}, False)
+
+
+@pytest.mark.parametrize(("white", "why"), [
+    (whiteness(None, slip_speed=1e-4, plate_speed=0.5), ""),
+    (whiteness(None, slip_speed=0.9, plate_speed=0.99e-4), "the residuals of plate_speed are not noise (their "
+     "probability is 9.9e-05): the scene does not explain the measurement"),
+    (whiteness(Explanation("driveline.damping", 0.01234, "N m s/rad", -4.0)), ""),
+    (whiteness(Explanation("driveline.damping", -0.01234, "N m s/rad", -4.01)), "the residuals are not noise: a "
+     "change of driveline.damping by -0.0123 N m s/rad would explain them (4.01 standard errors); free it, or give "
+     "its true value"),
+    (whiteness(Explanation("the scale of slip_speed", 0.01, "%", 12.345, ("a", "b"))), "the residuals are not noise: "
+     "a change of the scale of slip_speed by 1 % would explain them (12.3 standard errors), and so would one of a or "
+     "b; mend the measurement"),
+    (whiteness(Explanation("friction.static_coefficient", 0.5, "", 5.0)), "the residuals are not noise: a change of "
+     "friction.static_coefficient by 0.5 would explain them (5 standard errors); free it, or give its true value")])
+def test_residuals_that_are_no_noise_are_named(white: Whiteness, why: str) -> None:
+    assert why_no_noise(white, Gates()) == why
+
+
+def test_a_fit_is_refused_by_its_chi_square_or_its_gaps() -> None:
+    data, noise = measured(0, 0.2)
+    of = Model(FIG02.system, ("driveline.stiffness",), data)
+    start = np.array([3000.0])
+    fitted = Fit(start, np.zeros((1, 3)), {"slip_speed": np.array([3.0, -4.0]), "plate_speed": np.array([1.0, 1.0])},
+                 5.0, 0.0, 9)
+    assert why_not(fitted, of, start, noise, 1.1, 1.2, Gates()) == (
+        "the windows fit, but do not join to one motion: the fit did not converge; try other starts, or a part of the "
+        "measurement.")
+    for levels, most in (({"slip_speed": 0.5, "plate_speed": 0.5}, "slip_speed, whose residuals are 7.07 times its "
+                          "noise."),
+                         ({"slip_speed": 5.0, "plate_speed": 0.1}, "plate_speed, whose residuals are 10 times its "
+                          "noise.")):
+        head = "chi-square per degree of freedom is 5.68, above 1.2: the scene does not explain the measurement."
+        for sign, said in ((1.0, ""), (-1.0, " plate_speed seems to have the wrong sign.")):
+            turned = replace(data, channels={**data.channels, "plate_speed": sign * data.channels["plate_speed"]})
+            assert why_not(fitted, replace(of, measured=turned), start, levels, 5.678, 1.2, Gates()) == (
+                f"{head}{said} Most of it is in {most}")
+    assert why_not(fitted, of, start, noise, 1.2, 1.2, Gates()).startswith("chi-square")
+
+
+def test_the_phase_drifts_by_what_the_engine_turned_more() -> None:
+    """Quarters of whole engine cycles whose centres are known: the turn is (149 - 150) rad/s times their distance."""
+    t = 1.0 + np.arange(0.0, 2.0, 1e-3)
+    cycle = 2.0 * math.pi / 150.0
+    quarter = round(int(500 * 1e-3 / cycle) * cycle / 1e-3)
+    span = (len(t) - quarter) * 1e-3
+    for omega in (149.0, 150.5):
+        wave = 300.0 + 250.0 * np.sin(omega * t)
+        words = _drift(Measurement(t, {"slip_speed": np.sin(t)}, {"engine_torque": wave}), FIG02.system, Gates())
+        assert words == (f" The measured torque's phase drifts by {(omega - 150.0) * span:.3g} rad within {span:.3g} "
+                         f"s: the engine ran at about {omega:.6g} rad/s, the scene says 150 rad/s.")
+        words = _drift(Measurement(t, {"slip_speed": np.sin(t), "plate_speed": wave}), FIG02.system, Gates())
+        assert words == (f" The motion's phase drifts by {(omega - 150.0) * span:.3g} rad against engine.frequency, "
+                         f"150 rad/s, within {span:.3g} s: the engine ran at another speed, the clocks differ, or the "
+                         "motion had not settled.")
+    nearly = 300.0 + 250.0 * np.sin(150.09 * t)
+    data = Measurement(t, {"slip_speed": nearly})
+    turned = 0.09 * span
+    assert _drift(data, FIG02.system, Gates(drift=1.05 * turned)) == ""
+    assert _drift(data, FIG02.system, Gates(drift=0.95 * turned)) != ""
+    weak = Measurement(t, {"slip_speed": 250.0 * np.sin(149.0 * t) + 1500.0 * np.sin(400.0 * t)})
+    assert _drift(weak, FIG02.system, Gates()) == ""
+    for cycles, said in ((7.9, False), (8.1, True)):
+        short = 1.0 + np.arange(0.0, cycles * cycle, 1e-3)
+        data = Measurement(short, {"slip_speed": np.sin(140.0 * short)})
+        assert (_drift(data, FIG02.system, Gates()) != "") == said
+
+
+def test_samples_that_are_many_oscillations_apart_have_other_units() -> None:
+    """Five of the slipping mode, 2 pi/387 s, are 81 ms."""
+    for step, refused in ((0.0811, False), (0.0812, True)):
+        data = Measurement(T / 1e-3 * step, {"slip_speed": np.sin(T * 500.0)})
+        if not refused:
+            check_sampling(data, FIG02.system)
+            continue
+        with pytest.raises(InputError, match=r"^the measurement has a sample every 0.0812 s, in which the driveline "
+                           r"oscillates 5 times; if its times are in ms, say so with --columns t=COLUMN:ms$"):
+            check_sampling(data, FIG02.system)
+
+
+@pytest.mark.parametrize(("factors", "words"), [
+    ({"slip_speed": 30.0 / math.pi}, "slip_speed looks as if in rpm: times 0.10472"),
+    ({"plate_speed": 180.0 / math.pi}, "plate_speed looks as if in degrees/s: times 0.0174533"),
+    ({"slip_speed": 30.0 / math.pi, "plate_speed": 30.0 / math.pi}, "slip_speed and plate_speed look as if in rpm: "
+     "times 0.10472"),
+    ({"actuation_pressure": 1e-6}, "actuation_pressure looks as if in MPa: times 1e\\+06")])
+def test_units_that_explain_the_motion_are_named(factors: dict[str, float], words: str) -> None:
+    data, _ = measured(7, 0.1)
+    pressure = FIG02.system.pressure
+    inputs = {"actuation_pressure": pressure.mean + pressure.amplitude * np.sin(150.0 * data.t)}
+    columns = {name: column * factors.get(name, 1.0) for name, column in {**data.channels, **inputs}.items()}
+    given = replace(data, channels={name: columns[name] for name in data.channels}, inputs={
+        name: columns[name] for name in inputs}, hold="linear")
+    of, start = Model(FIG02.system, ("driveline.stiffness",), given), np.array([3100.0])
+    with pytest.raises(InputError, match=f"^the measurement: {words} the scene explains the motion from sample to "
+                       "sample, otherwise it does not; convert to SI$"):
+        check_units(of, start, FitSettings())
+    check_units(replace(of, measured=replace(data, inputs=inputs, hold="linear")), start, FitSettings())
