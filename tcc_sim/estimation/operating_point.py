@@ -31,6 +31,8 @@ from tcc_sim.trajectory import Floats
 
 PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
 """Scene keys whose change is that of the actuation pressure and of the engine torque."""
+BALANCED = 1e-9
+"""Difference of torques, relative to the mean torque, that is rounding."""
 
 
 class MotionSegment(NamedTuple):
@@ -154,16 +156,25 @@ def _constant(system: System, slip: float | None) -> Constant:
         system = replace(system, {PRESSURE: carried / (coefficient * system.torque_per_pressure)})
         terms = terms_of(system)
         return _at(system, terms, slip)
-    slips = abs(torque) > system.friction_ratio * terms.mean_load
-    if slips and by_slip == 0.0:
-        raise OutOfRange(f"slip runs away: the mean torque of {torque:g} N m exceeds what the clutch carries, "
-                         f"{system.friction_ratio * terms.mean_load:g} N m; give --slip or another pressure")
-    if terms.smoothing is None and not slips:
-        return Constant(system, 0.0, math.inf, 0.0)
+    def runaway(coefficient: float) -> OutOfRange:
+        """Return the error for slip at which friction carries too little."""
+        return OutOfRange(f"slip runs away: the mean torque of {torque:g} N m exceeds what the clutch carries, "
+                          f"{abs(coefficient) * terms.mean_load:g} N m; give --slip or another pressure")
+
+    if by_slip == 0.0 and abs(torque) > system.largest_friction_ratio * terms.mean_load:
+        raise runaway(system.largest_friction_ratio)
     run = solve(system, cycles=DEFAULTS.cycles, rtol=DEFAULTS.rtol, samples_per_cycle=0).raise_for_status()
     v = run.final.slip_speed
-    if by_slip == 0.0 and abs(v) > stick_speed_of(terms):
-        return _at(system, terms, v)
+    coefficient, slope = _law(terms, v)
+    if by_slip == 0.0 and abs(v) > stick_speed_of(terms) and slope <= 0.0:   # Friction that does not rise with slip.
+        left = abs(torque) - abs(coefficient) * terms.mean_load
+        if abs(left) <= BALANCED * abs(torque):
+            return _at(system, terms, v)
+        if left > 0.0:
+            raise runaway(coefficient)
+        v = 0.0   # The slip still decays, to stick.
+    if terms.smoothing is None and v == 0.0:
+        return Constant(system, 0.0, math.inf, 0.0)
     for _ in range(60):   # In the layer, or where the coupling carries the rest, the torque rises with slip speed.
         coefficient, slope = _law(terms, v)
         step = (torque - coefficient * terms.mean_load - by_slip * v) / (slope * terms.mean_load + by_slip)

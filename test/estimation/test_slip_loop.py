@@ -11,7 +11,6 @@ from documents import valid
 
 import tcc_sim
 from tcc_sim import cli
-from tcc_sim.errors import InputError
 from tcc_sim.estimation.linearise import linearise
 from tcc_sim.estimation.slip_loop import SlipLoop
 from tcc_sim.plant.driveline import Reading
@@ -69,11 +68,6 @@ def test_the_smallest_stable_slip_is_found_in_lock_step(loop: SlipLoop) -> None:
     assert not slower.controller.stable
     assert swing(Raised(target=1.1 * loop.smallest_stable_slip)) < 0.1
     assert swing(Raised(target=0.9 * loop.smallest_stable_slip)) > 0.4
-
-
-def test_the_smallest_stable_slip_does_not_depend_on_where_the_search_begins(loop: SlipLoop) -> None:
-    other = linearise("controlled", slip=0.97 * TUNING.target, frequencies=[10.0], controller=GAINS).controller
-    assert other.smallest_stable_slip == pytest.approx(loop.smallest_stable_slip, rel=1e-3)
 
 
 def test_an_actuator_costs_the_loop_margin_and_makes_it_unstable_where_lock_step_does(
@@ -153,11 +147,3 @@ def test_the_command_prints_the_margins_and_refuses_other_gains(tmp_path, capsys
     assert document["controller"]["gain_margin"] is None
     assert cli.main([*words, "12"]) == 2
     assert "--controller is '12'; it must be KP,KI, two numbers above 0" in capsys.readouterr().err
-    for controller, words_of_error in (((0.0, 1.0), "proportional gain"), ((1.0, math.inf), "integral gain")):
-        with pytest.raises(InputError, match=words_of_error):
-            linearise("controlled", slip=20.0, frequencies=[10.0], controller=controller)
-    with pytest.raises(InputError, match="the slip controller holds one above 0"):
-        linearise(load_scene("controlled").with_values({"engine.mean_torque": -200.0}), slip=-20.0, frequencies=[10.0],
-                  controller=GAINS)
-    with pytest.raises(InputError, match=r"holds 0\.4189 ticks at 10 Hz"):
-        linearise(load_scene("controlled").with_values({"rate": 10.0}), slip=20.0, frequencies=[10.0], controller=GAINS)
