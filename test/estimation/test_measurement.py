@@ -1,0 +1,358 @@
+"""Measurements and what identify asks of them, by samples made by hand."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fig02_measured import FIG02
+
+from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.estimation import identify as identification
+from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of
+from tcc_sim.estimation.multiple_shooting import Fit
+from tcc_sim.estimation.search import Search, profile_likelihood
+from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
+from tcc_sim.estimation.windows import Model, check_key, largest_errors, on_its_side, sensitivities, states_of
+from tcc_sim.solvers.terms import terms_of
+from tcc_sim.tables.measured_table import MeasuredTable
+
+T = np.arange(60) * 2e-3
+SLIP = np.sin(40.0 * T)
+PRESSURE = np.array([4.0, 1.0, 0.0, 5.0] * 15)
+STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
+
+
+def measured(**changes: object) -> Measurement:
+    """Sixty samples of slip."""
+    return Measurement(**{"t": T, "channels": {"slip_speed": SLIP}, **changes})
+
+
+@pytest.mark.parametrize("name", ["engine_torque", "actuation_pressure"])
+def test_an_input_has_ends_of_every_step(name: str) -> None:
+    """A smooth pressure is never below 0, a torque may be; its corners are lower by a twelfth of their bends."""
+    after = np.append(PRESSURE[1:], PRESSURE[-1])
+    corners = PRESSURE - np.append(0.0, np.append(np.diff(PRESSURE, 2) / 12.0, 0.0))
+    if name == "actuation_pressure":
+        corners = np.maximum(corners, 0.0)
+    for hold, ends in ((None, (PRESSURE, PRESSURE)), ("previous", (PRESSURE, PRESSURE)), ("next", (after, after)),
+                       ("linear", (PRESSURE, after)), ("smooth", (corners, np.append(corners[1:], corners[-1])))):
+        of = measured(inputs={name: PRESSURE}, hold=hold)
+        assert of.ends_of(name) == pytest.approx(np.stack(ends, axis=1))
+        assert of.at_samples(name).tolist() == PRESSURE.tolist()
+    both = np.stack([PRESSURE, PRESSURE + 1.0], axis=1)
+    of = measured(inputs={name: both})
+    assert (of.ends_of(name).tolist(), of.at_samples(name).tolist()) == (both.tolist(), PRESSURE.tolist())
+    assert measured().ends_of(name).tolist() == [[0.0, 0.0]] * 60
+    assert measured().step == pytest.approx(2e-3, rel=1e-12)
+
+
+def test_noise_is_at_least_the_solvers_error_and_that_of_white_noise() -> None:
+    """The sixth differences of a polynomial of degree 5 vanish, and its kink does not count."""
+    assert noise_of(T**5) == pytest.approx(1e-4 * T[-1]**5)
+    assert noise_of(-100.0 * np.abs(T - 0.06)) == pytest.approx(1e-4 * 6.0)
+    white = 0.3 * np.random.default_rng(2).standard_normal(20_000)
+    assert noise_of(white) == pytest.approx(0.3, rel=0.02)
+
+
+LATE, GAP, EARLY = T.copy(), T.copy(), T.copy()
+LATE[40:] += 2.1e-6
+GAP[30:] += 1.1e-3
+EARLY[40:] -= 2.1e-6
+
+
+@pytest.mark.parametrize(("changes", "why"), [
+    ({"t": T[:49], "channels": {"slip_speed": SLIP[:49]}}, "the measurement has 49 samples; 50 to 1000000 are needed"),
+    ({"channels": {"plate_speed": SLIP}, "source": "x.csv"}, "x.csv has no slip_speed; identification needs it"),
+    ({"channels": {"slip_speed": np.append(SLIP[:7], [np.nan] * 53)}}, "the measurement: slip_speed of sample 7 is not "
+     "a number"),
+    ({"inputs": {"engine_torque": np.append(SLIP[:9], [np.inf] * 51)}}, "the measurement: engine_torque of sample 9 is "
+     "not a number"),
+    ({"t": np.append(T[:3], [np.nan] * 57)}, "the measurement: t of sample 3 is not a number"),
+    ({"t": T[::-1]}, "the measurement: the times do not increase"), ({"t": 0.0 * T}, "the measurement: the times do "
+                                                                     "not increase"),
+    ({"t": GAP}, "the measurement has a gap of 0.0031 s at 0.058 s beside steps of 0.002 s; identification needs "
+     "evenly spaced samples: take a part by --from and --to"),
+    ({"t": LATE}, "the measurement has a step of 0.0020021 s at 0.078 s beside steps of 0.002 s; identification needs "
+     "evenly spaced samples"),
+    ({"t": EARLY}, "the measurement has a step of 0.0019979 s at 0.078 s beside steps of 0.002 s; identification "
+     "needs evenly spaced samples"),
+    ({"channels": {"slip_speed": 0.0 * T + 3.0}}, "the measurement: slip_speed is 3 rad/s throughout; the channel is "
+     "dead, or nothing moved"),
+    ({"channels": {"slip_speed": SLIP, "plate_angle": 1e-13 * SLIP}}, "the measurement: plate_angle is 0 rad "
+     "throughout; the channel is dead, or nothing moved"),
+    ({"channels": {"slip_speed": 1e3 + 0.4e-9 * SLIP}}, "the measurement: slip_speed is 1000 rad/s throughout; the "
+     "channel is dead, or nothing moved")])
+def test_a_measurement_names_what_is_wrong_with_it(changes: dict[str, object], why: str) -> None:
+    with pytest.raises(InputError, match=f"^{re.escape(why)}$"):
+        measured(**changes)
+
+
+def test_a_measurement_at_the_ends_of_what_is_allowed() -> None:
+    assert len(measured(t=T[:50], channels={"slip_speed": SLIP[:50]}).t) == 50
+    late, gap = T.copy(), T.copy()
+    late[40:] += 1.9e-6
+    assert measured(t=late).step == pytest.approx(2e-3, rel=1e-4)
+    gap[30:] += 0.99e-3
+    with pytest.raises(InputError, match=r"has a step of 0.00299 s at 0.058 s"):
+        measured(t=gap)
+    assert measured(channels={"slip_speed": 1e3 + 1e-8 * SLIP}).hold is None
+    assert measured(channels={"slip_speed": SLIP, "plate_angle": 1e-11 * SLIP}).notes == ()
+
+
+def test_columns_that_are_sampled_more_slowly_are_joined() -> None:
+    """Every third row, from the second on; an empty slip speed leaves its row out."""
+    sparse = np.where((np.arange(62) - 1) % 3 == 0, np.arange(62.0), np.nan)
+    slip = np.where(np.arange(62) == 61, np.nan, np.sin(0.08 * np.arange(62)))
+    table = MeasuredTable({"t": 2e-3 * np.arange(62), "slip_speed": slip, "plate_speed": sparse,
+                           "engine_torque": np.full(62, 7.0), "output_speed": np.zeros(62)},
+                           {"engine_torque": "next"}, "x.csv")
+    found = measurement_in(table)
+    assert found.t.tolist() == (2e-3 * np.arange(1, 61)).tolist()
+    assert found.channels["plate_speed"] == pytest.approx(np.arange(1.0, 61.0))
+    assert (list(found.channels), list(found.inputs), found.hold, found.source) == (
+        ["slip_speed", "plate_speed"], ["engine_torque"], "next", "x.csv")
+    assert found.notes == ("x.csv: plate_speed joined by straight lines where cells are empty, between its regular "
+                           "samples",)
+    held = {"engine_torque": "next", "actuation_pressure": "linear"}
+    whole = {"t": 2e-3 * np.arange(62), "slip_speed": np.sin(np.arange(62.0)), "engine_torque": np.full(62, 7.0)}
+    assert measurement_in(MeasuredTable(whole | {"actuation_pressure": np.full(62, 1e5)}, held)).hold is None
+    assert (measurement_in(MeasuredTable(whole, held)).hold, measurement_in(MeasuredTable(whole,
+        held)).notes) == ("next", ())
+    with pytest.raises(InputError, match=r"^x.csv: the far end of the shaft moved \(output_speed up to 2 rad/s\); "
+                       r"identification needs one at rest$"):
+        measurement_in(MeasuredTable(whole | {"output_speed": np.append([np.nan, -2.0], np.zeros(60))}, {}, "x.csv"))
+
+
+@pytest.mark.parametrize(("free", "how", "why"), [
+    ({}, {}, "no key is free; name at least one"), ("friction.decai", {}, "friction.decai is not a scene key; did you "
+                                                    "mean friction.decay?"),
+    (["clutch.area"], {}, "clutch.area cannot be identified; what can: friction.curve, friction.static_coefficient, "
+     "friction.kinetic_coefficient, friction.decay, friction.smoothing, driveline.damping, driveline.stiffness, "
+     "driveline.flywheel_inertia, driveline.plate_inertia, converter.coupling, engine_torque.offset, "
+     "actuation_pressure.offset"),
+    ({"driveline.damping": 0.0}, {}, "driveline.damping begins at 0 N m s/rad; the start must be above 0"),
+    ({"driveline.damping": -1.0}, {}, "driveline.damping is -1 N m s/rad; it must be 0 to 10000 N m s/rad"),
+    (["driveline.damping"], {"likelihood": "driveline.stiffness"}, "likelihood is driveline.stiffness; it must be one "
+     "of the free "
+     "keys"), (["driveline.damping"], {"hold": "cubic"}, "hold is 'cubic'; it must be previous, linear, smooth or "
+               "next"),
+    (["driveline.damping"], {"noise": {"slip": 1.0}}, "noise of 'slip' was given; channels are slip_speed, "
+     "plate_speed, plate_angle"),
+    *((["driveline.damping"], {"noise": {"slip_speed": x}}, f"the noise of slip_speed is {x:g} rad/s; it must be a "
+       f"number above 0")
+      for x in (0.0, -1.0, math.inf)),
+    (["driveline.damping"], {"scene": FIG02.with_values({"friction.law": "set_valued"})}, "friction.law is "
+     "set_valued; parameters are identified with smoothed, whose limit for a large friction.smoothing it is"),
+    (["driveline.damping"], {"scene": None}, "no scene is given for the table; give one (--scene)"),
+    (["friction.curve", "friction.decay"], {}, "friction.decay is a part of friction.curve; free one of them")])
+def test_what_cannot_be_fitted_is_refused(free: object, how: dict[str, object], why: str) -> None:
+    with pytest.raises(InputError, match=f"^{re.escape(why)}$"):
+        identification.identify(measured(), free, **{"scene": FIG02, **how})
+
+
+def test_starts_are_those_of_the_scene_unless_given() -> None:
+    found = identification._starts(FIG02, {"engine_torque.offset": None, "actuation_pressure.offset": -5.0,
+                                           "driveline.damping": None,
+                                           "driveline.stiffness": 2}, measured(), None)
+    assert found == {"engine_torque.offset": 0.0, "actuation_pressure.offset": -5.0, "driveline.damping": 0.6,
+                     "driveline.stiffness": 2.0}
+    for given, start in ((0.24, 0.24 * DEFAULTS.least_ratio), (0.2, 0.2), (0.3, 0.3), (0.2399999,
+        0.24 / DEFAULTS.least_ratio)):
+        assert identification._starts(FIG02, {STATIC: given}, measured(), None) == {STATIC: pytest.approx(start,
+            rel=1e-12)}
+    both = identification._starts(FIG02, {KINETIC: 0.31, STATIC: 0.3100001}, measured(), None)
+    assert both == {KINETIC: 0.31, STATIC: pytest.approx(0.31 * DEFAULTS.least_ratio)}
+    levels = identification._noise(measured(channels={"slip_speed": SLIP, "plate_speed": T**5}), {"slip_speed": 0.2})
+    assert levels == {"slip_speed": 0.2, "plate_speed": pytest.approx(1e-4 * T[-1]**5)}
+    smooth, rough = {"engine_torque": SLIP}, {"engine_torque": SLIP, "actuation_pressure": PRESSURE}
+    for of, hold, holds in ((measured(), None, (None,)), (measured(), "next", (None,)), (measured(inputs=rough),
+        "next", ("next",)),
+                            (measured(inputs=rough, hold="linear"), None, ("linear",)),
+                            (measured(inputs=rough, hold="linear"), "next", ("next",)),
+                            (measured(inputs=rough), None, ("previous", "linear", "smooth", "next")),
+                            (measured(inputs=smooth), None, ("smooth", "previous", "linear", "next"))):
+        assert identification._holds(of, hold) == holds
+    fitted = Fit(np.empty(0), np.empty((0, 3)), {"slip_speed": np.array([3.0, -4.0])}, 1.0, 0.0, 9)
+    assert identification._noise_of_residuals(measured(), fitted) == ({"slip_speed": pytest.approx(math.sqrt(12.5))},
+                                                                      False)
+    tiny = replace(fitted, residuals={"slip_speed": np.array([1e-6, 1e-6])})
+    least = {"slip_speed": pytest.approx(1e-4 * np.abs(SLIP).max())}
+    assert identification._noise_of_residuals(measured(), tiny) == (least, True)
+
+
+def test_keys_have_sides_and_errors_beyond_which_nothing_is_known() -> None:
+    for value, other, falls, found in ((0.3, 0.2, None, 0.3), (0.201, 0.2, None, 0.22), (0.2, 0.2, None, 0.22),
+                                       (0.199, 0.2, None, 0.2 / 1.1), (0.1, 0.2, None, 0.1), (0.3, 0.2, False,
+                                           0.2 / 1.1),
+                                       (0.1, 0.2, True, 0.22)):
+        assert on_its_side(value, other, 1.1, falls) == pytest.approx(found)
+    assert largest_errors(("driveline.damping", "engine_torque.offset", "actuation_pressure.offset",
+                           "friction.curve.rate_1")).tolist() == [
+        100.0, 1e5, 1e7, math.inf]
+    check_key("actuation_pressure.offset")
+    of = Model(FIG02.system, ("friction.curve.share_1", "friction.curve.rate_1", STATIC),
+        measured(channels={"slip_speed": 50.0 * SLIP}))
+    fastest = float(50.0 * np.abs(SLIP).max())
+    assert of.within(np.array([-30.0, 1e-9, 9.0])) == pytest.approx([-20.0, 0.3 / fastest, 9.0])
+    assert of.within(np.array([30.0, 1e9, 9.0])) == pytest.approx([20.0, 1000.0 / fastest, 9.0])
+    assert of.within(np.array([1.0, 1.0, 9.0])).tolist() == [1.0, 1.0, 9.0]
+    assert Model(FIG02.system, (), measured()).within(np.empty(0)).tolist() == []
+    with pytest.raises(NumericalFailure, match=r"driveline.damping is -1 N m s/rad"):
+        Model(FIG02.system, ("driveline.damping",), measured()).drive(np.array([-1.0]))
+
+
+def test_measured_inputs_replace_those_of_the_scene_less_their_offsets() -> None:
+    """The load that they add is at least the negative of the scene's own."""
+    keys = ("engine_torque.offset", "actuation_pressure.offset")
+    values, per = np.array([3.0, 2.0]), FIG02.system.torque_per_pressure
+    none, held, _ = Model(FIG02.system, (), measured()).drive(np.empty(0))
+    assert (none, held) == (terms_of(FIG02.system), None)
+    for inputs in ({}, {"engine_torque": PRESSURE}, {"actuation_pressure": PRESSURE}, {"engine_torque": PRESSURE,
+                                                                                       "actuation_pressure": PRESSURE}):
+        terms, held, by = Model(FIG02.system, keys, measured(inputs=inputs, hold="linear")).drive(values)
+        for column, name, offset, mean, scale in ((0, "engine_torque", 3.0, terms.mean_torque, 1.0),
+                                                  (1, "actuation_pressure", 2.0, terms.mean_load, per)):
+            own = {"engine_torque": 300.0, "actuation_pressure": FIG02.system.saturation_mean}[name]
+            assert mean == (0.0 if name in inputs else pytest.approx(own))
+            expected = -scale * offset + (scale * PRESSURE if name in inputs else 0.0)
+            if name in inputs and name == "actuation_pressure":
+                expected = np.maximum(expected, 0.0)
+            assert held[:, 0, column] == pytest.approx(np.broadcast_to(expected, 60))
+            assert held[:-1, 1, column] == pytest.approx(np.broadcast_to(expected, 60)[1:])
+        assert np.sort(by[by != 0.0]).tolist() == [-1.0, -per]
+
+
+def test_derivatives_by_every_key_are_those_of_differences() -> None:
+    """With measured and unmeasured inputs, in slip and through stick."""
+    keys = (STATIC, KINETIC, "friction.decay", "friction.smoothing", "driveline.damping", "driveline.stiffness",
+            "driveline.flywheel_inertia", "driveline.plate_inertia", "converter.coupling", "engine_torque.offset",
+            "actuation_pressure.offset")
+    values = np.array([0.3, 0.24, 2.0, 50.0, 0.6, 3000.0, 0.2, 0.02, 0.1, 3.0, 2e3])
+    starts = np.array([[40.0, 0.1, 2.0], [0.5, 0.09, -1.0], [-3.0, 0.1, 0.0]])
+    for inputs in ({}, {"engine_torque": 300.0 + 100.0 * SLIP, "actuation_pressure": 2e5 + 1e4 * SLIP}):
+        of = Model(FIG02.system, keys, measured(inputs=inputs, hold="linear"))
+        n = of.substeps(values)
+        _, by = sensitivities(of, starts, 4, values, n)
+        for i, value in enumerate(values):
+            step = np.zeros(len(values))
+            step[i] = 1e-5 * value
+            ends = [states_of(of, starts, 4, values + s * step, n) for s in (1.0, -1.0)]
+            slope = (ends[0] - ends[1]) / (2.0 * step[i])
+            np.testing.assert_allclose(by[..., 3 + i], slope, rtol=1e-4, atol=1e-3 * np.abs(slope).max(),
+                                       err_msg=keys[i])
+
+
+def search(begin: list[float], guessed: bool = False, **gates: float) -> Search:
+    """Fits of 100 samples."""
+    return Search(np.array(begin), {"slip_speed": 0.1}, guessed, 100, FitSettings(), Gates(**gates), lambda: None)
+
+
+def fitted(chi2: float, gap: float = 0.0, work: float = 0.0) -> Fit:
+    """A fit with a given chi-square."""
+    return Fit(np.zeros(1), np.zeros((1, 3)), {}, chi2, gap, 50, work)
+
+
+def test_a_fit_is_accepted_within_four_standard_deviations_of_its_chi_square() -> None:
+    assert search([1.0]).limit(fitted(1.0)) == pytest.approx(1.0 + 4.0 * math.sqrt(2.0 / 50.0))
+    assert search([1.0], True).limit(fitted(1.0)) == pytest.approx(1.0 + 4.0 * math.sqrt(2.0 / 50.0 + 3.5**2 / 100.0))
+    assert [search([1.0]).joins(fitted(1.0, gap)) for gap in (4.0, 4.001)] == [True, False]
+
+
+def test_starts_surround_the_given_one() -> None:
+    """Within 15 %; offsets stay, shares of a curve shrink, and mu_s keeps its side of mu_k."""
+    keys = (STATIC, KINETIC, "engine_torque.offset", "friction.curve.share_1")
+    given = np.array([0.3, 0.24, 5.0, 0.4])
+    starts = np.array(list(search(given.tolist())._around(keys)))
+    assert starts.shape == (5, 4)
+    assert starts[0].tolist() == given.tolist()
+    assert (np.abs(starts[:, 1] / 0.24 - 1.0) <= 0.15).all()
+    assert (starts[:, 2] == 5.0).all()
+    assert ((starts[1:, 3] > 0.0) & (starts[1:, 3] < 0.4)).all()
+    assert (starts[:, 0] >= 1.02 * starts[:, 1] * (1.0 - 1e-12)).all()
+    rising = np.array(list(search([0.24, 0.3], starts=8)._around(keys[:2])))
+    assert (rising[1:, 0] <= rising[1:, 1] / 1.02 * (1.0 + 1e-12)).all()
+    assert (len(rising), len(set(rising[:, 1])), len(list(search([1.0], starts=1)._around(("a",))))) == (8, 8, 1)
+
+
+@pytest.mark.parametrize(("results", "tried", "taken"), [
+    ([fitted(1.85), fitted(1.2)], 2, 1), ([fitted(1.9), NumericalFailure(), fitted(1.85), fitted(1.95), fitted(1.9)],
+                                         5, 2),
+    ([RuntimeError(), fitted(1.0)], 2, 1), ([fitted(1.0, 9.0), fitted(1.9), fitted(1.8, 9.0), fitted(1.95),
+        fitted(1.99)], 5, 1),
+    ([fitted(1.9, 0.0, 1e8), fitted(1.8, 0.0, 0.5e8), fitted(1.7, 0.0, 1.0), fitted(1.0)], 3, 2)])
+def test_the_first_fit_that_is_acceptable_is_taken_or_else_the_best(results, tried, taken, monkeypatch) -> None:
+    """Those that join are better than those that do not; 150 million sub-steps are enough."""
+    left = iter(results)
+
+    def made(*given: object, **named: object) -> Fit:
+        if isinstance(each := next(left), Exception):
+            raise each
+        return each
+
+    monkeypatch.setattr("tcc_sim.estimation.search.fit", made)
+    of = Model(FIG02.system, ("driveline.damping",), measured())
+    found, model, count = search([0.6]).best([of])
+    assert (found is results[taken], model is of, count) == (True, True, tried)
+
+
+def test_another_hold_is_fitted_from_the_first_and_taken_if_it_is_better(monkeypatch) -> None:
+    calls: list[tuple[object, ...]] = []
+
+    def made(model: object, noise: object, values: object, settings: object, *more: object, **named: object) -> Fit:
+        calls.append((model, *more))
+        if isinstance(results[len(calls) - 1], Exception):
+            raise results[len(calls) - 1]
+        return results[len(calls) - 1]
+
+    monkeypatch.setattr("tcc_sim.estimation.search.fit", made)
+    models = [Model(FIG02.system, ("driveline.damping",), measured(hold=hold)) for hold in ("previous", "linear",
+        "smooth", "next")]
+    results = [fitted(1.0), fitted(1.1), fitted(0.9), RuntimeError()]
+    best, of, tried = search([0.6]).best(models)
+    assert (best is results[2], of is models[2], tried) == (True, True, 1)
+    assert [each[0] for each in calls] == models
+    assert [len(each) for each in calls] == [1, 4, 4, 4]   # The last stage alone, from the first fit.
+    calls.clear()
+    results = [fitted(1.0, 9.0)] * 5 + [fitted(1.1), fitted(0.9, 9.0), RuntimeError()]
+    best, of, tried = search([0.6]).best(models)
+    assert (best is results[5], of is models[1], tried) == (True, True, 5)
+    assert {len(each) for each in calls} == {1}
+    calls.clear()
+    results = [NumericalFailure()] * 5
+    with pytest.raises(InputError, match=r"^the scene cannot be solved from the measurement; is it the right"):
+        search([0.6]).best(models)
+
+
+def test_a_profile_holds_a_key_at_thirteen_values(monkeypatch) -> None:
+    """An offset of an input that is not measured, and fits that fail, have none."""
+    data = measured(inputs={"engine_torque": 300.0 + SLIP})
+    held: list[Model] = []
+
+    def made(model: Model, noise: object, values: np.ndarray, *more: object) -> Fit:
+        held.append(model)
+        if len(held) == 5:
+            raise NumericalFailure("nowhere")
+        return fitted(2.0)
+
+    monkeypatch.setattr("tcc_sim.estimation.search.fit", made)
+    best = replace(fitted(1.0), values=np.array([0.6, 4.0]), residuals={"slip_speed": SLIP, "plate_speed": SLIP})
+    keys = ("driveline.damping", "engine_torque.offset")
+    for i, key in enumerate(keys):
+        held.clear()
+        found = profile_likelihood(Model(FIG02.system, keys, data), {}, FitSettings(), best, key, np.array([0.1, 2.0]))
+        assert found.values == pytest.approx(best.values[i] + [0.1, 2.0][i] * np.linspace(-3.0, 3.0, 13))
+        assert np.flatnonzero(np.isnan(found.excess)).tolist() == [4]
+        assert np.delete(found.excess, 4) == pytest.approx(2.0 * (120 - 1 - 3) - 1.0 * (120 - 2 - 3))
+        assert {each.keys for each in held} == {keys[1 - i:2 - i]}
+        for each, value in zip(held, found.values):
+            if key == keys[0]:
+                assert each.system.driveline.damping == pytest.approx(value)
+            else:
+                assert each.measured.inputs["engine_torque"] == pytest.approx(300.0 + SLIP - value)
+    absent = profile_likelihood(Model(FIG02.system, ("actuation_pressure.offset",), data), {}, FitSettings(), best,
+                                "actuation_pressure.offset", np.array([1.0]))
+    assert np.isnan(absent.excess).all()
