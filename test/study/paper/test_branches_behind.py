@@ -17,14 +17,13 @@ from tcc_sim.study.paper.branches_behind import (
     HIGHEST,
     LOWEST,
     StableMotions,
-    highest_shares,
     motions_behind,
     seen_in,
     still_higher,
 )
 from tcc_sim.study.paper.catalogue import FIGURES, STATIC, paper_system
 from tcc_sim.study.paper.claims import CLAIMS, Verdict, claims_page
-from tcc_sim.study.paper.claims_periods import AT_036, covered_down_to
+from tcc_sim.study.paper.claims_periods import AT_036
 from tcc_sim.study.paper.evidence import KINETIC, with_kinetic
 from tcc_sim.study.paper.rules import Finding
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
@@ -115,20 +114,6 @@ def test_the_jump_near_033_is_found_from_beyond_it() -> None:
     assert motion.stretch.amplitude(0.343) == pytest.approx(largest[0.343], abs=0.02)
     assert largest[0.340] < 0.7 * largest[0.343]
     assert 0.340 < motion.stretch.low.value < 0.343
-
-
-def test_the_order_of_curves_for_every_choice_of_motions() -> None:
-    low, high, two, everywhere = [[1.0], [1.0]], [[2.0], [2.0]], [[0.5, 3.0], [1.5]], np.array([True, True])
-    assert highest_shares([low, two], everywhere) == (0.0, 0.5)
-    assert highest_shares([two, low], everywhere) == (0.5, 1.0)
-    assert highest_shares([high, low], everywhere) == (1.0, 1.0)
-    assert highest_shares([[[0.0]], [[0.0]]], np.array([True])) == (1.0, 1.0)  # Nothing slips.
-
-
-def test_motions_cover_a_range_without_a_gap() -> None:
-    chain = [stretch(0.8, 1.0), stretch(0.6, 0.85, 2), stretch(0.5, 0.59), stretch(0.3, 0.7, 3)]
-    assert covered_down_to(chain, 1.0) == 0.6
-    assert covered_down_to([], 1.0) == 1.0
 
 
 def test_motions_stand_on_the_page_in_words() -> None:

@@ -18,7 +18,7 @@ from tcc_sim.result import json_of
 from tcc_sim.study.paper import claims
 from tcc_sim.study.paper.branches_behind import StableMotions
 from tcc_sim.study.paper.catalogue import OMEGA_N, paper_system
-from tcc_sim.study.paper.evidence import Evidence, T, share_where
+from tcc_sim.study.paper.evidence import Evidence, T
 from tcc_sim.study.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Measured, holds, shares
 
 PAGE = Path(__file__).resolve().parents[3] / ".github" / "paper" / "claims.md"
@@ -153,5 +153,3 @@ def test_an_interrupted_command_keeps_the_claims_that_were_judged(  # type: igno
 
 def test_every_figure_with_a_claim_has_one_in_the_registry() -> None:
     assert len(claims.CLAIMS) == len({claim.name for claim in claims.CLAIMS}) >= 58
-    assert share_where(np.array([True, False]), np.array([True, True])) == 0.5
-    assert share_where(np.array([True]), np.array([False])) == 1.0

@@ -16,7 +16,7 @@ from tcc_sim.model import friction
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.solvers import solve
-from tcc_sim.study.paper import claims_methods, claims_periods, claims_stick, harmonic_balance
+from tcc_sim.study.paper import claims_methods, claims_stick, harmonic_balance
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.study.paper.claims import PaperEvidence
 from tcc_sim.study.paper.evidence import FAILED, FREQUENCY, KINETIC, Evidence, with_kinetic
@@ -254,12 +254,6 @@ def test_the_smoothed_law_creeps_where_the_set_valued_one_sticks() -> None:
     result = rows["smoothed_stick_creeps"](PaperEvidence(1e-9, 1))
     assert result.verdict == CONFIRMED
     assert 0.01 < result.values["largest slip speed (rad/s)"]["smoothed"] < 0.2
-
-
-def test_a_repeated_series_is_told_by_its_shortest_period() -> None:
-    for series in ([1.0], [1.0, 2.0], [1.0, 2.0, 1.0, 3.0]):
-        assert claims_periods.repeats(np.tile(np.array(series), 16)) == len(series)
-    assert claims_periods.repeats(np.sin(np.arange(64.0))) == 0
 
 
 @pytest.mark.parametrize(("mean", "off", "printed", "satisfied", "unsuitable"), [
