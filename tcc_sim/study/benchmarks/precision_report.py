@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from tcc_sim.errors import counted
 from tcc_sim.output.provenance import environment
 from tcc_sim.output.tables import markdown_table
 from tcc_sim.result import Described, reported, reporting
@@ -175,8 +176,8 @@ def _head(report: PrecisionReport) -> list[str]:
         if not seconds:
             continue
         said += ["", f"With all three errors at most {_power(TARGET)}, {cycles} periods of excitation take "
-                 f"{code_name(engine)} {_range([1e3 * x for x in seconds])} ms on the {len(scenes)} scenes of its "
-                 "friction law."]
+                 f"{code_name(engine)} {_range([1e3 * x for x in seconds])} ms on the "
+                 f"{counted(len(scenes), 'scene')} of its friction law."]
         names = dict.fromkeys(r.solver for record in scenes for r in record.results)
         others = [name for name in names if name != engine]
         said += ["", f"Run time relative to {code_name(engine)}:", ""] if others else []

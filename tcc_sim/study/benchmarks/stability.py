@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.errors import OutOfRange
+from tcc_sim.errors import OutOfRange, counted
 from tcc_sim.model.friction import smoothed_and_slope
 from tcc_sim.model.parameters import DEFAULTS, System, replace
 from tcc_sim.output.tables import markdown_table
@@ -269,7 +269,7 @@ def _head(report: StabilityReport) -> list[str]:
         rows = [r for r in cases if r.solver == engine]
         bad, refused = sum(map(ended_badly, rows)), sum(r.status == "REFUSED" for r in rows)
         error, power = report.summary[engine].error, report.summary[engine].power_residual
-        said.append(f"- `{engine}`: of {len(rows)} cases {bad or 'none'} failed and {refused or 'none'} "
+        said.append(f"- `{engine}`: of {counted(len(rows), 'case')} {bad or 'none'} failed and {refused or 'none'} "
                     f"{'was' if refused == 1 else 'were'} refused; in 99 % of the others the error is at most "
                     f"{_number(error.p99)}, the largest {_number(error.max)}, and the power balance closes to "
                     f"{_number(power.p99)}.")
