@@ -8,13 +8,24 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis.summary import (
+    Span,
+    Summary,
+    cycle_parts_of,
     cycles_of,
     default_discard,
+    dropped_of,
     error_of_thirds,
+    first_cycle_of,
     regime_of,
+    runaway_cause,
+    runs_away,
+    section_of,
     slip_grows,
+    spans_of,
     summarise,
     summarise_cycles,
+    sums_from,
+    varying,
 )
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
@@ -22,7 +33,7 @@ from tcc_sim.scene import load_scene
 from tcc_sim.sweeps.scatter import scatter
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.sweeps.sweep import sweep
-from tcc_sim.trajectory import Cycles, Trajectory
+from tcc_sim.trajectory import Cycles, Loads, Statistics, Trajectory
 
 FREQUENCY = 100.0
 CYCLE = 2.0 * math.pi / FREQUENCY
@@ -88,11 +99,169 @@ def test_a_motion_without_period_lists_every_kept_cycle():
     assert len(summary.section) == 40
 
 
-def test_stick_fraction_and_regime():
+def test_regimes_and_stick_fractions_end_at_their_bounds():
+    assert [regime_of(x) for x in (0.0, 0.005, 0.00501, 0.5, 0.99499, 0.995, 1.0)] == [
+        "slip", "slip", "stick-slip", "stick-slip", "stick-slip", "stick", "stick"]
+    assert [sums_from(1.0, 0.5, stuck, 2.0, None)["stick_fraction"] for stuck in (
+        -0.1, 1e-12, 3e-12, 0.5, 2.0 - 3e-12, 2.0 - 1e-12, 2.1)] == [0.0, 0.0, 1.5e-12, 0.25, 1.0 - 1.5e-12, 1.0, 1.0]
     stuck = trajectory_of(lambda t: 0.0 * t, lambda t: 0.0 * t, 10)
     assert (summarise(stuck, 2).stick_fraction, summarise(stuck, 2).regime) == (1.0, "stick")
     assert summarise(trajectory_of(*sine(30.0, 20.0, 0.0), 10), 2).regime == "slip"
-    assert regime_of(0.5) == "stick-slip"
+
+
+def test_sums_over_no_time_or_without_loads():
+    assert sums_from(3.0, -4.0, 0.5, 0.0, None) == {
+        "max_slip_speed": 4.0, "min_slip_speed": -4.0, "stick_fraction": 0.0, "regime": "slip"}
+    sums = sums_from(5.0, -4.0, 0.5, 0.0, (7.0, 8.0, 9.0, -2.0, math.nan, 6.0))
+    assert math.isnan(sums.pop("mean_power"))
+    assert sums == {"max_slip_speed": 5.0, "min_slip_speed": -4.0, "stick_fraction": 0.0, "regime": "slip",
+                    "clutch_energy": 7.0, "peak_power": 8.0, "max_shaft_torque": 9.0, "min_shaft_torque": -2.0,
+                    "breakaways": None, "coupling_energy": 6.0}
+
+
+def numbered(count, first=0):
+    """Cycles of a motion of period two from this number on, with figures that tell them apart."""
+    n = first + np.arange(count)
+    sides = (first + np.arange(count + 1)) % 2
+    section = np.stack([30.0 + 10.0 * sides, 0.1 + 0.2 * sides, 3.0 - sides], axis=1)
+    loads = Loads(10.0 + n, 100.0 + n, 200.0 + 3.0 * n, -50.0 - 2.0 * n, 0.0 * n + 2.0, 0.5 * n)
+    return Cycles(section, 50.0 + n, 20.0 - 3.0 * n, 0.01 + 0.0 * n, loads, 0.1 * (first + np.arange(count + 1)))
+
+
+def test_every_figure_of_a_summary_is_that_of_its_cycles():
+    """Twelve cycles from number 5 on, of which the third is not observed, and a part of one before and behind them."""
+    cycles, before, behind = numbered(12, 5), numbered(1, 4)[:1], numbered(1, 17)[:1]
+    for column in (cycles.highest, cycles.lowest, cycles.stick_time, *cycles.loads.columns()):
+        column[2] = math.nan
+    parts = [with_field(before, starts=np.array([0.42, 0.5])), with_field(behind, starts=np.array([1.7, 1.78]))]
+    by = with_field(trajectory_of(*sine(0.0, 1.0, 0.0), 1), statistics=Statistics(seconds=0.75))
+    summary = summarise_cycles(cycles, 0.1, first=5, dropped=5, broken=3, since=0.5, partial=parts, by=by)
+    n = np.array([4.0, 5.0, 6.0, *range(8, 18)])
+    expected = Summary(
+        max_slip_speed=67.0, min_slip_speed=-31.0, period=0, section=[], stick_fraction=0.13 / 1.26,
+        regime="stick-slip", cycles=19, discarded=5, settled=False, section_change=0.2 / 0.3, solver="by_hand",
+        elapsed_s=0.75, transient=True, covers=(0.42, 1.78), seconds=1.26, lost_seconds=0.1, broken=3, longest_period=0,
+        clutch_energy=float(np.sum(10.0 + n)), mean_power=float(np.sum(10.0 + n)) / 1.26, peak_power=117.0,
+        max_shaft_torque=251.0, min_shaft_torque=-84.0, breakaways=26, coupling_energy=float(np.sum(0.5 * n)))
+    row = summary.columns()
+    assert set(row) == set(vars_of(summary)) - {"section", "section_states", "covers"}
+    for name, (value,) in expected.columns().items():
+        assert row[name] == [value if isinstance(value, str) else pytest.approx(value, nan_ok=True)], name
+    assert summary.covers == pytest.approx(expected.covers)
+    assert summary.section == [(angle, v) for v, angle, _ in cycles.section[1:].tolist()]
+    assert summary.section_states == [(angle, v, w) for v, angle, w in cycles.section[1:].tolist()]
+
+
+def vars_of(summary):
+    return {name: getattr(summary, name) for name in Summary.__dataclass_fields__}
+
+
+def test_lengths_of_cycles_that_differ_are_added_up():
+    cycles = numbered(8)
+    cycles.highest[3] = cycles.lowest[5] = cycles.stick_time[6] = math.nan
+    summary = summarise_cycles(cycles, 0.1 + 0.01 * np.arange(8.0), since=2.0)
+    assert summary.covers == pytest.approx((2.0, 2.0 + 0.8 + 0.28))
+    assert (summary.lost_seconds, summary.seconds) == pytest.approx((0.3 + 0.14, 0.64), abs=1e-12)
+    assert (summary.cycles, summary.breakaways) == (5, 10)
+    given = summarise_cycles(numbered(3), 0.1, span=Span(1.0, 4.0, 0.5))
+    assert (given.covers, given.seconds, given.lost_seconds, given.stick_fraction) == ((1.0, 4.0), 2.5, 0.5, 0.03 / 2.5)
+
+
+@pytest.mark.parametrize(("first", "count", "period", "rows"), [
+    (0, 6, 3, [2, 3, 4]), (1, 6, 3, [1, 2, 3]), (2, 6, 3, [3, 4, 5]), (0, 6, 1, [5]), (5, 6, 2, [4, 5]),
+    (4, 6, 2, [3, 4]), (0, 3, 0, [0, 1, 2])])
+def test_a_section_begins_at_a_multiple_of_its_period(first, count, period, rows):
+    """Point k lies at the end of cycle first + k."""
+    points = np.arange(3.0 * count).reshape(count, 3)
+    assert section_of(points, first, period).tolist() == points[rows].tolist()
+    assert not period or (first + rows[0] + 1) % period == 0
+
+
+def test_the_sentence_of_a_summary():
+    row = {"max_slip_speed": 62.1, "min_slip_speed": -1.0, "section": [], "stick_fraction": 0.7, "regime": "stick-slip",
+           "cycles": 150, "discarded": 50, "section_change": 0.0, "solver": "auto", "elapsed_s": 0.1}
+    for period, settled, runaway, said in (
+            (2, True, False, "period 2, settled"), (2, False, False, "period 2, settling"),
+            (0, False, False, "no period"), (0, False, True, "runaway")):
+        assert repr(Summary(**row, period=period, settled=settled, runaway=runaway)) == (
+            f"<Summary by auto: 150 cycles, {said}, stick-slip; largest |slip speed| 62.1 rad/s>")
+
+
+@pytest.mark.parametrize(("torque", "sentence"), [
+    (300.0, "the clutch carries 432 N m in slip, but not at the instants at which the engine asks for it"),
+    (-431.9, "the clutch carries 432 N m in slip, but not at the instants at which the engine asks for it"),
+    (-440.0, "mean torque -440 N m exceeds what the clutch carries in slip, 432 N m at a mean pressure of 225000 Pa")])
+def test_a_runaway_has_its_cause_in_a_sentence(torque, sentence):
+    values = {"engine.mean_torque": torque, "pressure.mean": 225e3, "friction.kinetic_coefficient": 0.24}
+    assert runaway_cause(replace(load_scene("fig02").system, values)) == sentence
+
+
+@pytest.mark.parametrize(("cycles", "discard", "sentence"), [
+    (0, None, "there is no whole period of excitation to summarise"),
+    (3, -1, "--discard is -1; it must be 0 or more cycles"),
+    (3, 3, "--discard 3 leaves none of the 3 cycles"), (1, 1, "--discard 1 leaves none of the only cycle"),
+    (0, 2, "there is no whole period of excitation to summarise")])
+def test_what_leaves_no_cycle_is_refused(cycles, discard, sentence):
+    with pytest.raises(InputError) as refusal:
+        dropped_of(cycles, discard)
+    assert str(refusal.value) == sentence
+    assert (dropped_of(3, 2), dropped_of(3, None), dropped_of(1, 0)) == (2, 1, 0)
+
+
+def test_spans_of_a_profile_are_those_of_its_phase():
+    """omega goes from 100 to 200 rad/s in 2 s: phi = 100 t + 25 t^2, and 300 + 200 (t - 2) later, 47.7 cycles."""
+    assert spans_of(None, 0.25, 3, 4) == {"cycle": 0.25, "since": 0.75}
+    assert spans_of(SYSTEM, 0.25, 3, 4) == {"cycle": CYCLE, "since": 3.0 * CYCLE}
+    values = {"engine.frequency_times": (0.0, 2.0), "engine.frequency_values": (100.0, 200.0),
+              "engine.mean_torque_times": (0.0, 2.0), "engine.mean_torque_values": (0.0, -430.0),
+              "pressure.mean": 225e3, "friction.kinetic_coefficient": 0.24}
+    system = load_scene("fig02").with_values(values).system
+    turn = 2.0 * math.pi
+
+    def start(n):
+        phase = turn * n
+        return -2.0 + math.sqrt(4.0 + phase / 25.0) if phase < 300.0 else 2.0 + (phase - 300.0) / 200.0
+
+    for first, count, varied in ((3, 50, 45), (47, 4, 1), (48, 4, 0)):
+        spans = spans_of(system, 0.25, first, count)
+        assert spans["since"] == pytest.approx(start(first))
+        assert spans["cycle"] == pytest.approx(np.diff([start(n) for n in range(first, first + count + 1)]))
+        assert (spans["varied"], spans["carried"]) == (varied, True)
+    heavier = replace(system, {"engine.mean_torque_values": (0.0, -433.0)})
+    assert spans_of(heavier, 0.25, 47, 4)["carried"] is False
+
+
+@pytest.mark.parametrize(("begin", "end", "early", "whole", "late"), [
+    (0, 1200, False, 3, False), (100, 1200, True, 2, False), (0, 1100, False, 2, True), (100, 1100, True, 1, True),
+    (100, 300, False, 0, True), (0, 400, False, 1, False), (390, 410, True, 0, True), (400, 700, False, 0, True)])
+def test_a_run_has_whole_cycles_between_parts_of_cycles(begin, end, early, whole, late):
+    """Slip of 10 + t/cycle rad/s, samples of a four-hundredth of a cycle."""
+    run = part_of(trajectory_of(lambda t: 10.0 + t / CYCLE, lambda t: 1.0 / CYCLE + 0.0 * t, 3), end + 1, begin)
+    before, cycles, behind = cycle_parts_of(run)
+    first = -(-begin // 400)
+    assert (before is not None, len(cycles), behind is not None) == (early, whole, late)
+    assert cycles.highest == pytest.approx([11.0 + first + k for k in range(whole)])
+    assert cycles.lowest == pytest.approx([10.0 + first + k for k in range(whole)])
+    if before is not None:
+        assert before.starts == pytest.approx([begin / 400.0 * CYCLE, first * CYCLE])
+        assert before.lowest == pytest.approx([10.0 + begin / 400.0])
+    if behind is not None:
+        assert behind.starts == pytest.approx([(first + whole) * CYCLE if whole or early or begin == 400 else
+                                               begin / 400.0 * CYCLE, end / 400.0 * CYCLE])
+        assert behind.highest == pytest.approx([10.0 + end / 400.0])
+    assert (first_cycle_of(run), varying(run)) == (first, None)
+
+
+def test_samples_without_a_system_or_too_few_have_no_cycles():
+    run = trajectory_of(*sine(5.0, 20.0, 0.3), 3)
+    for without, sentence in (
+            (with_field(run, system=None),
+             "the trajectory has neither per-cycle results nor the system to work them out with"),
+            (part_of(run, 1), "the trajectory has fewer than two samples")):
+        with pytest.raises(InputError) as refusal:
+            cycle_parts_of(without)
+        assert str(refusal.value) == sentence
+    assert len(cycle_parts_of(part_of(run, 2))[1]) == 0
 
 
 def test_json_has_the_keys_that_programs_rely_on_and_no_nan():
@@ -101,14 +270,6 @@ def test_json_has_the_keys_that_programs_rely_on_and_no_nan():
             "elapsed_s"} <= set(document)
     assert document["period"] == 0
     assert len(document["section"]) == document["cycles"] == 1
-
-
-def test_a_discard_that_leaves_nothing_is_refused():
-    short = trajectory_of(*sine(5.0, 20.0, 0.3), 20)
-    with pytest.raises(InputError, match="--discard 50 leaves none of the 20 cycles"):
-        summarise(short, 50)
-    with pytest.raises(InputError, match="0 or more"):
-        summarise(short, -1)
 
 
 def test_a_trajectory_shorter_than_a_cycle_is_refused():
@@ -180,6 +341,18 @@ def test_a_runaway_may_have_stuck_before() -> None:
         growing = speeds(20.0 + 0.3 * n)
         growing.stick_time[:stuck] = 1e-3
         assert slip_grows(growing) == grows
+
+
+def test_a_run_up_runs_away_if_slip_grows_after_it_or_over_all_and_its_end():
+    """Slip that rises by 0.3 rad/s a cycle; from cycle 45 on it is constant, or grows only from there on."""
+    n = np.arange(90.0)
+    grown, late = 20.0 + 0.3 * np.minimum(n, 45.0), 20.0 + 0.3 * np.maximum(n - 45.0, 0.0)
+    for values, varied, away in ((20.0 + 0.3 * n, 0, True), (20.0 + 0.3 * n, 60, True), (20.0 + 0.3 * n, 90, True),
+                                 (grown, 50, False), (grown, 75, False), (late, 45, True), (late, 74, True),
+                                 (20.0 + 0.3 * n, 200, True), (late, 0, True)):
+        assert runs_away(speeds(values), varied) is away
+    lag = 20.0 + 0.3 * np.where(n < 74, n, 74.0)
+    assert [runs_away(speeds(lag), varied) for varied in (74, 75)] == [False, False]
 
 
 def filtered(noise: np.ndarray, keep: float) -> np.ndarray:

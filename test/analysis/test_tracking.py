@@ -12,10 +12,25 @@ from scipy.interpolate import CubicSpline
 
 import tcc_sim
 from tcc_sim.analysis.control import Steps
-from tcc_sim.analysis.tracking import Loop, LoopCycles, Tracking, mean_between, target_jumps, target_steps
+from tcc_sim.analysis.engine_clock import Uniform
+from tcc_sim.analysis.stream import CyclePiece
+from tcc_sim.analysis.tracking import (
+    Counts,
+    Loop,
+    LoopCycles,
+    LoopReader,
+    Pressures,
+    Tracking,
+    at_level,
+    mean_between,
+    target_jumps,
+    target_steps,
+    value_at,
+)
 from tcc_sim.errors import InputError
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.result import json_of
+from tcc_sim.trajectory import Cycles
 
 CYCLE = 2.0 * math.pi / 150.0
 WAYS = {"as it is": {}, "mirrored": {"sign": -1.0}, "another frequency": {"frequency": 210.0}, "losses": {"lost": 100}}
@@ -61,14 +76,148 @@ def test_a_target_that_moves_has_no_jumps_and_one_that_steps_has():
     assert len(target_jumps(moving, 0.1, 0.2).t) == 0
     stepped = Steps(times, moving.values + 4.0 * (times >= 3.0))
     assert target_jumps(stepped, 0.1, 0.2).t == pytest.approx([3.0])
-    alone = Steps(np.array([0.0, 1.0, 2.0, 2.05]), np.array([20.0, 20.5, 20.55, 25.0]))
-    assert target_jumps(alone, 0.1, 0.2).t == pytest.approx([1.0, 2.05])
+
+
+@pytest.mark.parametrize(("times", "values", "jumps"), [
+    ([0.0, 1.0, 2.0, 2.05], [20.0, 20.5, 20.55, 25.0], [(1.0, 20.5), (2.05, 25.0)]), ([0.0], [20.0], []), ([], [], []),
+    ([0.0, 1.0, 2.0], [20.0, 20.0, 18.0], [(2.0, 18.0)]), ([0.0, 1.0], [20.0, 20.125], []),
+    ([0.0, 1.0], [20.0, 20.126], [(1.0, 20.126)]),
+    ([0.0, 1.0, 1.25, 1.5], [20.0, 21.0, 25.0, 26.0], [(1.25, 25.0)]),   # Four times its neighbours, and less.
+    ([0.0, 1.0, 1.25], [20.0, 21.125, 25.0], []), ([0.0, 1.0, 1.25], [20.0, 24.0, 25.125], []),
+    ([0.0, 1.0, 1.26], [20.0, 21.125, 25.0], [(1.0, 21.125), (1.26, 25.0)])])
+def test_a_jump_is_larger_than_the_least_and_than_its_neighbours(times, values, jumps):
+    for sign in (1.0, -1.0):
+        result = target_jumps(Steps(np.array(times), sign * np.array(values)), 0.125, 0.25)
+        assert list(zip(result.t.tolist(), (sign * result.values).tolist())) == jumps
 
 
 def test_the_target_of_a_cycle_in_which_it_jumps_is_its_mean():
     steps = Steps(np.array([0.0, 1.0, 1.75]), np.array([10.0, 20.0, 40.0]))
-    assert mean_between(steps, np.array([-1.0, 0.5, 1.0, 3.0]), np.array([0.0, 1.5, 2.0, 4.0])) == pytest.approx(
-        [10.0, 15.0, 25.0, 40.0])
+    assert mean_between(steps, np.array([-1.0, 0.5, 1.0, 3.0, 0.5, 1.0, -2.0]),
+                        np.array([0.0, 1.5, 2.0, 4.0, 2.5, 1.0, -2.0])) == pytest.approx(
+        [10.0, 15.0, 25.0, 40.0, (5.0 + 15.0 + 30.0) / 2.0, 20.0, 10.0])
+    assert [value_at(steps, t) for t in (-1.0, 0.0, 0.999, 1.0 - 5e-10, 1.0, 1.74, 1.75, 9.0)] == [
+        10.0, 10.0, 10.0, 20.0, 20.0, 20.0, 40.0, 40.0]
+
+
+def test_a_pressure_is_at_a_level_within_1e_5_of_it():
+    levels = np.array([2e5 - 2.1, 2e5 - 1.9, 2e5, 2e5 + 1.9, 2e5 + 2.1, math.nan])
+    assert at_level(levels, 2e5).tolist() == [False, True, True, True, False, False]
+    assert at_level(levels, 2e5, 1).tolist() == [False, True, True, True, True, False]
+    assert at_level(levels, 2e5, -1).tolist() == [True, True, True, True, False, False]
+    assert not at_level(levels, math.nan, 1).any()
+    assert at_level(np.array([-1.0, 0.0, 1e-3, 3e-3, 2e5]), 0.0).tolist() == [False, True, True, False, False]
+
+
+def hand_made(means, reference, begin=1.0, before=(), squares=2.5, stick=0.0, **more):
+    """A loop of cycles of 0.1 s: these means from `begin` on, others before, and extremes 3 below and 4 above."""
+    mean = np.array([*before, *means], dtype=float)
+    starts = begin + 0.1 * (np.arange(len(mean)) - len(before))
+    course = LoopCycles(starts, starts + 0.1, mean, mean**2 + squares, mean + 4.0, mean - 3.0, stick + 0.0 * mean)
+    times, values = np.array(reference, dtype=float).T
+    return Loop(course, Steps(times, values), **more)
+
+
+APPROACH = 22.0, 26.0, 29.0, 31.0, 33.0, 32.0, 30.5, 29.9, 30.05, 30.02, 29.98, 30.03
+ROWS = np.arange(45)
+PRESSED = Pressures(0.05 * (ROWS + 1), np.where(ROWS < 25, 1e5, np.where(ROWS % 2, 3e5, 2e5)))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_every_figure_of_a_segment_is_that_of_its_cycles(sign):
+    """A step from a mean of 20.5 to 30, of which the figures are worked out here one by one."""
+    made = hand_made(sign * np.array(APPROACH), [(0.0, sign * 20.0), (1.0, sign * 30.0)],
+                     before=(sign * 20.1, sign * 20.5), pressures=PRESSED, limits=(1e5, 3e5), note="; noted")
+    made.course.stick_time[2:] = [0.01, math.nan, *[0.0] * 10]
+    error = np.array(APPROACH) - 30.0
+    segment = made.tracking(1.0, 2.2, stepped=True, discard=2, commands=Counts(40, 3))
+    pressure = PRESSED.values[20:44]
+    rises = np.diff(pressure)
+    expected = Tracking(
+        target=sign * 30.0, mean_slip=sign * np.mean(APPROACH[2:]), rms_error=math.sqrt(np.mean(error[2:] ** 2)),
+        largest_error=3.0, overshoot=3.0, overshoot_time=1.45, settling_time=0.7, target_low=sign * 30.0,
+        target_high=sign * 30.0, verdict="settled", band=0.19,
+        verdict_why="within 0.19 rad/s for the last 0.5 s; noted",
+        peak_deviation=sign * 3.0, peak_time=1.45, peak_mean=8.0, peak_slip=11.0 if sign > 0.0 else 12.0,
+        iae=0.1 * np.abs(error).sum(), ripple=math.sqrt(2.5), stick_fraction=0.01 / 1.1, pressure_low=1e5,
+        pressure_high=3e5, pressure_rate=math.sqrt(np.sum(rises**2) / 0.05 / 1.2), limits=(1e5, 3e5),
+        time_at_limit=np.mean((pressure == 1e5) | (pressure == 3e5)), command_rate=40.0 / 1.2, commands_applied=40,
+        commands_superseded=3, seconds=1.2, lost_seconds=0.0)
+    for name, value in vars(expected).items():
+        assert getattr(segment, name) == (value if isinstance(value, str) else pytest.approx(
+            value, rel=1e-9, abs=1e-12, nan_ok=True)), name
+
+
+@pytest.mark.parametrize(("cycles", "run", "stepped", "over", "peak"), [
+    ((20.5,), math.nan, None, 3.0, 3.0), ((20.5,), math.nan, True, 3.0, 3.0), ((20.5,), math.nan, False, 8.0, -8.0),
+    ((), 20.5, None, 3.0, 3.0), ((), 29.95, None, 8.0, -8.0), ((), math.nan, None, 3.0, 3.0),
+    ((30.4,), math.nan, None, 8.0, -8.0), ((30.4,), math.nan, True, 8.0, -8.0), ((28.1,), math.nan, None, 8.0, -8.0),
+    ((27.9,), math.nan, None, 3.0, -8.0), ((28.1,), math.nan, True, 3.0, -8.0), ((20.5,), 30.4, None, 3.0, 3.0)])
+def test_a_step_counts_from_the_last_mean_before_it(cycles, run, stepped, over, peak):
+    """Of the cycles, else of the run; else from a start at 20. An uncertain one counts from a quarter of 8 rad/s on."""
+    segment = replace(hand_made(APPROACH, [(0.0, 30.0)], before=cycles), before=run).tracking(1.0, 2.2, stepped=stepped)
+    assert (segment.overshoot, segment.peak_deviation) == (pytest.approx(over), pytest.approx(peak))
+
+
+def held(level, count=12, **more):
+    """An error of 5 rad/s for 12 cycles while the pressure is at a level in this many of its last samples."""
+    t = np.arange(1.005, 2.2, 0.01)
+    pressure = np.where(np.arange(len(t)) >= len(t) - count, level, 2e5 + 1e3 * (np.arange(len(t)) % 2))
+    return hand_made([35.0] * 12, [(0.0, 30.0)], pressures=Pressures(t, pressure), **more).tracking(1.0, 2.2)
+
+
+def test_a_verdict_on_pressure_or_stick_says_why_in_a_whole_sentence():
+    """The end is the last half a second, five cycles: 50 samples."""
+    assert held(4e5, 120, limits=(0.0, 4e5)).verdict_why == (
+        "the pressure is at its upper limit, 400000 Pa, for 100 % of the last 0.5 s, and the mean 5 rad/s above the "
+        "target")
+    assert held(0.0, 40, limits=(0.0, 4e5)).verdict_why == (
+        "the pressure is at its lower limit, 0 Pa, for 80 % of the last 0.5 s, and the mean 5 rad/s above the target")
+    assert [held(4e5, count, limits=(0.0, 4e5)).verdict for count in (24, 25)] == ["off target", "saturated"]
+    assert held(3.9e5, 120, limits=(0.0, 4e5)).verdict == "off target"
+    stuck = hand_made([5.0] * 12, [(0.0, 30.0)], stick=0.025)
+    assert (stuck.tracking(1.0, 2.2).verdict, stuck.tracking(1.0, 2.2).verdict_why) == (
+        "sticking", "in stick for 25 % of the last 0.5 s")
+    for time, verdict in ((0.00199, "off target"), (0.00201, "sticking")):
+        assert hand_made([5.0] * 12, [(0.0, 30.0)], stick=time).tracking(1.0, 2.2).verdict == verdict
+    for cycles, verdict in ((2, "off target"), (3, "sticking")):
+        some = hand_made([5.0] * 12, [(0.0, 30.0)])
+        some.course.stick_time[12 - cycles:] = 0.05
+        assert some.tracking(1.0, 2.2).verdict == verdict
+
+
+@pytest.mark.parametrize(("seconds", "error", "limits"), [
+    (0.6, 5.0, (0.0, 4e5)), (0.48, 5.0, (0.0, math.nan)), (0.6, -5.0, (4e5, math.nan)), (0.6, 0.05, (0.0, math.nan))])
+def test_a_pressure_that_is_held_for_five_cycles_while_the_error_keeps_its_sign_is_a_limit(seconds, error, limits):
+    t = np.arange(1.01, 2.205, 0.01)
+    pressure = np.where(t > 2.2 - seconds, 4e5, 2e5 + 1e3 * (np.arange(len(t)) % 2))
+    segment = hand_made([30.0 + error] * 12, [(0.0, 30.0)], pressures=Pressures(t, pressure)).tracking(1.0, 2.2)
+    assert segment.limits == pytest.approx(limits, nan_ok=True)
+
+
+def test_a_cycle_belongs_to_a_segment_if_it_ends_in_it():
+    course = hand_made(APPROACH, [(0.0, 30.0)]).course
+    for begin, end, rows in ((1.0, 2.2, range(12)), (1.05, 2.15, range(11)), (1.1, 2.1, range(1, 11)), (1.3, 1.3, []),
+                             (1.1 - 5e-8, 1.2, range(1, 2)), (1.1 + 5e-8, 1.2 - 5e-8, range(1, 2))):
+        assert course.within(begin, end).mean.tolist() == [APPROACH[k] for k in rows]
+
+
+def test_extremes_join_the_means_by_their_number_and_starts_follow_the_ends():
+    reader = LoopReader(Uniform(0.1))
+    for begin, end, level in ((0, 305, 2.0), (550, 801, 4.0)):
+        reader.interrupt()
+        reader.feed(np.arange(begin, end) * 1e-3, np.full(end - begin, level))
+    x = np.arange(3.0)
+    piece = Cycles(np.zeros((4, 3)), 10.0 + x, -x, 0.01 * x, starts=np.array([0.1, 0.2, 0.3, 0.4]))
+    reader.extremes([CyclePiece(0, 1, piece)])
+    course = reader.course()
+    assert course.mean == pytest.approx([2.0, 2.0, 2.0, 4.0, 4.0])
+    assert course.square == pytest.approx([4.0, 4.0, 4.0, 16.0, 16.0])
+    assert course.ends == pytest.approx([0.1, 0.2, 0.3, 0.7, 0.8])
+    assert course.starts == pytest.approx([0.0, 0.1, 0.2, 0.6, 0.7])
+    assert course.highest == pytest.approx([math.nan, 10.0, 11.0, math.nan, math.nan], nan_ok=True)
+    assert course.lowest == pytest.approx([math.nan, 0.0, -1.0, math.nan, math.nan], nan_ok=True)
+    assert course.stick_time == pytest.approx([math.nan, 0.0, 0.01, math.nan, math.nan], nan_ok=True)
 
 
 def test_figures_of_an_exponential_cover_every_cycle():
@@ -176,7 +325,19 @@ def test_cycles_follow_a_frequency_that_changes_while_running():
     assert phase / (2.0 * math.pi) == pytest.approx(np.arange(1, len(phase) + 1), abs=1e-6)
 
 
-def test_a_target_is_checked():
-    for wrong, text in (({}, "no target"), (1e9, r"target is 1e\+09 rad/s"), ({math.nan: 20.0}, "not a number")):
-        with pytest.raises(InputError, match=text):
-            target_steps(wrong)
+@pytest.mark.parametrize(("target", "sentence"), [
+    ({}, "there is no target; give a slip speed, or times with slip speeds"),
+    (1.001e5, "target is 100100 rad/s; it must be -100000 to 100000 rad/s"),
+    (-1.001e5, "target is -100100 rad/s; it must be -100000 to 100000 rad/s"),
+    (math.nan, "target is nan rad/s; it must be -100000 to 100000 rad/s"),
+    ({math.nan: 20.0}, "a time of the target is not a number; it must be a time in s")])
+def test_a_target_that_is_none_is_refused(target, sentence):
+    with pytest.raises(InputError) as refusal:
+        target_steps(target)
+    assert str(refusal.value) == sentence
+
+
+def test_targets_are_steps_in_order_of_time():
+    steps = target_steps({3.0: 1e5, 0.5: -1e5, 2.0: 7})
+    assert (steps.t.tolist(), steps.values.tolist()) == ([0.5, 2.0, 3.0], [-1e5, 7.0, 1e5])
+    assert (target_steps(30).t.tolist(), target_steps(30).values.tolist()) == ([0.0], [30.0])
