@@ -1,12 +1,12 @@
-"""Means over whole engine cycles, of samples in batches."""
+"""Means over whole engine cycles, of samples in batches, and signals that keep their value."""
 
 import math
 
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.control import CycleMeans
-from tcc_sim.analysis.engine_clock import Uniform
+from tcc_sim.analysis.control import Control, CycleMeans, Steps, joined_means
+from tcc_sim.analysis.engine_clock import Tracked, Uniform
 from tcc_sim.analysis.tracking import LoopReader
 
 CYCLE = 0.05
@@ -26,14 +26,53 @@ def test_the_mean_of_a_sine_over_its_cycle_is_its_offset(size):
     assert course.starts == pytest.approx(cycle * np.arange(len(course.mean)), abs=1e-9)
 
 
+@pytest.mark.parametrize("size", [1, 7, 10**6])
+def test_the_mean_of_straight_lines_between_samples_is_exact(size):
+    """A line 3 + 2 t that bends to 13 - 2 t at 2.5 s, over cycles that are no multiples of the samples' 10 ms."""
+    t = np.arange(101, 500) * 1e-2
+    v, means, found = np.where(t < 2.5, 3.0 + 2.0 * t, 13.0 - 2.0 * t), CycleMeans(Uniform(0.237)), []
+    for start in range(0, len(t), size):
+        found += means.feed(t[start:start + size], v[start:start + size])
+    ends, values = joined_means(found)
+    edges = 0.237 * np.arange(5, 22)
+
+    assert ends.tolist() == np.rint(1e9 * edges[1:]).tolist()
+    assert found[0][0] == 5
+    expected = np.diff(np.where(edges < 2.5, 3.0 * edges + edges**2,
+                                3.0 * 2.5 + 6.25 + 13.0 * (edges - 2.5) - (edges**2 - 6.25))) / 0.237
+    assert values == pytest.approx(expected)
+
+
 def test_a_gap_leaves_out_the_cycles_that_it_touches():
-    reader = LoopReader(Uniform(0.1))
-    reader.feed(np.arange(0, 255) * 1e-3, np.full(255, 2.0))
-    reader.interrupt()
-    reader.feed(np.arange(430, 701) * 1e-3, np.full(271, 4.0))
-    course = reader.course()
-    assert course.mean == pytest.approx([2.0, 2.0, 4.0, 4.0])
-    assert course.starts == pytest.approx([0.0, 0.1, 0.5, 0.6])
+    for interrupted in (True, False):   # By the reader, or since it is longer than 2.5 ticks.
+        reader = LoopReader(Uniform(0.1))
+        reader.feed(np.arange(0, 255) * 1e-3, np.full(255, 2.0))
+        if interrupted:
+            reader.interrupt()
+        reader.feed(np.arange(430, 701) * 1e-3, np.full(271, 4.0))
+        course = reader.course()
+        assert course.mean == pytest.approx([2.0, 2.0, 4.0, 4.0])
+        assert course.starts == pytest.approx([0.0, 0.1, 0.5, 0.6])
+
+
+@pytest.mark.parametrize(("later", "whole"), [(2.4, 3), (2.6, 2)])
+def test_a_distance_of_two_ticks_and_a_half_is_bridged(later, whole):
+    means = CycleMeans(Uniform(0.1))
+    begin = 0.25 + later * 1e-3
+    found = means.feed(np.arange(0, 251) * 1e-3, np.full(251, 2.0))
+    found += means.feed(begin + np.arange(0, 52) * 1e-3, np.full(52, 2.0))
+    assert joined_means(found)[1] == pytest.approx([2.0] * whole)
+
+
+def test_cycles_of_a_clock_that_knows_only_some_have_means():
+    means = CycleMeans(Tracked(0.1, {3: (np.array([4, 5, 6, 9, 10]), np.array([0.1, 0.2, 0.31, 0.6, 0.7]))}))
+    t = np.arange(0, 1000) * 1e-3
+    found = means.feed(t, 5.0 + t, 3)
+    assert [(first, ends.tolist()) for first, ends, _ in found] == [(4, [0.2, 0.31]), (9, [0.7])]
+    assert joined_means(found)[1] == pytest.approx([5.15, 5.255, 5.65])
+    assert means.feed(t + 1.0, t, 3) == []
+    assert CycleMeans(Uniform(0.1)).feed(t[:50], t[:50]) == []
+    assert [len(x) for x in joined_means([])] == [0, 0]
 
 
 def test_a_leap_of_time_costs_no_memory_and_gives_no_mean():
@@ -48,3 +87,13 @@ def test_slices_of_time_have_no_means():
     reader = LoopReader(Uniform(0.1, identified=False))
     reader.feed(np.arange(1000) * 1e-3, np.full(1000, 2.0))
     assert len(reader.course().mean) == 0
+
+
+def test_steps_go_on_to_the_end_of_a_picture():
+    steps, none = Steps(np.array([0.0, 1.0]), np.array([3.0, 4.0])), Steps.none()
+    assert [x.tolist() for x in vars(steps.until(2.5)).values()] == [[0.0, 1.0, 2.5], [3.0, 4.0, 4.0]]
+    assert steps.until(1.0) is steps.until(0.5) is steps
+    assert none.until(1.0) is none
+    empty = np.empty(0)
+    assert [Control(empty, empty, *rest).controlled for rest in (
+        (none, none, none), (steps, none, none), (none, steps, none), (none, none, steps))] == [False, True, True, True]

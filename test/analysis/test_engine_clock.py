@@ -1,0 +1,115 @@
+"""Start times of engine cycles by three clocks, and phases of blocks that are set by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tcc_sim.analysis.engine_clock import (
+    Block,
+    Scheduled,
+    Tracked,
+    Uniform,
+    _steady,
+    clock_of_scene,
+    cycles_between,
+    trim,
+)
+from tcc_sim.scene import load_scene
+
+TURN = 2.0 * math.pi
+
+
+@pytest.mark.parametrize(("begin", "end", "first", "starts"), [
+    (0.0, 0.6, 0, [0.0, 0.25, 0.5]), (0.3, 1.0, 2, [0.5, 0.75, 1.0]), (0.5 + 2e-10, 0.8, 2, [0.5, 0.75]),
+    (0.5 + 3e-10, 0.8, 3, [0.75])])
+def test_a_uniform_clock_has_the_multiples_of_its_cycle(begin, end, first, starts):
+    ((number, found),) = Uniform(0.25).stretches(7, begin, end)
+    assert (number, found.tolist()) == (first, pytest.approx(starts))
+    assert (Uniform(0.25).cycles_until(0.6), Uniform(0.25).start_of(3)) == (2.4, 0.75)
+
+
+def test_a_scheduled_clock_follows_the_profile():
+    """phi = 100 t + 25 t^2."""
+    scene = load_scene("fig02").with_values({"engine.frequency_times": (0.0, 2.0),
+                                             "engine.frequency_values": (100.0, 200.0)})
+    clock = clock_of_scene(scene.system)
+    assert isinstance(clock, Scheduled)
+    starts = -2.0 + np.sqrt(4.0 + TURN * np.arange(20) / 25.0)
+    ((first, found),) = clock.stretches(0, 0.2, 0.6)
+    inside = (starts >= 0.2) & (starts <= 0.6)
+    assert (first, found) == (int(np.flatnonzero(inside)[0]), pytest.approx(starts[inside]))
+    assert clock.cycles_until(0.2) == pytest.approx(21.0 / TURN)
+    assert (clock.start_of(9), clock.cycle) == (pytest.approx(starts[9]), scene.system.cycle)
+    assert clock_of_scene(load_scene("fig02").system) == Uniform(load_scene("fig02").system.cycle)
+
+
+STARTS = np.array([0.3, 0.4, 0.51, 0.8, 0.9, 1.3])
+TRACKED = Tracked(0.1, {2: (np.array([3, 4, 5, 8, 9, 12]), STARTS)})
+
+
+@pytest.mark.parametrize(("begin", "end", "found"), [
+    (0.0, 2.0, [(3, 0, 3), (8, 3, 5)]), (0.35, 0.85, [(4, 1, 3), (8, 3, 4)]), (0.4, 0.4, [(4, 1, 2)]),
+    (0.4 + 0.9e-10, 0.51 - 0.9e-10, [(4, 1, 3)]), (0.4 + 1.1e-10, 0.8 - 1.1e-10, []), (0.52, 0.95, [(8, 3, 5)]),
+    (0.82, 2.0, []), (1.2, 2.0, []), (0.0, 0.2, [])])
+def test_a_tracked_clock_begins_another_stretch_where_a_number_is_missing(begin, end, found):
+    """The last start before an unknown stretch begins no cycle."""
+    assert [(number, starts.tolist()) for number, starts in TRACKED.stretches(2, begin, end)] == [
+        (number, STARTS[a:b].tolist()) for number, a, b in found]
+    assert TRACKED.stretches(1, begin, end) == []
+
+
+def blocks(t, phase, amplitude=1.0):
+    """Blocks of 0.1 s about these times."""
+    return [Block(at, value, amplitude, 1.0, at - 0.05, at + 0.05) for at, value in zip(t.tolist(), phase.tolist())]
+
+
+def test_a_partly_filled_block_at_either_end_is_removed():
+    for sizes, kept in (([0.69, 1.0, 1.0, 0.69], [1.0, 1.0]), ([0.71, 1.0, 1.0, 0.71], [0.71, 1.0, 1.0, 0.71]),
+                        ([0.5, 1.0], [0.5, 1.0]), ([0.5, 1.0, 0.5], [1.0, 0.5]), ([1.0, 0.2, 1.0], [1.0, 0.2, 1.0])):
+        stretch = [Block(0.0, 0.0, size, 1.0, 0.0, 0.0) for size in sizes]
+        trim(stretch)
+        assert [block.amplitude for block in stretch] == kept
+
+
+@pytest.mark.parametrize("turns", [0, 3, -2])
+def test_stretches_of_one_frequency_are_joined_in_phase(turns):
+    """100 rad/s from 0.5 rad on; the second stretch, after a gap of 0.6 s, is off by whole turns."""
+    times = [np.arange(0.25, 0.95, 0.1), np.arange(1.55, 2.5, 0.1)]
+    found = cycles_between([blocks(t, 100.0 * t + 0.5 + TURN * turns * k) for k, t in enumerate(times)], 0.75)
+    numbers = np.array([n for n in range(60) if 0.2 <= (TURN * n - 0.5) / 100.0 <= 0.9
+                        or 1.5 <= (TURN * n - 0.5) / 100.0 <= times[1][-1] + 0.05])
+    assert found.numbers.tolist() == numbers.tolist()
+    assert found.starts == pytest.approx((TURN * numbers - 0.5) / 100.0)
+    assert (found.low, found.high, found.known, found.why) == (pytest.approx(100.0), pytest.approx(100.0), 0.75, "")
+
+
+def test_stretches_of_a_drifting_frequency_are_followed_by_parabolas():
+    """phi = 0.5 + 100 t + 10 t^2, which the parabolas have exactly."""
+    times = [np.arange(0.25, 0.95, 0.1), np.arange(1.05, 2.0, 0.1)]
+    found = cycles_between([blocks(t, 0.5 + 100.0 * t + 10.0 * t * t + TURN * 5 * k) for k, t in enumerate(times)], 1.0)
+    starts = -5.0 + np.sqrt(25.0 + (TURN * np.arange(60) - 0.5) / 10.0)
+    inside = ((starts >= 0.2) & (starts <= times[0][-1] + 0.05)) | ((starts >= 1.0) & (starts <= times[1][-1] + 0.05))
+    numbers = np.flatnonzero(inside)
+    shift = found.numbers[0] - numbers[0]
+    assert (found.numbers - shift).tolist() == numbers.tolist()
+    assert found.starts == pytest.approx(starts[numbers], abs=1e-9)
+    assert (found.low, found.high) == pytest.approx((100.0 + 20.0 * times[0][0], 100.0 + 20.0 * times[1][-1]))
+
+
+def test_a_frequency_is_constant_within_the_noise_of_its_phases():
+    t = np.arange(5.0)
+    assert _steady(t[:2], np.array([0.0, 9.0]))
+    bent = np.array([2.0, -1.0, -2.0, -1.0, 2.0]) / math.sqrt(2.8)   # Of rms 1, without a mean or a slope.
+    for size, steady in ((0.0199, True), (0.0201, False)):
+        assert _steady(t, 3.0 + 100.0 * t + size * bent) is steady
+    n = np.arange(8.0)
+    noise = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])   # Third differences of 8: noise of 8/sqrt(20).
+    bow = (n - 3.5) ** 2 - 5.25
+    bow /= math.sqrt(np.mean(bow**2))
+    for size, steady in ((0.0, True), (4.5, True), (6.0, False)):
+        assert _steady(n, 100.0 * n + 0.01 * noise + 0.01 * size * bow) is steady
+    for size, steady in ((0.4, True), (0.6, False)):   # The noise counts up to 0.17 rad.
+        assert _steady(n, 100.0 * n + 0.15 * noise + size * bow) is steady
+    assert _steady(n, 100.0 * n + 0.9e-6 * bow)
+    assert not _steady(n, 100.0 * n + 1.1e-6 * bow)
