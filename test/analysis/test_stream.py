@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.stream import CycleStream
+from tcc_sim.analysis.engine_clock import Tracked, Uniform
+from tcc_sim.analysis.stream import CycleStream, RunCycles
 from tcc_sim.analysis.summary import cycles_of
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
@@ -147,12 +148,119 @@ def test_a_wild_stamp_neither_fills_memory_nor_hangs():
     assert stream.summary(0).cycles == int(5.999 / CYCLE) - math.ceil(2.001 / CYCLE)
 
 
+TENTH = replace(System(), {"engine.frequency": 20.0 * math.pi})
+"""A system with an engine cycle of 0.1 s."""
+
+
+def rising(ticks, rate=10.0):
+    """Slip of 10 rad/s that rises by 10 rad/s a second at 1 kHz; 300 N m hold the plate at rest."""
+    stamps = np.asarray(ticks, dtype=np.int64) * STEP
+    t, one = stamps * 1e-9, np.ones(len(stamps))
+    return (stamps, 10.0 + rate * t, 0.1 * one, 0.0 * one, (300.0 + 0.2 * rate) * one, 300.0 * one)
+
+
+def heat(begin, end):
+    return 300.0 * (10.0 * (end - begin) + 5.0 * (end**2 - begin**2))
+
+
+GAPS = np.concatenate([np.arange(0, 333), np.arange(378, 512), np.arange(513, 1050)])
+
+
+@pytest.mark.parametrize(("discard", "begin", "broken", "lost"), [
+    (0, 0.0, 1, 0.048), (2, 0.2, 1, 0.048), (3, 0.3, 1, 0.048), (4, 0.4, 0, 0.002), (6, 0.6, 0, 0.0)])
+@pytest.mark.parametrize("sizes", ["random", "large"])
+def test_figures_of_a_recording_cover_what_was_observed(discard, begin, broken, lost, sizes):
+    """States are missing from 0.332 to 0.378 s, and a single one at 0.512 s, which breaks no cycle."""
+    stream, _ = fed(rising(GAPS), sizes_like(sizes), TENTH)
+    summary = stream.summary(discard)
+    assert (summary.cycles, summary.discarded, summary.broken) == (10, discard, broken)
+    assert summary.covers == pytest.approx((begin, 1.049))
+    assert (summary.lost_seconds, summary.seconds) == pytest.approx((lost, 1.049 - begin - lost), abs=1e-12)
+    energy = heat(begin, 1.049) - (heat(0.332, 0.378) if lost > 0.04 else 0.0) - (heat(0.511, 0.513) if lost else 0.0)
+    assert summary.clutch_energy == pytest.approx(energy)
+    assert summary.mean_power == pytest.approx(energy / summary.seconds)
+    assert (summary.max_slip_speed, summary.min_slip_speed) == pytest.approx((20.49, 10.0 + 10.0 * begin))
+    assert summary.peak_power == pytest.approx(300.0 * 20.49)
+    assert (summary.max_shaft_torque, summary.min_shaft_torque) == pytest.approx((300.0, 300.0))
+    assert (summary.stick_fraction, summary.breakaways, summary.runaway) == (0.0, 0, discard > 2)
+    assert stream.summary(discard) is summary
+    kept = stream.runs[0].kept(discard)
+    first = 4 if discard == 3 else discard   # No cycle stands for a gap at the start.
+    assert (kept.first, np.isnan(kept.cycles.highest).tolist()) == (first, [k == 3 for k in range(first, 10)])
+
+
+def test_numbers_of_a_gap_of_several_cycles_are_those_of_the_last():
+    """Cycles 3 to 5 of ten: one cycle of NaN in their place, so that the last has number 9."""
+    ticks = np.concatenate([np.arange(0, 333), np.arange(560, 1001)])
+    stream, pieces = fed(rising(ticks), sizes_like("ones"), TENTH)
+    assert [(each.run, each.first, len(each.cycles)) for each in pieces] == [(0, k, 1) for k in (0, 1, 2, 6, 7, 8, 9)]
+    assert [(piece.first, len(piece.cycles)) for piece in stream.runs[0].pieces] == [(0, 3), (6, 3), (9, 1)]
+    kept = stream.runs[0].kept(1)
+    assert (kept.first, len(kept.cycles), kept.dropped, kept.broken) == (3, 7, 1, 3)
+    assert kept.cycles.starts is not None
+    for discard in (4, 5):
+        assert stream.runs[0].kept(discard)[1:4] == (6, discard, 6 - discard)
+        assert stream.summary(discard).covers == pytest.approx((0.1 * discard, 1.0))
+
+
 def test_a_recording_without_a_whole_cycle_is_refused():
-    stream, _ = fed(recorded(np.arange(20)), sizes_like("random"))
-    with pytest.raises(InputError, match="no whole period of excitation"):
-        stream.summary()
-    with pytest.raises(InputError, match="no samples"):
-        CycleStream(SYSTEM).summary()
+    stream, _ = fed(rising(np.arange(100)), sizes_like("random"), TENTH)
+    gaps, _ = fed(rising(np.concatenate([np.arange(0, 333), np.arange(378, 390)])), sizes_like("random"), TENTH)
+    empty = CycleStream(TENTH)
+    missing = CycleStream(TENTH)
+    stamps, *others = rising(np.arange(3))
+    missing.feed(stamps, *(math.nan * column for column in others))
+    known = CycleStream(TENTH, Tracked(0.1, {0: (np.array([4, 5]), np.array([0.1, 0.2]))}))
+    known.feed(*rising(np.arange(250)))
+    for refused, discard, sentence in (
+            (stream, None, "the recording holds no whole period of excitation: its states go from 0 to 0.099 s"),
+            (gaps, 3, "--discard 3 leaves none of the 3 cycles"), (empty, None, "the recording holds no samples"),
+            (known, 1, "--discard 1 leaves none of the only cycle"),
+            (missing, None,
+             "the recording holds no samples: none of its 3 states has finite angles, speeds and torques")):
+        with pytest.raises(InputError) as refusal:
+            refused.summary(discard)
+        assert str(refusal.value) == sentence
+    hidden, _ = fed(rising(np.concatenate([np.arange(0, 230), np.arange(280, 420)])), sizes_like("random"), TENTH)
+    assert hidden.summary(1).cycles == 4
+    hidden, _ = fed(rising(np.concatenate([np.arange(0, 230), np.arange(280, 330), np.arange(360, 401)])),
+                    sizes_like("random"), TENTH)
+    with pytest.raises(InputError, match="gaps interrupt or hide every period of excitation after the first 2"):
+        hidden.summary(2)
+
+
+def test_of_runs_with_as_many_cycles_the_last_is_the_longest():
+    stream, _ = fed(rising(np.concatenate([np.arange(0, 301), np.arange(0, 310), np.arange(0, 220)])),
+                    sizes_like("random"), TENTH)
+    assert (stream.longest()[0], len(stream.runs), stream.numbers) == (1, 3, {0: 2})
+    assert [run.observed() for run in stream.runs] == [3, 3, 2]
+    assert stream.summary(0).max_slip_speed == pytest.approx(13.09)
+    assert stream.summary(0, 0).max_slip_speed == pytest.approx(13.0)
+    assert stream.summary(0, 2).covers == pytest.approx((0.0, 0.219))
+
+
+def test_slices_of_time_have_extremes_and_no_period():
+    stream = CycleStream(TENTH, Uniform(0.1, identified=False))
+    stream.feed(*rising(np.arange(3050), 0.0))
+    summary = stream.summary(7)
+    assert (summary.period, summary.settled, summary.cycles, summary.broken, summary.discarded) == (0, False, 0, 0, 0)
+    assert (summary.section, summary.section_states, summary.longest_period) == ([], [], 0)
+    assert math.isnan(summary.section_change)
+    assert (summary.max_slip_speed, summary.covers) == (pytest.approx(10.0), pytest.approx((0.0, 3.049)))
+
+
+def test_lengths_of_tracked_cycles_show_where_the_excitation_settles():
+    """Cycles of 0.11 s, then of 0.1 s: a motion of constant slip has its period in the latter alone."""
+    lengths = np.array([0.11] * 3 + [0.1006] + [0.1004] * 2 + [0.1] * 17)
+    starts = np.append(0.0, np.cumsum(lengths))
+    stream = CycleStream(TENTH, Tracked(0.1, {0: (np.arange(24), starts)}))
+    stream.feed(*rising(np.arange(math.floor(starts[-1] * 1e3) + 2), 0.0))
+    kept = stream.runs[0].kept(0)
+    assert stream._excitation_of(kept.cycles, 0)["cycle"] == pytest.approx(lengths)
+    assert [stream._excitation_of(kept.cycles[k:], k)["varied"] for k in (0, 2, 4, 10)] == [4, 2, 0, 0]
+    assert (stream.summary(0).period, stream.summary(0).longest_period) == (1, 6)
+    assert stream.summary(2).covers[0] == pytest.approx(0.22)
+    assert isinstance(stream.runs[0], RunCycles)
 
 
 @pytest.mark.parametrize("first", [0, 100])
