@@ -251,6 +251,8 @@ def test_the_change_is_that_over_the_period():
     assert judged(points)[:2] == (2, True)
     assert judged(points)[2] == pytest.approx(3e-5, rel=1e-3)
     slow, _ = settling((0.95,), 2, 121)
+    assert judged(slow, 2)[0] == 2
+    assert judged(slow, 1)[0] == 0
     found, settled, change = judged(slow)
     assert (found, settled) == (2, False)
     assert change == np.abs(slow[-2:] - slow[-4:-2]).max()

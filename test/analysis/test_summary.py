@@ -277,6 +277,8 @@ def test_a_trajectory_shorter_than_a_cycle_is_refused():
         summarise_cycles(Cycles(np.zeros((1, 3)), np.empty(0), np.empty(0), np.empty(0)), CYCLE)
     with pytest.raises(InputError, match="no whole period of excitation"):
         summarise(part_of(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 200), 1)
+    part = summarise(part_of(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 201))
+    assert (part.cycles, part.discarded, part.covers) == (0, 0, (0.0, pytest.approx(0.5 * CYCLE)))
 
 
 def test_parts_of_cycles_count_at_the_end_and_where_nothing_is_dropped_at_the_start():
@@ -320,6 +322,13 @@ def test_slip_that_grows_is_a_runaway_whatever_its_sign() -> None:
         assert ", runaway, slip;" in repr(summary)
     assert slip_grows(speeds(150.0 + 2e-3 * n))
     assert slip_grows(speeds(20.0 + 0.3 * n)[:3])
+
+
+@pytest.mark.parametrize(("ratio", "grows"), [(0.49, False), (0.51, True)])
+def test_the_second_step_of_growth_is_more_than_half_of_the_first(ratio, grows):
+    """Means of the thirds of 20 + 30 u - b u^2, u = 0 to 3, rise by 30 - 2 b and by 30 - 4 b."""
+    u = (np.arange(96.0) + 0.5) / 32.0
+    assert slip_grows(speeds(20.0 + 30.0 * u - 30.0 * (1.0 - ratio) / (4.0 - 2.0 * ratio) * u**2)) is grows
 
 
 def test_what_only_settles_or_sticks_or_returns_is_no_runaway() -> None:

@@ -159,6 +159,13 @@ def test_a_step_counts_from_the_last_mean_before_it(cycles, run, stepped, over, 
     assert (segment.overshoot, segment.peak_deviation) == (pytest.approx(over), pytest.approx(peak))
 
 
+def test_the_approach_to_a_target_is_no_peak():
+    for late in (30.3, 29.7):
+        means = [22.0, 26.0, 29.0, 29.9, late, *[30.0] * 7]
+        segment = hand_made(means, [(0.0, 30.0)], before=(20.5,)).tracking(1.0, 2.2)
+        assert (segment.peak_deviation, segment.peak_time) == (pytest.approx(late - 30.0), pytest.approx(1.45))
+
+
 def held(level, count=12, **more):
     """An error of 5 rad/s for 12 cycles while the pressure is at a level in this many of its last samples."""
     t = np.arange(1.005, 2.2, 0.01)
