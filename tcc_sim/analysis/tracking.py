@@ -320,7 +320,7 @@ class Loop:
             hunting_amplitude=verdict.amplitude, hunting_period=verdict.period,
             peak_mean=float(np.abs(error).max()), peak_slip=self._peak_slip(course, errors),
             iae=float((np.abs(error) * length).sum()),
-            ripple=math.sqrt(max(float(np.mean(np.maximum(course.square - course.mean**2, 0.0))), 0.0)),
+            ripple=math.sqrt(float(np.mean(np.maximum(course.square - course.mean**2, 0.0)))),
             stick_fraction=float(course.stick_time[known].sum() / length[known].sum()) if known.any() else math.nan,
             seconds=seconds, lost_seconds=lost if lost > 1e-9 * (last - first) else 0.0,
             **counts, **self._pressure_figures(pressed, limits))

@@ -125,6 +125,11 @@ VERDICTS = {
                                    "an oscillation with a period of 0.8 s has not decayed", -1),
     "a slow swing in the band": (errors_of(wave(0.08, 1.0), 8.0, floor=0.05), HUNTING,
                                  "the mean oscillates by +-0.08 rad/s with a period of 1 s", -1),
+    # An approach to 0.11, and one to 0.16, of which 0.115 is reached.
+    "to a value in the band": (errors_of(lambda t: 0.11 - 0.1 * np.exp(-t / 3.0), 6.0), SETTLED,
+                               "within 0.123 rad/s for the last 6 s", 0),
+    "to a value beyond the band": (errors_of(lambda t: 0.16 - 0.15 * np.exp(-t / 5.0), 6.0), SHORT,
+                                   "within 0.123 rad/s for the last 6 s, but still moving through this band", -1),
     "turned in the band": (errors_of(lambda t: np.interp(t, [0.0, 0.4, 6.0], [0.02, -0.03, 0.1]), 6.0, band=0.11),
                            SETTLED, "within 0.11 rad/s for the last 6 s", 0),
     "at rest, then away": (errors_of(lambda t: 0.4 + 1.3 * np.maximum(t - 3.2, 0.0), 6.4), GROWING,

@@ -166,20 +166,33 @@ def test_the_approach_to_a_target_is_no_peak():
         assert (segment.peak_deviation, segment.peak_time) == (pytest.approx(late - 30.0), pytest.approx(1.45))
 
 
+def test_a_band_is_at_least_a_step_of_a_moving_target():
+    """Steps of 0.3 rad/s at every half of a cycle, and a jump of 9 rad/s: the loop cannot follow the former."""
+    t = np.arange(0.0, 2.2, 0.05)
+    moving = 30.0 - 0.3 * (np.arange(len(t)) % 2) + 9.0 * (t >= 0.99)
+    segment = hand_made([38.9] * 12, list(zip(t, moving)), before=(38.9,)).tracking(1.0, 2.2)
+    assert segment.band == pytest.approx(0.3)
+    assert (segment.verdict, segment.target_low, segment.target_high) == ("settled", pytest.approx(38.7), 39.0)
+    only = hand_made([22.0], [(0.0, 30.0)], squares=-1e-9).tracking(1.0, 1.1)
+    assert (only.overshoot, only.ripple, only.verdict, only.verdict_why) == (
+        0.0, 0.0, "too short", "1 whole period of excitation; a verdict needs 5")
+
+
 def held(level, count=12, **more):
     """An error of 5 rad/s for 12 cycles while the pressure is at a level in this many of its last samples."""
     t = np.arange(1.005, 2.2, 0.01)
     pressure = np.where(np.arange(len(t)) >= len(t) - count, level, 2e5 + 1e3 * (np.arange(len(t)) % 2))
-    return hand_made([35.0] * 12, [(0.0, 30.0)], pressures=Pressures(t, pressure), **more).tracking(1.0, 2.2)
+    return hand_made([35.1234] * 12, [(0.0, 30.0)], pressures=Pressures(t, pressure), **more).tracking(1.0, 2.2)
 
 
 def test_a_verdict_on_pressure_or_stick_says_why_in_a_whole_sentence():
     """The end is the last half a second, five cycles: 50 samples."""
     assert held(4e5, 120, limits=(0.0, 4e5)).verdict_why == (
-        "the pressure is at its upper limit, 400000 Pa, for 100 % of the last 0.5 s, and the mean 5 rad/s above the "
+        "the pressure is at its upper limit, 400000 Pa, for 100 % of the last 0.5 s, and the mean 5.12 rad/s above the "
         "target")
     assert held(0.0, 40, limits=(0.0, 4e5)).verdict_why == (
-        "the pressure is at its lower limit, 0 Pa, for 80 % of the last 0.5 s, and the mean 5 rad/s above the target")
+        "the pressure is at its lower limit, 0 Pa, for 80 % of the last 0.5 s, and the mean 5.12 rad/s above the "
+        "target")
     assert [held(4e5, count, limits=(0.0, 4e5)).verdict for count in (24, 25)] == ["off target", "saturated"]
     assert held(3.9e5, 120, limits=(0.0, 4e5)).verdict == "off target"
     stuck = hand_made([5.0] * 12, [(0.0, 30.0)], stick=0.025)
