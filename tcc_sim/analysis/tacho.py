@@ -65,8 +65,8 @@ def pulses_of(t: Floats, signal: Floats, pulses: int, source: str) -> Pulses:
     gaps = np.zeros(len(steps), dtype=bool) if notes else steps >= 2.0
     faults = extra + int(np.count_nonzero(gaps)) + int(np.count_nonzero(broken))
     if faults > max(3, DEFAULTS.implausible * len(edges)):
-        raise InputError(f"{source}: {faults} of {len(edges) - 1} intervals between the pulses of the tacho differ from "
-                         "their neighbours as if pulses were missing or extra; the phase is not known")
+        raise InputError(f"{source}: {faults} of {len(edges) - 1} intervals between the pulses of the tacho differ "
+                         "from their neighbours as if pulses were missing or extra; the phase is not known")
     long = broken | (gaps & (steps > 2.0))
     whole = np.concatenate([[0.0], np.cumsum(np.where(broken, 1.0, steps))])
     mended = kept[:-1][gaps & ~long]
