@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -85,9 +86,12 @@ class Worker:
     def __init__(self) -> None:
         self.stuck = False
         self._beat = 0.0
+        self._abandoned: list[threading.Thread] = []
 
     def beat(self) -> None:
-        """Report progress."""
+        """Report progress; an abandoned function ends here."""
+        if threading.current_thread() in self._abandoned:
+            raise GivenUp
         self._beat = time.monotonic()
 
     def run(self, work: Callable[[], Result], patience: float, failed: Callable[[str], Exception]) -> Result:
@@ -105,6 +109,7 @@ class Worker:
                 if thread.is_alive() and time.monotonic() - self._beat > patience:
                     raise failed(_place(sys._current_frames().get(thread.ident or 0)))
         finally:
+            self._abandoned += [thread] * thread.is_alive()
             self.stuck = thread.is_alive() and not _ended(thread)
         return outcome.result()
 
@@ -121,7 +126,24 @@ def _place(frame: FrameType | None) -> str:
 
 
 def _ended(thread: threading.Thread) -> bool:
-    """Raise GivenUp in a thread at its next line of Python; return whether the thread has ended."""
-    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(GivenUp))
+    """Raise GivenUp in a thread at its next line of Python; return whether the thread has ended.
+
+    A thread that blocks outside of Python keeps the exception. CPython 3.11 then never enters a traced function again,
+    so under coverage or a debugger this thread is not traced meanwhile, and takes the exception back.
+    """
+    trace = sys.gettrace()
+    sys.settrace(None)
+    _raise_in(thread.ident, GivenUp)
     thread.join(ENDING)
+    if thread.is_alive():
+        _raise_in(thread.ident, None)
+        with suppress(GivenUp):  # The interpreter's mark of a kept exception goes when one is raised.
+            _raise_in(threading.get_ident(), GivenUp)
+            time.sleep(0.0)
+    sys.settrace(trace)
     return not thread.is_alive()
+
+
+def _raise_in(ident: int | None, exception: type[BaseException] | None) -> None:
+    """Let a thread raise an exception at its next line of Python; None takes it back."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(ident or 0), exception and ctypes.py_object(exception))

@@ -25,7 +25,7 @@ import tcc_sim
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.slip_controller import SlipControllerNode
 from tcc_sim.plant.slip_control import SlipController, Tuning
-from tcc_sim.testing.run import ControllerFailed
+from tcc_sim.testing.run import ControllerFailed, Worker
 
 
 class Controller(Node):
@@ -196,6 +196,31 @@ def test_a_controller_that_fails_fails_the_test_with_that_sentence(driveline: An
     waits = act is waits_for_ever   # Only Python code can be stopped.
     assert plant._worker.stuck == waits
     assert ("nodes under test" in [thread.name for thread in threading.enumerate()]) >= waits
+
+
+def test_what_blocks_outside_of_python_is_given_up_under_coverage_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """CPython 3.11 hangs at the next call of a traced function while an exception waits for a blocked thread."""
+    monkeypatch.setattr("tcc_sim.testing.run.ENDING", 0.01)
+    worker, release, before = Worker(), threading.Event(), sys.gettrace()
+    after: list[str] = []
+    thread: list[threading.Thread] = []
+
+    def blocked() -> None:
+        thread.append(threading.current_thread())
+        release.wait()
+        worker.beat()
+        after.append("goes on")
+
+    sys.settrace(lambda *_: None)
+    try:
+        with pytest.raises(ControllerFailed, match=r"^blocked \(test_rig.py:\d+\)$"):
+            worker.run(blocked, 0.01, ControllerFailed)
+        assert worker.stuck
+    finally:
+        sys.settrace(before)
+        release.set()
+    thread[0].join(60.0)
+    assert (thread[0].is_alive(), after) == (False, [])
 
 
 def test_close_destroys_the_driveline_and_the_nodes_under_test(driveline: Any) -> None:
