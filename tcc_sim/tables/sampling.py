@@ -155,12 +155,12 @@ def _spread(t: Floats, repeated: NDArray[np.bool_]) -> tuple[Floats, str] | str:
     """Return times that increase in place of repeated ones, with a sentence; or why they cannot be told."""
     count, steps = int(repeated.sum()), np.diff(t)
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    if count <= _REPEATED * len(t) and len(t) >= _FEWEST:
+    if count <= _REPEATED * len(t):
         out = t.copy()
         for k in np.flatnonzero(repeated).tolist():
             after = out[k + 1] if k + 1 < len(t) else out[k] + 2.0 * usual
             before = out[k - 1]
-            if abs(after - before - 2.0 * usual) > 0.5 * usual or repeated[min(k + 1, len(t) - 1)]:
+            if abs(after - before - 2.0 * usual) > 0.5 * usual:
                 return (f"row {k + 1} repeats the time {t[k]:.9g} s of the row before with other values, and the row "
                         f"after it is {after - before:.3g} s later; remove one of the two")
             out[k] = 0.5 * (before + after)

@@ -6,6 +6,7 @@ import csv
 import math
 import re
 from array import array
+from codecs import getincrementaldecoder
 from collections.abc import Iterator, Sequence
 from datetime import date
 from itertools import islice
@@ -20,8 +21,10 @@ from tcc_sim.trajectory import Floats
 DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", " ": "spaces"}
 """Delimiters that are recognised, the first of equally good ones first, with their names."""
 HEAD = 200
-"""Lines in which delimiter and line of names are looked for."""
+"""Lines, without comments, in which delimiter and line of names are looked for."""
 LONGEST_LINE = 1 << 16
+_START = 1 << 16
+"""Bytes that show the encoding."""
 _EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "nat", "inf", "-inf", "+inf"}
 """Cells without a value, in lower case."""
 _COMMENTS = ("#", "%", "//")
@@ -140,7 +143,7 @@ def text_contents(path: Path, known: Sequence[str]) -> FileColumns:
 def encoding_of(path: Path) -> str:
     """Return the encoding of a text file, by its first bytes; InputError if it is not text."""
     with path.open("rb") as stream:
-        head = stream.read(1 << 16)
+        head = stream.read(_START)
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return "utf-16"
     zeros = [head[first:400:2].count(0) * 2 > len(head[first:400:2]) for first in (0, 1)]
@@ -149,10 +152,9 @@ def encoding_of(path: Path) -> str:
     if any(byte < 9 or 13 < byte < 32 for byte in head):
         raise InputError(f"{path}: not a text file, although its name ends in {path.suffix}")
     try:
-        head[:-3].decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        if error.start < len(head) - 6:
-            return "cp1252"
+        getincrementaldecoder("utf-8")().decode(head, final=len(head) < _START)   # The last character may be cut.
+    except UnicodeDecodeError:
+        return "cp1252"
     return "utf-8-sig"
 
 
@@ -186,15 +188,14 @@ def _kind(cell: str) -> str:
 def _layout_of(path: Path, known: set[str]) -> tuple[_Layout, dict[str, str]]:
     """Return the layout of a file, and the holds that its comments state."""
     encoding = encoding_of(path)
-    with path.open(newline="", encoding=encoding, errors="replace") as stream:
-        lines = list(islice(_lines(path, stream), HEAD))
     hold: dict[str, str] = {}
-    while len(lines) == HEAD and lines[-1].startswith(_COMMENTS):   # A scene stands before the names.
-        with path.open(newline="", encoding=encoding, errors="replace") as stream:
-            more = list(islice(_lines(path, stream), 2 * len(lines)))
-        if len(more) == len(lines):
-            break
-        lines = more
+    lines, left = list[str](), HEAD
+    with path.open(newline="", encoding=encoding, errors="replace") as stream:
+        for line in _lines(path, stream):
+            lines.append(line)
+            left -= not line.startswith(_COMMENTS)   # A scene stands before the names.
+            if not left:
+                break
     for line in lines:
         text = line.strip().strip(',;"').lstrip("# ")
         if line.lstrip('"').startswith("#") and text.startswith(_HOLD):

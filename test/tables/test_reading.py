@@ -127,15 +127,24 @@ def mdf(path):
 EXPORTS = [german, utf16, without_mark, pandas_index, date_times, clock_times, epoch, spaces, savetxt, quoted, parquet,
            matlab, mdf]
 WORDS = {german: ["--columns", "slip_speed=n_slip,engine_torque=M_Mot,engine_speed=n_Mot"]}
-SAID = {german: ["read as semicolons and decimal comma, 4 columns, 4 used", "slip_speed from n_slip in 1/min"],
-        utf16: ["read as tabs and UTF-16", "t from t in ms", "engine_torque from engine_torque in kN m"],
-        without_mark: ["UTF-16-LE"],
-        pandas_index: ["7 columns, 4 used", "passed over: one without a name, gear, comment"],
-        date_times: ["read as 2 lines before the names and date-times"],
-        clock_times: ["read as date-times"], epoch: ["times in ms since 1970", "slip_speed from Slip Speed"],
-        spaces: ["read as spaces"], savetxt: [],
-        quoted: ["CP1252 and decimal comma"], parquet: ["read as Parquet", "passed over: note"],
-        matlab: ["read as a MATLAB file"], mdf: ["read as MDF", "passed over: oil"]}
+SAID = {german: ["read as semicolons and decimal comma, 4 columns, 4 used; slip_speed from n_slip in 1/min, "
+                 "engine_torque from M_Mot, engine_speed from n_Mot in U/min, t from Zeit"],
+        utf16: ["read as tabs and UTF-16, 4 columns, 4 used; t from t in ms, engine_torque from engine_torque in kN m, "
+                "engine_speed from engine_speed in Hz"],
+        without_mark: ["read as semicolons and UTF-16-LE, 4 columns, 4 used"],
+        pandas_index: ["read as semicolons, 7 columns, 4 used; passed over: one without a name, gear, comment"],
+        date_times: ["read as 2 lines before the names and date-times, 4 columns, 4 used; t from Timestamp"],
+        clock_times: ["read as date-times, 4 columns, 4 used; t from Timestamp"],
+        epoch: ["read as semicolons, 4 columns, 4 used; t from time, engine_torque from Engine-Torque, "
+                "slip_speed from Slip Speed, engine_speed from ENGINE_SPEED", "times in ms since 1970, counted from "
+                "the first row"],
+        spaces: ["read as spaces, 4 columns, 4 used"], savetxt: [],
+        quoted: ["read as CP1252 and decimal comma, 5 columns, 4 used; passed over: T_\N{DEGREE SIGN}C"],
+        parquet: ["read as Parquet, 5 columns, 4 used; passed over: note"],
+        matlab: ["read as a MATLAB file, 4 columns, 4 used"],
+        mdf: ["read as MDF, 5 columns, 4 used; slip_speed from slip_speed in rpm, engine_speed from engine_speed in "
+         "rpm; "
+              "passed over: oil"]}
 
 
 @pytest.mark.parametrize("export", EXPORTS, ids=lambda export: export.__name__)
@@ -148,9 +157,7 @@ def test_every_export_gives_the_same_table(tmp_path, export):
     assert not len(result.holes(*COLUMNS))
     orders = orders_of(signals_in(result, System()))
     assert np.abs(20.0 * np.log10(orders.cut(1.0, "slip_speed") / 5.0)).max() < 0.1
-    for words in SAID[export]:
-        assert words in " ".join(result.notes)
-    assert len(result.notes) == (2 if export is epoch else 1 if SAID[export] else 0)
+    assert [note.partition(": ")[2] for note in result.notes] == SAID[export]
 
 
 @pytest.mark.parametrize("head", ["t,engine_torque,other\ns,N m,", "t [s],engine_torque [Nm],other",
@@ -180,33 +187,6 @@ def test_a_line_between_names_and_units_is_no_unit_and_a_row_may_lack_what_is_no
     assert table_in(path).columns["engine_torque"].tolist() == [200.0, 250.0, 300.0]
     with pytest.raises(InputError, match="2 groups have a channel slip; export one of them"):
         _mdf_signal(None, path, "slip", [(0, 1), (1, 1)])
-
-
-CLEAN = "\n".join(f"{t:.3f},{x}" for t, x in zip(T[:40], COLUMNS["engine_torque"]))
-
-
-@pytest.mark.parametrize(("text", "columns", "why"), [
-    ("t,engine_torque\n" + CLEAN, "torque=engine_torque", "--columns names 'torque'; it takes NAME=COLUMN"),
-    ("t,engine_torque\n" + CLEAN, "t", "--columns names 't' without =COLUMN"),
-    ("t,engine_torque\n" + CLEAN, "t=t,t=t", "--columns gives t twice"),
-    ("t,M_mot\n" + CLEAN, "engine_torque=M_mott", "there is no column M_mott, .* did you mean M_mot"),
-    ("t,M_mot [N m]\n" + CLEAN, "engine_torque=M_mot:kNm", "is in N m by the file and in kNm by --columns"),
-    ("t,M_mot\n" + CLEAN, "engine_torque=M_mot:bananas", "is in bananas; engine_torque must be in N m or one of"),
-    ("t,engine_torque,engine_torque\n" + CLEAN.replace("\n", ",1\n") + ",1", None, "has the column engine_torque 2 t"),
-    ("x,engine_torque\n" + CLEAN, None, "there is no column t; the file has x, and --columns t=COLUMN names one"),
-    ("t;engine_torque\n0,1;1,5\n0,2;1.5\n", None, "line 3 has a decimal point and line 2 a decimal comma"),
-    ("t;engine_torque\n0.1;1,234.5\n0.2;1.5\n", None, "without separators of thousands"),
-    ("t,engine_torque\n0,1,1,5\n0,2,1,5\n", None, "no columns were recognised"),
-    ("t,engine_torque\n0.1,1.5\n0.2,1,5\n", None, "has 3 values; the first line names 2; with a decimal comma"),
-    ("t,engine_torque\n2026-02-30 10:00:00,1\n2026-02-30 10:00:01,2\n", None, "no date-time in column"),
-    ("t,engine_torque\n" + "".join(f"{k % 3},{k}\n" for k in range(300)), None, "the times go back 99 times"),
-    ("t,engine_torque\n" + "".join(f"{(k // 10) ** 2},{k}\n" for k in range(300)), None, "export the time with more"),
-])
-def test_what_a_table_lacks_is_said(tmp_path, text, columns, why):
-    path = tmp_path / "in.csv"
-    path.write_text(text)
-    with pytest.raises(InputError, match=why):
-        table_in(path, columns=columns)
 
 
 def test_files_of_other_kinds_are_called_by_their_names(tmp_path, refused):
