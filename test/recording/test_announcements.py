@@ -1,10 +1,25 @@
 """Announced scenes: the comment line that says from when a scene holds is read back, and no other line counts."""
 
+import struct
+
+import numpy as np
 import pytest
 
+from tcc_sim.messages import cdr
 from tcc_sim.model.profile import START, Origin
-from tcc_sim.recording.announcements import SceneRecord, holding_from
+from tcc_sim.recording.announcements import (
+    HEAD,
+    LONGEST,
+    SceneRecord,
+    holding_from,
+    read_source,
+    simulation_ns,
+    source_text,
+    zeros_of,
+)
+from tcc_sim.topics import INPUTS
 
+NO_ZEROS = np.empty(0, np.int64)
 TEXT = "a: 1\nb: 2\n"
 
 
@@ -25,3 +40,38 @@ def test_a_scene_without_such_a_line_holds_from_the_start(text: str) -> None:
     result = SceneRecord(text, "1.0", 5)
     assert (result.first_stamp_ns, result.general, result.origin, result.zero_ns, result.parameters) == (
         0, False, START, 0, text)
+
+
+@pytest.mark.parametrize(("line", "first", "zero", "origin"), [
+    (f"# holds from stamp 3 ns on, simulation time 0 is {(1 << 62) - 1} ns of the wall clock", 3, (1 << 62) - 1, START),
+    (f"# holds from stamp 3 ns on, simulation time 0 is {1 << 62} ns of the wall clock", 3, 0, START),  # No stamp is.
+    ("# holds from stamp 3 ns on, phase 1.5 rad at 2.5 s, the load's ahead by -1e-3 rad", 3, 0, Origin(2.5, 1.5,
+     -1e-3)),
+    ("# holds from stamp 3 ns on, phase 1-5 rad at 2.5 s, the load's ahead by 1 rad", 3, 0, START)])
+def test_numbers_in_the_line_are_read_if_they_are_numbers(line: str, first: int, zero: int, origin: Origin) -> None:
+    result = SceneRecord(f"{TEXT}{line}\n", "1.0", 5)
+    assert (result.first_stamp_ns, result.zero_ns, result.origin, result.parameters) == (first, zero, origin, TEXT)
+
+
+def test_stamps_of_the_wall_clock_count_from_the_last_zero_before_them() -> None:
+    zeros = zeros_of([TEXT, *(holding_from(TEXT, 0, False, START, zero) for zero in (500, 200, 500))])
+    assert zeros.tolist() == [200, 500]
+    stamps = np.array([0, 199, 200, 201, 499, 500, 900])
+    assert simulation_ns(stamps, zeros).tolist() == [0, 199, 0, 1, 299, 0, 400]
+    assert simulation_ns(stamps, zeros_of([TEXT])) is stamps
+
+
+@pytest.mark.parametrize(("sent", "since", "text", "zeros", "source"), [
+    (7, 300, "engine_torque: command, actuation_pressure: fallback", [], (7, 300, {"engine_torque"})),
+    (0, 300, "engine_torque: command, actuation_pressure: command", [100], (5, 200, {*INPUTS})),
+    (7, 300, "engine_torque: fallback, other: command", [], (7, 300, set())), (7, 300, "", [], (7, 300, set()))])
+def test_sources_of_inputs(sent: int, since: int, text: str, zeros: list[int],
+                           source: tuple[int, int, set[str]]) -> None:
+    record = struct.pack("<HIQQ", 1, 2, 5, sent) + cdr.header(since, text)
+    result = read_source(record, np.array(zeros, np.int64))
+    assert (result.log_ns, result.first_stamp_ns, set(result.commanded)) == source
+    assert [read_source(record.ljust(length, b"\0")[:length], NO_ZEROS) is None
+            for length in (HEAD, HEAD + 1, LONGEST, LONGEST + 1)] == [True, True, False, True]
+    if source[2]:
+        held = {name: name in source[2] for name in INPUTS}
+        assert source_text(held) == text

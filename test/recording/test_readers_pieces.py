@@ -1,0 +1,403 @@
+"""Functions of the reader on messages and names made by hand: times, layouts, names of parts, limits and choices."""
+
+import json
+import struct
+import zlib
+from pathlib import Path
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+from mcap.opcode import Opcode
+
+from tcc_sim.errors import RecordingError
+from tcc_sim.messages import cdr
+from tcc_sim.recording import records
+from tcc_sim.recording.columns import GrowingStates, JoinedTopic, JointStates, joined_topics, receipt_times
+from tcc_sim.recording.commands import Commands, _by_clock, _delay, _Sent
+from tcc_sim.recording.contents import MOST_TOPICS, Channel, Contents, together
+from tcc_sim.recording.drivelines import Choice, RecordedDriveline, joints_sentence, same_process
+from tcc_sim.recording.mcap_file import FileSummary, digest, information
+from tcc_sim.recording.parts import (
+    Parts,
+    in_order,
+    missing_parts,
+    named_as_part,
+    open_file,
+    parts_of,
+    unpacked_file,
+)
+from tcc_sim.recording.recovery import default_directory
+from tcc_sim.recording.stamps import Break
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, JOINT_STATE
+
+NONE = np.empty(0, np.int64)
+YEAR = 365 * 86_400 * 10**9
+
+
+def chunk(*bodies, log=5, sent=7, channel=1):
+    """Message records one behind another, and their positions."""
+    rows = [struct.pack("<HIQQ", channel, n, log, sent) + body for n, body in enumerate(bodies)]
+    return records.joined(rows, np.full(len(rows), channel, np.uint16))
+
+
+def test_times_of_receipt_a_year_early_are_simulation_time():
+    sent = np.array([YEAR, YEAR + 1, 7, 3 * YEAR])
+    assert receipt_times(np.array([0, 0, 9, 5]), sent).tolist() == [0, YEAR + 1, 9, 3 * YEAR]
+
+
+@pytest.mark.parametrize(("log", "less", "delay"), [
+    ([], [], []), ([0], [5], [5]), ([0, 4, 6], [5, 3, 9], [3, 3, 3]),
+    # A stretch of half a second with ten messages needs no other one; one with nine takes the least of its neighbours.
+    ([*range(10), *range(5 * 10**8, 5 * 10**8 + 10)], [7] * 10 + [4] * 10, [7] * 10 + [4] * 10),
+    ([*range(10), *range(5 * 10**8, 5 * 10**8 + 9)], [4] * 10 + [7] * 9, [4] * 19),
+    ([*range(9), *range(5 * 10**8, 5 * 10**8 + 10)], [7] * 9 + [4] * 10, [4] * 19),
+    ([*range(9), *range(5 * 10**8, 5 * 10**8 + 10)], [3] * 9 + [4] * 10, [3] * 9 + [4] * 10),
+    ([*range(10), 5 * 10**8, *range(10**9, 10**9 + 10), *range(2 * 10**9, 2 * 10**9 + 10)],
+     [6] * 10 + [9] + [5] * 10 + [1] * 10, [6] * 10 + [5] + [5] * 10 + [1] * 10)])
+def test_the_difference_of_clocks_is_the_shortest_time_to_receipt(log, less, delay):
+    log = np.array(log, np.int64)
+    assert _delay(log, log - np.array(less, np.int64)).tolist() == delay
+
+
+def test_commands_of_each_publisher_are_moved_to_the_recorders_clock():
+    def sent(publisher, times, log):
+        n = len(times)
+        return _Sent(np.arange(n), *map(np.array, (publisher, times, log)), np.arange(n) * 1.0, np.full(n, -1), 0, 9)
+
+    chunks = _by_clock([sent([0, 1, 0], [10, 400, 30], [13, 15, 34]), sent([1], [440], [48])], _delay)
+    assert [one.times.tolist() for one in chunks] == [[8, 13, 33], [48]]
+    assert [one.values.tolist() for one in chunks] == [[1.0, 0.0, 2.0], [0.0]]
+    # The order of sending; but that of the file where the clock was set back, by more than 50 ms.
+    for back, order in ((50_000_000, [1, 0]), (50_000_001, [0, 1])):
+        assert sent([0, 0], [back, 0], [back, 0]).by(np.zeros(2, np.int64)).values.tolist() == order
+
+
+def diagnostics(values):
+    """A DiagnosticArray with one status, by the rules of CDR."""
+    out = bytearray(struct.pack("<iI", 1, 0))
+
+    def text(word):
+        out.extend(b"\0" * (-len(out) % 4) + struct.pack("<I", len(word) + 1) + word.encode() + b"\0")
+
+    text("")
+    out.extend(b"\0" * (-len(out) % 4) + struct.pack("<I", 1) + b"\0")
+    for word in ("driveline", "running", "id"):
+        text(word)
+    out.extend(b"\0" * (-len(out) % 4) + struct.pack("<I", len(values)))
+    for key, value in values.items():
+        text(key)
+        text(value)
+    return b"\0\1\0\0" + bytes(out)
+
+
+def test_counts_of_diagnostics_are_added_over_drivelines():
+    commands = Commands("/a/joint_states", NONE)
+    channels = {1: Channel("/diagnostics", DIAGNOSTIC_ARRAY, ""), 2: Channel("/diagnostics", FLOAT64, "")}
+    for rows in ([{"late ticks": "3", "engine_torque refused": "2"}, {"late ticks": "5", "other": "9"}],
+                 [{"late ticks": "1", "missed ticks": "x"}, {"late ticks": "1" * 19}, {"paced ticks": "1" * 18}]):
+        data, messages = chunk(*map(diagnostics, rows), b"\0\1\0\0")
+        commands.take(data, messages, channels, 0, 0)
+    data, messages = chunk(diagnostics({"late ticks": "50"}), channel=2)
+    commands.take(data, messages, channels, 0, 0)
+    assert dict(commands.counts) == {"late ticks": 6, "engine_torque refused": 2, "paced ticks": int("1" * 18)}
+    assert (commands.sources, commands.aligned([])) == ((), {})
+
+
+def states(stamps, run=0, **columns):
+    stamps = np.array(stamps, np.int64)
+    return JointStates(stamps, stamps + 1, stamps + 2, *np.arange(6.0)[:, None] * stamps, run=run, **columns)
+
+
+def test_states_grow_and_are_joined_with_their_pressures_run_by_run():
+    growing = GrowingStates()
+    for part in (states(range(70_000)), states(range(70_000, 70_003)), states([5, 6], 1, began=Break.RESET)):
+        growing.add(part)
+    pressure, far = joined_topics("/a/joint_states", NONE)
+    assert (pressure.topic, far.topic, far.type, [*far.columns]) == (
+        "/a/applied_pressure", "/a/output_state", JOINT_STATE, ["output_angle", "output_speed"])
+    data, messages = chunk(*(cdr.fluid_pressure(stamp, stamp + 0.5) for stamp in (3, 70_002)))
+    pressure.take(data=np.frombuffer(data, np.uint8), messages=messages, channels=[1], runs=1,
+                  publishers=lambda heads: np.zeros(len(heads), np.int64))
+    (first, second), missing = growing.runs([pressure])
+    assert (len(first), first.index, second.index, second.run, second.began) == (70_003, 0, 70_003, 1, Break.RESET)
+    assert first.friction_torque[[1, -1]].tolist() == [5.0, 5.0 * 70_002]
+    assert (first.log_ns[-1], first.sent_ns[-1], second.stamp_ns.tolist()) == (70_003, 70_004, [5, 6])
+    assert np.flatnonzero(np.isfinite(first.applied_pressure)).tolist() == [3, 70_002]
+    assert first.applied_pressure[[3, 70_002]].tolist() == [3.5, 70_002.5]
+    assert (np.isnan(second.applied_pressure).all(), missing, first.output_angle) == (True, 70_003, None)
+    assert [len(part) for part in first.blocks()] == [65536, 4467]
+    assert [(part.index, len(part)) for part in second.blocks(1)] == [(70_003, 1), (70_004, 1)]
+    assert (first[5:9].index, first[5:9].plate_angle.tolist()) == (5, [5.0, 6.0, 7.0, 8.0])
+    assert first[np.arange(70_003) == 7].plate_angle.tolist() == [7.0]
+    assert isinstance(pressure, JoinedTopic)
+
+
+@pytest.mark.parametrize(("names", "numbers", "part", "order"), [
+    (["a_0.mcap", "a_2.mcap", "a_10.mcap"], [1, 3, 4, 5, 6, 7, 8, 9], True, None),
+    (["0_a_2026_01_02-03_04_05.mcap", "2_a_2026_01_02-03_04_06.mcap"], [1], True, None),
+    (["a_1.mcap.zstd", "a_2.mcap"], [0], True, None), (["a_1.mcap", "b_3.mcap"], [], True, None),
+    (["a_5.mcap"], [], True, None), (["one.mcap", "two.mcap"], [], False, None),
+    (["a_0.mcap", "notes.mcap"], [], None, None)])
+def test_names_of_parts_show_which_are_missing(names, numbers, part, order):
+    paths = [Path(name) for name in names]
+    assert missing_parts(paths) == numbers
+    assert part is None or {named_as_part(path) for path in paths} == {part}
+    assert in_order(paths, [5] * len(paths)) == paths
+    assert in_order(paths, [*range(len(paths), 0, -1)]) == paths[::-1]
+
+
+def test_sentences_on_parts_are_at_most_twenty_of_a_kind():
+    absent, more = [f"a_{n}.mcap" for n in range(22)], [f"b_{n}.mcap" for n in range(23)]
+    said = [*Parts([], True, absent, more, "note").sentences()]
+    assert said[0] == "note"
+    assert said[1:21] == [f"the part {name}, which metadata.yaml lists, is missing" for name in absent[:20]]
+    assert said[21] == "2 more parts are missing"
+    assert said[22:42] == [f"left out: metadata.yaml does not list {name}" for name in more[:20]]
+    assert said[42:] == ["left out: 3 more files that metadata.yaml does not list"]
+    assert len([*Parts([], True, absent[:20], more[:20]).sentences()]) == 40
+
+
+SQLITE = ("{0} is a bag in SQLite, which is not read; convert it to MCAP with rosbags-convert --src {0} --dst {0}_mcap "
+          "--dst-storage mcap (from pip install rosbags)")
+
+
+@pytest.mark.parametrize(("files", "metadata", "taken", "said"), [
+    (["b_10.mcap", "b_9.mcap", "x.txt"], None, ["b_9.mcap", "b_10.mcap"], []), (["b_0.mcap"], None, ["b_0.mcap"], []),
+    (["b_0.mcap", "b_1.mcap.zstd"], None, ["b_0.mcap", "b_1.mcap.zstd"], []),
+    (["b_0.mcap", "b_1.mcap", "c.mcap"], ["x/b_1.mcap", "b_0.mcap", "b_7.mcap", "b_1.mcap"], ["b_1.mcap", "b_0.mcap"],
+     ["the part b_7.mcap, which metadata.yaml lists, is missing", "left out: metadata.yaml does not list c.mcap"]),
+    (["c.mcap", "d.mcap"], ["b_7.mcap"], ["c.mcap", "d.mcap"],
+     ["the part b_7.mcap, which metadata.yaml lists, is missing"]),
+    (["c.mcap"], [], ["c.mcap"], ["metadata.yaml lists no parts that can be read: the log times of the parts give "
+     "their "
+                                  "order"]),
+    (["c.mcap"], [7], ["c.mcap"], ["metadata.yaml lists no parts that can be read: the log times of the parts give "
+     "their "
+                                   "order"]),
+    ([], None, "{0} holds no .mcap file", []), (["x.db3"], None, SQLITE, []), (["x.db3.zstd"], None, SQLITE, []),
+    (["x.mcap.lz4"], None, "{0}/x.mcap.lz4 is compressed as .lz4, which is not read; unpack it, or record with "
+     "--compression-format zstd", []),
+    (["x.bag"], None, "{0}/x.bag is a bag of ROS 1, which is not read; convert it with rosbags-convert --src "
+     "{0}/x.bag --dst "
+     "{0}/x --dst-storage mcap (from pip install rosbags)", []),
+    (["in/b_0.mcap"], None, ["b_0.mcap"], []),
+    (["in/b.mcap", "more/c.mcap.zstd"], None, "{0} holds no .mcap file; {0}/in and 1 more folder in it hold some: "
+     "name one "
+     "of them", [])])
+def test_the_files_of_a_folder(tmp_path, files, metadata, taken, said):
+    for name in files:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    if metadata is not None:
+        (tmp_path / "metadata.yaml").write_text(json.dumps(
+            {"rosbag2_bagfile_information": {"relative_file_paths": metadata}}))
+    if isinstance(taken, str):
+        with pytest.raises(RecordingError) as error:
+            parts_of(tmp_path)
+        assert str(error.value) == taken.format(tmp_path)
+        return
+    parts = parts_of(tmp_path)
+    assert ([path.name for path in parts.paths], [*parts.sentences()]) == (taken, said)
+    assert parts.ordered is (len(files) == 1 or (metadata is not None and len(said) == 2))
+
+
+def test_files_that_are_none_are_refused(tmp_path):
+    for name in ("x.db3", "x.db3.zstd"):
+        with pytest.raises(RecordingError) as error:
+            parts_of(tmp_path / name)
+        assert str(error.value) == SQLITE.format(tmp_path)
+    assert parts_of(tmp_path / "x.mcap").paths == [tmp_path / "x.mcap"]
+    with pytest.raises(RecordingError, match=r"none cannot be read: No such file or directory$"):
+        open_file(tmp_path / "none")
+    with pytest.raises(RecordingError, match=f"{tmp_path} is not a regular file$"):
+        open_file(tmp_path)
+    packed = tmp_path / "x.mcap.zstd"
+    packed.write_bytes(zstandard.compress(b"one") + zstandard.compress(b"two"))
+    with open_file(packed) as file, unpacked_file(packed, file) as unpacked:
+        unpacked.seek(0)
+        assert unpacked.read() == b"onetwo"
+    packed.write_bytes(b"one")
+    with open_file(packed) as file:
+        assert (unpacked_file(packed, file), file.read()) == (None, b"one")
+    assert default_directory(packed) == tmp_path / "x.mcap_recovered"
+    assert default_directory(tmp_path) == tmp_path.parent / f"{tmp_path.name}_recovered"
+
+
+def chunk_record(data, compression="", size=None, checksum=None, packed=None):
+    word = compression.encode()
+    packed = data if packed is None else packed
+    return (struct.pack("<QQQI", 0, 0, len(data) if size is None else size, zlib.crc32(data) if checksum is None else
+     checksum)
+            + struct.pack("<I", len(word)) + word + struct.pack("<Q", len(packed)) + packed)
+
+
+DATA = b"a chunk's records"
+FRAME = lz4.frame.compress(DATA)
+
+
+@pytest.mark.parametrize(("body", "why"), [
+    (chunk_record(DATA), None), (chunk_record(DATA, checksum=0), None), (chunk_record(DATA, "lz4", packed=FRAME), None),
+    (chunk_record(DATA, "zstd", packed=zstandard.compress(DATA)), None), (chunk_record(b"", "zstd"), None),
+    (chunk_record(DATA, checksum=1), "its checksum is wrong"), (chunk_record(DATA)[:9], "its fields do not fit into "
+     "it"),
+    (chunk_record(DATA, size=18), "it unpacks to 17 bytes instead of 18"),
+    (chunk_record(DATA, "lz4", packed=FRAME, size=16), "it unpacks to 17 bytes instead of 16"),
+    (chunk_record(DATA, "lz4", packed=FRAME, size=9), "it unpacks to 10 bytes instead of 9"),
+    (chunk_record(DATA, "zstd", packed=zstandard.compress(DATA), size=9), "it claims 17 bytes in one place and 9 in "
+     "another"),
+    (chunk_record(DATA, "bz2"), "its compression 'bz2' is unknown"),
+    (chunk_record(DATA, size=(256 << 20) + 1), "it claims 268435457 bytes; at most 268435456 are accepted"),
+    (chunk_record(DATA, size=168 << 20), "with it the recording would unpack to more than 167772160 bytes, the most "
+     "allowed "
+     "for a file of its size")])
+def test_a_chunk_is_whole_or_refused(body, why):
+    if why is None:
+        assert records.unpack_chunk(body, records.Expansion(0)) in (DATA, b"")
+        return
+    with pytest.raises(records.DamagedChunk) as error:
+        records.unpack_chunk(body, records.Expansion(0))
+    assert str(error.value) == why
+
+
+def test_damaged_places_and_messages_compressed_alone():
+    warnings = records.Warnings()
+    for n in range(20):
+        warnings.place(str(n))
+    warnings.conclude()
+    assert warnings == [*map(str, range(20))]
+    warnings.place("20")
+    warnings.conclude()
+    warnings.conclude()
+    assert warnings[20:] == ["1 more place damaged"]
+    data, messages = chunk(zstandard.compress(b"\0\1\0\0one"), b"\0\1\0\0two", zstandard.compress(b""))
+    text = np.frombuffer(data, np.uint8)
+    assert records.starts_with(text, messages.offset, messages.length, records.ZSTD).tolist() == [True, False, True]
+    data, messages = records.uncompressed(data, messages, np.array([True, True, True]), records.Expansion(0))
+    assert [data[k + 22:k + n] for k, n in zip(messages.offset.tolist(), messages.length.tolist())] == [
+        b"\0\1\0\0one", b"\0\1\0\0two", b""]
+    assert messages.channel.tolist() == [1, 1, 1]
+    for content, why in ((zstandard.ZstdCompressor(write_content_size=False).compress(b"x" * 99), "a compressed "
+     "message in it "
+                          "does not give its size, or one above 268435456 bytes"),
+                         (zstandard.compress(b"x" * 99)[:-3], "a compressed message in it does not unpack")):
+        with pytest.raises(records.DamagedChunk, match=why):
+            records.uncompressed(*chunk(content), np.array([True]), records.Expansion(0))
+
+
+def test_messages_without_times_are_numbered_by_their_places():
+    data, messages = chunk(b"abcd", b"ef", log=0, sent=0)
+    numbered = records.with_places(data, messages, 40)
+    assert [numbered[k:k + n] for k, n in zip(messages.offset.tolist(), messages.length.tolist())] == [
+        struct.pack("<HIQQ", 1, 0, 41, 0) + b"abcd", struct.pack("<HIQQ", 1, 1, 42, 0) + b"ef"]
+    assert records.with_places(*chunk(b"abcd", log=0, sent=1), 0) is records.with_places(*chunk(), 0) is None
+
+
+def entry(*pairs, channel=3):
+    body = b"".join(struct.pack("<QQ", *pair) for pair in pairs)
+    return struct.pack("<HI", channel, len(body)) + body
+
+
+def test_messages_of_a_chunk_by_index_or_one_by_one():
+    def record(opcode, body):
+        return struct.pack("<BQ", opcode, len(body)) + body
+
+    one, two = (struct.pack("<HIQQ", channel, 0, 0, 0) + b"data" for channel in (3, 4))
+    data = record(Opcode.CHANNEL, b"abc") + record(Opcode.MESSAGE, one) + record(Opcode.MESSAGE, two)
+    whole = [entry((0, 47 - 35), channel=3), entry((0, 47), channel=4)]
+    for indexes in (whole, whole[:1], [], [b"\0"], [entry((0, 1))], [entry((0, 10**6))]):
+        found = records.find_messages(data, indexes)
+        assert (found.offset.tolist(), found.length.tolist(), found.channel.tolist(), found.others) == (
+            [21, 56], [26, 26], [3, 4], [(Opcode.CHANNEL, 9, 3)])
+    assert records.indexed([*whole, entry((0, 1), (0, 2)), b"\0\0\0"]) == {3: 3, 4: 1}
+    for broken in (data[:-1], data + b"\1", record(Opcode.MESSAGE, one[:21])):
+        with pytest.raises(records.DamagedChunk, match=r"^its records do not fit into it$"):
+            records.find_messages(broken, [])
+    assert len(records.find_messages(b"", []).offset) == 0
+
+
+def test_records_of_other_programs_and_damaged_ones_are_counted():
+    def metadata(name, **values):
+        pairs = b"".join(b"".join(struct.pack("<I", len(w.encode())) + w.encode() for w in pair) for pair in
+         values.items())
+        return struct.pack("<I", len(name)) + name.encode() + struct.pack("<I", len(pairs)) + pairs
+
+    contents = Contents()
+    for name, text, damaged in (("rosbag2", "", 0), ("other", "", 0), ("tcc_sim_result", '{"lost": {}}', 0),
+                                ("tcc_sim_result", "[]", 1), ("tcc_sim_recovery", '["a"]', 1), ("tcc_sim_recovery",
+                                 "[1]", 2),
+                                ("tcc_sim_recovery", "{}", 3), ("tcc_sim_result", "{", 4)):
+        contents.add(Opcode.METADATA, metadata(name, result=text, sha256=digest(text)))
+        assert contents.damaged == damaged
+    for digits, damaged in (("1" * 19, 4), ("1" * 20, 5)):
+        contents.add(Opcode.METADATA, metadata("tcc_sim", version="1", scene="a", log_time=digits,
+                                               sha256=digest("1", "a", digits)))
+        assert contents.damaged == damaged
+    contents.add(Opcode.METADATA, metadata("tcc_sim", version="1", scene="a", log_time="1", sha256="x"))
+    contents.add(Opcode.METADATA, metadata("tcc_sim_result", result="{}", sha256="x"))
+    contents.add(Opcode.METADATA, metadata("other", a="b"), checked=True)
+    contents.add(Opcode.ATTACHMENT, b"")
+    assert (contents.result, contents.foreign, contents.attachments, len(contents.scenes), contents.damaged) == (
+        {"lost": {}}, 1, 1, 1, 7)
+    assert contents.warnings() == ["7 records that describe the recording are damaged and were ignored",
+                                   "missing before the recovery: a"]
+    assert Contents(damaged=1).warnings() == ["a record that describes the recording is damaged and was ignored"]
+    many = Contents()
+    for count, said in ((20, 20), (22, 21)):
+        text = json.dumps([f"loss {n}" for n in range(count)])
+        many.add(Opcode.METADATA, metadata("tcc_sim_recovery", result=text, sha256=digest(text)))
+        assert len(many.recovered) == said
+    assert many.recovered[19:] == ["missing before the recovery: loss 19", "missing before the recovery: 2 more places"]
+    many.add(Opcode.MESSAGE, struct.pack("<HIQQ", 1, 0, 77, 5))
+    many.add(Opcode.CHUNK, struct.pack("<QQQ", 66, 0, 0))
+    assert many.first_ns == 77
+    many.add(Opcode.CHUNK, struct.pack("<QQQ", 66, 0, 1))
+    assert many.first_ns == 66
+    many.add(Opcode.CHUNK, b"")
+    assert many.damaged == 1
+    for number in range(MOST_TOPICS):
+        many._keep(many.schemas, number, (str(number), ""), False)
+    many._keep(many.schemas, 5, ("again", ""), False)
+    assert many.schemas[5] == ("5", "")
+    many._keep(many.schemas, 5, ("checked", ""), True)
+    assert many.schemas[5] == ("checked", "")
+    with pytest.raises(ValueError, match="too many topics"):
+        many._keep(many.schemas, MOST_TOPICS, ("", ""), True)
+
+
+@pytest.mark.parametrize(("one", "other", "both"), [
+    (None, None, None), (None, {"a": 1}, {"a": 1}), ({"a": 1}, None, {"a": 1}),
+    ({"lost": {"/x": 1, "/y": 2}, "solver": "a"}, {"lost": {"/x": 3, "/z": 4}, "solver": "b"},
+     {"lost": {"/x": 4, "/y": 2, "/z": 4}, "solver": "b"}),
+    ({"lost": {"/x": "?"}, "n": 1}, {"lost": {"/x": 3}, "n": {}}, {"lost": {"/x": 3}, "n": {}}),
+    ({"lost": {"/x": 3}}, {"lost": {"/x": "?"}, "n": 2}, {"lost": {"/x": "?"}, "n": 2})])
+def test_results_of_two_parts_are_merged(one, other, both):
+    assert together(one, other) == both
+
+
+def test_sentences_on_drivelines():
+    one = RecordedDriveline("/a/joint_states", "", ("x", "y"), None, 1, 0.0, 2.5, False, able=False)
+    two = RecordedDriveline("/b/joint_states", "ab", (), "Fig. 2", 3, 0.5, 2.5, False)
+    assert one.sentence() == "/a/joint_states: 1 state from 0 to 2.5 s, joints x, y"
+    assert two.sentence() == "/b/joint_states of publisher ab: 3 states from 0.5 to 2.5 s, Fig. 2"
+    asks = "; say which of them are flywheel and clutch plate: --joints flywheel=NAME,clutch_plate=NAME"
+    assert joints_sentence([one]) == f"its joints are x, y{asks}"
+    assert joints_sentence([one, two]) == f"joints are x, y on /a/joint_states; without names on /b/joint_states{asks}"
+    assert Choice({"flywheel": "x"}).names == ("x", "clutch_plate")
+    process = "0123456789abcdef01234567"
+    assert [same_process(*pair) for pair in (
+        ("", []), ("ab", []), ("ab", [""]), (process + "aa", [process + "bb"]), (process, [process[:-1] + "0"]))] == [
+            True, False, True, True, False]
+
+
+def test_times_and_counts_of_a_bag():
+    empty, file = FileSummary("a_0.mcap"), FileSummary("a_1.mcap", 5, 30, {}, {1: 2, 2: 3})
+    none = (1 << 63) - 1
+    assert (file.count, empty.count) == (5, 0)
+    for files, count, start, duration in (([empty], 0, none, 0), ([empty, file], 5, 5, 25), ([], 0, none, 0)):
+        result = information(files)
+        assert (result["message_count"], result["starting_time"]["nanoseconds_since_epoch"],
+                result["duration"]["nanoseconds"]) == (count, start, duration)
+        assert result["relative_file_paths"] == [one.name for one in files]
+    assert result["version"] == 9
