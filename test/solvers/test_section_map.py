@@ -189,7 +189,7 @@ def ticked(terms: Callable[[int], Terms], starts: np.ndarray) -> np.ndarray:
 
 def check_ticks(result: np.ndarray, at: Callable[[float], np.ndarray], size: float) -> None:
     """Within 1e-7 of the largest derivative of each state."""
-    assert apart(result, at, size, axis=(0, 1)) <= 1e-7
+    assert apart(1e-7, result, at, size, axis=(0, 1)) <= 1e-7
 
 
 def test_states_are_those_of_the_ticks() -> None:
