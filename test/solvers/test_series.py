@@ -144,3 +144,63 @@ def test_the_loads_phase_loses_no_digits_after_many_cycles(ratio, cycle):
     exact = 2.0 * math.pi * float(Fraction(ratio) * cycle % 1) + 0.25
     result = excitation.load_phase(ratio, (1.0, ratio, 0.25), cycle)
     assert math.remainder(result - exact, 2.0 * math.pi) == pytest.approx(0.0, abs=4e-15)
+
+
+ROW = np.array([0.01, 0.5, 150.0, 4000.0, 100.0, 300.0, 500.0, -2000.0, 0.06, 3.0, 0.3, 1.0, 0.0, 50.0, 700.0, 3.0, 0.4,
+                20.0, -300.0])
+"""A piece of a profile from 0.01 to 0.06 s in a cycle: phase, frequency, mean torque and load with their rates, the
+load's phase, and two harmonics of varying amplitude.
+"""
+WAVES = np.array([(2.0, 30.0, 0.7, 0.0, 0.0), (5.0, -8.0, 1.1, 0.0, 0.0)], excitation.WAVE).view(np.recarray)
+PULSATION = (400.0, 1.5, 9.0)
+
+
+def torque_of_row(t):
+    past = t - 0.01
+    phase = 0.5 + 150.0 * past + 2000.0 * past**2
+    return (100.0 + 300.0 * past + (50.0 + 700.0 * past) * np.sin(phase)
+            + (20.0 - 300.0 * past) * np.sin(3.0 * phase + 0.4) + 30.0 * np.sin(2.0 * phase + 0.7)
+            - 8.0 * np.sin(5.0 * phase + 1.1))
+
+
+def load_of_row(t):
+    past = t - 0.01
+    return 500.0 - 2000.0 * past + 400.0 * np.sin(1.5 * (0.5 + 150.0 * past + 2000.0 * past**2) + 0.3)
+
+
+def test_an_excitation_that_varies_has_values_and_rates_of_its_row():
+    """The phase of `PULSATION` itself and that of the call do not count: the row has the load's phase."""
+    for tau in (0.01, 0.03, 0.055):
+        drive, h = np.zeros(1, excitation.DRIVE).view(np.recarray)[0], 1e-6
+        for loaded in (True, False):
+            excitation.excite.py_func(tau, 7.0, loaded, 1.0, WAVES, 2.0, PULSATION, ROW, drive)
+            load = max(load_of_row(tau), 0.0) if loaded else 0.0
+            rate = (load_of_row(tau + h) - load_of_row(tau - h)) / (2 * h) if loaded else 0.0
+            assert (drive["torque"], drive["load"]) == pytest.approx((torque_of_row(tau), load), rel=1e-12)
+            assert drive["torque_rate"] == pytest.approx((torque_of_row(tau + h) - torque_of_row(tau - h)) / (2 * h),
+                                                         abs=1e-2)
+            assert drive["load_rate"] == pytest.approx(rate, abs=1e-2)
+        assert excitation.torque_about_mean.py_func(tau, 40.0, WAVES, ROW) == pytest.approx(torque_of_row(tau) - 40.0)
+        value, rate = excitation.load_and_rate.py_func(tau, PULSATION, ROW)
+        assert value == pytest.approx(load_of_row(tau), rel=1e-12)
+        assert rate == pytest.approx((load_of_row(tau + h) - load_of_row(tau - h)) / (2 * h), abs=1e-2)
+
+
+@pytest.mark.parametrize(("mean", "slope"), [(500.0, -2000.0), (380.0, 0.0), (-100.0, 3000.0), (401.0, 0.0),
+                                             (-600.0, 0.0), (0.0, 0.0)])
+def test_a_clamp_that_varies_switches_where_the_load_changes_its_sign(mean, slope):
+    """Every edge, against a fine grid; one at which the load only nearly meets 0 is found too, and the row's end."""
+    row = ROW.copy()
+    row[6:8] = mean, slope
+    t = np.linspace(0.01, 0.06, 100_001)
+    past = t - 0.01
+    load = mean + slope * past + 400.0 * np.sin(1.5 * (0.5 + 150.0 * past + 2000.0 * past**2) + 0.3)
+    expected = t[1:][np.diff(np.sign(load)) != 0.0]
+    tau, edges = 0.01, []
+    while tau < 0.06:
+        until, loaded = excitation.edge_varying(tau, 0.08, PULSATION, row)
+        assert loaded == (load[np.searchsorted(t, 0.5 * (tau + until))] > 0.0)
+        edges.append(until)
+        tau = until
+    assert edges == pytest.approx([*expected, 0.06], abs=1e-6)
+    assert excitation.edge_varying(0.01, 0.011, PULSATION, row)[0] == pytest.approx(min(edges[0], 0.011), abs=1e-12)
