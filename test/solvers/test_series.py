@@ -168,8 +168,10 @@ def load_of_row(t):
     return 500.0 - 2000.0 * past + 400.0 * np.sin(1.5 * (0.5 + 150.0 * past + 2000.0 * past**2) + 0.3)
 
 
-def test_an_excitation_that_varies_has_values_and_rates_of_its_row():
+def test_an_excitation_that_varies_has_values_and_rates_of_its_row(monkeypatch):
     """The phase of `PULSATION` itself and that of the call do not count: the row has the load's phase."""
+    for name in ("add_chirp", "add_swells"):
+        monkeypatch.setattr(excitation, name, getattr(excitation, name).py_func)
     for tau in (0.01, 0.03, 0.055):
         drive, h = np.zeros(1, excitation.DRIVE).view(np.recarray)[0], 1e-6
         for loaded in (True, False):
@@ -180,14 +182,19 @@ def test_an_excitation_that_varies_has_values_and_rates_of_its_row():
             assert drive["torque_rate"] == pytest.approx((torque_of_row(tau + h) - torque_of_row(tau - h)) / (2 * h),
                                                          abs=1e-2)
             assert drive["load_rate"] == pytest.approx(rate, abs=1e-2)
+        for loaded in (True, False):
+            rows, at = np.full((ROWS, COLUMNS), np.nan), tau + 0.7 * 2e-3
+            excitation.expand_varying.py_func(rows, 24, 2e-3, tau, loaded, WAVES, PULSATION, ROW, drive)
+            torque, load = (np.polynomial.polynomial.polyval(0.7, rows[row, :24]) for row in (ENGINE, LOAD))
+            assert (torque, load) == pytest.approx((torque_of_row(at), load_of_row(at) if loaded else 0.0), rel=1e-12)
         assert excitation.torque_about_mean.py_func(tau, 40.0, WAVES, ROW) == pytest.approx(torque_of_row(tau) - 40.0)
         value, rate = excitation.load_and_rate.py_func(tau, PULSATION, ROW)
         assert value == pytest.approx(load_of_row(tau), rel=1e-12)
         assert rate == pytest.approx((load_of_row(tau + h) - load_of_row(tau - h)) / (2 * h), abs=1e-2)
 
 
-@pytest.mark.parametrize(("mean", "slope"), [(500.0, -2000.0), (380.0, 0.0), (-100.0, 3000.0), (401.0, 0.0),
-                                             (-600.0, 0.0), (0.0, 0.0)])
+@pytest.mark.parametrize(("mean", "slope"), [(500.0, -2000.0), (380.0, 0.0), (-100.0, 3000.0), (399.9, 0.0),
+                                             (-399.9, 0.0), (-600.0, 0.0), (0.0, 0.0)])
 def test_a_clamp_that_varies_switches_where_the_load_changes_its_sign(mean, slope):
     """Every edge, against a fine grid; one at which the load only nearly meets 0 is found too, and the row's end."""
     row = ROW.copy()
