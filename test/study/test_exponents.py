@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,6 +36,7 @@ from tcc_sim.study.exponents import (
 )
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import simulate
+from tcc_sim.trajectory import Status
 
 BASE = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,
         "engine.frequency": 139.0}
@@ -218,30 +222,32 @@ def test_an_orbit_whose_whole_interval_is_unstable_is_only_passed(exponent: floa
 
 def test_diagnosis_looks_at_the_whole_interval() -> None:
     assert diagnosis(0.2, 0.1) == "chaotic"
+    assert diagnosis(0.25, 0.25) == diagnosis(-0.25, 0.25) == "unresolved"
+    assert (diagnosis(0.0, 0.02), diagnosis(0.0, 0.0201)) == ("quasi-periodic", "unresolved")
     assert diagnosis(0.2, 0.3) == "unresolved"
     assert diagnosis(0.001, 0.004) == "quasi-periodic"
     assert diagnosis(-0.2, 0.01) == "contracting"
     assert diagnosis(-0.2, 0.3) == "unresolved"
 
 
-def verdict_of(values: dict[str, object], cycles: int = 150, **settings: object) -> tuple[str, int]:
-    """Diagnosis of the scene chaos with other values, and the cycles that its exponent is of."""
-    result = simulate(replace(load_scene("chaos").system, values), cycles=cycles, lyapunov=True, **settings)
-    assert result.summary.runaway == (result.lyapunov.diagnosis == "runaway")
-    return result.lyapunov.diagnosis, result.lyapunov.cycles
-
-
 def test_a_runaway_is_not_quasi_periodic() -> None:
-    assert verdict_of({"friction.kinetic_coefficient": 0.15})[0] == "runaway"
+    system = replace(load_scene("chaos").system, {"friction.kinetic_coefficient": 0.15})
+    result = simulate(system, cycles=150, lyapunov=True)
+    assert (result.lyapunov.diagnosis, result.summary.runaway) == ("runaway", True)
 
 
-def test_long_periods_and_weak_chaos_are_not_quasi_periodic() -> None:
+@pytest.mark.parametrize(("coefficient", "settling", "verdicts", "cycles"), [
+    (0.195, 600, {"periodic"}, 30), (0.201, 150, {"chaotic", "unresolved"}, 2000)])
+def test_long_periods_and_weak_chaos_are_not_quasi_periodic(coefficient: float, settling: int, verdicts: set[str],
+                                                            cycles: int) -> None:
     """Beside the jump of Fig. 4 at 0.2057: period 30 at 0.65, and at 0.67 weak chaos, of exponent 0.03 to 0.09 1/s
     over 30 000 cycles.
     """
-    near = {"engine.frequency": 0.2057 * System().natural_frequency}
-    assert verdict_of({**near, "friction.kinetic_coefficient": 0.195}, 600) == ("periodic", 30)
-    assert verdict_of({**near, "friction.kinetic_coefficient": 0.201})[0] in ("chaotic", "unresolved")
+    system = replace(load_scene("chaos").system, {"engine.frequency": 0.2057 * System().natural_frequency,
+                                                  "friction.kinetic_coefficient": coefficient})
+    result = largest_lyapunov_exponent(system, State(*section_of(system, settling)), start_cycle=settling)
+    assert result.diagnosis in verdicts
+    assert result.cycles == cycles
 
 
 def test_slip_under_a_load_of_a_golden_ratio_is_quasi_periodic() -> None:
@@ -257,6 +263,143 @@ def test_slip_under_a_load_of_a_golden_ratio_is_quasi_periodic() -> None:
     assert change_of_averages(chaos) > 1e-4  # Some 1e-3, by how the motion happens to go.
 
 
-def test_wrong_input_is_refused() -> None:
-    with pytest.raises(InputError, match="cycles"):
-        largest_lyapunov_exponent(System(), State(0.0, 0.0, 0.0), cycles=3)
+def test_bump_averages_over_halves_of_a_section() -> None:
+    """By their definition; the first of an odd number of points to be left out is the last."""
+    points = np.random.default_rng(3).normal(size=(2 * 7 + 1, 3)) * np.array([10.0, 0.1, 1.0])
+    weights = np.array([math.exp(-1.0 / (k / 8.0 * (1.0 - k / 8.0))) for k in range(1, 8)])
+    halves = [(weights[:, None] * part).sum(axis=0) / weights.sum() for part in (points[:7], points[7:14])]
+    assert change_of_averages(points) == pytest.approx(
+        (np.abs(halves[1] - halves[0]) / np.abs(points).max(axis=0)).max(), rel=1e-12)
+    assert change_of_averages(np.array([[1.0, 0.0, 2.0]] * 6)) == 0.0
+
+
+@pytest.mark.parametrize("cycles", [39, 10_000_001])
+def test_a_number_of_cycles_without_an_interval_is_refused(cycles: int) -> None:
+    with pytest.raises(InputError) as error:
+        largest_lyapunov_exponent(System(), State(0.0, 0.0, 0.0), cycles=cycles)
+    assert str(error.value) == f"cycles is {cycles}; a Lyapunov exponent needs 40 to 10000000"
+
+
+LINEAR = np.array([[0.5, 0.1, 0.0], [0.2, -0.3, 0.1], [0.0, 0.4, 0.2]])
+
+
+@pytest.fixture
+def linear(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
+    """A linear map of the section about 0 in place of the driveline's, and its calls; the coarse one is 0.1 % off."""
+    calls: list[tuple[str, Any]] = []
+
+    def mapped_by(system: System, state: np.ndarray, first: int, cycles: int, tolerance: float) -> Any:
+        calls.append(("map", (first, cycles, tolerance)))
+        matrix = np.linalg.matrix_power(LINEAR, cycles) * (1.001 if tolerance == DEFAULTS.periodic_coarse else 1.0)
+        return matrix @ state, matrix
+
+    monkeypatch.setattr(exponents, "mapped", mapped_by)
+    return calls
+
+
+def test_a_floquet_exponent_and_its_error_are_those_of_a_linear_map(linear: list[tuple[str, Any]]) -> None:
+    """The motion is 0, one Newton step away; the error is that of the coarser map, log 1.001 over two cycles."""
+    system = load_scene("fig02").system
+    near = 0.01 * natural_sizes(terms_of(system))
+    exponent, error = floquet_exponent(system, near, 5, 2)
+    rate = 1.0 / (2.0 * system.cycle)
+    assert exponent == pytest.approx(2.0 * rate * math.log(np.abs(np.linalg.eigvals(LINEAR)).max()))
+    assert error == pytest.approx(rate * math.log(1.001))
+    fine, coarse = ((5, 2, tolerance) for tolerance in (DEFAULTS.periodic_fine, DEFAULTS.periodic_coarse))
+    assert linear == [("map", fine), ("map", fine), ("map", coarse)]
+    # A state that is too far to be polished does not close, and the next period has the same multipliers.
+    linear.clear()
+    far = 0.3 * natural_sizes(terms_of(system))
+    assert floquet_exponent(system, far, 5, 2) == pytest.approx((exponent, error))
+    assert linear == [("map", fine), ("map", fine), ("map", coarse), ("map", fine)]
+
+
+def test_a_known_period_is_that_of_motion_and_excitation_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, int]] = []
+
+    def periods(system: System, state: Any, first: int, period: int) -> tuple[float, float]:
+        asked.append((first, period))
+        return -1.0, 0.25
+
+    monkeypatch.setattr(exponents, "floquet_exponent", periods)
+    system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 2.0 / 3.0})
+    for period, both in ((1, 3), (2, 6), (3, 3), (170, 510), (171, 171)):
+        asked.clear()
+        result = largest_lyapunov_exponent(system, State(1.0, 0.1, 0.0), start_cycle=4, period=period)
+        assert (asked, result.cycles, result.diagnosis) == ([(4, both)], both, "periodic")
+        assert (result.exponent, result.low, result.high, result.confidence) == (-1.0, -1.25, -0.75, 0.95)
+
+
+@pytest.mark.parametrize(("growth", "difference", "seen", "result"), [
+    ([1.0, 1.2], 0.1, None, ("chaotic", 1.1, 0.1)),
+    ([-1.0, -1.2], 0.1, ("quasi-periodic", 0), ("contracting", -1.1, 0.1)),
+    ([-1.0, -1.2], 0.1, ("runaway", 0), ("runaway", -1.1, 0.1)),
+    ([-0.01, 0.01], 0.001, ("quasi-periodic", 0), ("quasi-periodic", 0.0, 0.001)),
+    ([-0.01, 0.01], 0.001, ("unresolved", 0), ("unresolved", 0.0, 0.001)),
+    ([-0.01, 0.01], 0.3, ("quasi-periodic", 0), ("unresolved", 0.0, 0.3)),
+    ([-0.01, 0.01], 0.001, ("periodic", 30), ("periodic", None, None)),
+    ([1.0, math.nan], 0.1, None, ("unresolved", None, None)), ([1.0, 1.2], math.nan, None, ("unresolved", None, None))])
+def test_the_interval_of_a_mean_growth_and_its_diagnosis(growth: list[float], difference: float, seen: Any, result: Any,
+                                                         monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the interval is Student's and the difference between two tolerances; 50 cycles do not count."""
+    system = load_scene("fig02").system
+    rows, differences = np.resize(growth, 400), np.full(100, difference)
+
+    class Run(list[int]):
+        section = np.zeros((451, 3))
+
+    monkeypatch.setattr(exponents, "tangent_growth", lambda system, state, first, cycles: (
+        np.append(np.full(50, 99.0), rows), np.append(np.full(12, 77.0), differences), Run([0] * cycles)))
+    monkeypatch.setattr(exponents, "_seen", lambda run: seen)
+    monkeypatch.setattr(exponents, "floquet_exponent", lambda system, state, first, period: (-float(first), period))
+    found = largest_lyapunov_exponent(system, State(1.0, 0.1, 0.0), cycles=400, start_cycle=7)
+    diagnosis_found, mean, half = result
+    assert found.diagnosis == diagnosis_found
+    if diagnosis_found == "periodic":
+        assert (found.exponent, found.low, found.cycles) == (-457.0, -487.0, 30)
+        return
+    assert (found.cycles, found.confidence) == (400, 0.95)
+    values = [found.exponent, found.low, found.high]
+    if mean is None:
+        assert np.isnan(values).all()
+    else:
+        assert np.array(values) * system.cycle == pytest.approx([mean, mean - half, mean + half], abs=1e-12)
+
+
+def test_a_step_that_fails_leaves_the_growth_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    system, solved = load_scene("fig02").system, []
+
+    def failing(*of: Any, **how: Any) -> Any:
+        solved.append(how["start_cycle"])
+        return solve(*of, **how) if len(solved) < 3 else SimpleNamespace(status=Status.DONE, cycles=None)
+
+    monkeypatch.setattr(exponents, "solve", failing)
+    monkeypatch.setattr(exponents, "DEFAULTS", dataclasses.replace(DEFAULTS, together=6))
+    growth, difference, run = tangent_growth(system, section_of(system, 300), 300, 16)
+    assert run is None
+    assert solved == [300, 306, 312]
+    assert np.isfinite(growth).tolist() == [True] * 12 + [False] * 4
+    assert np.isfinite(difference).tolist() == [True] * 3 + [False]
+    monkeypatch.setattr(exponents, "solve", solve)
+    whole, rough, cycles = tangent_growth(system, section_of(system, 300), 300, 16)
+    assert whole[:12].tolist() == growth[:12].tolist()
+    assert np.isfinite(whole).all()
+    assert np.isfinite(rough).all()
+    assert cycles is not None
+    assert len(cycles) == 16
+
+
+@pytest.mark.parametrize(("grows", "period", "change", "seen"), [
+    (True, 4, 0.0, ("runaway", 0)), (False, 4, 1.0, ("periodic", 4)), (False, 0, 1e-6, ("quasi-periodic", 0)),
+    (False, 0, 1.01e-6, ("unresolved", 0))])
+def test_what_a_section_shows(grows: bool, period: int, change: float, seen: tuple[str, int],
+                              monkeypatch: pytest.MonkeyPatch) -> None:
+    """Up to period 128, and averages over its halves within a millionth."""
+    def repetition(cycles: Any, maximum: int) -> Any:
+        assert maximum == 128
+        return SimpleNamespace(settled=period > 0, period=period)
+
+    for name, by in (("slip_grows", lambda cycles: grows), ("periodicity", repetition),
+                     ("change_of_averages", lambda section: change)):
+        monkeypatch.setattr(exponents, name, by)
+    assert exponents._seen(SimpleNamespace(section=None)) == seen  # type: ignore[arg-type]

@@ -7,10 +7,9 @@ import pytest
 from textbook_maps import TextbookMap, henon, logistic
 
 from tcc_sim.errors import InputError
-from tcc_sim.study.continuation.bracket import SameSign, chandrupatla
+from tcc_sim.study.continuation.bracket import chandrupatla
 from tcc_sim.study.continuation.newton import find_orbit, minimal_period, multipliers_of, newton, orbit_at
 from tcc_sim.study.continuation.shooting import ParameterRange, Shooting, greedy
-from tcc_sim.study.continuation.special_points import torus
 
 
 def orbit_of(shooting: Shooting, values: tuple[float, ...], guess: list[float], known=()):
@@ -94,17 +93,6 @@ def test_a_period_that_does_not_fit_the_excitation_is_refused() -> None:
     map_.forcing_period = 2
     with pytest.raises(InputError, match="multiple of 2"):
         Shooting.single(map_, 3, ParameterRange(0.5, 4.0))
-
-
-def test_products_of_pairs_vanish_on_the_circle_and_for_reciprocal_multipliers() -> None:
-    assert torus(np.array([np.exp(0.3j), np.exp(-0.3j), 0.2])) == pytest.approx(0.0, abs=1e-15)
-    assert torus(np.array([2.0 + 0j, 0.5, 0.1])) == pytest.approx(0.0, abs=1e-15)
-
-
-def test_the_bracketing_root_is_exact_to_rounding() -> None:
-    assert chandrupatla(lambda x: math.cos(x) - x, 0.0, 1.0) == pytest.approx(0.7390851332151607, abs=1e-13)
-    with pytest.raises(SameSign, match="sign"):
-        chandrupatla(lambda x: 1.0 + x * x, 0.0, 1.0)
 
 
 def test_the_bracketing_root_of_a_noisy_function_is_not_looked_for_in_its_noise() -> None:

@@ -13,7 +13,7 @@ from tcc_sim.scene import load_scene
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.study.continuation.palc import corrector
-from tcc_sim.study.continuation.problem import Margin, differ, kind_of_change, ring
+from tcc_sim.study.continuation.problem import Margin, differ, kind_of_change
 from tcc_sim.study.continuation.settings import Settings
 from tcc_sim.study.continuation.special_points import special_points_between
 
@@ -197,14 +197,6 @@ def test_a_branch_leaves_the_border_at_which_its_two_pieces_meet():
     (item,) = [f for f in branch.bifurcations if f.kind == "grazing_sliding" and f.value < 49.2]
     border = replace(system, {OMEGA: item.value})
     assert abs(margin_by_scipy(item.kind, border, item.point.orbit.section, 1, closes=1e-6)) < 1e-7
-
-
-def test_sequences_are_rings() -> None:
-    assert ring("S+S") == ring("+S") == ring("+S+")
-    assert not differ("S+S-S", "-S+S-")
-    assert differ("S+S", "S+S+S")
-    assert ring("") == ""
-    assert ring("S") == "S"
 
 
 @pytest.mark.parametrize(("before", "after", "kind"), [
