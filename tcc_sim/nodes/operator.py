@@ -57,6 +57,7 @@ class Operator:
         self._node = node
         self._spinner = Spinner(node)
         self._driveline = node.resolve_topic_name("driveline")
+        self._clients: dict[str, Any] = {}
 
     def serve(self, action: str) -> str:
         """Call the service for reset, step, pause or resume, and return the driveline's answer.
@@ -132,17 +133,18 @@ class Operator:
         """
         row = topic(COMMANDS_OF[what])
         unit = QUANTITIES[row.key].unit
-        group = row.key.partition(".")[0]
+        source = f"{row.key.partition('.')[0]}.source"
         heard = self._refusals(row.name)
         publisher = self._node.create_publisher(message_class(row.type), row.name, COMMANDS)
-        if self._value(f"{group}.source") != "topic":
-            raise InputError(f"{row.name}: the driveline takes this input from its scene ({group}.source: harmonic)")
+        options = self.values([source, "publish_diagnostics", "command_timeout"])
+        if options[source] != "topic":
+            raise InputError(f"{row.name}: the driveline takes this input from its scene ({source}: harmonic)")
         if not self._until(lambda: publisher.get_subscription_count() > 0, DISCOVERY_LIMIT):
             raise TccError(f"the driveline runs, but nothing subscribes to {publisher.topic_name}")
         data = cdr.fluid_pressure(0, value) if row.type == FLUID_PRESSURE else cdr.float64(value)
         applied = self._applied(row.type)
         self._until(lambda: applied() is not None, LISTENED_FOR)
-        status = self._statuses()
+        status = self._statuses(options["publish_diagnostics"])
         known = int(status[-1].get(f"{row.name} listeners", 0)) if status else 0
         self._until(all_met(lambda: (publisher.get_subscription_count(),
                                      max(self._node.count_subscribers(row.name), known))), MET_WITHIN)
@@ -165,7 +167,7 @@ class Operator:
             self._until(lambda: bool(heard), 1.0 / rate)
         if heard:
             raise InputError(heard[0])
-        timeout = self._value("command_timeout")
+        timeout = options["command_timeout"]
         end = f"for {timeout:g} s of simulated time (command_timeout)" if timeout else "until the next command"
         held = f"held {end}"
         notes = [f"{held}, once the driveline goes on: it is {status[-1]['regime']}" if answer == "waits" else held]
@@ -216,8 +218,9 @@ class Operator:
 
         return newest
 
-    def _statuses(self) -> list[dict[str, str]]:
-        """Return a list that collects the driveline's diagnostics, after waiting for the first if it publishes any."""
+    def _statuses(self, published: bool) -> list[dict[str, str]]:
+        """Return a list that collects the driveline's diagnostics, after waiting for the first if they are published.
+        """
         statuses: list[dict[str, str]] = []
 
         def take(message: DiagnosticArray) -> None:
@@ -225,7 +228,7 @@ class Operator:
             statuses.extend({pair.key: pair.value for pair in status.values} for status in mine)
 
         self._node.create_subscription(DiagnosticArray, "/diagnostics", take, DIAGNOSTICS)
-        if self._value("publish_diagnostics"):
+        if published:
             self._until(lambda: statuses, DISCOVERY_LIMIT)
         return statuses
 
@@ -250,19 +253,18 @@ class Operator:
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
         """Call a service of the driveline and return its answer."""
-        client = self._node.create_client(kind, f"{self._driveline}/{name}")
-        try:
-            if not self._until(client.service_is_ready, DISCOVERY_LIMIT):
-                others = " and ".join(sorted(set(self._drivelines()) - {self._driveline}))
-                raise TccError(f"no driveline answers at {self._driveline} within {DISCOVERY_LIMIT:g} s "
-                               f"(ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')})"
-                               f"{f'; there is {others}: use --namespace' if others else ''}")
-            future = client.call_async(request)
-            if not self._until(future.done, DISCOVERY_LIMIT):
-                raise TccError(f"{self._driveline} does not answer within {DISCOVERY_LIMIT:g} s")
-            return future.result()
-        finally:
-            self._node.destroy_client(client)
+        if name not in self._clients:
+            self._clients[name] = self._node.create_client(kind, f"{self._driveline}/{name}")
+        client = self._clients[name]
+        if not self._until(client.service_is_ready, DISCOVERY_LIMIT):
+            others = " and ".join(sorted(set(self._drivelines()) - {self._driveline}))
+            raise TccError(f"no driveline answers at {self._driveline} within {DISCOVERY_LIMIT:g} s "
+                           f"(ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')})"
+                           f"{f'; there is {others}: use --namespace' if others else ''}")
+        future = client.call_async(request)
+        if not self._until(future.done, DISCOVERY_LIMIT):
+            raise TccError(f"{self._driveline} does not answer within {DISCOVERY_LIMIT:g} s")
+        return future.result()
 
     def _until(self, predicate: Callable[[], object], limit: float) -> object:
         """Run callbacks until the predicate is true and return its value; return False after `limit` seconds."""
