@@ -52,7 +52,8 @@ def domain() -> Iterator[str]:
 @pytest.fixture(scope="session")
 def discovery(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
     """Return a function that writes a profile for Fast DDS: a participant announces itself five times a second instead
-    of every 3 s, and a silent one counts as gone after `lease` seconds instead of 20.
+    of every 3 s, a silent one counts as gone after `lease` seconds instead of 20, and a publisher asks for
+    acknowledgements every 0.05 s instead of every 3 s.
     """
     folder = tmp_path_factory.mktemp("discovery")
 
@@ -62,7 +63,9 @@ def discovery(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
         file.write_text(f"""<?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="quick" is_default_profile="true"><rtps>
 <builtin><discovery_config>{duration}<leaseAnnouncement><sec>0</sec><nanosec>200000000</nanosec></leaseAnnouncement>
-</discovery_config></builtin></rtps></participant></profiles></dds>
+</discovery_config></builtin></rtps></participant>
+<data_writer profile_name="asking" is_default_profile="true"><times><heartbeat_period><sec>0</sec>
+<nanosec>50000000</nanosec></heartbeat_period></times></data_writer></profiles></dds>
 """)
         return str(file)
 

@@ -29,7 +29,7 @@ import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
-from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
+from tcc_sim.nodes.children import CLOCK_STARTED, ChildProcess, NodeProcess
 from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.nodes.operator import COMMANDS_OF, COUNTED_WITHIN, SETTLED, Operator, all_met
 from tcc_sim.recording.reader import open_run
@@ -79,18 +79,58 @@ def quick(control: Control, context: Context, monkeypatch: pytest.MonkeyPatch) -
     return control
 
 
+OFTEN = """
+from tcc_sim.nodes import signals
+signals.take()
+from tcc_sim.nodes import driveline, executables
+driveline.DIAGNOSTICS_PERIOD = 0.05
+executables.driveline_node()
+"""
+"""Program of a driveline whose diagnostics come twenty times a second: a command waits for them."""
+
+
 @pytest.fixture(scope="module")
-def driveline(context: Context) -> Iterator[NodeProcess]:
+def begun(context: Context) -> Iterator[ChildProcess]:
     """The driveline of all tests, which holds the last commands; ten states in a period of excitation."""
-    node = NodeProcess("driveline", {"scene": "commands", "rate": 50.0, "engine.frequency": 30.0,
-                                     "command_timeout": 0.0}, dict(os.environ))
-    node.await_line(CLOCK_STARTED)
+    node = ChildProcess("driveline", [sys.executable, "-c", OFTEN, "--ros-args", *(
+        word for value in ("scene:=commands", "rate:=50.0", "engine.frequency:=30.0", "command_timeout:=0.0")
+        for word in ("-p", value))], dict(os.environ))
     yield node
     assert node.stop() == 0
 
 
+@pytest.fixture(scope="module")
+def driveline(begun: ChildProcess) -> ChildProcess:
+    """The same when it runs."""
+    begun.await_line(CLOCK_STARTED)
+    return begun
+
+
+def recorded(bag: Path) -> int:
+    """Number of states that can be read now."""
+    try:
+        return sum(map(len, open_run(bag).states()))
+    except RecordingError:
+        return 0
+
+
+def test_a_single_command_is_in_the_recording(control: Control, begun: ChildProcess, tmp_path: Path,
+                                              monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also with the slow discovery of Fast DDS's own settings."""
+    monkeypatch.delenv("FASTDDS_DEFAULT_PROFILES_FILE")
+    recorder = NodeProcess("recorder", {"output": str(tmp_path / "run")}, dict(os.environ))
+    try:
+        until_or_ended(lambda: recorded(tmp_path / "run") > 0, recorder)
+        assert control("pressure", "230000")[0] == 0
+    finally:
+        assert recorder.stop() == 0
+    result = tcc_sim.read(tmp_path / "run")
+    assert {name: command.value.tolist() for name, command in result.commands.items()} == {
+        "actuation_pressure": [230000.0]}
+
+
 def test_it_does_what_the_ros2_commands_do_and_refusals_are_the_nodes_own(quick: Control,
-                                                                          driveline: NodeProcess) -> None:
+                                                                          driveline: ChildProcess) -> None:
     status, _, said = quick("step")
     assert (status, said) == (1, "tcc-sim: the driveline refuses: not paused\n")
     assert quick("pause") == (0, "paused\n", "")
@@ -152,7 +192,7 @@ def test_a_command_is_judged_by_what_the_driveline_counts_and_not_by_the_time_th
     assert Operator._counted("engine_torque", statuses, 1) == word
 
 
-def test_other_publishers_and_other_drivelines_are_named(quick: Control, driveline: NodeProcess,
+def test_other_publishers_and_other_drivelines_are_named(quick: Control, driveline: ChildProcess,
                                                          context: Context) -> None:
     other = rclpy.create_node("driveline", context=context, start_parameter_services=False)
     other.create_publisher(Float64, "engine_torque", COMMANDS)
@@ -163,29 +203,6 @@ def test_other_publishers_and_other_drivelines_are_named(quick: Control, driveli
         0, "paused; 2 nodes have the name /driveline and received this: give them namespaces\n", "")
     other.destroy_node()
     assert quick("resume") == (0, "running\n", "")
-
-
-def recorded(bag: Path) -> int:
-    """Number of states that can be read now."""
-    try:
-        return sum(map(len, open_run(bag).states()))
-    except RecordingError:
-        return 0
-
-
-def test_a_single_command_is_in_the_recording(control: Control, driveline: NodeProcess, tmp_path: Path,
-                                              monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also with the slow discovery of Fast DDS's own settings."""
-    monkeypatch.delenv("FASTDDS_DEFAULT_PROFILES_FILE")
-    recorder = NodeProcess("recorder", {"output": str(tmp_path / "run")}, dict(os.environ))
-    try:
-        until_or_ended(lambda: recorded(tmp_path / "run") > 0, recorder)
-        assert control("pressure", "230000")[0] == 0
-    finally:
-        assert recorder.stop() == 0
-    result = tcc_sim.read(tmp_path / "run")
-    assert {name: command.value.tolist() for name, command in result.commands.items()} == {
-        "actuation_pressure": [230000.0]}
 
 
 def test_what_a_scene_does_not_take_is_said(quick: Control, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -208,7 +225,7 @@ def test_wrong_words_are_one_line_and_status_2(control: Control, words: tuple[st
 
 
 def test_a_command_that_is_sent_again_and_again_says_so_until_it_is_interrupted(
-        control: Control, driveline: NodeProcess) -> None:
+        control: Control, driveline: ChildProcess) -> None:
     process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "control", "torque", "310", "--rate", "20"], text=True,
                                stdout=subprocess.PIPE, env=environment())
     assert process.stdout is not None
@@ -222,7 +239,7 @@ STATIC = 1
 
 
 def test_watch_shows_what_the_driveline_does_and_what_held_its_inputs_to_the_state_before_ctrl_c(
-        quick: Control, driveline: NodeProcess, context: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        quick: Control, driveline: ChildProcess, context: Context, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         capsys: pytest.CaptureFixture[str]) -> None:
     """Ctrl-C comes between taking the last states and showing them."""
     pytest.importorskip("rerun")
@@ -306,8 +323,8 @@ def test_the_reason_of_a_refusal_is_the_one_that_the_diagnostics_name_last(bench
 
     bench.listen(Float64, "engine_torque")
     operator, statuses = Operator(bench.node("operator")), [status(1, "the reason of an earlier one")]
-    for name, stub in {"_until": until, "_statuses": lambda: statuses, "_refusals": lambda _: [],
-                       "_applied": lambda _: lambda: 0.0, "_value": lambda _: "topic"}.items():
+    for name, stub in {"_until": until, "_statuses": lambda _: statuses, "_refusals": lambda _: [],
+                       "_applied": lambda _: lambda: 0.0, "values": lambda keys: dict.fromkeys(keys, "topic")}.items():
         monkeypatch.setattr(operator, name, stub)
     with pytest.raises(InputError, match=r"^the reason of this command$"):
         operator.command("torque", 1e9)

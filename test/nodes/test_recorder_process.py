@@ -21,15 +21,15 @@ import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
-from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.middleware import message_class, poll, states, subscribe
 from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import JOINT_STATE
 
 
 @pytest.fixture
-def process_context(monkeypatch, domain):
+def process_context(monkeypatch, domain, discovery):
     """A context in the domain of the processes."""
+    monkeypatch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", discovery(""))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     monkeypatch.setenv("ROS_DOMAIN_ID", domain)
     context = joined()
@@ -135,22 +135,21 @@ def test_recorders_that_end_one_after_the_other_leave_what_can_be_analysed_and_r
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
     resource = pytest.importorskip("resource")
     driveline = start("driveline", scene="minimal", publish_diagnostics=False)
-    driveline.await_line(CLOCK_STARTED)
-    seen, files = {}, {}
+    seen, files, recorders = {}, {}, {name: start("recorder", output=tmp_path / name) for name in ("full", "killed")}
     for name in ("full", "killed", "stopped"):
-        recorder = start("recorder", output=tmp_path / name)
         until(lambda name=name: readable(tmp_path / name) > 100)
         files[name], = (tmp_path / name).iterdir()
         seen[name] = readable(tmp_path / name)
-        if name == "killed":
-            recorder.kill()
-        elif name == "full":
+        if name == "full":
             size = files[name].stat().st_size + 20_000
-            resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (size, size))
-            assert recorder.wait() == 1
+            resource.prlimit(recorders[name].pid, resource.RLIMIT_FSIZE, (size, size))
+            assert recorders[name].wait() == 1
             # On a busy machine the recorder may warn of silence.
-            assert [line for line in recorder.lines if not line.startswith(("[INFO]", "[WARN]"))] == [
+            assert [line for line in recorders[name].lines if not line.startswith(("[INFO]", "[WARN]"))] == [
                 f"recorder: {files[name]} cannot be written: File too large; the data written so far stays readable"]
+        elif name == "killed":
+            recorders[name].kill()
+            recorder = start("recorder", output=tmp_path / "stopped")
     assert recorder.stop() == 0
     driveline.check()
     driveline.kill()
