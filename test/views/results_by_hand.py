@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tcc_sim.analysis.orders import Judder, Orders
@@ -26,3 +28,27 @@ ORDERS = Orders(WINDOWS, 80.0 + 100.0 * WINDOWS, np.arange(0.0, 10.1, 0.1), np.o
                 np.ones(1), np.ones((6, 1)), Judder(*np.ones((3, 6))), WINDOWS, (116.8, 387.3))
 LINES = np.arange(0.0, 10.0)
 SPECTRUM = Spectrum(100.0 * LINES, LINES, "none", 1, np.empty(0), 0.1**LINES, 0.1**LINES, None, None)
+
+FREQUENCY, PRESSURE = "engine.frequency", "pressure.mean"
+REGIMES = {"regime": ["stick", "slip", "slip", None], "runaway": [False, False, True, None],
+           "transient": [False, True, False, None], "max_slip_speed": [0.0, 20.0, 900.0, None],
+           "stick_fraction": [1.0, 0.0, 0.0, None], "clutch_energy": [0.0, 1.0, 2.0, None]}
+SWEEP = {"over": FREQUENCY, "values": [1.0, 2.0, 3.0, 4.0], "period": [1, 0, 0, None],
+         "section": [[[0.1, 0.0]], [[0.2, 0.0]], [[0.3, 0.0]], None], **REGIMES}
+GRID = {"over": FREQUENCY, "second_over": PRESSURE, "values": [1.0, 2.0, 3.0, 4.0], "second_values": [1.0],
+        **{name: [SWEEP[name]] for name in (*REGIMES, "period")}}
+SCATTER = {"scatter": {PRESSURE: [1.0, 4.0]}, "sampled": {PRESSURE: [1.0, 2.0, 3.0, 4.0]}, "probabilities": [0.05, 0.5],
+           **REGIMES, "quantiles": {name: [1.0, None] for name in REGIMES}}
+BAND = {**SCATTER, "over": FREQUENCY, "values": [1.0, 2.0], "probabilities": [0.05, 0.5, 0.95],
+        "quantiles": {name: [[1.0, 2.0, 3.0], [2.0, None, 4.0]] for name in REGIMES}}
+FAR = {**ORBIT, "number": 1, "period": 0, "fraction": 0.0, "section_states": [[0.1, 500.0, 9.0]]}
+CELLS = {**PLANE, "attractors": [ORBIT, FAR], "labels": np.array([[0, 0], [0, -1]])}
+OVER = {"plane": PLANE["plane"], "over": PRESSURE, "values": [1.0, 2.0], "attractors": [[ORBIT, FAR], [ORBIT]],
+        "undecided": [0.25, 0.25], "runaway": [0.0, 0.0]}
+QUIET = replace(ORDERS, shaft_torque=np.where(ORDERS.order == 2.0, 1e-9, ORDERS.shaft_torque))
+CHECKED = {**RESPONSE, "checked": [{"frequency": 5.0, "gain": 2e-3, "phase": 1.0}]}
+PARAMETER = {"key": "driveline.stiffness", "start": 3000.0, "value": 3030.0, "high": 3060.0}
+CURVE = {"slip_speeds": [0.0, 1.0, 2.0], "coefficient": [0.2] * 3, "low": [0.1] * 3, "high": [0.3] * 3,
+         "scene": [0.25] * 3, "visited": [True, True, False]}
+FITTED = {"parameters": [PARAMETER], "chi2_per_dof": 1.0, "accepted": True, "curve": CURVE,
+          "likelihood": {"key": PRESSURE, "values": [1.0, 2.0], "excess": [0.0, 9.0]}}

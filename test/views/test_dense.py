@@ -8,11 +8,13 @@ import pytest
 from driveline_bags import bag, ticked
 from scipy.integrate import solve_ivp
 
+import tcc_sim
 from tcc_sim.model import equations, friction
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.views import dense as dense_
 from tcc_sim.views.dense import SAMPLES, between, last_cycles
 
 
@@ -132,3 +134,27 @@ def test_where_the_torque_is_not_the_scenes_it_is_that_of_the_samples(recorded):
     result = between(replace(tail, engine_torque=tail.engine_torque + 100.0))
     place = np.searchsorted(result.t, tail.t - 1e-9)
     np.testing.assert_allclose(result.engine_torque[place], tail.engine_torque + 100.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("sources", [{}, {"engine.source": "topic"}, {"pressure.source": "topic"},
+                                     {"engine.source": "topic", "pressure.source": "topic"}])
+def test_a_tick_is_solved_with_what_it_applied(sources):
+    """Commands that change from tick to tick: a tick that is solved with another one misses the next state."""
+    scene = load_scene("fig02").with_values(sources)
+    draw = np.random.default_rng(3)
+
+    def law(reading):
+        return (float(draw.uniform(200.0, 400.0)) if "engine.source" in sources else None,
+                float(draw.uniform(1e5, 3e5)) if "pressure.source" in sources else None)
+
+    run = tcc_sim.closed_loop(scene, law, 0.1)
+    known = np.stack([run.slip_speed, run.plate_angle, run.plate_speed], axis=1)
+    states = dense_._solved(run, run.system, known, 4, np.ones(len(run.t) - 1, bool))
+    size = np.abs(known).max(axis=0)
+    np.testing.assert_allclose(states[:, -1] / size, known[1:] / size, atol=2e-4)
+    share = np.array([0.5, 1.0])
+    torque, load = dense_._excitation(run, run.system, run.t[:-1, None] + 1e-3 * share, share)
+    sine = scene.system.engine.mean_torque + 250.0 * np.sin(150.0 * (run.t[:-1] + 0.5e-3))
+    np.testing.assert_allclose(torque[:, 0], run.engine_torque[1:] if "engine.source" in sources else sine)
+    if "pressure.source" in sources:
+        np.testing.assert_array_equal(load[:, 0], run.saturation_torque[1:])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
+from itertools import combinations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +14,24 @@ from typing import Any
 import numpy as np
 import pytest
 from legends import covered, legends_in, unmarked
-from results_by_hand import BRANCHES, ORBIT, ORDERS, PLANE, RESPONSE, SPECTRUM
+from results_by_hand import (
+    BAND,
+    BRANCHES,
+    CELLS,
+    CHECKED,
+    FAR,
+    FITTED,
+    GRID,
+    ORDERS,
+    OVER,
+    PLANE,
+    PRESSURE,
+    QUIET,
+    RESPONSE,
+    SCATTER,
+    SPECTRUM,
+    SWEEP,
+)
 
 import tcc_sim
 from tcc_sim.analysis.control import Control, Event, Steps
@@ -31,36 +50,13 @@ from tcc_sim.study.views import basin_map, branch_diagram
 from tcc_sim.views import estimation, friction_law, order_maps, overview, plots, style, sweeps, whole_runs
 
 PACKAGE = Path(tcc_sim.__file__).parent
-NAN = float("nan")
-FREQUENCY, PRESSURE = "engine.frequency", "pressure.mean"
-REGIMES = {"regime": ["stick", "slip", "slip", None], "runaway": [False, False, True, None],
-           "transient": [False, True, False, None], "max_slip_speed": [0.0, 20.0, 900.0, None],
-           "stick_fraction": [1.0, 0.0, 0.0, None], "clutch_energy": [0.0, 1.0, 2.0, None]}
-SWEEP = {"over": FREQUENCY, "values": [1.0, 2.0, 3.0, 4.0], "period": [1, 0, 0, None],
-         "section": [[[0.1, 0.0]], [[0.2, 0.0]], [[0.3, 0.0]], None], **REGIMES}
-GRID = {"over": FREQUENCY, "second_over": PRESSURE, "values": [1.0, 2.0, 3.0, 4.0], "second_values": [1.0],
-        **{name: [SWEEP[name]] for name in (*REGIMES, "period")}}
-SCATTER = {"scatter": {PRESSURE: [1.0, 4.0]}, "sampled": {PRESSURE: [1.0, 2.0, 3.0, 4.0]}, "probabilities": [0.05, 0.5],
-           **REGIMES, "quantiles": {name: [1.0, None] for name in REGIMES}}
-BAND = {**SCATTER, "over": FREQUENCY, "values": [1.0, 2.0], "probabilities": [0.05, 0.5, 0.95],
-        "quantiles": {name: [[1.0, 2.0, 3.0], [2.0, None, 4.0]] for name in REGIMES}}
-FAR = {**ORBIT, "number": 1, "period": 0, "fraction": 0.0, "section_states": [[0.1, 500.0, 9.0]]}
-CELLS = {**PLANE, "attractors": [ORBIT, FAR], "labels": np.array([[0, 0], [0, -1]])}
-OVER = {"plane": PLANE["plane"], "over": PRESSURE, "values": [1.0, 2.0], "attractors": [[ORBIT, FAR], [ORBIT]],
-        "undecided": [0.25, 0.25], "runaway": [0.0, 0.0]}
-QUIET = replace(ORDERS, shaft_torque=np.where(ORDERS.order == 2.0, 1e-9, ORDERS.shaft_torque))
-CHECKED = {**RESPONSE, "checked": [{"frequency": 5.0, "gain": 2e-3, "phase": 1.0}]}
-PARAMETER = {"key": "driveline.stiffness", "start": 3000.0, "value": 3030.0, "high": 3060.0}
-CURVE = {"slip_speeds": [0.0, 1.0, 2.0], "coefficient": [0.2] * 3, "low": [0.1] * 3, "high": [0.3] * 3,
-         "scene": [0.25] * 3, "visited": [True, True, False]}
-FITTED = {"parameters": [PARAMETER], "chi2_per_dof": 1.0, "accepted": True, "curve": CURVE,
-          "likelihood": {"key": PRESSURE, "values": [1.0, 2.0], "excess": [0.0, 9.0]}}
 T = np.linspace(0.0, 3.0, 31)
 
 
-def run(**more: Any) -> Any:
+@cache
+def run() -> Any:
     """A solved run with samples."""
-    return tcc_sim.simulate("fig02", cycles=40, samples_per_cycle=100, **more).trajectory
+    return tcc_sim.simulate("fig02", cycles=16, samples_per_cycle=100).trajectory
 
 
 class Twin(SimpleNamespace):
@@ -100,11 +96,12 @@ def stability(path: Path, width: float) -> None:
 
 
 Draw = Callable[[Path, float], Any]
+TITLE = 3 * "a long title of a scene "
 
 
 def of(draw: Callable[..., Any], *results: Any) -> list[Draw]:
     """Drawings of results."""
-    return [lambda path, width, one=one: draw(path, one, width=width) for one in results]
+    return [lambda path, width, one=one: draw(path, one, TITLE, width) for one in results]
 
 
 PICTURES: dict[str, list[Draw]] = {
@@ -131,20 +128,48 @@ PICTURES: dict[str, list[Draw]] = {
 
 
 def test_every_function_that_makes_a_picture_has_a_row() -> None:
-    values = {f"{path.stem}.{part.name}" for path in PACKAGE.rglob("*.py")
-              for part in ast.walk(ast.parse(path.read_text()))
+    texts = {path: text for path in PACKAGE.rglob("*.py") if "style.figure(" in (text := path.read_text())}
+    values = {f"{path.stem}.{part.name}" for path, text in texts.items() for part in ast.walk(ast.parse(text))
               if isinstance(part, ast.FunctionDef) and "style.figure(" in ast.unparse(part)}
     assert values == {*PICTURES, "drawings.draw"}  # The latter is in test_drawings.
 
 
-@pytest.mark.filterwarnings("error:constrained_layout not applied")
+LEAST = {"sweeps.draw_sweep": 0.5, "order_maps.plot_orders": 0.4, **dict.fromkeys((
+    "branch_diagram.branch_diagram", "estimation.bode", "basin_map.draw_basins", "order_maps.plot_spectrum",
+    "order_maps.plot_comparison"), 1.1)}
+"""Least height of the panels of pictures with tight layouts, inches."""
+
+
+def check_places(drawn: Any, width: float, least: float) -> None:
+    """Fail where labels leave the picture or cover each other, and for a panel that is lower or narrower than this."""
+    assert drawn.get_figwidth() == width
+    whole, inside = drawn.bbox, drawn.get_tightbbox()
+    assert min(inside.x0, inside.y0) >= -0.01
+    assert inside.x1 <= whole.width / drawn.dpi + 0.01
+    assert inside.y1 <= whole.height / drawn.dpi + 0.01
+    panels = [axis for axis in drawn.axes if axis.get_label() != "<colorbar>"]
+    for axis in panels:
+        box = axis.get_window_extent()
+        assert min(box.width, box.height) / drawn.dpi > least
+        legend = axis.get_legend()
+        if legend is not None:
+            assert not axis._left_title.get_window_extent().overlaps(legend.get_window_extent().padded(-1.0))
+    for one, other in combinations([axis.get_tightbbox().padded(-2.0) for axis in panels], 2):
+        assert not one.overlaps(other)
+
+
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
 @pytest.mark.parametrize("name", PICTURES)
 def test_entries_of_legends_are_in_view_and_cover_nothing(name: str, width: float, laid_out: list[Any], tmp_path: Path
                                                           ) -> None:
-    """That every entry has a mark is checked by the fixture; a legend in the axes lies on no curve."""
+    """That every entry has a mark is checked by the fixture; a legend in the axes lies on no curve. Labels of pictures
+    with tight layouts lie within the picture, titles beside legends, and panels are no strips.
+    """
     for draw in PICTURES[name]:
         draw(tmp_path / "a.png", width)
+        if name in LEAST:
+            check_places(laid_out[-1], width, LEAST[name])
         assert [names for legend, axes in legends_in(laid_out[-1]) if len(axes) == 1 and legend.axes is axes[0]
                 for names in covered(legend)] == []
 

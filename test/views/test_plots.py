@@ -1,6 +1,5 @@
 """--plot and plot(): their pictures and sources, and refusals before any computation."""
 
-import json
 import math
 import sys
 from dataclasses import replace
@@ -9,23 +8,22 @@ import numpy as np
 import pytest
 from driveline_bags import bag, ticked
 
-from tcc_sim.analysis.control import Control, CycleMeans, Event, Steps
+from tcc_sim.analysis.control import Control, CycleMeans, Steps
 from tcc_sim.analysis.engine_clock import Uniform
-from tcc_sim.analysis.summary import cycles_of, summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.simulation import simulate
-from tcc_sim.sweeps.sweep import Plan, sweep, sweep_grid
+from tcc_sim.sweeps.sweep import sweep, sweep_grid
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from tcc_sim.views import plots, style, sweeps
-from tcc_sim.views.overview import mean_slip_panel, overview, pressure_panel
+from tcc_sim.views.overview import mean_slip_panel, pressure_panel
 
 
 @pytest.fixture
@@ -80,33 +78,6 @@ def test_a_run_of_samples_alone_has_its_cycles_worked_out(tmp_path, drawn):
     assert sorted(y for _, y in shown) == pytest.approx(sorted(run.cycles.highest), rel=1e-3)
 
 
-def test_a_sweep_has_maxima_and_an_orbit_diagram(tmp_path, drawn):
-    assert main(["sweep", "fig02", "--over", "engine.frequency=70:190:7", "--cycles", "100", "--json",
-                 str(tmp_path / "s.json"), "--plot", str(tmp_path / "s.png")]) == 0
-    values = json.loads((tmp_path / "s.json").read_text())
-    shown = {x: y for name, xs, ys in drawn()["(a) Maxima"]["lines"] if name in sweeps.REGIMES for x, y in zip(xs, ys)}
-    assert shown == dict(zip(values["values"], values["max_slip_speed"]))
-    points = sorted((x, y) for _, xs, ys in drawn()["(b) Orbit diagram"]["lines"] for x, y in zip(xs, ys))
-    assert points == sorted((x, p[0]) for x, section in zip(values["values"], values["section"]) for p in section)
-    assert drawn()["(c) Time in stick"]["axis"].get_xlabel() == r"engine frequency $\omega$ (rad/s)"
-
-
-def test_two_keys_are_a_map_with_rows_of_the_second(tmp_path, drawn):
-    x, y = [80.0, 120.0, 160.0], [0.24, 0.3]
-    values = sweep_grid(load_scene("fig02").system, "engine.frequency", x, "friction.kinetic_coefficient", y,
-                        Plan(cycles=40)).as_json()
-    plots.plot(values, tmp_path / "grid.png")
-    axis = drawn()["(a) Maxima"]["axis"]
-    mesh = axis.collections[0]
-    np.testing.assert_allclose(np.asarray(mesh.get_array()).reshape(2, 3), values["max_slip_speed"])
-    assert (axis.get_xlabel(), axis.get_ylabel()) == (r"engine frequency $\omega$ (rad/s)",
-                                                      r"kinetic friction coefficient $\mu_k$")
-    assert axis.get_xlim() == (60.0, 180.0)
-    values["max_slip_speed"][0][1] = values["period"][0][1] = None  # a value that failed
-    plots.plot(values, tmp_path / "failed.png", "column")
-    assert np.ma.count_masked(drawn()["(a) Maxima"]["axis"].collections[0].get_array()) == 1
-
-
 @pytest.mark.parametrize(("words", "says"), [
     (["simulate", "fig02", "--plot", "run.jpg"], "must end in .png, .svg or .pdf"),
     (["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--plot", "no/run.png"], "no directory"),
@@ -147,27 +118,6 @@ def test_what_is_no_result_cannot_be_drawn(tmp_path):
         plots.plot(3.0, tmp_path / "a.png")
     with pytest.raises(InputError, match="column or page"):
         plots.plot(3.0, tmp_path / "a.png", "poster")
-
-
-def test_a_controllers_test_shows_target_pressures_and_events(tmp_path, drawn):
-    run = solve(load_scene("fig02").system, cycles=30, samples_per_cycle=100)
-    t = run.cycle * np.arange(1, 31)
-    control = Control(t, np.full(30, 7.0), Steps(np.array([0.1]), np.array([20.0])),
-                      Steps(np.array([0.0, 0.5]), np.array([2e5, 3e5])),
-                      Steps(np.array([0.0, 0.51]), np.array([2e5, 3e5])),
-                      (Event(0.3, "pressure falls back: no command for 0.5 s"), Event(0.7, "clutch.radius = 0.12")))
-    for width in ("page", "column"):
-        overview(tmp_path / f"{width}.png", run, cycles_of(run), 0, summarise(run), "T", control=control, width=width)
-        lines = drawn()["(c) Cycle mean"]["lines"]
-        assert [name for name, *_ in lines][:2] == ["cycle mean", "target"]
-        assert [float(x[0]) for _, x, _ in lines[2:]] == [0.3, 0.7]
-        texts = [text.get_text() for text in drawn()["(c) Cycle mean"]["axis"].texts]
-        assert texts == ["pressure falls back: no command for 0.5 s", "clutch.radius = 0.12"]
-        pressures = drawn()["(d) Actuation pressure"]["lines"]
-        assert [name for name, *_ in pressures][:2] == ["applied", "commanded"]
-        assert pressures[1][2].max() == 300.0  # kPa
-        assert drawn()["(d) Actuation pressure"]["axis"].get_xlim()[0] == 0.0
-        assert "target" in [name for name, *_ in drawn()["(b) Slip speed"]["lines"]]
 
 
 def test_a_part_of_a_controllers_test_fills_its_panels_and_rounding_does_not():
@@ -272,25 +222,3 @@ def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(figures, tmp_pa
             plots.plot(swept, **wrong)
     assert path.read_text() == "mine"
     assert plots.plot(swept, path, force=True) == path
-
-
-def test_a_style_file_sets_fonts_and_a_wrong_one_is_refused(figures, tmp_path, refused) -> None:
-    """And the exponents of a sweep have a panel."""
-    good, bad = tmp_path / "my.mplstyle", tmp_path / "bad.mplstyle"
-    good.write_text("# mine\nxtick.labelsize: 11  # larger\naxes.labelsize: 16\n")
-    wrong = {"font.sise: 11\n": "line 1: font.sise is not a setting", "font.size: big\n": "line 1: font.size",
-             "backend: Agg\n": "line 1: backend is not a setting", None: "cannot be read"}
-    for text, says in wrong.items():
-        bad.unlink(missing_ok=True)
-        if text is not None:
-            bad.write_text(text)
-        assert says in refused("simulate", "fig02", "--style", bad, "--plot", tmp_path / "no.png")
-    words = ["sweep", "minimal", "--over", "pressure.mean=200000:220000:2", "--cycles", "30", "--lyapunov"]
-    for more in (["--style", str(good)], []):
-        assert main([*words, "--plot", str(tmp_path / f"{len(more)}.png"), *more]) == 0
-    sizes = [drawn.axes[-1].xaxis.get_major_ticks()[0].label1.get_fontsize() for drawn in figures]
-    assert sizes == [11.0, 7.5]
-    assert figures[0].get_figheight() == 2.0 * figures[1].get_figheight()
-    last = figures[0].axes[-1]
-    assert last.get_ylabel() == "exponent (1/s)"
-    assert len(last.lines[-1].get_xdata()) == 2

@@ -43,14 +43,14 @@ def same(one: Any, other: Any) -> None:
 
 
 @pytest.mark.parametrize(("words", "npz"), [
-    (["simulate", "fig02", "--cycles", "60"], False),
+    (["simulate", "fig02", "--cycles", "20"], False),
     (["simulate", "fig02", "--duration", "0.9", "--orders"], False),
-    (["simulate", "fig02", "--cycles", "60", "--discard", "20", "--spectrum", "--units", "rpm"], True),
-    (["sweep", "fig02", "--over", "engine.frequency=100:140:3", "--cycles", "40"], False),
+    (["simulate", "fig02", "--cycles", "30", "--discard", "10", "--spectrum", "--units", "rpm"], True),
+    (["sweep", "fig02", "--over", "engine.frequency=100:140:3", "--cycles", "10"], False),
     (["sweep", "fig02", "--over", "engine.frequency=100:140:3", "--over", "friction.kinetic_coefficient=0.2,0.28",
-      "--cycles", "20"], False),
-    (["sweep", "fig02", "--scatter", "pressure.mean=22e4:26e4", "--samples", "4", "--cycles", "20"], False),
-    (["sweep", "fig02", "--scatter", "pressure.mean=22e4:26e4", "--samples", "2", "--cycles", "20", "--over",
+      "--cycles", "8"], False),
+    (["sweep", "fig02", "--scatter", "pressure.mean=22e4:26e4", "--samples", "4", "--cycles", "8"], False),
+    (["sweep", "fig02", "--scatter", "pressure.mean=22e4:26e4", "--samples", "2", "--cycles", "8", "--over",
       "engine.frequency=100:140:2"], False),
     (["continue", "fig02", *FALLING, "--over", "friction.kinetic_coefficient=0.23:0.25"], False),
     (["basins", "fig02", *FALLING, "--plane", "initial.slip_speed=0:300:3", "--plane", "initial.plate_angle=0:0.2:2"],
@@ -68,7 +68,7 @@ def test_a_result_redrawn_equals_its_picture(words, npz, figures, tmp_path, caps
 
 def test_a_recordings_json_names_it(figures: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It is read again while it is there; afterwards the samples of a .npz serve."""
-    recording = bag(tmp_path / "run", ticked(load_scene("fig02"), 1500), "fig02")
+    recording = bag(tmp_path / "run", ticked(load_scene("fig02"), 900), "fig02")
     words = ["analyse", str(recording), "--discard", "5", "--spectrum", "--plot", str(tmp_path / "a.png"), "--json",
              str(tmp_path / "a.json"), "--out", str(tmp_path / "a.npz")]
     assert main(words) == 0
@@ -223,7 +223,7 @@ def sweep_json(folder: Path) -> str:
     return (folder / "sweep.json").read_text()
 
 
-def test_a_damaged_json_is_drawn_or_refused_in_a_line(tmp_path, capsys):
+def test_a_damaged_json_is_drawn_or_refused_in_a_line(figures, tmp_path, capsys):
     statuses = []
     for text in mutants(sweep_json(tmp_path), 12):
         (tmp_path / "a.json").write_text(text)
