@@ -333,3 +333,51 @@ def test_a_result_is_printed_unless_its_json_is(capsys: pytest.CaptureFixture[st
     assert refusal(arguments.refuse_driveline, given, "why") == "--joints, --driveline: only for recordings; why"
     given.joints = given.driveline = None
     arguments.refuse_driveline(given, "why")
+
+
+@pytest.mark.parametrize(("words", "name", "controller", "commanded"), [
+    ([], "commands", None, True), (["--controller", "sh -c x"], "controlled", ["sh", "-c", "x"], False),
+    (["--scene", "fig02"], "fig02", None, False), (["--scene", "commands"], "commands", None, False),
+    (["--scene", "controlled"], "controlled", {"target": 20.0}, False)])
+def test_a_demo_runs_the_scene_for_its_controller(words: list[str], name: str, controller: Any, commanded: bool,
+                                                  tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = tmp_path / "made"
+    seen: list[Any] = []
+    monkeypatch.setattr("tcc_sim.nodes.children.require_ros", lambda: None)
+    monkeypatch.setattr(demo, "_record", lambda scene, *more, **named: seen.extend((*more, named)))
+    monkeypatch.setattr(demo, "_analyse", lambda scene, recording, directory, missing, words: len(missing))
+    assert cli.main(["demo", *words, "--duration", "3", "--out", str(made)]) == 0
+    if isinstance(controller, dict):
+        seen[3] = {"target": seen[3]["target"]}
+    assert seen == [name, made / "recording", 3.0, controller, {"commanded": commanded}]
+    assert made.is_dir()
+
+
+@pytest.mark.parametrize(("missing", "line"), [
+    (["rerun"], "rerun not installed: no run.rrd; to get both: pip install 'tcc_sim[view]'\n"),
+    (["matplotlib"], "matplotlib not installed: no overview.png; to get both: pip install 'tcc_sim[view]'\n"),
+    (["rerun", "matplotlib"], "rerun and matplotlib not installed: no run.rrd and no overview.png; to get both: pip "
+     "install 'tcc_sim[view]'\n")])
+def test_a_demo_names_what_it_cannot_make(missing: list[str], line: str, tmp_path: Path,
+                                          monkeypatch: pytest.MonkeyPatch,
+                                          capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("tcc_sim.nodes.children.require_ros", lambda: None)
+    monkeypatch.setattr(demo, "_record", lambda *_, **__: None)
+    monkeypatch.setattr(demo, "_analyse", lambda scene, recording, directory, lacking, words: lacking != missing)
+    monkeypatch.setattr(demo.importlib.util, "find_spec", lambda name: None if name in missing else name)
+    assert cli.main(["demo", "--out", str(tmp_path / "made")]) == 0
+    assert capsys.readouterr().out == line
+
+
+def test_a_watch_overwrites_no_file_and_starts_a_viewer_where_nothing_else_is_given(
+        refused: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[dict[str, Any]] = []
+    monkeypatch.setattr("tcc_sim.nodes.children.require_ros", lambda: None)
+    monkeypatch.setattr("tcc_sim.nodes.watcher.watch", lambda namespace, tell, **named: seen.append(named) or "done")
+    (tmp_path / "old.rrd").write_text("mine")
+    assert "old.rrd exists; it is not overwritten" in refused("watch", "--rrd", tmp_path / "old.rrd")
+    monkeypatch.setattr("tcc_sim.cli.watch.signal.signal", lambda *_: None)
+    for words, file, spawn, url in (([], None, True, None), (["--rrd", "new.rrd"], Path("new.rrd"), False, None),
+                                    (["--connect", "rerun+http://x"], None, False, "rerun+http://x")):
+        assert cli.main(["watch", *words]) == 0
+        assert seen[-1] == {"web": False, "file": file, "spawn": spawn, "url": url}

@@ -370,6 +370,9 @@ def refused_sources() -> list[tuple[Callable[..., Any], tuple[Any, ...]]]:
     def unknown_size(values: Any, x: float) -> float:
         return np.zeros((int(values.shape[0]), 2))[0, 0]
 
+    def turned(values: Any, x: float) -> float:
+        return np.moveaxis(values, 0, 1)[0]  # type: ignore[no-any-return]
+
     def ragged(x: float) -> float:
         return np.array([[x, 1.0], [2.0]])[0, 0]
 
@@ -380,7 +383,8 @@ def refused_sources() -> list[tuple[Callable[..., Any], tuple[Any, ...]]]:
                                         nested_loops, in_branch, unequal, nothing, whole, length, ragged, attribute)),
             *((one, (INT,)) for one in (divided, inverted, changed_type, two_bounds, otherwise)),
             *((one, two) for one in (tested_tuple, unpacked)), (mixed, (INT, DOUBLE)),
-            *((one, row) for one in (lower_side, stepped, third_axis, before_last, by_number, of_numbers)),
+            *((one, row) for one in (lower_side, stepped, third_axis, before_last, by_number, of_numbers,
+                                     turned)),
             (unknown_size, table)]
 
 
