@@ -92,9 +92,9 @@ def folder(tmp_path_factory):
     """A folder with a recording, a table and a style."""
     made = tmp_path_factory.mktemp("options")
     (made / "my.mplstyle").write_text("xtick.labelsize: 11\n")
-    rows = ticked(load_scene("fig02"), 400)
+    rows = ticked(load_scene("fig02"), 300)
     bag(made / "R", rows, "fig02")
-    t, _, _, flywheel, plate, torque, *_ = np.array(rows[:200]).T
+    t, _, _, flywheel, plate, torque, *_ = np.array(rows[:120]).T
     np.savetxt(made / "T.csv", np.column_stack([1e-9 * t, flywheel - plate, torque]), delimiter=",",
                header="t,slip_speed,engine_torque", comments="")
     return made

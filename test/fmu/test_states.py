@@ -92,14 +92,14 @@ def test_a_start_elsewhere_shifts_the_time_and_fixed_values_hold_from_the_start(
 def test_times_that_an_importer_adds_up_are_followed(start: float, version: int) -> None:
     """At 1.7e9 s neighbouring times are 2.4e-7 s apart, and a sum of milliseconds drifts by 7e-8 s each time."""
     driven = Driven(written("fig02", version)).begin(start)
-    for _ in range(1000):
+    for _ in range(500):
         driven.go()
-    for k in range(1000):  # Times that are multiples, and steps that are their differences.
-        after = start + (1001 + k) * driven.step
+    for k in range(500):  # Times that are multiples, and steps that are their differences.
+        after = start + (501 + k) * driven.step
         driven.slave.doStep(driven.time, after - driven.time if k else driven.step)
         driven.time = after
     stepper = Stepper(load_scene("fig02").system, 1e-3)
-    for _ in range(2000):
+    for _ in range(1000):
         stepper.advance()
     assert driven.get("slip_speed") == [stepper.state[0]]
     with pytest.raises(FMICallException):

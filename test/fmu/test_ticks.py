@@ -162,7 +162,7 @@ def test_every_parameter_gives_the_bits_of_the_node_when_it_is_set_before_the_st
     states = [*NAMES, "shaft_torque"]
     fields = [*FIELDS, "shaft_torque"]
 
-    def run(before: dict[str, float], later: dict[str, float], n: int = 60) -> tuple[list[float], list[float]]:
+    def run(before: dict[str, float], later: dict[str, float], n: int = 40) -> tuple[list[float], list[float]]:
         """States of the FMU and of the node, which change a value on the way."""
         before = {"initial.slip_speed": 3.0, **before}  # So that it sticks and slips soon.
         driven.slave.reset()
