@@ -1,19 +1,27 @@
 """Functions of the reader on messages and names made by hand: times, layouts, names of parts, limits and choices."""
 
 import json
+import os
 import struct
 import zlib
+from dataclasses import is_dataclass
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
 import lz4.frame
 import numpy as np
 import pytest
+import yaml
 import zstandard
 from mcap.opcode import Opcode
 
-from tcc_sim.errors import RecordingError
+import tcc_sim.recording
+from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
+from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import records
+from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.columns import GrowingStates, JoinedTopic, JointStates, joined_topics, receipt_times
 from tcc_sim.recording.commands import Commands, _by_clock, _delay, _Sent
 from tcc_sim.recording.contents import MOST_TOPICS, Channel, Contents, together
@@ -26,11 +34,13 @@ from tcc_sim.recording.parts import (
     named_as_part,
     open_file,
     parts_of,
+    records_of,
     unpacked_file,
 )
+from tcc_sim.recording.reader import BYTES_A_STATE, TooManyStates, open_run
 from tcc_sim.recording.recovery import default_directory
-from tcc_sim.recording.stamps import Break
-from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, JOINT_STATE
+from tcc_sim.recording.stamps import Break, StampCounter
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, JOINT_STATE, STRING
 
 NONE = np.empty(0, np.int64)
 YEAR = 365 * 86_400 * 10**9
@@ -97,7 +107,7 @@ def test_counts_of_diagnostics_are_added_over_drivelines():
     channels = {1: Channel("/diagnostics", DIAGNOSTIC_ARRAY, ""), 2: Channel("/diagnostics", FLOAT64, "")}
     for rows in ([{"late ticks": "3", "engine_torque refused": "2"}, {"late ticks": "5", "other": "9"}],
                  [{"late ticks": "1", "missed ticks": "x"}, {"late ticks": "1" * 19}, {"paced ticks": "1" * 18}]):
-        data, messages = chunk(*map(diagnostics, rows), b"\0\1\0\0")
+        data, messages = chunk(b"\0\1\0\0", *map(diagnostics, rows))
         commands.take(data, messages, channels, 0, 0)
     data, messages = chunk(diagnostics({"late ticks": "50"}), channel=2)
     commands.take(data, messages, channels, 0, 0)
@@ -171,21 +181,17 @@ SQLITE = ("{0} is a bag in SQLite, which is not read; convert it to MCAP with ro
     (["c.mcap", "d.mcap"], ["b_7.mcap"], ["c.mcap", "d.mcap"],
      ["the part b_7.mcap, which metadata.yaml lists, is missing"]),
     (["c.mcap"], [], ["c.mcap"], ["metadata.yaml lists no parts that can be read: the log times of the parts give "
-     "their "
-                                  "order"]),
+     "their order"]),
     (["c.mcap"], [7], ["c.mcap"], ["metadata.yaml lists no parts that can be read: the log times of the parts give "
-     "their "
-                                   "order"]),
+     "their order"]),
     ([], None, "{0} holds no .mcap file", []), (["x.db3"], None, SQLITE, []), (["x.db3.zstd"], None, SQLITE, []),
     (["x.mcap.lz4"], None, "{0}/x.mcap.lz4 is compressed as .lz4, which is not read; unpack it, or record with "
      "--compression-format zstd", []),
     (["x.bag"], None, "{0}/x.bag is a bag of ROS 1, which is not read; convert it with rosbags-convert --src "
-     "{0}/x.bag --dst "
-     "{0}/x --dst-storage mcap (from pip install rosbags)", []),
+     "{0}/x.bag --dst {0}/x --dst-storage mcap (from pip install rosbags)", []),
     (["in/b_0.mcap"], None, ["b_0.mcap"], []),
     (["in/b.mcap", "more/c.mcap.zstd"], None, "{0} holds no .mcap file; {0}/in and 1 more folder in it hold some: "
-     "name one "
-     "of them", [])])
+     "name one of them", [])])
 def test_the_files_of_a_folder(tmp_path, files, metadata, taken, said):
     for name in files:
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -250,8 +256,7 @@ FRAME = lz4.frame.compress(DATA)
     (chunk_record(DATA, "bz2"), "its compression 'bz2' is unknown"),
     (chunk_record(DATA, size=(256 << 20) + 1), "it claims 268435457 bytes; at most 268435456 are accepted"),
     (chunk_record(DATA, size=168 << 20), "with it the recording would unpack to more than 167772160 bytes, the most "
-     "allowed "
-     "for a file of its size")])
+     "allowed for a file of its size")])
 def test_a_chunk_is_whole_or_refused(body, why):
     if why is None:
         assert records.unpack_chunk(body, records.Expansion(0)) in (DATA, b"")
@@ -279,8 +284,7 @@ def test_damaged_places_and_messages_compressed_alone():
         b"\0\1\0\0one", b"\0\1\0\0two", b""]
     assert messages.channel.tolist() == [1, 1, 1]
     for content, why in ((zstandard.ZstdCompressor(write_content_size=False).compress(b"x" * 99), "a compressed "
-     "message in it "
-                          "does not give its size, or one above 268435456 bytes"),
+     "message in it does not give its size, or one above 268435456 bytes"),
                          (zstandard.compress(b"x" * 99)[:-3], "a compressed message in it does not unpack")):
         with pytest.raises(records.DamagedChunk, match=why):
             records.uncompressed(*chunk(content), np.array([True]), records.Expansion(0))
@@ -401,3 +405,118 @@ def test_times_and_counts_of_a_bag():
                 result["duration"]["nanoseconds"]) == (count, start, duration)
         assert result["relative_file_paths"] == [one.name for one in files]
     assert result["version"] == 9
+
+
+def test_only_what_collects_is_not_frozen():
+    collects = {"Contents", "RecordStream", "FileSummary", "StampCounter", "_Run"}
+    for found in iter_modules(tcc_sim.recording.__path__, "tcc_sim.recording."):
+        for one in vars(import_module(found.name)).values():
+            if is_dataclass(one) and isinstance(one, type) and one.__module__ == found.name:
+                assert one.__dataclass_params__.frozen is (one.__name__ not in collects), one
+
+
+@pytest.mark.parametrize(("returns", "resets", "restarts", "mixed"), [
+    (3, 0, 0, False), (4, 0, 0, True), (4, 39, 0, True), (4, 40, 0, False), (4, 20, 20, False), (4, 20, 19, True)])
+def test_publishers_are_mixed_if_runs_return_often(returns, resets, restarts, mixed):
+    assert StampCounter(returns=returns, resets=resets, restarts=restarts).mixed is mixed
+
+
+def test_a_record_that_describes_has_at_most_16_mib(tmp_path):
+    for more, read, said in ((0, 16 << 20, []), (1, 0, ["the record at byte 8 is left out: it has 16777217 bytes; at "
+     "most 16777216 are accepted"])):
+        path = tmp_path / f"{more}.mcap"
+        with path.open("wb") as file:
+            file.write(records.MAGIC + struct.pack("<BQ", Opcode.METADATA, (16 << 20) + more))
+            file.truncate(8 + 9 + (16 << 20) + more)
+        with path.open("rb") as file:
+            stream = records.RecordStream(file)
+            assert [(row.opcode, row.offset, row.length, len(row.body)) for row in stream] == [
+                (Opcode.METADATA, 8, (16 << 20) + more, read)]
+            assert (stream.warnings, stream.complete) == (said, False)
+
+
+class Failing:
+    """A file on a disk that fails."""
+
+    def seek(self, *_):
+        return 0
+
+    def read(self, *_):
+        raise OSError(5, "Input/output error")
+
+
+def test_a_disk_that_fails_is_named(tmp_path):
+    stream = records.RecordStream(Failing())
+    for call in (lambda: unpacked_file(tmp_path, Failing()), lambda: [*records_of(tmp_path, stream)]):
+        with pytest.raises(RecordingError) as error:
+            call()
+        assert str(error.value) == f"{tmp_path} cannot be read: Input/output error"
+    for length, why in ((256 << 20, "it cannot be read: Input/output error"),
+                        ((256 << 20) + 1, "it has 268435457 bytes; at most 268435456 are accepted")):
+        with pytest.raises(records.DamagedChunk) as error:
+            stream.read(records.McapRecord(Opcode.CHUNK, 0, length, b""))
+        assert str(error.value) == why
+
+
+@pytest.mark.parametrize(("times", "options", "parts"), [
+    ([0, 999, 1000, 1999, 2000], {"max_duration": 1e-6}, [2, 2, 1]), ([0, 3500, 3600], {"max_duration": 1e-6}, [1, 2]),
+    ([0, 10**15], {}, [2]), ([0, 10**15], {"max_duration": -1.0, "max_size": -1}, [2])])
+def test_a_part_ends_with_its_duration(tmp_path, times, options, parts):
+    writer = BagWriter(tmp_path / "run", **options)
+    channel = writer.channel("/x", FLOAT64)
+    for t in times:
+        writer.write(channel, t, t, cdr.float64(t))
+    writer.close()
+    files = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]["files"]
+    assert [file["message_count"] for file in files] == parts
+    assert writer.counts == {channel: len(times)}
+
+
+def test_a_bag_that_fails_closes_its_folder(tmp_path, monkeypatch):
+    open_before = len(os.listdir("/proc/self/fd"))
+    for scene in ("a" * (LARGEST_FILE + 1), None):
+        if scene is None:
+            monkeypatch.setattr("tcc_sim.recording.bag.McapFile", None)
+        with pytest.raises((InputError, TypeError)):
+            BagWriter(tmp_path / "in" / "run", scene)
+        assert [*tmp_path.iterdir()] == []
+        assert len(os.listdir("/proc/self/fd")) == open_before
+
+
+def recorded(path, topic="/joint_states", count=3, scenes=()):
+    writer = BagWriter(path)
+    channel, said = writer.channel(topic, JOINT_STATE), writer.channel("/scene", STRING) if scenes else 0
+    for text in scenes:
+        writer.write(said, 0, 0, cdr.string(text))
+    for n in range(count):
+        writer.write(channel, n, n, cdr.joint_state(n * 10**6, *[0.0] * 6), n)
+    writer.close()
+    return path
+
+
+def test_states_may_take_half_of_the_memory(tmp_path, monkeypatch):
+    path = recorded(tmp_path / "run")
+    monkeypatch.setattr("tcc_sim.recording.reader._memory", lambda: 2 * 3 * BYTES_A_STATE)
+    assert len(open_run(path).states()[0]) == 3
+    monkeypatch.setattr("tcc_sim.recording.reader._memory", lambda: 2 * 3 * BYTES_A_STATE - 1)
+    with pytest.raises(TooManyStates, match=r"its 3 states take 3.3e-07 GB, more than half of the 6.59e-07 GB of this"):
+        open_run(path).states()
+
+
+def test_so_many_scenes_are_read(tmp_path, monkeypatch):
+    scenes = [f"driveline:\n  ros__parameters: {n}\n" for n in range(3)]
+    path = recorded(tmp_path / "run", scenes=[*scenes, "no scene"])
+    assert [scene.text for scene in open_run(path).scenes] == scenes
+    monkeypatch.setattr("tcc_sim.recording.drivelines.MOST_SCENES", 2)
+    assert [scene.text for scene in open_run(path).scenes] == scenes[:2]
+
+
+def test_a_part_that_cannot_be_read_makes_a_recording_incomplete(tmp_path):
+    for name, complete in (("run_1.mcap", False), ("notes.mcap", True)):
+        path = recorded(tmp_path / name.partition(".")[0])
+        (path / "metadata.yaml").unlink()
+        next(path.iterdir()).rename(path / "run_0.mcap")
+        (path / name).write_bytes(b"no recording")
+        run = open_run(path)
+        assert (run.complete, len(run.states()[0])) == (complete, 3)
+        assert run.warnings == [f"left out: {path / name}: it is not an MCAP file, or its start is damaged"]

@@ -84,8 +84,7 @@ READ = {"t": [0.0, 0.1, 0.3], "engine_torque": [200.0, 250.0, 300.0]}
     ("t,engine_torque,tacho\n0,200,1\n0,200,2\n0.1,200,2\n0.1,200,2\n", {"t": [0.0, 0.05, 0.1],
      "engine_torque": [200.0] * 3, "tacho": [1.0, 2.0, 2.0]},
      ["1 row repeated time and values of the row before and were left out", "1 of 3 rows repeat the time of the row "
-      "before, "
-      "because it is written in steps of 0.1 s; even steps of 0.05 s replace them"]),
+      "before, because it is written in steps of 0.1 s; even steps of 0.05 s replace them"]),
     # Clocks: by dates, or over midnight without them; a clock set back a little is no midnight.
     ("t,engine_torque\n2026-02-28 23:00:00.5,1\n2026-03-02T00:00:00.5Z,2\n", {"t": [82800.5, 172800.5],
      "engine_torque": [1.0, 2.0]}, ["read as date-times, 2 columns, 2 used"]),
@@ -117,34 +116,27 @@ CLEAN = "t,M_mot [Nm],engine_torque\n0,1,2\n0.1,2,3\n"
 @pytest.mark.parametrize(("text", "columns", "why"), [
     (CLEAN, "engine_torque=M_mot", {"t": [0.0, 0.1], "engine_torque": [1.0, 2.0]}),
     (CLEAN, "engine_torque=M_mot:kNm", "{path}: column M_mot is in Nm by the file and in kNm by --columns; leave out "
-     "one of "
-     "them"), (CLEAN, "engine_torque=M_mot:N m", {"t": [0.0, 0.1], "engine_torque": [1.0, 2.0]}),
+     "one of them"), (CLEAN, "engine_torque=M_mot:N m", {"t": [0.0, 0.1], "engine_torque": [1.0, 2.0]}),
     (CLEAN, " t =t:ms", {"t": [0.0, 1e-4], "engine_torque": [2.0, 3.0]}),
     (CLEAN.replace("M_mot [Nm]", "n:rpm"), "engine_torque=n:rpm", {"t": [0.0, 0.1], "engine_torque": [1.0, 2.0]}),
     (CLEAN, "engine_torque=xyz", "{path}: there is no column xyz, which --columns names for engine_torque; the file "
-     "has t, "
-     "M_mot, engine_torque"),
+     "has t, M_mot, engine_torque"),
     (CLEAN, "engine_torque=Mmot", "{path}: there is no column Mmot, which --columns names for engine_torque; did you "
-     "mean "
-     "M_mot?"),
+     "mean M_mot?"),
     (CLEAN.replace("M_mot [Nm]", "t"), None, "{path} has the column t 2 times"),
     (CLEAN.replace("M_mot [Nm]", "T"), "slip_speed=T,t=t", {"t": [0.0, 0.1], "slip_speed": [1.0, 2.0],
                                                              "engine_torque": [2.0, 3.0]}),
     ("time,Time,engine_torque\n0,0,1\n1,1,2\n", None, "{path} has the column time 2 times"),
     ("t,engine_torque [K]\n0,1\n1,2\n", None, "{path}: column engine_torque is in K; engine_torque must be in N m or "
-     "one of "
-     "N m, kN m, lbf ft"),
+     "one of N m, kN m, lbf ft"),
     ("x,engine_torque\n0,1\n1,2\n", None, "{path}: there is no column t; the file has x, and --columns t=COLUMN names "
-     "one of "
-     "them"), ("engine_torque,slip_speed\n0,1\n1,2\n", None, "{path}: there is no column t"),
+     "one of them"), ("engine_torque,slip_speed\n0,1\n1,2\n", None, "{path}: there is no column t"),
     ("t,engine_torque\n,1\n,2\n", None, "{path}: column t has no times"),
     ("t,engine_torque\n0,1\n1,two\n", None, "{path}: line 3 has no number in column engine_torque: 'two'"),
     ("t;engine_torque\n0;1.5\n1;2,5\n", None, "{path}: line 2 has a decimal point and line 3 a decimal comma; a table "
-     "must "
-     "use one of them"),
+     "must use one of them"),
     ("t;engine_torque\n0;1\n1;2,500.5\n", None, "{path}: line 3 has '2,500.5' in column engine_torque; write numbers "
-     "without "
-     "separators of thousands"),
+     "without separators of thousands"),
     ("t;engine_torque\n0;1\n1;2,5,5\n", None, "{path}: line 3 has no number in column engine_torque: '2,5,5'"),
     ("t;engine_torque\n0;1\n1;2,x\n", None, "{path}: line 3 has no number in column engine_torque: '2,x'"),
     ("t,engine_torque\n2026-02-28 1:00:00,1\n2026-02-30 1:00:00,2\n", None,
@@ -152,19 +144,16 @@ CLEAN = "t,M_mot [Nm],engine_torque\n0,1,2\n0.1,2,3\n"
     ("t,engine_torque,gear\n0,1,1\n1,2\n", None, {"t": [0.0, 1.0], "engine_torque": [1.0, 2.0]}),
     ("t,gear,engine_torque\n0,1,1\n1,2\n", None, "{path}: line 3 has 2 values; the first line names 3"),
     ("t,engine_torque\n0,1\n1,2,3\n", None, "{path}: line 3 has 3 values; the first line names 2; with a decimal "
-     "comma, "
-     "another sign must stand between the columns"),
+     "comma, another sign must stand between the columns"),
     ("t;engine_torque\n0;1\n1;2;3\n", None, "{path}: line 3 has 3 values; the first line names 2"),
     ("a,b\nc,d\ns,Nm\n0,1\n1,2\n", None, "{path}: there is no column t; the file has c, d, and --columns t=COLUMN "
-     "names one "
-     "of them"),
+     "names one of them"),
     ("words\n", None, "{path}: no columns were recognised; the first line must have their names, such as slip_speed, "
      "t, and "
      "the next ones a number for each"), ("", None, "{path}: there is no column t in its first line; the file is "
      "empty"),
     ("1,2\n2,3\n", None, "{path}: no columns were recognised; the first line must have their names, such as "
-     "slip_speed, t, "
-     "and the next ones a number for each")])
+     "slip_speed, t, and the next ones a number for each")])
 def test_chosen_and_missing_columns(tmp_path, text, columns, why):
     path = tmp_path / "in.csv"
     if isinstance(why, dict):
@@ -185,8 +174,7 @@ def test_columns_of_another_list_of_names(tmp_path):
          nan_ok=True), 7.0]}
     assert (notes, hold) == (["3 columns, 3 used; speed from speed in Hz, coefficient from coefficient in %"], {})
     for needed, most, why in ((("slope",), 2, "there is no column slope"), (("speed",), 1, "it has more than 1 rows; "
-     "it must "
-                                                                          "have at most 1")):
+     "it must have at most 1")):
         with pytest.raises(InputError) as error:
             columns_in(path, known, needed, most)
         assert str(error.value) == f"{path}: {why}"

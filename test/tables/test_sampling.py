@@ -123,12 +123,10 @@ LINE = linregress(np.arange(40), at(STAIRS, {0: -1.3}))
       "replace them"]),
     (STAIRS, [], range(40), 33.0 / 133.25 * np.arange(40),
      ["30 of 40 rows repeat the time of the row before, because it is written in steps of 1 s; even steps of 0.247655 "
-      "s "
-      "replace them"]),
+      "s replace them"]),
     (at(STAIRS, {0: -1.3}), [], range(40), LINE.intercept + LINE.slope * np.arange(40),
      ["29 of 40 rows repeat the time of the row before, because it is written in steps of 1 s; even steps of 0.252411 "
-      "s "
-      "replace them"])])
+      "s replace them"])])
 def test_rows_are_put_in_order_or_left_out(t, same, rows, times, said):
     flags = np.isin(np.arange(len(t)), same)
     result = rows_in_order(np.array(t, dtype=float), flags)
@@ -139,20 +137,16 @@ def test_rows_are_put_in_order_or_left_out(t, same, rows, times, said):
 @pytest.mark.parametrize(("t", "why"), [
     (np.arange(153) % 3, "the times go back 50 times, and sorting them gives no single run; export one run"),
     (at(HUNDRED, {50: 49.0, 51: 51.75}), "row 51 repeats the time 49 s of the row before with other values, and the "
-     "row "
-     "after it is 2.75 s later; remove one of the two"),
+     "row after it is 2.75 s later; remove one of the two"),
     (at(HUNDRED, {50: 49.0, 51: 50.25}), "row 51 repeats the time 49 s of the row before with other values, and the "
-     "row "
-     "after it is 1.25 s later; remove one of the two"),
+     "row after it is 1.25 s later; remove one of the two"),
     (at(np.arange(200.0), {100: 99.0, 101: 99.0}), "row 101 repeats the time 99 s of the row before with other "
-     "values, and "
-     "the row after it is 0 s later; remove one of the two"),
+     "values, and the row after it is 0 s later; remove one of the two"),
     (np.square(np.arange(30) // 3),
      "20 of 30 rows repeat the time of the row before, so that their times are not known; export the time with more "
      "digits"),
     ([0.0] * 5, "4 of 5 rows repeat the time of the row before, so that their times are not known; export the time "
-     "with "
-     "more digits")])
+     "with more digits")])
 def test_rows_without_an_order_are_refused(t, why):
     assert rows_in_order(np.array(t, dtype=float), np.zeros(len(t), np.bool_)) == why
 
@@ -161,8 +155,7 @@ def test_fifty_runs_are_the_most():
     result = rows_in_order(np.arange(150.0) % 3, np.zeros(150, np.bool_))
     assert result.rows.tolist() == [0, 1, 2]
     assert result.said == ["the times start again 49 times (first after row 3): only the longest of 50 runs is used, "
-     "rows 1 "
-                           "to 3, 0 to 2 s"]
+     "rows 1 to 3, 0 to 2 s"]
 
 
 NAN = np.nan

@@ -1,0 +1,386 @@
+"""Functions of the replay on states, commands and tables made by hand: times, holds, sentences, rates and orders."""
+
+import math
+from dataclasses import is_dataclass
+from importlib import import_module
+from pkgutil import iter_modules
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import tcc_sim.replay
+from tcc_sim.analysis.control import Steps
+from tcc_sim.errors import InputError
+from tcc_sim.model.groups import Pressure
+from tcc_sim.recording.columns import Commanded, JointStates
+from tcc_sim.recording.window import Window
+from tcc_sim.replay.applied import _from_start, _stretches
+from tcc_sim.replay.control import _inferred_fallbacks, _thinned
+from tcc_sim.replay.given_inputs import (
+    Twin,
+    _lines,
+    _lines_of_ticks,
+    doubts_about,
+    followed,
+    input_table,
+    of_table,
+    smooth_inputs,
+    twin_of,
+)
+from tcc_sim.replay.inputs import CommandAge, HeldInput
+from tcc_sim.replay.measured import analyse_table, at_measured_speed
+from tcc_sim.replay.result import Verification
+from tcc_sim.replay.segments import Segment, _steps_only
+from tcc_sim.replay.timeline import Timeline, from_first_motion, slip_between_gaps
+from tcc_sim.replay.timing import Timing, _steps, default_of, frequency_changes, pace_of, timing_of
+from tcc_sim.scene import load_scene
+from tcc_sim.tables.measured_table import MeasuredTable
+
+MS, NAN = 1_000_000, math.nan
+MINIMAL, COMMANDS = load_scene("minimal"), load_scene("commands")
+
+
+def states(stamps, log=None, index=0, run=0, **columns):
+    stamps = np.array(stamps, np.int64)
+    log = stamps + 10**18 if log is None else np.array(log, np.int64)
+    return JointStates(stamps, log, log, *(columns.pop(name, np.zeros(len(stamps))) for name in (
+        "flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")),
+        index=index, run=run, **columns)
+
+
+def line_of(*runs, commands=None, sources=(), scene=COMMANDS):
+    return Timeline(runs, scene, [], (), commands or {}, {}, sources, {}, {})
+
+
+def given(rows, values=None):
+    return Commanded(np.array(rows), np.array(rows if values is None else values, dtype=float), np.full(len(rows), -1))
+
+
+@pytest.mark.parametrize(("stamps", "received", "steps"), [
+    ([100, 100, 100], [100, -5, 900], [False, True, False]), ([100] * 4, [100, 100, -1, 100], [False, False, True,
+     False]),
+    ([100] * 5, [100, 100, 201, 100, 100], [False, False, True, False, False]),
+    ([100] * 5, [100, 100, 200, 100, 100], [False] * 5),   # The least step is 100 ms.
+    ([100] * 5, [100, 100, 250, 20, 100], [False] * 5),    # Late by 150 ms, of which the next stretch makes up 80.
+    ([100] * 5, [100, 100, 250, 60, 100], [False, False, True, False, False]),
+    ([100] * 5, [100, 100, 100, 100, 350], [False] * 4 + [True]),
+    ([0, *[100] * 4], [500, 100, 100, 100, 100], [True, *[False] * 4]),
+    ([4000] * 4, [4000, 4000, 4900, 4000], [False] * 4), ([4000] * 4, [4000, 4000, 5100, 4000], [False, False, True,
+     False]),
+    ([100] * 6, [50, 50, 50, 200, 200, 200], [False, False, False, True, True, True])])
+def test_steps_of_the_clock_of_receipt(stamps, received, steps):
+    assert _steps(np.array(stamps) * MS, np.array(received) * MS).tolist() == steps
+
+
+def received(*seconds):
+    """States every 50 ms, received so much after their stamps, s, for each 100 ms."""
+    stamps = np.arange(2 * len(seconds)) * 50 * MS
+    return states(stamps, 10**18 + stamps + np.rint(np.repeat(seconds, 2) * 1e9).astype(np.int64))
+
+
+@pytest.mark.parametrize(("runs", "pace", "note"), [
+    ([received(0, 0, 0, 0)], 1.0, ""), ([received(9, 0, 0)], 1.0, "times of receipt went back by 9 s against "
+     "simulation time, "
+     "1 time, first after 0.05 s: the clock was set, or the driveline paused or stalled; the rate leaves this out"),
+    ([received(0.0, 0.1, 0.2, 0.3)], 0.5, ""), ([received(0, 0)], NAN, ""), ([received(0, 0), received(0, 0)], 1.0, ""),
+    ([received(0, 0, 0, 0, 5, 5, 5)], 1.0, "times of receipt went ahead by 5 s against simulation time, 1 time, first "
+     "after 0.35 s: the clock was set, or the driveline paused or stalled; the rate leaves this out"),
+    ([received(0, 0, 0, 0, 5, 5, 5), received(0, 0, 0, 0, 0, -3, -3)], 1.0, "times of receipt went ahead by 2 s "
+     "against "
+     "simulation time, 2 times, first after 0.35 s: the clock was set, or the driveline paused or stalled; the rate "
+     "leaves this out"),
+    ([states(np.arange(9) * 50 * MS, np.arange(9) * 50 * MS)], NAN, ""),
+    ([states(np.arange(9) * 50 * MS, np.zeros(9))], NAN, "")])
+def test_the_rate_is_that_of_receipts_within_runs(runs, pace, note):
+    result = pace_of(line_of(*runs))
+    assert result == (pytest.approx(pace, rel=1e-6, nan_ok=True), note)
+
+
+def test_timing_given_or_of_the_scene():
+    for given_, why in ((1e-3, None), (1e5, None), (0.999e-3, "frequency is 0.000999 rad/s"), (1.001e5, "is 100100 "
+     "rad/s"),
+                        (NAN, "is nan rad/s")):
+        if why:
+            with pytest.raises(InputError, match=f"{why}; it must be 0.001 to 100000 rad/s"):
+                timing_of(MINIMAL, given_, [])
+        else:
+            timing = timing_of(MINIMAL, given_, [])
+            assert (timing.source, timing.frequency, timing.frequency_range) == ("given", given_, (given_, given_))
+            assert timing.segment_clock is timing.clock
+            phase, when = timing.phase_of(SimpleNamespace(t=np.array([0.0, timing.clock.cycle])))
+            assert (phase.tolist(), when(np.array([2.0])).tolist()) == ([0.0, 1.0], [2.0 * timing.clock.cycle])
+    scene = timing_of(MINIMAL, None, [])
+    assert (scene.source, scene.segment_clock, scene.phase_of(None), scene.note) == ("scene", None, None, "")
+    assert scene.frequency == MINIMAL.system.engine.frequency
+    swept = MINIMAL.with_values({"engine.frequency_times": [0.0, 2.0], "engine.frequency_values": [90.0, 200.0]})
+    run_up = timing_of(swept, None, [])
+    assert run_up.frequency_range == (90.0, 200.0)
+    assert [default_of(*row) for row in ((None, run_up, swept), (None, scene, MINIMAL), (7, run_up, swept),
+                                         (None, timing_of(swept, 90.0, []), swept))] == [0, None, 7, None]
+    none = timing_of(COMMANDS.with_values({"engine.source": "topic"}), None, [])
+    assert (none.source, none.sentence(), math.isnan(none.frequency)) == ("none", "unknown", True)
+    assert none.note == ("periods of excitation could not be identified, so there is no section, period or cycle "
+     "mean: there are no samples")
+    assert isinstance(none, Timing)
+
+
+@pytest.mark.parametrize(("texts", "firsts", "changed"), [
+    ([" frequency: 1"], [0], False), ([" frequency: 1", " frequency: 2"], [0, 5], True),
+    ([" frequency: 1", " frequency: 2"], [0, 0], False), ([" frequency: 1", " frequency: 1"], [0, 5], False),
+    ([" frequency: 1", " frequency: 1", " frequency: 3"], [0, 5, 7], True)])
+def test_a_changed_frequency_is_one_of_a_scene_changed_while_running(texts, firsts, changed):
+    run = SimpleNamespace(scenes=[SimpleNamespace(parameters=text, first_stamp_ns=first)
+                                  for text, first in zip(texts, firsts)])
+    assert frequency_changes(run) is changed
+
+
+@pytest.mark.parametrize(("held", "sentence"), [
+    (HeldInput(None, None, 0.0, None, 0), "by commands or the fallback; the recording does not show which"),
+    (HeldInput(0.0, 0.0, 0.0, None, 0), "for no time"), (HeldInput(0.0, 0.0, 2.5, 0, 0), "for 2.5 s by the scene"),
+    (HeldInput(1.0, 2.0, 3.0, 4, 1, 9, 5, 3, 1), "for 1 s by commands, 2 s by the fallback, 3 s by the scene; 1 "
+     "publisher; 5 of 9 commands applied; 3 superseded; 1 not applied; 4 refused"),
+    (HeldInput(1.0, 0.0, 0.0, 0, 2, 1, 1), "for 1 s by commands; 2 publishers; 1 of 1 command applied")])
+def test_sources_in_words(held, sentence):
+    assert held.sentence() == sentence
+    assert CommandAge(1e-3, 0.25, 3.0).sentence() == "median 0.001 s, 95 % within 0.25 s, largest 3 s"
+
+
+@pytest.mark.parametrize(("result", "undecided", "sentence"), [
+    (Verification(True, 0.0, 9, 9, 9, None, ""), False,
+     "verified: 9 messages agree to the last bit with the solution from the recording alone"),
+    (Verification(True, 0.0, 2, 1, 1, None, "; x"), False, "verified: 1 message agrees within 1e-06 (exactly for 1) "
+     "with the solution from the recording alone; 1 message without a state before it to solve from; x"),
+    (Verification(False, 0.0, 2, 1, 1, None, "why"), True, "not verified: why"),
+    (Verification(False, 0.0, 0, 0, 0, None, "why"), False, "not verified: why"),
+    (Verification(False, 0.0, 2, 1, 1, 5, "why"), False, "not verified: why")])
+def test_verdicts_in_words(result, undecided, sentence):
+    assert (result.undecided, result.sentence) == (undecided, sentence)
+
+
+def test_a_segment_without_figures_in_words():
+    segment = Segment(0.5, 1.25, "reset", {"engine.order": 2.0, "target_slip_speed": 5.0}, None, None)
+    assert segment.rows(3) == [("segment 3", "0.5 to 1.25 s, reset: engine.order = 2.0, target_slip_speed = 5.0"),
+                               ("", "no whole period of excitation after the dropped ones")]
+    for torque, steps in (([1.0] * 50 + [2.0] * 51, True), ([1.0] * 50 + [2.0] * 50, False), ([NAN] * 9, False),
+                          ([NAN, *[1.0] * 9], True)):
+        assert bool(_steps_only(np.array(torque))) is steps
+
+
+def test_parts_of_a_timeline_keep_the_last_command_before_them():
+    first, second = states(np.arange(10) * MS), states(np.arange(5) * MS, index=10, run=1)
+    commands = {"target_slip_speed": given([0, 2, 2, 7, 11, 13])}
+    line = line_of(first, second, commands=commands)
+    for window, rows, values, indices in (
+            (Window(), [0, 2, 2, 7, 11, 13], [0, 2, 2, 7, 11, 13], [0, 10]),
+            (Window(0, 0.002, 0.006), [2], [2], [2]), (Window(0, 0.003, 0.007), [3, 7], [2, 7], [3]),
+            (Window(1), [10, 11, 13], [7, 11, 13], [10]), (Window(1, 0.004), [14], [13], [14]),
+            (Window(None, 0.004), [4, 7, 14], [2, 7, 13], [4, 14])):
+        part = line.within(window)
+        given_ = part.commands["target_slip_speed"]
+        assert (given_.rows.tolist(), given_.values.tolist()) == (rows, values)
+        assert [run.index for run in part.runs] == indices
+    targets = [(steps.t.tolist(), steps.values.tolist()) for steps in map(line.target_in, line.runs)]
+    assert targets == [([0.0, 0.002, 0.007], [0.0, 2.0, 7.0]), ([0.0, 0.001, 0.003], [7.0, 11.0, 13.0])]
+    other = line.with_target(Steps(np.array([0.0, 0.006]), np.array([20.0, 30.0]))).commands["target_slip_speed"]
+    assert (other.rows.tolist(), other.values.tolist(), other.answers.tolist()) == ([0, 6, 10], [20, 30, 20], [-1] * 3)
+    assert line.commanded(first)["engine_torque"].tolist() == [True] * 10
+    told = line_of(first, second, sources=((0, frozenset()), (4, frozenset({"engine_torque"}))))
+    assert told.commanded(first)["engine_torque"].tolist() == [False] * 4 + [True] * 6
+    assert told.commanded(second)["actuation_pressure"].tolist() == [False] * 5
+    silent = line_of(states([0, MS], engine_torque=np.full(2, NAN)))
+    assert silent.absent == ("engine_torque",)
+    assert silent.torques_note() == ("no state has a number for engine_torque (efforts): estimated from the recorded "
+     "speeds by (2a) and (2b)")
+    with pytest.raises(InputError, match=r"^plate_angle, plate_speed of the joint states: no state holds a number"):
+        line_of(states([0], plate_angle=np.array([NAN]), plate_speed=np.array([NAN]))).with_torques()
+
+
+@pytest.mark.parametrize(("stamps", "tick", "parts"), [
+    ([0, 1, 2, 4, 5], 1, [(False, [0, 1, 2, 4, 5])]), ([0, 1, 2, 5, 6], 1, [(False, [0, 1, 2]), (True, [5, 6])]),
+    ([0, 1, 2, 50], 0, [(False, [0, 1, 2, 50])]), ([0, 1, 2, 3, 4], 1, [(False, [0, 1, 4])])])
+def test_slip_speeds_between_gaps(stamps, tick, parts):
+    speed = np.array(stamps, dtype=float)
+    if len(parts[0][1]) == 3 and len(parts) == 1:
+        speed[2:4], parts = NAN, [(False, [0, 1]), (True, [4])]
+    result = slip_between_gaps(states(np.array(stamps) * MS, flywheel_speed=speed + 1.0,
+     plate_speed=np.ones(len(speed))),
+                               tick * MS)
+    assert [(after, (t * 1e3).round(9).tolist(), slip.tolist()) for after, t, slip in result] == [
+        (after, values, values) for after, values in parts]
+
+
+def test_a_far_end_stands_until_it_moves():
+    assert from_first_motion(None) is from_first_motion(np.full(3, NAN)) is None
+    assert np.nan_to_num(from_first_motion(np.array([NAN, NAN, 2.0, NAN])), nan=-1.0).tolist() == [0.0, 0.0, 2.0, -1.0]
+
+
+def test_stretches_in_which_an_input_varies():
+    varies = np.array([True, True, True, False, True, True, True, True])
+    scenes = np.array([0, 0, 0, 0, 0, 0, 1, 1])
+    assert _stretches(varies, scenes, np.ones(8)) == [(0, 3), (3, 6), (5, 8)]
+    assert _stretches(varies, scenes, np.array([1.0, 1.0, NAN, 1.0, 1.0, 1.0, 1.0, 1.0])) == [(0, 2), (3, 6), (5, 8)]
+    t = np.arange(7.0)
+    for replaced, first in ((False, 99.0), (True, 1.0)):   # A cubic through four points gives its own start.
+        assert _from_start(t, np.array([99.0, *(1.0 + t[1:] + t[1:] ** 3)]), replaced)[0] == pytest.approx(first)
+    assert _from_start(t, np.array([NAN, *(2.0 - t[1:])]), False).tolist() == pytest.approx([2.0 - x for x in t])
+
+
+def test_signals_of_a_picture_and_fallbacks():
+    stamps = np.array([0, 9, 10, 19, 20, 45]) * MS
+    steps = _thinned((stamps, np.arange(6.0)), 0.5)     # 50 parts of 10 ms.
+    assert (steps.t.tolist(), steps.values.tolist()) == (pytest.approx([0.009, 0.019, 0.02, 0.045]), [1.0, 3.0, 4.0,
+     5.0])
+    signal = {"engine_torque": (np.array([0, 100, 600]) * MS, np.zeros(3))}
+    for limit, times in ((0.5, []), (0.499, [0.599]), (0.05, [0.05, 0.15, 0.65]), (0.0, [])):
+        scene = COMMANDS.with_values({"command_timeout": limit, "engine.source": "topic"})
+        assert [event.t for event in _inferred_fallbacks(scene, signal, 0.7)] == pytest.approx(times)
+
+
+def table(t, **columns):
+    return MeasuredTable({"t": np.array(t, dtype=float), **{name: np.array(values, dtype=float)
+                                                            for name, values in columns.items()}}, source="in.csv")
+
+
+@pytest.mark.parametrize(("hold", "t", "values", "lines"), [
+    ("previous", [0, 1, 2], [5, 6, 7], [[0, 5, 0], [1, 6, 0], [2, 7, 0]]),
+    ("linear", [0, 1, 3], [5, 6, 8], [[0, 5, 1], [1, 6, 1], [3, 8, 0]]),
+    ("next", [0, 1, 2], [5, 6, 7], [[0, 6, 0], [1, 7, 0]]), ("next", [0.5, 1, 2], [5, 6, 7], [[0, 5, 0], [0.5, 6, 0],
+     [1, 7, 0]]),
+    ("linear", [0, 1, 2], [5, NAN, 8], [[0, 5, 1.5], [2, 8, 0]]), ("linear", [0, 1], [NAN, NAN], None)])
+def test_lines_through_samples(hold, t, values, lines):
+    result = _lines(np.array(t, dtype=float), np.array(values, dtype=float), hold)
+    assert (result if result is None else result.tolist()) == lines
+
+
+@pytest.mark.parametrize(("ticks", "lines"), [
+    ([[1, 1], [2, 2]], [[0, 1, 0], [1, 2, 0]]), ([[1, 2], [2, 4]], [[0, 1, 1], [1, 2, 2], [2, 4, 0]]),
+    ([[NAN, NAN], [2, 4]], [[0, 2, 0], [1, 2, 2], [2, 4, 0]]), ([[1, 3], [NAN, NAN]], [[0, 1, 2], [1, 3, 0]]),
+    ([[1, 1], [NAN, NAN]], [[0, 1, 0]])])
+def test_lines_of_ticks(ticks, lines):
+    assert _lines_of_ticks(np.arange(3.0), np.array(ticks, dtype=float)).tolist() == lines
+
+
+def test_an_actuator_without_a_lag_shifts_and_with_one_decays():
+    command = np.array([[0.0, 3e5, 0.0], [0.5, 1e5, 4e5]])
+    late = followed(command, Pressure(source="topic", fallback="mean", mean=2e5, delay=0.25), 1.0)
+    assert late[np.searchsorted(late[:, 0], [0.0, 0.2, 0.25, 0.7, 0.75])] == pytest.approx(np.array(
+        [[0.0, 2e5, 0.0], [0.2, 2e5, 0.0], [0.25, 3e5, 0.0], [0.7, 3e5, 0.0], [0.75, 1e5, 4e5]]))
+    assert late[-1] == pytest.approx([1.0, 2e5, 4e5])
+    slow = followed(command[:1], Pressure(source="topic", fallback="mean", mean=2e5, time_constant=0.1), 1.0)
+    assert slow[:, 1] == pytest.approx(3e5 - 1e5 * np.exp(-slow[:, 0] / 0.1), rel=1e-9)
+    assert len(slow) == 1001
+
+
+T = np.arange(40) * 0.01
+
+
+@pytest.mark.parametrize(("columns", "why"), [
+    ({"slip_speed": T}, "in.csv: the first line must name the column engine_torque, actuation_pressure or "
+     "output_speed, or --columns one of the file's columns as such"),
+    ({"engine_torque": np.where((T > 0.095) & (T < 0.135), NAN, 1.0)}, "in.csv has a hole without rows or values, "
+     "0.09 to 0.14 "
+     "s, beside steps of 0.01 s; a simulation needs inputs without holes: take a part by --from and --to, such as "
+     "--from 0.14 --to 0.39, the longest one"),
+    ({"engine_torque": np.where(T > 0.2, 2e5, 1.0)}, "in.csv: engine_torque is 200000 N m at 0.21 s; it must be "
+     "-100000 to "
+     "100000 N m"), ({"actuation_pressure": np.where(T > 0.2, -1.0, 1.0)}, "in.csv: actuation_pressure is -1 Pa at "
+     "0.21 s; it must be 0 to 1e+07 Pa")])
+def test_a_table_that_drives_nothing_is_refused(columns, why):
+    with pytest.raises(InputError) as error:
+        of_table(table(T, **columns))
+    assert str(error.value) == why
+
+
+def test_a_table_drives_with_the_hold_that_is_asked_for_or_stated():
+    columns = table(T, engine_torque=T, output_speed=np.where((T > 0.095) & (T < 0.115), NAN, 2.0))
+    inputs = of_table(columns)
+    assert (inputs.pressure, inputs.end) == (None, 0.39)
+    assert (inputs.torque[:, 2] == 0.0).all()
+    assert inputs.output_speed[:2].tolist() == [[0.0, 2.0, 0.0], [0.01, 2.0, 0.0]]
+    stated = MeasuredTable(columns.columns, {"engine_torque": "linear"})
+    assert of_table(stated).torque[0].tolist() == pytest.approx([0.0, 0.0, 1.0])
+    assert of_table(stated, "previous").torque[0].tolist() == [0.0, 0.0, 0.0]
+    assert (smooth_inputs(columns), smooth_inputs(stated)) == (["engine_torque"], [])
+
+
+@pytest.mark.parametrize(("t", "columns", "doubts"), [
+    (T, {"engine_torque": np.ones(40)}, []),
+    (T, {"engine_torque": np.where(np.arange(40) == 7, NAN, 1.0)}, ["in.csv: one or two rows are missing at 0.06 to "
+     "0.08 s; the inputs are interpolated there as between other rows"]),
+    (np.cumsum([0.125, 0.875] * 8), {"engine_torque": np.ones(16)}, ["in.csv: its rows are irregular in time, 0.125 "
+     "to 0.875 s apart (at 0.125 s); the inputs are interpolated between them"]),
+    (np.cumsum([0.125, 0.875] * 7), {"engine_torque": np.ones(14)}, []),
+    (np.arange(1002) * 0.6, {"engine_torque": np.ones(1002)}, ["in.csv: its rows are 0.6 s apart; if its times are in "
+     "ms, say so with --columns t=COLUMN:ms"]), (np.arange(1001) * 0.6, {"engine_torque": np.ones(1001)}, []),
+    (np.arange(1002) * 0.5, {"engine_torque": np.ones(1002)}, []),
+    (T, {"actuation_pressure": np.full(40, 2.5)}, ["in.csv: actuation_pressure is at most 2.5 Pa; if it is in bar, "
+     "say so with --columns actuation_pressure=COLUMN:bar"]),
+    (T, {"actuation_pressure": np.full(40, 1e3)}, []), (T, {"actuation_pressure": np.zeros(40)}, [])])
+def test_doubts_about_a_table(t, columns, doubts):
+    assert doubts_about(table(t, **columns)) == doubts
+
+
+@pytest.mark.parametrize(("rows", "part", "t", "note"), [
+    ([0.0, 1.0, 2.0], (None, None), [0.0, 1.0, 2.0], False), ([1.5, 2.5, 3.5], (None, None), [1.5, 2.5, 3.5], False),
+    ([1.6, 2.6, 3.6], (None, None), [0.0, 1.0, 2.0], True), ([-0.5, 0.5, 1.5], (None, None), [0.0, 1.0, 2.0], False),
+    ([-2.0, -1.0, 0.0], (None, None), [0.0, 1.0, 2.0], True), ([0.0, 1.0, 2.0], (1.0, None), [0.0, 1.0], False),
+    ([0.0, 1.0, 2.0, 3.0], (2.0, 3.0), [0.0, 1.0], True), ([0.0, 1.0, 2.0], (None, 1.0), [0.0, 1.0], False)])
+def test_a_simulation_starts_at_the_first_row_that_is_used(tmp_path, rows, part, t, note):
+    path = tmp_path / "in.csv"
+    path.write_text("t,engine_torque\n" + "".join(f"{x},{k}\n" for k, x in enumerate(rows)))
+    result = input_table(path, None, *part)
+    assert result.t.tolist() == pytest.approx(t)
+    first = next(x for x in rows if part[0] is None or x >= part[0])
+    assert result.notes == ((f"in.csv: the simulation starts at its time {first:g} s",) if note else ())
+    for start, end, why in ((rows[-1], None, "it has 1 row in this part; it must have 2 or more"),
+                            (None, rows[0], "it has 1 row in this part; it must have 2 or more")):
+        with pytest.raises(InputError, match=f"in.csv: {why}$"):
+            input_table(path, None, start, end)
+
+
+def test_a_simulation_beside_measured_slip_speeds():
+    run = SimpleNamespace(t=np.array([1.0, 3.0]), slip_speed=np.array([10.0, 30.0]))
+    measured = table([0, 1, 2, 3, 4], slip_speed=[0, 13, NAN, 34, 9])
+    twin = twin_of(measured, run)
+    assert (twin.t.tolist(), twin.slip_speed.tolist(), twin.difference.tolist()) == ([1, 3], [13, 34], [-3, -4])
+    assert str(twin) == "slip speed beside in.csv: 3.536 rad/s apart (rms), of 25.74 rad/s"
+    assert twin_of(table([0, 1], engine_torque=[1, 2]), run) is None
+    assert twin_of(table([0, 1, 4], slip_speed=[1, 2, 3]), run) is None
+    assert isinstance(twin, Twin)
+
+
+def test_orders_and_spectrum_of_a_table():
+    """5 rad/s at order 1 of an engine at 150 rad/s; a hole divides the table at 1 s, and the spectrum takes the "
+    "later part."""
+    t = np.arange(4000) * 1e-3
+    kept = (t < 1.0) | (t > 1.2)
+    rows = table(t[kept], slip_speed=(20.0 + 5.0 * np.sin(150.0 * t))[kept], engine_speed=np.full(kept.sum(), 150.0))
+    result = analyse_table(rows, MINIMAL.system, orders=True, spectrum=True)
+    assert (result.samples, result.seconds) == (kept.sum(), pytest.approx(3.999))
+    assert result.orders.cut(1.0, "slip_speed") == pytest.approx(5.0, rel=0.01)
+    assert result.warnings[-1] == "in.csv: the spectrum is that of 1.201 to 3.999 s, the longest part without a hole"
+    assert [*result.columns()] == [*result.orders.columns()]
+    alone = analyse_table(rows.part(1.2), MINIMAL.system, orders=False, spectrum=True)
+    assert (alone.orders, [*alone.columns()]) == (None, [*alone.spectrum.columns()])
+    assert not any("longest part" in sentence for sentence in alone.warnings)
+    assert analyse_table(rows.part(1.2), MINIMAL.system, orders=True, spectrum=False).spectrum is None
+    with pytest.raises(InputError, match=r"^in.csv: at least 4 rows are needed; 3 rows selected$"):
+        analyse_table(rows.part(0.0, 0.002), MINIMAL.system, orders=True, spectrum=False)
+    speed = 100.0 + 20.0 * t
+    swept = table(t, engine_torque=np.ones(4000), engine_speed=speed)
+    scene, signals = at_measured_speed(MINIMAL, swept)
+    engine = scene.system.engine
+    assert signals is None
+    assert engine.frequency_times[0] == 0.0
+    order = engine.order
+    assert np.interp(2.0, engine.frequency_times, engine.frequency_values) == pytest.approx(140.0 * order, rel=1e-3)
+    assert len(engine.frequency_times) == pytest.approx(order * (100.0 * 4.0 + 10.0 * 16.0) / (2.0 * math.pi), abs=2)
+    assert at_measured_speed(MINIMAL, rows)[1] is not None
+
+
+def test_results_are_frozen():
+    for found in iter_modules(tcc_sim.replay.__path__, "tcc_sim.replay."):
+        for one in vars(import_module(found.name)).values():
+            if is_dataclass(one) and isinstance(one, type) and one.__module__ == found.name:
+                assert one.__dataclass_params__.frozen, one
