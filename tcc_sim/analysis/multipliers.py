@@ -16,6 +16,8 @@ LOST = 1e-8
 """Reciprocal of a multiplier below which the pencil of several segments has lost half its digits (its error is some
 1e-16 of the largest multiplier): such multipliers are those of the product.
 """
+PAIR = 1e-9
+"""Relative difference of two multipliers that are one pair."""
 
 
 def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
@@ -53,8 +55,14 @@ def product_of(blocks: Floats) -> Floats:
 
 
 def largest_first(multipliers: NDArray[Any]) -> NDArray[np.complex128]:
-    """Multipliers, largest modulus first; the positive imaginary part first in a pair."""
-    return np.array(sorted(multipliers.tolist(), key=lambda m: (-abs(m), -m.imag)), np.complex128)
+    """Multipliers, largest modulus first; the positive imaginary part first in a pair, whose moduli rounding may tell
+    apart.
+    """
+    ordered = sorted(multipliers.tolist(), key=lambda m: (-abs(m), -m.imag))
+    for k in range(len(ordered) - 1):
+        if ordered[k].imag < 0.0 and abs(ordered[k] - ordered[k + 1].conjugate()) <= PAIR * abs(ordered[k]):
+            ordered[k:k + 2] = ordered[k + 1], ordered[k]
+    return np.array(ordered, np.complex128)
 
 
 @dataclass(frozen=True, repr=False)
