@@ -235,7 +235,8 @@ def _strongest_order(table: MeasuredTable, phase: MeasuredPhase, by: str) -> tup
     if len(t) < 64:
         return None
     turns = np.interp(t, phase.times, phase.turns)
-    span, count = float(turns[-1] - turns[0]), min(len(t), MOST_POINTS)
+    count = min(len(t), MOST_POINTS)
+    span = float(turns[-1] - turns[0]) * count / (count - 1)  # That of the transform: one step more than the samples'.
     even = np.linspace(turns[0], turns[-1], count)
     signal = np.interp(even, turns, values)
     drift = np.polynomial.polynomial.polyfit(even, signal, 3)

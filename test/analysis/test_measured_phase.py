@@ -1,0 +1,199 @@
+"""The phase of short tables: rows of an engine speed that are left out, and references that the torque contradicts."""
+
+import numpy as np
+import pytest
+
+from tcc_sim.analysis.measured_phase import _continuous, _spans, _stuck, long_holes, measured_phase, plausible_speed
+from tcc_sim.analysis.measured_signals import signals_in
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.tables.measured_table import MeasuredTable
+
+T = 0.01 * np.arange(401)
+TURN = 2.0 * np.pi
+
+
+def test_marked_rows_are_stretches_of_time():
+    bad = np.array([True, True, False, False, True, False, True, True, True])
+    assert _spans(0.5 * np.arange(9), bad).tolist() == [[0.0, 0.5], [2.0, 2.0], [3.0, 4.0]]
+    assert _spans(T, T < 0.0).tolist() == []
+
+
+@pytest.mark.parametrize(("begin", "end", "is_long"), [(1.0, 1.06, False), (1.0, 1.065, True), (-0.1, -0.05, True),
+                                                      (3.99, 4.01, True), (0.0, 0.05, False), (3.95, 4.0, False)])
+def test_a_hole_is_long_from_a_sixteenth_of_a_period_on_or_beyond_the_phase(begin, end, is_long):
+    """One period a second, known from 0 to 4 s."""
+    assert len(long_holes(np.array([[begin, end]]), np.array([0.0, 4.0]), np.array([0.0, 4.0]))) == is_long
+
+
+def changed(*stretches):
+    speed = 100.0 + 10.0 * T
+    for rows, value in stretches:
+        speed[rows] = value
+    return speed
+
+
+@pytest.mark.parametrize(("speed", "left_out"), [
+    (changed(), []), (changed((slice(100, 103), 5.0)), range(100, 103)), (changed((slice(0, 20), 300.0)), range(20)),
+    (changed((slice(390, 401), 10.0)), range(390, 401)), (changed((slice(100, 103), -5.0)), range(100, 103)),
+    # exp(0.2) is 1.221: a jump of 1.2 is none; after 0.5 s without a speed, one of exp(0.4) is none either.
+    (changed((slice(200, 401), 1.2 * (100.0 + 10.0 * T[200:]))), []),
+    (changed((slice(200, 401), 1.25 * (100.0 + 10.0 * T[200:]))), range(200)),
+    (np.where((T >= 2.0) & (T < 2.5), 1.0, np.where(T < 2.0, 100.0, 145.0)), range(200, 250)),
+    (np.where((T >= 2.0) & (T < 2.1), 1.0, np.where(T < 2.0, 100.0, 145.0)), range(200, 401)),
+    (np.where((T >= 2.0) & (T < 2.5), 1.0, np.where(T < 2.0, 100.0, 155.0)), range(200, 401))])
+def test_rows_go_on_from_the_longest_stretch_without_a_jump(speed, left_out):
+    bad = np.flatnonzero(~_continuous(T, speed)).tolist()
+    assert bad == list(left_out)
+    assert np.flatnonzero(~_continuous(T, 0.01 * speed)).tolist() == bad
+
+
+@pytest.mark.parametrize(("lasts", "rise", "stuck"), [(0.5, 8.0, True), (1.0, 8.0, True), (1.0, 1.1, False),
+                                                      (1.0, 1.4, True), (0.1, 90.0, False)])
+def test_a_speed_that_stands_still_and_jumps_is_stuck_if_it_costs_a_tenth_of_a_period(lasts, rise, stuck):
+    """Half of rise times time is more than 0.1 x 2 pi rad."""
+    speed = 100.0 + np.cumsum(0.01 * (1.0 + np.arange(401) % 7))
+    still = np.abs(T - 0.999 - 0.5 * lasts) < 0.5 * lasts
+    speed = np.where(still, speed[100], np.where(T < 0.999, speed, speed + rise - (
+        speed[np.flatnonzero(still)[-1] + 1] - speed[100])))
+    rows = np.flatnonzero(_stuck(T, speed, 1.0))
+    assert rows.tolist() == (list(range(101, 100 + round(100 * lasts))) if stuck else [])
+    if stuck:
+        assert not _stuck(T, speed, 0.01).any()
+    assert not _stuck(T[:10], np.full(10, 100.0), 1.0).any()
+
+
+def test_rows_left_out_are_named_and_bridged_where_the_phase_is_certain():
+    for rows, value, spans, straight in ((slice(100, 103), 5.0, [], True), (slice(100, 101), 5.0, [], True)):
+        t, speed, holes, notes = plausible_speed(T, changed((rows, value)), "t.csv", 1.0)
+        count = rows.stop - rows.start
+        assert len(t) == len(speed) == 401 - count
+        assert holes.tolist() == spans
+        assert notes == [f"engine_speed is implausible in {count} row{'s' * (count > 1)}, 1 to {T[rows.stop - 1]:g} s"
+                         + "; straight lines replace them" * straight]
+    far = np.where((T >= 1.0) & (T < 1.3), 1.0, np.where(T < 1.0, 100.0, 110.0))
+    t, _, holes, notes = plausible_speed(T, far, "t.csv", 1.0)   # Half of 10 rad/s over 0.31 s: a quarter of a period.
+    assert (len(t), holes.tolist()) == (371, [pytest.approx([0.99, 1.3])])
+    assert notes == ["engine_speed is implausible in 30 rows, 1 to 1.29 s"]
+    assert plausible_speed(T, far, "t.csv", 0.3)[2].tolist() == []
+    assert plausible_speed(T, changed(), "t.csv", 1.0)[2:] == (pytest.approx(np.empty((0, 2))), [])
+
+
+@pytest.mark.parametrize(("speed", "sentence"), [
+    (0.0 * T, "t.csv: engine_speed is at most 0 rad/s; it must be above 0"),
+    (changed((slice(100, 202), 5.0)),
+     "t.csv: engine_speed jumps or stands still in 25 % of its rows, first at 1 s with 5 rad/s; the phase is not "
+     "known")])
+def test_an_implausible_speed_is_refused(speed, sentence):
+    with pytest.raises(InputError) as refusal:
+        plausible_speed(T, speed, "t.csv", 1.0)
+    assert str(refusal.value) == sentence
+
+
+FAST = 0.002 * np.arange(2001)
+OMEGA = 20.0 * np.pi
+
+
+def table(source="t.csv", **columns):
+    given = {"t": FAST, "slip_speed": 20.0 + np.sin(OMEGA * FAST), **columns}
+    return MeasuredTable({name: values for name, values in given.items() if values is not None}, source=source)
+
+
+TORQUE = 200.0 + 100.0 * np.sin(OMEGA * FAST + 0.4)
+
+
+def test_the_phase_is_that_of_the_first_reference():
+    speed = np.full(2001, OMEGA)
+    by_speed = measured_phase(table(engine_speed=speed, engine_torque=TORQUE))
+    assert by_speed.turns == pytest.approx(OMEGA * FAST / TURN)
+    assert (by_speed.times.tolist(), by_speed.holes.tolist(), by_speed.notes) == (FAST.tolist(), [], ())
+    assert by_speed.when(np.array([1.0])) == pytest.approx([TURN / OMEGA])
+    half = measured_phase(table(engine_speed=0.5 * speed, engine_torque=TORQUE), 2.0)
+    assert half.turns == pytest.approx(OMEGA * FAST / TURN)
+    by_torque = measured_phase(table(engine_torque=TORQUE), pulses=1)
+    assert by_torque.times == pytest.approx((TURN * by_torque.turns - 0.4) / OMEGA, abs=1e-6)
+    by_tacho = measured_phase(table(tacho=np.sin(OMEGA * FAST)), 1.0, 1)
+    assert np.interp(10.0, by_tacho.turns, by_tacho.times) - np.interp(4.0, by_tacho.turns, by_tacho.times) == (
+        pytest.approx(6.0 * TURN / OMEGA, rel=1e-4))
+    doubted = measured_phase(table(tacho=np.sin(OMEGA * FAST), engine_torque=TORQUE), 1.0, 2)
+    assert doubted.notes == (f"t.csv: {LINE} 2 times the excitation by tacho and --pulses 2; check --pulses and "
+                             "engine.order, which is 1",)
+    two = measured_phase(table(tacho=np.sin(OMEGA * FAST)), 3.0, 2)
+    assert np.ptp(two.turns) == pytest.approx(1.5 * np.ptp(by_tacho.turns))
+
+
+LINE = "the strongest line of engine_torque is at"
+BY_SPEED = f"the phase by engine_speed contradicts the torque: {LINE}"
+
+
+@pytest.mark.parametrize(("columns", "order", "pulses", "sentence"), [
+    ({}, 1.0, None, "orders need one of the columns engine_speed, tacho, engine_torque, which tell the phase of the "
+                    "excitation"),
+    ({"engine_speed": np.full(2001, OMEGA)}, 1.0, 2,
+     "the phase is that of the column engine_speed; --pulses 2 is for a tacho"),
+    ({"engine_speed": np.where(FAST < 0.005, OMEGA, np.nan)}, 1.0, None,
+     "the column engine_speed has 3 values; 4 or more are needed"),
+    ({"engine_torque": np.full(2001, 200.0)}, 1.0, None,
+     "the engine torque shows no excitation of which periods could be counted (the engine torque is constant); add the "
+     "column engine_speed or tacho"),
+    ({"engine_speed": np.full(2001, 30.0 / np.pi * OMEGA), "engine_torque": TORQUE}, 1.0, None,
+     f"{BY_SPEED} 0.1047 times the excitation by engine_speed; engine_speed looks as if it were in rpm; if so, say it "
+     "with --columns engine_speed=COLUMN:rpm"),
+    ({"engine_speed": np.full(2001, 1e3 * OMEGA), "engine_torque": TORQUE}, 1.0, None,
+     f"{BY_SPEED} 0.001 times the excitation by engine_speed; if the times are in ms, say so with --columns "
+     "t=COLUMN:ms"),
+    ({"engine_speed": np.full(2001, OMEGA / 1.5), "engine_torque": TORQUE}, 1.0, None,
+     f"{BY_SPEED} 1.5 times the excitation by engine_speed; check its unit and engine.order, which is 1"),
+    ({"tacho": np.sin(OMEGA * FAST), "engine_torque": TORQUE}, 2.0, 4,
+     f"the phase by tacho with --pulses 4 contradicts the torque: {LINE} 2 times the excitation by tacho and --pulses "
+     "4; check --pulses and engine.order, which is 2")])
+def test_a_reference_without_a_phase_is_refused_in_a_whole_sentence(columns, order, pulses, sentence):
+    with pytest.raises(InputError) as refusal:
+        measured_phase(table(**columns), order, pulses)
+    assert str(refusal.value) == f"t.csv: {sentence}"
+
+
+def test_signals_of_a_table_are_cubics_and_the_shaft_torque_is_that_of_its_twist():
+    system = replace(System(), {"driveline.damping": 0.7, "driveline.stiffness": 3000.0})
+    angle, speed = 0.1 + 0.02 * np.sin(40.0 * FAST), 0.8 * np.cos(40.0 * FAST)
+    at = np.linspace(0.5, 3.5, 301)
+    a, w = 0.1 + 0.02 * np.sin(40.0 * at), 0.8 * np.cos(40.0 * at)
+    turning = {"engine_speed": np.full(2001, OMEGA), "engine_torque": TORQUE, "plate_angle": angle}
+    for more, torque in (({"plate_speed": speed}, 0.7 * w + 3000.0 * a), ({}, 0.7 * w + 3000.0 * a),
+                         ({"output_speed": np.full(2001, 3.0), "output_angle": 0.5 + 3.0 * FAST},
+                          0.7 * (w - 3.0) + 3000.0 * (a - 0.5 - 3.0 * at)),
+                         ({"output_speed": np.full(2001, 3.0)}, 0.7 * (w - 3.0) + 3000.0 * (a - 3.0 * at))):
+        result = signals_in(table(**turning, **more), system)
+        slip, shaft, engine = result.at(at)
+        assert slip == pytest.approx(20.0 + np.sin(OMEGA * at), abs=1e-5)
+        assert shaft == pytest.approx(torque, abs=2e-3)
+        assert engine == pytest.approx(200.0 + 100.0 * np.sin(OMEGA * at + 0.4), abs=1e-3)
+        assert (result.driven, result.breakaways, result.notes) == (None, None, ())
+    unknown = signals_in(table(engine_speed=np.full(2001, OMEGA)), system)
+    assert np.isnan(unknown.at(at)[1]).all()
+    assert np.isnan(unknown.at(at)[2]).all()
+    assert unknown.driven.tolist() == [1.0]
+    assert np.isnan(unknown.heat).all()
+
+
+def test_holes_of_a_table_are_bridged_or_blank_and_named():
+    """A sixteenth of a period is 6.5 ms: a hole of two steps is bridged, one of ten is not."""
+    slip = 20.0 + np.sin(OMEGA * FAST)
+    slip[[500, 800]] = np.nan
+    slip[1000:1009] = np.nan
+    result = signals_in(table(slip_speed=slip, engine_speed=np.full(2001, OMEGA)), System())
+    assert result.holes.tolist() == [pytest.approx([1.998, 2.018])]
+    assert result.notes == (
+        "t.csv: 2 holes of at most 0.004 s, a sixteenth of a period of the excitation or less, bridged by cubics",
+        "t.csv: no slip speed or no phase from 1.998 to 2.018 s; windows that touch this hole are left blank")
+    found = result.at(np.array([1.0, 1.6, 2.0, 2.0179, 2.019]))[0]
+    assert np.isnan(found).tolist() == [False, False, True, True, False]
+    assert found[:2] == pytest.approx(20.0 + np.sin(OMEGA * np.array([1.0, 1.6])), abs=1e-3)
+    few = np.where(np.arange(2001) < 3, slip, np.nan)
+    for columns, sentence in (
+            ({"slip_speed": few}, "t.csv: the column slip_speed has 3 values; 4 or more are needed"),
+            ({"slip_speed": np.where(FAST < 1.0, slip, np.nan), "engine_speed": np.where(FAST > 2.0, OMEGA, np.nan)},
+             "t.csv: the phase of the excitation is known from 2.002 to 4 s only, where there is no slip speed")):
+        with pytest.raises(InputError) as refusal:
+            signals_in(table(**{"engine_speed": np.full(2001, OMEGA), **columns}), System())
+        assert str(refusal.value) == sentence
