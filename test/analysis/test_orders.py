@@ -247,3 +247,129 @@ def test_what_has_no_steady_state_is_refused(capsys):
     assert "a spectrum needs a periodic excitation" in capsys.readouterr().err
     with pytest.raises(InputError, match="a spectrum needs 16 whole cycles of the excitation, and there are 5"):
         spectrum_of(signals(np.sin, np.sin, 5), 0)
+
+
+def at_150(slip, shaft, torque, seconds, begin=0.0, per_cycle=64, **more):
+    """Signals of an engine of order 2 at 150 rad/s from `begin` periods on, as functions of the number of periods."""
+    system = replace(System(), {"engine.order": 2.0})
+    turns = begin + np.arange(round(seconds / system.cycle * per_cycle) + 1) / per_cycle
+
+    def at(t):
+        u = t / system.cycle
+        return slip(u), shaft(u), torque(u)
+
+    t = turns * system.cycle
+    return Signals(system, turns, lambda u: u * system.cycle, at, more.pop("driven", None),
+                   more.pop("breakaways", None), t, 7.0 * t, **more)
+
+
+def wave(order, size, lead=0.3):
+    return lambda u: size * np.sin(2.0 * np.pi * order * u + lead)
+
+
+def test_every_figure_of_orders_is_that_of_the_sines():
+    """Windows of 16 periods, each 4 after the one before, of which the second half of the last is missing."""
+    system, cycle = replace(System(), {"engine.order": 2.0}), 2.0 * np.pi / 150.0
+    middles = (2.0 + 8.0 + 4.0 * np.arange(5)) * cycle
+    broke = np.array([1.0, 3.0, 3.5, 19.0, 25.0, 40.0]) * cycle
+    found = orders_of(at_150(
+        lambda u: -3.0 + wave(1.0, 2.0)(u) + wave(2.5, 0.5)(u),
+        lambda u: 40.0 + wave(1.0, 9.0)(u) + wave(3.0, 4.0)(u),
+        lambda u: 200.0 + wave(1.0, 60.0)(u) + wave(2.0, 20.0)(u) + wave(4.0, 2.9)(u), 34.5 * cycle, 2.0,
+        breakaways=broke))
+    assert found.time == pytest.approx(middles)
+    assert found.frequency == pytest.approx(np.full(5, 150.0))
+    assert found.order == pytest.approx(2.0 * np.arange(161) / 16.0)
+    for name, sines in (("slip_speed", {0.0: 3.0, 1.0: 2.0, 2.5: 0.5}),
+                        ("shaft_torque", {0.0: 40.0, 1.0: 9.0, 3.0: 4.0})):
+        for order, size in sines.items():
+            assert found.cut(2.0 * order, name) == pytest.approx(np.full(5, size))
+            if order:   # Hann's window spreads a line to its neighbours by a half.
+                assert found.cut(2.0 * order + 0.125, name) == pytest.approx(np.full(5, 0.5 * size))
+        assert found.cut(10.0, name) == pytest.approx(np.zeros(5), abs=1e-9)
+    assert found.torque_order.tolist() == [2.0, 4.0]   # 2.9 is below a twentieth of 60.
+    assert found.transmissibility == pytest.approx(np.tile([9.0 / 60.0, 0.0], (5, 1)), abs=1e-9)
+    u = np.arange(640) / 64.0
+    slip = wave(1.0, 2.0)(u) + wave(2.5, 0.5)(u)
+    apart = (slip.reshape(-1, 64) - slip.reshape(-1, 64).mean(axis=1, keepdims=True)).ravel()
+    assert found.judder.rms == pytest.approx(np.full(5, np.sqrt(np.mean(apart**2))))
+    assert found.judder.peak == pytest.approx(np.full(5, np.abs(apart).max()))
+    counts = [np.count_nonzero((broke >= (2 + 4 * k) * cycle) & (broke < (18 + 4 * k) * cycle)) for k in range(5)]
+    assert found.judder.breakaways == pytest.approx(np.array(counts) / (16.0 * cycle))
+    assert found.heat == pytest.approx(7.0 * middles)
+    assert (found.per_revolution, found.left_out, found.cuts) == (2.0, 0, [2.0, 4.0, 6.0, 8.0])
+    d = system.driveline
+    assert found.modes == pytest.approx((math.sqrt(d.stiffness / (d.flywheel_inertia + d.plate_inertia)),
+                                         math.sqrt(d.stiffness / d.plate_inertia)), rel=1e-2)
+    assert repr(found) == "<Orders: 5 windows, 150 to 150 rad/s, orders up to 20>"
+    columns = found.columns()
+    assert list(columns) == ["time", "frequency", "rms", "peak", "breakaways", "heat",
+                             *(f"shaft_torque_{order}" for order in (2, 4, 6, 8))]
+    assert columns["shaft_torque_6"] == pytest.approx(np.full(5, 4.0))
+
+
+def test_windows_that_touch_a_hole_are_left_out_and_blank():
+    """A hole within period 30 touches the windows from periods 16, 20, 24 and 28 on."""
+    cycle = 2.0 * np.pi / 150.0
+    holes = np.array([[30.2, 30.6]]) * cycle
+    found = orders_of(at_150(wave(1.0, 2.0), wave(1.0, 9.0), wave(1.0, 60.0), 64.0 * cycle, holes=holes))
+    begins = np.array([0, 4, 8, 12, *range(32, 52, 4)])
+    assert found.time == pytest.approx((begins + 8.0) * cycle)
+    assert found.left_out == 4
+    blank = found.with_blanks()
+    assert blank.time == pytest.approx((np.arange(13) * 4.0 + 8.0) * cycle)
+    assert blank.frequency == pytest.approx(np.full(13, 150.0))
+    known = [k not in (4, 5, 6, 7) for k in range(13)]
+    for values in (blank.slip_speed[:, 0], blank.shaft_torque[:, 3], blank.transmissibility[:, 0], blank.heat,
+                   blank.judder.rms, blank.judder.peak):
+        assert np.isfinite(values).tolist() == known
+    assert blank.cut(2.0)[5:9] == pytest.approx([*[math.nan] * 3, 9.0], nan_ok=True)
+    whole = orders_of(at_150(wave(1.0, 2.0), wave(1.0, 9.0), wave(1.0, 60.0), 30.0 * cycle))
+    assert whole.with_blanks() is whole
+    part = found.part(np.array([1, 4]), 33)
+    assert (part.time, part.order[-1], part.slip_speed.shape) == (pytest.approx(found.time[[1, 4]]), 4.0, (2, 33))
+    assert (part.heat, part.judder.rms) == (pytest.approx(found.heat[[1, 4]]), pytest.approx(found.judder.rms[[1, 4]]))
+
+
+@pytest.mark.parametrize(("periods", "per_cycle", "sentence"), [
+    (15.9, 64, "orders need 16 periods of the excitation, and there are 15"),
+    (20.0, 7.9, "orders need 8 samples in a period of the excitation, and there are 7.95")])
+def test_the_least_run_and_the_fewest_samples_of_orders(periods, per_cycle, sentence):
+    cycle = 2.0 * np.pi / 150.0
+    with pytest.raises(InputError) as refusal:
+        orders_of(at_150(wave(1.0, 2.0), wave(1.0, 9.0), wave(1.0, 60.0), periods * cycle, per_cycle=per_cycle))
+    assert str(refusal.value) == sentence
+    least = orders_of(at_150(wave(1.0, 2.0), wave(1.0, 9.0), wave(1.0, 60.0), 16.0 * cycle, per_cycle=8.0))
+    assert (len(least.time), least.order[-1]) == (1, 4.0)
+
+
+def test_a_density_is_that_of_hanns_window():
+    """One window of 40 cycles, by sums over its samples, with the mean of the run removed."""
+    level = np.random.default_rng(3).standard_normal(256 * 40 + 1)
+    turns = np.arange(len(level)) / 256.0
+    noise = signals(lambda u: np.interp(u, turns, 3.0 + level), lambda u: np.interp(u, turns, level), 40)
+    spectrum, cycle = spectrum_of(noise, 0), 2.0 * np.pi / 150.0
+    hann = np.sin(np.pi * turns[:-1] / 40.0) ** 2
+    for k in (0, 1, 17, 240, 400):
+        line = np.sum((level[:-1] - level[:-1].mean()) * hann * np.exp(-2j * np.pi * k / 40.0 * turns[:-1]))
+        density = abs(line) ** 2 * cycle / 256.0 / np.sum(hann**2) * (2.0 if k else 1.0)
+        assert spectrum.slip_speed_density[k] == pytest.approx(density, rel=1e-6)
+        assert spectrum.shaft_torque_density[k] == pytest.approx(density, rel=1e-6)
+    assert spectrum.frequency == pytest.approx(150.0 * np.arange(401) / 40.0)
+    assert repr(spectrum).startswith("<Spectrum: 401 densities up to order 10; Hann of 40 cycles, half of each shared")
+    assert list(spectrum.columns()) == ["frequency", "order", "slip_speed_density", "shaft_torque_density"]
+
+
+@pytest.mark.parametrize(("period", "last", "cycles", "begin"), [
+    (2, None, 6, 1), (3, None, 6, 1), (1, 4, 4, 3), (2, 5, 4, 3)])
+def test_whole_periods_at_the_end_are_transformed(period, last, cycles, begin):
+    """Of seven cycles."""
+    found = spectrum_of(signals(lambda u: 3.0 + wave(1.0, 2.0)(u), lambda u: wave(2.0, 0.1)(u) + wave(0.5, 4.0)(u), 7),
+                        period, last)
+    cycle, many = 2.0 * np.pi / 150.0, cycles // period
+    assert found.window == (f"none: {many} whole period{'s' * (many > 1)} of the motion, {begin * cycle:.6g} to "
+                            f"{7 * cycle:.6g} s")
+    assert (found.period, found.order[-1], len(found.order)) == (period, 10.0, 10 * period + 1)
+    assert found.slip_speed[[0, period]] == pytest.approx([3.0, 2.0])
+    assert period != 2 or found.subharmonics.tolist() == [0.5]
+    assert repr(found).startswith(f"<Spectrum: {10 * period + 1} lines up to order 10; none: ")

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.torque_phase import PhaseTracker, _fit, clock_of
+from tcc_sim.analysis.torque_phase import PhaseTracker, _fit, _fitted, _line, _strongest, clock_of
 
 STEP = 1_000_000
 TURN = 2.0 * math.pi
@@ -183,3 +183,81 @@ def test_a_fit_is_the_least_squares_solution_of_all_unknowns(seed):
     assert result.share == pytest.approx(1.0 - left @ left / (without @ without), abs=1e-12)
     assert result.ahead == pytest.approx(math.atan2(factors[3], factors[2]), abs=1e-10)
     assert result.amplitude == pytest.approx(math.hypot(factors[2], factors[3]), rel=1e-10)
+
+
+MS = np.arange(1000) * 1e-3
+
+
+@pytest.mark.parametrize("frequency", [60.0, 150.0, 151.3])
+@pytest.mark.parametrize("kept", [slice(None), np.r_[0:300:2, 300:1000]], ids=["even", "uneven"])
+def test_the_peak_of_a_spectrum_is_the_line(frequency, kept):
+    """Of Hann's window, whose sum is the height of a line of amplitude 2; uneven samples are joined by lines."""
+    t = MS[kept]
+    height, found = _strongest(t, 300.0 + 40.0 * np.sin(frequency * t + 0.3))
+    assert found == pytest.approx(frequency, rel=5e-5)
+    assert height == pytest.approx(20.0 * np.hanning(len(t)).sum(), rel=0.01)
+
+
+def test_few_or_equal_samples_have_no_line():
+    assert _strongest(MS[:15], np.sin(900.0 * MS[:15])) == (0.0, 0.0)
+    assert _strongest(MS[:16], np.sin(900.0 * MS[:16]))[1] > 0.0
+    assert _strongest(MS, np.full(1000, 300.0)) == (0.0, 0.0)
+    assert _strongest(MS, 0.0 * MS) == (0.0, 0.0)
+    assert _fitted(MS, 0.0 * MS) is None
+
+
+@pytest.mark.parametrize("rate", [0.0, 9.0, -9.0])
+def test_the_line_of_an_opening_has_a_frequency_at_its_start_and_a_drift(rate):
+    frequency, drift = _line(MS, 300.0 + 40.0 * np.sin(150.0 * MS + 0.5 * rate * MS**2))
+    assert frequency == pytest.approx(150.0, rel=1.1e-3)
+    assert drift == pytest.approx(rate / 150.0, abs=1e-9)
+
+
+def test_the_line_of_an_opening_needs_six_cycles_and_a_fifth_of_the_variance():
+    t = MS[:256]
+    for cycles, found in ((5.95, False), (6.05, True)):
+        assert (_line(t, 300.0 + 40.0 * np.sin(TURN * cycles / 0.255 * t + 0.4)) is not None) == found
+    others = sum(np.sin(w * MS + w) for w in (230.0, 330.0, 450.0, 580.0, 720.0, 870.0))
+    for share, found in ((0.19, False), (0.21, True)):
+        torque = np.sin(150.0 * MS) + math.sqrt((1.0 / share - 1.0) / 6.0) * others
+        assert (_line(MS, torque) is not None) == found
+        assert (_fitted(MS, torque) is not None) == found
+
+
+def test_few_cycles_are_fitted_from_end_to_end():
+    first, last = _fitted(MS[:90], 300.0 + 40.0 * np.sin(150.0 * MS[:90] + 0.4))
+    for block, at in ((first, 0.0), (last, 0.089)):
+        assert (block.t, block.begin, block.end) == (at, 0.0, 0.089)
+        assert (block.phase, block.amplitude, block.share) == pytest.approx((0.4 + 150.0 * at, 40.0, 1.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(("seconds", "batch"), [(1.0, 1), (2.0, 37), (2.03, 37), (2.03, 5000), (2.06, 37)])
+def test_cycles_reach_from_the_first_sample_to_the_last(seconds, batch):
+    """Also where half a block or less is left at the end."""
+    result = phase_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t + 0.4), seconds, batch)
+    numbers = np.arange(1, math.floor((150.0 * (seconds - 1e-3) + 0.4) / TURN) + 1)
+    assert result.numbers.tolist() == numbers.tolist()
+    assert result.starts == pytest.approx((TURN * numbers - 0.4) / 150.0, abs=1e-6)
+    assert result.known == 1.0
+
+
+@pytest.mark.parametrize(("lost", "known", "missing"), [
+    ([1000], 1.0, []), ([1000, 1001], 1.0 - 0.003 / 3.999, []),
+    ([*range(1000, 1100)], 1.0 - 0.101 / 3.999, [1.0, 1.1])])
+def test_a_single_lost_sample_is_bridged(lost, known, missing):
+    result = phase_of(lambda t: 250.0 * np.sin(150.0 * t + 0.4), ticks=np.delete(np.arange(4000), lost))
+    assert result.known == pytest.approx(known)
+    assert result.low == pytest.approx(150.0, rel=1e-6)
+    every = (TURN * np.arange(1, 96) - 0.4) / 150.0
+    kept = every if not missing else every[(every < missing[0]) | (every >= missing[1])]
+    assert result.starts == pytest.approx(kept, abs=1e-6)
+
+
+@pytest.mark.parametrize(("present", "known"), [
+    (lambda t: t < 3.0, 2.9395 / 7.999), (lambda t: (t < 3.0) | (t > 5.0), 5.899 / 7.999)])
+def test_a_torque_that_stops_oscillating_has_cycles_where_it_does(present, known):
+    """Within two blocks of two cycles."""
+    result = phase_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t + 0.4) * present(t), 8.0)
+    assert result.known == pytest.approx(known, abs=0.17 / 7.999)
+    assert largest_error(result, lambda t: 150.0 * t + 0.4) < 1e-3
+    assert present(result.starts + 1e-3).all()

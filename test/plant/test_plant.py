@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError
-from tcc_sim.plant.driveline import MEASURED, SHARE, Plant
+from tcc_sim.model.profile import Origin
+from tcc_sim.plant.driveline import (
+    MEASURED,
+    SHARE,
+    Plant,
+    largest,
+    origin_after,
+    pressure_at,
+    shaft_torque,
+    side_of_slip,
+)
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.terms import SUBSTEP_LIMIT, general_terms, holding, terms_of
 
@@ -233,3 +243,100 @@ def test_a_profile_runs_in_ticks_as_offline():
     final = solve(scene, solver="fixed_step", duration=0.1).final
     assert (plant.reading().slip_speed, plant.reading().plate_angle) == (final.slip_speed, final.plate_angle)
     assert not plant.general
+
+
+@pytest.mark.parametrize(("speed", "side"), [(0.1, 0), (-0.1, 0), (0.0, 0), (0.1001, 1), (-0.1001, -1)])
+def test_slip_up_to_the_stick_speed_is_stick(speed: float, side: int) -> None:
+    assert side_of_slip(speed, 0.1) == side
+
+
+def test_the_shaft_has_the_torque_of_its_twist_and_its_rate() -> None:
+    scene = load_scene("fig02").with_values({"driveline.stiffness": 2500.0, "driveline.damping": 0.75})
+    assert shaft_torque(scene.system.driveline, 0.2, 8.0) == pytest.approx(506.0)
+
+
+@pytest.mark.parametrize(("values", "low", "high"), [({"time_constant": 0.01}, 3e5, 3e5), ({"delay": 0.002}, 1e5, 3e5)])
+def test_the_largest_pressure_of_a_tick_is_that_of_a_lag_or_the_one_applied(
+        values: dict[str, float], low: float, high: float) -> None:
+    pressure = load_scene("controlled").with_values({f"pressure.{k}": v for k, v in values.items()}).system.pressure
+    assert (largest(pressure, 3e5, 1e5), largest(pressure, 1e5, 3e5)) == (low, high)
+
+
+def test_the_pressure_of_a_scene_is_that_of_its_own_excitation() -> None:
+    system = load_scene("fig02").with_values({
+        "pressure.mean": 2e5, "pressure.amplitude": 4e4, "pressure.frequency_ratio": 0.5, "pressure.phase": 0.3,
+        "engine.frequency": 130.0}).system
+    exact = 2e5 + 4e4 * math.sin(0.5 * 130.0 * 0.7 + 0.3)
+    assert pressure_at(0.7, system, terms_of(system), 5.0) == pytest.approx(exact)
+    deep = load_scene("fig02").with_values({"pressure.mean": 2e5, "pressure.amplitude": 2.5e5}).system
+    turn = 1.5 * math.pi / (deep.engine.frequency * deep.pressure.frequency_ratio)
+    assert pressure_at(turn, deep, terms_of(deep), 0.0) == 0.0
+    still = load_scene("controlled").system
+    assert pressure_at(0.7, still, terms_of(still), 0.0) == still.pressure.mean
+
+
+def test_phases_stay_continuous_where_a_frequency_or_ratio_changes() -> None:
+    before = load_scene("fig02").with_values({"pressure.frequency_ratio": 0.5})
+    origin = Origin(0.2, 3.0, 0.7)
+    phase = 3.0 + 150.0 * (0.9 - 0.2)
+    same = before.with_values({"engine.mean_torque": 1.0}).system
+    assert origin_after(before.system, same, origin, 0.9) is origin
+    for values, expected in (
+            ({"pressure.frequency_ratio": 1.5}, (0.2, 3.0, 0.7 - phase)),
+            ({"engine.frequency": 90.0}, (0.9, phase, 0.7)),
+            ({"engine.frequency": 90.0, "pressure.frequency_ratio": 0.25}, (0.9, phase, 0.7 + 0.25 * phase))):
+        after = before.with_values(values).system
+        assert origin_after(before.system, after, origin, 0.9) == pytest.approx(expected)
+
+
+def test_a_reading_has_the_state_of_its_tick() -> None:
+    scene = load_scene("fig02").with_values({"initial.slip_speed": -40.0, "initial.plate_speed": 3.0, "rate": 750.0,
+                                             "initial.plate_angle": 0.1, "pacing": "lockstep"})
+    result = Plant(scene)
+    first, d = result.reading(), scene.system.driveline
+    assert first[:5] == (0, 0.1, 0.1, -37.0, 3.0)
+    assert (first.slip_speed, first.stick_slip_state) == (-40.0, -1)
+    assert first.shaft_torque == pytest.approx(3.0 * d.damping + 0.1 * d.stiffness)
+    for _ in range(2):
+        result.advance()
+    third = result.advance()
+    assert (third.stamp_ns, result.stamp_ns, result.stamp_of(4)) == (4_000_000, 4_000_000, 5_333_333)
+    assert third.flywheel_speed == third.slip_speed + third.plate_speed
+    assert third.shaft_torque == pytest.approx(third.plate_speed * d.damping + third.plate_angle * d.stiffness)
+    result.move_far_end(25.0)
+    moved = result.advance()
+    assert (moved.output_speed, moved.output_angle) == (25.0, pytest.approx(25.0 / 750.0))
+    assert moved.shaft_torque == pytest.approx((moved.plate_speed - 25.0) * d.damping + (
+        moved.plate_angle - moved.output_angle) * d.stiffness)
+    result.move_far_end(None)
+    assert result.advance()[-2:] == (moved.output_angle, 0.0)
+
+
+def test_a_friction_table_cannot_come_or_go_while_running() -> None:
+    table = {"friction.law": "smoothed", "friction.slip_speeds": [0.0, 10.0, 100.0],
+             "friction.coefficients": [0.3, 0.27, 0.25], "pacing": "lockstep"}
+    plain = load_scene("fig02").with_values({"friction.law": "smoothed", "pacing": "lockstep"})
+    curved = plain.with_values(table)
+    sentence = ("friction.slip_speeds: a running driveline can change a friction table, but cannot add or remove one; "
+                "restart the driveline")
+    for one, other in ((plain, curved), (curved, plain)):
+        with pytest.raises(InputError) as refusal:
+            Plant(one).use(other)
+        assert str(refusal.value) == sentence
+    changed = curved.with_values({"friction.coefficients": [0.3, 0.26, 0.25]})
+    result = Plant(curved)
+    result.use(changed)
+    assert result.scene is changed
+
+
+def test_the_cost_of_a_sub_step_is_the_shortest_of_five_and_the_longer_of_slip_and_stick() -> None:
+    """Two times five measurements of 200 sub-steps, ms: 5, 4, 3, 4, 5 and 7, 6, 9, 8, 7."""
+    steps = [x for lasts in (5, 4, 3, 4, 5, 7, 6, 9, 8, 7) for x in (0.0, 1e-3 * lasts)]
+    scene = load_scene("commands").with_values(MEANS)
+    result = Plant(scene, iter(steps).__next__)
+    result.warm_up()
+    result.warm_up()
+    with pytest.raises(StopIteration):
+        result.warm_up_general()
+    assert result._cost[False] == pytest.approx(6e-3 / MEASURED)
+    assert not result.general_ready.is_set()
