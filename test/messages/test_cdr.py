@@ -1,13 +1,18 @@
 """CDR bytes against ROS 2's own serialiser, and values decoded back."""
 
+import json
 import math
 import random
+import struct
+from itertools import product
 
 import numpy as np
 import pytest
 
+from tcc_sim import topics
+from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.messages.definitions import _dependencies
+from tcc_sim.messages.definitions import CARRIED, Definition, _dependencies, definition, type_parts
 
 
 def values(count):
@@ -106,8 +111,6 @@ def test_a_string_comes_back(text):
 @pytest.mark.parametrize("length", range(17))
 def test_a_pressure_is_read_whatever_the_frame_is_called(length):
     """Doubles stand at multiples of 8 behind the four bytes of the encapsulation."""
-    import struct
-
     body = struct.pack("<iII", 3, 500, length + 1) + b"f" * length + b"\0"
     body += b"\xff" * (-len(body) % 8) + struct.pack("<dd", 2.5e5, 0.0)
     assert cdr.read_fluid_pressure(b"\0\1\0\0" + body) == (3_000_000_500, 2.5e5)
@@ -118,14 +121,145 @@ def test_a_header_comes_back(frame):
     assert cdr.read_header(cdr.header(3_000_000_500, frame)) == (3_000_000_500, frame)
 
 
-def test_the_names_of_joints_come_back_and_a_cut_message_is_refused() -> None:
-    whole = cdr.joint_state(5, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-    assert cdr.read_joints(whole) == ("", ("flywheel", "clutch_plate"), (2, 2, 2))
-    for length in range(len(whole)):
-        with pytest.raises(ValueError, match="JointState"):
-            cdr.read_joints(whole[:length])
-    with pytest.raises(ValueError, match="JointState"):
-        cdr.read_joints(whole + b"\0")
+def by_hand(*parts):
+    """Parts of a message behind the encapsulation, each aligned to its size; padding holds arbitrary bytes."""
+    body = b""
+    for part in parts:
+        if isinstance(part, str):
+            text = part.encode() + b"\0"
+            body += b"\xee" * (-len(body) % 4) + struct.pack("<I", len(text)) + text
+        elif isinstance(part, float):
+            body += b"\xee" * (-len(body) % 8) + struct.pack("<d", part)
+        else:
+            body += b"\xee" * (-len(body) % 4) + struct.pack("<I", part)
+    return cdr.HEADER + body
+
+
+def joints_by_hand(frame, names, *arrays):
+    """A JointState with the stamp 3.0000005 s."""
+    return by_hand(3, 500, frame, len(names), *names, *(part for array in arrays for part in (len(array), *array)))
+
+
+LAID_OUT = [(frame, names, counts) for frame, names, counts in product(
+    ["", "abc", "frame of 11", "\u00b5"], [("clutch_plate", "flywheel"), ("a", "flywheel", "clutch_plate")],
+    product([True, False], repeat=3))]
+
+
+@pytest.mark.parametrize(("frame", "names", "there"), LAID_OUT)
+def test_the_layout_of_joints_in_any_order_and_with_missing_arrays_finds_their_values(frame, names, there):
+    arrays = [[10.0 * number + place for place in range(len(names))] if one else [] for number, one in enumerate(there)]
+    data = joints_by_hand(frame, names, *arrays)
+    counts = tuple(map(len, arrays))
+    assert cdr.read_joints(data) == (frame, names, counts)
+    assert cdr.read_frame(data, topics.JOINT_STATE) == frame
+    layout = cdr.joint_state_layout(names, frame_id=frame, counts=counts)
+    other = data.replace(b"flywheel", b"flywhee1")
+    found, mask = layout.records([other, data, data[:-1], data, data + b"\0"])
+    assert mask.tolist() == [False, True, False, True, False]
+    fields = topics.topic("joint_states").fields
+    expected = {fields[2 * number + place]: arrays[number][names.index(joint)] for number in range(3) if there[number]
+                for place, joint in enumerate(("flywheel", "clutch_plate"))}
+    assert found.dtype.names == ("sec", "nanosec", *expected)
+    assert [dict(zip(found.dtype.names, row.tolist())) for row in found] == 2 * [{"sec": 3, "nanosec": 500, **expected}]
+    assert cdr.stamps(found).tolist() == [3_000_000_500] * 2
+
+
+@pytest.mark.parametrize("frame", ["", "abc", "hydraulics"])
+def test_the_layout_of_pressures_finds_their_values_whatever_frame_of_that_length_they_have(frame):
+    messages = [by_hand(3, 500, text, 2.5e5, 4.0) for text in (frame, frame.upper(), frame + "x" * 8)]
+    found, mask = cdr.fluid_pressure_layout(frame).records(messages)
+    assert mask.tolist() == [True, True, False]
+    assert found.tolist() == [(3, 500, 2.5e5, 4.0)] * 2
+    assert cdr.fluid_pressure_layout(frame).records([])[0].tolist() == []
+    assert cdr.read_fluid_pressure(messages[0]) == (3_000_000_500, 2.5e5)
+    assert cdr.read_fluid_pressure(messages[0][:-8] + bytes(8))[1] == 2.5e5
+    for cut in (1, 8, 9, 16):
+        with pytest.raises(ValueError, match=r"^not a little-endian sensor_msgs/msg/FluidPressure$"):
+            cdr.read_fluid_pressure(messages[0][:-cut])
+
+
+def test_messages_of_one_joint_are_those_by_hand():
+    stamp, clear = 3_000_000_500, bytes.maketrans(b"\xee", b"\0")
+    assert cdr.output_state(stamp, 1.5, 2.5, 3.5) == joints_by_hand(
+        "", [topics.OUTPUT_JOINT], [1.5], [2.5], [3.5]).translate(clear)
+    assert cdr.clutch_velocity(stamp, 2.5) == joints_by_hand("", [topics.CLUTCH_JOINT], [], [2.5], []).translate(clear)
+    assert cdr.clutch_effort(stamp, 3.5) == joints_by_hand("", [topics.CLUTCH_JOINT], [], [], [3.5]).translate(clear)
+    found, mask = cdr.OUTPUT_STATE.records([cdr.output_state(stamp, 1.5, 2.5, 3.5)])
+    assert (found.tolist(), mask.tolist()) == ([(3, 500, 1.5, 2.5, 3.5)], [True])
+    assert {name: encode(stamp, *words) for name, encode, words in (
+        (name, cdr.ENCODERS[name], words) for name, words in (
+            ("output_state", (1.0, 2.0, 3.0)), ("slip_speed_stamped", (1.0,)), ("friction_torque_stamped", (1.0,)),
+            (topics.FLOAT64, (1.0,)), (topics.INT8, (-1,)), (topics.FLUID_PRESSURE, (1.0,)), (topics.CLOCK, (stamp,))))
+            } == {"output_state": cdr.output_state(stamp, 1.0, 2.0, 3.0),
+                  "slip_speed_stamped": cdr.clutch_velocity(stamp, 1.0),
+                  "friction_torque_stamped": cdr.clutch_effort(stamp, 1.0),
+                  topics.FLOAT64: cdr.float64(1.0), topics.INT8: cdr.int8(-1),
+                  topics.FLUID_PRESSURE: by_hand(3, 500, "", 1.0, 0.0).translate(clear), topics.CLOCK: by_hand(3, 500)}
+
+
+def test_joints_are_refused_beyond_their_largest_number_and_with_an_array_of_another_length():
+    most = tuple("" for _ in range(1000))
+    assert cdr.read_joints(joints_by_hand("", most, [], [], [])) == ("", most, (0, 0, 0))
+    assert cdr.read_joints(joints_by_hand("", (), [], [], [])) == ("", (), (0, 0, 0))
+    whole = joints_by_hand("x", ["a", "b"], [1.0, 2.0], [3.0, 4.0], [])
+    wrong = [joints_by_hand("", (*most, ""), [], [], []), joints_by_hand("", ["a", "b"], [1.0], [], []),
+             joints_by_hand("", ["a"], [], [1.0, 2.0], []), joints_by_hand("", [], [], [], [1.0]), whole + b"\0",
+             *(whole[:length] for length in range(len(whole))), b"\0\0" + whole[2:]]
+    for data in wrong:
+        with pytest.raises(ValueError, match=r"^not a little-endian sensor_msgs/msg/JointState$"):
+            cdr.read_joints(data)
+
+
+def test_the_values_of_all_statuses_of_diagnostics_are_read():
+    first, second = ("node: driveline", "fine", ""), ("other", "", "id")
+    data = by_hand(3, 500, "frame", 2, 0, *first, 2, "rate", "1000", "regime", "stick", 1, *second, 1, "rate", "50 Hz")
+    assert cdr.read_diagnostics(data) == {"rate": "50 Hz", "regime": "stick"}
+    assert cdr.read_diagnostics(by_hand(3, 500, "", 0)) == {}
+    for length in range(len(data)):
+        with pytest.raises(ValueError, match=r"^not a little-endian diagnostic_msgs/msg/DiagnosticArray$"):
+            cdr.read_diagnostics(data[:length])
+
+
+def test_short_messages_have_the_stamp_0_or_are_refused():
+    assert [cdr.read_stamp(by_hand(3, 500)[:length]) for length in (0, 11, 12)] == [0, 0, 3_000_000_500]
+    assert cdr.read_float64(by_hand(2.5)) == cdr.read_float64(cdr.float64(2.5)) == 2.5
+    for data in (cdr.float64(2.5)[:-1], b"\0\0\0\0" + bytes(8)):
+        with pytest.raises(ValueError, match=r"^not a little-endian std_msgs/msg/Float64$"):
+            cdr.read_float64(data)
+    assert cdr.read_string(by_hand("", 7)) == ""
+    assert cdr.read_header(cdr.HEADER + struct.pack("<iI", -1, 5) + by_hand("abc")[4:]) == (-999_999_995, "abc")
+
+
+def test_definitions_have_every_type_once_in_the_order_of_use_and_the_hash_of_the_installed_one(tmp_path, monkeypatch):
+    first, second = tmp_path / "first", tmp_path / "second"
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{first}:{second}")
+    monkeypatch.setattr("sys.prefix", str(tmp_path / "wheels"))
+    texts = {"Whole": "Left l\nRight[] r\nLeft again\nstd_msgs/Header h\n", "Left": "Right r\n", "Right": "int8 x\n"}
+    for folder in (first, second):
+        (folder / "share" / "mine" / "msg").mkdir(parents=True)
+        for name, text in texts.items():
+            if folder == second or name != "Left":
+                (folder / "share" / "mine" / "msg" / f"{name}.msg").write_text(text if folder == first else "Right r\n")
+    (first / "share" / "mine" / "msg" / "Whole.json").write_text(json.dumps({"type_hashes": [
+        {"type_name": "mine/msg/Right", "hash_string": "no"},
+        {"type_name": "mine/msg/Whole", "hash_string": "RIHS01_1"}]}))
+    line = "\n" + "=" * 80 + "\nMSG: "
+    assert definition("mine/msg/Whole") == Definition(
+        f"{texts['Whole']}{line}mine/Left\nRight r\n{line}mine/Right\nint8 x\n{line}std_msgs/Header\n"
+        f"builtin_interfaces/Time stamp\nstring frame_id\n{line}builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n",
+        "RIHS01_1")
+    assert definition("mine/msg/Right") == Definition("int8 x\n", "")
+    assert definition("std_msgs/msg/Float64") == Definition(*CARRIED["std_msgs/msg/Float64"])
+    (first / "share" / "mine" / "msg" / "Right.msg").write_text("Absent a\n")
+    with pytest.raises(InputError, match=r"^the definition of mine/msg/Absent is not installed$"):
+        definition("mine/msg/Whole")
+
+
+def test_a_type_has_a_package_and_a_name():
+    assert type_parts("std_msgs/msg/Float64") == ("std_msgs", "Float64")
+    for name in ("Float64", "std_msgs/Float64", "Std/msg/Float64", "std_msgs/msg/float64", "std_msgs/msg/Float64 "):
+        with pytest.raises(InputError, match=f"^'{name}' is not a message type; it must be like std_msgs/msg/Float64$"):
+            type_parts(name)
 
 
 def test_the_types_of_fields_are_found_behind_bounds_and_comments() -> None:
