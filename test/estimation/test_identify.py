@@ -37,6 +37,13 @@ def test_parameters_are_found_from_starts_ten_percent_off() -> None:
         data, noise = measured(seed)
         result = identify(data, starts(seed), scene=FIG02, noise=noise)
         assert result.accepted, result
+        assert list(result.as_json()) == ["parameters", "correlations", "chi2_per_dof", "accepted", "why", "noise",
+                                          "windows",
+                                          "starts", "seconds", "whiteness", "warnings"]
+        assert list(result.columns()) == ["key", "start", "value", "standard_error", "low", "high", "verdict", "why"]
+        assert result.columns()["key"] == list(KEYS)
+        assert repr(result).startswith(f"<Identification: chi2/dof {result.chi2_per_dof:.3f}; "
+                                       f"friction.static_coefficient ")
         for p in result.parameters:
             assert abs(p.value - KEYS[p.key]) < 4.0 * p.standard_error, p
             assert p.verdict == "identified", p

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from dataclasses_of import changeable
 from fig02_measured import FIG02
 
 from tcc_sim.errors import InputError, NumericalFailure
@@ -101,6 +102,23 @@ def test_a_measurement_at_the_ends_of_what_is_allowed() -> None:
         measured(t=gap)
     assert measured(channels={"slip_speed": 1e3 + 1e-8 * SLIP}).hold is None
     assert measured(channels={"slip_speed": SLIP, "plate_angle": 1e-11 * SLIP}).notes == ()
+
+
+def test_a_last_step_that_is_shorter_by_a_thousandth_is_left_out() -> None:
+    for last, left_out in ((1.999e-3, 0), (1.997e-3, 1), (2.5e-3, 0)):
+        t = np.append(T, T[-1] + last)
+        table = MeasuredTable({"t": t, "slip_speed": np.append(SLIP, 7.0), "engine_torque": np.append(SLIP, 8.0)},
+                              {}, "x.csv")
+        if last > 2e-3:
+            with pytest.raises(InputError, match="has a step of"):
+                measurement_in(table)
+            continue
+        found = measurement_in(table)
+        assert (len(found.t), len(found.channels["slip_speed"]),
+            len(found.inputs["engine_torque"])) == (61 - left_out,) * 3
+        assert found.notes == ("x.csv: the last sample is left out; its step of 0.001997 s is shorter than the "
+                               "others, 0.002 s",
+                               )[:left_out]
 
 
 def test_columns_that_are_sampled_more_slowly_are_joined() -> None:
@@ -356,3 +374,7 @@ def test_a_profile_holds_a_key_at_thirteen_values(monkeypatch) -> None:
     absent = profile_likelihood(Model(FIG02.system, ("actuation_pressure.offset",), data), {}, FitSettings(), best,
                                 "actuation_pressure.offset", np.array([1.0]))
     assert np.isnan(absent.excess).all()
+
+
+def test_values_of_the_room_do_not_change() -> None:
+    assert changeable("estimation") == []

@@ -15,7 +15,8 @@ from scipy.optimize import brentq
 from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.estimation import linearise as linearisation
 from tcc_sim.estimation import slip_loop
-from tcc_sim.estimation.linearise import linearise
+from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, linearise
+from tcc_sim.estimation.lock_in import simulated
 from tcc_sim.estimation.operating_point import (
     Constant,
     MotionSegment,
@@ -143,6 +144,9 @@ def test_a_linearisation_has_columns_arrays_and_a_text() -> None:
                            f"{found.pressure:.6g} Pa, 3 points>")
     assert found.operating_point == linearisation.OperatingPoint(5.0, found.pressure, 200.0, 1)
     assert list(found.columns()) == ["frequency", "gain", "phase"]
+    assert set(found.as_json()) == {"input", "output", "kind", "operating_point", "multipliers", "A", "B", "C", "D",
+                                    "states", "dt",
+                                    "frequencies", "gain", "phase", "checked"}
     turning = replace(found, response=np.exp(1j * np.array([3.0, -3.0, -1.0])) * 2.0)
     assert turning.phase == pytest.approx([3.0, 2.0 * math.pi - 3.0, 2.0 * math.pi - 1.0])
     assert turning.gain == pytest.approx([2.0] * 3)
@@ -344,3 +348,31 @@ def test_the_smallest_stable_slip_does_not_depend_on_where_the_search_begins(beg
 def test_what_has_no_loop_is_refused(scene: Scene, options: dict[str, object], why: str) -> None:
     with pytest.raises(InputError, match=f"^{re.escape(why)}$"):
         linearise(scene, frequencies=[10.0], **options)
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+@pytest.mark.parametrize("inputs", INPUTS)
+def test_a_simulated_response_of_a_constant_motion_is_that_of_its_matrices(inputs: str, output: str) -> None:
+    """Within 1 %, with a fluid's torque and an actuator, which the engine's torque does not pass."""
+    scene = STILL.with_values({"converter.coupling": 3.0, "driveline.damping": 6.0, "pressure.time_constant": 0.004,
+                               "pressure.delay": 0.001})
+    found = linearise(scene, slip=1.5, input=inputs, output=output, frequencies=[250.0, 300.0, 340.0], check=2)
+    assert [point.frequency for point in found.checked] == [250.0, 340.0]
+    for point, k in zip(found.checked, (0, 2)):
+        assert point.gain * np.exp(1j * point.phase) == pytest.approx(found.response[k], rel=0.02)
+        assert point.phase == pytest.approx(found.phase[k], abs=0.1)
+
+
+def test_what_cannot_be_simulated_is_refused() -> None:
+    motion, ticks = operating_point(system(), 5.0), math.ceil(24.0 * 2.0 * math.pi / 0.05 * 4000.0)
+    for of, inputs, omega, why in (
+            (operating_point(system("set_valued"), 5.0), "engine_torque", 5.0,
+             "friction.law is set_valued; the response can be simulated for smoothed only"),
+            (replace(motion, system=system(torque=0.0)), "engine_torque", 5.0,
+             "the mean of engine_torque is 0; a response about it cannot be simulated with a small sine"),
+            (replace(motion, system=system(pressure=0.0)), "actuation_pressure", 5.0,
+             "the mean of actuation_pressure is 0; a response about it cannot be simulated with a small sine"),
+            (motion, "engine_torque", 0.05, f"a response at 0.05 rad/s takes {ticks} ticks "
+             "to simulate; at most 2000000 are allowed")):
+        with pytest.raises(InputError, match=f"^{re.escape(why)}$"):
+            simulated(of, inputs, "slip_speed", omega)

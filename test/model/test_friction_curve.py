@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace as with_fields
 from functools import cache
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.interpolate import PchipInterpolator
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.friction import peak, smoothed_coefficient, stick_speed
-from tcc_sim.model.friction_curve import fit_curve
+from tcc_sim.model.friction_curve import FrictionCurve, fit_curve
 from tcc_sim.model.groups import Friction
 from tcc_sim.model.parameters import System, replace
 
@@ -207,3 +208,58 @@ def test_the_coefficients_are_at_most_a_factor_of_twenty_apart(static: float, ki
 
 def test_the_mean_saturation_torque_of_figure_2_is_500() -> None:
     assert System().saturation_mean == pytest.approx(500.0, rel=1e-12)
+
+
+def test_a_curve_is_its_constant_and_exponentials_as_far_as_they_last():
+    curve, v = FrictionCurve(0.2, (0.05, -0.04), (3.0, 0.4)), np.array([-2.0, 0.0, 0.3, 5.0])
+    size = np.abs(v)
+    assert (curve.stribeck, curve.pairs) == (pytest.approx((0.25, 3.0, -0.2, 0.4)), (0.05, 3.0, -0.04, 0.4))
+    np.testing.assert_allclose(curve.at(v), 0.2 + 0.05 * np.exp(-3.0 * size) - 0.04 * np.exp(-0.4 * size))
+    np.testing.assert_allclose(curve.slope(v), -0.15 * np.exp(-3.0 * size) + 0.016 * np.exp(-0.4 * size))
+    flat = FrictionCurve(0.2, (), ())
+    assert (flat.stribeck, flat.pairs, flat.at(3.0), flat.slope(3.0)) == (None, (), 0.2, 0.0)
+    for of, last in ((curve, 50.0), (with_fields(curve, fastest=7.0), 7.0), (flat, 20.0),
+                     (FrictionCurve(0.2, (0.1, 0.1), (5.0, 0.0)), 4.0), (FrictionCurve(0.2, (0.1,), (1e-9,)), 1e9)):
+        speeds = of.speeds
+        assert (len(speeds), speeds[0], speeds[1], speeds[-1]) == (2001, 0.0, pytest.approx(1e-4 * last),
+                                                                   pytest.approx(last))
+        assert np.ptp(np.diff(np.log(speeds[1:]))) < 1e-9
+
+
+def test_a_poor_fit_is_doubted_in_one_sentence():
+    mu = tuple(0.13 + 0.02 * np.exp(-(((V - 8.0) / 6.0) ** 2)))
+    doubt, = Friction(slip_speeds=tuple(V), coefficients=mu).doubts
+    curve = fit_curve(tuple(V), mu)
+    assert doubt == (f"the fit of the friction table is {curve.error:.1%} of its largest coefficient off at "
+                     f"{curve.worst:g} rad/s, more than 2%: smooth the table, or give more points where it bends")
+    for shape in ("falling", "line"):
+        assert Friction(slip_speeds=tuple(V), coefficients=tuple(SHAPES[shape][0])).doubts == []
+    lone = Friction(slip_speeds=(0.0, 1.0, 2.0), coefficients=(0.2, 0.2, 0.2))
+    assert (lone.static, lone.kinetic, lone.stribeck) == (pytest.approx(0.2), pytest.approx(0.2), None)
+    for tables in ({"slip_speeds": (0.0, 1.0, 2.0)}, {"coefficients": (0.1, 0.2, 0.2)}):
+        with pytest.raises(InputError, match="it must have as many as"):
+            Friction(**tables)
+
+
+def test_fits_scale_with_their_tables_and_know_their_limits():
+    """1000 points at most; three points have one exponential; rates are 0.3 over the last speed to 5 over the first."""
+    mu = SHAPES["dip"][0]
+    one, other = fit("dip"), fit_curve(tuple(V), tuple(0.5 * mu))
+    assert other.rates == one.rates
+    assert (other.constant, *other.amplitudes) == pytest.approx((0.5 * one.constant,
+        *(0.5 * c for c in one.amplitudes)))
+    assert (other.error, other.worst, other.fastest) == (one.error, one.worst, 60.0)
+    three = fit_curve((0.0, 1.0, 4.0), (0.3, 0.2, 0.19))
+    assert len(three.rates) == 1
+    for count in (1000, 1001):
+        given = tuple(np.linspace(0.0, 10.0, count)), (0.2,) * count
+        if count == 1000:
+            assert fit_curve(*given).constant == pytest.approx(0.2)
+            continue
+        with pytest.raises(InputError, match=r"^friction.slip_speeds has 1001 values; a friction table needs 3 to "
+                           r"1000$"):
+            fit_curve(*given)
+    slow = fit_curve(tuple(V), tuple(0.1 + 0.02 * (1.0 - np.exp(-1e-3 * V))))
+    assert min(slow.rates, default=1.0) >= 0.3 / 60.0 * (1.0 - 1e-9)
+    fast = fit_curve((0.0, 1.0, 2.0, 3.0, 4.0), (0.3, 0.2, 0.2, 0.2, 0.2))
+    assert fast.rates == (pytest.approx(5.0, rel=1e-3),)

@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from dataclasses_of import changeable
 
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import equations, supported_terms
@@ -320,3 +321,7 @@ def test_terms_are_those_of_the_keys_and_a_refusal_names_who_has_them() -> None:
     two = replace(odd, {"engine.mean_torque_times": [0.0], "engine.mean_torque_values": [1.0]})
     assert sentence(lambda: supported_terms.check_supported("harmonic balance", two, "it")).endswith("; nothing does")
     assert {"flywheel_by_slip", "flywheel_by_speed", "plate_by_slip"} == set(equations.OPTIONAL)
+
+
+def test_values_of_the_room_do_not_change() -> None:
+    assert changeable("model") == []

@@ -11,6 +11,7 @@ from dataclasses import replace as with_fields
 
 import numpy as np
 import pytest
+from dataclasses_of import changeable
 from documents import valid
 from scipy.stats import qmc
 
@@ -408,3 +409,7 @@ def test_samples_have_their_own_values_of_every_scattered_key() -> None:
         (KINETIC, (k,), p) for k, p in zip(kinetic, pressure)]
     assert [(c.key, c.values, c.system.pressure.mean, c.system.friction.kinetic) for c in over] == [
         ("engine.frequency", (1.0, 2.0), p, k) for k, p in zip(kinetic, pressure)]
+
+
+def test_values_of_the_room_do_not_change() -> None:
+    assert changeable("sweeps") == []
