@@ -21,7 +21,7 @@ BEGAN, ONCE = 1.0, Gates(starts=1)
 
 
 @cache
-def moved(seconds: float = 0.3, rate: float = 1000.0, held: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def moved(seconds: float = 0.2, rate: float = 1000.0, held: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, states (n, 3) and engine torque of scene fig02 from `BEGAN` on, by SciPy on equations (1) to (7).
 
     held : from `BEGAN` on the torque is that of the sample before
@@ -56,7 +56,7 @@ def moved(seconds: float = 0.3, rate: float = 1000.0, held: bool = False) -> tup
     return t, states, torques
 
 
-def measured(seed: int = 0, seconds: float = 0.3, colour: float = 0.0) -> tuple[Measurement, dict[str, float]]:
+def measured(seed: int = 0, seconds: float = 0.2, colour: float = 0.0) -> tuple[Measurement, dict[str, float]]:
     """Slip and plate speed with noise of 1 % of their spread, and the latter; `colour` correlates samples."""
     t, states, _ = moved(seconds)
     noise = 0.01 * states.std(axis=0)

@@ -214,7 +214,8 @@ def test_a_segment_sticks_if_both_of_its_ends_do(halves: Periodic) -> None:
     assert stuck_segments(replace(made, segments=made.segments[:2])).tolist() == [True, True]
 
 
-def test_a_motion_that_is_not_found_is_named() -> None:
+def test_a_motion_that_is_not_found_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tcc_sim.estimation.operating_point.DEFAULTS", Settings(iterations=3))
     with pytest.raises(NumericalFailure, match=r"^no motion of period 1 with a mean slip speed of -20 rad/s was "
                        r"found: the best one misses its start by .*e.* in natural sizes$"):
         closed(load_scene("controlled").system, 1, np.zeros(3), -20.0)

@@ -103,7 +103,7 @@ def test_a_fixed_key_hides_where_noise_covers_its_effect_and_it_moves_a_free_one
 
 def test_a_fixed_key_that_hides_is_named() -> None:
     """The decay 20 % off: mu_s goes 20 standard errors off with it, and nothing in the residuals says so."""
-    data, noise = measured(2)
+    data, noise = measured(2, 0.3)
     result = identify(data, KEYS, scene=FIG02.with_values({"friction.decay": 2.4}), noise=noise)
     static, stiffness = result.parameters[0], result.parameters[3]
     assert abs(static.value - 0.3) > 8.0 * static.standard_error
