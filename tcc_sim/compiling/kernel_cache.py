@@ -239,7 +239,7 @@ def _content(path: Path) -> tuple[bytes, dict[str, tuple[int, int]]]:
         if not stat.S_ISREG(status.st_mode) or status.st_uid not in owners or status.st_mode & 0o022 & ~writable:
             raise UnusableFile(f"{path} is not a private file")
         content = file.read()
-    if len(content) < _CHECKSUM or hashlib.sha256(content[:-_CHECKSUM]).digest() != content[-_CHECKSUM:]:
+    if hashlib.sha256(content[:-_CHECKSUM]).digest() != content[-_CHECKSUM:]:
         raise UnusableFile(f"{path} is damaged")
     if not shipped and time.time() - status.st_mtime > DAY:
         os.utime(path)

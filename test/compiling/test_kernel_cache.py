@@ -181,8 +181,11 @@ def test_numba_cache_dir_is_the_base_and_no_more(cache, tmp_path, monkeypatch):
     assert not cache.exists()
 
 
-def test_no_base_that_is_not_absolute_and_no_home(cache, monkeypatch, capsys):
+def test_no_base_that_is_not_absolute_and_no_home(cache, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    monkeypatch.setattr(Path, "home", lambda: tmp_path)
+    assert kernel_cache.directory() == tmp_path / ".cache" / "tcc_sim"
+    kernel_cache.directory.cache_clear()
 
     def homeless():
         raise RuntimeError("Could not determine home directory.")

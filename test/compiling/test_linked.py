@@ -213,19 +213,19 @@ def test_a_numba_of_another_version_compiles_in_its_own_way_and_says_so(monkeypa
 @pytest.mark.parametrize("tested", [compiled_module.TESTED, ("0.1", "0.2")])
 def test_a_call_laid_out_once_gives_what_the_kernel_gives(monkeypatch, tested):
     @compiled
-    def kernel(values, x, n, pair):
+    def kernel(values, shift, x, n, pair):
         values[0] += 1.0
-        return values[0] * x * n if pair is None else values[0] * x * n + pair[0]
+        return values[0] * x * n + shift if pair is None else values[0] * x * n + shift + pair[0]
 
     monkeypatch.setattr(compiled_module, "TESTED", tested)
     values = np.array([1.0, 5.0])
-    call = Call(kernel, 1, "dq")
-    call.use(values, 0.0, 0, (10.0, 1.0))
+    call = Call(kernel, 2, "dq")
+    call.use(values, 0.0, 0.0, 0, (10.0, 1.0))
     assert (call(3.0, 2), call(np.float64(0.5), 4)) == (2.0 * 3.0 * 2 + 10.0, 3.0 * 0.5 * 4 + 10.0)
     values[0] = 7.0
     assert call(1.0, 1) == 18.0
-    call.use(values[::-1].copy(), 0.0, 0, None)  # Another kind, and an array that nobody else holds.
-    assert (call(1.0, 1), values[0]) == (6.0, 8.0)
+    call.use(values[::-1].copy(), -4.0, 0.0, 0, None)  # Another kind, and an array that nobody else holds.
+    assert (call(1.0, 1), values[0]) == (2.0, 8.0)
 
 
 @pytest.mark.parametrize("tested", [compiled_module.TESTED, ("0.1", "0.2")])

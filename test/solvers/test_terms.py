@@ -42,6 +42,15 @@ def test_derivatives_are_those_of_the_numbers(key):
     assert result.shape == (len(NUMBERS),)
 
 
+def test_an_amplitude_that_no_excitation_has_changes_nothing():
+    """Where torque and pressure come from topics and hold their mean without one."""
+    held = replace(SYSTEM, {f"{part}.{name}": value for part in ("engine", "pressure")
+                            for name, value in (("source", "topic"), ("fallback", "mean"))})
+    for key in ("engine.torque_amplitude", "pressure.amplitude"):
+        assert key_derivatives(SYSTEM, [key]).any()
+        assert not key_derivatives(held, [key]).any()
+
+
 def test_several_keys_are_columns():
     result = key_derivatives(SYSTEM, KEYS)
     assert result.shape == (len(NUMBERS), len(KEYS))
