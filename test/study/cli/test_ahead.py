@@ -149,3 +149,40 @@ def test_what_cannot_be_compiled_ahead_is_reported_and_leaves_the_rest(monkeypat
     assert err.startswith("tcc_sim: not compiled ahead: make_ticks of no_such_scene: ")
     assert err.count("\n") == 1
     assert "fixed_step.tick-" in out
+
+
+def test_the_parts_of_the_work_are_all_of_it():
+    parts = [ahead.USES[part] for part in ahead.PARTS]
+    assert [use for part in parts for use in part] == list(ahead.USES)
+    assert all(parts)
+    assert ahead.named_scene("fig02") == load_scene("fig02")
+    assert ahead.named_scene("set_valued").system.friction.law == "set_valued"
+    for name, (base, changes) in ahead.OTHER_SCENES.items():
+        assert ahead.named_scene(name) == load_scene(base).with_values(changes)
+
+
+def test_kernels_are_shipped_from_both_workers_and_from_the_package(tmp_path, monkeypatch):
+    """A folder holds them and nothing else; a name without a file is left out."""
+    shipped, folder, started = tmp_path / "shipped", tmp_path / "a" / "kernels", []
+    shipped.mkdir()
+    (shipped / "old").write_bytes(b"1")
+    folder.mkdir(parents=True)
+    (folder / "other").write_bytes(b"2")
+
+    class Worker:
+        def __init__(self, words, stdout, text, env):
+            started.append(words[1:])
+            assert (stdout, text) == (ahead.subprocess.PIPE, True)
+            made = Path(env["NUMBA_CACHE_DIR"], "tcc_sim")
+            made.mkdir(exist_ok=True)
+            (made / f"new{words[-1]}").write_bytes(words[-1].encode())
+            self.names = f"old new{words[-1]} nowhere"
+
+        def communicate(self):
+            return self.names, None
+
+    monkeypatch.setattr(ahead.subprocess, "Popen", Worker)
+    monkeypatch.setattr(ahead.kernel_cache, "SHIPPED", shipped)
+    assert ahead.ship(folder) == 3
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == {"old": b"1", "new0": b"0", "new1": b"1"}
+    assert started == [["-m", "tcc_sim.study.cli.ahead", "part", "0"], ["-m", "tcc_sim.study.cli.ahead", "part", "1"]]
