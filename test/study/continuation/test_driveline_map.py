@@ -13,7 +13,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
 from tcc_sim.study.continuation.branch import branch_through, first_point
-from tcc_sim.study.continuation.driveline import DrivelineMap, Seed, _no_motion, start_orbit
+from tcc_sim.study.continuation.driveline import DrivelineMap, _no_motion, start_orbit
 from tcc_sim.study.continuation.follow import StopReason
 from tcc_sim.study.continuation.loss_of_stability import nearest_bifurcation
 from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
@@ -256,13 +256,6 @@ def test_plans_that_cannot_be_carried_out(plan: ContinuationPlan, words: str) ->
 def test_a_plan_goes_from_a_lower_value_to_a_higher_one(ends: tuple[float, float]) -> None:
     with pytest.raises(InputError, match="the two must differ"):
         ContinuationPlan(MU_K, *ends)
-
-
-def test_the_seeds_of_a_plan_are_within_its_range() -> None:
-    ends, outside = (Seed(value, (0.0, 0.1, 0.0), 1) for value in (0.2, 0.3)), Seed(0.31, (0.0, 0.1, 0.0), 1)
-    assert len(ContinuationPlan(MU_K, 0.2, 0.3, seeds=tuple(ends)).seeds) == 2
-    with pytest.raises(InputError, match=r"a seed is at .* = 0.31; it must be within the range of --over, 0.2 to 0.3"):
-        ContinuationPlan(MU_K, 0.2, 0.3, seeds=(outside,))
 
 
 def test_a_branch_goes_through_a_doubling_where_its_parameter_stands_still() -> None:

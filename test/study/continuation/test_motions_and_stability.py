@@ -118,7 +118,8 @@ def test_a_plan_beyond_its_bounds_is_refused(how: Any, words: str) -> None:
     with pytest.raises(InputError) as error:
         ContinuationPlan(MU_K, 0.2, 0.3, **how)
     assert str(error.value) == words
-    for allowed in ({"period": 1, "switch": 0, "at": (0.2, 0.3)}, {"period": 16, "switch": 8}):
+    ends = tuple(Seed(value, (0.0, 0.0, 0.0), 1) for value in (0.2, 0.3))
+    for allowed in ({"period": 1, "switch": 0, "at": (0.2, 0.3)}, {"period": 16, "switch": 8, "seeds": ends}):
         ContinuationPlan(MU_K, 0.2, 0.3, **allowed)  # type: ignore[arg-type]
 
 

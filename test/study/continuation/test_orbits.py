@@ -65,18 +65,6 @@ def test_segments_of_one_cycle_give_the_same_orbit() -> None:
     assert again == pytest.approx(fine, abs=1e-10)
 
 
-def test_the_blocks_of_segments_are_in_natural_sizes() -> None:
-    map_ = TextbookMap(henon, 2)
-    map_.scales = np.array([2.0, 0.25])
-    x = np.array([0.4, 0.1])
-    parts = Shooting(map_, 2, (ParameterRange(0.5, 1.5),), (1, 1))
-    nodes = np.array([x, map_.evaluate(x, (1.0,), 0, 1).value])
-    linearised = parts.linearise(parts.unknowns(nodes, (1.0,))).blocks
-    # By hand: x' = a - x^2 + 0.3 y, y' = x, of which the derivative is [[-2 x, 0.3], [1, 0]].
-    for block, at in zip(linearised, nodes[:, 0]):
-        assert block * map_.scales[:, None] / map_.scales == pytest.approx(np.array([[-2.0 * at, 0.3], [1.0, 0.0]]))
-
-
 @pytest.mark.parametrize(("grown", "lengths", "nodes"), [
     ([2.0] * 5, [2.0, 2.0, 1.0], [0, 2, 4]), ([1.0] * 5, [5.0], [0]), ([0.1, 40.0, 0.1], [1.0, 2.0], [0, 1]),
     ([0.5, 0.5, 4.0, 4.0], [3.0, 1.0], [0, 3]), ([9.0], [1.0], [0])])

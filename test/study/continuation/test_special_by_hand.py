@@ -8,8 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from test_continuation_parts import Scaled
+from textbook_maps import TextbookMap
 
 from tcc_sim.study.continuation import codim2_points
+from tcc_sim.study.continuation.bracket import Bracket
+from tcc_sim.study.continuation.branch import branch_through, first_point
 from tcc_sim.study.continuation.codim2_points import (
     ENDING,
     AugmentedPoint,
@@ -23,10 +27,11 @@ from tcc_sim.study.continuation.codim2_points import (
     values_of_tests,
     with_error,
 )
+from tcc_sim.study.continuation.diagram import SettledMotion, state_at_phase_0
 from tcc_sim.study.continuation.palc import Solution
 from tcc_sim.study.continuation.problem import Margin, Observation
 from tcc_sim.study.continuation.settings import Settings
-from tcc_sim.study.continuation.shooting import Linearised, ParameterRange
+from tcc_sim.study.continuation.shooting import Linearised, ParameterRange, Shooting
 from tcc_sim.study.continuation.special_points import _from_circle
 
 EQUATIONS: Any = SimpleNamespace(size=1, unknowns=3, settings=Settings(), shooting=None, rounding=1e-9, kind="fold",
@@ -146,3 +151,63 @@ def test_the_distance_of_a_complex_pair_from_the_unit_circle(multipliers: Any, d
     point: Any = SimpleNamespace(orbit=SimpleNamespace(multipliers=np.array(multipliers, complex)),
                                  shooting=SimpleNamespace(settings=Settings()))
     assert _from_circle(point) == pytest.approx(distance, abs=1e-12)
+
+
+@pytest.fixture(scope="module")
+def henons() -> Any:
+    """Two neighbouring points of the branch of fixed points of the Henon map with the amplitude x^2."""
+    of = Scaled()
+    shooting = Shooting.single(of, 1, ParameterRange(-1.0, 1.5, name="p"))
+    start = shooting.unknowns(np.array([[0.5 * (-0.7 + math.sqrt(0.49 + 0.4))] * 2]), (0.1,))
+    branch = branch_through(first_point(shooting, start), both=False)
+    return branch.points[3], branch.points[4]
+
+
+@pytest.mark.parametrize("by_amplitude", [True, False])
+def test_the_points_of_a_bracket_lie_on_the_branch_at_their_part_of_the_chord(henons: Any, by_amplitude: bool) -> None:
+    a, b = henons
+    bracket = Bracket(a, b, by_amplitude)
+    assert (bracket.at(0.0), bracket.at(1.0)) == (a, b)
+    assert Bracket(a, a).at(0.5) is a
+    chord = b.solution.z - a.solution.z
+    low, high = (float(point.orbit.section[0]) ** 2 / 10.0 for point in (a, b))
+    for part in (0.25, 0.75, 0.5):
+        point = bracket.at(part)
+        x, p = float(point.orbit.section[0]), point.value
+        assert p - x * x + 0.3 * x == pytest.approx(x, abs=1e-13)
+        away = point.solution.z - a.solution.z - part * chord
+        if by_amplitude:
+            apart = x * x / 10.0 - low - part * (high - low)
+            assert float(chord @ away) + (high - low) * apart == pytest.approx(0.0, abs=1e-13)
+        else:
+            assert np.linalg.norm(away) < 1e-3
+        assert float(point.solution.tangent @ a.solution.tangent) > 0.9
+        assert bracket.at(part) is point
+    middle = 0.5 * (a.value + b.value)
+    assert bracket.locate(lambda s: s.value - middle).value == pytest.approx(middle, abs=1e-13)
+    assert bracket.locate(lambda s: 1.0) is None
+    assert bracket.locate(lambda s: s.value - middle, lambda s: 1e-12) is a
+    asked: list[float] = []
+    found = bracket.locate(lambda s: s.value - middle, lambda s: asked.append(s.value) or abs(s.value - middle))
+    assert abs(found.value - middle) <= 1e-11
+    assert len(asked) >= 3
+
+
+def test_a_point_turned_has_the_other_tangent_and_sign(henons: Any) -> None:
+    a, _ = henons
+    turned = a.turned()
+    assert turned.solution.tangent.tolist() == (-a.solution.tangent).tolist()
+    assert (turned.solution.sign, turned.turned().solution.sign) == (-a.solution.sign, a.solution.sign)
+    assert a.moved(a.solution, False).by_amplitude is False
+    assert a.moved(a.solution).by_amplitude is True
+    assert a.slope == a.solution.tangent[2]
+
+
+def test_a_motion_of_a_sweep_begins_at_the_next_phase_0() -> None:
+    """With a load of period 3, the state at cycle 4 is mapped over two cycles."""
+    of = TextbookMap(lambda x, p: (2.0 * x + p[0], np.array([[2.0]]), np.ones((1, 1))), 1)
+    of.forcing_period = 3
+    for cycle, at_phase_0 in ((0, 5.0), (3, 5.0), (4, 4.0 * 5.0 + 3.0 * 0.5), (5, 2.0 * 5.0 + 0.5)):
+        assert state_at_phase_0(of, SettledMotion(0.5, np.array([5.0]), cycle, 1, 1.0)).tolist() == [at_phase_0]
+    assert [SettledMotion(0.0, np.zeros(1), 0, n, 1.0).has_period(6, 2) for n in (0, 2, 3, 4, 6)] == [
+        False, False, True, False, True]
