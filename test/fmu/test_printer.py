@@ -114,16 +114,23 @@ def assigned(x: float, y: float) -> float:
     _, third = pair_of(low, high)
     if (difference := high - low) > 2.0:
         third += difference
+    while low > high:
+        low = low - 1.0
     values: list[float] = []
     values.append(x)
     values.append(y)
     values.append(low)
     whole = int(2)
+    third += chosen(x, True) - chosen(y, False)
     return third + values[2] + len(values) + whole + float(low) * sum_of(*values, 1.0)
 
 
 def pair_of(a: float, b: float = 2.0) -> tuple[float, float]:
     return a, a * b
+
+
+def chosen(x: float, double: bool) -> float:
+    return (2.0 * x if double else x) + max(double, 0)
 
 
 def sum_of(a: float, *more: float) -> float:
