@@ -247,7 +247,7 @@ plainly("no_message_index", index_types=IndexType.CHUNK)
 plainly("no_statistics", use_statistics=False)
 plainly("outside_chunks", "warnings", sentence=UNCHECKED, use_chunking=False)
 plainly("no_checksums", "warnings", sentence=UNCHECKED, enable_crcs=False)
-plainly("small_chunks", chunk_size=200)
+plainly("small_chunks", chunk_size=2000)
 plainly("one_chunk", chunk_size=1 << 30)
 plainly("data_checksum", enable_data_crcs=True)
 NO_PUBLISHER = ("drivelines",)
@@ -491,7 +491,7 @@ def chunk_of_unknown_compression_without_driveline(folder, source):
 
 @way()
 def blank_map_beside(folder, source):
-    save(folder / "run_0.mcap", source.with_topic("/map", "nav_msgs/msg/OccupancyGrid", bytes(1 << 20), every=10),
+    save(folder / "run_0.mcap", source.with_topic("/map", "nav_msgs/msg/OccupancyGrid", bytes(1 << 20), every=60),
          chunk_size=1 << 20)
 
 

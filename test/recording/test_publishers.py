@@ -15,13 +15,13 @@ from tcc_sim.scene import load_scene
 MINIMAL, COMMANDS = load_scene("minimal"), load_scene("commands")
 
 
-def test_thousands_of_resets_stay_readable(tmp_path):
-    stamps = [n * TICK for _ in range(2500) for n in range(4)]
+def test_a_thousand_resets_stay_readable(tmp_path):
+    stamps = [n * TICK for _ in range(1200) for n in range(4)]
     write(tmp_path / "run", columns(len(stamps)), stamps, flush_every=500)
     run, batches, result, _ = read(tmp_path / "run")
     assert result.tolist() == stamps
-    assert (run.stamps.runs, run.stamps.resets, batches[-1].run) == (2500, 2499, 2499)
-    assert "simulation time started again 2499 times (2499 resets, 0 restarts): these are separate runs" in run.warnings
+    assert (run.stamps.runs, run.stamps.resets, batches[-1].run) == (1200, 1199, 1199)
+    assert "simulation time started again 1199 times (1199 resets, 0 restarts): these are separate runs" in run.warnings
 
 
 def two(tmp_path, order):
