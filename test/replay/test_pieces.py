@@ -1,20 +1,23 @@
 """Functions of the replay on states, commands and tables made by hand: times, holds, sentences, rates and orders."""
 
 import math
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from importlib import import_module
 from pkgutil import iter_modules
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from driveline_bags import bag, ticked
 
 import tcc_sim.replay
 from tcc_sim.analysis.control import Steps
 from tcc_sim.errors import InputError
 from tcc_sim.model.groups import Pressure
 from tcc_sim.recording.columns import Commanded, JointStates
+from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.window import Window
+from tcc_sim.replay import verification
 from tcc_sim.replay.applied import _from_start, _stretches
 from tcc_sim.replay.control import _inferred_fallbacks, _thinned
 from tcc_sim.replay.given_inputs import (
@@ -30,11 +33,13 @@ from tcc_sim.replay.given_inputs import (
 )
 from tcc_sim.replay.inputs import CommandAge, HeldInput
 from tcc_sim.replay.measured import analyse_table, at_measured_speed
+from tcc_sim.replay.replay import replay
 from tcc_sim.replay.result import Verification
 from tcc_sim.replay.segments import Segment, _steps_only
-from tcc_sim.replay.timeline import Timeline, from_first_motion, slip_between_gaps
+from tcc_sim.replay.timeline import Timeline, from_first_motion, slip_between_gaps, timeline_of
 from tcc_sim.replay.timing import Timing, _steps, default_of, frequency_changes, pace_of, timing_of
 from tcc_sim.scene import load_scene
+from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.tables.measured_table import MeasuredTable
 
 MS, NAN = 1_000_000, math.nan
@@ -308,9 +313,9 @@ def test_a_table_drives_with_the_hold_that_is_asked_for_or_stated():
     (T, {"engine_torque": np.ones(40)}, []),
     (T, {"engine_torque": np.where(np.arange(40) == 7, NAN, 1.0)}, ["in.csv: one or two rows are missing at 0.06 to "
      "0.08 s; the inputs are interpolated there as between other rows"]),
-    (np.cumsum([0.125, 0.875] * 8), {"engine_torque": np.ones(16)}, ["in.csv: its rows are irregular in time, 0.125 "
+    (np.cumsum([0.125, 0.875] * 9), {"engine_torque": np.ones(18)}, ["in.csv: its rows are irregular in time, 0.125 "
      "to 0.875 s apart (at 0.125 s); the inputs are interpolated between them"]),
-    (np.cumsum([0.125, 0.875] * 7), {"engine_torque": np.ones(14)}, []),
+    (np.cumsum([0.125, 0.875] * 8)[:15], {"engine_torque": np.ones(15)}, []),
     (np.arange(1002) * 0.6, {"engine_torque": np.ones(1002)}, ["in.csv: its rows are 0.6 s apart; if its times are in "
      "ms, say so with --columns t=COLUMN:ms"]), (np.arange(1001) * 0.6, {"engine_torque": np.ones(1001)}, []),
     (np.arange(1002) * 0.5, {"engine_torque": np.ones(1002)}, []),
@@ -322,7 +327,8 @@ def test_doubts_about_a_table(t, columns, doubts):
 
 
 @pytest.mark.parametrize(("rows", "part", "t", "note"), [
-    ([0.0, 1.0, 2.0], (None, None), [0.0, 1.0, 2.0], False), ([1.5, 2.5, 3.5], (None, None), [1.5, 2.5, 3.5], False),
+    ([0.0, 2.0, 4.0], (None, None), [0.0, 2.0, 4.0], False), ([3.0, 5.0, 7.0], (None, None), [3.0, 5.0, 7.0], False),
+    ([3.1, 5.1, 7.1], (None, None), [0.0, 2.0, 4.0], True), ([1.5, 2.5, 3.5], (None, None), [1.5, 2.5, 3.5], False),
     ([1.6, 2.6, 3.6], (None, None), [0.0, 1.0, 2.0], True), ([-0.5, 0.5, 1.5], (None, None), [0.0, 1.0, 2.0], False),
     ([-2.0, -1.0, 0.0], (None, None), [0.0, 1.0, 2.0], True), ([0.0, 1.0, 2.0], (1.0, None), [0.0, 1.0], False),
     ([0.0, 1.0, 2.0, 3.0], (2.0, 3.0), [0.0, 1.0], True), ([0.0, 1.0, 2.0], (None, 1.0), [0.0, 1.0], False)])
@@ -384,3 +390,81 @@ def test_results_are_frozen():
         for one in vars(import_module(found.name)).values():
             if is_dataclass(one) and isinstance(one, type) and one.__module__ == found.name:
                 assert one.__dataclass_params__.frozen, one
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory):
+    return replay(bag(tmp_path_factory.mktemp("lines") / "run", ticked(MINIMAL, 400), MINIMAL), discard=0)
+
+
+LATE = {"late_ticks": 5, "late_share": 0.0125}
+CUT = {"complete": False}
+
+
+@pytest.mark.parametrize(("changes", "rows"), [
+    ({}, {"recording": "complete", "messages": "400 of joint_states, 0 lost", "stamps": "1 ms apart, no gap",
+          "rate": "1000.00 Hz reached, 1.00000 of real time", "frequency": "150 rad/s, from the scene"}),
+    ({"lost_messages": 1}, {"recording": "closed properly; 1 message lost", "messages": "400 of joint_states, 1 lost"}),
+    (CUT, {"recording": "cut short; data up to the last flush is read"}),
+    ({**CUT, "warnings": ("part 1 is missing",)}, {"recording": "not complete: a part is missing"}),
+    ({**CUT, "warnings": ("2 parts are missing, the first is part 1",)}, {"recording": "not complete: a part is "
+     "missing"}),
+    ({"pace": NAN}, {"rate": "not known: the times of receipt do not show it"}), ({"pace": 0.5}, {
+        "rate": "500.00 Hz reached, 0.50000 of real time"}),
+    ({"missed_ticks": 0, "late_ticks": 0}, {"missed ticks": None, "late ticks": None}),
+    ({"missed_ticks": 3, **LATE}, {"missed ticks": "3 in real time",
+                                   "late ticks": "5, 1.25 % of the paced ones, by more than a period"}),
+    ({**LATE, "late_share": NAN}, {"late ticks": "5, of an unknown number of paced ones, by more than a period"}),
+    ({"command_age": CommandAge(0.001, 0.002, 0.003)}, {
+        "command age": "median 0.001 s, 95 % within 0.002 s, largest 0.003 s"}),
+    ({"inputs": {"engine_torque": HeldInput(1.0, 0.0, 0.0, None, 1)}}, {
+        "engine torque": "held for 1 s by commands; 1 publisher",
+        "command age": "not known: most commands have no stamp, or none was applied"}),
+    ({"verification": Verification(False, 0.0, 1, 0, 0, None, "why")}, {"solved again": "not verified: why"}),
+    ({"segments": (Segment(0.0, 1.0, "start", {}, None, None),)}, {"segment 1": None}),
+    ({"segments": (Segment(0.0, 1.0, "start", {}, None, None),) * 2}, {
+        "segment 2": "0 to 1 s, start", "--json has": None, "segment 3": None}),
+    ({"segments": (Segment(0.0, 1.0, "start", {}, None, None),) * 20}, {"segment 20": "0 to 1 s, start", "--json "
+     "has": None}),
+    ({"segments": (Segment(0.0, 1.0, "start", {}, None, None),) * 22}, {
+        "segment 20": "0 to 1 s, start", "segment 21": None, "--json has": "2 more segments"})])
+def test_rows_of_a_replay(result, changes, rows):
+    lines = replace(result, **changes).lines()
+    found = {name: next((line.split(name, 1)[1].strip() for line in lines[1:] if line.strip().startswith(name)), None)
+             for name in rows}
+    assert found == rows
+    page = replace(result, **changes).markdown().splitlines()
+    assert page[:4] == ["# run", "", "| | |", "|---|---|"]
+    assert len(page) == len(lines) + 3
+
+
+def test_counts_of_a_replay(result):
+    assert (result.frequency, result.frequency_source) == (MINIMAL.system.engine.frequency, "scene")
+    assert [*result.columns()][:3] == ["start", "end", "began_by"]
+    assert replace(result, segments=()).columns() == {}
+    n = len(result.cycles)
+    highest = result.cycles.highest.copy()
+    assert result.unbroken == n
+    for broken, left in ((0, n - 1), (n - 1, 0), (2, n - 3)):
+        cut = np.where(np.arange(n) == broken, NAN, highest)
+        assert replace(result, cycles=replace(result.cycles, highest=cut)).unbroken == left
+    assert replace(result, summary=replace(result.summary, discarded=2)).unbroken == n - 2
+    assert str(replace(result, lost_messages=2, complete=False)) == (
+        f"<Replay of run: 400 messages, 2 lost, cut short; {n} cycles, no period, stick-slip; largest |slip speed| "
+        f"{result.summary.max_slip_speed:.5g} rad/s>")
+
+
+@pytest.mark.parametrize(("limit", "short"), [(29, None), (28, "solving it again takes more than")])
+def test_work_is_bounded_tick_by_tick(tmp_path, monkeypatch, limit, short):
+    rows = ticked(MINIMAL, 30)
+    line = timeline_of(open_run(bag(tmp_path / "run", rows, MINIMAL)), MINIMAL)
+    each = Stepper(MINIMAL.system, 1e-3).substeps + 20
+    monkeypatch.setattr(verification, "SMALLEST_WORK", limit * each)
+    monkeypatch.setattr(verification, "WORK_PER_BYTE", 0)
+    verdict = verification.verify(line, 10**6)
+    assert (verdict.verified, short is None or short in verdict.detail) == (short is None, True)
+    # A gap of 11 ticks may use half of the work: 40 ticks less the 9 before it, less 20.
+    line = timeline_of(open_run(bag(tmp_path / "gap", rows[:10] + rows[20:], MINIMAL)), MINIMAL)
+    for work, exact in ((40 * each, 20), (40 * each - 2, 10)):
+        monkeypatch.setattr(verification, "SMALLEST_WORK", work)
+        assert verification.verify(line, 0).exact == exact
