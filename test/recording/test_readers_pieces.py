@@ -20,12 +20,13 @@ import tcc_sim.recording
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.parameter_file import LARGEST_FILE
-from tcc_sim.recording import records
+from tcc_sim.recording import layouts, records
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.columns import GrowingStates, JoinedTopic, JointStates, joined_topics, receipt_times
 from tcc_sim.recording.commands import Commands, _by_clock, _delay, _Sent
 from tcc_sim.recording.contents import MOST_TOPICS, Channel, Contents, together
-from tcc_sim.recording.drivelines import Choice, RecordedDriveline, joints_sentence, same_process
+from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
+from tcc_sim.recording.layouts import Layouts
 from tcc_sim.recording.mcap_file import FileSummary, digest, information
 from tcc_sim.recording.parts import (
     Parts,
@@ -38,9 +39,9 @@ from tcc_sim.recording.parts import (
     unpacked_file,
 )
 from tcc_sim.recording.reader import BYTES_A_STATE, TooManyStates, open_run
-from tcc_sim.recording.recovery import default_directory
+from tcc_sim.recording.recovery import _parsed, default_directory
 from tcc_sim.recording.stamps import Break, StampCounter
-from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, JOINT_STATE, STRING
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLUID_PRESSURE, JOINT_STATE, STRING
 
 NONE = np.empty(0, np.int64)
 YEAR = 365 * 86_400 * 10**9
@@ -520,3 +521,97 @@ def test_a_part_that_cannot_be_read_makes_a_recording_incomplete(tmp_path):
         run = open_run(path)
         assert (run.complete, len(run.states()[0])) == (complete, 3)
         assert run.warnings == [f"left out: {path / name}: it is not an MCAP file, or its start is damaged"]
+
+
+def test_metadata_is_written_where_hard_links_are_refused(tmp_path, monkeypatch):
+    def link(*_, **__):
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", link)
+    path = recorded(tmp_path / "run")
+    assert sorted(file.name for file in path.iterdir()) == ["metadata.yaml", "run_0.mcap"]
+    assert yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]["message_count"] == 3
+    writer = BagWriter(tmp_path / "other")
+    (tmp_path / "other" / "metadata.yaml").write_text("mine")
+    with pytest.raises(RecordingError, match=r"metadata.yaml exists already and is not overwritten"):
+        writer.close()
+    assert (tmp_path / "other" / "metadata.yaml").read_text() == "mine"
+    assert len([*(tmp_path / "other").iterdir()]) == 2
+
+
+@pytest.mark.parametrize(("most", "values", "refused"), [(9, [1.0, 2.0, 3.0, 4.0], 1), (2, [1.0, 2.0, 3.0, 4.0], 1),
+                                                        (1, [1.0, 4.0], 3)])
+def test_pressures_of_other_frames_are_read_up_to_a_number_of_layouts(monkeypatch, most, values, refused):
+    def pressure(frame, value):
+        name = frame.encode() + b"\0"
+        body = struct.pack("<iII", 1, 5, len(name)) + name
+        return b"\0\1\0\0" + body + b"\0" * (-len(body) % 8) + struct.pack("<dd", value, 0.0)
+
+    monkeypatch.setattr(layouts, "MOST_LAYOUTS", most)
+    data, messages = chunk(pressure("", 1.0), pressure("plate", 2.0), b"\0\1\0\0", pressure("plate", 3.0),
+     pressure("", 4.0))
+    found = Layouts(FLUID_PRESSURE, (), ("fluid_pressure",), np.array([10**9]))
+    result = found.take(np.frombuffer(data, np.uint8), messages, [1])
+    assert (result.columns["fluid_pressure"].tolist(), found.refused) == (values, refused)
+    assert result.rows.tolist() == [{1.0: 0, 2.0: 1, 3.0: 3, 4.0: 4}[value] for value in values]
+    assert (set(result.stamps.tolist()), result.heads["log_ns"].tolist()) == ({5}, [5] * len(values))
+    assert len(found.take(np.frombuffer(data, np.uint8), messages, [2]).rows) == 0
+    assert Layouts(FLOAT64).take(np.frombuffer(data, np.uint8), messages, [1]).rows.tolist() == []
+
+
+def driveline(topic, began=0, scene=True, able=True):
+    return RecordedDriveline(topic, "", ("a", "b"), None, 1, 0.0, 1.0, False, (), ("scene",) if scene else (), able,
+     began)
+
+
+BOTH = [driveline("/a/x"), driveline("/b/x", able=False)]
+
+
+@pytest.mark.parametrize(("drivelines", "choice", "number"), [
+    ([], Choice(), None), ([driveline("/a", able=False)], Choice(), None), ([driveline("/aa"), driveline("/b")],
+     Choice(), 1),
+    ([driveline("/b"), driveline("/a")], Choice(), 1), ([driveline("/a", scene=False), driveline("/bb")], Choice(), 1),
+    ([driveline("/a", 5), driveline("/a", 9), driveline("/a", 7)], Choice(), 1),
+    ([driveline("/a", 9), driveline("/a", 9)], Choice(), 1), ([driveline("/a"), driveline("/b")], Choice(topic="b"), 1),
+    ([driveline("/a"), driveline("/b")], Choice(driveline=1), 1), ([driveline("/a"), driveline("/b")], Choice(None,
+     "b", 1), 1),
+    ([driveline("/a")], Choice(driveline=1), "driveline is 1; the recording holds 1 driveline, counted from 0"),
+    ([driveline("/a")] * 2, Choice(driveline=-1), "driveline is -1; the recording holds 2 drivelines, counted from 0"),
+    ([driveline("/a"), driveline("/b")], Choice(None, "/a", 1), "driveline 1 is on /b, not on /a"),
+    (BOTH, Choice(topic="/c"), "no joint_states were recorded on /c; the topics with joint_states are /a/x, /b/x"),
+    ([], Choice(topic="/c"), "no joint_states were recorded on /c; the topics with joint_states are none"),
+    (BOTH, Choice(topic="/b/x"), "its joints are a, b; say which of them are flywheel and clutch plate: --joints "
+     "flywheel=NAME,clutch_plate=NAME"),
+    (BOTH, Choice(driveline=1), "its joints are a, b; say which of them are flywheel and clutch plate: --joints "
+     "flywheel=NAME,clutch_plate=NAME")])
+def test_the_driveline_to_read(drivelines, choice, number):
+    if isinstance(number, str):
+        with pytest.raises(InputError) as error:
+            Inventory(()).chosen(drivelines, choice)
+        assert str(error.value) == number
+    else:
+        assert Inventory(()).chosen(drivelines, choice) == number
+
+
+def test_a_recording_out_of_order_that_is_too_large_to_sort_keeps_its_order(tmp_path, monkeypatch):
+    writer = BagWriter(tmp_path / "run")
+    channel = writer.channel("/joint_states", JOINT_STATE)
+    for n in (*range(40, 80), *range(40)):
+        writer.write(channel, n * 10**6, n * 10**6, cdr.joint_state(n * 10**6, *[0.0] * 6), n + 1)
+    writer.close()
+    ordered = open_run(tmp_path / "run")
+    assert [len(run) for run in ordered.states()] == [80]
+    monkeypatch.setattr("tcc_sim.recording.reader._memory", lambda: 20_000)
+    large = open_run(tmp_path / "run")
+    assert [len(run) for run in large.states()] == [40, 40]
+    assert ("the blocks of the recording are out of order, and it is too large to sort them by log time"
+            in large.warnings)
+
+
+@pytest.mark.parametrize(("text", "depth"), [
+    ("- depth: 7", 7), ("[]", None), ("", 100), ("depth: 7", 100), ("- 7", 100), ("- {depth: 7", 100), ("- &a {depth: "
+     "7}", 100),
+    ("[" * 3000, 100), ("- {depth: 2026-99-99}", 100)])
+def test_quality_of_service_that_is_none_is_that_of_the_driveline(text, depth):
+    profiles = _parsed(text)
+    assert [profile["depth"] for profile in profiles] == ([] if depth is None else [depth])
