@@ -10,7 +10,6 @@ import pytest
 from driveline_bags import START, TICK, bag, by_hand
 
 from tcc_sim.cli import main
-from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.reader import open_run
@@ -238,14 +237,6 @@ def test_the_layout_of_our_own_names_is_our_own():
     layout = cdr.joint_state_layout()
     assert layout.record == cdr.JOINT_STATE
     assert layout.example.tobytes() == cdr.joint_state(0, *[0.0] * 6)
-
-
-@pytest.mark.parametrize("name", ["run", "run/run_0.db3"])
-def test_a_bag_in_sqlite_is_refused_with_the_command_that_converts_it(tmp_path, name):
-    (tmp_path / "run").mkdir()
-    (tmp_path / "run" / "run_0.db3").write_bytes(b"SQLite format 3\0")
-    with pytest.raises(RecordingError, match=r"rosbags-convert --src .*run --dst .*run_mcap --dst-storage mcap"):
-        open_run(tmp_path / name)
 
 
 @pytest.mark.parametrize("spread", [0.1, 0.4])

@@ -67,6 +67,11 @@ READ = {"t": [0.0, 0.1, 0.3], "engine_torque": [200.0, 250.0, 300.0]}
     ("t/s,engine_torque / Nm\n" + AXES, READ, []),
     ("t [ms],engine_torque (kN m)\n0,.2\n100,.25\n300,.3\n", READ,
      ["2 columns, 2 used; t from t in ms, engine_torque from engine_torque in kN m"]),
+    *((head + AXES, READ, notes) for head, notes in (
+        ("t,engine_torque\ns,N m\n", []), ("t,engine_torque\n[s], (Nm)\n", []), ("t,engine_torque\ns,\n", []),
+        ("# words\n\nt , engine_torque\n[s], (N*m)\n", []), ("t(s),engine_torque [Nm]\n", []))),
+    ("t,engine_torque\ns,of the bench\nms,kN m\n0,.2\n100,.25\n300,.3\n", READ,
+     ["2 columns, 2 used; t from t in ms, engine_torque from engine_torque in kN m"]),
     ("Time,Engine Torque\n" + AXES, READ, ["2 columns, 2 used; t from Time, engine_torque from Engine Torque"]),
     ("t,a,b,c,d,e,f,engine_torque\n0,1,1,1,1,1,1,200\n0.1,1,1,1,1,1,1,250\n0.3,1,1,1,1,1,1,300\n", READ,
      ["8 columns, 2 used; passed over: a, b, c, d, e, f"]),
@@ -127,6 +132,9 @@ CLEAN = "t,M_mot [Nm],engine_torque\n0,1,2\n0.1,2,3\n"
     (CLEAN.replace("M_mot [Nm]", "T"), "slip_speed=T,t=t", {"t": [0.0, 0.1], "slip_speed": [1.0, 2.0],
                                                              "engine_torque": [2.0, 3.0]}),
     ("time,Time,engine_torque\n0,0,1\n1,1,2\n", None, "{path} has the column time 2 times"),
+    ("t,engine_torque\ns,bananas\n0,1\n1,2\n", None, "{path}: column engine_torque is in bananas; engine_torque must "
+     "be in "
+     "N m or one of N m, kN m, lbf ft"),
     ("t,engine_torque [K]\n0,1\n1,2\n", None, "{path}: column engine_torque is in K; engine_torque must be in N m or "
      "one of N m, kN m, lbf ft"),
     ("x,engine_torque\n0,1\n1,2\n", None, "{path}: there is no column t; the file has x, and --columns t=COLUMN names "
