@@ -33,7 +33,8 @@ from tcc_sim.replay.given_inputs import (
 )
 from tcc_sim.replay.inputs import CommandAge, HeldInput
 from tcc_sim.replay.measured import analyse_table, at_measured_speed
-from tcc_sim.replay.replay import replay
+from tcc_sim.replay.recorded import read
+from tcc_sim.replay.replay import _end_of, _warnings, replay
 from tcc_sim.replay.result import Verification
 from tcc_sim.replay.segments import Segment, _steps_only
 from tcc_sim.replay.timeline import Timeline, from_first_motion, slip_between_gaps, timeline_of
@@ -468,3 +469,39 @@ def test_work_is_bounded_tick_by_tick(tmp_path, monkeypatch, limit, short):
     for work, exact in ((40 * each, 20), (40 * each - 2, 10)):
         monkeypatch.setattr(verification, "SMALLEST_WORK", work)
         assert verification.verify(line, 0).exact == exact
+
+
+def test_a_recording_in_words_and_columns(tmp_path):
+    recording = read(bag(tmp_path / "run", ticked(MINIMAL, 60, resets=(40,)), MINIMAL, cut=True))
+    assert str(recording) == "<Recording run of run: 2 runs, cut short>"
+    assert (recording.complete, [one.states for one in recording.drivelines]) == (False, [61])
+    assert [(run.number, run.start, run.end, run.samples, run.began_by) for run in recording.runs] == [
+        (0, 0.0, 0.04, 41, "start"), (1, 0.0, pytest.approx(0.019), 20, "reset")]
+    columns = recording.columns(1, 0.002, 0.004)
+    assert columns["t"].tolist() == pytest.approx([0.002, 0.003, 0.004])
+    assert [*columns] == [*recording.trajectory(1).columns()]
+    page = recording._repr_html_()
+    assert page.startswith("<p>&lt;Recording run of run: 2 runs, cut short&gt;</p>")
+    assert [name in page for name in ("number", "began_by", "reset")] == [True] * 3
+
+
+@pytest.mark.parametrize(("texts", "sources", "note", "said"), [
+    ([], 0, "", []), (["a"], 9, "odd", ["odd"]), (["a", "a"], 10, "", ["only the first 10 changes of the source of an "
+     "input "
+                                                                        "are used"]),
+    (["a", "b"], 0, "", ["the recording holds 2 scenes that differ; the figures above the segments are computed with "
+     "the first"]),
+    (["a"] * 3, 0, "", ["only the first 2 scenes are used"])])
+def test_warnings_about_scenes_and_sources(monkeypatch, texts, sources, note, said):
+    monkeypatch.setattr("tcc_sim.replay.replay.MOST_SCENES", 2)
+    monkeypatch.setattr("tcc_sim.replay.replay.MOST_SOURCES", 10)
+    recording = SimpleNamespace(file=SimpleNamespace(scenes=[SimpleNamespace(parameters=text) for text in texts]))
+    assert [*_warnings(recording, SimpleNamespace(sources=range(sources)), SimpleNamespace(note=note))] == said
+
+
+def test_the_end_that_a_picture_shows_is_24_cycles_and_200_000_samples(monkeypatch):
+    every = states(np.arange(1000) * MS)
+    assert len(_end_of(every, 0.01)) == 241
+    assert len(_end_of(every, 1.0)) == 1000
+    monkeypatch.setattr("tcc_sim.replay.replay.TAIL_SAMPLES", 50)
+    assert _end_of(every, 0.01).stamp_ns.tolist() == [k * MS for k in range(950, 1000)]
