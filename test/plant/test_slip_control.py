@@ -119,3 +119,25 @@ def test_the_tuning_takes_its_ranges_and_refuses_the_rest_by_a_sentence() -> Non
 def test_a_senseless_tuning_is_refused(values: dict[str, object], match: str) -> None:
     with pytest.raises(InputError, match=match):
         Tuning(**values)  # type: ignore[arg-type]
+
+
+def test_every_update_is_that_of_its_equations() -> None:
+    """A cycle of two and a half updates: the last two samples count in full, the one before them by a half."""
+    tuning = Tuning(target=20.0, bandwidth=12.0, frequency=2.0 * math.pi / 0.025, inertia=0.3, torque_per_pressure=2e-3,
+                    pressure_limit=2e5, step=0.01)
+    assert tuning.cycle_steps == pytest.approx(2.5)
+    controller, correction = SlipController(tuning), 0.0
+    slips = np.array([30.0, 25.0, 18.0, 22.0, 26.0, 140.0, 90.0, 20.0])
+    torques = np.array([100.0, 300.0, 200.0, -50.0, 10.0, 400.0, 300.0, 50.0])
+    for k in range(len(slips)):
+        weights, last = np.array([1.0, 1.0, 0.5][:k + 1][::-1]), slice(max(k - 2, 0), k + 1)
+        mean, torque = (float(x[last] @ weights / weights.sum()) for x in (slips, torques))
+        controller.target = 20.0 if k < 4 else 23.0
+        error = mean - controller.target
+        wanted = (torque + 0.3 * 12.0 * error + correction) / 2e-3
+        assert controller.update(slips[k], torques[k]) == pytest.approx(min(max(wanted, 0.0), 2e5))
+        if 0.0 <= wanted <= 2e5 or (wanted > 2e5) == (error < 0.0):
+            correction += 0.3 * 12.0**2 / 4.0 * 0.01 * error
+    moving = Tuning(target_times=(0.0, 2.0), target_values=(20.0, 30.0))
+    assert [moving.target_at(t) for t in (0.0, 0.5, 2.0, 9.0)] == [20.0, 22.5, 30.0, 30.0]
+    assert (Tuning(target=25.0).target_at(3.0), SlipController(moving).target) == (25.0, 20.0)
