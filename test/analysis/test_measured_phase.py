@@ -110,6 +110,9 @@ def test_the_phase_is_that_of_the_first_reference():
     assert by_speed.when(np.array([1.0])) == pytest.approx([TURN / OMEGA])
     half = measured_phase(table(engine_speed=0.5 * speed, engine_torque=TORQUE), 2.0)
     assert half.turns == pytest.approx(OMEGA * FAST / TURN)
+    for first, doubted in ((6.0, False), (4.0, True)):   # Of a line at twice the excitation, a twentieth of it counts.
+        double = 100.0 * np.sin(2.0 * OMEGA * FAST) + first * np.sin(OMEGA * FAST)
+        assert bool(measured_phase(table(engine_speed=speed, engine_torque=double)).notes) is doubted
     by_torque = measured_phase(table(engine_torque=TORQUE), pulses=1)
     assert by_torque.times == pytest.approx((TURN * by_torque.turns - 0.4) / OMEGA, abs=1e-6)
     by_tacho = measured_phase(table(tacho=np.sin(OMEGA * FAST)), 1.0, 1)
