@@ -90,21 +90,17 @@ def stick_margin(system: System) -> StickMargin:
     torque, load = stuck_interface_torque(system), load_series(system)
     ratio = system.friction_ratio
     cycles = common_cycles(system)
-    frequencies = np.concatenate([torque.frequency, load.frequency])
-    if len(frequencies) == 0:
-        return StickMargin(ratio * max(load.mean, 0.0) - abs(torque.mean), 0.0)
     if len(torque.frequency) == 0 or cycles == 0:
         least = max(load.mean - load.swing(), 0.0)
-        still = Sines.of(least, [])
-        worst = _smallest(torque, still, ratio, system.cycle)
-        return StickMargin(worst.torque, math.nan if len(load.frequency) else worst.time)
+        if len(torque.frequency) == 0:
+            return StickMargin(ratio * least - abs(torque.mean), math.nan if len(load.frequency) else 0.0)
+        return StickMargin(_smallest(torque, Sines.of(least, []), ratio, system.cycle).torque, math.nan)
     return _smallest(torque, load, ratio, cycles * system.cycle)
 
 
 def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickMargin:
     """Minimise ratio max(Ts, 0) - |Tfi| over one period."""
-    frequencies = np.concatenate([torque.frequency, load.frequency])
-    fastest = float(frequencies.max()) if len(frequencies) else 2.0 * math.pi / period
+    fastest = float(np.concatenate([torque.frequency, load.frequency]).max())
     bend = float(torque.amplitude @ torque.frequency**2) + ratio * float(load.amplitude @ load.frequency**2)
     size = abs(torque.mean) + torque.swing() + ratio * (abs(load.mean) + load.swing())
     steepest = float(load.amplitude @ load.frequency) if load.mean < load.swing() else 0.0

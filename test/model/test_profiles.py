@@ -65,6 +65,9 @@ def test_a_system_without_profiles_has_no_course():
         pytest.approx(2.5), 2, 3)
     system.check_repeats("it")
     start = float(VARYING.cycle_start(3))
+    for count in range(1, 300):
+        assert system.whole_cycles(0, count * system.cycle) == count
+        assert VARYING.whole_cycles(3, float(VARYING.cycle_start(3 + count)) - start) == count
     for cycles, number in ((2.0, 2), (1.999, 1), (0.0, 0)):   # Whole to the last bit.
         assert VARYING.whole_cycles(3, float(VARYING.cycle_start(3.0 + cycles)) - start) == number
     assert (VARYING.span, VARYING.cycle) == (2.0, pytest.approx(2.0 * math.pi / 400.0))
