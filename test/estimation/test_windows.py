@@ -56,15 +56,6 @@ def test_both_coefficients_keep_their_order_from_where_they_are() -> None:
         assert moved_on[0] / moved_on[1] == pytest.approx(ratio, rel=1e-12)
 
 
-def test_a_loss_and_its_weights_agree() -> None:
-    """Cauchy's loss of R residuals r: c R log(1 + mean(r^2)/c), whose derivative by r is 2 r/(1 + mean(r^2)/c)."""
-    rows = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])
-    cost = MultipleShooting._cost
-    assert cost(rows, math.inf) == 25.0
-    assert cost(rows, 5.0) == pytest.approx(15.0 * math.log(1.0 + 25.0 / 15.0))
-    assert cost(rows, 1e12) == pytest.approx(25.0)
-
-
 def test_states_that_are_no_numbers_are_a_failure() -> None:
     model = problem((STATIC,)).model
     for start in (math.nan, math.inf):
@@ -81,14 +72,6 @@ def test_windows_begin_again_in_robust_stages_only(monkeypatch: pytest.MonkeyPat
         seen.clear()
         of.descend(values, starts, Stage(0.01, 1.0, 1e-2, 1, robust), None)
         assert len(seen) == calls
-
-
-def test_samples_behind_the_last_whole_window_are_left_out() -> None:
-    data, noise = measured(0, 0.2)
-    odd = Measurement(data.t[:197], {name: column[:197] for name, column in data.channels.items()})
-    of = MultipleShooting(Model(FIG02.system, (STATIC,), odd), noise, FitSettings(), 0.01)
-    assert of.data.shape == (19, 10, 2)
-    assert of.data[-1, -1].tolist() == [column[189] for column in odd.channels.values()]
 
 
 def test_starts_in_stick_are_held_in_early_stages_only() -> None:

@@ -204,19 +204,6 @@ def test_values_that_are_no_numbers_are_wrong_input(values: list[float]) -> None
         sweep_grid("slip", "engine.frequency", [150.0], "friction.law", values, cycles=4)
 
 
-def test_a_column_is_a_result_in_numbers() -> None:
-    """The exponent's too; what has another name or is text is wrong input."""
-    swept = sweep("fig02", "engine.frequency", [150.0], cycles=60, lyapunov=True)
-    shown = {name: values for name, values in swept.columns().items() if values.dtype.kind in "bif"}
-    del shown["engine.frequency"]
-    assert {name: swept.column(name) for name in shown} == shown
-    assert swept.column("lyapunov_exponent") < 0.0
-    assert np.isnan(swept.column("equivalent_damping")).all()
-    for name, words in (("max_slip", "did you mean max_slip_speed"), ("regime", "not a result in numbers")):
-        with pytest.raises(InputError, match=words):
-            swept.column(name)
-
-
 SMOOTHED = replace(system(0.36), {"friction.law": "smoothed"})
 
 
