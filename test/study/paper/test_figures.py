@@ -219,21 +219,9 @@ def test_the_first_half_cycle_counts_the_way_slipped() -> None:
     assert math.isnan(first_half(solve(still, cycles=2, samples_per_cycle=50)))
 
 
-@pytest.mark.parametrize("words", [["4", "--jobs", "0"], ["7", "--direction", "up"], ["2", "--law", "set_valued"],
-                                   ["3", "--direction", "down"], *([n, "--branches"] for n in "23579"),
-                                   *([n] for n in ("1", "19", "20", "four"))])
-def test_wrong_figures_are_refused_in_one_line(words: list[str], tmp_path: Path,
-                                               capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["figure", *words, "--out", str(tmp_path / "new")]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert len(words) > 1 or said.rstrip().endswith("it must be 2 to 18, or all")
-    assert not list(tmp_path.iterdir())
-    with pytest.raises(InputError):
-        figure_data(1, FigureOptions())
-
-
 def test_an_orbit_over_the_friction_ratio_goes_in_all_directions_unless_told() -> None:
+    with pytest.raises(InputError, match="figure 1 has no numbers; the figures are 2 to 18"):
+        figure_data(1, FigureOptions())
     quick = figure_data(6, FigureOptions(quick=True, law="set_valued", direction="down"))
     assert [c.direction for c in quick.curves] == ["down"]
     assert np.isfinite([x for x in quick.curves[0].max_slip_speed if x is not None]).all()
