@@ -8,6 +8,7 @@ import re
 import shlex
 import subprocess
 import sys
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -29,18 +30,21 @@ WITHIN = 0.02
 
 
 def run(command: str, capsys: pytest.CaptureFixture[str]) -> str:
-    """Run a command, `tcc-sim` in this process, and return its output, which may go to a file too."""
+    """Run a command of tcc-sim in this process, and return its output, which may go to a file too."""
     command, _, file = command.partition(" > ")
-    program, *words = shlex.split(command)
-    if program == "tcc-sim":
-        status, (out, err) = main(words), capsys.readouterr()
-    else:
-        ended = subprocess.run([sys.executable, *words], timeout=300, capture_output=True, text=True, check=False)
-        status, out, err = ended.returncode, ended.stdout, ended.stderr
+    status, (out, err) = main(shlex.split(command)[1:]), capsys.readouterr()
     assert status == 0, f"{command}\n{out}\n{err}"
     if file:
         Path(file).write_text(out)
     return out
+
+
+def run_python(command: str) -> str:
+    """Run a command of Python in a process of its own, and return its output."""
+    ended = subprocess.run([sys.executable, *shlex.split(command)[1:]], timeout=300, capture_output=True, text=True,
+                           check=False)
+    assert ended.returncode == 0, f"{command}\n{ended.stdout}\n{ended.stderr}"
+    return ended.stdout
 
 
 def agrees(shown: str, printed: str) -> bool:
@@ -71,19 +75,27 @@ def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch:
     for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
         monkeypatch.delenv(name, raising=False)
     Path("paced.yaml").write_text(load_scene("controlled").with_values({"pacing": "lockstep"}).text())
-    printed = [""]
-    for kind, name, code, command in STEP.findall(PAGE.read_text()):
+    steps = STEP.findall(PAGE.read_text())
+    for _, name, code, _ in steps:
         if name:
             Path(name).write_text(code)
-        elif kind == "python":
-            exec(compile(code, str(PAGE), "exec"), {})
-            printed.append(capsys.readouterr().out)
-        elif kind == "text":
-            lines = printed[-1].splitlines()
-            absent = [line for line in code.splitlines() if not any(agrees(line, other) for other in lines)]
-            assert absent == [], printed[-1]
-        elif not command.startswith(NOT_RUN):
-            printed.append(run(command.replace(RECORDED, PACED), capsys))
+    printed, aside = [""], dict[str, Future[str]]()
+    with ThreadPoolExecutor(1) as pool:
+        for kind, name, code, command in steps:
+            if kind == "python" and not name:
+                exec(compile(code, str(PAGE), "exec"), {})
+                printed.append(capsys.readouterr().out)
+            elif kind == "text":
+                lines = printed[-1].splitlines()
+                absent = [line for line in code.splitlines() if not any(agrees(line, other) for other in lines)]
+                assert absent == [], printed[-1]
+            elif command.startswith("python "):
+                printed.append(aside[command].result())
+            elif command and not command.startswith(NOT_RUN):
+                printed.append(run(command.replace(RECORDED, PACED), capsys))
+                if command.endswith("> rig.yaml"):  # All that the other process needs is there now.
+                    aside = {other: pool.submit(run_python, other) for *_, other in steps
+                             if other.startswith("python ")}
     for name in ("law", "trial"):
         monkeypatch.delitem(sys.modules, name)
     assert "slip controller: holds a mean slip speed of 20 rad/s\n" in printed[1]
