@@ -93,7 +93,7 @@ class Law:
         falling = excess * math.exp(-decay * abs(v))
         step = math.tanh(smoothing * v)
         rise = smoothing * (1.0 - step) * (1.0 + step)
-        return rise * (1.0 + falling) - math.copysign(decay * falling * step, v) * (v != 0.0)
+        return rise * (1.0 + falling) - decay * falling * abs(step)
 
     def coefficient(self, v: float, mode: int) -> float:
         """Return mubar: law (7) for mode 3, the slip branch of (6) for mode +1 and -1."""

@@ -1,0 +1,213 @@
+"""The equations of the references against differences and by hand, and the rules of the precision study."""
+
+import dataclasses
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.solvers.comparison.runge_kutta import REACH, stick_rate
+from tcc_sim.study.benchmarks import peers, references, work_precision
+from tcc_sim.study.benchmarks.precision_report import PrecisionResult, References, SteadyState, StudiedScene
+from tcc_sim.study.benchmarks.references import Law, Reference, Unfinished
+
+FREE = {"engine.harmonic_amplitudes": (40.0, 10.0), "engine.harmonic_phases": (0.3, -0.2)}
+SYSTEM = replace(System(), {**FREE, "pressure.phase": 0.4, "pressure.frequency_ratio": 0.5,
+                            "friction.kinetic_coefficient": 0.2})
+STATE = np.array([0.03, 0.12, -4.0])
+T = 0.0123
+
+
+def test_torques_and_loads_by_hand():
+    law, e, p = Law(SYSTEM), SYSTEM.engine, SYSTEM.pressure
+    w = e.frequency
+    engine = (e.mean_torque + e.torque_amplitude * math.sin(w * T) + 40.0 * math.sin(2.0 * w * T + 0.3)
+              + 10.0 * math.sin(3.0 * w * T - 0.2))
+    assert law.engine(T) == pytest.approx(engine)
+    assert law.load(T) == pytest.approx(0.2 * 0.008 * (p.mean + p.amplitude * math.sin(0.5 * w * T + 0.4)))
+    shaft = 0.6 * -4.0 + 3000.0 * 0.12
+    assert law.need(T, STATE) == pytest.approx((0.02 * engine + 0.2 * shaft) / 0.22)
+    assert law.rates(T, STATE, 2) == pytest.approx([engine / 0.2 + shaft / 0.02, -4.0, -shaft / 0.02])
+    assert law.rates(T, STATE, 0)[0] == 0.0
+    assert law.rates(T, STATE, 0)[2] == pytest.approx((engine - shaft) / 0.22)  # Both inertias together.
+    for mode, v in ((1, 0.3), (-1, -0.3)):
+        torque = mode * law.load(T) * (1.0 + 0.5 * math.exp(-2.0 * 0.3))
+        rates = law.rates(T, [v, 0.12, -4.0], mode)
+        assert rates[2] == pytest.approx((torque - shaft) / 0.02)
+        assert rates[0] + rates[2] == pytest.approx((engine - torque) / 0.2)
+
+
+@pytest.mark.parametrize("mode", [0, 1, -1, 2, 3])
+@pytest.mark.parametrize("v", [0.03, -0.02])
+def test_the_jacobian_is_that_of_differences(mode, v):
+    """Of fourth order; law (6) is taken on its own side of v = 0."""
+    law = Law(SYSTEM)
+    state = np.array([abs(v) * mode if mode in (1, -1) else v, 0.12, -4.0])
+    steps = np.diag([1e-5, 1e-4, 1e-2])
+    columns = [(8.0 * (np.array(law.rates(T, state + h, mode)) - law.rates(T, state - h, mode))
+                - (np.array(law.rates(T, state + 2.0 * h, mode)) - law.rates(T, state - 2.0 * h, mode)))
+               / (12.0 * h.max()) for h in steps]
+    np.testing.assert_allclose(law.jacobian(T, state, mode), np.array(columns).T, rtol=1e-6, atol=1e-6)
+
+
+def test_slopes_at_rest_and_on_the_other_side():
+    law = Law(SYSTEM)
+    assert law.slope(0.0, 3) == pytest.approx(50.0 * 1.5)
+    assert law.slope(-0.1, 1) == law.slope(0.0, 1) == pytest.approx(-2.0 * 0.5)
+    assert law.coefficient(-0.1, 1) == law.coefficient(0.0, 1) == -law.coefficient(0.0, -1) == pytest.approx(1.5)
+    assert law.coefficient(-0.1, 3) == pytest.approx(-math.tanh(5.0) * (1.0 + 0.5 * math.exp(-0.2)))
+
+
+def made_up(load, need):
+    """A law with a load and a need of friction torque at any time; mu_s/mu_k = 1.5."""
+    return SimpleNamespace(load=lambda t: load, need=lambda t, y: need, system=SimpleNamespace(friction_ratio=1.5))
+
+
+@pytest.mark.parametrize(("load", "need", "v", "mode"), [
+    (0.0, 0.0, 1.0, 2), (-1.0, 0.0, 1.0, 2), (100.0, 0.0, 1.0, 1), (100.0, 0.0, -1.0, -1), (100.0, 150.0, 0.0, 0),
+    (100.0, 151.0, 0.0, 1), (100.0, -151.0, 0.0, -1), (100.0, -150.0, 0.0, 0)])
+def test_the_first_mode(load, need, v, mode):
+    assert references._first_mode(made_up(load, need), np.array([v, 0.0, 0.0])) == mode
+
+
+@pytest.mark.parametrize(("mode", "free", "v", "need", "following", "after"), [
+    (2, True, 1.0, 0.0, 1, 1.0), (2, True, -1.0, 0.0, -1, -1.0), (2, True, 1e-10, 10.0, 0, 1e-10),
+    (2, True, 1e-10, 200.0, 1, 1e-10), (1, True, 1.0, 0.0, 2, 1.0), (0, True, 0.0, 0.0, 2, 0.0),
+    (0, False, 0.0, 151.0, 1, 0.0), (0, False, 0.0, -151.0, -1, 0.0), (1, False, 1e-8, 10.0, 0, 0.0),
+    (-1, False, 1e-8, 200.0, 1, 0.0)])
+def test_the_mode_after_an_event(mode, free, v, need, following, after):
+    state = np.array([v, 0.0, 0.0])
+    assert references._following(made_up(100.0, need), T, state, mode, free) == following
+    assert state[0] == after
+
+
+def test_scales_below_which_errors_are_absolute():
+    twist = (300.0 + 250.0) / 3000.0
+    base = {"engine.mean_torque": -300.0, "engine.torque_amplitude": 250.0}
+    natural = math.sqrt(3000.0 / 0.02)
+    for change, slip, angle in (({}, 0.02, twist), ({"friction.smoothing": 1e7}, 1e-6, twist),
+                                ({"friction.law": "set_valued"}, 1.0, twist),
+                                ({"engine.mean_torque": 0.0, "engine.torque_amplitude": 0.5}, 0.02, 1.0 / 3000.0)):
+        scales = references.error_scales(replace(System(), {**base, **change}))
+        assert scales == pytest.approx([slip, angle, angle * natural])
+
+
+def test_a_reference_ends_after_its_evaluations():
+    law = Law(System(), 2)
+    law.rates(0.0, STATE, 3)
+    law.rates(0.0, STATE, 3)
+    with pytest.raises(Unfinished, match="more than 400000 evaluations"):
+        law.rates(0.0, STATE, 3)
+
+
+def test_the_final_state_is_where_free_slip_ends():
+    """Without a load the flywheel follows its torque, and the undamped plate its spring."""
+    system = replace(System(), {"pressure.mean": 0.0, "pressure.amplitude": 0.0, "driveline.damping": 0.0,
+                                "friction.law": "set_valued", "initial.slip_speed": 5.0, "initial.plate_angle": 0.1})
+    end, largest = references.final_state(system, 0.01, "DOP853", 1e-12)
+    w, natural = system.engine.frequency, math.sqrt(150e3)
+    plate = -0.1 * natural * math.sin(natural * 0.01)
+    flywheel = 5.0 + (300.0 * 0.01 + 250.0 / w * (1.0 - math.cos(w * 0.01))) / 0.2
+    assert system.engine.mean_torque == 300.0
+    assert end == pytest.approx([flywheel - plate, 0.1 * math.cos(natural * 0.01), plate], rel=1e-8)
+    assert largest[1] == pytest.approx(0.1)
+    assert largest[2] == pytest.approx(0.1 * natural, rel=1e-3)
+
+
+CASE = work_precision.Case("fig02", "", System(), 5)
+EFFORT = work_precision.Effort(5, 0.01, 1.0, {}, {"rk4": (0.5, 0.25), "event_driven": (1e-4, 1e-8), "bdf": (1e-3,)},
+                               {"CVODE": (1e-8, 1e-9)}, 2000)
+
+
+def test_settings_of_each_law():
+    step = REACH["rk4"] / stick_rate(CASE.system)
+    assert list(work_precision.settings(CASE, EFFORT)) == [
+        ("rk4", pytest.approx(0.5 * step, rel=0.06)), ("rk4", pytest.approx(0.25 * step, rel=0.06)), ("bdf", 1e-3),
+        ("CVODE", 1e-8), ("CVODE", 1e-9)]
+    exact = CASE.set_valued()
+    assert (exact.name, exact.description, exact.cycles) == ("fig02, set-valued", "; friction law (6)", 5)
+    same = dataclasses.replace(exact, system=replace(exact.system, {"friction.kinetic_coefficient": 0.3}))
+    falling = dataclasses.replace(exact, system=replace(exact.system, {"friction.kinetic_coefficient": 0.2}))
+    assert list(work_precision.settings(same, EFFORT)) == [("event_driven", 1e-8)]
+    assert list(work_precision.settings(falling, EFFORT)) == [("event_driven", 1e-4), ("event_driven", 1e-8)]
+
+
+def test_the_steady_motion_is_that_of_the_last_96_cycles():
+    turn = np.arange(201) % 2
+    section = np.stack([5.0 + turn, 0.1 + 0.01 * turn, turn], axis=1).astype(float)
+    largest = np.full(200, 5.0)
+    largest[103], largest[104] = 80.0, 6.0
+    assert work_precision.steady_of(section, largest) == (2, 6.0)
+    assert work_precision.steady_of(section[:4], np.array([1.0, 7.0, 3.0]))[1] == 7.0
+
+
+def studied():
+    return StudiedScene("fig02", "", "smoothed", 5, References([], 1e-8), SteadyState(400, 1, 4.0, 1e-6, []))
+
+
+@pytest.mark.parametrize(("off", "kept"), [(0.99, True), (1.01, False), (math.nan, False)])
+def test_a_result_without_a_right_digit_is_omitted(off, kept, monkeypatch):
+    truth = Reference("", np.zeros((2, 3)), np.array([4.0]), np.array([4.0, 1.0, 1.0]))
+    run = peers.PeerRun(np.array([[0.0, 0.0, 0.0], [0.0, off, 0.0]]), np.array([4.0]), 1.0, 2.0, 9)
+    monkeypatch.setattr(work_precision, "_peer", lambda *task, **how: run)
+    monkeypatch.setattr(work_precision, "_steady", lambda *task: 0.5)
+    record = studied()
+    work_precision.record_run(record, CASE, "CVODE", 1e-8, truth, EFFORT)
+    assert record.results == ([PrecisionResult("CVODE", 1e-8, off, off, 0.0, 0.5, 1.0, 2.0, 9)] if kept else [])
+    assert [row.why for row in record.omitted] == ([] if kept else [f"wrong: its largest relative error is {off:.2g}"])
+
+
+def test_a_long_run_takes_the_fastest_setting_that_is_good_enough(monkeypatch):
+    """Another program runs a fifth of the cycles, and SciPy a twentieth; one that fails is left out."""
+    asked = []
+
+    def run(case, solver, setting, *more):
+        asked.append((solver, setting, case.cycles))
+        if solver == "numbalsoda":
+            raise peers.Failed("stopped")
+        return peers.PeerRun(np.zeros((1, 3)), np.zeros(0), 2.0, 3.0)
+
+    monkeypatch.setattr(work_precision, "_peer", run)
+    monkeypatch.setattr(work_precision, "_registered", lambda record, *task: run(*task))
+    effort = dataclasses.replace(EFFORT, peers=dict.fromkeys(("CVODE", "numbalsoda", "solve_ivp LSODA"), ()))
+    record = studied()
+    record.results += [PrecisionResult(solver, setting, error, error, error, None, seconds, seconds, None)
+                       for solver in ("smoothed", "CVODE", "numbalsoda", "solve_ivp LSODA", "radau")
+                       for setting, error, seconds in ((1e-6, 1e-5, 1.0), (1e-7, 1e-6, 2.0), (1e-8, 1e-8, 3.0))]
+    work_precision.long_run(record, CASE, effort)
+    assert asked == [("smoothed", 1e-7, 2000), ("numbalsoda", 1e-7, 400), ("solve_ivp LSODA", 1e-7, 100),
+                     ("CVODE", 1e-7, 400)]
+    assert [(r.solver, r.setting, r.cycles, r.seconds_per_100_cycles) for r in record.long_run] == [
+        ("smoothed", 1e-7, 2000, 0.1), ("solve_ivp LSODA", 1e-7, 100, 2.0), ("CVODE", 1e-7, 400, 0.5)]
+    work_precision.long_run(record, dataclasses.replace(CASE, name="steep"), effort)
+    assert len(asked) == 4
+
+
+def test_calls_are_repeated_until_patience_ends():
+    times = iter(range(100))
+    used, last = peers.repeated(lambda: "done", 5, 3.0, lambda: float(next(times)))
+    assert (used, last) == ([1.0] * 3, "done")
+    assert len(peers.repeated(lambda: 0, 2, math.inf, lambda: float(next(times)))[0]) == 2
+    assert len(peers.repeated(lambda: 0, 0, math.inf, lambda: float(next(times)))[0]) == 1
+
+
+def test_the_model_for_xppaut_line_by_line():
+    system = replace(System(), {"pressure.amplitude": 45e3, "pressure.mean": 225e3, "pressure.phase": 0.5,
+                                "friction.kinetic_coefficient": 0.24, "engine.frequency": 125.0,
+                                "initial.slip_speed": 5.0})
+    lines = peers.xppaut_file(system, "cvode", 1e-8, 3, 4).splitlines()
+    step = 2.0 * math.pi / 125.0 / 4
+    assert lines == [
+        f"ts={system.saturation_mean:.17g}+{system.saturation_amplitude:.17g}*sin(125*t+0.5)",
+        f"tf=ts*tanh(50*v)*(1+{system.friction_ratio - 1.0:.17g}*exp(-2*abs(v)))",
+        f"s={0.6:.17g}*w+3000*q",
+        f"v'=(300+250*sin(125*t)-tf)/{0.2:.17g}-(tf-s)/{0.02:.17g}", "q'=w", f"w'=(tf-s)/{0.02:.17g}",
+        f"init v=5,q={system.initial.plate_angle:.17g},w=0",
+        f"@ total={12 * step:.17g},dt={step:.17g},meth=cvode,toler=1e-08,atoler=1e-08",
+        "@ maxstor=1000000,bounds=1e9,output=out.dat", "done"]
+    assert (system.saturation_mean, system.saturation_amplitude) == pytest.approx((432.0, 86.4))
+    plain = replace(system, {"pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3})
+    assert peers.xppaut_file(plain, "gear", 1e-6, 1, 1).splitlines()[:2] == [
+        f"ts={plain.saturation_mean:.17g}", "tf=ts*tanh(50*v)"]
