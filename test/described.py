@@ -90,7 +90,10 @@ def _axes(axis: Any, name: str) -> Iterator[str]:
         yield f"  {_collection(mesh)}"
     for text in axis.texts:
         ends = [_numbers(place) for place in (getattr(text, "xy", ()), text.get_position()) if len(place)]
-        yield _joined(f"  text {_text(text)}", *ends, f"{text.get_rotation():g} {text.get_ha()} {text.get_va()}")
+        arrow = getattr(text, "arrow_patch", None)
+        yield _joined(f"  text {_text(text)}", *ends, f"{text.get_rotation():g} {text.get_ha()} {text.get_va()}",
+                      "" if arrow is None else f"arrow {_colour(arrow.get_edgecolor())} {arrow.get_linewidth():g} "
+                      f"{arrow.shrinkA:g} {arrow.shrinkB:g}")
     if axis.get_legend() is not None:
         for line in _legend(axis.get_legend()):
             yield f"  {line}"
