@@ -73,7 +73,7 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
     "peaks_move": [(Given(sharp(1.0)), YES),
         (Given(sharp(-1.0)), NO, {"peaks followed": [0.206, 0.2, 0.194, 0.188],
          "all peaks": [0.206, 0.2, 0.194, 0.188]}),
-        (Given(sharp(1.0, equal=0.215)), NO)],
+        (Given(sharp(1.0, equal=0.215)), NO), (Given(sharp(1.0, equal=0.2)), YES), (Given(sharp(0.0)), NO)],
     "lost_at_peaks": [(Given(sharp(0.0), lambda row: [0.203]), YES),
         (Given(sharp(0.0), lambda row: [0.203, 0.3]), PART, {"jumps": [6], "part of them": [0.5],
          "part of the ratios": [7 / 127] * 3}),
