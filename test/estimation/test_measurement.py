@@ -378,3 +378,22 @@ def test_a_profile_holds_a_key_at_thirteen_values(monkeypatch) -> None:
 
 def test_values_of_the_room_do_not_change() -> None:
     assert changeable("estimation") == []
+
+
+@pytest.mark.parametrize(("noise", "guessed"), [
+    (None, True), ({"slip_speed": 0.1}, True), ({"slip_speed": 0.1, "plate_speed": 0.2}, False),
+    ({"slip_speed": 0.1, "plate_speed": 0.2, "plate_angle": 1e-4}, False)])
+def test_noise_is_guessed_unless_every_channel_has_its_own(noise, guessed, monkeypatch) -> None:
+    given: list[object] = []
+
+    def stop(*what: object) -> None:
+        given.extend(what)
+        raise InputError("enough")
+
+    monkeypatch.setattr(identification, "Search", stop)
+    monkeypatch.setattr(identification, "check_units", lambda *what: None)
+    data = measured(channels={"slip_speed": SLIP, "plate_speed": 2.0 * SLIP})
+    with pytest.raises(InputError, match="enough"):
+        identification.identify(data, {"driveline.damping": 0.7}, scene=FIG02, noise=noise)
+    assert given[0].tolist() == [0.7]
+    assert given[2:4] == [guessed, 120]
