@@ -23,15 +23,19 @@ def cloud(points: Any, number: int = 0, phases: Any = None) -> Attractor:
 
 
 class Forced(TextbookMap):
-    """x' = x/2 + 1 in even cycles and x/2 + 3 in odd ones: from 14/3 to 10/3 and back."""
+    """x' = x/2 + 1 in even cycles and x^2/10 + 1 in odd ones: from `AT` to AT/2 + 1 = 10 - sqrt 70 and back."""
 
     forcing_period = 2
 
     def evaluate(self, x, values, first, cycles):
         slope = 1.0
         for k in range(cycles):
-            x, slope = 0.5 * x + (3.0 if (first + k) % 2 else 1.0), 0.5 * slope
+            odd = (first + k) % 2
+            x, slope = (0.1 * x**2 if odd else 0.5 * x) + 1.0, (0.2 * float(x[0]) if odd else 0.5) * slope
         return Image(x, np.array([[slope]]))
+
+
+AT = 2.0 * (9.0 - 70.0**0.5)
 
 
 class Motion:
@@ -61,12 +65,12 @@ class Motion:
 @pytest.mark.parametrize("size", [1.0, 30.0])
 def test_the_orbit_of_a_forced_map_begins_at_phase_0(settling: int, size: float) -> None:
     of: Any = Motion(Forced(lambda x, p: (x, x, x), 1), size)
-    (orbit,) = find_attractors(of, [np.array([0.0]), np.array([9.0]), np.array([14.0 / 3.0])],
+    (orbit,) = find_attractors(of, [np.array([0.0]), np.array([3.0]), np.array([AT])],
                                settings=Settings(settling=settling))
-    assert orbit.section.tolist() == pytest.approx(np.array([[14.0 / 3.0], [10.0 / 3.0]]))
+    assert orbit.section.tolist() == pytest.approx(np.array([[AT], [10.0 - 70.0**0.5]]))
     assert (orbit.period, orbit.phases.tolist(), orbit.validated, orbit.radius) == (2, [0, 1], True, 0.2)
-    assert orbit.multipliers == pytest.approx([0.25])
-    assert orbit.largest == pytest.approx(14.0 / 3.0 + 200.0)
+    assert orbit.multipliers == pytest.approx([0.1 * (10.0 - 70.0**0.5)])
+    assert orbit.largest == pytest.approx(AT + 200.0)
     probes = [call for call in of.calls if call[2] == 64]
     assert probes == [(1, probe % 2, 64) for probe in range(24)]
     assert of.calls[0] == (1, 0, 4)
