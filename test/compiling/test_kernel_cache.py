@@ -8,7 +8,6 @@ import os
 import re
 import signal
 import stat
-import subprocess
 import sys
 import time
 from collections import namedtuple
@@ -512,35 +511,21 @@ def test_a_file_is_kept_for_some_days(tmp_path, name, days):
     assert file.exists() == (days is None)
 
 
-ALONE = """
-import os, signal, sys
-sys.path.insert(0, {folder!r})
-from tcc_sim.compiling import kernel_cache
-import {name}
-if {killed}:
-    os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
-else:
-    print(flush=True)
-    sys.stdin.readline()
-assert {name}.kernel(3.0) == 7.0
-"""
-
-
-def alone(folder, name, killed=False):
-    """A process that calls the kernel of a module once a line has come."""
-    return subprocess.Popen([sys.executable, "-c", ALONE.format(folder=str(folder), name=name, killed=killed)],
-                            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+def alone(kernel, killed=False):
+    """A process, forked from this one, that calls a kernel; it may be killed before it has written the file."""
+    child = os.fork()
+    if not child:
+        if killed:
+            os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+        os._exit(kernel(3.0) != 7.0)
+    return child
 
 
 def test_two_processes_keep_one_kernel_at_once(cache, tmp_path):
     kernel = modules(tmp_path, name="twice")
-    process = alone(tmp_path, "twice_caller")
-    process.stdout.readline()
-    process.stdin.write("\n")
-    process.stdin.flush()
+    child = alone(kernel)
     assert kernel(3.0) == 7.0
-    process.communicate()
-    assert process.returncode == 0
+    assert os.waitpid(child, 0)[1] == 0
     assert len(list(cache.iterdir())) == 1
 
 
@@ -566,10 +551,8 @@ def test_a_kernel_that_another_process_compiles_is_awaited_for_a_while(cache, tm
 
 
 def test_a_process_killed_while_it_writes_leaves_nothing_that_is_loaded(cache, tmp_path):
-    modules(tmp_path, name="killed")
-    process = alone(tmp_path, "killed_caller", killed=True)
-    process.communicate()
-    assert process.returncode == -signal.SIGKILL
+    child = alone(modules(tmp_path, name="killed"), killed=True)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
     left, lock = sorted(cache.iterdir(), key=lambda path: path.name.startswith("tmp."))
     assert lock.name.startswith("tmp.")
     kernel = modules(tmp_path, name="killed")

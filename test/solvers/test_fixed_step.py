@@ -215,7 +215,7 @@ Long = NDArray[np.longdouble]
 logs = st.floats(0.0, 1.0)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 @given(w=st.floats(-1e5, 1e5), size=logs, smoothing=logs, guess=st.floats(-1e5, 1e5), excess=logs,
        decay=st.one_of(st.just(0.0), st.floats(1e-3, 10.0)))
 def test_the_root_is_the_one_brentq_finds(w, size, smoothing, guess, excess, decay):
