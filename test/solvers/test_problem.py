@@ -92,6 +92,10 @@ def test_the_solver_follows_from_law_and_inputs_and_a_refusal_names_those_that_d
         with pytest.raises(InputError) as refused:
             choose(system, solver)
         assert str(refused.value) == sentence
+    assert {name: (entry.name, entry.setting, entry.default) for name, entry in SOLVERS.items()} == {
+        "fixed_step": ("fixed_step", "step", 1e-3), "smoothed": ("smoothed", "rtol", 1e-8),
+        "event_driven": ("event_driven", "rtol", 1e-10), "rk4": ("rk4", "step", 1e-6),
+        **{name: (name, "rtol", 1e-6) for name in ("rk45", "dop853", "radau", "bdf", "lsoda")}}
     assert SOLVERS["rk4"].laws == ("smoothed",)
     assert SOLVERS["event_driven"].laws == ("set_valued",)
     assert (SOLVERS["rk4"].solves(PLAIN), SOLVERS["rk4"].solves(set_valued)) == (True, False)
