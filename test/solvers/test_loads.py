@@ -11,7 +11,6 @@ from oracle import equations
 from scipy.integrate import solve_ivp
 
 from tcc_sim.analysis.summary import cycles_of
-from tcc_sim.errors import InputError
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
@@ -231,14 +230,3 @@ def test_exact_stick_of_the_set_valued_law():
     a = np.where(v == 0.0, 1e-12, 0.0)
     result = cycles_from_samples(t, v, a, v, a, a, starts=cycle_starts(0, t[-1], CYCLE), stick_speed=0.0)
     np.testing.assert_allclose(result.stick_time, 0.5 * CYCLE, rtol=0.03)
-
-
-def test_less_than_a_cycle_gives_none():
-    assert len(sine_cycles(np.linspace(0.0, 0.9, 50) * CYCLE)) == 0
-
-
-def test_wrong_times_are_refused():
-    with pytest.raises(InputError, match="increasing"):
-        sine_cycles(np.array([0.0, 0.0, 1.0]))
-    with pytest.raises(InputError, match="within the samples"):
-        sine_cycles(np.linspace(1.0, 2.0, 10))
