@@ -101,9 +101,11 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def seen(folder, monkeypatch, capsys, figures):
-    """Function that runs a line in the folder and returns what is seen of it."""
+def seen(folder, monkeypatch, capsys):
+    """Function that runs a line in the folder and returns what is seen of it; pictures are not laid out."""
+    figures = []
     monkeypatch.chdir(folder)
+    monkeypatch.setattr("tcc_sim.views.style.save", lambda drawn, path: (figures.append(drawn), path.touch()))
 
     def run(line):
         if line not in SEEN:
