@@ -23,8 +23,11 @@ from std_msgs.msg import Float64
 
 import tcc_sim
 from tcc_sim.errors import InputError
+from tcc_sim.messages import cdr
+from tcc_sim.model.groups import PRESSURE_MAXIMUM
 from tcc_sim.nodes.slip_controller import SlipControllerNode
 from tcc_sim.plant.slip_control import SlipController, Tuning
+from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.run import ControllerFailed, Worker
 
 
@@ -221,6 +224,58 @@ def test_what_blocks_outside_of_python_is_given_up_under_coverage_too(monkeypatc
         release.set()
     thread[0].join(60.0)
     assert (thread[0].is_alive(), after) == (False, [])
+
+
+def sent(line: Line, ticks: int) -> list[list[int]]:
+    """Numbers of the commands that arrive in each tick if a command with the tick's number is sent in each."""
+    arrived = []
+    for tick in range(ticks):
+        line.send(cdr.fluid_pressure(tick, 1e5), tick)
+        arrived.append([cdr.read_fluid_pressure(data)[0] for data in line.deliver(tick)])
+    return arrived
+
+
+@pytest.mark.parametrize(("faults", "arrived"), [
+    ({}, [[0], [1], [2], [3], [4]]), ({"drop": 1, "duplicate": 1}, [[]] * 5),
+    ({"delay": 1}, [[], [], [], [0], [1]]), ({"delay": 1, "delay_ticks": 1}, [[], [0], [1], [2], [3]]),
+    ({"duplicate": 1}, [[0], [0, 1], [1, 2], [2, 3], [3, 4]]),
+    ({"delay": 1, "duplicate": 1, "delay_ticks": 2}, [[], [0], [1, 0], [2, 1], [3, 2]])])
+def test_a_line_delivers_commands_in_their_tick_or_later(faults: dict[str, int], arrived: list[list[int]]) -> None:
+    assert sent(Line("actuation_pressure", Faults.of(faults)), 5) == arrived
+
+
+def test_a_fault_hits_one_command_of_every_so_many_and_a_late_one_comes_last() -> None:
+    lost = [tick for tick, row in enumerate(sent(Line("x", Faults(drop=5, seed=3)), 100)) if not row]
+    assert [tick // 5 for tick in lost] == list(range(20))
+    assert len({tick % 5 for tick in lost}) > 1
+    rows = sent(Line("x", Faults(delay=4, delay_ticks=2)), 40)
+    late = [tick for tick, row in enumerate(rows) if tick not in row]
+    assert rows == [[tick] * (tick not in late) + [tick - 2] * (tick - 2 in late) for tick in range(40)]
+    assert [tick // 4 for tick in late] == list(range(10))
+
+
+@pytest.mark.parametrize("encode", [lambda: cdr.fluid_pressure(7, 1e5), lambda: cdr.float64(1e5)])
+def test_a_corrupt_command_is_no_number_or_out_of_range_or_truncated(encode: Callable[[], bytes]) -> None:
+    line, whole = Line("x", Faults(corrupt=1)), encode()
+    for _ in range(200):
+        line.send(whole, 0)
+    arrived = line.deliver(0)
+    stamped, most = len(whole) > 12, 2.0 * PRESSURE_MAXIMUM
+    again = cdr.fluid_pressure if stamped else lambda _, value: cdr.float64(value)
+    assert set(arrived) == {whole[:-5], *(again(7, value) for value in (math.nan, math.inf, -most, most))}
+
+
+def test_faults_come_from_a_mapping_and_another_name_is_refused() -> None:
+    assert Faults.of(None) == Faults() == Faults(0, 0, 0, 0, 3, 0)
+    mine = Faults(drop=2)
+    assert Faults.of(mine) is mine
+    assert Faults.of({"drop": 2}) == mine
+    with pytest.raises(InputError, match=r"^lose is not a fault; the faults are drop, delay, duplicate, corrupt, "
+                                         r"delay_ticks, seed$"):
+        Faults.of({"lose": 1})
+    for wrong in ({"drop": -1}, {"delay_ticks": 0}, {"seed": -1}):
+        with pytest.raises(InputError, match=f"^{next(iter(wrong))} is "):
+            Faults.of(wrong)
 
 
 def test_close_destroys_the_driveline_and_the_nodes_under_test(driveline: Any) -> None:
