@@ -6,6 +6,7 @@ import math
 import sys
 import threading
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from tcc_sim.model.groups import PRESSURE_MAXIMUM
 from tcc_sim.nodes.slip_controller import SlipControllerNode
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.testing.faults import Faults, Line
+from tcc_sim.testing.rig import LOOK
 from tcc_sim.testing.run import ControllerFailed, Worker
 
 
@@ -292,12 +294,25 @@ def test_close_destroys_the_driveline_and_the_nodes_under_test(driveline: Any) -
     seen.destroy_node()
 
 
-def test_a_pause_is_not_a_hang(driveline: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pause_is_not_a_hang_and_executes_callbacks_until_its_end(driveline: Any,
+                                                                    monkeypatch: pytest.MonkeyPatch) -> None:
     """However long it is: the patience is that for an answer, after the pause."""
-    plant, given = driveline("controlled", patience=3.0), []
-    monkeypatch.setattr(plant._worker, "run", lambda work, patience, failed: given.append(patience))
+    plant, given, now, spun = driveline("controlled", patience=3.0), [], [0.0], []
+
+    def spin(seconds: float) -> None:
+        spun.append(seconds)
+        now[0] += 3.5
+
+    def run(work: Callable[[], None], patience: float, failed: object) -> None:
+        given.append(patience)
+        work()
+
+    monkeypatch.setattr("tcc_sim.testing.rig.time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(plant._worker, "run", run)
+    monkeypatch.setattr(plant._under_test, "spin", spin)
     plant.pause(7.0)
-    assert given == [10.0]
+    plant.pause(0.5 * LOOK)
+    assert (given, spun) == ([10.0, 3.0 + 0.5 * LOOK], pytest.approx([LOOK, LOOK, 0.5 * LOOK]))
 
 
 def test_a_node_that_destroys_itself_and_one_of_another_type_are_one_sentence(driveline: Any) -> None:
