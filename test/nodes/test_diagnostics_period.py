@@ -1,4 +1,4 @@
-"""Diagnostics come once a second, also after a pause of the process."""
+"""Diagnostics come once a second, also after a pause of the process, and every value is that of the loop."""
 
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -37,3 +37,61 @@ def test_there_is_one_a_second_at_any_rate_of_the_loop(monkeypatch: pytest.Monke
 def test_after_a_pause_there_is_one_and_none_is_made_up_for(monkeypatch: pytest.MonkeyPatch) -> None:
     times = [0.5, 1.0, 7.5, 7.625, 7.75, 8.25, 8.5, 8.625, 9.5]
     assert published(times, monkeypatch) == [1.0, 7.5, 8.25, 9.5]
+
+
+def command(name: str, fallen_back: bool) -> SimpleNamespace:
+    """A commanded input that has received 7 commands."""
+    return SimpleNamespace(name=name, fallen_back=fallen_back, received=7, refused=2, lost=0, refusal="too large",
+                           timeouts=4)
+
+
+def test_every_value_of_a_status_and_its_message(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rates, shares and losses are those since the status before; other counts are those since the start."""
+    monkeypatch.setattr(driveline.time, "monotonic", lambda: 100.0)
+    node = SimpleNamespace(create_publisher=lambda *how: None, count_subscribers=len,
+                           get_fully_qualified_name=lambda: "/left/driveline")
+    pacer = SimpleNamespace(ticks=400, late_ticks=100, missed_ticks=1, period_ns=2_000_000, lateness_max=0.0045,
+                            lateness=lambda: (0.00025, 0.003))
+    torque, pressure = command("engine_torque", True), command("actuation_pressure", False)
+    loop = SimpleNamespace(
+        pacer=pacer, paused=False, stick_ticks=300, slip_ticks=100, commands=[torque, pressure],
+        pressure_command=pressure, plant=SimpleNamespace(pressures=(2e5, 1.5e5), stepper=SimpleNamespace(
+            tick=750, step=0.002, substeps=3, iterations_most=9, iterations_bound=64)),
+        outputs=SimpleNamespace(unsent={"/a": 2, "/b": 3}),
+        scene=SimpleNamespace(name="mine", operation=SimpleNamespace(rate=500.0, real_time_factor=0.5)))
+    told = driveline.Diagnostics(node, loop, SimpleNamespace(publishers=lambda one: f"publishers of {one.name}"))
+
+    def status(now: float) -> tuple[bool, str, dict[str, str]]:
+        result = told._status(now)
+        assert (result.name, result.hardware_id) == ("/left/driveline: driveline", "simulation")
+        assert result.level in (driveline.DiagnosticStatus.WARN, driveline.DiagnosticStatus.OK)
+        return (result.level == driveline.DiagnosticStatus.WARN, result.message,
+                {pair.key: pair.value for pair in result.values})
+
+    late = "25 % of the ticks were late by more than a period of 2 ms; since the start at most by 0.0045 s"
+    wrong, message, values = status(102.0)
+    assert (wrong, message, told.lateness) == (True, "1 tick missed in real time; " + late + "; no command on "
+                                               "engine_torque; the scene's fallback applies", late)
+    assert values == {
+        "scene": "mine", "simulation time (s)": "1.500", "regime": "stick-slip", "rate (Hz)": "200.0",
+        "rate wanted (Hz)": "250", "real-time factor": "0.4000", "missed ticks": "1", "late ticks": "100",
+        "paced ticks": "400", "late share": "0.2500", "messages not sent": "5", "lateness p50 (s)": "0.000250",
+        "lateness p99 (s)": "0.003000", "lateness max (s)": "0.004500", "sub-steps per tick": "3",
+        "iterations max": "9", "iterations bound": "64",
+        **{f"{one} {what}": value for one, source, count in (
+            ("engine_torque", "fallback", "13"), ("actuation_pressure", "topic", "18")) for what, value in {
+                "listeners": count, "publishers": f"publishers of {one}", "received": "7", "refused": "2", "lost": "0",
+                "last refusal": "too large", "time-outs": "4", "source": source}.items()},
+        "commanded pressure (Pa)": "200000", "applied pressure (Pa)": "150000"}
+    torque.fallen_back, torque.lost, pressure.lost = False, 2, 3
+    loop.stick_ticks, pacer.ticks, loop.pressure_command = 500, 500, None
+    loop.scene.operation.real_time_factor = 0.0
+    wrong, message, values = status(103.0)
+    assert (wrong, message) == (True, "5 commands lost or replaced before a tick could take them")
+    assert [values.get(key) for key in ("regime", "rate (Hz)", "rate wanted (Hz)", "late share", "engine_torque lost",
+                                        "applied pressure (Pa)")] == ["stick", "200.0", "500", "0.0000", "2", None]
+    loop.slip_ticks = 110
+    assert status(104.0)[:2] == (False, "slip")
+    assert status(105.0)[:2] == (False, "waiting")
+    loop.paused = True
+    assert status(106.0)[:2] == (False, "paused")
