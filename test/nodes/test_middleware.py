@@ -12,7 +12,7 @@ from rclpy.qos import HistoryPolicy
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import middleware, track
+from tcc_sim.nodes import loop_topics, middleware, track
 from tcc_sim.nodes.middleware import (
     CHANGES,
     COMMANDS,
@@ -27,6 +27,7 @@ from tcc_sim.nodes.middleware import (
     time_of,
 )
 from tcc_sim.nodes.track import SimulatedTime
+from tcc_sim.topics import topic
 
 NO_LIMIT = {"sec": 9_223_372_036, "nsec": 854_775_807}
 """The largest number of nanoseconds in 63 bits."""
@@ -102,3 +103,41 @@ def test_a_message_has_the_last_time_on_the_clock_before_it_was_sent(monkeypatch
     assert clock.of({"source_timestamp": 0, "received_timestamp": 250}) == 3
     clock.follow([(cdr.clock(5), {"source_timestamp": 400, "received_timestamp": 1})])
     assert [clock.of({"source_timestamp": sent}) for sent in (1, 399, 400)] == [4, 4, 5]
+
+
+def test_lock_step_takes_the_answer_to_an_older_state_of_the_period_if_none_follows_within_grace(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    """From a timer of simulation time, which may fire before the state of the same time arrives."""
+    waiting: list[tuple[bytes, dict[str, Any]]] = []
+    now = [50.0]
+    monkeypatch.setattr(loop_topics, "subscribe", lambda *how: None)
+    monkeypatch.setattr(loop_topics, "taker", lambda subscription: None)
+    monkeypatch.setattr(loop_topics, "poll", lambda subscription, most: [waiting.pop(0)] if waiting else [])
+    monkeypatch.setattr(loop_topics.time, "monotonic", lambda: now[0])
+    command = loop_topics.CommandedInput(None, topic("actuation_pressure"))
+    command.period_ns, command.timed = 5_000, True
+
+    def told(stamp: int, value: float, tick: int = 10, answers: int = 10_000) -> bool:
+        waiting.append((cdr.fluid_pressure(stamp, value), {}))
+        return command.answered(tick, answers)
+
+    assert not command.answered(10, 10_000)
+    assert not told(5_001, 1e5)
+    now[0] += 0.99 * loop_topics.GRACE
+    assert not command.answered(10, 10_000)
+    assert (command.value, command.received) == (None, 0)
+    now[0] += 0.02 * loop_topics.GRACE
+    assert command.answered(10, 10_000)
+    assert (command.value, command.received, command.refused) == (1e5, 1, 0)
+    assert not command.answered(11, 11_000)  # Each command answers one state.
+    assert not told(9_999, 2e5)
+    assert told(10_000, 3e5)  # The answer itself.
+    now[0] += 1.0
+    assert not command.answered(11, 11_000)
+    assert (command.value, command.received, command.refused) == (3e5, 2, 0)
+    assert not told(5_000, 4e5)  # Of the period before.
+    assert not told(10_001, 4e5)  # Of a later state.
+    assert command.refusal == ("actuation_pressure command with stamp 1.0001e-05 s refused; it must be that of the "
+                               "state, 1e-05 s")
+    assert told(0, 6e5)
+    assert (command.value, command.received, command.refused, command.unstamped) == (6e5, 3, 2, 1)
