@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -142,3 +143,24 @@ def test_states_before_and_after_a_reset_that_arrive_together_are_two_runs(bench
     view, watcher = shown(bench, 1e9, [*range(16), *range(7), *range(7)])
     assert view.pieces == [([*range(10)], False), ([*range(10, 16)], False), ([*range(7)], True), ([*range(7)], True)]
     assert len(watcher._cycles.runs) == 1   # What a watcher keeps does not grow with the runs.
+
+
+@pytest.mark.parametrize(("scene", "torque", "pressure"), [
+    ("controlled", "200 N m on average", "commanded"), ("commands", "commanded", "commanded"),
+    ("minimal", "300 N m on average", "208333 Pa on average")])
+def test_the_summary_names_the_driveline_its_states_and_the_figures_of_the_last_cycles(
+        scene: str, torque: str, pressure: str) -> None:
+    watcher: Any = Watcher.__new__(Watcher)
+    watcher.scene = load_scene(scene).with_values({"rate": 500.0})
+    system = watcher.scene.system
+    watcher._node = SimpleNamespace(resolve_topic_name=lambda name: f"/left/{name}")
+    watcher._last_stamp, watcher._recent, watcher.states = -1, [], 1
+    watcher.numbers = SimpleNamespace(lost=0)
+    last = (f"{system.friction.law} friction, engine torque {torque}, pressure {pressure}  \n"
+            f"{watcher.scene.description}")
+    assert watcher.summary() == f"**/left/driveline**, 0.0 s at 500 Hz: 1 state shown, 0 missed  \n{last}"
+    watcher._last_stamp, watcher._recent, watcher.states = 2_500_000_000, [(1.25, 0.0), (3.123456, 0.5)], 7
+    watcher.numbers.lost = 4
+    assert watcher.summary() == (
+        "**/left/driveline**, 2.5 s at 500 Hz: 7 states shown, 4 missed  \nlast 2 cycles: largest slip speed 3.123 "
+        f"rad/s, 25 % of the time in stick  \n{last}")
