@@ -100,3 +100,14 @@ def _rgba(colours: Any) -> Any:
     from matplotlib.colors import to_rgba_array
 
     return to_rgba_array(colours)
+
+
+def title_of(drawn: Any) -> str:
+    """The title over all axes of a figure; figures of matplotlib 3.7 have no method for it."""
+    return str(drawn._suptitle.get_text()) if drawn._suptitle is not None else ""
+
+
+def spans_in(axis: Any) -> list[tuple[float, float]]:
+    """The ranges that are shaded along x; older versions of matplotlib draw polygons."""
+    places = [patch.get_patch_transform().transform_path(patch.get_path()).get_extents() for patch in axis.patches]
+    return [(float(place.x0), float(place.x1)) for place in places]

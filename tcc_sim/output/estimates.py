@@ -161,7 +161,8 @@ def critical_slope(system: System) -> float | None:
         """Return p, q and r."""
         m = a + slope * np.outer(by_friction, [1.0, 0.0, 0.0])
         minors = sum(m[i, i] * m[j, j] - m[i, j] * m[j, i] for i, j in ((0, 1), (0, 2), (1, 2)))
-        return np.array([-np.trace(m), minors, -np.linalg.det(m)])
+        with np.errstate(over="ignore", invalid="ignore"):  # Old NumPy warns; the result is None either way.
+            return np.array([-np.trace(m), minors, -np.linalg.det(m)])
 
     still = coefficients(0.0)
     (p0, q0, r0), (p1, q1, r1) = still, coefficients(1.0) - still

@@ -6,6 +6,7 @@ from dataclasses import replace as with_fields
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from tcc_sim.analysis.orders import orders_of
 from tcc_sim.analysis.settings import DEFAULTS
@@ -197,7 +198,7 @@ def test_a_density_holds_the_power_of_the_signal():
     assert spectrum.slip_speed is None
     assert spectrum.window == "Hann of 64 cycles, half of each shared with the next, 0 to 21.4466 s"
     variance = float(np.var(noise(turns)))
-    power = float(np.trapezoid(spectrum.slip_speed_density, spectrum.frequency / (2.0 * math.pi)))
+    power = float(trapezoid(spectrum.slip_speed_density, spectrum.frequency / (2.0 * math.pi)))
     assert power == pytest.approx(variance, rel=0.05)
 
 

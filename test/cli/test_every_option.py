@@ -8,6 +8,7 @@ import shlex
 import numpy as np
 import pytest
 from driveline_bags import bag, ticked
+from legends import title_of
 
 from tcc_sim.cli import VERBS, build_parser, main
 from tcc_sim.scene import load_scene
@@ -119,7 +120,7 @@ def seen(folder, monkeypatch, capsys):
             ticks = [tick for drawn in figures for axis in drawn.axes for tick in axis.xaxis.get_major_ticks()[:1]]
             SEEN[line] = (status, err.count("\n"), re.sub(r"[\d.e-]+ s\b", "", out), without_times(found),
                           [arrays[name].shape for name in arrays], [tick.label1.get_fontsize() for tick in ticks],
-                          [(*drawn.get_size_inches(), drawn.get_suptitle()) for drawn in figures])
+                          [(*drawn.get_size_inches(), title_of(drawn)) for drawn in figures])
         return SEEN[line]
 
     return run

@@ -63,7 +63,7 @@ def test_constant_slip_is_the_linear_model_of_the_equations(inputs: str, output:
     assert linearised.c[0] == pytest.approx(rows[3], rel=1e-5, abs=1e-5)
     assert linearised.d[0, 0] == pytest.approx(by_input[3], rel=1e-5, abs=1e-9)
     s = 1j * linearised.frequencies[:, None, None]
-    bode = (linearised.c @ np.linalg.solve(s * np.eye(3) - linearised.a, linearised.b) + linearised.d)[:, 0, 0]
+    bode = (linearised.c @ np.linalg.solve(s * np.eye(3) - linearised.a, linearised.b[None]) + linearised.d)[:, 0, 0]
     assert linearised.response == pytest.approx(bode, rel=1e-9, abs=1e-12 * np.abs(bode).max())
     assert (np.diff(np.abs(linearised.multipliers)) <= 0.0).all()
 

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet
 import pytest
 from scipy.io import loadmat
 
 from tcc_sim.cli import main
 from tcc_sim.output.table_files import TABLES
+
+parquet = pytest.importorskip("pyarrow.parquet", reason="PyArrow is not installed")
 
 CASES: dict[str, tuple[list[str], str, str, str]] = {
     "simulate": (["simulate", "slip", "--cycles", "3", "--samples", "4"], "slip_speed", "rad/s", ""),
@@ -38,7 +39,7 @@ def read(path: Path, name: str) -> tuple[np.ndarray, str | None]:
         assert {len(row) for row in (names, units, *rows)} == {len(names)}
         return np.array([float(row[column]) for row in rows]), units[column]
     if path.suffix == ".parquet":
-        table = pyarrow.parquet.read_table(path)
+        table = parquet.read_table(path)
         return table[name].to_numpy(), table.schema.field(name).metadata[b"unit"].decode()
     if path.suffix == ".mat":
         content = loadmat(path)
@@ -78,7 +79,7 @@ def test_a_table_of_a_sweep_has_its_keys_words_and_scene(tmp_path: Path) -> None
     assert content["engine_torque_amplitude"].tolist() == [5.0] * 3 + [6.0] * 3
     assert content["regime"].tolist() == ["slip"] * 6
     assert content["units"]["engine_frequency"] == "rad/s"
-    table = pyarrow.parquet.read_table(tmp_path / "a.parquet")
+    table = parquet.read_table(tmp_path / "a.parquet")
     assert table["regime"].to_pylist() == ["slip"] * 6
     for text in (content["document"], table.schema.metadata[b"document"].decode()):
         document = json.loads(text)

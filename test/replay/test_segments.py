@@ -307,6 +307,7 @@ def test_the_seconds_of_commands_and_fallback_are_those_of_the_ticks(tmp_path):
 
 @pytest.mark.parametrize("late", [0, 7, None])
 def test_the_age_of_commands_is_that_of_the_states_they_answer(tmp_path, late):
+    pytest.importorskip("diagnostic_msgs", reason="diagnostic_msgs is not installed")
     rows, others = ticked(COMMANDS, 1500, torque=torque, pressure=lambda k: 2e5), {}
     for k, (stamp, *_) in enumerate(rows):
         log = START + k * TICK

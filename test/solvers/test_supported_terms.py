@@ -16,7 +16,7 @@ import pytest
 from differences import difference
 from oracle import coefficient_and_slope, equations, sliding_of, smoothed_states, tangent_map
 from piecewise import Piecewise
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.analysis.damping import damping_of_cycles
 from tcc_sim.errors import InputError
@@ -212,7 +212,7 @@ def test_equivalent_damping() -> None:
     pairs = sliding_of(system.friction)[1]
     slope = load * [coefficient_and_slope(v, pairs, system.friction.smoothing)[1] for v in dense[:, 0]]
     square = dense[:, 0] ** 2
-    assert damping.weighted == pytest.approx(np.trapezoid(slope * square, t) / np.trapezoid(square, t), rel=1e-3)
+    assert damping.weighted == pytest.approx(trapezoid(slope * square, t) / trapezoid(square, t), rel=1e-3)
     assert damping.threshold == -0.6 - 2.0
 
 
@@ -228,8 +228,8 @@ def test_loads_keep_friction_and_the_fluid_apart() -> None:
         run = solve(system, cycles=1, samples_per_cycle=40, solver=solver, loads_from=0,
                     **({"step": 2e-5} if solver == "fixed_step" else {"rtol": 1e-9}))
         loads = run.cycles.loads
-        assert loads.energy[0] == pytest.approx(np.trapezoid(friction * v, t), rel=tight)
-        assert loads.coupling_energy[0] == pytest.approx(np.trapezoid(2.0 * v * v, t), rel=tight)
+        assert loads.energy[0] == pytest.approx(trapezoid(friction * v, t), rel=tight)
+        assert loads.coupling_energy[0] == pytest.approx(trapezoid(2.0 * v * v, t), rel=tight)
         np.testing.assert_allclose(run.friction_torque, friction[::1000], atol=1e-2)
         assert run.coupling_torque == pytest.approx(2.0 * run.slip_speed)
         assert "coupling_torque" in run.columns()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from legends import spans_in, title_of
 from results_by_hand import PLANE
 
 from tcc_sim.analysis.control import Event
@@ -87,8 +88,7 @@ def test_stick_is_shaded_from_its_first_sample_to_its_last() -> None:
         axis = drawn.subplots()
         t = np.arange(7.0)
         assert overview.shade_stick(axis, t, np.array([0, 0, 1, 0, 0, 0, -1]))
-        ends = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in axis.patches]
-        assert ends == [(0.0, 1.0), (3.0, 5.0)]
+        assert spans_in(axis) == [(0.0, 1.0), (3.0, 5.0)]
         assert [patch.get_label() == "stick" for patch in axis.patches] == [True, False]
         assert not overview.shade_stick(axis, t, np.ones(7))
 
@@ -149,7 +149,7 @@ def test_the_picture_has_its_title_and_its_axes_named(figures: list[Any], tmp_pa
     values["curves"] = [{"kind": "fold", "value": [1.0, 2.0], "second": [3.0, 4.0]}]
     values["second_over"] = "pressure.mean"
     branch_diagram.branch_diagram(tmp_path / "curves.svg", values)
-    assert figures[0].get_suptitle() == "a scene"
+    assert title_of(figures[0]) == "a scene"
     axis, *_ = figures[0].axes
     assert (axis.get_xlabel(), axis.get_ylabel()) == (r"engine frequency $\omega$ (rad/s)", "max |slip speed| (rad/s)")
     assert "mean pressure $P_m$ (Pa)" in [axis.get_ylabel() for axis in figures[1].axes]

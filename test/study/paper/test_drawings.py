@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from given import curve_of, curves_of, figure_of
-from legends import covered, legends_in
+from legends import covered, legends_in, spans_in, title_of
 
 from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.study.paper import drawings
@@ -63,7 +63,7 @@ def test_cells_of_a_map_have_the_colour_of_their_class() -> None:
 def test_a_title_says_what_the_paper_s_figure_has_not(kind: str, law: str, directions: list[str], title: str,
                                                       monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
-    monkeypatch.setattr(style, "save_both", lambda drawn, stem: said.append(drawn.get_suptitle()))
+    monkeypatch.setattr(style, "save_both", lambda drawn, stem: said.append(title_of(drawn)))
     monkeypatch.setitem(drawings.KINDS, kind, ((2.0, 0.0), (2.0, 0.0), lambda drawn, data: None))
     numbers = curves_of([curve_of([1.0], direction=name) for name in directions or ["cold"]])
     drawings.draw(figure_of(kind, numbers, law=law, title="A"), Path("none"))
@@ -76,7 +76,7 @@ def test_slip_away_is_shaded_up_to_where_the_clutch_holds_the_mean_torque() -> N
         with style.figure() as drawn:
             axis = drawn.subplots()
             drawings.shade_slipping_away(axis, x, figure_of("orbit", {}))
-            assert [(p.get_x(), p.get_x() + p.get_width()) for p in axis.patches] == [pytest.approx(e) for e in ends]
+            assert spans_in(axis) == [pytest.approx(e) for e in ends]
             assert axis.get_legend_handles_labels()[1] == ["$T_{sm} < T_m$"] * len(ends)
             assert not axis.texts
 
@@ -108,7 +108,7 @@ def test_a_picture_in_a_column_has_no_strips_and_nothing_cut(kind: str, height: 
         assert drawn.get_figwidth() == style.COLUMN
         caption_lines = drawings.caption_of(data, style.COLUMN).count("\n") + 1
         assert drawn.get_figheight() == pytest.approx(height + 0.15 * caption_lines)
-        assert drawn.get_suptitle().replace("\n", " ") == (
+        assert title_of(drawn).replace("\n", " ") == (
             "a title that is far too long for one line of a narrow column")
         page = drawn.bbox
         for axis in drawn.axes:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from documents import same_pictures, valid
+from legends import title_of
 from scipy.integrate import solve_ivp
 
 from tcc_sim.cli import main
@@ -131,7 +132,7 @@ def test_a_figure_in_a_column_has_its_title_and_is_redrawn_so(figures: list[Any]
     assert valid("figure", json.loads((tmp_path / "fig03.json").read_text()))["figure"] == 3
     assert main(["plot", str(tmp_path / "fig03.json"), "--plot", str(tmp_path / "a.png"), "--width", "column"]) == 0
     same_pictures(figures, style.COLUMN)
-    assert {drawn.get_suptitle() for drawn in figures} == {"Friction"}
+    assert {title_of(drawn) for drawn in figures} == {"Friction"}
     (tmp_path / "fig03.png").write_text("mine")
     assert main(["figure", "3", "--out", str(tmp_path)]) == 2
     assert (tmp_path / "fig03.png").read_text() == "mine"
