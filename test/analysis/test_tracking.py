@@ -33,7 +33,7 @@ from tcc_sim.result import json_of
 from tcc_sim.trajectory import Cycles
 
 CYCLE = 2.0 * math.pi / 150.0
-WAYS = {"as it is": {}, "mirrored, at another frequency": {"sign": -1.0, "frequency": 210.0}, "losses": {"lost": 250}}
+WAYS = {"as it is": {}, "mirrored, at another frequency": {"sign": -1.0, "frequency": 210.0}, "losses": {"lost": 100}}
 
 
 def last_segment(result) -> Tracking:
