@@ -18,6 +18,14 @@ def ownerless_segments_are_gone() -> None:
     remove_ownerless()
 
 
+@pytest.fixture(autouse=True, scope="session")
+def profile(discovery: Callable[[str], str]) -> Iterator[None]:
+    """Set the profile before the first participant of this process, since Fast DDS reads it once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("FASTDDS_DEFAULT_PROFILES_FILE", discovery(""))
+        yield
+
+
 @pytest.fixture
 def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
