@@ -243,7 +243,7 @@ def test_the_order_the_batch_and_the_tolerance_of_a_sweep() -> None:
         assert sweeps_of_one_key._batch(Plan(cycles=cycles), points, threads) == batch
         assert sweeps_of_one_key._batch(Plan(cycles=cycles, direction="up"), points, threads) == 1
     for plan, rtol in ((Plan(), 1e-6), (Plan(rtol=1e-9), 1e-9), (Plan(rtol=1e-3), 1e-3), (Plan(discard="auto"), None),
-                       (Plan(solver="fixed_step"), None), (Plan(solver="rk4"), None)):
+                       (Plan(solver="fixed_step"), None), (Plan(solver="rk4"), None), (Plan(solver="rk45"), None)):
         assert with_sweep_tolerance(SMOOTHED, plan) == with_fields(plan, rtol=rtol)
 
 

@@ -99,6 +99,8 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
         (Given(period_at(lambda row, x: 2 if x > 0.7 else 0), lambda row: [0.2]), YES, {"omega/omega_n": [0.202],
          "period at 0.83": [2], "mu_k/mu_s without": [0.56 + 0.01 * k for k in range(15)],
          "diagnosis": ["chaotic", 0.0, 1.0] * 6}),
+        (Given(period_at(lambda row, x: 2 if x > 0.7 else 0), lambda row: [0.05, 0.2]), YES,
+         {"omega/omega_n": [0.202]}),
         (Given(period_at(lambda row, x: 2), lambda row: [0.2]), NO),
         (Given(period_at(lambda row, x: 1 if x > 0.7 else 0), lambda row: [0.2]), PART)],
     "period_one_near_unity": [(Given(orbit(0.92, 0.92, 0.92)), YES),
