@@ -38,7 +38,7 @@ def kept(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def described(drawn: Any) -> list[str]:
-    """Return the description of a figure; one that is narrower is told by `new_lines`."""
+    """Return the description of a figure; `new_lines` describes a narrower one."""
     width, height = drawn.get_size_inches()
     return [_joined(f"{width:.3g} x {height:.4g} inch", *(_text(t) for t in (drawn._suptitle, drawn._supxlabel,
                                                                              drawn._supylabel) if t is not None)),

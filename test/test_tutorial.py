@@ -62,7 +62,7 @@ def agrees(shown: str, printed: str) -> bool:
 
 
 def demonstrated(command: str, capsys: pytest.CaptureFixture[str]) -> str:
-    """What the demo of the page prints, of a recording with enough states."""
+    """Run the demo of the page until its recording has enough states; return what it prints."""
     for seconds in (1, 4, 16, 64):
         shutil.rmtree("clutch1", ignore_errors=True)
         printed = run(command.replace(RECORDED, PACED.format(seconds)), capsys)

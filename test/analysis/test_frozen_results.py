@@ -1,4 +1,4 @@
-"""What holds for every result of the room."""
+"""Nobody can change a result of the analyses."""
 
 from dataclasses import is_dataclass
 from importlib import import_module

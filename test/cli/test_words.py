@@ -1,4 +1,4 @@
-"""What options take and default to, how their words are read, and the lines that verbs print from results."""
+"""Options take their words, have their defaults, and verbs print the lines of results."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DEFAULTS: dict[str, tuple[list[str], dict[str, object]]] = {
 
 @pytest.mark.parametrize("verb", DEFAULTS)
 def test_options_that_are_not_given_have_their_defaults(verb: str) -> None:
-    """Those that are none, off, empty or 0 are left out."""
+    """The dictionary leaves out values that are none, off, empty or 0."""
     words, expected = DEFAULTS[verb]
     given = vars(cli.build_parser(verb).parse_args([verb, *words]))
     given.pop("verb")

@@ -46,7 +46,7 @@ OF_ROWS: tuple[tuple[Callable[[Any, Any], Any], Callable[[Any, Any], Any]], ...]
     (lambda x, y: lesser(x, y), lambda x, y: np.where(x < y, x, y)),
     (lambda x, y: row_of([x[1], 2.0, *(y[k] for k in range(6))]), lambda x, y: np.array([-0.25, 2.0, *y[:6]])),
 )
-"""What is written in lanes, and by NumPy; a lane that is nan shows which of two a comparison takes."""
+"""A staged function and NumPy write the same lanes; a lane that is nan shows which of two a comparison takes."""
 OF_A_ROW: tuple[tuple[Callable[[Any], Any], float], ...] = (
     (lambda x: folded(operator.add, x), float(PLAIN.sum())), (lambda x: folded(lesser, x), -9.0),
     (lambda x: folded(greater, x), 7.0), (largest_size, 9.0), (lambda x: magnitude(x[0]), 3.0),

@@ -32,7 +32,7 @@ ADVICE: dict[str, dict[str, str]] = {
     "fast": {"friction.smoothing": "slip below 0.2 rad/s would determine it; the slowest here is 58.4 rad/s",
              **dict.fromkeys(("friction.static_coefficient", "friction.decay"),
                              "slip below 3.45 rad/s would determine it; the slowest here is 58.4 rad/s")}}
-"""What would determine these keys: ln(1000)/2 rad/s of the decay, 2/50 rad/s of the smoothing."""
+"""Advice on these keys: slip below ln(1000)/2 rad/s shows the decay, below 2/50 rad/s the smoothing."""
 
 
 @cache

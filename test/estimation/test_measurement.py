@@ -303,7 +303,7 @@ def test_starts_surround_the_given_one() -> None:
         fitted(1.99)], 5, 1),
     ([fitted(1.9, 0.0, 1e8), fitted(1.8, 0.0, 0.5e8), fitted(1.7, 0.0, 1.0), fitted(1.0)], 3, 2)])
 def test_the_first_fit_that_is_acceptable_is_taken_or_else_the_best(results, tried, taken, monkeypatch) -> None:
-    """Those that join are better than those that do not; 150 million sub-steps are enough."""
+    """A fit whose windows join is better than one whose windows do not; 150 million sub-steps are enough."""
     left = iter(results)
 
     def made(*given: object, **named: object) -> Fit:

@@ -1,4 +1,4 @@
-"""What the verbs of the study print, line by line, for results written down here, and the options that they pass on."""
+"""Verbs of the study print the lines of results written down here, and pass on their options."""
 
 from __future__ import annotations
 
