@@ -30,7 +30,7 @@ class DrivelineMotion:
         slowest = min([rate for _, rate in exponentials(terms.stribeck)], default=0.0)
         self._constant = DEFAULTS.constant / slowest if slowest > 0.0 else 0.0
         # A torque that grows with slip ends any growth.
-        self._drift = terms.mean_torque if system.converter.coupling == 0.0 else 0.0
+        self._drift = 0.0 if terms.linear.flywheel_by_slip else terms.mean_torque
         self._drag = mean_load(system) * (system.friction_ratio if terms.stribeck and slowest == 0.0 else 1.0)
         torques = abs(terms.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
         torque = torques + system.largest_friction_ratio * peak_load(terms)
