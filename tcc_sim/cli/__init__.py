@@ -15,6 +15,7 @@ import os
 import signal
 import sys
 from contextlib import redirect_stderr, suppress
+from contextvars import copy_context
 from importlib import import_module
 from keyword import iskeyword
 from typing import NoReturn
@@ -60,11 +61,14 @@ def _check_verb(words: list[str]) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run one verb and return the exit status; without `argv`, an interrupted program ends here at once."""
+    """Run one verb and return the exit status; without `argv`, an interrupted program ends here at once.
+
+    The units and the style that the verb selects end with it.
+    """
     open_streams()
     if argv is None and signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    status = _status_of(sys.argv[1:] if argv is None else argv)
+    status = copy_context().run(_status_of, sys.argv[1:] if argv is None else argv)
     if argv is None and status == 130:
         with suppress(OSError):
             sys.stdout.flush()

@@ -80,6 +80,23 @@ def test_every_kind_of_speed_in_every_unit(units, unit, other, engine, slip_axis
     assert shown_unit(engine=True) == ("rpm", RPM)
 
 
+@pytest.mark.parametrize("units", ["rad", "rpm", "hz"])
+@pytest.mark.parametrize(("words", "status"), [
+    (["explain", "slip", "--plot", "a.png", "--style", "a.mplstyle"], 0),
+    (["explain", "slip", "--set", "engine.frequency=100"], 0), (["explain", "no_scene"], 2)])
+def test_the_units_and_the_style_of_a_command_end_with_it(units, words, status, tmp_path, monkeypatch, capsys):
+    (tmp_path / "a.mplstyle").write_text("lines.linewidth: 7\n")
+    monkeypatch.chdir(tmp_path)
+    with shown_in("hz", 3.0):
+        assert main([*words, "--units", units]) == status
+        assert (speed(2.0 * math.pi), shown_axis("engine frequency (rad/s)")[1]) == ("1 Hz", 0.5 / math.pi)
+    assert (speed(1.0), engine_speed(1.0)) == ("1 rad/s", "engine frequency 1 rad/s")
+    import matplotlib
+
+    with style.figure():
+        assert matplotlib.rcParams["lines.linewidth"] == 1.1
+
+
 def test_axes_keep_their_data_and_change_their_ticks():
     show_in("rpm", 2.0)
     with style.figure() as drawn:
