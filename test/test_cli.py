@@ -92,6 +92,19 @@ def test_what_an_option_takes_is_named(words: list[str], says: str, refused: Cal
     assert says in refused(*words)
 
 
+@pytest.mark.parametrize("verb", cli.VERBS)
+def test_every_number_refuses_a_word_by_what_it_must_be(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    parser = cli.build_parser(verb)
+    verbs = next(each for each in parser._actions if isinstance(each.choices, dict))
+    for option in verbs.choices[verb]._actions:
+        if option.type in (int, float):
+            for word in ("x", "", "1e", *(["1.5"] if option.type is int else [])):
+                with pytest.raises(SystemExit, match=r"^2$"):
+                    parser.parse_args([verb, f"{option.option_strings[0]}={word}"])
+                what = "a whole number" if option.type is int else "a number"
+                assert capsys.readouterr().err.endswith(f"{option.option_strings[0]}: {word!r} must be {what}\n")
+
+
 @pytest.mark.parametrize(("value", "says"), [
     ("0.01499999999", "is 0.01499999999; it must be 0.015 to 6, one twentieth"), ("0.01", "is 0.01;")])
 def test_numbers_that_differ_are_told_apart(value: str, says: str, refused: Callable[..., str]) -> None:

@@ -14,11 +14,12 @@ import io
 import os
 import signal
 import sys
+from collections.abc import Callable
 from contextlib import redirect_stderr, suppress
 from contextvars import copy_context
 from importlib import import_module
 from keyword import iskeyword
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from tcc_sim import __version__
 from tcc_sim.cli.verbs import GROUPS, MEASURING, STUDY, VERBS, verbs_by_purpose
@@ -27,8 +28,25 @@ from tcc_sim.output.terminal import open_streams
 from tcc_sim.shown_units import show_in
 
 
+def _reader(kind: type[float] | type[int], what: str) -> Callable[[str], float]:
+    """Return an argparse type for numbers; its error says what a word that is none must be."""
+    def read(text: str) -> float:
+        try:
+            return kind(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} must be {what}") from None
+
+    return read
+
+
 class _Parser(argparse.ArgumentParser):
     """Argument parser that reports an error in one line."""
+
+    def __init__(self, *args: Any, **keywords: Any) -> None:
+        """Read every option of type int or float by `_reader`."""
+        super().__init__(*args, **keywords)
+        self.register("type", int, _reader(int, "a whole number"))
+        self.register("type", float, _reader(float, "a number"))
 
     def error(self, message: str) -> NoReturn:
         """Print the message on one line and exit with status 2."""
