@@ -100,7 +100,8 @@ def measurement_in(table: MeasuredTable) -> Measurement:
     """
     _check_still(Path(table.source), table.columns.get(FAR_END))
     rows = np.isfinite(table.columns["slip_speed"])
-    columns = {name: values[rows] for name, values in table.columns.items() if np.isfinite(values).any()}
+    columns = {name: values[rows] for name, values in table.columns.items()
+               if name in (TIME, "slip_speed") or np.isfinite(values).any()}
     slower = [name for name, values in columns.items() if name in (*CHANNELS, *INPUTS)
               and not np.isfinite(values).all() and not len(table.holes(name))]
     for name in slower:

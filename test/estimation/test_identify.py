@@ -296,3 +296,6 @@ def test_a_table_is_read_or_refused(tmp_path) -> None:
         path.write_text(text)
         with pytest.raises(InputError, match=words):
             measurement_in(table_in(path, ("slip_speed",)))
+    for option in ({"columns": "t=t"}, {"start": 0.0}, {"end": 0.0}):
+        with pytest.raises(InputError, match=r"^--columns, --from and --to are for tables, and .*run is a recording$"):
+            given(tmp_path / "run", FIG02, **option)

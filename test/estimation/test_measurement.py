@@ -17,7 +17,17 @@ from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of
 from tcc_sim.estimation.multiple_shooting import Fit
 from tcc_sim.estimation.search import Search, profile_likelihood
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
-from tcc_sim.estimation.windows import Model, check_key, largest_errors, on_its_side, sensitivities, states_of
+from tcc_sim.estimation.windows import (
+    LOAD_AMPLITUDE,
+    LOG_LOAD,
+    MEAN_LOAD,
+    Model,
+    check_key,
+    largest_errors,
+    on_its_side,
+    sensitivities,
+    states_of,
+)
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.tables.measured_table import MeasuredTable
 
@@ -105,6 +115,9 @@ def test_a_measurement_at_the_ends_of_what_is_allowed() -> None:
 
 
 def test_a_last_step_that_is_shorter_by_a_thousandth_is_left_out() -> None:
+    for rows in (0, 1, 2):  # A part of a table may be empty.
+        with pytest.raises(InputError, match=rf"^x.csv has {rows} samples; 50 to 1000000 are needed$"):
+            measurement_in(MeasuredTable({"t": T[:rows], "slip_speed": SLIP[:rows]}, {}, "x.csv"))
     for last, left_out in ((1.999e-3, 0), (1.997e-3, 1), (2.5e-3, 0)):
         t = np.append(T, T[-1] + last)
         table = MeasuredTable({"t": t, "slip_speed": np.append(SLIP, 7.0), "engine_torque": np.append(SLIP, 8.0)},
@@ -242,6 +255,9 @@ def test_measured_inputs_replace_those_of_the_scene_less_their_offsets() -> None
             assert held[:, 0, column] == pytest.approx(np.broadcast_to(expected, 60))
             assert held[:-1, 1, column] == pytest.approx(np.broadcast_to(expected, 60)[1:])
         assert np.sort(by[by != 0.0]).tolist() == [-1.0, -per]
+        by = Model(FIG02.system, (KINETIC,), measured(inputs=inputs, hold="linear")).drive(np.array([0.24]))[2][:, 0]
+        assert by[MEAN_LOAD:LOAD_AMPLITUDE + 1].tolist() == [0.0] * (LOAD_AMPLITUDE + 1 - MEAN_LOAD)
+        assert by[LOG_LOAD] == 1.0 / 0.24
 
 
 def test_derivatives_by_every_key_are_those_of_differences() -> None:

@@ -12,10 +12,12 @@ import pytest
 
 from tcc_sim import closed_loop
 from tcc_sim.cli import main
+from tcc_sim.errors import InputError
 from tcc_sim.fmu.c_types import DOUBLE, INT, Refused, Static
-from tcc_sim.fmu.export import compiler
+from tcc_sim.fmu.export import compiler, fmu_of
 from tcc_sim.fmu.printer import Library
 from tcc_sim.plant.driveline import Reading
+from tcc_sim.scene import load_scene
 
 PAGE = Path(__file__).resolve().parents[2] / ".github" / "guide" / "fmu.md"
 
@@ -79,6 +81,14 @@ def test_a_step_is_at_least_the_shortest_tick(tmp_path: Path, refused: Callable[
     words = ["fmu", "slip", "--sources-only", "--out", str(tmp_path / "a.fmu"), "--step"]
     assert main([*words, "5e-5"]) == 0
     assert "must be a number from 5e-05 to 1 s" in refused(*words, "4.9e-5")
+    soft = load_scene("slip").with_values({"pressure.mean": 1.0, "pressure.amplitude": 0.0, "friction.smoothing": 1.0})
+    assert fmu_of(soft, 3, 1.0).version == 3
+    for step in (4.999e-5, 1.001):
+        with pytest.raises(InputError, match=rf"^step is {step:g} s; it must be 5e-05 to 1 s$"):
+            fmu_of(soft, 2, step)
+    for version in (1, 4):
+        with pytest.raises(InputError, match=rf"^FMI version {version} is not known; it must be 2 or 3$"):
+            fmu_of(soft, version)
 
 
 def test_what_the_printer_does_not_know_it_refuses_and_names() -> None:

@@ -21,6 +21,7 @@ from tcc_sim.output.estimates import ActuatorEffect, Estimates, Mode, Torque, es
 from tcc_sim.output.explanation import closed_form_lines, friction_lines
 from tcc_sim.output.fields import unit_of_key, units_in
 from tcc_sim.output.terminal import wrapped
+from tcc_sim.scene import load_scene
 
 ESTIMATES = Estimates(Mode(400.0, 0.04), Mode(100.0, 0.01), Torque(50.0, 300.0, 550.0), Torque(500.0, 500.0, 500.0),
                       Torque(400.0, 450.0, 500.0), -12.5, "slip", "a reason", -0.6, -250.0, 100.0, (150.0, 150.0))
@@ -85,6 +86,43 @@ TABLE = {"fit_error": 0.0123, "fit_error_at": 2.0, "fit_error_between": 0.0345, 
 def test_the_lines_of_a_friction_law(changes: dict[str, Any], lines: list[str]) -> None:
     assert friction_lines({**LAW, **changes}) == [
         "sliding friction: mu(v) = 0.24 + 0.06 exp(-2 |v|)", f"  the coefficient {lines[0]}", *lines[1:]]
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+@pytest.mark.parametrize("table", [{}, {"friction.slip_speeds": [0.0, 1.0, 2.0, 4.0],
+                                        "friction.coefficients": [0.14, 0.12, 0.11, 0.105]}])
+def test_the_figures_of_a_friction_law(law: str, table: dict[str, Any]) -> None:
+    """Of mu(v) = c + a exp(-r v) and of mu(v) tanh(50 v) on a grid; stick ends where the latter is largest."""
+    found = explanation.friction_of(load_scene("fig02").with_values({**table, "friction.law": law}).system)
+    if not table:
+        assert (found["constant"], found["amplitudes"], found["rates"]) == (0.24, [pytest.approx(0.06)], [2.0])
+    c, (a,), (r,), end = found["constant"], found["amplitudes"], found["rates"], 4.0 if table else 10.0
+    v = np.linspace(0.0, end, 1_000_001)
+    curve = c + a * np.exp(-r * v)
+    smooth = curve * np.tanh(50.0 * v)
+    assert found["slip_speeds"] == [0.0, end]
+    assert found["coefficients"] == pytest.approx([curve[0], curve[-1] if table else c], rel=1e-12)
+    assert found["slopes"] == pytest.approx([-a * r, -a * r * math.exp(-r * end)], rel=1e-9)
+    assert found["stick_speed"] == pytest.approx(v[np.argmax(smooth)] if law == "smoothed" else 0.0, rel=1e-3)
+    assert found["largest_coefficient"] == pytest.approx(smooth.max() if law == "smoothed" else curve[0], rel=1e-6)
+    errors = np.abs(np.interp([0.0, 1.0, 2.0, 4.0], v, curve) - [0.14, 0.12, 0.11, 0.105]) / 0.14
+    assert (found["fit_error"], found["fit_error_at"]) == (
+        (pytest.approx(errors.max()), [0.0, 1.0, 2.0, 4.0][int(errors.argmax())]) if table else (None, None))
+    assert (found["fit_error_between"] is None) == (not table)
+
+
+def test_torques_over_profiles_are_largest_at_their_corners() -> None:
+    """Also at the last one; the mean is that over whole engine cycles."""
+    still = {"engine.torque_amplitude": 0.0, "pressure.amplitude": 0.0}
+    for times, torques, ends in (([0.0, 0.1003, 0.3], [100.0, 500.0, 50.0], (50.0, 500.0)),
+                                 ([0.0, 0.1003, 0.3], [300.0, 50.0, 500.0], (50.0, 500.0))):
+        scene = load_scene("fig02").with_values({**still, "engine.mean_torque_times": times,
+                                                 "engine.mean_torque_values": torques})
+        engine = estimates_of(scene.system).engine
+        assert (engine.low, engine.high) == pytest.approx(ends, rel=1e-12)
+        cycle = 2.0 * math.pi / 150.0
+        t = np.linspace(0.0, math.ceil(0.3 / cycle) * cycle, 100_001)[:-1]
+        assert engine.mean == pytest.approx(np.interp(t, times, torques).mean(), rel=1e-3)
 
 
 SLIP = {"mean": 158.0, "amplitude": 8.0, "growth": 0.0, "least": 100.0, "pure_slip": True, "margin": 150.0,

@@ -152,6 +152,14 @@ def test_a_tick_is_solved_with_what_it_applied(sources):
     states = dense_._solved(run, run.system, known, 4, np.ones(len(run.t) - 1, bool))
     size = np.abs(known).max(axis=0)
     np.testing.assert_allclose(states[:, -1] / size, known[1:] / size, atol=2e-4)
+    for name, lost in (("engine", math.nan), ("pressure", 1e15)):  # Unknown, or too stiff to solve: that tick alone.
+        if f"{name}.source" in sources:
+            column = "engine_torque" if name == "engine" else "saturation_torque"
+            values = getattr(run, column).copy()
+            values[20] = lost
+            whole = np.ones(len(run.t) - 1, bool)
+            holed = dense_._solved(replace(run, **{column: values}), run.system, known, 4, whole)
+            assert np.flatnonzero(np.isnan(holed).any(axis=(1, 2))).tolist() == [19]
     share = np.array([0.5, 1.0])
     torque, load = dense_._excitation(run, run.system, run.t[:-1, None] + 1e-3 * share, share)
     sine = scene.system.engine.mean_torque + 250.0 * np.sin(150.0 * (run.t[:-1] + 0.5e-3))
