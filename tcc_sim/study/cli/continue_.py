@@ -68,12 +68,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _lines(motions: Motions) -> Iterator[str]:
     """Yield lines for the branches, their ends and their bifurcations."""
-    key = motions.plan.over
+    key, second = motions.plan.over, motions.plan.second_over or ""
     for number, branch in enumerate(motions.branches):
         values = [s.value for s in branch.points]
         yield (f"branch {number}: period {branch.period}, {key_value(key, min(values), 9, max(values))}, "
                f"{counted(len(values), 'point')}, {sum(s.orbit.stable for s in branch.points)} stable")
-        for sentence in dict.fromkeys(branch.ended):
+        for sentence in dict.fromkeys(end.described() for end in branch.ended):
             yield f"  {sentence}"
     for item in motions.bifurcations:
         yield (f"{item.kind:>18}  {key_value(key, item.value, 10)}  branch {item.branch}  "
@@ -82,7 +82,7 @@ def _lines(motions: Motions) -> Iterator[str]:
         yield (f"at {key_value(key, entry['value'])}: branch {entry['branch']}, period {entry['period']}, max slip "
                f"{speed(entry['max_slip_speed'], 9)}, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")
     for curve in motions.curves:
-        ends = "; ".join(dict.fromkeys(map(str, curve.ended)))
+        ends = "; ".join(dict.fromkeys(end.described() for end in curve.ended))
         yield f"curve of {curve.kind}: {counted(len(curve.values), 'point')}; {ends}"
         for point in curve.special:
-            yield str(point)
+            yield point.described(key, second)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.multipliers import multipliers_of
 from tcc_sim.result import reported
+from tcc_sim.shown_units import key_unit
 from tcc_sim.study.continuation.bordered import MinimallyAugmented, cyclic, nearest_margins
 from tcc_sim.study.continuation.bracket import Bracket, CurvePoint, chandrupatla
 from tcc_sim.study.continuation.problem import FAILURES, Floats, differ, kind_of_change
@@ -53,10 +54,14 @@ class Special:
         one, two = (w.width * float(e) for w, e in zip(point.equations.ranges, error))
         return Special(kind, *parameter_values(point), one, two, located, point=point)
 
-    def __str__(self) -> str:
-        """In words."""
-        values = f"{with_error(self.value, self.error)}  {with_error(self.second, self.second_error)}"
-        return f"{self.kind:>22}  {values}{'' if self.located else '  not located: its test changes sign in between'}"
+    def described(self, over: str, second: str) -> str:
+        """The point in words, for the keys of its values, in the selected units."""
+        values = []
+        for key, value, error in ((over, self.value, self.error), (second, self.second, self.second_error)):
+            unit, factor = key_unit(key)
+            values.append(f"{key} {with_error(value * factor, error * factor)} {unit}".rstrip())
+        where = "" if self.located else "  not located: its test changes sign in between"
+        return f"{self.kind:>22}  {'  '.join(values)}{where}"
 
 
 def with_error(value: float, error: float) -> str:

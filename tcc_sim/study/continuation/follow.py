@@ -16,6 +16,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from tcc_sim.result import KEY_UNITS
+from tcc_sim.shown_units import key_unit
 from tcc_sim.study.continuation.bracket import Bracket, P
 from tcc_sim.study.continuation.palc import (
     FLAT,
@@ -65,8 +66,15 @@ class End:
     what: str = ""
 
     def __str__(self) -> str:
-        """The sentence."""
-        value = f"{self.value:.9g} {KEY_UNITS.get(self.name, '')}".rstrip()
+        """The sentence, in SI units."""
+        return self._sentence(KEY_UNITS.get(self.name, ""), 1.0)
+
+    def described(self) -> str:
+        """The sentence in the selected units."""
+        return self._sentence(*key_unit(self.name))
+
+    def _sentence(self, unit: str, factor: float) -> str:
+        value = f"{self.value * factor:.9g} {unit}".rstrip()
         return self.reason.value.format(name=self.name, value=value, limit=self.limit, what=self.what)
 
 

@@ -17,7 +17,6 @@ from tcc_sim.result import Described
 from tcc_sim.study.benchmarks import peers, stability, work_precision, worst_cases
 from tcc_sim.study.benchmarks.extremes import Examined
 from tcc_sim.study.benchmarks.precision_report import PrecisionResult, References, SteadyState, StudiedScene
-from tcc_sim.study.cli.continue_ import _lines
 from tcc_sim.study.paper import claims, figures
 from tcc_sim.study.paper.rules import Claim, Measured, holds
 
@@ -51,27 +50,6 @@ def test_claims_are_printed_as_they_are_judged(tmp_path: Path, monkeypatch: pyte
         "pressures": (220e3, 230e3), "kept": tmp_path / "kept.jsonl", "thresholds": False, "jobs": 1, "progress": True}
     printed(0, "claims", "--thresholds", "--kept", tmp_path / "kept.jsonl")
     assert (asked[1]["pressures"], asked[1]["thresholds"], asked[1]["jobs"]) == (claims.PRESSURES, True, None)
-
-
-def orbit(largest: float, stable: bool = True) -> Any:
-    return SimpleNamespace(orbit=SimpleNamespace(stable=stable, seen=SimpleNamespace(largest=largest)))
-
-
-def test_branches_bifurcations_and_curves_are_printed() -> None:
-    points = [SimpleNamespace(value=value, **vars(orbit(1.0, value > 100.0))) for value in (150.0, 100.0, 120.0)]
-    curve = SimpleNamespace(kind="fold", values=[1.0], ended=["one end", "one end"], special=["a cusp"])
-    motions: Any = SimpleNamespace(
-        plan=SimpleNamespace(over="engine.frequency"), branches=[SimpleNamespace(
-            period=2, points=points, ended=["the end of the range", "the end of the range"])],
-        bifurcations=[SimpleNamespace(kind="fold", value=123.456789012, branch=0, point=orbit(7.5), residual=1.26e-11)],
-        at=[{"value": 120.0, "branch": 0, "period": 2, "max_slip_speed": 7.25, "stable": stable, "events": "S+S"}
-            for stable in (True, False)], curves=[curve])
-    assert list(_lines(motions)) == [
-        "branch 0: period 2, engine.frequency 100 to 150 rad/s, 3 points, 2 stable", "  the end of the range",
-        "              fold  engine.frequency 123.456789 rad/s  branch 0  max slip 7.5 rad/s  residual 1.3e-11",
-        "at engine.frequency 120 rad/s: branch 0, period 2, max slip 7.25 rad/s, stable, S+S",
-        "at engine.frequency 120 rad/s: branch 0, period 2, max slip 7.25 rad/s, unstable, S+S",
-        "curve of fold: 1 point; one end", "a cusp"]
 
 
 class Stopped:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
+from tcc_sim.shown_units import shown_in
 from tcc_sim.study.cli.continue_ import _lines
 from tcc_sim.study.continuation.branch import Branch, BranchOrigin, orbits_at
+from tcc_sim.study.continuation.codim2_points import Special
 from tcc_sim.study.continuation.diagram import (
     BranchPiece,
     SettledMotion,
@@ -88,11 +92,11 @@ def test_the_figures_of_motions() -> None:
 
 
 def test_the_lines_of_the_verb() -> None:
-    found = motions()
+    found = motions(second=("engine.frequency", 120.0, 160.0))
     found.at = [{"value": 0.25, "branch": 0, "period": 2, "max_slip_speed": 20.0, "stable": False, "events": "+S"},
                 {"value": 0.3, "branch": 1, "period": 1, "max_slip_speed": 4.0, "stable": True, "events": ""}]
     curve: Any = SimpleNamespace(kind="fold", values=(0.1,), ended=(End(StopReason.RANGE, MU_K, 0.1),) * 2,
-                                 special=("a cusp",))
+                                 special=(Special("cusp", 0.25, 140.5, 0.002, 0.4, point=ANY),))
     found.curves = [curve]
     assert list(_lines(found)) == [
         f"branch 0: period 2, {MU_K} 0.2 to 0.3, 3 points, 2 stable", f"  {MU_K} reached 0.2, the end of the range",
@@ -101,7 +105,14 @@ def test_the_lines_of_the_verb() -> None:
         f"              fold  {MU_K} 0.28  branch 0  max slip 15 rad/s  residual 1.0e-10",
         f"at {MU_K} 0.25: branch 0, period 2, max slip 20 rad/s, unstable, +S",
         f"at {MU_K} 0.3: branch 1, period 1, max slip 4 rad/s, stable, ",
-        f"curve of fold: 1 point; {MU_K} reached 0.1, the end of the range", "a cusp"]
+        f"curve of fold: 1 point; {MU_K} reached 0.1, the end of the range",
+        f"                  cusp  {MU_K} 0.2500 +- 0.002  engine.frequency 140.50 +- 0.4 rad/s"]
+    with shown_in("rpm", 2.0):
+        *_, ended, special = _lines(replace(found, curves=[SimpleNamespace(
+            **{**vars(curve), "ended": (End(StopReason.RANGE, "engine.frequency", 120.0 * math.pi),)})]))
+    assert (ended, special.split("  ")[-1]) == (
+        "curve of fold: 1 point; engine.frequency reached 1800 rpm, the end of the range",
+        "engine.frequency 670.8 +- 2 rpm")
 
 
 @pytest.mark.parametrize(("how", "words"), [

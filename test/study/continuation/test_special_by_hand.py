@@ -65,10 +65,10 @@ def test_a_number_has_the_digits_that_its_error_allows(value: float, error: floa
 
 
 def test_a_special_point_in_words() -> None:
-    found = Special("cusp", 0.25, 140.5, 0.002, 0.4, point=at(0.0, 0.0, 0.0))
-    assert str(found) == "                  cusp  0.2500 +- 0.002  140.50 +- 0.4"
-    assert str(Special("cusp", 0.25, 140.5, 0.002, 0.4, False, point=at(0.0, 0.0, 0.0))) == (
-        f"{found}  not located: its test changes sign in between")
+    for located, where in ((True, ""), (False, "  not located: its test changes sign in between")):
+        found = Special("cusp", 0.25, 140.5, 0.002, 0.4, located, point=at(0.0, 0.0, 0.0))
+        assert found.described("a", "engine.frequency") == (
+            f"                  cusp  a 0.2500 +- 0.002  engine.frequency 140.50 +- 0.4 rad/s{where}")
 
 
 @pytest.mark.parametrize(("law", "exact"), [(lambda d: 0.3 + 0.5 * d**2 - d**4, True), (lambda d: 0.3 + 0.5 * d, True),
