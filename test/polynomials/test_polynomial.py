@@ -6,8 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from plain import plain
 
-from tcc_sim.polynomials import polynomial
+from tcc_sim.polynomials import bernstein, polynomial
 from tcc_sim.polynomials.bernstein import (
     BERNSTEIN,
     DEGREE_MAXIMUM,
@@ -127,6 +128,74 @@ def test_a_stack_of_halves_ends_at_a_short_interval_or_a_full_stack():
         for place, start in ((row + 1, 7.0), (row, 7.0 + 0.5 * width)):
             assert work[place, [LEFT, WIDTH]].tolist() == [start, 0.5 * width]
             assert work[place, NOISE] == pytest.approx(1e-16 + 4 * 1.12e-16 * 4.0, rel=1e-14)
+
+
+def test_the_error_of_coefficients_is_bounded_by_units_of_rounding():
+    """(2 n + 8) of the sum of |c_k| x^k, 3 n more of the largest coefficient behind a cut, and of a level two."""
+    unit, work = 1.12e-16, np.zeros(polynomial.WORKSPACE)
+    for form in (to_bernstein, plain(to_bernstein)):
+        for degree in (2, 15, 16, 23, 24, 31):
+            c, _ = row_of([1.0, -3.0, 2.0, *[0.0] * (degree - 2)])
+            form(c, 1, degree, 0.5, work)
+            assert work[0, [LEFT, WIDTH, NOISE]].tolist() == [0.0, 0.5, pytest.approx(3.0 * (2 * degree + 8) * unit)]
+            assert work[0, [0, degree, LOW, HIGH]].tolist() == pytest.approx([1.0, 0.0, min(work[0, :degree + 1]), 1.0])
+            noise = work[0, NOISE]
+            later_part(work, BERNSTEIN, degree, 0.75)
+            largest = np.abs(work[0, :degree + 1]).max()
+            assert work[0, NOISE] == pytest.approx(noise + 3 * degree * unit * largest)
+    fall_from = plain(polynomial.fall_from)
+    c, _ = row_of([1.0, 0.5, -2.0])
+    for sign, level, rest in ((1.0, 0.25, [0.75, 1.0, -0.75]), (-1.0, -2.5, [1.5, 1.25, 3.0])):
+        work[1, :3], work[1, [LEFT, WIDTH, NOISE]] = [1.0, 1.25, -0.5], (0.0, 1.0, 1e-15)
+        fall_from(c, 1, 2, 0.0, 1.0, sign, level, 1e-14, work)
+        assert (work[1, :3].tolist(), work[1, NOISE]) == (rest, 1e-15 + 2.0 * unit * abs(level))
+    # From a start at the level the quotient by x counts, 0.5 - 2 x.
+    work[1, :3], work[1, [LEFT, WIDTH, NOISE]] = [1.0, 1.25, -0.5], (0.0, 1.0, 1e-15)
+    assert fall_from(c, 1, 2, 0.0, 1.0, 1.0, 1.0, 1e-14, work) == pytest.approx(0.25)
+    assert (work[1, :2].tolist(), work[1, NOISE]) == ([0.5, -1.5], 4.0 * (1e-15 + 2.0 * unit))
+
+
+def test_a_dip_counts_from_half_of_the_accuracy_on():
+    for depth, found in ((0.49, False), (0.51, True), (1.0, True)):
+        for sign in (1.0, -1.0):
+            x = first([sign * (0.25 - depth * 1e-6), -sign, sign], sign=sign, accuracy=1e-6)
+            assert x == (pytest.approx(0.5 - 1e-3 * math.sqrt(depth), abs=5e-4) if found else math.inf)
+
+
+@pytest.mark.parametrize(("coefficients", "noise", "monotone"), [
+    ([0.0, 1.0, 2.0], 0.0, True), ([2.0, 1.0, 0.0], 0.0, True), ([0.0, 1.0, 0.5], 0.5, True),
+    ([0.0, 1.0, 0.5], 0.4, False), ([1.0, 0.0, 1.0], 1.0, True), ([1.0, 0.0, 1.0], 0.9, False), ([1.0, 1.0], 0.0, True),
+    ([0.0, 1.0, 0.0, 5.0], 0.0, False), ([3.0], 0.0, True)])
+def test_a_polynomial_is_monotone_if_its_coefficients_are(coefficients, noise, monotone):
+    WORKSPACE[BERNSTEIN, :6] = [*coefficients, *[9.0, -9.0] * 3][:6]
+    assert polynomial.one_way(len(coefficients) - 1, noise, WORKSPACE) == monotone
+
+
+def test_few_iterations_and_halvings_are_enough(monkeypatch):
+    """Of a hundred polynomials a crossing and the extremes; Newton's method starts at a guess from the coefficients."""
+    counts = dict.fromkeys(("value_and_slope", "slope_and_curvature", "isolate", "search_on"), 0)
+    for caller, name, counted in ((polynomial.fall_within, "value_and_slope", "value_and_slope"),
+                                  (polynomial.turning, "slope_and_curvature", "slope_and_curvature"),
+                                  (bernstein.isolate, "halve", "isolate"), (search_on, "halve", "search_on")):
+        names = plain(caller).__globals__
+
+        def noted(*arguments, of=names[name], counted=counted):
+            counts[counted] += 1
+            return of(*arguments)
+
+        monkeypatch.setitem(names, name, noted)
+    random = np.random.default_rng(0)
+    for _ in range(100):
+        a = random.normal(size=int(random.integers(1, 24)) + 1)
+        a *= 0.8 ** np.arange(len(a))
+        c, degree = row_of(a)
+        level = float(np.polynomial.polynomial.polyval(random.uniform(0.0, 1.2), a))
+        sign = 1.0 if a[0] > level else -1.0
+        assert plain(polynomial.first_crossing)(c, 1, degree, 1.2, sign, sign * level, 1e-14, WORKSPACE) <= 1.2
+        plain(to_bernstein)(c, 1, degree, 1.2, WORKSPACE)
+        plain(polynomial.extremes_of)(c, 1, degree, 1.2, a[0], a[0], WORKSPACE)
+    assert (counts["value_and_slope"] <= 429, counts["slope_and_curvature"] <= 206, counts["isolate"] <= 63,
+            counts["search_on"] <= 14) == (True,) * 4, counts
 
 
 def test_steps_between_coefficients_within_their_rounding_are_no_changes_of_the_slope():
