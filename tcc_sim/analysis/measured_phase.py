@@ -241,11 +241,13 @@ def _strongest_order(table: MeasuredTable, phase: MeasuredPhase, by: str) -> tup
     signal = np.interp(even, turns, values)
     drift = np.polynomial.polynomial.polyfit(even, signal, 3)
     signal = signal - np.polynomial.polynomial.polyval(even, drift)
+    if np.ptp(signal) <= 1e-9 * np.abs(values).max():
+        return None
     spectrum = np.abs(np.fft.rfft(signal * np.hanning(count)))
     low = 6
     k = low + int(np.argmax(spectrum[low:]))
-    share = float(np.sum(spectrum[max(k - 2, 0):k + 3] ** 2) / max(float(np.sum(spectrum**2)), 1e-300))
-    if np.ptp(signal) <= 1e-9 * np.abs(values).max() or share < DEFAULTS.sharp or k >= len(spectrum) - 1:
+    share = float(np.sum(spectrum[k - 2:k + 3] ** 2) / np.sum(spectrum**2))
+    if share < DEFAULTS.sharp or k >= len(spectrum) - 1:
         return None
     a, b, c = np.log(spectrum[k - 1:k + 2])
     strongest = (k + 0.5 * float(a - c) / float(a - 2.0 * b + c)) / span

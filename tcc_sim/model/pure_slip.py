@@ -90,7 +90,7 @@ class PureSlip:
         if self.direction * self.a1 < 0.0:
             return -math.inf
         largest, curved, slowest, natural = self._bounds()
-        bend = float(self.slip.amplitude @ self.slip.frequency**2) + curved
+        bend = self.slip.bend() + curved
         fastest = max([natural, *self.slip.frequency.tolist()])
         fading = (FADED / slowest if slowest > 0.0 else math.inf) if largest > 0.0 else 0.0
         if fading * fastest > LONGEST_PHASE:

@@ -101,7 +101,7 @@ def stick_margin(system: System) -> StickMargin:
 def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickMargin:
     """Minimise ratio max(Ts, 0) - |Tfi| over one period."""
     fastest = float(np.concatenate([torque.frequency, load.frequency]).max())
-    bend = float(torque.amplitude @ torque.frequency**2) + ratio * float(load.amplitude @ load.frequency**2)
+    bend = torque.bend() + ratio * load.bend()
     size = abs(torque.mean) + torque.swing() + ratio * (abs(load.mean) + load.swing())
     steepest = float(load.amplitude @ load.frequency) if load.mean < load.swing() else 0.0
 

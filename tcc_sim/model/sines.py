@@ -62,6 +62,10 @@ class Sines:
         """Return the sum of the amplitudes, a bound of the distance from the mean."""
         return float(self.amplitude.sum())
 
+    def bend(self) -> float:
+        """Return the sum of the amplitudes times squares of frequencies, a bound of the second derivative."""
+        return float(self.amplitude @ self.frequency**2)
+
 
 def smallest(value: Callable[[Floats], Floats], slack: Callable[[Floats, float], Any], end: float, width: float,
              close: float) -> tuple[float, float]:

@@ -5,7 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.loop_verdict import Errors, LoopVerdict, Swings, loop_verdict, swings_of, turning_points
+from tcc_sim.analysis.loop_verdict import (
+    Errors,
+    LoopVerdict,
+    Swings,
+    _without_forced,
+    loop_verdict,
+    swings_of,
+    turning_points,
+)
 
 CYCLE = 0.04
 
@@ -163,3 +171,25 @@ def test_a_mean_has_arrived_where_it_is_in_the_band_or_beyond_the_target(step, e
     x = np.array(error)
     errors = Errors(x, x, x, x, x, step, 0.1, 0.2)
     assert (errors.arrived, errors.inside_from) == (arrived, inside)
+
+
+@pytest.mark.parametrize("first", [0, 1, 4])
+def test_a_moving_target_and_its_rate_explain_an_error_but_for_a_fifth_of_its_variance(first):
+    """From the second cycle on; what they do not explain is left in every cycle."""
+    t = CYCLE * np.arange(40.0)
+    reference, since = 20.0 + 5.0 * np.sin(3.0 * t), max(first, 1)
+    columns = np.stack([np.ones(40), reference, np.gradient(reference, t)], axis=1)
+    rest = np.sin(29.0 * t) + 0.3 * t
+    rest -= columns @ np.linalg.lstsq(columns[since:], rest[since:], rcond=None)[0]
+    forced = columns @ [0.4, -0.3, 0.05]
+    variances = [float(np.sum((x[since:] - x[since:].mean()) ** 2)) for x in (forced, rest)]
+    for share, explained in ((0.19, True), (0.21, False)):
+        size = math.sqrt(share / (1.0 - share) * variances[0] / variances[1])
+        error = forced + size * rest
+        errors = Errors(t, error, reference, t, t + CYCLE, 0.0, 0.1, 0.1)
+        left, follows = _without_forced(errors, first)
+        assert follows == explained
+        assert left == pytest.approx(size * rest if explained else error, abs=1e-9)
+    for count, floor, follows in ((since + 9, 0.1, False), (since + 10, 0.1, True), (40, 11.0, False)):
+        some = Errors(*(x[:count] for x in (t, forced, reference, t, t + CYCLE)), 0.0, 0.1, floor)
+        assert _without_forced(some, first)[1] == follows

@@ -1,30 +1,16 @@
 """The kernels that judge sections, as plain Python: each beside NumPy, or at both sides of its bounds."""
 
-import importlib.util
 import math
 
 import numpy as np
 import pytest
+from plain import plain as plain_of
 
 from tcc_sim.analysis import repetition
 from tcc_sim.analysis.periodicity import longest_tried, periodicity
-from tcc_sim.compiling import compiled
 from tcc_sim.trajectory import Cycles
 
-
-def uncompiled():
-    """The module with Python functions in place of its kernels."""
-    spec = importlib.util.spec_from_file_location("plain_repetition", repetition.__file__)
-    module, kept = importlib.util.module_from_spec(spec), compiled.compiled
-    compiled.compiled = lambda function: function
-    try:
-        spec.loader.exec_module(module)
-    finally:
-        compiled.compiled = kept
-    return module
-
-
-plain = uncompiled()
+plain = plain_of(repetition)
 RANDOM = np.random.default_rng(6).normal(size=(40, 3))
 
 

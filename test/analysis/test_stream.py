@@ -271,3 +271,17 @@ def test_stamps_that_are_farther_apart_than_a_cycle_are_refused(first):
         for k in range(5):
             stamps, *others = recorded([(first + k) * 1000])
             stream.feed(stamps, *others)
+
+
+def test_a_part_before_cycle_0_is_no_cycle():
+    """The first known start is that of number 0, which follows PART, the number of a part, by one."""
+    starts = 0.0123 + CYCLE * np.arange(9)
+    clock = Tracked(CYCLE, {0: (np.arange(9), starts)})
+    stream, pieces = CycleStream(SYSTEM, clock), []
+    for rows in np.split(np.array(recorded(np.arange(300))), 3, axis=1):
+        pieces += stream.feed(rows[0].astype(np.int64), *rows[1:])
+    run = stream.runs[0]
+    assert [(p.first, len(p.cycles)) for p in run.pieces] == [(0, 6)]
+    assert sum(len(p.cycles) for p in pieces) == 6
+    assert [row[:2].tolist() for row in run.parts] == [pytest.approx([0.0, 0.0123])]
+    assert run.pieces[0].cycles.starts == pytest.approx(starts[:7])

@@ -250,7 +250,7 @@ def test_sines_add_pass_and_swing() -> None:
         np.testing.assert_allclose(one.plus(other, factor)(t), value(t) + factor * second(t), atol=1e-14)
     np.testing.assert_array_equal(one.plus(other)(t), one.plus(other, 1.0)(t))
     np.testing.assert_allclose(one.rate()(t), (value(t + 1e-6) - value(t - 1e-6)) / 2e-6, rtol=1e-7, atol=1e-8)
-    assert other.swing() == pytest.approx(2.1)
+    assert (other.swing(), other.bend()) == pytest.approx((2.1, 18.0 + 4.9))
     delayed = other.through(lambda w: 3.0 * np.exp(-0.1j * w))
     np.testing.assert_allclose(delayed(t), 3.0 * second(t - 0.1), atol=1e-14)
     assert Sines.of(2.0, [])(t).tolist() == [2.0] * 50

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from plain import plain
 
 from tcc_sim.compiling.compiled import compiled
 from tcc_sim.model import equations
@@ -168,14 +169,13 @@ def load_of_row(t):
     return 500.0 - 2000.0 * past + 400.0 * np.sin(1.5 * (0.5 + 150.0 * past + 2000.0 * past**2) + 0.3)
 
 
-def test_an_excitation_that_varies_has_values_and_rates_of_its_row(monkeypatch):
+def test_an_excitation_that_varies_has_values_and_rates_of_its_row():
     """The phase of `PULSATION` itself and that of the call do not count: the row has the load's phase."""
-    for name in ("add_chirp", "add_swells"):
-        monkeypatch.setattr(excitation, name, getattr(excitation, name).py_func)
+    of = plain(excitation)
     for tau in (0.01, 0.03, 0.055):
         drive, h = np.zeros(1, excitation.DRIVE).view(np.recarray)[0], 1e-6
         for loaded in (True, False):
-            excitation.excite.py_func(tau, 7.0, loaded, 1.0, WAVES, 2.0, PULSATION, ROW, drive)
+            of.excite(tau, 7.0, loaded, 1.0, WAVES, 2.0, PULSATION, ROW, drive)
             load = max(load_of_row(tau), 0.0) if loaded else 0.0
             rate = (load_of_row(tau + h) - load_of_row(tau - h)) / (2 * h) if loaded else 0.0
             assert (drive["torque"], drive["load"]) == pytest.approx((torque_of_row(tau), load), rel=1e-12)
@@ -184,11 +184,11 @@ def test_an_excitation_that_varies_has_values_and_rates_of_its_row(monkeypatch):
             assert drive["load_rate"] == pytest.approx(rate, abs=1e-2)
         for loaded in (True, False):
             rows, at = np.full((ROWS, COLUMNS), np.nan), tau + 0.7 * 2e-3
-            excitation.expand_varying.py_func(rows, 24, 2e-3, tau, loaded, WAVES, PULSATION, ROW, drive)
+            of.expand_varying(rows, 24, 2e-3, tau, loaded, WAVES, PULSATION, ROW, drive)
             torque, load = (np.polynomial.polynomial.polyval(0.7, rows[row, :24]) for row in (ENGINE, LOAD))
             assert (torque, load) == pytest.approx((torque_of_row(at), load_of_row(at) if loaded else 0.0), rel=1e-12)
-        assert excitation.torque_about_mean.py_func(tau, 40.0, WAVES, ROW) == pytest.approx(torque_of_row(tau) - 40.0)
-        value, rate = excitation.load_and_rate.py_func(tau, PULSATION, ROW)
+        assert of.torque_about_mean(tau, 40.0, WAVES, ROW) == pytest.approx(torque_of_row(tau) - 40.0)
+        value, rate = of.load_and_rate(tau, PULSATION, ROW)
         assert value == pytest.approx(load_of_row(tau), rel=1e-12)
         assert rate == pytest.approx((load_of_row(tau + h) - load_of_row(tau - h)) / (2 * h), abs=1e-2)
 
