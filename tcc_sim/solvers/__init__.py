@@ -155,16 +155,13 @@ def choose(system: System, solver: str) -> str:
         raise InputError(f"solver {solver!r} is unknown; the solvers are auto, {', '.join(SOLVERS)}")
     unknown = unsupported(solver, system)
     if unknown:
-        able = [name for name, entry in SOLVERS.items() if unknown.keys() <= SUPPORTED[name]]
+        left = {name: unsupported(name, system).keys() for name in SOLVERS}
+        able = [name for name, terms in left.items() if not terms]
+        smooth = [name for name, terms in left.items() if terms == {system.friction.law} == {"set_valued"}]
         raise InputError(f"solver {solver} does not solve {', '.join(dict.fromkeys(unknown.values()))}; "
-                         + (f"those that do are {', '.join(able)}" if able else "no solver does")
-                         + (", with friction.law smoothed" if able and set(able).isdisjoint(_of_law(system)) else ""))
+                         + (f"those that do are {', '.join(able or smooth)}" if able or smooth else "no solver does")
+                         + (", with friction.law smoothed" if smooth and not able else ""))
     return solver
-
-
-def _of_law(system: System) -> list[str]:
-    """Return the solvers of the system's friction law."""
-    return [name for name in SOLVERS if system.friction.law in SUPPORTED[name]]
 
 
 __all__ = ["SOLVERS", "Entry", "Problem", "State", "Status", "Trajectory", "check_setting", "choose", "solve"]

@@ -87,6 +87,8 @@ def test_the_solver_follows_from_law_and_inputs_and_a_refusal_names_those_that_d
     for system, solver, sentence in (
             (set_valued, "rk4", "solver rk4 does not solve friction.law set_valued; those that do are event_driven"),
             (PLAIN, "event_driven", f"solver event_driven does not solve friction.law smoothed; {smooth}"),
+            (replace(far, {"friction.law": "set_valued"}), "auto", "solver fixed_step does not solve "
+             "friction.law set_valued; those that do are fixed_step, with friction.law smoothed"),
             (replace(RAMP, {"friction.law": "set_valued"}), "auto", "solver event_driven does not solve "
              f"engine.frequency_times; {smooth}, with friction.law smoothed")):
         with pytest.raises(InputError) as refused:

@@ -143,8 +143,13 @@ def test_solvers(case, solver) -> None:
     law = "smoothed" if "smoothed" in SOLVERS[solver].laws else "set_valued"
     system = dataclasses.replace(system, friction=replace(system, {"friction.law": law}).friction)
     if not SOLVERS[solver].solves(system):
-        with pytest.raises(InputError, match=f"solver {solver} does not solve .*; those that do are"):
+        with pytest.raises(InputError, match=f"solver {solver} does not solve .*; those that do are") as refused:
             solve(system, cycles=1, solver=solver)
+        able, smooth, _ = str(refused.value).partition(" are ")[2].partition(", with friction.law smoothed")
+        shown = dataclasses.replace(system, friction=replace(system, {"friction.law": "smoothed"}).friction)
+        solves = {which: [n for n, entry in SOLVERS.items() if entry.solves(which)] for which in (system, shown)}
+        assert able.split(", ") == solves[system] or (not solves[system] and able.split(", ") == solves[shown])
+        assert bool(smooth) == (not solves[system])
         return
     options = {"step": 2e-6 if solver == "rk4" else 2e-5} if SOLVERS[solver].setting == "step" else {"rtol": 1e-8}
     # The corner of an input is in the second cycle; these methods are slow.
