@@ -16,7 +16,7 @@ from tcc_sim.model.parameters import unknown_key
 from tcc_sim.model.quantity import Options, Quantity
 from tcc_sim.nodes.options import SCENE, TEXT
 from tcc_sim.nodes.process import warn
-from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, MEANINGS, NODE_SCENE, OPERATION_QUANTITIES, Scene, load_scene
+from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, MEANINGS, NODE_SCENE, Scene, load_scene
 
 Given = TypeVar("Given", bound=Options)
 BUILT_IN = ("use_sim_time", "start_type_description_service")
@@ -111,11 +111,7 @@ def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
         descriptor.floating_point_range = [FloatingPointRange(from_value=meaning.low, to_value=meaning.high, step=0.0)]
     elif isinstance(value, int) and not isinstance(value, bool):
         descriptor.integer_range = [IntegerRange(from_value=int(meaning.low), to_value=int(meaning.high), step=1)]
-    if isinstance(value, tuple):
-        kind = Parameter.Type.INTEGER_ARRAY if name in OPERATION_QUANTITIES else Parameter.Type.DOUBLE_ARRAY
-        descriptor.type = kind.value
-        value = Parameter(name, kind, list(value)).value
-    node.declare_parameter(name, value, descriptor, ignore_override=True)
+    node.declare_parameter(name, list(value) if isinstance(value, tuple) else value, descriptor, ignore_override=True)
 
 
 def changed(scene: Scene, parameters: list[Parameter]) -> Scene:

@@ -90,8 +90,12 @@ def test_every_value_of_a_status_and_its_message(monkeypatch: pytest.MonkeyPatch
     assert (wrong, message) == (True, "5 commands lost or replaced before a tick could take them")
     assert [values.get(key) for key in ("regime", "rate (Hz)", "rate wanted (Hz)", "late share", "engine_torque lost",
                                         "applied pressure (Pa)")] == ["stick", "200.0", "500", "0.0000", "2", None]
-    loop.slip_ticks = 110
-    assert status(104.0)[:2] == (False, "slip")
+    loop.slip_ticks, torque.lost, pacer.missed_ticks, pacer.ticks, pacer.late_ticks = 110, 6, 4, 900, 200
+    assert status(104.0)[1] == ("4 commands lost or replaced before a tick could take them; 3 ticks missed in real "
+                                f"time; {late}")
+    pacer.ticks, loop.slip_ticks = 1000, 120
+    assert status(104.5)[:2] == (False, "slip")
+    assert (told.lateness, status(104.75)[2]["rate (Hz)"]) == ("", "0.0")
     assert status(105.0)[:2] == (False, "waiting")
     loop.paused = True
     assert status(106.0)[:2] == (False, "paused")

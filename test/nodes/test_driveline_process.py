@@ -11,10 +11,16 @@ from benches import overrides
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+from rcl_interfaces.msg import ParameterType
+from rclpy.parameter import Parameter
+
+from tcc_sim.errors import InputError
+from tcc_sim.nodes import executables
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.middleware import time_of
-from tcc_sim.scene import bundled_scenes, load_scene
+from tcc_sim.nodes.options import CommanderOptions, RecorderOptions
+from tcc_sim.nodes.parameters import declared
+from tcc_sim.scene import DEFAULT_SCENE, MEANINGS, NODE_SCENE, bundled_scenes, load_scene
 
 
 def test_a_signal_ends_the_node_with_status_0_and_no_traceback(start: Callable[..., NodeProcess]) -> None:
@@ -67,11 +73,72 @@ def test_a_doubtful_friction_table_is_a_warning_at_the_start_and_when_it_changes
         assert capfd.readouterr().err.count("the fit of the friction table") == warned
 
 
-@pytest.mark.parametrize(("nanoseconds", "expected"), [(0, (0, 0)), (1_500_000_000, (1, 500_000_000)),
-                                                       (2_240_000_000 * 10**9 + 7, (2**31 - 1, 7))])
-def test_a_clock_beyond_2038_is_no_error(nanoseconds: int, expected: tuple[int, int]) -> None:
-    time = time_of(nanoseconds)
-    assert (time.sec, time.nanosec) == expected
+def test_every_parameter_is_described_with_its_range_and_those_of_a_running_node_are_live(bench: Any) -> None:
+    node = bench.driveline(scene="minimal", cpu_affinity=[0], engine__mean_torque=260.0,
+                           engine__harmonic_amplitudes=[9.0], engine__harmonic_phases=[0.5])
+    assert (node.scene.name, node.scene.description) == (
+        "minimal with overrides", f"{load_scene('minimal').description}, with overrides")
+    for name, value in node.scene.values().items():
+        meaning, given = MEANINGS[name], node.describe_parameter(name)
+        number, whole = isinstance(value, float), isinstance(value, int) and not isinstance(value, bool)
+        assert (given.description, given.read_only, given.dynamic_typing) == (
+            meaning.described, not meaning.live, meaning.live), name
+        assert given.additional_constraints == ("" if isinstance(value, bool) else meaning.interval()), name
+        assert [(one.from_value, one.to_value, one.step) for one in given.floating_point_range] == [
+            (meaning.low, meaning.high, 0.0)] * number, name
+        assert [(one.from_value, one.to_value, one.step) for one in given.integer_range] == [
+            (meaning.low, meaning.high, 1)] * whole, name
+        if isinstance(value, tuple) and value:
+            assert given.type == (ParameterType.PARAMETER_INTEGER_ARRAY if name == "cpu_affinity" else
+                                  ParameterType.PARAMETER_DOUBLE_ARRAY), name
+    assert [node.describe_parameter(name).read_only for name in ("scene", "scene_text")] == [True, False]
+    assert node.get_parameter("scene").value == "minimal"
+    for value, reason in ((node.scene.text(), ""), ("other", "scene_text follows the scene and cannot be set; set the "
+                                                             "keys of the scene instead")):
+        (result,) = node.set_parameters([Parameter("scene_text", value=value)])
+        assert (result.successful, result.reason) == (not reason, reason)
+    assert bench.driveline(namespace="other", scene="minimal").scene.name == "minimal"
+    with pytest.raises(InputError, match=r"^friction\.table works only in a scene file, with -p scene:=FILE; in a "):
+        bench.driveline(namespace="third", friction__table="a.csv")
+    for source, name in ((["engine__source"], DEFAULT_SCENE), (["pressure__source"], DEFAULT_SCENE), ([], NODE_SCENE)):
+        node = bench.driveline(namespace="fourth", **dict.fromkeys(source, "topic"))
+        assert node.get_parameter("scene").value == name
+        bench.remove(node)
+
+
+def test_the_options_of_a_node_are_described_and_cannot_change(bench: Any) -> None:
+    node = bench.node("commander", rate=20)
+    assert declared(node, CommanderOptions).rate == 20.0
+    given = node.describe_parameter("rate")
+    assert (given.description, given.additional_constraints, given.read_only, given.dynamic_typing) == (
+        "rate of commands, Hz", "1 to 20000 Hz", True, True)
+    node = bench.node("recorder", output="here", topics=["scene"])
+    assert declared(node, RecorderOptions, flush_period=0.5, output="there") == RecorderOptions("here", ("scene",), 0.5)
+
+
+def test_help_names_every_parameter_and_words_for_ros_may_follow() -> None:
+    assert executables._text_for("commander", ["--help"]) == """\
+usage: commander [--help] [--version] [--ros-args WORD ...]
+
+Send harmonic engine torque and pressure commands at a fixed rate.
+
+words after --ros-args: -p NAME:=VALUE, --params-file FILE, -r __ns:=/NAME
+
+parameters:
+  rate: rate of commands, Hz
+"""
+    lines = (executables._text_for("driveline", ["--ros-args", "-p", "--", "-h"]) or "").splitlines()
+    assert lines[0] == "usage: driveline_node [--help] [--version] [--ros-args WORD ...]"
+    assert f"  scene: bundled name or file ({NODE_SCENE})" in lines
+    assert lines[-2:] == ["  driveline.*, friction.*, clutch.*, engine.*, pressure.*, initial.*: the keys",
+                          "    of a scene"]
+    for words in ([], ["--"], ["--ros-args", "--help", "-p", "a:=b"], ["--ros-args", "--", "--ros-args", "--help"]):
+        assert executables._text_for("recorder", words) is None
+    with pytest.raises(InputError, match=r"^x is not an option; options are --help, --version and --ros-args W"):
+        executables._text_for("commander", ["x"])
+    with pytest.raises(InputError, match=r"^-r is not an option; words for ROS 2 follow --ros-args: commander "
+                                         r"--ros-args -r a b$"):
+        executables._text_for("commander", ["-r", "a", "--ros-args", "b", "--"])
 
 
 def test_every_bundled_scene_is_a_parameter_file_of_the_node(bench: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -27,11 +29,22 @@ from std_msgs.msg import Float64
 
 import tcc_sim
 from tcc_sim.cli import main
-from tcc_sim.errors import InputError, RecordingError
+from tcc_sim.errors import InputError, RecordingError, TccError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.children import CLOCK_STARTED, ChildProcess, NodeProcess
 from tcc_sim.nodes.middleware import COMMANDS
-from tcc_sim.nodes.operator import COMMANDS_OF, COUNTED_WITHIN, SETTLED, Operator, all_met
+from tcc_sim.nodes.operator import (
+    COMMANDS_OF,
+    COUNTED_WITHIN,
+    DISCOVERY_LIMIT,
+    HEARD_WITHIN,
+    LISTENED_FOR,
+    MET_WITHIN,
+    NAMED_WITHIN,
+    SETTLED,
+    Operator,
+    all_met,
+)
 from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import topic
 from tcc_sim.views.rerun_layout import signals as entities
@@ -205,12 +218,6 @@ def test_other_publishers_and_other_drivelines_are_named(quick: Control, driveli
     assert quick("resume") == (0, "running\n", "")
 
 
-def test_what_a_scene_does_not_take_is_said(quick: Control, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tcc_sim.nodes.operator.Operator.values", lambda self, keys: dict.fromkeys(keys, "harmonic"))
-    assert quick("torque", "100") == (2, "", "tcc-sim: engine_torque: the driveline takes this input from its scene "
-                                             "(engine.source: harmonic)\n")
-
-
 def test_without_a_node_it_says_so(control: Control, domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tcc_sim.nodes.operator.DISCOVERY_LIMIT", 0.1)
     assert control("--namespace", "/left", "reset") == (
@@ -310,24 +317,162 @@ def test_states_of_another_robot_say_nothing_of_a_command(bench: Any, what: str)
     assert bench.until(said) == 250.0
 
 
-def test_the_reason_of_a_refusal_is_the_one_that_the_diagnostics_name_last(bench: Any,
-                                                                           monkeypatch: pytest.MonkeyPatch) -> None:
-    def status(refused: int, reason: str) -> dict[str, str]:
-        return {"engine_torque received": "0", "engine_torque refused": str(refused), "regime": "running",
-                "engine_torque last refusal": reason}
+class Asked:
+    """An operator whose driveline is made up: what `command` gets to know, and what it does."""
 
-    def until(condition: Callable[[], Any], limit: float) -> Any:
-        if limit == COUNTED_WITHIN:
-            statuses.append(status(2, "the reason of this command"))
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, **given: Any) -> None:
+        self.given = {"source": "topic", "timeout": 0.0, "counts": [], "after": [], "applied": None, "heard": [],
+                      "known": 1, "connected": 1, "publishers": 1, "names": [], **given}
+        self.sent: list[bytes] = []
+        self.limits: list[float] = []
+        self.acknowledged: list[int] = []
+        self.statuses = [self.status(*counts) for counts in self.given["counts"]]
+        publisher = SimpleNamespace(topic_name="/left/input", publish=self.sent.append,
+                                    get_subscription_count=lambda: self.given["connected"],
+                                    wait_for_all_acked=lambda limit: self.acknowledged.append(limit.nanoseconds))
+        names = [("driveline", "/left"), ("rviz", "/right"), *self.given["names"]]
+        self.operator: Any = Operator.__new__(Operator)
+        self.operator._driveline = "/left/driveline"
+        self.operator._node = SimpleNamespace(
+            create_publisher=lambda *how: publisher, count_subscribers=lambda name: self.given["known"],
+            count_publishers=lambda name: self.given["publishers"], get_node_names_and_namespaces=lambda: names)
+        options = {f"{one}.source": self.given["source"] for one in ("engine", "pressure")} | {
+            "publish_diagnostics": bool(self.statuses), "command_timeout": self.given["timeout"]}
+        for name, stub in {"_until": self.until, "_statuses": lambda published: self.statuses,
+                           "_refusals": lambda name: self.given["heard"], "_applied": lambda kind: self.applied,
+                           "values": lambda keys: options}.items():
+            monkeypatch.setattr(self.operator, name, stub)
+
+    def status(self, received: int, refused: int, regime: str = "slip", why: str = "") -> dict[str, str]:
+        return {f"{name} {what}": value for name in COMMANDS_OF.values() for what, value in (
+            ("received", str(received)), ("refused", str(refused)), ("listeners", "1"), ("last refusal", why))} | {
+                "regime": regime}
+
+    def applied(self) -> float | None:
+        """The number in a state; never the same object as the command."""
+        return None if self.given["applied"] is None else float(str(self.given["applied"]))
+
+    def until(self, condition: Callable[[], Any], limit: float) -> Any:
+        self.limits.append(limit)
+        if self.sent and self.given["after"]:
+            self.statuses += [self.status(*counts) for counts in self.given["after"]]
+            self.given["after"] = []
         return condition()
 
-    bench.listen(Float64, "engine_torque")
-    operator, statuses = Operator(bench.node("operator")), [status(1, "the reason of an earlier one")]
-    for name, stub in {"_until": until, "_statuses": lambda _: statuses, "_refusals": lambda _: [],
-                       "_applied": lambda _: lambda: 0.0, "values": lambda keys: dict.fromkeys(keys, "topic")}.items():
-        monkeypatch.setattr(operator, name, stub)
-    with pytest.raises(InputError, match=r"^the reason of this command$"):
-        operator.command("torque", 1e9)
+
+HELD = "engine_torque 310 N m, held until the next command"
+OTHER = "; this acted on /left/driveline, not on /driveline or /right/driveline"
+
+
+@pytest.mark.parametrize(("given", "within", "said"), [
+    ({"applied": 310.0}, HEARD_WITHIN, HELD),
+    ({"applied": 310.0, "timeout": 0.25}, HEARD_WITHIN,
+     "engine_torque 310 N m, held for 0.25 s of simulated time (command_timeout)"),
+    ({"applied": 300.0}, HEARD_WITHIN, f"{HELD}; not seen applied within 1.5 s"),
+    ({"applied": 300.0, "counts": [(4, 0)], "after": [(5, 0)]}, COUNTED_WITHIN, HELD),
+    ({"applied": 300.0, "counts": [(4, 0)], "after": [(4, 0, "paused")] * 2}, COUNTED_WITHIN,
+     f"{HELD}, once the driveline goes on: it is paused"),
+    ({"counts": [(4, 0)], "after": [(4, 0)]}, COUNTED_WITHIN,
+     TccError("/left/driveline has not taken the command within 30 s")),
+    ({"counts": [(4, 1, "slip", "an earlier one")], "after": [(4, 2, "slip", "this one")]}, COUNTED_WITHIN,
+     InputError("this one")),
+    ({"heard": ["from the log"], "counts": [(4, 1)]}, COUNTED_WITHIN, InputError("from the log")),
+    ({"counts": [(4, 0)], "after": [(5, 0)], "publishers": 2}, HEARD_WITHIN,
+     f"{HELD}; not seen applied within 1.5 s; 1 other publisher on /left/input: the newest command counts"),
+    ({"applied": 310.0, "publishers": 3}, HEARD_WITHIN,
+     f"{HELD}; 2 other publishers on /left/input: the newest command counts"),
+    ({"applied": 310.0, "names": [("driveline", "/right"), ("driveline", "/")]}, HEARD_WITHIN, HELD + OTHER),
+    ({"applied": 310.0, "names": [("driveline", "/left")] * 2}, HEARD_WITHIN,
+     f"{HELD}; 3 nodes have the name /left/driveline and received this: give them namespaces"),
+    ({"connected": 0}, None, TccError("the driveline runs, but nothing subscribes to /left/input")),
+    ({"source": "harmonic"}, None, InputError("engine_torque: the driveline takes this input from its scene "
+                                              "(engine.source: harmonic)"))])
+def test_a_command_is_told_with_its_effect_its_duration_and_who_else_is_there(
+        monkeypatch: pytest.MonkeyPatch, given: dict[str, Any], within: float | None,
+        said: str | Exception) -> None:
+    asked = Asked(monkeypatch, **given)
+    if isinstance(said, str):
+        assert asked.operator.command("torque", 310.0) == said
+        assert asked.limits == [DISCOVERY_LIMIT, LISTENED_FOR, MET_WITHIN, within, NAMED_WITHIN]
+        assert asked.acknowledged == [round(1e9 * HEARD_WITHIN)]
+    else:
+        with pytest.raises(type(said), match=f"^{re.escape(str(said))}$"):
+            asked.operator.command("torque", 310.0)
+        assert within is None or within == asked.limits[-1]
+    assert asked.sent == [cdr.float64(310.0)] * (within is not None)
+
+
+def test_a_command_is_sent_until_a_refusal_or_once_and_a_pressure_in_bar_is_doubted(
+        monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    asked = Asked(monkeypatch, applied=1.2)
+    assert asked.operator.command("pressure", 1.2, tell=told.append) == (
+        "actuation_pressure 1.2 Pa, held until the next command; the unit is Pa: 1.2 bar would be 120000")
+    assert (asked.sent, told) == ([cdr.fluid_pressure(0, 1.2)], [])
+    asked = Asked(monkeypatch, applied=310.0)
+
+    def tell(sentence: str) -> None:
+        told.append(sentence)
+        monkeypatch.setattr(asked.operator, "_until", lambda condition, limit: (
+            asked.limits.append(limit), len(asked.sent) == 4 and asked.given["heard"].append("refused")))
+
+    with pytest.raises(InputError, match=r"^refused$"):
+        asked.operator.command("torque", 310.0, 20.0, tell)
+    assert told == ["sending engine_torque 310 N m 20 times a second; Ctrl-C ends it"]
+    assert (asked.sent, asked.limits[-3:]) == ([cdr.float64(310.0)] * 4, [0.05] * 3)
+
+
+def test_refusals_and_statuses_are_those_of_this_driveline_from_now_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    callbacks: list[Callable[[Any], None]] = []
+    asked: Any = Operator.__new__(Operator)
+    asked._node = SimpleNamespace(create_subscription=lambda kind, topic, callback, qos: callbacks.append(callback))
+    asked._driveline = "/left/driveline"
+    monkeypatch.setattr("tcc_sim.nodes.operator.time.time_ns", lambda: 7_000_000_005)
+    heard = asked._refusals("engine_torque")
+    for sec, nanosec, name, text in ((7, 4, "left.driveline", "engine_torque command A (1 so far)"),
+                                     (6, 999_999_999, "left.driveline", "engine_torque command B (1 so far)"),
+                                     (7, 5, "left.driveline", "engine_torque command C (D) (2 so far)"),
+                                     (8, 0, "right.driveline", "engine_torque command E (1 so far)"),
+                                     (8, 0, "left.driveline", "no engine_torque command (1 so far)"),
+                                     (8, 0, "left.driveline", "engine_torque command F (3 so far)")):
+        callbacks[0](SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec), name=name, msg=text))
+    assert heard == ["engine_torque command C (D)", "engine_torque command F"]
+    limits: list[float] = []
+    monkeypatch.setattr(asked, "_until", lambda condition, limit: limits.append(limit))
+    assert asked._statuses(False) == asked._statuses(True) == []
+    assert limits == [DISCOVERY_LIMIT]
+    statuses = asked._statuses(False)
+    callbacks[-1](SimpleNamespace(status=[SimpleNamespace(name=f"/{side}/driveline: driveline", values=[
+        SimpleNamespace(key="side", value=side)]) for side in ("right", "left")]))
+    assert statuses == [{"side": "left"}]
+
+
+def test_what_is_awaited_comes_or_its_time_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, spun = [5.0], []
+    monkeypatch.setattr("tcc_sim.nodes.operator.time.monotonic", lambda: now[0])
+
+    def once(seconds: float) -> None:
+        spun.append(seconds)
+        now[0] += 0.0625
+
+    asked: Any = Operator.__new__(Operator)
+    asked._spinner = SimpleNamespace(once=once)
+    assert asked._until(lambda: "there", 0.0) == "there"
+    assert asked._until(lambda: now[0] > 5.1 and "late", 1.0) == "late"
+    assert spun == [0.05] * 2
+    assert asked._until(lambda: "", 0.09375) is False
+    assert spun[2:] == [0.05, 0.03125]
+    asked._driveline, asked._clients = "/left/driveline", {}
+    asked._node = SimpleNamespace(
+        create_client=lambda kind, name: SimpleNamespace(service_is_ready=lambda: name.endswith("/reset"),
+                                                         call_async=lambda request: SimpleNamespace(done=bool)),
+        get_node_names_and_namespaces=lambda: [("driveline", "/right"), ("driveline", "/"), ("other", "/")])
+    monkeypatch.setenv("ROS_DOMAIN_ID", "17")
+    for name, said in (("step", "no driveline answers at /left/driveline within 4 s (ROS_DOMAIN_ID 17); there is "
+                                "/driveline and /right/driveline: use --namespace"),
+                       ("reset", "/left/driveline does not answer within 4 s")):
+        with pytest.raises(TccError, match=f"^{re.escape(said)}$"):
+            asked._call(None, name, None)
 
 
 def test_a_command_waits_until_all_who_listen_are_connected_and_nobody_more_comes() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -86,21 +87,51 @@ def test_a_state_that_is_none_is_said_and_the_next_one_answered(bench: Any, capf
     controller.destroy_node()
 
 
-def test_the_controller_waits_for_recorders_before_its_first_command_and_never_again(
+def test_states_reach_the_law_by_their_simulation_time_and_a_repeated_time_begins_anew(
         bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The controller waits for recorders before its first command, and never again."""
     from sensor_msgs.msg import JointState
+
+    from tcc_sim.messages import cdr
 
     waited: list[Any] = []
     monkeypatch.setattr(slip_controller, "await_peer", waited.append)
-    node = bench.add(SlipControllerNode(context=bench.context))
-    with pytest.raises(InputError, match="without finite speeds"):
-        node._on_state(JointState())
+    node = bench.add(SlipControllerNode(context=bench.context, parameter_overrides=[
+        Parameter("target_times", value=[0.0, 1.0, 3.0]), Parameter("target_values", value=[10.0, 10.0, 30.0])]))
+    updates, targets, resets = [], [], []
+    scenes = [b"", cdr.string("\n# holds from stamp 0 ns on, simulation time 0 is 4000000000 ns of the wall clock\n")]
+    law = SimpleNamespace(tuning=node.controller.tuning, target=10.0, reset=lambda: resets.append(len(updates)),
+                          update=lambda slip_speed, torque: updates.append((slip_speed, torque)) or 5.0)
+    monkeypatch.setattr(node, "controller", law)
+    monkeypatch.setattr(node._target, "publish", lambda message: targets.append(message.data))
+    monkeypatch.setattr(slip_controller, "poll", lambda subscription, most=0: [
+        (scenes.pop(), {})] if subscription is node._scenes and len(updates) == 5 and len(scenes) > 1 else [])
+
+    def state(sec: int, nanosec: int, velocity: list[float], effort: list[float]) -> JointState:
+        message = JointState(velocity=velocity, effort=effort)
+        message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+        return message
+
+    for velocity, effort in (([], []), ([2.0], [1.0]), ([2.0, 1.0], []), ([math.inf, 1.0], [1.0]),
+                             ([2.0, 1.0], [1.0, math.nan])):
+        with pytest.raises(InputError, match=r"^/joint_states without finite speeds of two joints and a torque$"):
+            node._on_state(state(0, 0, velocity, effort))
     assert not waited
-    for tick in range(3):
-        state = JointState(velocity=[20.0, 0.0], effort=[200.0, 0.0])
-        state.header.stamp.nanosec = tick
-        node._on_state(state)
+    for sec, nanosec in ((0, 0), (1, 500_000_000), (1, 500_000_000), (2, 0), (1, 999_999_999), (6, 500_000_000)):
+        node._on_state(state(sec, nanosec, [7.0, 4.0], [2.0]))
         assert len(waited) == 1
+    assert updates == [(3.0, 2.0)] * 6
+    # The law is reset where time does not advance; the last stamp is one of the wall clock, 2.5 s after its start.
+    assert resets == [2, 4]
+    assert targets == pytest.approx([15.0, 15.0, 20.0, 20.0, 10.0 + 10.0 * 0.999999999, 25.0])
+
+
+def test_the_node_logs_what_it_controls(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(slip_controller, "log", lambda node, sentence: said.append(sentence))
+    bench.add(SlipControllerNode(context=bench.context, parameter_overrides=[Parameter("target", value=30)])).report()
+    assert said == ["holds a mean slip speed of 30 rad/s by /actuation_pressure, from /joint_states: bandwidth 15 "
+                    "rad/s, period of excitation 41.89 states of 0.001 s, at most 600000 Pa"]
 
 
 def test_a_senseless_parameter_is_refused(bench: Any) -> None:
