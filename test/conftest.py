@@ -64,7 +64,7 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Every figure that is saved, in its units but neither laid out nor drawn; its file is empty. Skips without
     matplotlib.
     """
-    result = _saved(monkeypatch, "convert_axes")
+    result = _saved(monkeypatch, "convert_axes", engine=False)
     monkeypatch.setattr("tcc_sim.views.style.lay_out", lambda drawn: None)
     return result
 
@@ -90,8 +90,9 @@ def laid_out(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return _saved(monkeypatch, "lay_out")
 
 
-def _saved(monkeypatch: pytest.MonkeyPatch, prepare: str) -> list[Any]:
-    """Return a list that collects the figures to be saved, each after a function of `style`. Their legends are checked.
+def _saved(monkeypatch: pytest.MonkeyPatch, prepare: str, engine: bool = True) -> list[Any]:
+    """Return a list that collects the figures to be saved, each after a function of `style`, with its layout engine or
+    without. Their legends are checked.
     """
     pytest.importorskip("matplotlib")
     from legends import unmarked
@@ -103,6 +104,8 @@ def _saved(monkeypatch: pytest.MonkeyPatch, prepare: str) -> list[Any]:
 
     def save(drawn: Any, path: Path) -> Path:
         prepared(drawn)
+        if not engine:
+            drawn.set_layout_engine("none")
         assert not unmarked(drawn), f"{path.name}: entries of legends without a mark"
         values.append(drawn)
         path.touch()

@@ -34,8 +34,7 @@ def unmarked(drawn: Any) -> list[str]:
 
 
 def covered(legend: Any) -> list[str]:
-    """Return the labels of lines, and of marks, that a legend of axes lies on."""
-    legend.axes.figure.draw_without_rendering()
+    """Return the labels of lines, and of marks, that a legend of axes lies on, after the figure has been drawn once."""
     box = legend.get_window_extent()
     return [str(artist.get_label()) for artist in legend.axes.lines
             if len(_within(artist, artist.get_transform().transform_path(artist.get_path()), box))]
