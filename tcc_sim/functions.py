@@ -203,7 +203,7 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
         others = {"run": run, "joints": joints, "topic": topic, "driveline": driveline, "discard": discard,
                   "frequency": frequency, "verify": verify, "damping": damping, "target": target, "rrd": rrd,
                   "spawn": spawn, "connect": connect}
-        given = [name for name, value in others.items() if value not in (None, False)]
+        given = [name for name, value in others.items() if value is not None and value is not False]
         if given or not (orders or spectrum):
             raise InputError(f"{', '.join(given)}: only for recordings" if given else
                              "a table needs orders or spectrum; ask for one of them")

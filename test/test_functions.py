@@ -2,6 +2,9 @@
 
 import inspect
 import json
+import zipfile
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -60,9 +63,13 @@ def test_profiles_and_spectra(tmp_path):
     for profile in (["engine.speed=0:800rpm,1:1600rpm"], {"engine.speed": "0:800rpm,1:1600rpm"}):
         assert tcc_sim.simulate("minimal", profile=profile).summary.max_slip_speed == by
     result = tcc_sim.simulate("slip", cycles=60, spectrum=True)
-    np.testing.assert_array_equal(result.spectrum.slip_speed, tcc_sim.spectrum(result, "slip").slip_speed)
-    for wrong in ({"hold": "linear"}, {"from_": 1.0}, {"columns": "t=t"}):
-        with pytest.raises(InputError, match="are for inputs from a table"):
+    for scene in ("slip", None):
+        np.testing.assert_array_equal(result.spectrum.slip_speed, tcc_sim.spectrum(result, scene).slip_speed)
+    assert len(result.trajectory.t) == 2  # The ends alone.
+    with pytest.raises(InputError, match=r"^the simulation has no summary, whose period a spectrum needs$"):
+        tcc_sim.spectrum(replace(result, summary=None))
+    for wrong in ({"hold": "linear"}, {"from_": 0.0}, {"to": 0.0}, {"columns": "t=t"}, {"pulses": 1}):
+        with pytest.raises(InputError, match=r"^hold, columns, from_, to and pulses are for inputs from a table"):
             tcc_sim.simulate("slip", **wrong)
     with pytest.raises(InputError, match="a spectrum needs a periodic excitation"):
         tcc_sim.simulate("runup", spectrum=True)
@@ -76,13 +83,42 @@ def test_analyse_takes_tables(table, tmp_path):
     np.testing.assert_array_equal(result.orders.slip_speed, by["slip_speed"])
     with pytest.raises(InputError, match="a table needs orders or spectrum"):
         tcc_sim.analyse(table)
-    with pytest.raises(InputError, match="damping: only for recordings"):
-        tcc_sim.analyse(table, orders=True, damping=True)
-    with pytest.raises(InputError, match="columns are for tables"):
-        tcc_sim.analyse(tmp_path, columns="t=t")
+    for wrong in ({"run": 0}, {"joints": {}}, {"topic": ""}, {"driveline": 0, "discard": 0}, {"frequency": 0.0},
+                  {"verify": True, "damping": True}, {"target": 0.0}, {"rrd": tmp_path},
+                  {"spawn": True, "connect": ""}):
+        with pytest.raises(InputError, match=f"^{', '.join(wrong)}: only for recordings$"):
+            tcc_sim.analyse(table, spectrum=True, **wrong)
+    for wrong in ("columns", "pulses"):
+        with pytest.raises(InputError, match=f"^{wrong} are for tables, and .* is a recording$"):
+            tcc_sim.analyse(tmp_path, **{wrong: 1})
 
 
-def test_an_fmu_is_not_overwritten(tmp_path):
+def test_analyse_passes_on_what_is_for_recordings(tmp_path, monkeypatch):
+    seen, given = [], {"discard": 3, "frequency": 75.0, "verify": True, "damping": True, "target": 8.0, "band": 0.3,
+                       "rrd": tmp_path, "spawn": True, "connect": "x", "progress": True}
+    monkeypatch.setattr("tcc_sim.replay.recorded.read", lambda *words: words)
+    monkeypatch.setattr("tcc_sim.recording.window.Window", lambda *words: words)
+    monkeypatch.setattr("tcc_sim.functions.replay", lambda opened, **options: seen.append((opened, options)) or 7)
+    assert tcc_sim.analyse("run", scene="s", run=2, from_=0.5, to=1.5, joints={"a": "b"}, topic="/t", driveline=1,
+                           **given) == 7
+    assert tcc_sim.analyse("run") == 7
+    nothing = dict.fromkeys(given) | {"band": 0.1} | dict.fromkeys(("verify", "damping", "spawn", "progress"), False)
+    assert seen == [(("run", "s", {"a": "b"}, "/t", 1), {**given, "window": (2, 0.5, 1.5)}),
+                    (("run", None, None, None, None), {**nothing, "window": (None, None, None)})]
+
+
+def test_scenes_are_explained_with_their_changes():
+    found = tcc_sim.explain("fig02", set={"friction.law": "set_valued"})
+    assert (found["solver"], found["step"]) == ("event_driven", None)
+
+
+def test_an_fmu_is_not_overwritten(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert tcc_sim.fmu("slip", sources_only=True, step=2e-3) == Path("tcc_sim_slip.fmu")
+    with zipfile.ZipFile("tcc_sim_slip.fmu") as file:
+        assert b'fmiVersion="2.0"' in file.read("modelDescription.xml")
+        assert b"#define TCC_STEP 0.002" in file.read("sources/tcc_variables.h")
+        assert not any(name.startswith("binaries") for name in file.namelist())
     path = tcc_sim.fmu("fig02", set={"engine.speed": 100.0}, fmi=3, sources_only=True, out=tmp_path / "it.fmu")
     assert path.stat().st_size > 1000
     with pytest.raises(InputError, match="it is not overwritten"):
