@@ -103,7 +103,7 @@ def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, exce
 
     Parameters
     ----------
-    terms, own : terms of the kernel, and of the scene, which define stick
+    terms, scene_terms : terms of the kernel, and of the scene, which define stick
     period : one engine cycle, s
     rtol : relative tolerance of the solve
     excess : least mu_s/mu_k - 1 by which `far` is chosen

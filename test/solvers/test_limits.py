@@ -1,0 +1,106 @@
+"""Tolerances, rates and edges of both engines for a system of round numbers, by hand."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from scipy.optimize import minimize_scalar
+
+from tcc_sim.model.equations import Linear
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.solvers.event_driven.setup import bounds_of
+from tcc_sim.solvers.smoothed.setup import far_of, limits_of, order_of
+from tcc_sim.solvers.terms import Terms, terms_of
+
+LINEAR = Linear(0.25, 0.04, 2.0, 2500.0, 0.5, 0.75, -0.2)
+"""omega_n = 250 rad/s, beta = 29; the slip speed decays at 0.5/0.25 + 0.2/0.04 = 7 1/s, and at 10 with 0.75/0.25."""
+SYSTEM = replace(System(), {
+    "friction.static_coefficient": 0.3, "friction.kinetic_coefficient": 0.2, "clutch.area": 0.05, "clutch.radius": 0.1,
+    "pressure.mean": 2e5, "pressure.amplitude": 3e5, "pressure.frequency_ratio": 0.5, "engine.frequency": 100.0,
+    "engine.mean_torque": -120.0, "engine.torque_amplitude": 80.0, "engine.harmonic_amplitudes": [20.0],
+    "engine.harmonic_phases": [0.3]})
+CYCLE = math.pi / 50.0
+
+
+def terms(changes: dict[str, Any] | None = None, **linear: float) -> Terms:
+    """Terms of the system: Te = -120 +- 80 +- 20 N m to 200 rad/s, Ts = 200 +- 300 N m at 50 rad/s."""
+    return terms_of(replace(SYSTEM, changes or {}))._replace(linear=LINEAR._replace(**linear))
+
+
+def check(found: Any, expected: dict[str, Any]) -> None:
+    for name, value in expected.items():
+        assert getattr(found, name) == pytest.approx(value, rel=1e-9), name
+
+
+def test_bounds_of_the_exact_engine() -> None:
+    bounds = bounds_of(terms(), CYCLE, 1e-8)
+    every = {"period": CYCLE, "ratio": 1.5, "clamped": True, "slip_rate": 250.0 + 50.0 + 10.0 + 200.0,
+             "stick_rate": math.sqrt(2500.0 / 0.29) + 2.75 / 0.29 + 200.0, "slip_decay": 10.0,
+             "far": math.log(0.5 / 1.5e-10) / 2.0, "truncation": 1e-8, "torque_tolerance": 970e-12,
+             "slip_tolerance": 97e-14, "speed_scale": 97.0, "stiff_slip": False, "stiff_stick": False, "creep": 97.0,
+             "steps": 100_000, "steepest": 2.0 * 970e-12 * 29.0, "events": 1100}
+    assert [*every] == [*bounds._fields]
+    check(bounds, every)
+    for changes, rtol, cycle, expected in (
+            ({"friction.kinetic_coefficient": 0.3}, 1e-8, CYCLE, {"far": 0.0, "truncation": 1e-16, "ratio": 1.0}),
+            ({"friction.kinetic_coefficient": 0.3 * (1.0 - 1e-10)}, 1e-8, CYCLE, {"far": 0.5}),
+            ({}, 1e-17, CYCLE, {"truncation": 1e-16, "far": math.log(0.5 / 1.5e-19) / 2.0}),
+            ({"pressure.amplitude": 2e5}, 1e-8, CYCLE, {"clamped": False, "torque_tolerance": 820e-12}),
+            ({"pressure.amplitude": 0.0}, 1e-8, 0.5 * CYCLE, {"clamped": False, "events": 1050}),
+            ({}, 1e-8, 1e9, {"events": 1_001_000}), ({"engine.frequency": 500.0}, 1e-8, CYCLE, {"events": 1400})):
+        check(bounds_of(terms(changes), cycle, rtol), expected)
+
+
+@pytest.mark.parametrize(("frequency", "damping", "slip", "stick"), [
+    (100.0, 1199.5, False, False), (100.0, 1200.0, True, False), (100.0, 8699.0, True, False),
+    (100.0, 8700.0, True, True), (1.0, 99.5, False, False), (1.0, 100.0, True, False), (1.0, 268.0, True, False),
+    (1.0, 269.0, True, True)])
+def test_a_damper_is_stiff_beside_the_spring_and_the_excitation(frequency, damping, slip, stick) -> None:
+    """10 times as fast as the spring, and 100 times as the fastest sine and the cycle: C/I2 + 10 and
+    (C + 0.75)/(I1 + I2) beyond 2500 and 928.5 1/s, or 30000 at 100 rad/s.
+    """
+    bounds = bounds_of(terms({"engine.frequency": frequency}, damping=damping), 2.0 * math.pi / frequency, 1e-8)
+    assert (bounds.stiff_slip, bounds.stiff_stick) == (slip, stick)
+    assert bounds.creep == pytest.approx(min(97.0, 970.0 / damping))
+
+
+def test_limits_of_the_smoothed_engine() -> None:
+    found = limits_of(terms(), terms(), CYCLE, 1e-8)
+    top = minimize_scalar(lambda v: -(1.0 + 0.5 * math.exp(-2.0 * v)) * math.tanh(50.0 * v), (0.0, 0.05, 0.1),
+                          tol=1e-12)
+    every = {"period": CYCLE, "sigma": 50.0, "rtol": 1e-9, "slip_floor": 2e-4, "speed_floor": 72e-6 + 1e-12,
+             "layer_tolerance": 6e-9, "falling_tolerance": 5e-3, "creep_tolerance": 4e-10,
+             "layer": 0.01 * math.log(2.0 / 0.3e-8), "far": 0.5 * math.log(0.5 / 0.03e-8), "nearly_zero": 2e-9,
+             "stick_speed": found.creep_speed, "peak": -top.fun, "creep_speed": found.creep_speed,
+             "base_rate": 250.0 + 50.0 + 100.0 + 200.0 + 50.0 + 7.0 + 3.0,
+             "fastest": 660.0 - 14500.0 * 50.0 * top.fun, "strength": 14500.0, "beta": 29.0, "kappa": 0.25 / 0.29,
+             "slip_decay": 7.0, "fast_slip": False, "rest": 72e-26, "order": 16, "linear_order": 22,
+             "resolved": math.exp((math.log(1e-6) + math.lgamma(18.0)) / 17.0), "forgotten": math.log(1e9),
+             "steps": 2000}
+    assert [*every] == [*found._fields]
+    check(found, every)
+    assert found.creep_speed == pytest.approx(top.x, rel=1e-5)
+    flat = 0.02 * math.atanh(1.0 - 1e-6)
+    for changes, linear, rtol, expected in (
+            ({}, {}, 1e-2, {"rtol": 1e-3, "layer_tolerance": 2e-5, "creep_tolerance": 2e-4, "order": 8,
+                            "linear_order": 14, "layer": 0.01 * math.log(2.0 / 0.3e-2)}),
+            ({}, {}, 1e-15, {"rtol": 1e-14, "creep_tolerance": 4e-15, "order": 22, "linear_order": 30}),
+            ({}, {}, 1e-18, {"layer": 0.38}),
+            ({"friction.kinetic_coefficient": 0.3}, {}, 1e-8, {
+                "far": found.layer, "falling_tolerance": math.inf, "creep_speed": flat, "peak": 1.0 - 1e-6,
+                "stick_speed": 0.02 * math.atanh(0.99)}),
+            ({"friction.decay": 0.0}, {}, 1e-8, {"far": math.inf, "peak": 1.5 * (1.0 - 1e-6), "creep_speed": flat,
+                                                 "falling_tolerance": math.inf}),
+            ({}, {"flywheel_by_slip": 1498.0}, 1e-8, {"fast_slip": False, "fastest": found.fastest + 5990.0}),
+            ({}, {"flywheel_by_slip": 1499.0}, 1e-8, {"fast_slip": True, "fastest": 8.0 * (found.fastest + 5994.0)})):
+        each = terms(changes, **linear)
+        check(limits_of(each, each, CYCLE, rtol), expected)
+    wider = limits_of(terms(), terms({"friction.decay": 0.01}), CYCLE, 1e-2)
+    assert wider.layer == pytest.approx(1.01 * wider.stick_speed) != pytest.approx(0.01 * math.log(2.0 / 0.3e-2))
+    assert [order_of(x, 30) for x in (3.0, 8.9, 9.1, 28.9, 29.1, 40.0)] == [8, 8, 10, 28, 30, 30]
+    assert [far_of(x, rate, 1e-8, 0.2) for x, rate in ((0.0, 2.0), (0.5, 0.0), (3e-10, 2.0), (3e-9, 2.0))] == [
+        0.2, math.inf, 0.2, pytest.approx(0.5 * math.log(10.0))]
+    assert limits_of(terms({"friction.kinetic_coefficient": 0.3}), terms(), CYCLE, 1e-8, 0.5).far == found.layer
+    assert limits_of(terms(), terms(), CYCLE, 1e-8, 5.0).far == pytest.approx(0.5 * math.log(5.0 / 0.03e-8))
