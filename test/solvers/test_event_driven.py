@@ -11,15 +11,12 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from tcc_sim.model import pure_slip
-from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.polynomials.polynomial import variation
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.event_driven.modes import mode_at_rest
 from tcc_sim.solvers.event_driven.setup import FAR_SHARE, bounds_of
 from tcc_sim.solvers.event_driven.step import monotone
-from tcc_sim.solvers.excitation import DRIVE
 from tcc_sim.solvers.series import COLUMNS, ROWS, SLIP
 from tcc_sim.solvers.terms import terms_of
 
@@ -174,26 +171,6 @@ def test_a_damper_that_holds_the_plate_is_not_followed_at_its_own_rate(slip_spee
     run = solve(system, cycles=10).raise_for_status()
     assert len(run.transitions.time) == 0
     assert run.statistics.steps < 10 * 60
-
-
-@pytest.mark.parametrize("speed", [-20.0, 0.0, 35.0])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_at_breakaway_the_rate_of_the_margin_decides(speed, sign):
-    """|lambda| = r Ts: it sticks if r Ts grows faster than |lambda| does as the stuck motion goes on."""
-    linear, ratio, drive = Linear(0.2, 0.02, 0.6, 3000.0), 1.25, np.zeros(1, DRIVE)[0]
-    torque, torque_rate, angle = sign * 700.0, sign * 9000.0, sign * 0.2
-
-    def held(t):
-        """The interface torque after a time t in stick, to first order."""
-        acceleration = (torque - 0.6 * speed - 3000.0 * angle) / 0.22
-        spring = 0.6 * (speed + acceleration * t) + 3000.0 * (angle + speed * t)
-        return (0.02 * (torque + torque_rate * t) + 0.2 * spring) / 0.22
-
-    rate = (abs(held(1e-3)) - abs(held(0.0))) / 1e-3
-    drive["torque"], drive["torque_rate"], drive["load"] = torque, torque_rate, abs(held(0.0)) / ratio
-    for more, mode in ((0.5, 0), (-0.5, sign)):
-        drive["load_rate"] = (rate + more) / ratio
-        assert mode_at_rest(angle, speed, drive, ratio, 1e-9, linear) == mode
 
 
 def test_an_overdamped_plate_without_load_is_free_of_the_friction_law():
