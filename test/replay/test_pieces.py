@@ -11,7 +11,8 @@ import pytest
 from driveline_bags import bag, ticked
 
 import tcc_sim.replay
-from tcc_sim.analysis.control import Steps
+from tcc_sim.analysis.control import Event, Steps
+from tcc_sim.analysis.engine_clock import Uniform
 from tcc_sim.errors import InputError
 from tcc_sim.model.groups import Pressure
 from tcc_sim.recording.columns import Commanded, JointStates
@@ -19,7 +20,7 @@ from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.window import Window
 from tcc_sim.replay import verification
 from tcc_sim.replay.applied import _from_start, _stretches
-from tcc_sim.replay.control import _inferred_fallbacks, _thinned
+from tcc_sim.replay.control import _inferred_fallbacks, _thinned, signals_of
 from tcc_sim.replay.given_inputs import (
     Twin,
     _lines,
@@ -31,7 +32,7 @@ from tcc_sim.replay.given_inputs import (
     smooth_inputs,
     twin_of,
 )
-from tcc_sim.replay.inputs import CommandAge, HeldInput
+from tcc_sim.replay.inputs import Ages, CommandAge, HeldInput, command_notes, held_commands, held_inputs
 from tcc_sim.replay.measured import analyse_table, at_measured_speed
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import _end_of, _warnings, replay
@@ -505,3 +506,164 @@ def test_the_end_that_a_picture_shows_is_24_cycles_and_200_000_samples(monkeypat
     assert len(_end_of(every, 1.0)) == 1000
     monkeypatch.setattr("tcc_sim.replay.replay.TAIL_SAMPLES", 50)
     assert _end_of(every, 0.01).stamp_ns.tolist() == [k * MS for k in range(950, 1000)]
+
+
+def sent(rows, values, answers=None):
+    return Commanded(np.array(rows), np.array(values, dtype=float), np.array(
+        [-1] * len(rows) if answers is None else answers, dtype=np.int64))
+
+
+SHOWN = [3, 6, 6, 6, 6, 6, 7, 7, 7, 7]
+"""Torque of ten states: of four commands the second replaces the first, the third acts late, the fourth never."""
+FROM_5 = (0, frozenset()), (5, frozenset({"engine_torque"}))
+
+
+@pytest.mark.parametrize(
+    ("rows", "values", "shown", "publishers", "sources", "acts", "applied", "superseded", "held"), [
+    ([1, 1, 4, 8], [5, 6, 7, 9], SHOWN, 1, (), [1, 1, 6, 8], [1, 2], [0], [-1, 1, 1, 1, 1, 1, 2, 2, 2, 2]),
+    ([0, 3], [6, 7], SHOWN, 1, (), [1, 6], [0, 1], [], [-1, 0, 0, 0, 0, 0, 1, 1, 1, 1]),
+    # The command of the second state is not in the input; one publisher's was replaced, one of two may be ignored.
+    ([1, 2, 6], [6, 5, 7], SHOWN, 1, (), [1, 2, 6], [0, 2], [1], [-1, 0, 0, 0, 0, 0, 2, 2, 2, 2]),
+    ([1, 2, 6], [6, 5, 7], SHOWN, 2, (), [1, 2, 6], [0, 2], [], [-1, 0, 0, 0, 0, 0, 2, 2, 2, 2]),
+    # On an announced fallback no command acts, but perhaps after it; a value out of range never does.
+    ([1, 6], [6, 7], SHOWN, 1, FROM_5, [5, 6], [0, 1], [], [-1] * 5 + [0] + [1] * 4),
+    ([1, 6], [5, 7], SHOWN, 1, FROM_5, [1, 6], [1], [], [-1] * 6 + [1] * 4),
+    ([1, 6], [1e6, 7], [3, *[1e6] * 5, *[7] * 4], 1, (), [1, 6], [1], [], [-1] * 6 + [1] * 4),
+    ([], [], SHOWN, 0, (), [], [], [], [-1] * 10), ([10, 12], [6, 7], SHOWN, 1, (), [], [], [], [-1] * 10)])
+def test_what_became_of_commands_by_the_torque_that_states_show(rows, values, shown, publishers, sources, acts, applied,
+                                                                superseded, held):
+    run = states(np.arange(10) * MS, engine_torque=np.array(shown, dtype=float))
+    line = replace(line_of(run, commands={"engine_torque": sent(rows, values)}, sources=sources),
+                   publishers={"engine_torque": publishers})
+    result = held_commands(line, run, "engine_torque")
+    assert (result.acts.tolist(), (result.t * 1e3).round(9).tolist()) == (acts, acts)
+    assert [np.flatnonzero(one).tolist() for one in (result.applied, result.superseded)] == [applied, superseded]
+    assert result.held.tolist() == held
+    assert np.nan_to_num(result.values, nan=-1.0).tolist() == [values[k] if k >= 0 else -1.0 for k in held]
+    assert held_commands(line, run, "actuation_pressure") is None
+    inputs = held_inputs(line)
+    # A source with the index of a state acted in the tick before it.
+    seconds = 1e-3 * (5 if sources else 9 - max(acts[0] - 1, 0) if acts else 0)
+    assert inputs["engine_torque"] == HeldInput(pytest.approx(seconds), pytest.approx(9e-3 - seconds), 0.0, None,
+                                                publishers, len(acts), len(applied), len(superseded),
+                                                len(acts) - len(applied) - len(superseded))
+    assert inputs["actuation_pressure"] == HeldInput(*((0.0, pytest.approx(9e-3)) if sources else (None, None)), 0.0,
+                                                     None, 0)
+
+
+def test_commands_count_from_after_the_begin_and_inputs_of_a_scene_are_the_scenes():
+    run = states(np.arange(10) * MS, engine_torque=np.array(SHOWN, dtype=float))
+    line = line_of(run, commands={"engine_torque": sent([1, 1, 4, 8], [5, 6, 7, 9])})
+    held = held_commands(line, run, "engine_torque")
+    for begin, end, counts in ((0.0, 6e-3, (2, 1)), (1e-3, 6e-3, (1, 0)), (0.0, 5.9e-3, (1, 1)), (6e-3, 1.0, (0, 0))):
+        assert held.counts(begin, end) == counts
+    scene = replace(line_of(run, commands={"engine_torque": sent([1], [6])}, scene=MINIMAL), counts={
+        "engine_torque refused": 3})
+    assert held_inputs(scene)["engine_torque"] == HeldInput(0.0, 0.0, pytest.approx(9e-3), 3, 0, 1, 0, 0, 1)
+    assert held_commands(scene, run, "engine_torque").held.tolist() == [-1] * 10
+
+
+YEAR = 365 * 86_400 * 10**9
+SET_TIME = "carry stamps of the wall clock, not of the state that they answer, so their age is unknown; copy the " \
+           "state's stamp, or set use_sim_time"
+AHEAD = "carry stamps that are later than the state before which they acted, so their age is unknown"
+AGAIN = "repeat the stamp of the command before, from which their age counts; copy the stamp of the newest state"
+
+
+@pytest.mark.parametrize(("rows", "answers", "age", "said"), [
+    ([2, 5], [1, 2], (2.0, 4.7, 5.0), []), ([2, 5], [1, 1], (3.0, 5.7, 6.0), []),
+    ([2, 5, 6, 7], [1, 1, 1, 1], (3.0, 5.7, 6.0), [f"3 of 4 pressure commands {AGAIN}"]),
+    ([2, 5], [0, 0], None, []), ([3, 6], [0, 2], None, []), ([2, 5], [0, 2], (3.5, 4.85, 5.0), []),
+    ([2, 5], [2, 5], (1.0, 1.8, 2.0), [f"2 of 2 pressure commands {AHEAD}"]),
+    ([2, 5], [2 + YEAR // MS, 6], None, [f"2 of 2 pressure commands {AHEAD}"]),
+    ([2, 5], [3 + YEAR // MS, 4], (1.5, 2.85, 3.0), [f"1 of 2 pressure commands {SET_TIME}"]),
+    ([2], [3 + YEAR // MS], None, [f"1 of 1 pressure command {SET_TIME}"])])
+def test_ages_of_commands_and_stamps_that_answer_nothing(rows, answers, age, said):
+    """Eight states from 1 ms on; the stamps of commands in ms."""
+    run = states((np.arange(8) + 1) * MS)
+    line = line_of(run, commands={"actuation_pressure": sent(
+        [row - 1 for row in rows], range(1, len(rows) + 1), np.array(answers) * MS)})
+    ages = Ages(line, MS)
+    assert list(ages.stamps()) == said
+    assert ages.largest == len(rows)
+    assert ages.age == (age and CommandAge(*(pytest.approx(1e-3 * one) for one in age)))
+    assert (Ages(line_of(run), MS).age, Ages(line_of(run), MS).largest) == (None, 0.0)
+
+
+@pytest.mark.parametrize(("counts", "median", "tracked", "largest", "said"), [
+    ((9, 0), None, True, 0.0, ["none of the 9 recorded commands on actuation_pressure was applied: the driveline takes "
+     "commands where its source is topic, and from reliable publishers only, so check the scene and the publisher's "
+     "quality of service"]), ((9, 1), None, True, 0.0, []), ((0, 0), None, False, 0.0, []),
+    ((9, 9), 2e-3, True, 0.0, ["the held pressure command was 0.002 s old (median), 2 ticks: this delay adds to the "
+     "tracking error"]), ((9, 9), 1e-3, True, 0.0, ["the held pressure command was 0.001 s old (median), 1 tick: this "
+     "delay adds to the tracking error"]), ((9, 9), 0.9e-3, True, 0.0, []),
+    ((9, 9), 2e-3, False, 0.0, ["a controller commanded the pressure, but no target was recorded; give --target "
+     "RAD_PER_S for tracking errors and a verdict"]),
+    ((9, 9), None, True, 2.0, ["the largest actuation_pressure command is 2 Pa; the unit is Pa: 2 bar would be "
+     "200000"])])
+def test_notes_on_commands(counts, median, tracked, largest, said):
+    ages = SimpleNamespace(stamps=list, largest=largest, age=median and CommandAge(median, median, median))
+    inputs = {"actuation_pressure": HeldInput(1.0, 0.0, 0.0, None, 1, *counts)}
+    assert list(command_notes(inputs, ages, MS, tracked)) == said
+    assert not any("old" in text for text in command_notes(inputs, ages, 0, tracked))
+
+
+WHY = "the message of 0.5 s is the first that differs; the largest difference is 0.5 of its signal's maximum " \
+      "(possible reasons: a changed value, a missing scene, another version or machine)"
+
+
+@pytest.mark.parametrize(("fields", "verdict"), [
+    ({}, (True, 0.5, 9, 8, 7, None, "")),
+    ({"_compared": 0}, (False, math.inf, 0, 0, 0, None, "the recording holds no joint_states")),
+    ({"_refusal": "why"}, (False, math.inf, 0, 0, 0, None, "why")),
+    ({"_leapt": 1}, (True, 0.5, 9, 8, 7, None, "; 1 gap could not be solved through within the limit of 60 sub-steps")),
+    ({"_first": 5 * 10**8, "_leapt": 2}, (False, 0.5, 9, 8, 7, 5 * 10**8, WHY)),
+    ({"_first": 5 * 10**8, "_harmonic": (False, True)}, (False, 0.5, 9, 8, 7, 5 * 10**8, f"{WHY}; the topic "
+     "input_source was not recorded, so every input counts as commanded")),
+    ({"_unknown": 1}, (False, 0.5, 9, 8, 7, None, "1 of 9 states have no known input")),
+    ({"_broken": 0.25}, (False, 0.5, 9, 8, 7, None, "a run begins at 0.25 s after a reset, which must lead to 0: "
+     "messages are missing or mixed up")),
+    ({"_solved": 0}, (False, 0.5, 9, 0, 7, None, "there is no state before any of them to solve from")),
+    ({"_absent": np.array([True] + [False] * 5)}, (True, 0.5, 9, 8, 7, None, "; not recorded, so not compared: x, y")),
+    ({"_largest": np.array([1.0, 0.0, 0.0, 3.0, 0.0, 0.0])}, (True, 3.0, 9, 8, 7, None, ""))])
+def test_verdicts_by_what_was_compared(fields, verdict):
+    """Differences are relative to the largest value of the signal, where that is not 0."""
+    verifier = verification._Verifier(replace(line_of(states([0])), scenes=[]), 0)
+    given_ = {"_largest": np.array([1.0, 0.125, 0.0, 0.0, 0.0, 0.0]), "_size": np.array([2.0, 0.5, 1.0, 0.0, 1.0, 1.0]),
+              "_compared": 9, "_solved": 8, "_exactly": 7, "_work_limit": 60, "_absent": np.zeros(6, bool), **fields}
+    for name, value in given_.items():
+        setattr(verifier, name, value)
+    verifier._line = SimpleNamespace(sources=(), absent=("x", "y"))
+    assert verifier.result() == Verification(*verdict)
+
+
+def test_signals_and_events_of_a_run():
+    changed = COMMANDS.with_values({"engine.mean_torque": 210.0, "engine.order": 2.0})
+    stamps = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, 13, 14, 15, 16, 17]) * MS
+    pressure = np.array([1, 1, 2, 2, 2, 2, 2, 2, 2, 1, 1, 1, 1, 1]) * 1e5
+    first = states(stamps, flywheel_speed=np.where(stamps < 5 * MS, 3.0, 5.0), plate_speed=np.ones(14), index=3,
+                   applied_pressure=pressure)
+    second = states([0, MS], index=17, run=1)
+    line = replace(line_of(first, second, commands={
+        "engine_torque": given([0, 4, 6, 17], [1, 2, 3, 4]), "target_slip_speed": given([3, 8], [7.0, 9.0])},
+        sources=((3, frozenset({"engine_torque", "actuation_pressure"})), (5, frozenset({"actuation_pressure"})),
+                 (8, frozenset({"engine_torque"})), (16, frozenset()))), further={"shaft_torque": given([5], [8.0])},
+        publishers={})
+    line.__dict__["changes"] = [(2, COMMANDS), (3, changed), (7, COMMANDS), (8, COMMANDS), (17, changed)]
+    result = signals_of(line, first, Uniform(0.004), MS)
+    assert {name: [*zip((times // MS).tolist(), values.tolist())]
+            for name, (times, values) in result.signals.items()} == {
+        "mean_slip": [(4, pytest.approx(2.0)), (8, pytest.approx(3.75))], "engine_torque": [(1, 2.0), (3, 3.0)],
+        "shaft_torque": [(2, 8.0)], "target_slip_speed": [(0, 7.0), (5, 9.0)],
+        "applied_pressure": [(0, 1e5), (2, 2e5), (13, 1e5)]}
+    assert result.ended == Event(0.017, "reset or restart")
+    limit = f"{COMMANDS.operation.command_timeout:g} s"
+    assert result.events == [
+        Event(pytest.approx(0.004), f"engine.mean_torque = {COMMANDS.system.engine.mean_torque:g}, engine.order = 1"),
+        Event(pytest.approx(0.002), f"engine torque falls back: no command for {limit}"),
+        Event(pytest.approx(0.005), f"pressure falls back: no command for {limit}")]
+    control = result.control(0.004)
+    assert [event.t for event in control.events] == pytest.approx([0.002, 0.004, 0.005, 0.017])
+    assert (control.target.values.tolist(), control.command.values.tolist()) == ([7.0, 9.0], [])
+    last = signals_of(line, second, Uniform(0.004), MS)
+    assert (last.ended, sorted(last.signals)) == (None, ["engine_torque", "target_slip_speed"])
