@@ -1,6 +1,7 @@
 """Functions of the reader on messages and names made by hand: times, layouts, names of parts, limits and choices."""
 
 import json
+import math
 import os
 import struct
 import zlib
@@ -23,8 +24,8 @@ from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import layouts, records
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.columns import GrowingStates, JoinedTopic, JointStates, joined_topics, receipt_times
-from tcc_sim.recording.commands import Commands, _by_clock, _delay, _Sent
-from tcc_sim.recording.contents import MOST_TOPICS, Channel, Contents, together
+from tcc_sim.recording.commands import Commands, _by_clock, _Clock, _decoded, _delay, _none, _Sent
+from tcc_sim.recording.contents import MOST_TOPICS, Batch, Channel, Contents, together
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import Layouts
 from tcc_sim.recording.mcap_file import FileSummary, digest, information
@@ -615,3 +616,115 @@ def test_a_recording_out_of_order_that_is_too_large_to_sort_keeps_its_order(tmp_
 def test_quality_of_service_that_is_none_is_that_of_the_driveline(text, depth):
     profiles = _parsed(text)
     assert [profile["depth"] for profile in profiles] == ([] if depth is None else [depth])
+
+
+def pressed(value, stamp=(3, 7), frame=b"", order=0, cut=0):
+    """A FluidPressure by the rules of CDR."""
+    body = struct.pack("<II", *stamp) + struct.pack("<I", len(frame) + 1) + frame + b"\0"
+    body += b"\0" * (-len(body) % 8) + struct.pack("<dd", value, 0.0)
+    return bytes([0, 1 - order, 0, 0]) + body[:len(body) - cut]
+
+
+@pytest.mark.parametrize(("kind", "bodies", "values", "answers"), [
+    (FLOAT64, [cdr.float64(2.5), cdr.float64(math.nan), cdr.float64(math.inf), cdr.float64(-1.0)[:-1],
+               cdr.float64(-0.5), b"\0\0\0\0" + struct.pack(">d", 1.0)], [2.5, -0.5], [-1, -1]),
+    (FLUID_PRESSURE, [pressed(1.0), pressed(2.0, (0, 0)), pressed(3.0, (2**31 - 1, 999_999_999), b"plate"),
+                      pressed(4.0, (2**31, 0), b"abc"), pressed(math.nan), pressed(6.0, cut=9), pressed(7.0, cut=8),
+                      pressed(8.0, order=1), b"\0\1\0\0" + bytes(11), pressed(9.0, frame=b"12345678")],
+     [1.0, 2.0, 3.0, 4.0, 7.0, 9.0],
+     [3 * 10**9 + 7, 0, (2**31 - 1) * 10**9 + 999_999_999, -1, 3 * 10**9 + 7, 3 * 10**9 + 7])])
+def test_values_and_stamps_of_commands_in_any_frame(kind, bodies, values, answers):
+    """Not finite, cut short and big-endian ones are left out."""
+    for log, sent, times in ((5, 7, (5, 7)), (5, 0, (5, 5)), (0, YEAR + 1, (YEAR + 1, YEAR + 1))):
+        data, messages = chunk(*bodies, log=log, sent=sent)
+        offset, received, said, found, stamps = _decoded(np.frombuffer(data, np.uint8), messages.offset,
+                                                         messages.length, kind)
+        assert (found.tolist(), stamps.tolist()) == (values, answers)
+        assert {*zip(received.tolist(), said.tolist())} == {times}
+        assert len(offset) == len(values)
+
+
+MILLISECOND = 10**6
+
+
+def sent_at(times, values=None, answers=None, before=0, until=6):
+    """Commands of one chunk, sent at times in ms."""
+    values = range(len(times)) if values is None else values
+    times = np.array(times, np.int64) * MILLISECOND
+    return _Sent(np.arange(len(times)), np.zeros(len(times), int), times, times, np.array(values, float), np.array(
+        [-1] * len(times) if answers is None else answers), before, until)
+
+
+@pytest.mark.parametrize(("states_ms", "commands", "rows", "values"), [
+    ([0, 10, 20, 30], [([-5, 0, 1, 10, 15, 30, 31], range(7))], [0, 0, 1, 1, 2, 3], [0, 1, 2, 3, 4, 5]),
+    # Received twice: the same time, stamp and value in a row.
+    ([0, 10, 20, 30], [([5, 5, 5, 7], [1.0, 1.0, 2.0, 2.0])], [1, 1, 1], [1.0, 2.0, 2.0]),
+    ([0, 10, 20, 30], [([5, 25], [1.0, 2.0]), ([15], [3.0])], [1, 3, 3], [1.0, 2.0, 3.0]),
+    # The clock is set back by 100 ms between the third and the fourth state.
+    ([100, 110, 120, 30, 40, 50], [([105, 25, 35, 45], range(4))], [1, 3, 4, 5], [0, 1, 2, 3]),
+    # A jump of 50 ms is no step of the clock: the states never go back.
+    ([100, 110, 120, 70, 130], [([115, 119], [1.0, 2.0])], [2, 2], [1.0, 2.0])])
+def test_each_command_is_at_the_first_state_sent_after_it(states_ms, commands, rows, values):
+    times = np.array(states_ms, np.int64) * MILLISECOND
+    run = JointStates(np.arange(len(times)) * 10 * MILLISECOND, times, times, *np.zeros((6, len(times))))
+    found = _Clock([run], _none).rows([sent_at(*one, until=len(times) - 1) for one in commands])
+    assert (found.rows.tolist(), found.values.tolist()) == (rows, values)
+    whole = Commands("/a/joint_states", NONE)
+    assert whole.aligned([run]) == {}
+    whole._sent["engine_torque"] = [sent_at(*commands[0], until=len(times) - 1)]
+    assert [*whole.aligned([run])] == ["engine_torque"]
+    assert whole.aligned([]) == {}
+    for log, coarse in (([0, 0, 0, 0], True), ([0, 0, 1, 1], False), ([0, 0, 0, 1], False), ([0, 0, 0, 0, 1], True)):
+        received = np.array(log)
+        whole.aligned([JointStates(received, received, received, *np.zeros((6, len(log))))])
+        assert whole.coarse is coarse
+
+
+@pytest.mark.parametrize(("senders", "found"), [
+    # Publisher, times of receipt (ms) and stamps (ms) of each chunk in the order of the file.
+    ([("a", [10, 11, 12], [0, 1, 2])], [("a", 3, 0.0, 0.002, 10)]),
+    ([("a", [10, 11], [0, 1]), ("b", [20, 21], [0, 5])], [("b", 4, 0.0, 0.005, 20)]),  # A restart.
+    ([("a", [10, 20], [0, 1]), ("b", [15, 25], [7, 8]), ("a", [30], [2])], [("a", 3, 0.0, 0.002, 10),
+                                                                          ("b", 2, 0.007, 0.008, 8)]),
+    ([("a", [12, 10], [2, 0]), ("a", [9], [5])], [("a", 3, 0.0, 0.005, 4)])])
+def test_publishers_that_follow_one_another_are_one_driveline(senders, found):
+    inventory = Inventory(("flywheel", "clutch_plate"))
+    numbers = {name: k for k, name in enumerate(dict.fromkeys(who for who, *_ in senders), 1)}
+    channels = {k: Channel("/joint_states", JOINT_STATE, "", {"publisher": name}) for name, k in numbers.items()}
+    assert {channel.publisher for channel in channels.values()} == set(numbers)
+    for who, log, stamps in senders:
+        rows = [struct.pack("<HIQQ", numbers[who], n, received * MILLISECOND, 0) + cdr.joint_state(
+            stamp * MILLISECOND, *[0.0] * 6) for n, (received, stamp) in enumerate(zip(log, stamps))]
+        data, messages = records.joined(rows, np.full(len(rows), numbers[who], np.uint16))
+        inventory.take(Batch(data, messages, True, {}), channels)
+    result = inventory.drivelines([], Choice())
+    assert [(one.publisher, one.states, one.start, one.end, one.began_ns // MILLISECOND) for one in sorted(
+        result, key=lambda one: one.publisher)] == found
+    assert sum(one.read for one in result) == 1
+    assert inventory.refused("/joint_states") == 0
+
+
+def test_what_a_recording_tells_of_its_losses(tmp_path):
+    """Losses are those of the record at the end; joint_states by their stamps."""
+    run = open_run(recorded(tmp_path / "run"))
+    run.states()
+    assert (list(run.warnings), run.solver, run.lost_messages, run.controlled) == ([], "fixed_step", 0, False)
+    run._incomplete, run._left_out = True, ["left out: x"]
+    run.result = {"solver": "rosenbrock", "lost": {"/joint_states": 9, "/a": 1, "/b": 0, "/c\n": 2, "/d": "?"},
+                  "unsent": {"/joint_states": 3, "/e": 10**30}}
+    for name, value in {"resets": 1, "restarts": 2, "repeated": 1, "late": 2}.items():
+        setattr(run.stamps, name, value)
+    run.warnings.clear()
+    run._conclude()
+    assert run.warnings == [
+        "left out: x", "the recording was cut short: data after the last flush is missing",
+        "1 message of /a lost while recording", r"2 messages of /c\n lost while recording",
+        "3 messages of /joint_states could not be sent by their publisher",
+        "1000000000000000000 messages of /e could not be sent by their publisher",
+        "simulation time started again 3 times (1 reset, 2 restarts): these are separate runs",
+        "1 repeated stamp left out",
+        "2 messages of /joint_states left out: their publisher had ended and another had begun"]
+    run.result = {"solver": 7, "lost": 5}
+    assert run.solver == "fixed_step"
+    run.topics["/target_slip_speed"] = FLOAT64
+    assert run.controlled

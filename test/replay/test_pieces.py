@@ -608,28 +608,29 @@ def test_notes_on_commands(counts, median, tracked, largest, said):
     assert not any("old" in text for text in command_notes(inputs, ages, 0, tracked))
 
 
-WHY = "the message of 0.5 s is the first that differs; the largest difference is 0.5 of its signal's maximum " \
+WHY = "the message of 0.5 s is the first that differs; the largest difference is 0.75 of its signal's maximum " \
       "(possible reasons: a changed value, a missing scene, another version or machine)"
 
 
 @pytest.mark.parametrize(("fields", "verdict"), [
-    ({}, (True, 0.5, 9, 8, 7, None, "")),
+    ({}, (True, 0.75, 9, 8, 7, None, "")),
     ({"_compared": 0}, (False, math.inf, 0, 0, 0, None, "the recording holds no joint_states")),
     ({"_refusal": "why"}, (False, math.inf, 0, 0, 0, None, "why")),
-    ({"_leapt": 1}, (True, 0.5, 9, 8, 7, None, "; 1 gap could not be solved through within the limit of 60 sub-steps")),
-    ({"_first": 5 * 10**8, "_leapt": 2}, (False, 0.5, 9, 8, 7, 5 * 10**8, WHY)),
-    ({"_first": 5 * 10**8, "_harmonic": (False, True)}, (False, 0.5, 9, 8, 7, 5 * 10**8, f"{WHY}; the topic "
+    ({"_leapt": 1}, (True, 0.75, 9, 8, 7, None, "; 1 gap could not be solved through within the limit of 60 "
+     "sub-steps")),
+    ({"_first": 5 * 10**8, "_leapt": 2}, (False, 0.75, 9, 8, 7, 5 * 10**8, WHY)),
+    ({"_first": 5 * 10**8, "_harmonic": (False, True)}, (False, 0.75, 9, 8, 7, 5 * 10**8, f"{WHY}; the topic "
      "input_source was not recorded, so every input counts as commanded")),
-    ({"_unknown": 1}, (False, 0.5, 9, 8, 7, None, "1 of 9 states have no known input")),
-    ({"_broken": 0.25}, (False, 0.5, 9, 8, 7, None, "a run begins at 0.25 s after a reset, which must lead to 0: "
+    ({"_unknown": 1}, (False, 0.75, 9, 8, 7, None, "1 of 9 states have no known input")),
+    ({"_broken": 0.25}, (False, 0.75, 9, 8, 7, None, "a run begins at 0.25 s after a reset, which must lead to 0: "
      "messages are missing or mixed up")),
-    ({"_solved": 0}, (False, 0.5, 9, 0, 7, None, "there is no state before any of them to solve from")),
-    ({"_absent": np.array([True] + [False] * 5)}, (True, 0.5, 9, 8, 7, None, "; not recorded, so not compared: x, y")),
+    ({"_solved": 0}, (False, 0.75, 9, 0, 7, None, "there is no state before any of them to solve from")),
+    ({"_absent": np.array([True] + [False] * 5)}, (True, 0.75, 9, 8, 7, None, "; not recorded, so not compared: x, y")),
     ({"_largest": np.array([1.0, 0.0, 0.0, 3.0, 0.0, 0.0])}, (True, 3.0, 9, 8, 7, None, ""))])
 def test_verdicts_by_what_was_compared(fields, verdict):
     """Differences are relative to the largest value of the signal, where that is not 0."""
     verifier = verification._Verifier(replace(line_of(states([0])), scenes=[]), 0)
-    given_ = {"_largest": np.array([1.0, 0.125, 0.0, 0.0, 0.0, 0.0]), "_size": np.array([2.0, 0.5, 1.0, 0.0, 1.0, 1.0]),
+    given_ = {"_largest": np.array([1.0, 0.375, 0.0, 0.0, 0.0, 0.0]), "_size": np.array([2.0, 0.5, 1.0, 0.0, 1.0, 1.0]),
               "_compared": 9, "_solved": 8, "_exactly": 7, "_work_limit": 60, "_absent": np.zeros(6, bool), **fields}
     for name, value in given_.items():
         setattr(verifier, name, value)
@@ -643,7 +644,7 @@ def test_signals_and_events_of_a_run():
     pressure = np.array([1, 1, 2, 2, 2, 2, 2, 2, 2, 1, 1, 1, 1, 1]) * 1e5
     first = states(stamps, flywheel_speed=np.where(stamps < 5 * MS, 3.0, 5.0), plate_speed=np.ones(14), index=3,
                    applied_pressure=pressure)
-    second = states([0, MS], index=17, run=1)
+    second = states(np.array([0, 1, 2, 3, 4, 9]) * MS, index=17, run=1)
     line = replace(line_of(first, second, commands={
         "engine_torque": given([0, 4, 6, 17], [1, 2, 3, 4]), "target_slip_speed": given([3, 8], [7.0, 9.0])},
         sources=((3, frozenset({"engine_torque", "actuation_pressure"})), (5, frozenset({"actuation_pressure"})),
@@ -666,4 +667,5 @@ def test_signals_and_events_of_a_run():
     assert [event.t for event in control.events] == pytest.approx([0.002, 0.004, 0.005, 0.017])
     assert (control.target.values.tolist(), control.command.values.tolist()) == ([7.0, 9.0], [])
     last = signals_of(line, second, Uniform(0.004), MS)
-    assert (last.ended, sorted(last.signals)) == (None, ["engine_torque", "target_slip_speed"])
+    assert (last.ended, sorted(last.signals)) == (None, ["engine_torque", "mean_slip", "target_slip_speed"])
+    assert last.signals["mean_slip"][0].tolist() == [4 * MS]    # None of a gap, even before a single state.
