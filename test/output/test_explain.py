@@ -105,7 +105,8 @@ def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFix
     file = tmp_path / "explained.json"
     assert main(["explain", "fig02", "--json", str(file)]) == 0
     out = capsys.readouterr().out
-    for words in ("Stribeck exponential", "33 sub-steps in a tick of 1 ms", "falls with slip speed from 0.3 to 0.24"):
+    for words in ("Stribeck exponential", "33 sub-steps in a tick of 1 ms", "falls with slip speed from 0.3 to 0.24",
+                  "\nclosed forms\n", "\nnatural frequencies\n"):
         assert words in out
     document = valid("explain", json.loads(file.read_text()))
     assert document["name"] == "fig02"
@@ -155,11 +156,6 @@ def test_stick_and_what_has_no_closed_form() -> None:
     assert exact["slip"]["tick_difference"] is None
 
 
-def test_the_command_shows_them(capsys) -> None:
-    assert main(["explain", "slip"]) == 0
-    assert "pure slip (15): 158.333 rad/s" in capsys.readouterr().out
-
-
 def test_estimates_by_hand() -> None:
     """Natural frequencies, torques over a cycle and the steepest slope of Fig. 2 from its numbers."""
     estimates = estimates_of(load_scene("fig02").system)
@@ -175,9 +171,6 @@ def test_estimates_by_hand() -> None:
     assert estimates.steepest_slope == pytest.approx(-2.0 * 0.25 * 500.0)
     assert estimates.critical_frequency == estimates.stuck.frequency
     assert estimates.engine_frequency == (150.0, 150.0)
-    for name, verdict in (("fig02", "so steady slip at such speeds judders"),
-                          ("slip", "so the oscillation of steady slip is damped")):
-        assert verdict in "\n".join(estimate_lines(estimates_of(load_scene(name).system)))
 
 
 @pytest.mark.parametrize("changes", [{}, {"driveline.damping": 10.0}, {"driveline.plate_inertia": 0.3}])
@@ -202,15 +195,9 @@ def test_a_scene_sticks_slips_or_runs_away(name: str, changes: dict[str, object]
     assert estimates_of(load_scene(name).with_values(changes).system).expected == expected
 
 
-def test_a_run_up_passes_the_critical_frequency() -> None:
-    lines = estimate_lines(estimates_of(load_scene("runup").system))
-    assert "the engine frequency 60 to 600 rad/s passes it" in "\n".join(lines)
-
-
-@pytest.mark.parametrize("width", ["column", "page"])
-def test_the_friction_law_is_drawn(width: str, tmp_path: Path, figures: list[Any]) -> None:
+def test_the_friction_law_is_drawn(tmp_path: Path, figures: list[Any]) -> None:
     """The table, its fit at its points, and the slope -alpha (mu_s - mu_k) A R Pm exp(-alpha v)."""
-    assert main(["explain", "fig02", "--plot", str(tmp_path / "a.svg"), "--width", width]) == 0
+    assert main(["explain", "fig02", "--plot", str(tmp_path / "a.svg")]) == 0
     law, near, slope = figures[0].axes
     v, values = slope.lines[0].get_data()
     assert values == pytest.approx(-250.0 * np.exp(-2.0 * v))
@@ -292,4 +279,4 @@ def test_means_of_a_run_up_are_integrals_over_phase() -> None:
     estimates = estimates_of(scene.system)
     assert estimates.engine.mean == pytest.approx(300.0, abs=1e-9)
     assert (estimates.engine.low, estimates.engine.high) == pytest.approx((50.0, 550.0), rel=1e-5)
-    assert "torques over the profiles" in estimate_lines(estimates)
+    assert (estimates.engine_frequency, estimates.profiles) == ((10.0, 100.0), True)

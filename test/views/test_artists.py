@@ -8,27 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from legends import spans_in, title_of
-from results_by_hand import PLANE
+from legends import spans_in
 
 from tcc_sim.analysis.control import Event
 from tcc_sim.cli import main
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-from tcc_sim.study.views import basin_map, branch_diagram
-from tcc_sim.study.views.branch_diagram import stable_and_unstable
 from tcc_sim.views import overview, style, sweeps
-
-
-def test_marks_of_attractors_say_along_which_state_they_are_projected(figures: list[Any], tmp_path: Path) -> None:
-    basin_map.draw_basins(tmp_path / "a.png", {**PLANE, "labels": np.array([[0, 0], [0, -1]])})
-    axis = figures[0].axes[0]
-    assert axis.lines[0].get_xydata().tolist() == [[5.0, 9.0]]  # Slip speed and plate speed, not the angle.
-    assert r"their sections, projected along the plate angle $\delta_2$" in axis.get_legend_handles_labels()[1]
-    assert len(axis.collections) == 1
-    basin_map.draw_basins(tmp_path / "b.png", PLANE)
-    assert len(figures[1].axes[0].collections) == 0
-    assert figures[1].axes[0].get_xlim() == axis.get_xlim() == (-5.0, 15.0)
 
 
 def test_cells_that_have_not_settled_are_hatched(figures: list[Any], tmp_path: Path) -> None:
@@ -93,12 +79,6 @@ def test_stick_is_shaded_from_its_first_sample_to_its_last() -> None:
         assert not overview.shade_stick(axis, t, np.ones(7))
 
 
-def document_of(stable: list[bool], **bifurcation: object) -> dict[str, object]:
-    values = [float(k) for k in range(len(stable))]
-    return {"branches": [{"value": values, "max_slip_speed": [10.0 * v for v in values], "stable": stable}],
-            "bifurcations": [{"branch": 0, **bifurcation}] if bifurcation else []}
-
-
 def test_fast_stick_is_shaded_by_its_share_of_each_column() -> None:
     from matplotlib.collections import QuadMesh
 
@@ -117,56 +97,14 @@ def test_fast_stick_is_shaded_by_its_share_of_each_column() -> None:
         assert not np.isfinite(axis.dataLim.y0)  # The shade does not set the scale.
 
 
-def test_a_branch_is_solid_to_its_bifurcation_and_dashed_behind_it() -> None:
-    both = document_of([True, True, False, False], after=1, value=1.7, max_slip_speed=14.0, changes_stability=True)
-    (x, y), (other_x, other_y) = stable_and_unstable(both, 0)
-    assert x[np.isfinite(x)].tolist() == [0.0, 1.0, 1.7]
-    assert y[np.isfinite(y)].tolist() == [0.0, 10.0, 14.0]
-    assert other_x[np.isfinite(other_x)].tolist() == [1.7, 2.0, 3.0]
-    assert other_y[np.isfinite(other_y)].tolist() == [14.0, 20.0, 30.0]
-
-
-def test_a_fold_between_points_of_one_kind_is_a_corner_of_the_line() -> None:
-    (x, _), (other, _) = stable_and_unstable(document_of([False, False], after=0, value=1.2, max_slip_speed=5.0,
-                                                         changes_stability=False), 0)
-    assert len(x) == 0
-    assert other[1:].tolist() == [0.0, 1.2, 1.0]
-
-
-def test_a_piece_that_no_bifurcation_parts_is_dashed_where_either_end_is_unstable() -> None:
-    (x, _), (other, _) = stable_and_unstable(document_of([True, False, True, True]), 0)
-    assert x[1:].tolist() == [2.0, 3.0]
-    assert other[1:].tolist() == [0.0, 1.0, 2.0]
-    (x, _), _ = stable_and_unstable(document_of([True, True, False, True, True]), 0)
-    np.testing.assert_array_equal(x, [math.nan, 0.0, 1.0, math.nan, 3.0, 4.0])
-
-
-def test_the_picture_has_its_title_and_its_axes_named(figures: list[Any], tmp_path: Path) -> None:
-    values = {**document_of([True, True, False]), "over": "engine.frequency"}
-    values["branches"][0]["period"] = 1
-    values["bifurcations"] = []
-    branch_diagram.branch_diagram(tmp_path / "branches.svg", values, title="a scene")
-    values["curves"] = [{"kind": "fold", "value": [1.0, 2.0], "second": [3.0, 4.0]}]
-    values["second_over"] = "pressure.mean"
-    branch_diagram.branch_diagram(tmp_path / "curves.svg", values)
-    assert title_of(figures[0]) == "a scene"
-    axis, *_ = figures[0].axes
-    assert (axis.get_xlabel(), axis.get_ylabel()) == (r"engine frequency $\omega$ (rad/s)", "max |slip speed| (rad/s)")
-    assert "mean pressure $P_m$ (Pa)" in [axis.get_ylabel() for axis in figures[1].axes]
-
-
 def test_a_legend_names_only_what_is_drawn(figures: list[Any], tmp_path: Path) -> None:
-    """Motions without a value, a plane without cells and an empty plane had entries without marks."""
+    """Motions without a value had entries without marks."""
     scattered = {"scatter": {"engine.frequency": [1.0, 2.0]}, "sampled": {"engine.frequency": [1.0, 2.0]},
                  "regime": ["stick", "slip"], "runaway": [False, False], "transient": [False, False],
                  "probabilities": [0.5], "quantiles": {name: [None] for name, *_ in sweeps.RESULTS},
                  **{name: [None, 2.0] for name, *_ in sweeps.RESULTS}}
     sweeps.draw_scatter(tmp_path / "a.png", scattered)
     assert [text.get_text() for text in figures[0].legends[0].get_texts()] == ["slip"]
-    for plane, areas in ((PLANE, 0), ({**PLANE, "labels": np.array([[0, 0], [0, -1]])}, 2)):
-        basin_map.draw_basins(tmp_path / "b.png", plane)
-        handles = style.entries(figures[-1].axes[0])[0]
-        assert sum(hasattr(h, "get_facecolor") and h.get_facecolor()[3] > 0.0 for h in handles) == areas
     with style.figure() as drawn:
         axis = drawn.subplots()
         axis.plot([1.0, 2.0], [math.nan, 1.0], label="line")
