@@ -192,7 +192,7 @@ def _alternated(node: DrivelineNode, rate: float, duration: float, progress: Cal
 
 
 def _trial(rate: float, length: float, name: str, settings: Settings, timer_slack_ns: int,
-           lead: float = 0.0) -> Trial:
+           lead: float) -> Trial:
     """Return the bare loop's figures with some settings, and the refused ones."""
     pacer = Pacer(1.0 / rate, int(length * rate * 1.5) + 100, lead=lead)
     stretches, refused = Stretches(), list[str]()

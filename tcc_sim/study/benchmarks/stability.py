@@ -21,7 +21,7 @@ from tcc_sim.model.friction import smoothed_and_slope
 from tcc_sim.model.parameters import DEFAULTS, System, replace
 from tcc_sim.output.tables import markdown_table
 from tcc_sim.result import reported
-from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.solvers import SOLVERS, Status, solve
 from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
 from tcc_sim.solvers.fixed_step import advance
 from tcc_sim.solvers.terms import peak_load, terms_of
@@ -141,12 +141,13 @@ def error_charts(quick: bool, done: Callable[[str], None]) -> list[ErrorChart]:
         for method, ladder in METHODS.items():
             done(f"{method} over {key}")
             steps = ladder[::3] if quick else ladder
+            pairs = list(zip(systems, truths))
             if method == "event_driven":
                 if key == "friction.smoothing":
                     continue
-                systems = [replace(s, {"friction.law": "set_valued"}) for s in systems]
-                truths = [_truth(s) for s in systems]
-            rows = [[_error(system, method, float(h), truth) for h in steps] for system, truth in zip(systems, truths)]
+                exact = [replace(s, {"friction.law": "set_valued"}) for s in systems]
+                pairs = [(s, _truth(s)) for s in exact]
+            rows = [[_error(system, method, float(h), truth) for h in steps] for system, truth in pairs]
             out.append(ErrorChart(key, chosen.tolist(), method, steps.tolist(), rows, {
                 "rk4": [rk4_limit(s) for s in systems], "uniqueness": [uniqueness_limit(s) for s in systems]}))
     return out
@@ -188,7 +189,7 @@ def _error(system: System, method: str, step: float, truth: Reference | None) ->
             run = solve(system, cycles=CYCLES, solver=method, **{SOLVERS[method].setting: step})  # type: ignore[arg-type]
         except OutOfRange:
             return None
-        if run.cycles is None or len(run.cycles) < CYCLES:
+        if run.cycles is None or run.status is not Status.DONE:
             return None
         section = run.cycles.section
     with np.errstate(all="ignore"):

@@ -20,7 +20,7 @@ from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.errors import TccError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
-from tcc_sim.solvers import SOLVERS, Status, solve
+from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.solvers.comparison.runge_kutta import REACH, stick_rate
 from tcc_sim.study.benchmarks import peers
 from tcc_sim.study.benchmarks.peers import repeated
@@ -35,7 +35,7 @@ from tcc_sim.study.benchmarks.precision_report import (
     fastest_results,
 )
 from tcc_sim.study.benchmarks.references import Reference, Unfinished, disagreement, errors, reference
-from tcc_sim.trajectory import Cycles, Floats, State, Trajectory
+from tcc_sim.trajectory import Cycles, Floats, State
 
 REPEATS = 9
 """Largest number of repeats of a setting within its effort's seconds."""
@@ -48,20 +48,17 @@ SECONDS_PER_STEP = {"rk4": 3e-7, "rk45": 6e-7, "dop853": 1.6e-4}
 
 LONG_RUN = ("smoothed", "event_driven", "numbalsoda", "solve_ivp LSODA", "CVODE", "XPPAUT cvode")
 LONG_RUN_SCENES = ("fig02", "minimal")
-LONG_RUN_ERROR = 1e-6
 LONGEST_STEADY = 0.05
 """Largest run time of a steady state, relative to an effort's longest run; every setting has one."""
 SETTLING = 1000
 """Cycles from the initial state to the start of a settled horizon."""
-SETTLER = {"smoothed": ("smoothed", 1e-9), "set_valued": ("event_driven", 1e-10)}
-"""Engine and tolerance that settle a scene."""
 FROM_START = " from its initial state"
 STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
 """Engine cycles from the initial state to a steady state: Fig. 2 with the set-valued law takes some 700 to settle."""
 LAST = 96
 """Number of last cycles that are evaluated, a multiple of most periods."""
 TIGHTEST = {"smoothed": ("smoothed", 1e-11), "set_valued": ("event_driven", 1e-12)}
-"""Engine and tolerance that determine the steady state."""
+"""Engine and tolerance that settle a scene and determine its steady state."""
 STEADY_SOLVERS = ("smoothed", "event_driven", "fixed_step", "numbalsoda", "solve_ivp LSODA", "CVODE", "XPPAUT cvode")
 """Solvers that are run up to a steady state."""
 
@@ -91,9 +88,9 @@ class Case:
                     replace(self.system, {"friction.law": "set_valued"}), self.cycles)
 
     def settled(self) -> Case:
-        """Return the case with a horizon that begins after SETTLING cycles, by the engine at a tight tolerance."""
-        engine, rtol = SETTLER[self.system.friction.law]
-        run = solve(self.system, cycles=SETTLING, solver=engine, rtol=rtol).raise_for_status()
+        """Return the case with a horizon that begins after SETTLING cycles, by the engine at its tightest tolerance."""
+        engine, rtol = TIGHTEST[self.system.friction.law]
+        run = solve(self.system, cycles=SETTLING, solver=engine, rtol=rtol)
         return dataclasses.replace(self, system=State.of(run.solved_cycles.section[-1]).starting(self.system),
                                    scene=self.system)
 
@@ -214,12 +211,11 @@ def steady_reference(system: System, cycles: int, method: str, rtol: float) -> S
     """
     engine, tightest = TIGHTEST[system.friction.law]
     solvers = [f"{engine}, rtol {tightest:g}", f"SciPy {method}, rtol {rtol:g}"]
-    run, period = solve(system, cycles=cycles, solver=engine, rtol=tightest), 0
-    if run.status is Status.DONE and run.cycles is not None:
-        period = steady_of(run.cycles.section, run.cycles.largest)[0]
-    if not period or run.cycles is None:
+    run = solve(system, cycles=cycles, solver=engine, rtol=tightest).solved_cycles
+    period = steady_of(run.section, run.largest)[0]
+    if not period:
         return SteadyState(cycles, period, None, None, solvers)
-    begun = run.cycles.section[cycles // period * period]
+    begun = run.section[cycles // period * period]
     try:
         truth = reference(State.of(begun).starting(system), period, method, rtol)
     except Unfinished:
@@ -293,10 +289,8 @@ def _steady(record: StudiedScene, case: Case, solver: str, setting: float, secon
         run = _peer(longer, solver, setting, repeats=0)  # Its error counts, not its time.
         return steady_error(run.section, run.largest, expected)
     options: dict[str, Any] = {SOLVERS[solver].setting: setting}
-    solution = solve(longer.system, cycles=longer.cycles, solver=solver, **options)
-    if solution.status is not Status.DONE or solution.cycles is None:
-        raise peers.Failed(f"{solution.status.value}, in {longer.cycles} cycles")
-    return steady_error(solution.cycles.section, solution.cycles.largest, expected)
+    cycles = solve(longer.system, cycles=longer.cycles, solver=solver, **options).solved_cycles
+    return steady_error(cycles.section, cycles.largest, expected)
 
 
 def _peer(case: Case, solver: str, setting: float, repeats: int = 5) -> peers.PeerRun:
@@ -324,22 +318,15 @@ def _registered(record: StudiedScene, case: Case, solver: str, setting: float, e
         (record.warm_up[solver],), _ = repeated(
             lambda: solve(case.system, duration=1e-3 * case.system.cycle, solver=solver), 1)
 
-    def run() -> Trajectory:
-        solution = solve(case.system, cycles=case.cycles, solver=solver, **options)
-        if solution.status is not Status.DONE:
-            raise peers.Failed(solution.status.value + (f"; {solution.detail}" if solution.detail else ""))
-        return solution
-
-    used, result = repeated(run, REPEATS, effort.patience)
-    cycles = result.cycles
-    if cycles is None:
-        raise peers.Failed("no cycles")
+    used, result = repeated(lambda: solve(case.system, cycles=case.cycles, solver=solver, **options).raise_for_status(),
+                            REPEATS, effort.patience)
+    cycles = result.solved_cycles
     return peers.PeerRun(cycles.section, cycles.largest, min(used), max(used), result.statistics.steps)
 
 
 def long_run(record: StudiedScene, case: Case, effort: Effort) -> None:
-    """Time a long run, in which the cost of a call is negligible, at the fastest setting with errors up to 1e-6."""
-    best = fastest_results(record, LONG_RUN_ERROR)
+    """Time a long run, in which the cost of a call is negligible, at the fastest setting with errors up to TARGET."""
+    best = fastest_results(record, TARGET)
     for solver in LONG_RUN:
         if solver not in best or case.name.split(",")[0] not in LONG_RUN_SCENES:
             continue
