@@ -2,13 +2,18 @@
 
 import dataclasses
 import json
+import sys
+from importlib.util import find_spec
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from documents import same_pictures, valid
+from scipy.integrate import solve_ivp
 
 from tcc_sim.cli import main
+from tcc_sim.compiling import numba_registration
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
@@ -28,9 +33,6 @@ from tcc_sim.study.benchmarks.references import Reference, disagreement, errors,
 from tcc_sim.study.paper.catalogue import FIGURES, paper_system
 from tcc_sim.views import style
 
-KEYS = {"scene", "reference", "results", "omitted"}
-RESULT_KEYS = {"solver", "setting", "error_final", "error_section", "error_max_slip", "error_steady", "seconds",
-               "slowest", "steps"}
 ERRORS = ("error_final", "error_section", "error_max_slip")
 SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0,
         "engine.mean_torque": 300.0}
@@ -72,15 +74,13 @@ def test_two_references_agree_and_errors_are_relative_to_the_signals():
 
 @pytest.fixture
 def tiny(monkeypatch):
-    """Makes the quick study one of two scenes with few runs, one of them unstable and one too long."""
-    effort = precision.Effort(5, 0.01, 1.0, {"smoothed": (("LSODA", 1e-10), ("LSODA", 1e-12)),
-                                             "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
-                              {"smoothed": (1e-3, 1e-9), "event_driven": (1e-10,), "fixed_step": (1e-4,),
-                               "lsoda": (1e-6,),
-                               "rk4": (3.0,), "rk45": (1e-5,), "dop853": (1e-6,)},
-                              {"solve_ivp LSODA": (1e-8,), "CVODE": (1e-9,), "XPPAUT cvode": (1e-8,)}, 20,
-                              400, 0, ("fig02", "minimal, set-valued"))
-    return lambda **changes: monkeypatch.setattr(precision, "QUICK", dataclasses.replace(effort, **changes))
+    """Makes the quick study one of two scenes with few runs."""
+    monkeypatch.setattr(precision, "QUICK", precision.Effort(
+        5, 0.01, 1.0,
+        {"smoothed": (("LSODA", 1e-10), ("LSODA", 1e-12)), "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
+        {"smoothed": (1e-9,), "event_driven": (1e-10,), "rk45": (1e-5,)},
+        {"solve_ivp LSODA": (1e-8,), "CVODE": (1e-9,), "XPPAUT cvode": (1e-8,)}, 20, 400, 0,
+        ("fig02", "minimal, set-valued")))
 
 
 def settled(law, cycles):
@@ -101,24 +101,17 @@ def test_no_two_series_look_alike():
     assert set(report_drawings.LOOKS) >= set(SOLVERS)
 
 
-def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys, figures):
-    tiny()
+@pytest.mark.usefixtures("tiny")
+def test_the_command_writes_what_it_promises(tmp_path, capsys, figures):
     folder = tmp_path / "out"
     assert main(["precision", "--quick", "--width", "column", "--out", str(folder)]) == 0
     document = valid("precision", json.loads((folder / "precision.json").read_text()))
-    assert set(document) >= KEYS
     assert len(document["reference"]["solvers"]) == 2
     assert 0.0 < document["reference"]["floor"] < 1e-7
     assert [r["scene"] for r in document["scenes"]] == ["fig02", "minimal, set-valued"]
-    for record in document["scenes"]:
-        assert set(record) >= KEYS
-        assert all(set(row) == RESULT_KEYS for row in record["results"])
     rows = {(r["solver"], r["setting"]): r for r in document["results"]}
     assert max(rows["smoothed", 1e-9][k] for k in ERRORS) < 1e-8
-    assert rows["lsoda", 1e-6]["error_section"] < 1e-2
     why = {row["solver"]: row["why"] for row in document["omitted"]}
-    assert "rk4" in why or max(rows[r][k] for r in rows if r[0] == "rk4" for k in ERRORS) > 1e-4
-    assert "stability" in why["dop853"]
     assert max(rows["rk45", 1e-5][k] for k in ERRORS) < 1e-3
     if ("CVODE", 1e-9) in rows:
         assert max(rows["CVODE", 1e-9][k] for k in ERRORS) < 1e-5
@@ -137,17 +130,8 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys, figures):
     words = ["plot", str(folder / "precision.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
     assert main(words) == 0
     assert len(same_pictures(figures, style.COLUMN)) > 4
-    text = (folder / "precision.md").read_text()
-    assert "### fig02, omitted" in text
-    assert "Measured on " in text
-    assert "ms) for" not in text
-    assert "(+" in text
-    assert "A step of `dop853` takes " in text
-    assert text.splitlines()[2] == "This page is generated: `tcc-sim precision --quick` writes it."
-    assert "- `rk45`, the paper's method: " in text.split("![")[0]
-    assert all(name in text for name in ("`smoothed`", "`event_driven`", "XPPAUT", "floor"))
-    said = capsys.readouterr().out
-    assert "ms per 100 cycles" in said
+    assert (folder / "precision.md").read_text().count("\n## ") == 2
+    assert "ms per 100 cycles" in capsys.readouterr().out
 
 
 def test_the_steady_state_tells_the_friction_laws_of_figure_2_apart():
@@ -206,41 +190,41 @@ def test_titles_of_panels_do_not_overlap(width, laid_out, tmp_path):
     assert not any(one.overlaps(other) for one, other in combinations(titles, 2))
 
 
-def test_the_steady_error_is_that_of_the_last_cycles():
-    section, largest = np.zeros((201, 3)), np.full(200, 5.0)
-    largest[:100], largest[150] = 80.0, 6.0
-    assert precision.steady_error(section, largest, 4.0) == pytest.approx(0.5)
-
-
-def test_an_interrupted_study_writes_what_is_complete(tiny, tmp_path, capsys, monkeypatch, figures):
-    def interrupted(system, *how):
-        if system.friction.law == "set_valued":
-            raise KeyboardInterrupt
-        return reference(system, *how)
-
-    tiny(ladders={"smoothed": (1e-6,)}, peers={})
-    monkeypatch.setattr(precision, "reference", interrupted)
-    folder = tmp_path / "out"
-    assert main(["precision", "--quick", "--out", str(folder)]) == 130
-    document = json.loads((folder / "precision.json").read_text())
-    assert (document["complete"], len(document["scenes"])) == (False, 1)
-    assert "not complete" in (folder / "precision.md").read_text()
-    assert capsys.readouterr().err == "tcc-sim: interrupted\n"
-
-
 def test_an_existing_directory_is_refused(tmp_path, capsys):
     assert main(["precision", "--quick", "--out", str(tmp_path)]) == 2
     assert "exists" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_xppaut_reads_the_model_as_written():
+def by_scipy(address, y, t, nothing, rtol, atol, most):
+    """LSODA of the numbalsoda that the test below makes up: the equations are called as Python, row by row."""
+    def rates(t, state):
+        address(t, state, out := np.empty(3), None)
+        return out
+
+    assert (nothing.tolist(), most, atol) == ([0.0], 1_000_000, pytest.approx(rtol / 50.0))
+    return solve_ivp(rates, (0.0, t[-1]), y, "LSODA", t, rtol=rtol, atol=atol).y.T, True
+
+
+@pytest.mark.parametrize(("program", "accuracy"), [
+    (lambda *task: peers.xppaut(task[0], "cvode", 1e-9, 3, 1), 1e-6), (peers.cvode, 1e-9), (peers.bare_lsoda, 1e-9),
+    (peers.numbalsoda, 1e-9)], ids=["xppaut", "cvode", "solve_ivp", "numbalsoda"])
+def test_a_program_is_the_closed_form_of_pure_slip(program, accuracy, monkeypatch):
+    """The numbalsoda is made up where it is not installed."""
+    if find_spec("numbalsoda") is None:
+        monkeypatch.setitem(sys.modules, "numbalsoda", SimpleNamespace(lsoda=by_scipy, lsoda_sig="signature"))
+        monkeypatch.setattr(numba_registration, "address_for_c", lambda rates, form: (rates, form))
+    system = replace(System(), SLIP)
     try:
-        run = peers.xppaut(replace(System(), SLIP), "cvode", 1e-9, 3, 1)
+        run = program(system, 3, 1e-12, 1)
     except peers.Failed as missing:
         pytest.skip(str(missing))
-    expected = pure_slip(replace(System(), SLIP), np.arange(4) * System().cycle)
-    np.testing.assert_allclose(run.section[:, 0], expected, rtol=1e-6)
+    np.testing.assert_allclose(run.section[:, 0], pure_slip(system, np.arange(4) * system.cycle), rtol=accuracy)
+    for n in range(3):
+        dense = pure_slip(system, system.cycle * (n + np.linspace(0.0, 1.0, 20001)))
+        assert run.largest[n] == pytest.approx(dense.max(), rel=max(10.0 * accuracy, 1e-7))
+    assert 0.0 <= run.seconds <= run.slowest
+    assert run.steps is None or 20 < run.steps < 5000
 
 
 def test_the_equations_of_numbalsoda_are_those_of_the_package():
@@ -254,15 +238,6 @@ def test_the_equations_of_numbalsoda_are_those_of_the_package():
         np.testing.assert_allclose(result, expected, rtol=1e-12)
 
 
-def test_numbalsoda_is_the_closed_form_of_pure_slip():
-    system = replace(System(), SLIP)
-    try:
-        run = peers.numbalsoda(system, 3, 1e-11, 1)
-    except peers.Failed as missing:
-        pytest.skip(str(missing))
-    np.testing.assert_allclose(run.section[:, 0], pure_slip(system, np.arange(4) * system.cycle), rtol=1e-7)
-
-
 def test_a_horizon_begins_in_a_settled_state_and_one_in_the_initial_state():
     by_name = {case.name: case for case in precision.cases(precision.QUICK)}
     scene = load_scene("fig02").system
@@ -273,17 +248,6 @@ def test_a_horizon_begins_in_a_settled_state_and_one_in_the_initial_state():
     assert by_name[f"fig02{precision.FROM_START}"].system == scene
     assert by_name["fig02, set-valued"].system.friction.law == "set_valued"
     assert by_name["fig02, set-valued"].system.initial != scene.initial
-
-
-def test_cvode_in_double_precision_is_the_closed_form_of_pure_slip():
-    system = replace(System(), SLIP)
-    try:
-        run = peers.cvode(system, 3, 1e-12, 1)
-    except peers.Failed as missing:
-        pytest.skip(str(missing))
-    np.testing.assert_allclose(run.section[:, 0], pure_slip(system, np.arange(4) * system.cycle), rtol=1e-9)
-    dense = pure_slip(system, np.linspace(0.0, system.cycle, 200001))
-    assert run.largest[0] == pytest.approx(dense.max(), rel=1e-8)
 
 
 @pytest.mark.parametrize(("missing", "why"), [

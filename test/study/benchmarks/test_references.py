@@ -140,6 +140,7 @@ def test_the_steady_motion_is_that_of_the_last_96_cycles():
     largest = np.full(200, 5.0)
     largest[103], largest[104] = 80.0, 6.0
     assert work_precision.steady_of(section, largest) == (2, 6.0)
+    assert work_precision.steady_error(section, largest, 4.0) == pytest.approx(0.5)
     assert work_precision.steady_of(section[:4], np.array([1.0, 7.0, 3.0]))[1] == 7.0
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tcc_sim.cli import main
@@ -183,27 +182,3 @@ def test_a_figure_prints_its_file_and_what_was_left_out(tmp_path: Path, monkeypa
     assert [path.name for path in tmp_path.iterdir()] == ["fig04.json"]
     assert printed(2, *words) == []
     assert printed(0, *words, "--force")[0] == f"{tmp_path}/fig04.png  1.3 s"
-
-
-def test_figures_of_a_loop_by_hand() -> None:
-    """Two stretches: percentiles of all latenesses, late ticks of all ticks, processor time of all time."""
-    pacing = pytest.importorskip("tcc_sim.study.benchmarks.pacing_benchmark", reason="ROS 2 is not installed")
-    loop = pacing.Stretches()
-    late = [np.arange(1.0, 61.0), np.arange(61.0, 101.0)]
-    loop.pacers = [SimpleNamespace(latenesses=lambda x=x: x, late_ticks=n, ticks=len(x)) for n, x in enumerate(late)]
-    loop.cpu, loop.wall = 1.0, 4.0
-    assert loop.figures("bare_") == pytest.approx({
-        "bare_lateness_p50_s": 50.5, "bare_lateness_p99_s": 99.01, "bare_lateness_max_s": 100.0,
-        "bare_late_share": 0.01, "bare_cpu_fraction": 0.25})
-    given = {p.name: p.value for p in pacing.Settings(50, (2, 3), True).parameters()}
-    assert given == {"thread_priority": 50, "lock_memory": True, "cpu_affinity": [2, 3]}
-    assert {p.name: p.value for p in pacing.Settings().parameters()} == {"thread_priority": 0, "lock_memory": False}
-    names, settings, slacks, leads = zip(*pacing._trials())
-    core = settings[4].cpu_affinity
-    assert len(core) == 1
-    assert names == ("nothing asked for", "timer slack 1 ns", "slack, awake ahead", "slack, thread_priority 50",
-                     f"slack, cpu_affinity [{core[0]}]", "slack, lock_memory", "all of these")
-    assert settings == (*[pacing.Settings()] * 3, pacing.Settings(50), pacing.Settings(0, core), pacing.Settings(
-        lock_memory=True), pacing.Settings(50, core, True))
-    assert slacks == (50_000, *[pacing.TIMER_SLACK_NS] * 6)
-    assert [lead > 0.0 for lead in leads] == [False, False, True, False, False, False, True]
