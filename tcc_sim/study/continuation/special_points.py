@@ -231,8 +231,6 @@ def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
 
 def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[Bifurcation] | None:
     """The bifurcations between two neighbouring points, in order; None where the step has skipped a piece."""
-    if a.shooting is not b.shooting and a.shooting != b.shooting:
-        return []
     bracket = Bracket(a, b, b.by_amplitude)
     if not (a.shooting.map.piecewise and differ(a.orbit.seen.events, b.orbit.seen.events)):
         return smooth_bifurcations(bracket)
