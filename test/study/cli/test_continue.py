@@ -48,6 +48,23 @@ def test_ctrl_c_keeps_what_was_found(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert "interrupted" in capsys.readouterr().err
 
 
+def test_words_become_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """--switch alone is one generation."""
+    plans = []
+
+    def planned(system: object, plan: motions.ContinuationPlan, *more: object) -> None:
+        plans.append(plan)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(motions, "continue_motions", planned)
+    key, second = "engine.mean_torque", "engine.frequency"
+    for words, further in (([], {}), (["--switch"], {"switch": 1}), (["--switch", "3"], {"switch": 3}), (
+            ["--period", "2", "--at", "296", "--at", "297", "--second", f"{second}=10:200"],
+            {"period": 2, "at": (296.0, 297.0), "second": (second, 10.0, 200.0)})):
+        assert main([*STICK, *words]) == 130
+        assert plans.pop() == motions.ContinuationPlan(key, 295.0, 305.0, **further)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("words", "said"), [
     (["--over", "engine.mean_torque=295"], "KEY=START:STOP"),
     (["--over", "engine.mean_torque=1:nan"], "KEY=START:STOP"),

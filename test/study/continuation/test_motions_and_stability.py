@@ -27,10 +27,11 @@ from tcc_sim.study.continuation.diagram import (
 )
 from tcc_sim.study.continuation.driveline import Seed
 from tcc_sim.study.continuation.follow import End, StopReason
-from tcc_sim.study.continuation.loss_of_stability import Jump, SegmentEnd, StableSegment, _beyond, _runs, _walk
+from tcc_sim.study.continuation.loss_of_stability import Jump, SegmentEnd, StableSegment, _beyond, _end, _runs, _walk
 from tcc_sim.study.continuation.motions import ContinuationPlan, Motions
 from tcc_sim.study.continuation.newton import Orbit
 from tcc_sim.study.continuation.problem import Observation
+from tcc_sim.study.continuation.settings import Settings
 from tcc_sim.study.continuation.special_points import Bifurcation
 
 MU_K = "friction.kinetic_coefficient"
@@ -40,7 +41,7 @@ def point(value: float, largest: float, stable: bool = True, events: str = "+S")
     """A point of a branch; its multipliers are m, 0.25 and 0."""
     orbit = Orbit(2, (value,), np.array([[1.0, 0.1, 5.0]]), np.array([0.5 if stable else -1.5, 0.25, 0.0], complex),
                   Observation(largest, 0.25, events), 1e-12)
-    return SimpleNamespace(value=value, orbit=orbit)
+    return SimpleNamespace(value=value, orbit=orbit, shooting=SimpleNamespace(settings=Settings()))
 
 
 def branch(*points: Any, period: int = 2, bifurcations: Any = (), ended: Any = (StopReason.RANGE,) * 2,
@@ -201,6 +202,40 @@ def test_stable_points_in_a_row_without_a_turn() -> None:
     assert runs((0.2, True), (0.3, True), (0.25, True), (0.2, True)) == [(0, 1), (2, 3)]
     assert runs((0.3, True), (0.2, True), (0.2, True), (0.25, True), (0.3, True)) == [(0, 2), (3, 4)]
     assert runs((0.2, False), (0.3, True)) == [(1, 1)]
+
+
+@pytest.mark.parametrize(("reasons", "doubling", "at", "unstable", "end"), [
+    (("BEGAN", "RANGE"), 0.2, (0, -1), (), (0.2, "period_doubling")),
+    (("BEGAN", "RANGE"), 0.2 + 0.9e-6, (0, -1), (), (0.2 + 0.9e-6, "period_doubling")),
+    (("BEGAN", "RANGE"), 0.2 + 1.1e-6, (0, -1), (), (0.2, None)), (("POINTS", "RANGE"), 0.2, (0, -1), (), (0.2, None)),
+    (("RANGE", "DOUBLING"), 0.3, (3, 1), (), (0.3, "period_doubling")),
+    (("RANGE", "BEGAN"), 0.2, (3, 1), (), (0.3, None)),
+    (("RANGE", "DOUBLING"), 0.3, (2, 1), (3,), (0.3, "period_doubling")), (("BEGAN", "RANGE"), 0.2, (1, -1), (0,), (
+        0.2, "period_doubling")), (("BEGAN", "DOUBLING"), 0.3, (1, 1), (2,), (0.24, None)),
+    (("RANGE", "RANGE"), 0.3, (1, 1), (2,), (0.24, None))])
+def test_the_end_of_a_segment_is_the_doubling_that_its_branch_began_or_ends_in(
+        reasons: tuple[str, str], doubling: float, at: tuple[int, int], unstable: tuple[int, ...], end: Any) -> None:
+    """Values are over 2; the doubling on the simple motion is within 1e-5 of the range."""
+    double = branch(*(point(value, 10.0, k not in unstable) for k, value in enumerate((0.2, 0.24, 0.26, 0.3))),
+                    ended=[StopReason[reason] for reason in reasons])
+    simple = branch(point(0.2, 1.0), period=1, bifurcations=[fold(doubling, 10.0, 0, "period_doubling")])
+    found = _end([double, simple], double, *at, (0.2, 0.3), 2.0)
+    assert found == SegmentEnd(pytest.approx(0.5 * end[0], rel=1e-12), end[1], 1e-10 if end[1] else None)
+
+
+def test_a_segment_ends_in_a_fold_nearby_or_in_the_bifurcation_that_changes_its_stability() -> None:
+    """Nearby is within a twentieth of range and largest size; a fold jumps."""
+    def end(value: float, largest: float, after: int, changes: bool = True) -> SegmentEnd:
+        bent = branch(point(0.2, 10.0), point(0.25, 10.0), point(0.27, 10.0, False), bifurcations=[
+            replace(fold(value, largest, after), changes_stability=changes)], ended=(StopReason.POINTS,) * 2)
+        return _end([bent], bent, 1, 1, (0.2, 0.3), 1.0)
+
+    assert end(0.26, 10.0, 1) == SegmentEnd(0.26, "fold", 1e-10, True)
+    assert end(0.29, 10.0, 1) == SegmentEnd(0.29, "fold", 1e-10, True)
+    assert end(0.2749, 10.0, 1, False) == end(0.2749, 10.0, 0) == SegmentEnd(0.2749, "fold", 1e-10, True)
+    assert end(0.27, 10.49, 0).kind == end(0.1951, 10.0, 0).kind == "fold"
+    for far in (end(0.2751, 10.0, 0), end(0.27, 10.51, 0), end(0.1949, 10.0, 0), end(0.2749, 10.02, 0)):
+        assert far == SegmentEnd(0.25)
 
 
 @pytest.mark.parametrize(("after", "goal", "result"), [
