@@ -76,6 +76,9 @@ def _axes(axis: Any, name: str) -> Iterator[str]:
     edges = " ".join(name for name in ("top", "right") if axis.spines[name].get_visible())
     yield _joined(f"axes {name} {where}", f"z{axis.get_zorder():g}", "" if axis.patch.get_visible() else "clear",
                   _colour(axis.get_facecolor()).replace("white", ""), bare, edges, *titles)
+    if hasattr(axis, "set_functions"):
+        there, back = axis._functions
+        sides.append(f"{there(1.0):.4g} times the other axis, and back {back(there(3.0)):.4g} for 3")
     yield f"  {' | '.join(sides)}"
     if axis.get_label() == "<colorbar>":
         return

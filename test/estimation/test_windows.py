@@ -13,7 +13,7 @@ from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import MultipleShooting
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Stage
-from tcc_sim.estimation.windows import Model, states_of
+from tcc_sim.estimation.windows import Model, sensitivities, states_of
 
 STATIC, KINETIC = list(KEYS)[:2]
 
@@ -61,6 +61,15 @@ def test_states_that_are_no_numbers_are_a_failure() -> None:
     for start in (math.nan, math.inf):
         with pytest.raises(NumericalFailure, match="not finite"):
             states_of(model, np.array([[start, 0.1, 0.0]]), 10, np.array([0.3]), 20)
+
+
+def test_states_alone_need_no_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, by = problem((STATIC,)).model, []
+    monkeypatch.setattr("tcc_sim.estimation.windows.advance_windows",
+                        lambda *given: by.append(given[-1].shape[1]) or (np.zeros((1, 11, 3)), None))
+    states_of(model, np.zeros((1, 3)), 10, np.array([0.3]), 20)
+    sensitivities(model, np.zeros((1, 3)), 10, np.array([0.3]), 20)
+    assert by == [0, 1]
 
 
 def test_windows_begin_again_in_robust_stages_only(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from tcc_sim.analysis.control import Event
 from tcc_sim.cli import main
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+from tcc_sim.trajectory import Cycles
 from tcc_sim.views import overview, style, sweeps
 
 
@@ -61,6 +63,33 @@ def test_texts_of_events_stand_beside_their_lines_and_are_short() -> None:
         overview.mark_events(axis, events + events[:3], 10.0)
         assert not axis.texts
         assert [line.get_label() == "event" for line in axis.lines] == [True] + 6 * [False]
+
+
+def test_an_overview_changes_its_look_just_beyond_its_limits() -> None:
+    with style.figure() as drawn:
+        axes = iter(drawn.subplots(4, 3).ravel())
+        events = [Event(5.0, 42 * "a"), Event(5.01, 43 * "b"), *[Event(9.0, "c")] * 4]
+        overview.mark_events(axis := next(axes), events, 10.0)
+        assert [(text.get_text(), text.get_ha()) for text in axis.texts[:3]] == [
+            (42 * "a", "left"), (39 * "b" + "...", "right"), ("c", "right")]
+        overview.mark_events(axis := next(axes), events, 10.0, labelled=False)
+        assert (len(axis.texts), len(axis.lines), {line.get_label()[0] for line in axis.lines}) == (0, 6, {"_"})
+        for count, spans in ((80, 80), (81, 0)):
+            overview.shade_stick(axis := next(axes), np.arange(2.0 * count), np.tile([0, 1], count))
+            assert len(spans_in(axis)) == spans
+        for count, largest, most, size, top in ((300, 0.0, 2.0, 3.0, 3.2), (301, 5.0, 2.0, 1.5, 8.0),
+                                                (3, 0.0, 0.0, 3.0, 1e-6)):
+            zero = np.zeros(count)
+            of: Any = SimpleNamespace(discarded=0, cycles=count, max_slip_speed=most)
+            overview.draw_cycle_maxima(axis := next(axes), Cycles(np.zeros((count + 1, 3)), zero + largest, zero, zero),
+                                       0, of)
+            assert (axis.lines[0].get_markersize(), axis.get_ylim()) == (size, (0.0, top))
+        for last, judged, over in ((2.0009, 2, "period of excitation"), (2.0011, 2, "time (s)"), (2.0, 0, "time (s)")):
+            cycles = Cycles(np.zeros((3, 3)), np.ones(2), np.zeros(2), np.zeros(2), starts=np.array([0.0, 1.0, last]))
+            of = SimpleNamespace(discarded=0, cycles=judged, max_slip_speed=1.0)
+            overview.draw_cycle_maxima(axis := next(axes), cycles, 7, of)
+            assert axis.get_xlabel() == over
+            assert axis.lines[0].get_xdata().tolist() == ([7, 8] if over.startswith("period") else [0.0, 1.0])
 
 
 def test_cells_meet_half_way_between_their_centres() -> None:

@@ -115,6 +115,14 @@ def lines_of(name: str, patch: pytest.MonkeyPatch) -> list[str]:
     return [*column, "over a page", *new_lines(page, column)]
 
 
+@pytest.mark.parametrize(("sharp", "raster"), [(len(RUN.t), False), (len(RUN.t) - 1, True)])
+def test_long_lines_of_a_manoeuvre_are_rasterized(sharp: int, raster: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures = kept(monkeypatch)
+    monkeypatch.setattr(whole_runs, "SHARP", sharp)
+    CASES["manoeuvre"](Path("none.png"), "", "page")
+    assert {line.get_rasterized() for axis in figures[0].axes[:2] for line in axis.lines} == {raster}
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_a_picture_is_as_it_is_described(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert lines_of(name, monkeypatch) == expected(PAGE, name)

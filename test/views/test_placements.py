@@ -15,8 +15,9 @@ from results_by_hand import ORDERS
 from tcc_sim.analysis.orders import Judder
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-from tcc_sim.trajectory import Trajectory
-from tcc_sim.views import order_maps, overview, rerun_layout, style, sweeps
+from tcc_sim.model.parameters import System
+from tcc_sim.trajectory import State, Trajectory
+from tcc_sim.views import order_maps, overview, rerun_layout, style, sweeps, whole_runs
 
 NAN = float("nan")
 W = np.arange(5.0)
@@ -114,6 +115,21 @@ def test_a_portrait_shows_the_plate_speed_where_most_points_stick() -> None:
             assert points.get_ydata().tolist() == [state[column] for state in states]
             assert len(motion.get_xdata()) == (4 * period if period else 20) + 1
             assert motion.get_linewidth() == (0.9 if period else 0.5)
+
+
+@pytest.mark.parametrize(("count", "length", "begin", "again"), [
+    (40, 2.5, 0.0, False), (39, 2.5, 0.0, True), (40, 2.53, 0.0, True), (41, 2.53, 0.0, False), (3, 2.5, 1.0, False)])
+def test_a_manoeuvre_with_fewer_than_16_samples_a_cycle_is_solved_again(count: int, length: float, begin: float,
+                                                                       again: bool, monkeypatch: Any) -> None:
+    solved: list[Any] = []
+    monkeypatch.setattr(whole_runs, "solve", lambda system, **how: solved.append(how) or SimpleNamespace(
+        raise_for_status=lambda: "solved"))
+    run = run_of(np.linspace(begin, begin + length, count))
+    run = replace(run, slip_speed=run.t + 3.0, plate_angle=run.t + 4.0, plate_speed=run.t + 5.0, system=System())
+    assert whole_runs._sampled(replace(run, system=None)).system is None
+    found = whole_runs._sampled(run)
+    assert solved == [{"duration": length, "samples_per_cycle": 100, "state": State(3.0, 4.0, 5.0)}] * again
+    assert (found == "solved") if again else (found is run)
 
 
 def test_axes_of_the_portrait_in_rerun_end_at_round_numbers_and_hold_what_fills_them() -> None:
