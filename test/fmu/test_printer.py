@@ -239,7 +239,20 @@ def of_made(table: Any, x: float) -> float:
     return part[2, 0] + part.shape[0] + part[:, 1].max() + fixed[0, 0] + fixed[1, 1]
 
 
-TABLES: list[Callable[..., Any]] = [table_places, of_made]
+def either(table: Any, x: float) -> Any:
+    small = np.zeros((2, 3))
+    small[:, 1] = x
+    if x > 1.0:
+        return small
+    return table
+
+
+def of_either(table: Any, x: float) -> float:
+    part = either(table, x)
+    return part[1, 1] + 10.0 * part[0, 2] + 100.0 * part.shape[0] + part[:, 1].max()
+
+
+TABLES: list[Callable[..., Any]] = [table_places, of_made, of_either]
 
 
 class Stored(ctypes.Structure):

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from numpy.lib import format as npy
 
 from tcc_sim.errors import InputError
-from tcc_sim.output.samples import _cycle_columns, _holds, cycles_in
+from tcc_sim.messages import cdr
+from tcc_sim.output.samples import _cycle_columns, _holds, cycles_in, write_trajectory
 from tcc_sim.output.stored_files import read_arrays
 from tcc_sim.output.table_files import documented, write_columns
-from tcc_sim.trajectory import Cycles
+from tcc_sim.recording.reader import open_run
+from tcc_sim.trajectory import Cycles, Trajectory
 
 
 def test_cycles_come_back_from_their_arrays_with_the_columns_in_the_order_of_the_file() -> None:
@@ -42,6 +46,38 @@ def test_a_command_is_held_up_to_its_sample(engine: str, pressure: str, moves: b
     recorded: Any = SimpleNamespace(system=system, output_speed=np.ones(2) if moves else None)
     assert _holds(recorded) == holds
     assert _holds(SimpleNamespace(system=None, output_speed=None)) == {}  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("flywheel", [None, [1.0, 2.0, 3.0]])
+def test_a_recording_of_samples_has_every_number(flywheel: list[float] | None, tmp_path: Path,
+                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without its angle the flywheel turns by the trapezoids of the slip speed more than the plate."""
+    t = np.array([0.0, 0.1, 0.3])
+    run = Trajectory(t, np.array([1.0, 3.0, -2.0]), np.array([0.1, 0.2, 0.4]), np.array([5.0, 6.0, 8.0]), 10.0 * t,
+                     20.0 * t, 30.0 * t + 1.0, np.array([1, 0, -1], np.int8), 0.5, "euler",
+                     flywheel_angle=None if flywheel is None else np.array(flywheel))
+    write_trajectory(tmp_path / "a.mcap", run, "text")
+    read = open_run(tmp_path / "a.mcap")
+    states, = read.states()
+    assert (read.scene_text, read.solver, states.stamp_ns.tolist()) == ("text", "euler", [0, 100_000_000, 300_000_000])
+    for name, values in (("flywheel_angle", flywheel or [0.1, 0.4, 0.7]), ("flywheel_speed", [6.0, 9.0, 6.0]),
+                         ("plate_angle", [0.1, 0.2, 0.4]), ("plate_speed", [5.0, 6.0, 8.0]),
+                         ("engine_torque", [0.0, 1.0, 3.0]), ("friction_torque", [1.0, 4.0, 10.0])):
+        assert getattr(states, name) == pytest.approx(values)
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        decoded = {}
+        for _, channel, message in make_reader(stream).iter_messages():
+            decoded.setdefault(channel.topic, []).append(message.data)
+    assert {name: len(found) for name, found in decoded.items()} == dict.fromkeys(
+        ("/joint_states", "/slip_speed", "/friction_torque", "/stick_slip_state"), 3)
+    assert decoded["/slip_speed"] == [cdr.float64(x) for x in run.slip_speed.tolist()]
+    assert decoded["/friction_torque"] == [cdr.float64(x) for x in run.friction_torque.tolist()]
+    assert decoded["/stick_slip_state"] == [cdr.int8(x) for x in (1, 0, -1)]
+    left: list[bool] = []
+    monkeypatch.setattr("tcc_sim.recording.mcap_file.McapFile.abandon", lambda file: left.append(True))
+    with pytest.raises(AttributeError):
+        write_trajectory(tmp_path / "b.mcap", replace(run, state=None))
+    assert left == [True]
 
 
 def test_a_table_in_text_has_comments_names_units_and_every_digit(tmp_path: Path) -> None:
