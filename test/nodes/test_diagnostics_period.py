@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -93,9 +94,95 @@ def test_every_value_of_a_status_and_its_message(monkeypatch: pytest.MonkeyPatch
     loop.slip_ticks, torque.lost, pacer.missed_ticks, pacer.ticks, pacer.late_ticks = 110, 6, 4, 900, 200
     assert status(104.0)[1] == ("4 commands lost or replaced before a tick could take them; 3 ticks missed in real "
                                 f"time; {late}")
-    pacer.ticks, loop.slip_ticks = 1000, 120
+    pacer.ticks, pacer.late_ticks, loop.slip_ticks = 1000, 205, 120
     assert status(104.5)[:2] == (False, "slip")
     assert (told.lateness, status(104.75)[2]["rate (Hz)"]) == ("", "0.0")
     assert status(105.0)[:2] == (False, "waiting")
     loop.paused = True
     assert status(106.0)[:2] == (False, "paused")
+
+
+def housekeeper(loop: SimpleNamespace, **fields: object) -> Any:
+    """A driveline node of these parts, which keeps its warnings as (subject, sentence, count)."""
+    node = driveline.DrivelineNode.__new__(driveline.DrivelineNode)
+    warned: list[tuple[object, ...]] = []
+    throttle = SimpleNamespace(warn=lambda *said: warned.append(said),
+                               once=lambda *said: warned.append((*said, "once")))
+    scene = SimpleNamespace(operation=SimpleNamespace(rate=1000.0, pacing="lockstep"))
+    for name, value in {"loop": loop, "scene": scene, "_throttle": throttle, "warned": warned, "_vehicle": None,
+                        "_announced": False, **fields}.items():
+        object.__setattr__(node, name, value)
+    return node
+
+
+def test_what_the_node_warns_of_and_when(monkeypatch: pytest.MonkeyPatch) -> None:
+    logged, given = list[str](), SimpleNamespace()
+    for name in ("log", "warn"):
+        monkeypatch.setattr(driveline, name, lambda node, sentence: logged.append(sentence))
+    torque = command("engine_torque", True)
+    torque.doubt = lambda tick, after: "doubt" if (tick, after) == (750, 500.0) else ""
+    loop = SimpleNamespace(
+        commands=[torque], clock_started=SimpleNamespace(is_set=lambda: given.started), refused_wishes=["no lock"],
+        failure=None, plant=SimpleNamespace(stepper=SimpleNamespace(tick=750)), pacer=SimpleNamespace(
+            missed_by=3.25, missed_ticks=3200), outputs=SimpleNamespace(tell_unsent=lambda: logged.append("unsent")))
+    told = SimpleNamespace(publish_when_due=lambda: logged.append("published"), lateness="")
+    node = housekeeper(loop, diagnostics=told, waiting=SimpleNamespace(
+        sentences=lambda: {"/clock": "waits"}, unstamped=lambda: {"engine_torque": "no stamps"}))
+    for name in ("_look_for_vehicle", "_look_for_clock"):
+        monkeypatch.setattr(node, name, lambda name=name: logged.append(name))
+    for given.started in (False, True, True):
+        node.housekeeping()
+    looks = ["published", "unsent", "_look_for_vehicle", "_look_for_clock"]
+    assert logged == [*looks, *looks, driveline.CLOCK_STARTED, "no lock", *looks]
+    assert node.warned == [
+        ("engine_torque unit", "doubt", "once"), ("engine_torque refused", "too large", 2),
+        ("engine_torque time-outs", "no command on engine_torque within command_timeout; the fallback applied", 4),
+        ("/clock", "waits"), ("engine_torque stamps", "no stamps", "once"),
+        ("missed ticks", "the real-time loop was 3.25 s late, as after a pause of the process; ticks were missed in "
+         "real time, none in simulation time", 3200)] * 3
+    told.lateness, loop.failure, loop.plant.stepper.tick = "late", ValueError("why"), 749
+    with pytest.raises(ValueError, match="why"):
+        node.housekeeping()
+    assert node.warned[18][0] == "engine_torque refused"
+    assert node.warned[-1] == ("late ticks", "late", "once")
+    node.diagnostics, loop.failure = None, None
+    node.housekeeping()
+    assert node.warned[-1][0] == "missed ticks"
+
+
+def test_a_vehicle_is_taken_once_it_has_sent_and_left_once_it_has_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    done, given = list[object](), SimpleNamespace()
+    far = SimpleNamespace(received=0, refused=0, subscription="its subscription", poll=lambda tick, limit: None,
+                          join=lambda tick: done.append(("joined", tick)))
+    compiling = SimpleNamespace(done=lambda: given.compiled, result=lambda: done.append("compiled"))
+    loop = SimpleNamespace(clock_started=SimpleNamespace(is_set=lambda: given.started), far_end=None,
+                           vehicle_waits=False, plant=SimpleNamespace(warm_up_far_end=None,
+                                                                      stepper=SimpleNamespace(tick=7)),
+                           attach=lambda one: (done.append("attached"), setattr(loop, "far_end", one)),
+                           detach=lambda: setattr(loop, "far_end", None))
+    loop.request = lambda action, timeout=1.0: (done.append(timeout), action(), given.taken)[2]
+    monkeypatch.setattr(driveline, "begun", lambda work, name: (done.append("compiles") or compiling, None))
+    monkeypatch.setattr(driveline, "CommandedInput", lambda node, row: far)
+    node = housekeeper(loop)
+    monkeypatch.setattr(node, "count_publishers", lambda name: given.publishers, raising=False)
+    monkeypatch.setattr(node, "destroy_subscription", done.append, raising=False)
+    for given.started, loop.vehicle_waits, given.compiled, far.received, given.publishers, given.taken, said in (
+            (False, True, True, 1, 1, True, []), (True, False, True, 1, 1, True, []),
+            (True, True, False, 0, 1, True, ["compiles"]), (True, True, True, 0, 1, True, ["compiled"]),
+            (True, True, True, 1, 1, True, ["compiled", 6.0, ("joined", 7), "attached"]),
+            (True, True, True, 1, 1, True, []),
+            (True, False, True, 1, 0, False, [1.0])):
+        node._look_for_vehicle()
+        assert done == said
+        done.clear()
+    loop.far_end, given.taken = far, True
+    node._look_for_vehicle()
+    assert (done, node._vehicle, loop.far_end) == ([1.0, "its subscription"], None, None)
+    node.scene.operation.pacing = "real_time"
+    node._attach(far)
+    assert done[2:] == ["attached"]
+    node.loop.clock = SimpleNamespace(due=True, begin=lambda stamp: done.append(("begins", stamp)))
+    node.loop.plant.stamp_ns = 9
+    for given.started, loop.clock.due in ((False, True), (True, False), (True, True)):
+        node._look_for_clock()
+    assert done[3:] == [1.0, ("begins", 9)]

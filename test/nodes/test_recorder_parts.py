@@ -226,7 +226,7 @@ def test_how_a_recording_ends(monkeypatch, capsys, spun, closed, drains, out, sa
 
 
 def test_publishers_that_go_and_topics_that_cannot_be_recorded_are_named(context, tmp_path, monkeypatch):
-    result = start(context, tmp_path / "run", topics=["joint_states", "/elsewhere", "/nowhere"])
+    result = start(context, tmp_path / "run", topics=["joint_states", "scene", "/elsewhere", "/nowhere"])
     warned, offered, types = [], {}, {"/elsewhere": ["none_msgs/msg/None"]}
     monkeypatch.setattr(recorder, "warn", lambda node, sentence: warned.append(sentence))
     monkeypatch.setattr(result.node, "get_publishers_info_by_topic", lambda name: offered.get(name, []))
@@ -235,6 +235,10 @@ def test_publishers_that_go_and_topics_that_cannot_be_recorded_are_named(context
     def publishers(*numbers):
         offered["/joint_states"] = [SimpleNamespace(endpoint_gid=[n], qos_profile=STATES) for n in numbers]
 
+    # Later parts do not repeat the scene of a publisher that is gone.
+    unlatched, offered["/scene"] = [], [SimpleNamespace(endpoint_gid=[2], qos_profile=LATCHED)]
+    result.tracks["/scene"].channels, result.tracks["/joint_states"].channels = {b"\1": 3, b"\2": 4}, {b"\1": 9}
+    monkeypatch.setattr(result.bag, "unlatch", unlatched.append)
     for numbers in ((1, 2), (1, 2, 3), (2, 3), (), (4,)):
         publishers(*numbers)
         result.look()
@@ -242,7 +246,7 @@ def test_publishers_that_go_and_topics_that_cannot_be_recorded_are_named(context
     assert first.startswith("/elsewhere is not recorded: ")
     assert gone == ["the publisher of /joint_states is gone; 2 left; the recording continues",
                     "the publisher of /joint_states is gone; the recording continues"]
-    assert (list(result.tracks), result._unknown) == (["/joint_states"], ["/nowhere"])
+    assert (list(result.tracks), result._unknown, unlatched) == (["/scene", "/joint_states"], ["/nowhere"], [3] * 5)
     result._simulated = None
     assert "recorded 0 messages" in result.close()
 

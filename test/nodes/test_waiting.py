@@ -10,14 +10,12 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Int8
 
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.middleware import COMMANDS
-from tcc_sim.nodes.process import Throttle
 from tcc_sim.nodes.waiting import PATIENCE, Waiting
 
 
@@ -119,26 +117,21 @@ def test_subscribers_that_do_not_come_are_asked_for(bench: Any) -> None:
         "the first tick waits for wait_for_subscribers 2; /joint_states has 1 subscriber; since 2 s")
 
 
-def test_the_node_logs_it_once_a_second_at_most_and_diagnostics_carry_it(
-        bench: Any, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    heard = bench.listen(DiagnosticArray, "/diagnostics")
-    judged = begun(bench)
-    node, times = judged.node, iter([*(0.25 * k for k in range(9)), *[100.0] * 1000])
-    node.waiting = judged.waiting
-    node._throttle = Throttle(node, lambda: next(times))
-    judged.said()
-    capfd.readouterr()
-    for _ in range(9):
-        node._throttle.warn("actuation_pressure", judged.waiting.sentences()["actuation_pressure"])
-    assert capfd.readouterr().err.count("no command on /actuation_pressure") == 3
-    publisher(bench, "hasty", reliability=ReliabilityPolicy.BEST_EFFORT)
-
-    def answered() -> Any:
-        assert node.diagnostics is not None
-        node.diagnostics._due = 0.0
-        node.housekeeping()
-        values = {item.key: item.value for message in heard[-1:] for item in message.status[0].values}
-        return "hasty (best effort" in values.get("actuation_pressure publishers", "")
-
-    bench.until(answered)
-    assert "no command on /actuation_pressure" in capfd.readouterr().err
+@pytest.mark.parametrize(("pacing", "unstamped", "senders", "followers", "far", "timed", "said"), [
+    ("real_time", 1, ["/a"], [], False, False, False), ("lockstep", 1, ["/a"], [], False, False, True),
+    ("lockstep", 0, ["/a"], [], False, False, False), ("lockstep", 1, [], [], False, False, True),
+    ("lockstep", 1, ["/a"], ["/a", "/b"], False, True, False),
+    ("lockstep", 1, ["/a", "/c"], ["/a"], False, False, True), ("lockstep", 1, ["/a"], [], True, False, False)])
+def test_commands_without_stamps_are_named_unless_their_senders_follow_the_clock(
+        pacing: str, unstamped: int, senders: list[str], followers: list[str], far: bool, timed: bool,
+        said: bool) -> None:
+    command = SimpleNamespace(name="engine_torque", unstamped=unstamped, timed=False,
+                              subscription=SimpleNamespace(topic_name="/engine_torque"))
+    loop: Any = SimpleNamespace(scene=SimpleNamespace(operation=SimpleNamespace(pacing=pacing)), commands=[command],
+                                clock=SimpleNamespace(followers=followers), far_end=command if far else None)
+    node: Any = SimpleNamespace(get_publishers_info_by_topic=lambda name: [
+        SimpleNamespace(node_namespace="/", node_name=one.removeprefix("/")) for one in senders])
+    sentences = Waiting(node, loop).unstamped()
+    assert (list(sentences), command.timed) == (["engine_torque"] * said, timed)
+    assert all(text.startswith("commands on engine_torque have no stamp, so each counts as the answer to the newest ")
+               for text in sentences.values())
