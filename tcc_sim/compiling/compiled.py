@@ -186,7 +186,7 @@ class Kernel:
 
 def _described(kind: Any) -> object:
     """Return a description of a part of a kind that tells it from every other one."""
-    if isinstance(kind, tuple) and len(kind) == 2 and isinstance(kind[0], type):
+    if isinstance(kind, tuple) and isinstance(kind[0], type):
         kind_class, items = kind
         return kind_class.__module__, kind_class.__qualname__, getattr(kind_class, "_fields",
                                                                        ()), [*map(_described, items)]

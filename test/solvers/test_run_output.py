@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from numpy.polynomial import Chebyshev, Polynomial
 
+from tcc_sim.model.parameters import replace
 from tcc_sim.polynomials import polynomial
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
 from tcc_sim.solvers.run_output import CYCLE, OUTPUT, TRANSITION, Store, keep_step
 from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED
 from tcc_sim.solvers.stages import WORK
@@ -166,3 +169,15 @@ def test_transitions_beyond_their_room_are_left_out_and_the_rest_is_as_before() 
     assert small.transitions.tolist() == whole.transitions[:3].tolist()
     assert small.cycles.tolist() == whole.cycles.tolist()
     assert small.output["mode"] == whole.output["mode"]
+
+
+@pytest.mark.parametrize(("law", "start"), [("smoothed", 0), ("set_valued", 3)])
+def test_a_rest_of_more_than_a_billionth_of_a_cycle_is_a_part_of_one(law: str, start: int) -> None:
+    system = replace(load_scene("fig02").system, {"friction.law": law})
+    for more, kept in ((0.8e-9, False), (1.2e-9, True), (0.5, True)):
+        run = solve(system, duration=(2.0 + more) * system.cycle, start_cycle=start)
+        assert (len(run.cycles), run.rest is not None) == (2, kept)
+        if run.rest is not None:
+            ends = np.array([start + 2.0, start + 2.0 + more])
+            assert run.rest.starts == pytest.approx(ends * system.cycle, rel=1e-15)
+            assert run.rest.section[-1] == pytest.approx(run.final.numbers)
