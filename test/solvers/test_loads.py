@@ -11,7 +11,6 @@ from oracle import equations
 from scipy.integrate import solve_ivp
 
 from tcc_sim.analysis.summary import cycles_of
-from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -143,25 +142,7 @@ def test_loads_follow_their_cycles() -> None:
     assert concatenated([run[:3], solve(load_scene("fig02"), cycles=8).cycles[3:]]).loads is None
 
 
-def test_samples_have_the_extremes_of_their_own_cycle() -> None:
-    """Of a shaft that swings out by exp(-10 t) sin(30 t), where cycles begin between two samples."""
-    rate = complex(-10.0, 30.0)
-
-    def plate(t: np.ndarray) -> list[np.ndarray]:
-        return [np.asarray((rate**k * np.exp(rate * t)).imag) for k in range(3)]
-
-    t, starts = np.linspace(0.0, 1.0, 201), np.linspace(0.1033, 0.9033, 9)
-    rest = np.zeros_like(t)
-    loads = cycles_from_samples(t, rest, rest, *plate(t), starts=starts, stick_speed=0.0,
-                                linear=Linear(0.2, 0.02, 0.6, 3000.0)).loads
-    for n in range(8):
-        angle, speed, _ = plate(np.linspace(starts[n], starts[n + 1], 10001))
-        shaft = 0.6 * speed + 3000.0 * angle
-        assert loads.highest_shaft_torque[n] == pytest.approx(shaft.max(), abs=1e-4 * np.abs(shaft).max())
-        assert loads.lowest_shaft_torque[n] == pytest.approx(shaft.min(), abs=1e-4 * np.abs(shaft).max())
-
-
-@pytest.mark.parametrize(("samples", "missed"), [(40, 0.4), (157, 0.1), (800, 0.1)])
+@pytest.mark.parametrize(("samples", "missed"), [(40, 0.4), (800, 0.1)])
 def test_samples_have_the_time_in_stick_of_the_set_valued_law(samples: int, missed: float) -> None:
     """Slip ends and begins between two samples: on average over many of them nothing is missed."""
     off, count = 0.0, 0.0
@@ -185,23 +166,6 @@ def sine_cycles(t, *, offset=0.4, stick_speed=0.1, first_cycle=0, cycle=CYCLE):
         -4 * W * W * np.cos(2 * W * t), starts=cycle_starts(first_cycle, t[-1], cycle), stick_speed=stick_speed)
 
 
-@pytest.mark.parametrize("seed", [None, 1, 2])
-def test_nonuniform_samples_off_the_cycle_ends(seed):
-    t = np.linspace(0.31 * CYCLE, 6.77 * CYCLE, 2000)
-    if seed is not None:
-        t[1:-1] += np.random.default_rng(seed).uniform(-0.45, 0.45, len(t) - 2) * (t[1] - t[0])
-    result = sine_cycles(t, first_cycle=1)
-    assert len(result) == 5
-    assert result.section.shape == (6, 3)
-    np.testing.assert_allclose(result.section[:, 0], 0.4 + math.sin(0.3), atol=1e-10)
-    np.testing.assert_allclose(result.section[:, 1], 1.0, atol=1e-13)
-    np.testing.assert_allclose(result.section[:, 2], 0.0, atol=1e-6 * W)
-    np.testing.assert_allclose(result.highest, 1.4, atol=1e-10)
-    np.testing.assert_allclose(result.lowest, -0.6, atol=1e-10)
-    exact = 2.0 * (math.asin(-0.3) - math.asin(-0.5)) / W
-    np.testing.assert_allclose(result.stick_time, exact, rtol=1e-8)
-
-
 def test_extremes_and_double_crossings_inside_one_interval():
     t = np.arange(0.0, 3.0 + 1e-9, 0.125) * CYCLE
     result = sine_cycles(t, offset=1.02, stick_speed=0.03)
@@ -221,12 +185,3 @@ def test_cycle_ends_that_are_samples_are_taken_as_they_are():
         part = v[64 * k:64 * k + 65]
         assert result.highest[k] == pytest.approx(part.max(), rel=1e-9)
         assert result.lowest[k] == pytest.approx(part.min(), rel=1e-9)
-
-
-def test_exact_stick_of_the_set_valued_law():
-    t = np.arange(0.0, 2.0 + 1e-9, 0.01) * CYCLE
-    phase = t / CYCLE % 1.0
-    v = np.where(phase < 0.5, 0.0, np.sin(2 * np.pi * (phase - 0.5)) ** 2)
-    a = np.where(v == 0.0, 1e-12, 0.0)
-    result = cycles_from_samples(t, v, a, v, a, a, starts=cycle_starts(0, t[-1], CYCLE), stick_speed=0.0)
-    np.testing.assert_allclose(result.stick_time, 0.5 * CYCLE, rtol=0.03)
