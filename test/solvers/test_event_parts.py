@@ -133,7 +133,7 @@ def test_a_step_ends_in_a_state_and_a_mode(now, of_step, goal, after, event) -> 
     assert plain(modes.finish)(BOUNDS, terms(1.0), WAVES, Step(1e-3, x, 8, kind, direction, 0.0), goal, state,
                                record(DRIVE), rows, None) is event
     for name, value in after.items():
-        assert state[name] == pytest.approx(value, rel=1e-15), name
+        assert state[name] == pytest.approx(value, rel=1e-15, abs=0.0), name
 
 
 def test_a_speed_that_has_decayed_is_0_and_the_flywheel_turns() -> None:
@@ -142,7 +142,7 @@ def test_a_speed_that_has_decayed_is_0_and_the_flywheel_turns() -> None:
         rows[3, :2] = 0.25, 2.0   # The flywheel's angle.
         plain(modes.finish)(BOUNDS, terms(1.0), WAVES, Step(1e-3, 1.0, 8, NO_EVENT, 0, 0.0), 1.0, state, record(DRIVE),
                             rows, True)
-        assert (state.plate_speed, state.flywheel_angle) == (pytest.approx(left), 2.25)
+        assert (state.plate_speed, state.flywheel_angle) == (pytest.approx(left, rel=1e-12, abs=0.0), 2.25)
     near = record(setup.STATE, **{**STILL, "load_edge": 0.011})
     plain(modes.finish)(BOUNDS, terms(900.0), WAVES, Step(1e-3, 1.0, 8, NO_EVENT, 0, 0.0), 1.0, near, record(DRIVE),
                         rows_of(slip=[-0.9e-12]), None)

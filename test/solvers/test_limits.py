@@ -31,7 +31,7 @@ def terms(changes: dict[str, Any] | None = None, **linear: float) -> Terms:
 
 def check(found: Any, expected: dict[str, Any]) -> None:
     for name, value in expected.items():
-        assert getattr(found, name) == pytest.approx(value, rel=1e-9), name
+        assert getattr(found, name) == pytest.approx(value, rel=1e-9, abs=0.0), name
 
 
 def test_bounds_of_the_exact_engine() -> None:

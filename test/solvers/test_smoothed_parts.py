@@ -53,8 +53,8 @@ def test_a_state_has_the_region_of_its_speed_and_tolerances_of_two_cycles(v, loa
     state = record(STATE, slip_speed=v, plate_angle=-0.002, plate_speed=-4.0)
     place = plain(integrate.region_of)(state, loaded, control, LIMITS, TERMS, record(DRIVE, torque=torque))
     assert (place.region, place.sign) == (region, sign)
-    assert place.slip_tolerance == pytest.approx(tolerance, rel=1e-5)
-    assert place.speed_tolerance == pytest.approx(4e-6)
+    assert place.slip_tolerance == pytest.approx(tolerance, rel=1e-5, abs=0.0)
+    assert place.speed_tolerance == pytest.approx(4e-6, rel=1e-12, abs=0.0)
     assert (control.slip_now, control.speed_now) == (abs(v), 4.0)
     assert plain(integrate.edge_of)(place, LIMITS) == (8.0 if region == SLIDING else 0.2)
 
@@ -66,7 +66,7 @@ def test_tolerances_have_caps_where_friction_varies_and_floors_where_all_is_slow
             (0.0, 0.0, True, 2e-10, 1e-10), (0.0, 1e-4, True, 2e-10, 1e-10), (0.0, 5.0, True, 5e-6, 5e-9)):
         control = record(CONTROL, slip_before=before)
         place = region_of(record(STATE, slip_speed=v), loaded, control, LIMITS, TERMS, drive)
-        assert (place.slip_tolerance, place.speed_tolerance) == pytest.approx((slip, speed))
+        assert (place.slip_tolerance, place.speed_tolerance) == pytest.approx((slip, speed), rel=1e-12, abs=0.0)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -157,7 +157,7 @@ def test_the_slow_manifold_is_where_the_balance_moves_on() -> None:
     rate = (push(h, 0.03 - 2.0 * h, -2.0 + pull * h) - push(-h, 0.03 + 2.0 * h, -2.0 - pull * h)) / (2.0 * h)
     friction = LocalFriction(law, 1.0, 0.0, 0.0, 0.0, 7.0)
     found = plain(switching.distance_to_creep)(friction, rho, state, LIMITS, TERMS, drive)
-    assert found == pytest.approx((7.0 - rate / rho) / rho)
+    assert found == pytest.approx((7.0 - rate / rho) / rho, rel=1e-5, abs=0.0)
 
 
 NEAR, FAR = 1.9e-6, 2.1e-6
@@ -193,7 +193,7 @@ def test_creep_begins_near_the_slow_manifold(monkeypatch, delta, change, limits,
     assert found is bool(entered)
     moved = delta if entered == "moved" else 0.0
     assert (state.slip_speed, state.plate_speed, state.plate_angle) == pytest.approx(
-        (v + moved, -2.0 - moved / 1.1, 0.03 + moved / 1.1 / rho), rel=1e-15)
+        (v + moved, -2.0 - moved / 1.1, 0.03 + moved / 1.1 / rho), rel=3e-16, abs=0.0)
     # The first step is a fifth of a cycle at most, 8 ms: number 1 of the ladder is 7.1 ms.
     assert (control.method, control.rate, control.level) == (
         (CREEP, pytest.approx(rho), 1) if entered else (SERIES, 0.0, 0))
