@@ -176,11 +176,14 @@ def test_a_polynomial_is_monotone_if_its_coefficients_are(coefficients, noise, m
 
 
 def test_few_iterations_and_halvings_are_enough(monkeypatch):
-    """Of a hundred polynomials a crossing and the extremes; Newton's method starts at a guess from the coefficients."""
-    counts = dict.fromkeys(("value_and_slope", "slope_and_curvature", "isolate", "search_on"), 0)
+    """Of a hundred polynomials a crossing, that of the first value, one that the hull rules out, and the extremes;
+    Newton's method starts at a guess from the coefficients.
+    """
+    counts = dict.fromkeys(("value_and_slope", "slope_and_curvature", "isolate", "search_on", "fall_from"), 0)
     for caller, name, counted in ((polynomial.fall_within, "value_and_slope", "value_and_slope"),
                                   (polynomial.turning, "slope_and_curvature", "slope_and_curvature"),
-                                  (bernstein.isolate, "halve", "isolate"), (search_on, "halve", "search_on")):
+                                  (bernstein.isolate, "halve", "isolate"), (search_on, "halve", "search_on"),
+                                  (polynomial.crossing_of, "fall_from", "fall_from")):
         names = plain(caller).__globals__
 
         def noted(*arguments, of=names[name], counted=counted):
@@ -188,18 +191,21 @@ def test_few_iterations_and_halvings_are_enough(monkeypatch):
             return of(*arguments)
 
         monkeypatch.setitem(names, name, noted)
-    random = np.random.default_rng(0)
+    random, crossing = np.random.default_rng(0), plain(polynomial.first_crossing)
     for _ in range(100):
         a = random.normal(size=int(random.integers(1, 24)) + 1)
         a *= 0.8 ** np.arange(len(a))
         c, degree = row_of(a)
         level = float(np.polynomial.polynomial.polyval(random.uniform(0.0, 1.2), a))
         sign = 1.0 if a[0] > level else -1.0
-        assert plain(polynomial.first_crossing)(c, 1, degree, 1.2, sign, sign * level, 1e-14, WORKSPACE) <= 1.2
+        assert crossing(c, 1, degree, 1.2, sign, sign * level, 1e-14, WORKSPACE) <= 1.2
+        crossing(c, 1, degree, 1.2, math.copysign(1.0, a[1]), math.copysign(a[0], a[0] * a[1]), 1e-14, WORKSPACE)
+        low = WORKSPACE[BERNSTEIN, LOW]
+        assert crossing(c, 1, degree, 1.2, 1.0, low - 1e-9, 1e-14, WORKSPACE) == math.inf
         plain(to_bernstein)(c, 1, degree, 1.2, WORKSPACE)
         plain(polynomial.extremes_of)(c, 1, degree, 1.2, a[0], a[0], WORKSPACE)
-    assert (counts["value_and_slope"] <= 429, counts["slope_and_curvature"] <= 206, counts["isolate"] <= 63,
-            counts["search_on"] <= 14) == (True,) * 4, counts
+    most = {"value_and_slope": 574, "slope_and_curvature": 206, "isolate": 74, "search_on": 14, "fall_from": 134}
+    assert {name: count for name, count in counts.items() if count > most[name]} == {}
 
 
 def test_steps_between_coefficients_within_their_rounding_are_no_changes_of_the_slope():

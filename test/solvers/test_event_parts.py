@@ -104,6 +104,40 @@ def test_a_start_has_the_mode_of_the_load_there_and_the_clamps_next_switch() -> 
         assert drive.load == pytest.approx((mean + 100.0 * math.sin(shift) * clamped) * (mode != FREE))
 
 
+@pytest.mark.parametrize("mode", [0, 1, -1, FREE])
+@pytest.mark.parametrize(("stiff", "level", "degree", "after"), [
+    ("", 0, 1, 0), ("both", -2, 1, -1), ("both", 0, 1, 0), ("both", 5, 0, -11), ("slip", 0, 1, 0), ("stick", 0, 1, 0)])
+def test_a_stiff_arc_takes_over_where_the_damper_is_stiff_after_some_series(monkeypatch, mode, stiff, level, degree,
+                                                                            after) -> None:
+    """A stiff step of degree 0 is none; then series go on, and are counted anew."""
+    calls: list[tuple[str, float]] = []
+
+    def called(name: str, at: int, degree: int) -> Any:
+        return lambda *given: calls.append((name, given[at])) or Step(1.0, 1.0, degree, NO_EVENT, 0, 0.0)
+
+    names = plain(modes.step_on).__globals__
+    for name, at, of_step in (("stiff_arc", 5, degree), ("stick_arc", 8, 7), ("slip_arc", 9, 8)):
+        monkeypatch.setitem(names, name, called(name, at, of_step))
+    state, work = record(setup.STATE, mode=mode, tau=0.25, load_edge=0.75), np.zeros(1, WORK).view(np.recarray)[0]
+    bounds = BOUNDS._replace(stiff_slip=stiff in ("both", "slip"), stiff_stick=stiff in ("both", "stick"))
+    for goal, remaining in ((0.375, 0.125), (1.0, 0.5)):
+        calls.clear()
+        state.level = level
+        drive = record(DRIVE)
+        plain(modes.step_on)(bounds, terms(40.0), WAVES, state, drive, goal, work, "tables")
+        series = "stick_arc" if mode == 0 else "slip_arc"
+        tried = stiff == "both" or stiff == ("stick" if mode == 0 else "slip")
+        expected = [series]
+        if tried and level >= 0:
+            expected = ["stiff_arc"] if degree else ["stiff_arc", series]
+        assert calls == [(name, remaining) for name in expected]
+        assert state.level == (after if tried else level)
+        assert drive.load == 40.0 * (mode != FREE)
+    calls.clear()
+    plain(modes.step_on)(bounds, terms(40.0), WAVES, state, record(DRIVE), 1.0, work, None)
+    assert [name for name, _ in calls] == ["stick_arc" if mode == 0 else "slip_arc"]
+
+
 STILL = {"mode": 1, "load_edge": math.inf, "tau": 0.01, "level": 3}
 
 
