@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.steady_state import (
     Start,
     repeats_after,
@@ -92,3 +94,10 @@ def test_the_spectrum_of_pure_slip_has_the_lines_of_its_closed_form(start: int, 
         return
     width = (found.frequency[1] - found.frequency[0]) / (2.0 * math.pi)
     assert float(found.slip_speed_density[1:].sum()) * width == pytest.approx(0.5 * amplitude**2, rel=0.01)
+
+
+def test_tolerances_and_bounds_are_those_of_their_page() -> None:
+    """Settings that decide a result; those that only change the work are not on it."""
+    for line in Path(__file__).with_name("settings.txt").read_text().splitlines():
+        name, _, value = line.partition(" = ")
+        assert repr(getattr(DEFAULTS, name)) == value, name

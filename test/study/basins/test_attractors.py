@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,7 +13,7 @@ from textbook_maps import TextbookMap
 
 from tcc_sim.study.basins.attractors import _same, _spread, find_attractors, numbered
 from tcc_sim.study.basins.proximity import Attractor
-from tcc_sim.study.basins.settings import Settings
+from tcc_sim.study.basins.settings import DEFAULTS, Settings
 from tcc_sim.study.continuation.problem import Image
 
 
@@ -178,3 +179,10 @@ def test_an_attractor_has_the_number_of_the_nearest_one_at_the_last_value(before
     result = numbered(of, before, found)
     assert [a.number for a in result] == numbers
     assert [a.section.tolist() for a in result] == [a.section.tolist() for a in found]
+
+
+def test_tolerances_and_bounds_are_those_of_their_page() -> None:
+    """Settings that decide a result; those that only change the work are not on it."""
+    for line in Path(__file__).with_name("settings.txt").read_text().splitlines():
+        name, _, value = line.partition(" = ")
+        assert repr(getattr(DEFAULTS, name)) == value, name

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,7 +31,7 @@ from tcc_sim.study.continuation.codim2_points import (
 from tcc_sim.study.continuation.diagram import SettledMotion, state_at_phase_0
 from tcc_sim.study.continuation.palc import Solution
 from tcc_sim.study.continuation.problem import Margin, Observation
-from tcc_sim.study.continuation.settings import Settings
+from tcc_sim.study.continuation.settings import DEFAULTS, Settings
 from tcc_sim.study.continuation.shooting import Linearised, ParameterRange, Shooting
 from tcc_sim.study.continuation.special_points import _from_circle
 
@@ -211,3 +212,10 @@ def test_a_motion_of_a_sweep_begins_at_the_next_phase_0() -> None:
         assert state_at_phase_0(of, SettledMotion(0.5, np.array([5.0]), cycle, 1, 1.0)).tolist() == [at_phase_0]
     assert [SettledMotion(0.0, np.zeros(1), 0, n, 1.0).has_period(6, 2) for n in (0, 2, 3, 4, 6)] == [
         False, False, True, False, True]
+
+
+def test_tolerances_and_bounds_are_those_of_their_page() -> None:
+    """Settings that decide a result; those that only change the work are not on it."""
+    for line in Path(__file__).with_name("settings.txt").read_text().splitlines():
+        name, _, value = line.partition(" = ")
+        assert repr(getattr(DEFAULTS, name)) == value, name
