@@ -13,40 +13,25 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize_scalar
 
 from tcc_sim.cli import main
-from tcc_sim.model.parameters import QUANTITIES, System, replace
+from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
 from tcc_sim.study.benchmarks import extremes, references, stability, worst_cases
 from tcc_sim.views import style
 
-KEYS = {"solver", "step", "status", "finite", "bounded", "error", "iterations_max", "power_residual"}
 FREE = {"pressure.mean": 0.0, "pressure.amplitude": 0.0, "driveline.damping": 0.0}
 
 
-def test_the_grid_is_large_different_and_reaches_the_ends_of_the_ranges():
+def test_the_grid_is_large_different_and_has_every_value_alone():
     result = extremes.extreme_cases(420)
     assert len({repr(sorted(keys.items())) for keys in result}) == 420
-    systems = [replace(System(), extremes.scene_keys(keys)) for keys in result]
-    assert max(s.friction_ratio for s in systems) == pytest.approx(4.0)
-    assert max(s.friction.smoothing for s in systems) == 1e9
-    assert {0.0, 1e7} <= {s.pressure.mean for s in systems}
-    assert any(s.pressure.amplitude >= s.pressure.mean > 0.0 for s in systems)
-    assert min(s.driveline.plate_inertia for s in systems) == 1e-6
-    assert {1.0, 5000.0} <= {s.engine.frequency for s in systems}
-    assert {0.0, 1e4} <= {s.initial.slip_speed for s in systems}
-    assert any(s.driveline.damping == 0.0 for s in systems)
-    assert max(s.driveline.damping for s in systems) == 1e3 > 2.0 * math.sqrt(3000.0 * 0.02)
-    assert {0.0, 1000.0} <= {s.friction.decay for s in systems}
-    assert {1e-4, 1e3} <= {s.driveline.flywheel_inertia for s in systems}
-    assert {1.0, 1e8} <= {s.driveline.stiffness for s in systems}
-    assert max(s.driveline.plate_inertia for s in systems) == 100.0
-    assert min(s.friction.smoothing for s in systems) == 1.0
-    assert {1e-3, 100.0, math.sqrt(2.0)} <= {s.pressure.frequency_ratio for s in systems}
+    alone = [{}, *({key: value} for key, values in extremes.RANGES.items() for value in values)]
+    for keys in map(extremes.case_of, [*alone, *extremes.grazing(), *extremes.command_steps()]):
+        system = replace(System(), extremes.scene_keys(keys))
+        assert keys in result or system.natural_frequency * system.cycle > extremes.LONGEST == 3000.0
     assert max(keys.get("cycles", 0) for keys in result) == extremes.MANY
     assert max(keys.get("tick", 0.0) for keys in result) == 1.0
-    assert all(any(extremes.case_of(keys).items() <= case.items() for case in result)
-               for keys in extremes.command_steps())
 
 
 def test_the_power_balance_and_the_energy_bound_notice_what_is_wrong():
@@ -104,18 +89,6 @@ def test_the_limits_are_the_theoretical_ones():
     assert stability.uniqueness_limit(replace(system, {"friction.kinetic_coefficient": 0.3})) is None
 
 
-def test_a_bad_end_is_listed_with_its_exact_scene():
-    keys = extremes.case_of({"tick": 5e-3, "friction.decay": 0.1 + 0.2})
-    good = extremes.examine(keys, "fixed_step", extremes.Truth(keys, "smoothed"))
-    assert not stability.ended_badly(good)
-    for change in ({"status": "STEP_LIMIT"}, {"finite": False}, {"bounded": False}, {"iterations_max": 1000}):
-        bad = dataclasses.replace(good, **change)
-        assert stability.ended_badly(bad)
-        line, = stability.listed([bad])
-        assert "friction.decay 0.30000000000000004" in line
-        assert "tick 0.00465" in line
-
-
 def test_the_largest_errors_have_their_reasons():
     """The smoothed law's distance from the set-valued one falls as 1/sigma; fixed_step leaves stick at some steps. The
     end of slip is SciPy's, the speed of the largest friction is that of a search.
@@ -165,9 +138,6 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys, figures):
     assert main(["stability", "--quick", "--width", "column", "--out", str(folder)]) == 0
     document = valid("stability", json.loads((folder / "stability.json").read_text()))
     assert len(document["cases"]) == 9
-    for record in document["cases"]:
-        assert set(record) >= KEYS
-        assert any(key in QUANTITIES for key in record)
     assert set(document["summary"]) == set(extremes.ENGINES)
     assert all(total["not_finite"] == total["not_bounded"] == 0 for total in document["summary"].values())
     assert len(document["charts"]) == 3 * len(stability.METHODS) - 1
@@ -176,11 +146,5 @@ def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys, figures):
     words = ["plot", str(folder / "stability.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
     assert main(words) == 0
     assert len(same_pictures(figures, style.COLUMN)) > 4
-    text = (folder / "stability.md").read_text()
-    assert text.splitlines()[2] == "This page is generated: `tcc-sim stability --quick` writes it."
-    assert text.count(" failed and ") == 3
-    assert all(f"- `{engine}`: of 3 cases " in text for engine in extremes.ENGINES)
-    assert "## Failed runs" in text
-    assert "## Refused" in text
-    assert "## Largest errors" in text
+    assert (folder / "stability.md").read_text().count("\n## ") == 4
     assert "not finite" in capsys.readouterr().out
