@@ -53,6 +53,10 @@ def test_nothing_is_printed_where_nobody_asks() -> None:
     with progress_bar("point", 2, shown=False) as bar:
         assert not isinstance(bar, ProgressLines)
         assert bar.disable
+    for shown in (True, False):
+        bar = progress.begin_progress("point", shown=shown)
+        assert (bar.n, bar.total) == (0, None)
+        bar.close()
 
 
 STEADY = tcc_sim.load_scene("controlled").with_values({"engine.torque_amplitude": 0.0})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from oracle import smoothed_states
 
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
+from tcc_sim.study.paper import branches_behind
 from tcc_sim.study.paper.branches_behind import (
     HIGHEST,
     LOWEST,
@@ -27,6 +29,7 @@ from tcc_sim.study.paper.claims_periods import AT_036
 from tcc_sim.study.paper.evidence import KINETIC, with_kinetic
 from tcc_sim.study.paper.rules import Finding
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
+from tcc_sim.trajectory import State
 
 DOUBLING = 0.777332549
 """mu_k/mu_s at which the motion of period one of Fig. 6 doubles, by AUTO-07p."""
@@ -131,3 +134,20 @@ def test_motions_stand_on_the_page_in_words() -> None:
     assert "1 stable motion</summary>\n\n- psi = 0: period 2, stable over mu\\_k/mu\\_s" in page
     assert json_of(verdict)["motions"][0]["high"] == {"value": 0.918464, "kind": "fold", "residual": 1e-12,
                                                       "jumps": True}
+
+
+def test_the_orbit_behind_a_motion_is_sought_about_its_frequency(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    system = paper_system({"engine.frequency": 140.0})
+    found = SimpleNamespace(orbit=SimpleNamespace(period=2, figures=SimpleNamespace(as_json=lambda: {"stable": True})))
+    monkeypatch.setattr(branches_behind, "point_of", lambda of, span, seen: asked.append((of, span, seen)) or (
+        found if seen.amplitude > 1.0 else None))
+    final = State(1.0, 0.1, 5.0)
+    assert branches_behind.orbit_behind(system, final, 7, 2, 30.0) == {"period": 2, "stable": True}
+    assert branches_behind.orbit_behind(system, final, 7, 2, 0.5) is None
+    assert branches_behind.orbit_behind(system, final, 7, 0, 30.0) is None
+    (of, span, seen), _ = asked
+    assert of.system_at((150.0,)).engine.frequency == 150.0
+    assert (span.low, span.high) == (70.0, 210.0)
+    assert {**vars(seen), "state": seen.state.tolist()} == {
+        "value": 140.0, "state": [1.0, 0.1, 5.0], "cycle": 7, "period": 2, "amplitude": 30.0}

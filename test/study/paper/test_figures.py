@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from tcc_sim.output.files import write_json
 from tcc_sim.output.provenance import document
 from tcc_sim.solvers import solve
 from tcc_sim.study.benchmarks.references import Law
+from tcc_sim.study.paper import drawings, figures
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, FigureOptions, paper_system
 from tcc_sim.study.paper.evidence import first_half
 from tcc_sim.study.paper.figure_results import Figure
@@ -226,3 +228,22 @@ def test_an_orbit_over_the_friction_ratio_goes_in_all_directions_unless_told() -
     quick = figure_data(6, FigureOptions(quick=True, law="set_valued", direction="down"))
     assert [c.direction for c in quick.curves] == ["down"]
     assert np.isfinite([x for x in quick.curves[0].max_slip_speed if x is not None]).all()
+
+
+def test_the_function_computes_and_draws_a_figure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Any] = []
+    monkeypatch.setattr(figures, "figure_data", lambda number, options: (number, options))
+    monkeypatch.setattr(drawings, "draw", lambda data, path: drawn.append((data, path)))
+    data: Any = drawings.paper_figure(8, quick=True, direction="up", law="set_valued", jobs=3, branches=True)
+    assert data == (8, FigureOptions(True, "up", "set_valued", 3, branches=True))
+    assert drawn == []
+    data = drawings.paper_figure(8, out=tmp_path / "of" / "figures")
+    assert data == (8, FigureOptions())
+    assert drawn == [(data, tmp_path / "of" / "figures" / "fig08")]
+    assert (tmp_path / "of" / "figures").is_dir()
+    for number, how, words in ((7, {"direction": "up"}, "direction is up; Fig. 7 has no sweep"),
+                               (3, {"law": "set_valued"}, "law is set_valued; Fig. 3 shows both laws"),
+                               (9, {"branches": True}, "Fig. 9 has no points on branches; --branches is for 4, 6, 8, "
+                                "10, 11, 12, 13, 14, 15, 16, 17, 18")):
+        with pytest.raises(InputError, match=f"^{re.escape(words)}$"):
+            drawings.paper_figure(number, **how)  # type: ignore[arg-type]
