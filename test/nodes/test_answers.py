@@ -136,18 +136,6 @@ def test_commands_exactly_at_their_limits_are_taken_and_the_next_number_is_not(b
         assert (command.value, command.refused) == (high, 2)
 
 
-def test_the_fallback_comes_at_the_tick_of_the_time_out_and_not_before(bench: Any) -> None:
-    node = bench.node("driveline")
-    command = CommandedInput(node, topic("engine_torque"))
-    assert command.accept(cdr.float64(5.0), 100)
-    command.poll(149, 50.0)
-    assert (command.value, command.timeouts) == (5.0, 0)
-    command.poll(150, 50.0)
-    assert (command.value, command.timeouts) == (None, 1)
-    command.poll(151, 50.0)
-    assert command.timeouts == 1
-
-
 @pytest.fixture
 def spun(bench: Any) -> Iterator[Callable[..., DrivelineNode]]:
     """Function that starts a driveline and spins it in a thread, as its process does."""

@@ -7,20 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benches import Commander, stamp_of
+from benches import stamp_of
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 import time
 from pathlib import Path
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64, Int8
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.driveline import DrivelineNode
@@ -86,74 +85,6 @@ def test_only_what_the_scene_needs_is_created(bench: Any) -> None:
     assert not list(node.timers)
 
 
-def test_a_command_applies_from_the_next_tick_and_is_held(bench: Any) -> None:
-    heard = bench.listen(JointState, "joint_states")
-    applied = bench.listen(FluidPressure, "applied_pressure")
-    bench.started(scene="commands", wait_for_subscribers=1, command_timeout=0.0, **MEANS)
-    sender = Commander(bench)
-    bench.until(lambda: len(heard) > 5)
-    assert {m.effort[0] for m in heard} == {300.0}
-    sender.torques.publish(Float64(data=123.0))
-    sender.pressures.publish(FluidPressure(fluid_pressure=1e5))
-    bench.until(lambda: len(applied) > 100 and applied[-1].fluid_pressure == 1e5 and heard[-1].effort[0] == 123.0)
-    count = len(heard)
-    bench.until(lambda: len(heard) > count + 50)
-    assert {m.effort[0] for m in heard[count:]} == {123.0}
-    assert [stamp_of(m) for m in applied[:100]] == [k * STEP_NS for k in range(100)]
-    by_stamp = {stamp_of(m): m.fluid_pressure for m in applied}
-    for after in heard:
-        load = by_stamp.get(stamp_of(after))
-        if load is not None and abs(after.velocity[0] - after.velocity[1]) > 5.0:
-            assert after.effort[1] == pytest.approx(0.24 * 0.008 * load, rel=1e-3)
-
-
-def test_without_commands_the_mean_applies_and_diagnostics_say_so(bench: Any) -> None:
-    heard = bench.listen(DiagnosticArray, "/diagnostics")
-    node = bench.started(scene="commands", command_timeout=0.05, **MEANS)
-    sender = bench.probe
-    publisher = sender.create_publisher(Float64, "engine_torque", 10)
-    bench.until(publisher.get_subscription_count)
-    publisher.publish(Float64(data=123.0))
-    command = node.loop.engine_command
-    assert command is not None
-    bench.until(lambda: command.timeouts == 1)
-    assert (command.received, command.value) == (1, None)
-    assert node.loop.request(lambda: node.loop.plant.reading().engine_torque == 300.0)
-
-    def spoken() -> Any:
-        node.housekeeping()
-        return heard
-
-    status = bench.until(spoken)[0].status[0]
-    values = {item.key: item.value for item in status.values}
-    assert status.level == b"\x01"
-    assert "engine_torque" in status.message
-    assert values["engine_torque time-outs"] == "1"
-    assert values["engine_torque source"] == "fallback"
-    assert int(values["iterations max"]) <= int(values["iterations bound"])
-
-
-def test_pause_step_and_reset(bench: Any) -> None:
-    heard = bench.listen(JointState, "joint_states")
-    node = bench.started(scene="minimal")
-    bench.until(lambda: len(heard) > 5)
-    assert not bench.call(Trigger, "driveline/step", Trigger.Request()).success
-    assert bench.call(SetBool, "driveline/pause", SetBool.Request(data=True)).success
-    tick = node.loop.plant.stepper.tick
-    answer = bench.call(Trigger, "driveline/step", Trigger.Request())
-    assert answer.success
-    assert node.loop.plant.stepper.tick == tick + 1
-    bench.until(lambda: stamp_of(heard[-1]) == (tick + 1) * STEP_NS)
-    assert bench.call(Trigger, "driveline/reset", Trigger.Request()).success
-    bench.until(lambda: stamp_of(heard[-1]) == 0)
-    assert heard[-1].velocity[0] == 150.0
-    assert bench.call(SetBool, "driveline/pause", SetBool.Request(data=False)).success
-    bench.until(lambda: stamp_of(heard[-1]) > 5 * STEP_NS)
-    assert bench.call(SetBool, "driveline/pause", SetBool.Request(data=True)).success
-    node.loop.stop()
-    assert not node.loop.running
-
-
 def test_parameters_are_checked_together_and_applied_between_ticks(bench: Any) -> None:
     heard = bench.listen(JointState, "joint_states")
     node = bench.started(scene="minimal", publish_scalars=False)
@@ -180,10 +111,6 @@ def test_overrides_are_coerced_checked_and_unknown_ones_ignored(bench: Any) -> N
     assert node.scene.system.engine.mean_torque == 200.0
     assert node.loop.plant.stepper.step == 1.0 / 500.0
     assert not node.has_parameter("engine.mean_torqe")
-    descriptor = node.describe_parameter("driveline.stiffness")
-    assert descriptor.read_only
-    assert "N m/rad" in descriptor.description
-    assert descriptor.floating_point_range[0].to_value == 1e8
     assert parse_scene(node.get_parameter("scene_text").value, "minimal").system == node.scene.system
     with pytest.raises(InputError, match=r"driveline.plate_inertia is -1 kg m\^2; it must be 1e-06 to 1000 kg m\^2"):
         DrivelineNode(context=bench.context, parameter_overrides=[Parameter("driveline.plate_inertia", value=-1.0)])
@@ -191,31 +118,6 @@ def test_overrides_are_coerced_checked_and_unknown_ones_ignored(bench: Any) -> N
         DrivelineNode(context=bench.context, parameter_overrides=[Parameter("scene", value="minimum")])
     with pytest.raises(InputError, match="needs smoothed"):
         DrivelineNode(context=bench.context, parameter_overrides=[Parameter("friction.law", value="set_valued")])
-
-
-def test_lockstep_awaits_an_answer_every_command_period(bench: Any) -> None:
-    node = bench.driveline(scene="controlled", pacing="lockstep", command_period=0.005, command_timeout=0.0,
-                 wait_for_subscribers=0)
-    heard = bench.listen(JointState, "joint_states")
-    publisher = bench.probe.create_publisher(FluidPressure, "actuation_pressure", 10)
-    bench.until(publisher.get_subscription_count)
-    node.start()
-    for answered in range(4):
-        bench.until(lambda n=5 * answered + 1: len(heard) == n and node.loop.waits_for)
-        command = FluidPressure(fluid_pressure=2e5 + answered)
-        command.header.stamp = heard[-1].header.stamp
-        publisher.publish(command)
-    bench.until(lambda: len(heard) == 21)
-
-
-@pytest.mark.parametrize(("scene", "stick"), [("slip", False), ("stick", True)])
-def test_every_tick_counts_as_stick_or_slip(bench: Any, scene: str, stick: bool) -> None:
-    node = bench.started(scene=scene, initial__slip_speed=0.0 if stick else 150.0)
-    bench.until(lambda: node.loop.plant.stepper.tick > 20)
-    node.loop.stop()
-    ticks = node.loop.stick_ticks if stick else node.loop.slip_ticks
-    assert ticks == node.loop.plant.stepper.tick + 1
-    assert node.loop.stick_ticks + node.loop.slip_ticks == ticks
 
 
 def test_the_page_says_the_quality_of_service_that_is_offered(bench: Any) -> None:

@@ -38,6 +38,7 @@ from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import topic
 
+Unheard = tuple[list[float], list[tuple[bytes, dict[str, Any]]]]
 NO_LIMIT = {"sec": 9_223_372_036, "nsec": 854_775_807}
 """The largest number of nanoseconds in 63 bits."""
 
@@ -114,16 +115,23 @@ def test_a_message_has_the_last_time_on_the_clock_before_it_was_sent(monkeypatch
     assert [clock.of({"source_timestamp": sent}) for sent in (1, 399, 400)] == [4, 4, 5]
 
 
-def test_lock_step_takes_the_answer_to_an_older_state_of_the_period_if_none_follows_within_grace(
-        monkeypatch: pytest.MonkeyPatch) -> None:
-    """From a timer of simulation time, which may fire before the state of the same time arrives."""
-    waiting: list[tuple[bytes, dict[str, Any]]] = []
-    now = [50.0]
+@pytest.fixture
+def unheard(monkeypatch: pytest.MonkeyPatch) -> Unheard:
+    """Time, which sleeps advance, and the messages that wait for the subscription of every input."""
+    now, waiting = [50.0], list[tuple[bytes, dict[str, Any]]]()
     monkeypatch.setattr(loop_topics, "subscribe", lambda *how: None)
-    monkeypatch.setattr(loop_topics, "taker", lambda subscription: None)
+    monkeypatch.setattr(loop_topics, "taker", lambda subscription: lambda: waiting.pop(0) if waiting else None)
     monkeypatch.setattr(loop_topics, "poll", lambda subscription, most: [waiting.pop(0)] if waiting else [])
     monkeypatch.setattr(loop_topics.time, "monotonic", lambda: now[0])
-    command = loop_topics.CommandedInput(None, topic("actuation_pressure"))
+    monkeypatch.setattr(loop_topics.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
+    return now, waiting
+
+
+def test_lock_step_takes_the_answer_to_an_older_state_of_the_period_if_none_follows_within_grace(
+        unheard: Unheard) -> None:
+    """From a timer of simulation time, which may fire before the state of the same time arrives."""
+    now, waiting = unheard
+    command = CommandedInput(None, topic("actuation_pressure"))  # type: ignore[arg-type]
     command.period_ns, command.timed = 5_000, True
 
     def told(stamp: int, value: float, tick: int = 10, answers: int = 10_000) -> bool:
@@ -152,20 +160,7 @@ def test_lock_step_takes_the_answer_to_an_older_state_of_the_period_if_none_foll
     assert (command.value, command.received, command.refused, command.unstamped) == (6e5, 3, 2, 1)
 
 
-@pytest.fixture
-def unheard(monkeypatch: pytest.MonkeyPatch) -> tuple[list[float], list[tuple[bytes, dict[str, Any]]]]:
-    """Time, which sleeps advance, and the messages that wait for the subscription of every input."""
-    now, waiting = [50.0], list[tuple[bytes, dict[str, Any]]]()
-    monkeypatch.setattr(loop_topics, "subscribe", lambda *how: None)
-    monkeypatch.setattr(loop_topics, "taker", lambda subscription: lambda: waiting.pop(0) if waiting else None)
-    monkeypatch.setattr(loop_topics, "poll", lambda subscription, most: [waiting.pop(0)] if waiting else [])
-    monkeypatch.setattr(loop_topics.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(loop_topics.time, "sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
-    return now, waiting
-
-
-def test_an_input_counts_losses_and_doubts_its_unit_from_its_first_command_on(
-        unheard: tuple[list[float], list[tuple[bytes, dict[str, Any]]]]) -> None:
+def test_an_input_counts_losses_and_doubts_its_unit_from_its_first_command_on(unheard: Unheard) -> None:
     _, waiting = unheard
     command = CommandedInput(None, topic("actuation_pressure"))  # type: ignore[arg-type]
     assert (command.doubt(1000, 10), command.fallen_back) == ("", True)
@@ -180,15 +175,17 @@ def test_an_input_counts_losses_and_doubts_its_unit_from_its_first_command_on(
         "the largest actuation_pressure command is 2.5 Pa; the unit is Pa: 2.5 bar would be 250000")]
     assert (command.accept(b"", 9), command.refused) == (True, 2)
     assert command.refusal.startswith("actuation_pressure: ")
+    assert [(command.poll(tick, 50.0), command.value, command.timeouts)[1:] for tick in (58, 59, 60)] == [
+        (1.5, 0), (None, 1), (None, 1)]
+    command.accept(cdr.fluid_pressure(0, 7.0), 61)
     command.reset()
-    assert (command.value, command.timeouts, command.received) == (None, 0, 3)
+    assert (command.value, command.timeouts, command.received) == (None, 1, 4)
 
 
 @pytest.mark.parametrize(("arrivals", "ended"), [
     ([], 0.3), ([0.2], 0.5), ([0.2, 0.45, 0.7], 1.0), ([0.4], 0.3), ([0.25 * k for k in range(20)], 3.0)])
 def test_a_vehicle_has_joined_once_it_is_quiet_and_after_three_seconds_at_the_latest(
-        unheard: tuple[list[float], list[tuple[bytes, dict[str, Any]]]], monkeypatch: pytest.MonkeyPatch,
-        arrivals: list[float], ended: float) -> None:
+        unheard: Unheard, monkeypatch: pytest.MonkeyPatch, arrivals: list[float], ended: float) -> None:
     """Refused messages are answers too."""
     now, _ = unheard
     left = list(arrivals)
@@ -240,8 +237,11 @@ def outputs_of(**changes: Any) -> tuple[Outputs, dict[str, Offered]]:
 READING = Reading(5_000_000, *(float(n) for n in range(1, 8)), 1, *(float(n) for n in range(9, 14)))
 
 
-def test_states_are_sent_where_they_belong_and_losses_of_a_sensor_are_those_of_its_topic() -> None:
+def test_states_are_sent_where_they_belong_and_losses_of_a_sensor_are_those_of_its_topic(
+        monkeypatch: pytest.MonkeyPatch) -> None:
     outputs, made = outputs_of(rate=2000.0)
+    met: list[Any] = []
+    monkeypatch.setattr(loop_topics, "await_peer", met.append)
     assert {name: one.depth for name, one in made.items()} == {
         "scene": 1, "joint_states": 500, "slip_speed": 500, "friction_torque": 500, "stick_slip_state": 500}
     assert outputs_of(rate=10.0)[1]["joint_states"].depth == 10
@@ -264,6 +264,9 @@ def test_states_are_sent_where_they_belong_and_losses_of_a_sensor_are_those_of_i
     assert made["joint_states"].taken[1] == cdr.joint_state(5_000_000, 1.0, 2.0, 3.0, 4.0, 5.5, 6.0)
     made["joint_states"].count, made["slip_speed"].count = 3, 4
     assert outputs.subscriptions() == (3, 7)
+    for made["slip_speed"].count, connected in ((1, False), (2, True), (3, True)):
+        outputs.meet("slip_speed")
+        assert met.pop()() is connected
     assert len(outputs.handles()) == 6
 
 

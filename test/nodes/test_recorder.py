@@ -138,6 +138,9 @@ def test_two_topics_of_other_types_remapped_onto_one_are_refused(entered, tmp_pa
     assert entered("recorder", *remapped, f"output:={tmp_path / 'run'}") == (
         2, "", "recorder: slip_speed is remapped onto /joint_states, which is a sensor_msgs/msg/JointState, not a "
                "std_msgs/msg/Float64\n")
+    assert entered("recorder", "--ros-args", "-r", "joint_states:=scene", "-p", f"output:={tmp_path / 'run'}") == (
+        2, "", "recorder: joint_states is remapped onto /scene, which is a std_msgs/msg/String, not a "
+               "sensor_msgs/msg/JointState\n")
     status, _, said = entered("driveline", *remapped, "scene:=minimal")
     assert (status, said.count("\n")) == (2, 1)
     assert "incompatible type" in said

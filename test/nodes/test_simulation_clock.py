@@ -151,25 +151,6 @@ def test_a_recorder_that_never_hears_the_clock_keeps_what_came(bench: Any, tmp_p
     assert run.log_ns[0] > 10**18
 
 
-def test_in_real_time_a_follower_without_a_clock_is_told_of(bench: Any) -> None:
-    judged = begun(bench)
-    bench.add(Node("timed", context=bench.context, parameter_overrides=[Parameter("use_sim_time", value=True)]))
-    bench.until(lambda: judged.node.loop.clock.followers)
-    judged.node.housekeeping()
-    assert not judged.node.loop.clock.published
-    assert judged.said()["/clock"].startswith(
-        "/timed with use_sim_time waits for /clock, which nobody publishes: set publish_clock; since ")
-
-
-def test_who_only_looks_at_the_clock_is_no_follower(bench: Any) -> None:
-    heard = bench.listen(Clock, "/clock")
-    states = bench.listen(JointState, "joint_states")
-    node = bench.started(scene="minimal", pacing="lockstep", wait_for_subscribers=1, real_time_factor=0.0)
-    bench.until(lambda: len(states) > 20)
-    assert not node.loop.clock.published
-    assert not heard
-
-
 def test_a_follower_that_comes_late_gets_the_time_from_then_on(bench: Any) -> None:
     states = bench.listen(JointState, "joint_states")
     node = bench.started(scene="controlled", pacing="lockstep", command_timeout=0.0, wait_for_subscribers=1)

@@ -71,18 +71,6 @@ def test_metadata_lists_the_parts_as_rosbag2_does(tmp_path):
         assert (reader.start_time, reader.duration) == (START, 999 * TICK + 1)
 
 
-@pytest.mark.parametrize("count", [0, 1])
-def test_the_duration_of_a_bag_of_no_or_one_message(tmp_path, count):
-    writer = BagWriter(tmp_path / "run")
-    joints = writer.channel("/joint_states", JOINT_STATE)
-    for _ in range(count):
-        writer.write(joints, 5, 5, cdr.joint_state(0, *[0.0] * 6))
-    writer.close()
-    document = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert document["duration"]["nanoseconds"] == 0
-    assert document["starting_time"]["nanoseconds_since_epoch"] == (5 if count else 2**63 - 1)
-
-
 def test_parts_by_size(tmp_path):
     path, _ = split(tmp_path, max_size=20_000)
     sizes = [p.stat().st_size for p in sorted(path.glob("*.mcap"), key=lambda p: int(p.stem.split("_")[1]))]

@@ -401,7 +401,8 @@ def test_times_and_counts_of_a_bag():
     empty, file = FileSummary("a_0.mcap"), FileSummary("a_1.mcap", 5, 30, {}, {1: 2, 2: 3})
     none = (1 << 63) - 1
     assert (file.count, empty.count) == (5, 0)
-    for files, count, start, duration in (([empty], 0, none, 0), ([empty, file], 5, 5, 25), ([], 0, none, 0)):
+    for files, count, start, duration in (([empty], 0, none, 0), ([FileSummary("a_0.mcap", 5, 5, {}, {1: 1})], 1, 5, 0),
+                                          ([empty, file], 5, 5, 25), ([], 0, none, 0)):
         result = information(files)
         assert (result["message_count"], result["starting_time"]["nanoseconds_since_epoch"],
                 result["duration"]["nanoseconds"]) == (count, start, duration)
