@@ -135,8 +135,9 @@ def test_a_stepper_follows_what_it_is_told() -> None:
         assert stepper.now()[4:6] == engine_and_friction(0.1 * tick, 20.0 + tick, terms)
         state, n = stepper.state.copy(), substeps(terms, 1e-3)
         advance(state, 0.1 * tick, 1e-3 / n, n, terms, True, None)
-        stepper.advance()
-        assert stepper.state.tolist() == state.tolist()
+        reached = stepper.advance()
+        assert stepper.state.tolist() == state.tolist() == list(reached[:4])
+        assert reached[4:6] == engine_and_friction((100 * tick + 1) * 1e-3, float(state[0]), terms)
 
 
 @pytest.mark.parametrize(("values", "course"), [

@@ -259,7 +259,7 @@ def test_a_motion_in_stick_follows_the_slowest_engine(frequency):
 
 
 SOFT = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 45e3, "pressure.frequency_ratio": 0.5,
-                          "friction.kinetic_coefficient": 0.24, "engine.frequency": 142.0, "friction.smoothing": 8.0})
+                          "friction.kinetic_coefficient": 0.24, "engine.frequency": 142.0, "friction.smoothing": 4.0})
 """Stick and slip in turn; the smoothing is one that an explicit method affords."""
 
 
