@@ -90,7 +90,7 @@ def evaluate_law(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribec
 
 @unrolled
 def guess(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
-    """Fill the slip speeds at which mubar meets the demand on its rising branch, to about a per cent."""
+    """Fill the slip speeds at which mubar meets the demand on its rising branch, to three per cent."""
     required = demand.row()
     if stribeck is None:
         v = inverse_tanh(limited(required, -0.98, 0.98))
@@ -108,7 +108,7 @@ def quadratic(x: Any) -> Any:
 
 
 def inverse_tanh(y: Any) -> Any:
-    """Return atanh to about a per cent up to 0.985."""
+    """Return a number whose tanh is y to two per cent, for |y| up to 0.985."""
     s = y * y
     return y * (1.0 - s * (0.7789 - 0.0936 * s)) / (1.0 - s * (1.1122 - 0.2236 * s))
 

@@ -10,6 +10,7 @@ import time
 from dataclasses import astuple
 from functools import cache
 from importlib import import_module
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,8 +23,9 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.solvers.comparison.scipy_methods import jacobian_of, rates_of
+from tcc_sim.solvers.comparison.scipy_methods import _scales, _solve_through, jacobian_of, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
+from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.trajectory import State, Status, Trajectory
@@ -209,6 +211,63 @@ def test_jacobian_is_the_derivative_of_the_rates() -> None:
     for k, step in enumerate(np.diag([1e-6, 1e-6, 1e-4, 1e-4])):
         slope = (rates(0.01, y + step) - rates(0.01, y - step)) / (2.0 * step[k])
         np.testing.assert_allclose(result[:, k], slope, rtol=1e-6, atol=1e-6)
+
+
+class Steps:
+    """A method of SciPy that takes given steps along y = t, 2 t; at the last one it may fail."""
+
+    def __init__(self, begin: float, ends: list[float], fails: str = "", value: float = 0.0) -> None:
+        self.t, self.t_old, self.y, self.status = begin, begin, np.zeros(2), "running"
+        self._ends, self._fails, self._value = list(ends), fails, value
+
+    def step(self) -> str | None:
+        self.t_old, self.t = self.t, self._ends.pop(0)
+        self.y = np.array([self.t, 2.0 * self.t])
+        if not self._ends:
+            self.status = "failed" if self._fails else "finished"
+            self.y = self.y + self._value
+        return self._fails if not self._ends else None
+
+    def dense_output(self):
+        return lambda t: np.array([t, 2.0 * t])
+
+
+def test_states_of_a_method_are_at_marks_step_ends_and_between_them() -> None:
+    """A step of 0.5 has three parts where a spacing is 0.2, and at most 64; no time is there twice."""
+    problem, marks = SimpleNamespace(breaks=lambda: np.array([0.0, 0.6, 1.0])), np.array([0.0, 0.25, 0.5, 0.6, 1.0])
+    steps = {0.0: [0.1, 0.6], 0.6: [1.0]}
+    begun: list[tuple[float, float, list[float]]] = []
+
+    def solver_of(begin, end, y):
+        begun.append((begin, end, y.tolist()))
+        return Steps(begin, steps[begin])
+
+    times, states, status, detail, count = _solve_through(solver_of, problem, np.zeros(2), marks, 0.2)
+    expected = [0.0, 0.1, 0.25, 0.1 + 0.5 / 3.0, 0.1 + 1.0 / 3.0, 0.5, 0.6, 0.8, 1.0]
+    assert times.tolist() == pytest.approx(expected, rel=1e-15)
+    np.testing.assert_array_equal(states, np.stack([times, 2.0 * times], axis=1))
+    assert (status, detail, count) == (Status.DONE, "", 3)
+    assert begun == [(0.0, 0.6, [0.0, 0.0]), (0.6, 1.0, [0.6, 1.2])]
+    fine = _solve_through(solver_of, problem, np.zeros(2), marks[:1], 1e-3)[0]
+    assert np.diff(fine) == pytest.approx([0.1 / 64] * 64 + [0.5 / 64] * 64 + [0.4 / 64] * 64)
+    for fails, value, ended in (("too small", 0.0, Status.STEP_TOO_SMALL), ("", math.nan, Status.NOT_FINITE),
+                                ("no", math.inf, Status.NOT_FINITE)):
+        times, states, status, detail, count = _solve_through(
+            lambda begin, end, y, f=fails, v=value: Steps(begin, [0.1, 0.6], f, v), problem, np.zeros(2), marks, 9.0)
+        assert (times.tolist(), status, detail, count) == ([0.0, 0.1], ended, fails, 1)
+
+
+def test_sizes_of_absolute_errors() -> None:
+    """Stick, and the twist by all torques of the engine, 1 N m at least."""
+    system = replace(System(), {"engine.mean_torque": -100.0, "engine.torque_amplitude": 40.0,
+                                "engine.harmonic_amplitudes": [6.0, 4.0], "engine.harmonic_phases": [0.0, 0.0],
+                                "friction.smoothing": 20.0})
+    still = replace(System(), {"engine.mean_torque": 0.5, "engine.torque_amplitude": 0.25, "friction.smoothing": 1e9})
+    for of, torque, slip in ((system, 150.0, 0.05), (still, 1.0, 1e-6)):
+        expected = [slip, torque / 3000.0, torque / 3000.0 * math.sqrt(150e3)]
+        assert _scales(Problem(of, START, cycles=1), terms_of(of)) == pytest.approx(expected)
+        turning = Problem(of, START, cycles=1, flywheel_angle=True)
+        assert _scales(turning, terms_of(of)) == pytest.approx([*expected, 1.0])
 
 
 @pytest.mark.parametrize(("name", "limit"), [("lsoda", "STEPS"), ("rk4", "STEPS")])
