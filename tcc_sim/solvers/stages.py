@@ -90,7 +90,7 @@ def evaluate_law(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribec
 
 @unrolled
 def guess(demand: Any, slip: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
-    """Fill the slip speeds at which mubar meets the demand on its rising branch, to three per cent."""
+    """Fill the slip speeds at which mubar meets the demand on its rising branch, to two per cent."""
     required = demand.row()
     if stribeck is None:
         v = inverse_tanh(limited(required, -0.98, 0.98))
