@@ -107,6 +107,20 @@ def test_analyse_passes_on_what_is_for_recordings(tmp_path, monkeypatch):
                     (("run", None, None, None, None), {**nothing, "window": (None, None, None)})]
 
 
+def test_a_recording_has_the_orders_and_the_spectrum_of_its_command(table, tmp_path):
+    path = tmp_path / "run.mcap"
+    assert main(["simulate", "minimal", "--cycles", "30", "--samples", "40", "--out", str(path)]) == 0
+    assert main(["analyse", str(path), "--orders", "--spectrum", "--json", str(tmp_path / "o.json")]) == 0
+    by = json.loads((tmp_path / "o.json").read_text())
+    for wanted in ((True, False), (False, True)):
+        found = tcc_sim.analyse(path, orders=wanted[0], spectrum=wanted[1])
+        assert (found.orders is not None, found.spectrum is not None) == wanted
+        part, name = (found.orders, "orders") if wanted[0] else (found.spectrum, "spectrum")
+        np.testing.assert_array_equal(part.slip_speed, by[name]["slip_speed"])
+    with pytest.raises(InputError, match=r"^pulses are those of the tacho of a table, for orders; ask for orders of a"):
+        tcc_sim.simulate("minimal", inputs=table, pulses=2)
+
+
 def test_scenes_are_explained_with_their_changes():
     found = tcc_sim.explain("fig02", set={"friction.law": "set_valued"})
     assert (found["solver"], found["step"]) == ("event_driven", None)

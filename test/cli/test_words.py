@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
+from contextlib import nullcontext
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -353,6 +355,67 @@ def test_a_demo_runs_the_scene_for_its_controller(words: list[str], name: str, c
     assert made.is_dir()
 
 
+class Nodes:
+    """Stand-ins for the processes of a demo and for its clock; the last step ends by Ctrl-C if `stopped`."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, stopped: bool) -> None:
+        self.now, self.told, self.stopped = 100.0, [], stopped
+        monkeypatch.setattr("tcc_sim.nodes.children.Session", self.session)
+        monkeypatch.setattr("tcc_sim.nodes.children.NodeProcess", self.sender)
+        monkeypatch.setattr(demo, "time", SimpleNamespace(monotonic=lambda: self.now))
+
+    def session(self, *given: Any) -> Any:
+        self.told.append(given)
+        return SimpleNamespace(environment={"A": "b"}, watch=self.watch, stop=lambda: self.told.append("stop"))
+
+    def watch(self, seconds: float) -> None:
+        self.told.append(round(seconds, 6))
+        self.now += seconds
+        if self.stopped and self.now > 100.15:
+            raise KeyboardInterrupt
+
+    def sender(self, *given: Any) -> Any:
+        self.told.append(given)
+        return SimpleNamespace(check=lambda: self.told.append("check"), stop=lambda: self.told.append("no more"),
+                               await_line=lambda text: self.told.append("ready"))
+
+
+@pytest.mark.parametrize(("controller", "commanded", "stopped", "lines"), [
+    (None, True, False, ["commander: publishes engine_torque and actuation_pressure at the driveline's rate"]),
+    (["sh", "-c", "a b"], False, False, ["controller: sh -c 'a b'"]),
+    ({"target": 20.0}, False, True, ["slip controller: holds a mean slip speed of 20 rad/s"])])
+def test_a_demo_watches_its_nodes_ten_times_a_second(controller: Any, commanded: bool, stopped: bool,
+                                                     lines: list[str], monkeypatch: pytest.MonkeyPatch,
+                                                     capsys: pytest.CaptureFixture[str]) -> None:
+    scene, nodes = load_scene("fig02"), Nodes(monkeypatch, stopped)
+    demo._record(scene, "fig02", Path("r"), 0.25, controller, commanded=commanded)
+    check = ["check"] * commanded
+    assert nodes.told == [
+        (Path("r"), {"scene": "fig02"}, controller),
+        *([("commander", {"rate": 1000.0}, {"A": "b"}), "ready"] * commanded),
+        0.1, *check, 0.1, *check, *([] if stopped else [0.05, *check]), *(["no more"] * commanded), "stop"]
+    head, more = [f"scene fig02: {scene.description}"], ["recording 0.25 s to r"]
+    said = capsys.readouterr().out.splitlines()
+    assert said == [*head, *(more + lines if commanded else lines + more),
+                    *["stopped early; the recording up to here is analysed"] * stopped]
+
+
+@pytest.mark.parametrize(("folder", "compiler", "words", "held"), [
+    ("linux64", "cc", [], "sources in C99 and a binary for linux64"),
+    ("", "cc", [], "sources in C99; importers compile them"),
+    ("", None, ["--sources-only"], "sources in C99; importers compile them"),
+    ("", None, [], "sources in C99; no C compiler was found here, so importers compile them")])
+def test_an_fmu_says_what_is_in_it(folder: str, compiler: str | None, words: list[str], held: str, tmp_path: Path,
+                                   monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    given: list[Any] = []
+    exports = import_module("tcc_sim.fmu.export")
+    monkeypatch.setattr(exports, "export", lambda *more, **named: given.append((more[1:], named)) or folder)
+    monkeypatch.setattr(exports, "compiler", lambda: compiler)
+    assert cli.main(["fmu", "slip", "--fmi", "3", "--step", "0.002", "--out", str(tmp_path / "a.fmu"), *words]) == 0
+    assert given == [((tmp_path / "a.fmu", 3, 0.002), {"sources_only": bool(words)})]
+    assert capsys.readouterr().out == f"{tmp_path / 'a.fmu'}: FMI 3.0 for co-simulation, {held}\n"
+
+
 @pytest.mark.parametrize(("missing", "line"), [
     (["rerun"], "rerun not installed: no run.rrd; to get both: pip install 'tcc_sim[view]'\n"),
     (["matplotlib"], "matplotlib not installed: no overview.png; to get both: pip install 'tcc_sim[view]'\n"),
@@ -377,6 +440,10 @@ def test_a_watch_overwrites_no_file_and_starts_a_viewer_where_nothing_else_is_gi
     (tmp_path / "old.rrd").write_text("mine")
     assert "old.rrd exists; it is not overwritten" in refused("watch", "--rrd", tmp_path / "old.rrd")
     monkeypatch.setattr("tcc_sim.cli.watch.signal.signal", lambda *_: None)
+    monkeypatch.setattr("tcc_sim.nodes.web_viewer.web_viewer", lambda: nullcontext(SimpleNamespace(
+        page="http://page", url="rerun+http://web")))
+    assert cli.main(["watch", "--web"]) == 0
+    assert seen == [{"web": True, "file": None, "spawn": False, "url": "rerun+http://web"}]
     for words, file, spawn, url in (([], None, True, None), (["--rrd", "new.rrd"], Path("new.rrd"), False, None),
                                     (["--connect", "rerun+http://x"], None, False, "rerun+http://x")):
         assert cli.main(["watch", *words]) == 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -15,10 +16,13 @@ from numpy.lib import format as npy
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.output.samples import _cycle_columns, _holds, cycles_in, write_trajectory
+from tcc_sim.output import provenance
+from tcc_sim.output.files import read_json
+from tcc_sim.output.samples import _cycle_columns, _holds, cycles_in, write_samples, write_trajectory
 from tcc_sim.output.stored_files import read_arrays
 from tcc_sim.output.table_files import documented, write_columns
 from tcc_sim.recording.reader import open_run
+from tcc_sim.scene import load_scene
 from tcc_sim.trajectory import Cycles, Trajectory
 
 
@@ -78,6 +82,63 @@ def test_a_recording_of_samples_has_every_number(flywheel: list[float] | None, t
     with pytest.raises(AttributeError):
         write_trajectory(tmp_path / "b.mcap", replace(run, state=None))
     assert left == [True]
+
+
+def test_recorded_samples_of_a_commanded_pressure_have_the_pressure(tmp_path: Path) -> None:
+    t, per = np.array([0.0, 0.1, 0.3]), load_scene("controlled").system.torque_per_pressure
+    run = Trajectory(t, t, t, t, t, per * np.array([1e5, 2e5, 3e5]), t, np.zeros(3, np.int8), 0.5, "euler",
+                     load_scene("controlled").system)
+    for name, changes, recorded, found in (
+            ("a", {}, True, [1e5, 2e5, 3e5]), ("b", {}, False, None), ("c", {"system": None}, True, None),
+            ("d", {"system": load_scene("fig02").system}, True, None),
+            ("e", {"saturation_torque": per * np.array([1e5, np.nan, 3e5])}, True, None)):
+        write_samples(tmp_path / f"{name}.npz", replace(run, **changes), "", recorded=recorded)
+        with np.load(tmp_path / f"{name}.npz") as arrays:
+            assert ("actuation_pressure" in arrays) == (found is not None)
+            if found is not None:
+                assert arrays["actuation_pressure"] == pytest.approx(found)
+                assert arrays["units"][-1] == "Pa"
+
+
+def test_the_processor_is_that_of_the_first_line_that_names_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    for text, name in (("flags\t: x\nmodel name\t: My CPU: 3 GHz\nmodel name\t: other\n", "My CPU: 3 GHz"),
+                       ("flags\t: x\n", "mine"), (None, "mine")):
+        def read_text(text: str | None = text, **how: str) -> str:
+            if text is None:
+                raise OSError
+            return text
+
+        monkeypatch.setattr(provenance, "Path", lambda path, read=read_text: SimpleNamespace(read_text=read))
+        monkeypatch.setattr(provenance.platform, "processor", lambda: "mine")
+        assert provenance.environment.__wrapped__()["processor"] == name
+    monkeypatch.setattr(provenance.platform, "processor", lambda: "")
+    monkeypatch.setattr(provenance.platform, "machine", lambda: "x86")
+    assert provenance.environment.__wrapped__()["processor"] == "x86"
+
+
+def test_files_that_are_no_arrays_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "text.npz").write_text("no archive")
+    np.savez(tmp_path / "words.npz", a=np.array([{}], dtype=object), b=np.array([1, 2], "M8[s]"))
+    data = io.BytesIO()
+    np.save(data, np.arange(4.0))
+    for name, content in (("long", data.getvalue() + b"x"), ("short", data.getvalue()[:-1])):
+        with zipfile.ZipFile(tmp_path / f"{name}.npz", "w") as file:
+            file.writestr("a.npy", content)
+    for name, array, why in ((".", "a", "{} is not a regular file"),
+                             ("no.npz", "a", "{} cannot be read: No such file or directory"),
+                             ("text.npz", "a", "{} is damaged, or no .npz: File is not a zip file"),
+                             ("words.npz", "a", "{}: array a holds neither numbers nor text"),
+                             ("words.npz", "b", "{}: array b holds neither numbers nor text"),
+                             ("long.npz", "a", "{}: array a claims 32 bytes and has 33"),
+                             ("short.npz", "a", "{}: array a claims 32 bytes and has 31")):
+        with pytest.raises(InputError) as caught:
+            read_arrays(tmp_path / name, [array])
+        assert str(caught.value) == why.format(tmp_path / name)
+    for text, why in (("{", "{} is not a JSON file"), ("[1]", "{} contains no JSON object")):
+        (tmp_path / "a.json").write_text(text)
+        with pytest.raises(InputError) as caught:
+            read_json(tmp_path / "a.json")
+        assert str(caught.value) == why.format(tmp_path / "a.json")
 
 
 def test_a_table_in_text_has_comments_names_units_and_every_digit(tmp_path: Path) -> None:

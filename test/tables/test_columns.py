@@ -1,12 +1,15 @@
 """Files of a few lines by hand: units, names, delimiters, cells, date-times, and whole sentences about them."""
 
 import math
+import sys
+from importlib.machinery import ModuleSpec
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError
-from tcc_sim.tables.binary import parquet_contents, write_mat, write_parquet
+from tcc_sim.tables.binary import mdf_contents, parquet_contents, write_mat, write_parquet
 from tcc_sim.tables.chosen_columns import columns_in, is_table, named_columns
 from tcc_sim.tables.measured_table import table_in
 from tcc_sim.tables.text import HEAD, LONGEST_LINE, encoding_of
@@ -170,6 +173,53 @@ def test_chosen_and_missing_columns(tmp_path, text, columns, why):
     with pytest.raises(InputError) as error:
         read(path, text, columns=columns)
     assert str(error.value) == why.format(path=path)
+
+
+def channel(unit, conversion=None):
+    return SimpleNamespace(unit=unit, conversion=None if conversion is None else SimpleNamespace(unit=conversion))
+
+
+class Mdf:
+    """Stands for asammdf's reader: two groups, each with its times in the first channel."""
+
+    def __init__(self, path):
+        if path.name == "broken.mf4":
+            raise KeyError("it is broken")
+        self.masters_db = {0: 0, 1: 0}
+        self.channels_db = {"t": ((0, 0), (1, 0)), "slip": ((0, 1),), "torque": ((1, 1),), "twice": ((0, 2), (1, 2)),
+                            "words": ((1, 3),), "time": ((0, 3),)}
+        self.groups = [SimpleNamespace(channels=each) for each in (
+            [channel("s"), channel("rad/s "), channel(""), channel("s")],
+            [channel("s"), channel("", "Nm\0"), channel("x"), channel(None)])]
+
+    def get(self, group, index):
+        samples = {(0, 1): [1, 2, 3], (1, 1): [7.0, 8.0, 9.0], (1, 3): ["a", "b", "c"]}[group, index]
+        bits = {(1, 1): [False, True, False], (0, 1): [True]}.get((group, index))
+        return SimpleNamespace(samples=samples, timestamps=[[0.0, 0.1, 0.2], [0.1, 0.15, 0.2]][group],
+                               invalidation_bits=bits)
+
+
+def test_channels_of_an_mdf_file_share_their_times(tmp_path, monkeypatch):
+    """With a stand-in for asammdf; a cell is empty where its channel has no sample, or one that is invalid."""
+    package = ModuleType("asammdf")
+    package.MDF, package.__spec__ = Mdf, ModuleSpec("asammdf", None)
+    monkeypatch.setitem(sys.modules, "asammdf", package)
+    contents = mdf_contents(tmp_path / "a.mf4")
+    assert (contents.names, contents.units, contents.read_as, contents.hold) == (
+        ["t", "slip", "torque", "twice", "words"], ["s", "rad/s", "Nm", "", ""], ["MDF"], {})
+    columns, said = contents.numbers([0, 2, 1], 0, 4)
+    assert said == []
+    np.testing.assert_array_equal(columns, [[0.0, 0.1, 0.15, 0.2], [NAN, 7.0, NAN, 9.0], [1.0, 2.0, NAN, 3.0]])
+    np.testing.assert_array_equal(contents.numbers([1], None, 3)[0], [[1.0, 2.0, 3.0]])
+    for chosen, most, why in (([0, 2, 1], 3, "it has more than 3 rows; it must have at most 3"),
+                              ([0], 9, "no channel was chosen; --columns NAME=CHANNEL names one"),
+                              ([0, 3], 9, "2 groups have a channel twice; export one of them"),
+                              ([4], 9, "channel words holds no numbers")):
+        with pytest.raises(InputError) as error:
+            contents.numbers(chosen, 0, most)
+        assert str(error.value) == f"{tmp_path / 'a.mf4'}: {why}"
+    with pytest.raises(InputError, match=r"broken.mf4 cannot be read as an MDF file: 'it is broken'$"):
+        mdf_contents(tmp_path / "broken.mf4")
 
 
 def test_columns_of_another_list_of_names(tmp_path):

@@ -136,6 +136,20 @@ def test_where_the_torque_is_not_the_scenes_it_is_that_of_the_samples(recorded):
     np.testing.assert_allclose(result.engine_torque[place], tail.engine_torque + 100.0, rtol=1e-12)
 
 
+def test_what_is_dense_or_has_no_law_to_solve_stays_on_its_points(recorded):
+    tail = recorded.trajectory
+    few = {name: getattr(tail, name)[:3] for name in ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque",
+                                                      "saturation_torque", "friction_torque", "state")}
+    assert between(replace(tail, system=None)).t is tail.t
+    short = replace(tail, **{name: values[:2] for name, values in few.items()})
+    assert between(short) is short
+    three = replace(tail, **few)
+    for samples, points in ((41, 1), (42, 2), (83, 2), (84, 3)):  # There are 41.89 ticks in an engine cycle.
+        assert len(between(three, samples).t) == 2 * points + 1
+    exact = between(replace(three, system=load_scene("fig02").with_values({"friction.law": "set_valued"}).system), 80)
+    assert exact.friction_torque == pytest.approx(np.interp(exact.t, three.t, three.friction_torque))
+
+
 @pytest.mark.parametrize("sources", [{}, {"engine.source": "topic"}, {"pressure.source": "topic"},
                                      {"engine.source": "topic", "pressure.source": "topic"}])
 def test_a_tick_is_solved_with_what_it_applied(sources):

@@ -8,6 +8,7 @@ import random
 import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -193,6 +194,29 @@ def test_a_json_of_identify_draws_its_parameters(figures: list[Any], tmp_path: P
     values = {"parameters": [parameter], "chi2_per_dof": 1.0, "accepted": True}
     tcc_sim.plot(values, tmp_path / "a.png")
     assert any(isinstance(item, tuple) and np.array_equal(item[1], [[1.0, 0.0]]) for item in artists(figures[0]))
+
+
+def test_a_fit_is_made_again_where_its_measurements_are_and_refused_where_they_differ(monkeypatch, tmp_path):
+    (tmp_path / "a.csv").write_text("t\n")
+    document = {"format": "tcc_sim identify 1", "command": ["identify", str(tmp_path / "a.csv"), "--free", "k"],
+                "parameters": [{"value": 100.0, "standard_error": 10.0}, {"value": -8.0, "standard_error": None}]}
+    for first, second, why in ((100.0099, -8.0079, ""), (99.9901, -7.9921, ""),
+                               (100.011, -8.0, "k is 100.011 in the fit and 100 in the JSON"),
+                               (100.0, -8.0081, "k is -8.0081 in the fit and -8 in the JSON")):
+        fit = SimpleNamespace(parameters=[SimpleNamespace(key="k", value=value) for value in (first, second)])
+        monkeypatch.setattr("tcc_sim.cli.identify.fit_again", lambda arguments, fit=fit: fit)
+        if not why:
+            assert stored.revived(document) is fit
+            continue
+        with pytest.raises(InputError, match=rf"^{tmp_path / 'a.csv'} has changed: {why}$"):
+            stored.revived(document)
+    (tmp_path / "a.csv").unlink()
+    assert stored.revived(document)["parameters"] == document["parameters"]
+    for words, why in (("demo", "no list of words"), ([1], "no list of words"), (["demo"], "DIR/analysis.json")):
+        with pytest.raises(InputError, match=why):
+            stored.arguments_in({"command": words})
+    (tmp_path / "analysis.json").write_text(json.dumps({"command": ["demo"], "format": "tcc_sim analyse 1"}))
+    assert stored.read_stored(tmp_path / "analysis.json")["command"] == ["analyse", str(tmp_path / "recording")]
 
 
 def mutants(text: str, count: int) -> Iterator[str]:
