@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from contextlib import nullcontext
 from importlib import import_module
 from pathlib import Path
@@ -430,6 +431,36 @@ def test_a_demo_names_what_it_cannot_make(missing: list[str], line: str, tmp_pat
     monkeypatch.setattr(demo.importlib.util, "find_spec", lambda name: None if name in missing else name)
     assert cli.main(["demo", "--out", str(tmp_path / "made")]) == 0
     assert capsys.readouterr().out == line
+
+
+@pytest.mark.parametrize(("words", "asked", "out"), [
+    (["pause"], ("serve", "pause"), "done"), (["set", "rate=500", "pressure.mean=2.5"],
+                                             ("change", {"rate": 500, "pressure.mean": 2.5}), "done"),
+    (["get", "engine.frequency", "rate", "scene"], ("values", ["engine.frequency", "rate", "scene"]),
+     "engine.frequency 1 rad/s\nrate 2 Hz\nscene 3"),
+    (["torque", "-5"], ("command", "torque", -5.0, 0.0), "done"),
+    (["pressure", "1e5", "--rate", "10"], ("command", "pressure", 1e5, 10.0),
+     "interrupted; no more commands are sent")])
+def test_a_request_is_sent_as_it_was_given(words: list[str], asked: tuple[Any, ...], out: str,
+                                           monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    seen: list[Any] = []
+
+    def command(*given: Any, tell: Any) -> str:
+        seen.append(("command", *given))
+        if given[-1]:
+            raise KeyboardInterrupt
+        return "done"
+
+    def answered(name: str, answer: Any) -> Any:
+        return lambda given: seen.append((name, given)) or answer
+
+    ask = SimpleNamespace(serve=answered("serve", "done"), change=answered("change", "done"), command=command,
+                          values=answered("values", {"engine.frequency": 1, "rate": 2, "scene": 3}))
+    monkeypatch.setattr("tcc_sim.nodes.children.require_ros", lambda: None)
+    monkeypatch.setitem(sys.modules, "tcc_sim.nodes.operator", SimpleNamespace(
+        operator=lambda namespace: nullcontext(seen.append(namespace) or ask)))
+    assert cli.main(["control", *words, "--namespace", "/a"]) == 0
+    assert (seen, capsys.readouterr().out) == (["/a", asked], f"{out}\n")
 
 
 def test_a_watch_overwrites_no_file_and_starts_a_viewer_where_nothing_else_is_given(

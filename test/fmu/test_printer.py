@@ -252,7 +252,20 @@ def of_either(table: Any, x: float) -> float:
     return part[1, 1] + 10.0 * part[0, 2] + 100.0 * part.shape[0] + part[:, 1].max()
 
 
-TABLES: list[Callable[..., Any]] = [table_places, of_made, of_either]
+def larger(table: Any, x: float) -> Any:
+    large = np.zeros((6, 3))
+    large[:, 1] = x
+    if x > 1.0:
+        return large
+    return table
+
+
+def of_larger(table: Any, x: float) -> float:
+    part = larger(table, x)
+    return part[1, 1] + 10.0 * part[0, 2] + 100.0 * part.shape[0] + part[:, 1].max()
+
+
+TABLES: list[Callable[..., Any]] = [table_places, of_made, of_either, of_larger]
 
 
 class Stored(ctypes.Structure):
