@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,11 +14,15 @@ import pytest
 
 from tcc_sim.cli import main
 from tcc_sim.result import Described
+from tcc_sim.shown_units import show_in
 from tcc_sim.study.benchmarks import peers, stability, work_precision, worst_cases
 from tcc_sim.study.benchmarks.extremes import Examined
 from tcc_sim.study.benchmarks.precision_report import PrecisionResult, References, SteadyState, StudiedScene
+from tcc_sim.study.cli import figure
 from tcc_sim.study.paper import claims, figures
+from tcc_sim.study.paper.catalogue import FigureOptions
 from tcc_sim.study.paper.rules import Claim, Measured, holds
+from tcc_sim.views import style
 
 
 @pytest.fixture
@@ -47,6 +52,8 @@ def test_claims_are_printed_as_they_are_judged(tmp_path: Path, monkeypatch: pyte
         "is so", "(35)             confirmed      whole", "Of 2 claims: 1 confirmed, 1 depend, 0 not confirmed"]
     assert {name: asked[0][name] for name in ("pressures", "kept", "thresholds", "jobs", "progress")} == {
         "pressures": (220e3, 230e3), "kept": tmp_path / "kept.jsonl", "thresholds": False, "jobs": 1, "progress": True}
+    printed(0, "claims", "--thresholds", "--kept", tmp_path / "kept.jsonl", "--pressures", 100, 1000)
+    assert asked.pop()["pressures"] == (100e3, 1000e3)
     printed(0, "claims", "--thresholds", "--kept", tmp_path / "kept.jsonl")
     assert (asked[1]["pressures"], asked[1]["thresholds"], asked[1]["jobs"]) == (claims.PRESSURES, True, None)
 
@@ -145,11 +152,17 @@ all of these                      1.0        2.0        3.0  refused
   no core
   no right""".splitlines()
     printed(0, "realtime")
-    assert asked[1:] == [(1000.0, 60.0, False, (0, (), False))]
+    printed(0, "realtime", "--rate", 1, "--duration", 0.5, "--thread-priority", 99, "--cpu-affinity", 1023)
+    printed(0, "realtime", "--rate", 20000, "--duration", 1e6)
+    assert asked[1:] == [(1000.0, 60.0, False, (0, (), False)), (1.0, 0.5, False, (99, (1023,), False)),
+                         (20000.0, 1e6, False, (0, (), False))]
 
 
 @pytest.mark.parametrize(("words", "said"), [
     (["claims", "--jobs", "0"], "jobs is 0; it must be 1 or more"), (["claims", "--pressures", "99"], "kPa"),
+    (["claims", "--pressures", "1001"], "kPa"), (["realtime", "--duration", "1000001"], "s"),
+    (["realtime", "--thread-priority", "-1"], "0 to 99"), (["realtime", "--cpu-affinity", "-1"], "0 to 1023"),
+    (["figure", "all", "--jobs", "0"], "jobs is 0; it must be 1 or more"),
     (["figure", "4", "--jobs", "0"], "jobs is 0; it must be 1 or more"),
     *((["figure", n], f"figure is {n}; it must be 2 to 18, or all") for n in ("1", "19", "20")),
     *((["figure", n, "--branches"], f"Fig. {n} has no points on branches; --branches is for 4, 6, 8, 10, 11, 12, 13, "
@@ -172,13 +185,52 @@ def test_a_figure_prints_its_file_and_what_was_left_out(tmp_path: Path, monkeypa
     behind = SimpleNamespace(left_out=["one motion was left out"])
     curves = [SimpleNamespace(label=label, direction="up", behind=motions) for label, motions in (
         (r"$\mu_k = 1$", behind), ("", behind), ("other", None))]
-    data = SimpleNamespace(kind="map", seconds=1.26, curves=curves)
-    monkeypatch.setattr(figures, "figure_data", lambda number, options: data)
+    asked, drawn = list[Any](), list[Any]()
+    monkeypatch.setattr(figures, "figure_data", lambda number, options: asked.append((number, options)) or (
+        SimpleNamespace(kind="map" if number == 4 else "law", seconds=1.26, curves=curves)))
     monkeypatch.setattr("tcc_sim.output.provenance.document", lambda *of: {"figure": of[3]})
-    monkeypatch.setattr("tcc_sim.study.paper.drawings.draw", lambda *of, **how: None)
-    words = ("figure", 4, "--out", tmp_path)
-    assert printed(0, *words) == [f"{tmp_path}/fig04.png  1.3 s", "  mu_k = 1: one motion was left out",
+    monkeypatch.setattr("tcc_sim.study.paper.drawings.draw", lambda data, stem, **how: drawn.append((stem, how)))
+    words, file = ("figure", 4, "--out", tmp_path), tmp_path / "fig04"
+    assert printed(0, *words) == [f"{file}.png  1.3 s", "  mu_k = 1: one motion was left out",
                                   "  up: one motion was left out"]
     assert [path.name for path in tmp_path.iterdir()] == ["fig04.json"]
     assert printed(2, *words) == []
-    assert printed(0, *words, "--force")[0] == f"{tmp_path}/fig04.png  1.3 s"
+    assert printed(0, *words, "--force", "--quick", "--direction", "up", "--law", "set_valued", "--branches",
+                   "--jobs", 1, "--title", "a title", "--width", "column")[0] == f"{file}.png  1.3 s"
+    assert asked == [(4, FigureOptions(progress=True)), (4, FigureOptions(True, "up", "set_valued", 1, True, True))]
+    assert drawn == [(file, {"title": "", "width": style.PAGE}), (file, {"title": "a title", "width": style.COLUMN})]
+
+
+def test_all_figures_are_drawn_in_another_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                  printed: Any) -> None:
+    """Which ignores Ctrl-C; the command waits for its pictures."""
+    begun, waited = list[Any](), list[Any]()
+
+    class Painter:
+        def __init__(self, count: int, context: Any, begin: Any, given: Any) -> None:
+            begun.append((count, context.get_start_method(), begin, given))
+
+        def __enter__(self) -> Any:
+            return self
+
+        def __exit__(self, *how: object) -> None:
+            pass
+
+        def submit(self, draw: Any, data: Any, stem: Path) -> Any:
+            return SimpleNamespace(result=lambda: waited.append(stem.name))
+
+    monkeypatch.setattr(figure, "ProcessPoolExecutor", Painter)
+    data = SimpleNamespace(kind="law", seconds=1.0, curves=())
+    monkeypatch.setattr(figures, "figure_data", lambda number, options: data)
+    monkeypatch.setattr("tcc_sim.output.provenance.document", lambda *of: {"figure": of[3]})
+    names = [f"fig{number:02d}" for number in range(2, 19)]
+    assert printed(0, "figure", "all", "--branches", "--out", tmp_path / "new" / "all") == [
+        f"{tmp_path}/new/all/{name}.png  1.0 s" for name in names]
+    assert (begun, waited) == ([(1, "spawn", figure._begin_painter, (None,))], names)
+    kept = signal.getsignal(signal.SIGINT)
+    try:
+        figure._begin_painter("rpm")
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, kept)
+        show_in(None)
