@@ -4,11 +4,13 @@ import math
 import re
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
 
+from tcc_sim.study.continuation import branch as branch_module
 from tcc_sim.study.continuation.bracket import Bracket
 from tcc_sim.study.continuation.branch import Branch, BranchOrigin, BranchTrack, branch_through, first_point, orbits_at
 from tcc_sim.study.continuation.diagram import switch
@@ -293,3 +295,17 @@ def test_ctrl_c_keeps_the_branch() -> None:
         branch_through(first_point(shooting, z), tick=tick, keep=kept)
     assert len(kept[0].points) == 7
     assert kept[0].ended[1].reason is StopReason.INTERRUPTED
+
+
+@pytest.mark.parametrize(("value", "away", "found"), [
+    (0.3, {0: 0.39}, 0), (0.3, {0: 0.41, 1: 0.39}, 1), (0.3, {0: 0.41, 1: 0.41}, None), (0.3, {1: 0.1}, 1),
+    (0.6, {0: 0.1, 1: 0.2}, 1), (0.3, {}, None)])
+def test_an_orbit_between_two_segments_is_that_of_the_nearer_point(
+        value: float, away: dict[int, float], found: int | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within twice the distance between the points, 0.2, in natural sizes of 2."""
+    points = [SimpleNamespace(value=at, solution=SimpleNamespace(z=np.array([z])), orbit=SimpleNamespace(
+        section=np.array([at])), shooting=SimpleNamespace(outer=lambda z: z, map=SimpleNamespace(scales=2.0)))
+        for at, z in ((0.2, 1.0), (0.6, 1.2))]
+    orbits = {k: SimpleNamespace(section=points[k].orbit.section - 2.0 * off) for k, off in away.items()}
+    monkeypatch.setattr(branch_module, "_at", lambda point, at: orbits.get(points.index(point)))
+    assert branch_module._crossing(*points, value) is (None if found is None else orbits[found])  # type: ignore[arg-type]

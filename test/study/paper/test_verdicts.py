@@ -230,6 +230,7 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
          d: record(10.0 + 5.0 * (round(x / 0.005) % 2) * (row["pressure.frequency_ratio"] == 0.5))), YES),
         (Given(), NO), (Given(thirds), NO, {"changes for": [2] * 3})],
     "half_frequency_aperiodic": [(Given(period_at(lambda row, x: 0 if x < 0.49 else 2)), YES),
+        (Given(period_at(lambda row, x: 0 if row["pressure.frequency_ratio"] != 0.5 else 2)), NO),
         (Given(period_at(lambda row, x: 0 if x < 0.4 else 2)), PART),
         (Given(period_at(lambda row, x: 0 if x < 0.2 else 2)), NO),
         (Given(period_at(lambda row, x: 0 if x < 0.4 else 2), periodic=lambda x: x > 0.3), PART,
@@ -257,6 +258,8 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
     "amplitude_enlarges_jumps": [(Given(jumps=growing), YES, {"largest jump there": [10.0, 11.0, 12.0, 13.0]}),
         (Given(jumps=lambda row: growing(row)[-2:]), PART), (Given(jumps=lambda row: [0.25]), NO)],
     "amplitude_aperiodic": [
+        *((Given(period_at(lambda row, x, only=share * 225e3: int(row.get("pressure.amplitude", 0.0) != only or min(
+            abs(x - 0.25), abs(x - 0.35)) > 0.01))), says) for share, says in ((0.125, NO), (0.25, YES), (0.5, YES))),
         (Given(period_at(lambda row, x: 0 if min(abs(x - 0.25), abs(x - 0.35)) < 0.01 else 1)), YES),
         (Given(period_at(lambda row, x: 0 if abs(x - 0.25) < 0.01 else 1)), PART),
         (Given(period_at(lambda row, x: 0)), NO),
