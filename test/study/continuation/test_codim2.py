@@ -8,10 +8,11 @@ from test_branches import branch_of, of_kind
 from textbook_maps import Step, TextbookMap, henon
 
 from tcc_sim.study.continuation import curves
-from tcc_sim.study.continuation.codim2_points import measured
+from tcc_sim.study.continuation.bordered import MinimallyAugmented
+from tcc_sim.study.continuation.codim2_points import AugmentedPoint, measured, values_of_tests
 from tcc_sim.study.continuation.curves import BifurcationCurve, bifurcation_curve
 from tcc_sim.study.continuation.follow import StopReason
-from tcc_sim.study.continuation.palc import solution_at
+from tcc_sim.study.continuation.palc import Solution, solution_at
 from tcc_sim.study.continuation.settings import Settings
 from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.study.continuation.special_points import Bifurcation, point_at
@@ -251,3 +252,20 @@ def test_a_change_of_sign_that_only_other_segments_resolve_is_listed_as_not_loca
     assert (result.kind, result.located) == ("resonance_1_2", False)
     assert abs(result.value - 1.0) <= result.error < 0.5
     assert abs(result.second - 1.0) <= result.second_error < 0.5
+
+
+@pytest.mark.parametrize("longer", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize(("a", "b"), [(0.3, 0.2), (0.3, -0.2), (0.0, 0.4), (-0.5, 0.0)])
+def test_the_test_of_a_generalised_doubling_is_the_coefficient_of_third_order(a: float, b: float,
+                                                                              longer: float) -> None:
+    """x' = -x + a x^2 + b x^3 has 3 (a^2 + b): C(q, q, q) = 6 b, B(q, q) = 2 a and h = a (Kuznetsov, Section 5.4.2)."""
+    of = TextbookMap(lambda x, p: (-(1.0 + p[0]) * x + a * x**2 + b * x**3, np.array([[
+        -(1.0 + p[0]) + 2.0 * a * x[0] + 3.0 * b * x[0] ** 2]]), np.array([[-x[0], 0.0]])), 1)
+    shooting = Shooting.single(of, 1, P, Q)
+    u = shooting.unknowns(np.zeros((1, 1)), (0.0, 0.5))
+    equations = MinimallyAugmented("period_doubling", shooting, u)
+    point = AugmentedPoint(Solution(u, np.zeros(3), equations.linearise(u), 1.0), equations)
+    tests = values_of_tests(point, longer)
+    assert abs(tests["resonance_1_2"]) == pytest.approx(1.0)
+    assert tests["generalised_doubling"] == pytest.approx(3.0 * (a * a + b) * tests["resonance_1_2"], abs=1e-6)
+    assert tests["fold_flip"] == 1.0

@@ -68,6 +68,29 @@ def test_a_root_at_an_end_of_its_bracket_takes_no_search() -> None:
     assert abs(wide - 0.3) <= 0.6
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("ends", "middle", "curved"), [
+    ((-1.0, 1.0), -0.39, True), ((-1.0, 1.0), -0.43, False), ((-1.0, 1.0), 0.39, True), ((-1.0, 1.0), 0.43, False),
+    ((-2.0, 3.0), -0.5, True), ((-2.0, 3.0), -0.56, False), ((-2.0, 3.0), 1.5, True), ((-2.0, 3.0), 1.56, False)])
+def test_the_next_guess_is_that_of_inverse_quadratic_interpolation_where_the_curve_is_even_enough(
+        sign: float, ends: tuple[float, float], middle: float, curved: bool) -> None:
+    """The first of them, after the middle: where the three values, as parts of the last two's range, are 0.293 to 0.707
+    from their ends; else the half on the side of the root is halved.
+    """
+    known, asked = {2.0: sign * ends[0], 6.0: sign * ends[1], 4.0: sign * middle}, list[float]()
+
+    def f(x: float) -> float:
+        asked.append(x)
+        return known.pop(x) if x in known else 0.0
+
+    (a, fa), (b, fb), (c, fc) = known.items()
+    expected = (a * fb * fc / ((fa - fb) * (fa - fc)) + b * fa * fc / ((fb - fa) * (fb - fc))
+                + c * fa * fb / ((fc - fa) * (fc - fb)))
+    assert chandrupatla(f, a, b) == asked[3]
+    assert asked[:3] == [2.0, 6.0, 4.0]
+    assert asked[3] == pytest.approx(expected if curved else 5.0 if middle < 0.0 else 3.0, rel=1e-12)
+
+
 def test_the_cubic_of_a_bracket_is_hermites() -> None:
     ends, slopes = np.array([[1.0, -2.0], [3.0, 5.0]]), np.array([[0.5, 4.0], [-7.0, 1.0]])
     for t in (0.0, 0.2, 0.7, 1.0):
