@@ -233,6 +233,13 @@ def test_whole_cycles_from_rest_by_an_engine_are_solved_together() -> None:
         assert in_blocks(systems, plan) == together
 
 
+def test_only_points_that_failed_together_are_solved_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweeps_of_one_key, "solve_block", lambda systems, values, plan: [None, "together", None])
+    monkeypatch.setattr(sweeps_of_one_key, "solve_point", lambda system, value, plan: ("alone", value, plan))
+    plan, three = Plan(cycles=30), [system(0.36)] * 3
+    assert solve_points(three, (1.0, 2.0, 3.0), plan, None) == [("alone", 1.0, plan), "together", ("alone", 3.0, plan)]
+
+
 def test_the_order_the_batch_and_the_tolerance_of_a_sweep() -> None:
     curve = Curve(system(0.36), KINETIC, (0.3, 0.26, 0.28, 0.26))
     for direction, order in (("cold", [0, 1, 2, 3]), ("up", [1, 3, 2, 0]), ("down", [0, 2, 3, 1])):
