@@ -14,7 +14,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, TccError
 from tcc_sim.nodes import executables
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.driveline import DrivelineNode
@@ -114,6 +114,26 @@ def test_the_options_of_a_node_are_described_and_cannot_change(bench: Any) -> No
         "rate of commands, Hz", "1 to 20000 Hz", True, True)
     node = bench.node("recorder", output="here", topics=["scene"])
     assert declared(node, RecorderOptions, flush_period=0.5, output="there") == RecorderOptions("here", ("scene",), 0.5)
+
+
+@pytest.mark.parametrize(("error", "status", "said"), [
+    (None, 7, ""), (InputError("wrong"), 2, "recorder_node: wrong\n"), (TccError("late"), 1, "recorder_node: late\n"),
+    (ModuleNotFoundError("none", name="numba.core"), 1, "recorder_node: the Python package numba is not installed; "),
+    (ModuleNotFoundError("none", name="other"), 1, "Traceback (most recent call last):\n"),
+    (ValueError("odd"), 1, "Traceback (most recent call last):\n")])
+def test_a_node_ends_with_the_status_of_its_main_or_a_line_for_its_error(
+        entered: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch, error: Exception | None,
+        status: int, said: str) -> None:
+    def main() -> int:
+        if error is not None:
+            raise error
+        return 7
+
+    monkeypatch.setattr("tcc_sim.nodes.recorder.main", main)
+    ended = entered("recorder", "--ros-args", "-p", "a:=b")
+    assert ended[:2] == (status, "")
+    assert ended[2].startswith(said)
+    assert bool(ended[2]) is bool(said)
 
 
 def test_help_names_every_parameter_and_words_for_ros_may_follow() -> None:

@@ -7,9 +7,11 @@ import sys
 import urllib.parse
 import urllib.request
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from tcc_sim.errors import TccError
 from tcc_sim.nodes import web_viewer as module
 from tcc_sim.nodes.web_viewer import ADDRESS, web_viewer
 
@@ -51,3 +53,19 @@ def test_a_port_that_is_taken_is_not_asked_for() -> None:
         port = taken.getsockname()[1]
         other = module._free_port(port)
         assert other not in (0, port)
+    assert module._free_port(port) == port
+
+
+def test_the_program_is_that_of_the_package_else_the_one_on_the_path(monkeypatch: pytest.MonkeyPatch,
+                                                                     tmp_path: Path) -> None:
+    for spec, on_path, found in ((SimpleNamespace(submodule_search_locations=[tmp_path / "no", tmp_path]), None,
+                                  str(tmp_path / "rerun")), (None, "/bin/rerun", "/bin/rerun"), (None, None, None),
+                                 (SimpleNamespace(submodule_search_locations=None), "/bin/rerun", "/bin/rerun")):
+        (tmp_path / "rerun").touch()
+        monkeypatch.setattr(module.importlib.util, "find_spec", lambda name, spec=spec: spec)
+        monkeypatch.setattr(module.shutil, "which", lambda name, on_path=on_path: on_path)
+        if found is not None:
+            assert module._program() == found
+        else:
+            with pytest.raises(TccError, match=r"^the program rerun, which comes with rerun-sdk, is not installed$"):
+                module._program()

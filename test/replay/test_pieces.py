@@ -17,6 +17,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.groups import Pressure
 from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.stamps import Break
 from tcc_sim.recording.window import Window
 from tcc_sim.replay import verification
 from tcc_sim.replay.applied import _from_start, _stretches
@@ -37,7 +38,7 @@ from tcc_sim.replay.measured import analyse_table, at_measured_speed
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import _end_of, _warnings, replay
 from tcc_sim.replay.result import Verification
-from tcc_sim.replay.segments import Segment, _steps_only
+from tcc_sim.replay.segments import Segment, _steps_only, cuts_of
 from tcc_sim.replay.timeline import Timeline, from_first_motion, slip_between_gaps, timeline_of
 from tcc_sim.replay.timing import Timing, _steps, default_of, frequency_changes, pace_of, timing_of
 from tcc_sim.scene import load_scene
@@ -669,3 +670,25 @@ def test_signals_and_events_of_a_run():
     last = signals_of(line, second, Uniform(0.004), MS)
     assert (last.ended, sorted(last.signals)) == (None, ["engine_torque", "mean_slip", "target_slip_speed"])
     assert last.signals["mean_slip"][0].tolist() == [4 * MS]    # None of a gap, even before a single state.
+
+
+def test_runs_are_cut_where_scenes_change_and_targets_jump():
+    """Band 2 rad/s, and cycles so short that jumps are apart."""
+    first, second = states(np.arange(10) * MS), states(np.arange(6) * MS, index=10, run=1, began=Break.RESET)
+    more, less = COMMANDS.with_values({"engine.mean_torque": 310.0}), COMMANDS.with_values({"pressure.mean": 1e5})
+    line = line_of(first, second, commands={"target_slip_speed": given([0, 4, 6, 8, 13], [20.0, 22.0, 25.0, 5.0, 9.0])})
+    line.__dict__["changes"] = [(3, more), (6, COMMANDS), (6, less), (9, less), (12, COMMANDS)]
+    told = [[(cut.states.index, len(cut.states), cut.began_by, dict(cut.changes), cut.stepped) for cut in cuts]
+            for cuts in cuts_of(line, 2.0, Uniform(1e-9))]
+    torque = COMMANDS.system.engine.mean_torque
+    assert told == [
+        [(0, 3, "start", {}, True), (3, 3, "parameters", {"engine.mean_torque": 310.0}, False),
+         (6, 2, "parameters", {"engine.mean_torque": torque, "pressure.mean": 1e5, "target_slip_speed": 25.0}, True),
+         (8, 2, "parameters", {"target_slip_speed": 5.0}, True)],
+        [(10, 2, "reset", {}, True), (12, 1, "parameters", {"pressure.mean": COMMANDS.system.pressure.mean}, False),
+         (13, 3, "parameters", {"target_slip_speed": 9.0}, True)]]
+    assert [cut.scene for cut in cuts_of(line, 2.0, Uniform(1e-9))[0]] == [COMMANDS, more, less, less]
+    # A jump of just the band does not begin a segment, and near jumps are a ramp.
+    for how in ((3.0, Uniform(1e-9)), (2.0, Uniform(1.0))):
+        assert [sorted(cut.changes) for cut in cuts_of(line, *how)[0]] == [
+            [], ["engine.mean_torque"], ["engine.mean_torque", "pressure.mean"], ["target_slip_speed"]]
