@@ -12,7 +12,7 @@ from documents import valid
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.scene import load_scene
-from tcc_sim.sweeps.scatter import Tolerances, scatter
+from tcc_sim.sweeps.scatter import scatter
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.sweeps.sweep import sweep
 
@@ -107,12 +107,6 @@ def test_a_whole_table_is_scaled(tmp_path) -> None:
                                 ("fresh_fluid", (0.9, 90.0), "friction.coefficients is .* must be 1e-06 to 2")):
         with pytest.raises(InputError, match=words):
             scatter(name, {"friction.coefficients": bounds}, 8, cycles=20)
-
-
-@pytest.mark.parametrize("probabilities", [(), (0.5, 0.1), (0.5, 0.5), (-0.1, 0.5), (0.5, 1.1), (math.nan,)])
-def test_probabilities_that_do_not_rise_within_0_and_1_are_refused(probabilities) -> None:
-    with pytest.raises(InputError, match="they must be probabilities from 0 to 1 that increase"):
-        Tolerances(((KINETIC, 0.2, 0.3),), 2, 0, probabilities)
 
 
 @pytest.mark.parametrize(("words", "message"), [

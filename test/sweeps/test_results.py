@@ -334,7 +334,8 @@ RANGE, RISE = (("a", 1.0, 2.0),), "they must be probabilities from 0 to 1 that i
     *((lambda n=n: Tolerances(RANGE, n), f"samples is {n}; it must be 2 to 1000000") for n in (1, 1_000_001)),
     *((lambda n=n: Tolerances(RANGE, 4, n), f"seed is {n}; it must be 0 to 4294967295") for n in (-1, 1 << 32)),
     (lambda: Tolerances(RANGE, 4, 0, ()), f"quantiles are none; {RISE}"),
-    (lambda: Tolerances(RANGE, 4, 0, (0.5, 0.5)), f"quantiles are 0.5, 0.5; {RISE}"),
+    *((lambda p=p: Tolerances(RANGE, 4, 0, p), f"quantiles are {p[0]:g}, {p[1]:g}; {RISE}") for p in (
+        (0.5, 0.5), (0.5, 0.1), (-0.1, 0.5), (0.5, 1.1), (0.5, math.nan))),
     (lambda: scattered_curves(SYSTEM, Tolerances(((KINETIC, 0.2, 0.3),), 4), KINETIC, [0.2]),
      f"{KINETIC} is swept and scattered; it must be one of the two"),
     (lambda: scattered_curves(SYSTEM, Tolerances(((KINETIC, 0.2, 0.3),), 1001), "pressure.mean", [1e5] * 1000),
