@@ -1,10 +1,7 @@
 """Verbs print and write the figures that they computed."""
 
 import json
-import math
-import zipfile
 from types import SimpleNamespace
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -20,32 +17,9 @@ def printed(capsys, *words):
     return capsys.readouterr().out
 
 
-def test_gains_are_in_decibels(capsys, tmp_path):
-    lines = printed(capsys, "linearise", "slip", "--frequencies", "10:20:2", "--out", tmp_path / "a.npz").splitlines()
-    shown = [float(line.split("dB")[0].split()[-1]) for line in lines if " dB" in line]
-    with np.load(tmp_path / "a.npz") as arrays:
-        gains = next(np.abs(arrays[name]) for name in ("gain", "response") if name in arrays)
-    assert shown == pytest.approx([20.0 * math.log10(gain) for gain in gains], abs=6e-4)
-
-
 def test_the_length_of_a_tick_is_that_of_the_rate(capsys):
     tick = 1e3 / load_scene("slip").operation.rate
     assert f" in a tick of {tick:g} ms" in printed(capsys, "explain", "slip")
-
-
-@pytest.mark.parametrize("version", ["2", "3"])
-def test_a_unit_has_the_version_of_fmi_that_is_asked_for(tmp_path, version):
-    path = tmp_path / "unit.fmu"
-    assert main(["fmu", "slip", "--fmi", version, "--sources-only", "--out", str(path)]) == 0
-    with zipfile.ZipFile(path) as unit:
-        assert ElementTree.fromstring(unit.read("modelDescription.xml")).get("fmiVersion") == f"{version}.0"
-
-
-def test_a_period_has_200_samples_if_no_number_is_given(tmp_path):
-    path = tmp_path / "run.npz"
-    assert main(["simulate", "slip", "--cycles", "3", "--out", str(path)]) == 0
-    with np.load(path) as arrays:
-        assert len(arrays["t"]) == 3 * 200 + 1
 
 
 def test_a_table_is_fitted_to_the_scene_that_is_named(capsys, tmp_path):

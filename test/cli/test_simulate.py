@@ -92,14 +92,6 @@ def test_the_defaults_are_150_cycles_and_50_dropped(capsys):
     assert (result["cycles"], result["discarded"]) == (9, 3)
 
 
-def test_the_table_names_units(capsys):
-    assert main(["simulate", "slip", "--cycles", "20", "--lyapunov"]) == 0
-    out = capsys.readouterr().out
-    for words in ("largest |slip speed|", "rad/s", "section: plate angle", "the first 10 dropped", "Lyapunov exponent",
-                  "1/s"):
-        assert words in out
-
-
 @pytest.mark.parametrize(("cycles", "none"), [
     (100, "none up to 16 periods of excitation\n"),
     (12, "none up to 2 periods of excitation, a third of those kept; the motion has not settled"),

@@ -13,9 +13,7 @@ import pytest
 from tcc_sim import closed_loop
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
-from tcc_sim.fmu.c_types import DOUBLE, INT, Refused, Static
 from tcc_sim.fmu.export import compiler, fmu_of
-from tcc_sim.fmu.printer import Library
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.scene import load_scene
 
@@ -89,29 +87,3 @@ def test_a_step_is_at_least_the_shortest_tick(tmp_path: Path, refused: Callable[
     for version in (1, 4):
         with pytest.raises(InputError, match=rf"^FMI version {version} is not known; it must be 2 or 3$"):
             fmu_of(soft, version)
-
-
-def test_what_the_printer_does_not_know_it_refuses_and_names() -> None:
-    def third(x: float) -> float:
-        return x ** 3
-
-    def listed(x: float) -> float:
-        return sum([x, x])
-
-    def swapped(x: float, y: float) -> float:
-        x, y = y, x
-        return x / y
-
-    def from_one(x: float, count: int) -> float:
-        for k in range(1, count):
-            x += k
-        return x
-
-    for source, kinds in ((third, (DOUBLE,)), (listed, (DOUBLE,)), (from_one, (DOUBLE, INT))):
-        with pytest.raises(Refused, match=source.__name__):
-            Library().function(source, kinds)
-    with pytest.raises(Refused, match="swapped"):
-        Library().function(swapped, (DOUBLE, Static(None)))
-    library = Library()
-    assert library.function(swapped, (DOUBLE, DOUBLE)) == ("py_swapped", DOUBLE)
-    assert "part_1 = y;\n    part_2 = x;\n    x = part_1;\n    y = part_2;\n    return (x / y);" in library.text()

@@ -16,7 +16,6 @@ from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.tables import text as cells
-from tcc_sim.tables.binary import _mdf_signal
 from tcc_sim.tables.chosen_columns import is_table
 from tcc_sim.tables.measured_table import table_in
 
@@ -158,11 +157,6 @@ def test_every_export_gives_the_same_table(tmp_path, export):
     orders = orders_of(signals_in(result, System()))
     assert np.abs(20.0 * np.log10(orders.cut(1.0, "slip_speed") / 5.0)).max() < 0.1
     assert [note.partition(": ")[2] for note in result.notes] == SAID[export]
-
-
-def test_of_channels_with_one_name_one_must_be_exported(tmp_path):
-    with pytest.raises(InputError, match=r"x\.mf4: 2 groups have a channel slip; export one of them$"):
-        _mdf_signal(None, tmp_path / "x.mf4", "slip", [(0, 1), (1, 1)])
 
 
 def test_files_of_other_kinds_are_called_by_their_names(tmp_path, refused):

@@ -1,6 +1,5 @@
 """--plot and plot(): their pictures and sources, and refusals before any computation."""
 
-import math
 import sys
 from dataclasses import replace
 
@@ -8,8 +7,7 @@ import numpy as np
 import pytest
 from driveline_bags import bag, ticked
 
-from tcc_sim.analysis.control import Control, CycleMeans, Steps
-from tcc_sim.analysis.engine_clock import Uniform
+from tcc_sim.analysis.control import Control, Steps
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.replay.replay import replay
@@ -128,20 +126,6 @@ def test_a_part_of_a_controllers_test_fills_its_panels_and_rounding_does_not():
     assert pressure.get_xlim() == (20.0, 29.0)
     for axis, size in ((means, 20.0), (pressure, 90.0)):
         assert np.ptp(axis.get_ylim()) == pytest.approx(0.02 * size, rel=0.1)
-
-
-def test_cycle_means_are_those_of_a_known_signal():
-    means, step = CycleMeans(Uniform(0.04)), 1e-3
-    t = np.arange(0, 401) * step
-    v = 5.0 + 3.0 * t + np.sin(2.0 * math.pi * t / 0.04)
-    ends, result = [], []
-    for part in np.array_split(np.arange(401), 13):
-        for _, e, m in means.feed(t[part], v[part]):
-            ends, result = [*ends, *e], [*result, *m]
-    np.testing.assert_allclose(ends, 0.04 * np.arange(1, 11))
-    np.testing.assert_allclose(result, 5.0 + 3.0 * (np.array(ends) - 0.02), atol=1e-9)
-    means.restart()
-    assert not means.feed(t[:30], v[:30])
 
 
 def test_events_of_a_recording(tmp_path):
