@@ -69,7 +69,7 @@ def _axes(axis: Any, name: str) -> Iterator[str]:
     titles = [_text(title) for title in (axis._left_title, axis.title, axis._right_title) if title.get_text()]
     sides = [_joined(f"{letter} {_text(side.label)}", f"{side.get_scale()} {_numbers(side.get_view_interval())}",
                      _ticks(side.get_major_locator()),
-                     " ".join(f"{k} {v}" for k, v in sorted(side.get_tick_params().items()) if k in (
+                     " ".join(f"{k} {v}" for k, v in sorted(_tick_parameters(side).items()) if k in (
                          "labelbottom", "labelsize", "labelcolor")))
              for letter, side in (("x", axis.xaxis), ("y", axis.yaxis))] if axis.axison else ["off"]
     bare = "" if axis.xaxis.get_tick_params().get("gridOn", True) else "no grid"
@@ -102,6 +102,13 @@ def _axes(axis: Any, name: str) -> Iterator[str]:
             yield f"  {line}"
     for k, child in enumerate(axis.child_axes):
         yield from _axes(child, f"{name}.{k}")
+
+
+def _tick_parameters(side: Any) -> dict[str, Any]:
+    """Return what an axis sets of its ticks; matplotlib 3.7 leaves out which sides have labels."""
+    named = {"labelbottom": "label1On"} if side.axis_name == "x" else {}
+    return {**{name: side._major_tick_kw[key] for name, key in named.items() if key in side._major_tick_kw},
+            **side.get_tick_params()}
 
 
 def _ticks(locator: Any) -> str:
@@ -149,7 +156,8 @@ def _collection(mesh: Any) -> str:
     """Describe areas by colours and extent, and a mesh also by its values."""
     colours = list(dict.fromkeys(map(_colour, mesh.get_facecolor())))
     if hasattr(mesh, "get_coordinates"):
-        corners, values = mesh.get_coordinates(), np.ma.filled(np.ma.asarray(mesh.get_array(), float), np.nan)
+        corners = mesh.get_coordinates()
+        values = np.ma.filled(np.ma.asarray(mesh.get_array(), float), np.nan).reshape(len(corners) - 1, -1)
         map_of = " ".join(map(_colour, mesh.cmap.colors)) if mesh.cmap.N < 10 else mesh.cmap.name
         return (f"mesh {map_of} {_numbers(mesh.get_clim())}{_tail(mesh)}; {_numbers(corners[0, :, 0])}; "
                 f"{_numbers(corners[:, 0, 1])}; {values.shape} {_numbers(values.ravel())}")

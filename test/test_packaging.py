@@ -102,7 +102,7 @@ def test_without_its_numba_a_wheel_is_pure_and_a_line_gives_the_reason(tmp_path,
         monkeypatch.setenv("PYTHONPATH", str(tmp_path / "hiding"))
     line = f"tcc_sim: built without kernels, so first runs compile them: {said}\n"
     code = ("import setuptools; from distutils.core import run_setup\n"
-            "print(run_setup('setup.py', script_args=['--dry-run'], stop_after='config').has_ext_modules())")
+            "print(bool(run_setup('setup.py', script_args=['--dry-run'], stop_after='config').has_ext_modules()))")
     ended = subprocess.run([sys.executable, "-W", "ignore", "-c", code], cwd=ROOT, capture_output=True, text=True,
                            check=True, env={**os.environ, "TCC_SIM_KERNELS": without})
     assert (ended.stdout, line in ended.stderr) == ("False\n", True)

@@ -344,6 +344,7 @@ def test_a_result_is_printed_unless_its_json_is(capsys: pytest.CaptureFixture[st
     (["--scene", "controlled"], "controlled", {"target": 20.0}, False)])
 def test_a_demo_runs_the_scene_for_its_controller(words: list[str], name: str, controller: Any, commanded: bool,
                                                   tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rclpy", reason="rclpy is not installed")
     made = tmp_path / "made"
     seen: list[Any] = []
     monkeypatch.setattr("tcc_sim.nodes.children.require_ros", lambda: None)
@@ -465,6 +466,7 @@ def test_a_request_is_sent_as_it_was_given(words: list[str], asked: tuple[Any, .
 
 def test_a_watch_overwrites_no_file_and_starts_a_viewer_where_nothing_else_is_given(
         refused: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("rclpy", reason="rclpy is not installed")
     seen: list[dict[str, Any]] = []
     monkeypatch.setattr("tcc_sim.nodes.children.require_ros", lambda: None)
     monkeypatch.setattr("tcc_sim.nodes.watcher.watch", lambda namespace, tell, **named: seen.append(named) or "done")

@@ -12,6 +12,7 @@ import subprocess
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
+from types import FunctionType, SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -295,8 +296,12 @@ def test_printed_functions_give_the_bits_of_python(tmp_path: Path) -> None:
         function.restype, function.argtypes = ctypes.c_double, [type(first), ctypes.c_double]
         return float(function(first, x))
 
+    # C has the functions of libm, as `math`; those of NumPy may differ in the last bit.
+    libm = SimpleNamespace(**vars(np) | {name: getattr(math, name) for name in ("exp", "tanh", "sin", "cos")})
+    known = FunctionType(functions.__code__, globals() | {"np": libm})
     differ = [(source.__name__, x, y) for source in DOUBLES for x, y in POINTS
-              if np.float64(c(source, ctypes.c_double(x), y)).tobytes() != np.float64(source(x, y)).tobytes()]
+              if np.float64(c(source, ctypes.c_double(x), y)).tobytes()
+              != np.float64((known if source is functions else source)(x, y)).tobytes()]
     numbers = (ctypes.c_double * 5)(*NUMBERS)
     stored = Stored(1, 4, (ctypes.c_double * 12)(*TABLE.ravel()))
     for sources, given, array in ((ROWS, numbers, np.array(NUMBERS)), (TABLES, stored, TABLE)):

@@ -20,7 +20,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.trajectory import Cycles, Trajectory
 
-pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+matplotlib = pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 from tcc_sim.views import estimation, friction_law, order_maps, overview, style, sweeps, whole_runs
 
 PAGE = Path(__file__).with_name("pictures.txt")
@@ -130,4 +130,6 @@ def test_long_lines_of_a_manoeuvre_are_rasterized(sharp: int, raster: bool, monk
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_picture_is_as_it_is_described(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if name == "response" and matplotlib.__version_info__ < (3, 8):
+        pytest.skip("an older matplotlib finds no place for this legend within the axes")
     assert lines_of(name, monkeypatch) == expected(PAGE, name)

@@ -34,17 +34,17 @@ def test_pictures_have_the_sizes_colours_and_settings_of_the_style() -> None:
     before = matplotlib.rcParams["lines.linewidth"]
     with style.figure(3.5, 2.0, "t") as drawn:
         assert {name: matplotlib.rcParams[name] for name in LOOK} == LOOK
-        assert (tuple(drawn.get_size_inches()), drawn.dpi, drawn.get_suptitle()) == ((3.5, 2.0), 200, "t")
+        assert (tuple(drawn.get_size_inches()), drawn.dpi, drawn._suptitle.get_text()) == ((3.5, 2.0), 200, "t")
         axis = drawn.subplots()
         colours = [to_hex(axis.plot([0, 1], [k, k])[0].get_color()).upper() for k in range(8)]
         assert colours == [*style.CYCLE, style.CYCLE[0]]
     assert matplotlib.rcParams["lines.linewidth"] == before
     assert len(set(style.MANY)) == len(style.MANY) == 16
     with style.figure(3.5, 2.0, "word " * 20) as drawn:
-        lines = drawn.get_suptitle().splitlines()
+        lines = drawn._suptitle.get_text().splitlines()
     assert max(map(len, lines)) <= 41 < len(" ".join(lines[:2]))  # As many letters as a column is wide.
     with style.figure(1.0, 2.0, "word " * 20) as drawn:
-        assert max(map(len, drawn.get_suptitle().splitlines())) in range(15, 21)
+        assert max(map(len, drawn._suptitle.get_text().splitlines())) in range(15, 21)
 
 
 @pytest.mark.parametrize(("text", "settings", "says"), [
