@@ -20,7 +20,9 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.trajectory import Cycles, Trajectory
 
-matplotlib = pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+import matplotlib
+
 from tcc_sim.views import estimation, friction_law, order_maps, overview, style, sweeps, whole_runs
 
 PAGE = Path(__file__).with_name("pictures.txt")
