@@ -9,6 +9,7 @@ from dataclasses import is_dataclass
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from types import SimpleNamespace
 
 import lz4.frame
 import numpy as np
@@ -16,19 +17,28 @@ import pytest
 import yaml
 import zstandard
 from mcap.opcode import Opcode
+from mcap.reader import make_reader
 
 import tcc_sim.recording
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import layouts, records
+from tcc_sim.recording.announcements import SceneRecord
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.columns import GrowingStates, JoinedTopic, JointStates, joined_topics, receipt_times
 from tcc_sim.recording.commands import Commands, _by_clock, _Clock, _decoded, _delay, _none, _Sent
 from tcc_sim.recording.contents import MOST_TOPICS, Batch, Channel, Contents, together
-from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
+from tcc_sim.recording.drivelines import (
+    Choice,
+    Inventory,
+    RecordedDriveline,
+    _Announced,
+    joints_sentence,
+    same_process,
+)
 from tcc_sim.recording.layouts import Layouts
-from tcc_sim.recording.mcap_file import FileSummary, digest, information
+from tcc_sim.recording.mcap_file import _CHUNK_SIZE, FileSummary, McapFile, digest, information
 from tcc_sim.recording.parts import (
     Parts,
     in_order,
@@ -410,6 +420,34 @@ def test_times_and_counts_of_a_bag():
     assert result["version"] == 9
 
 
+def test_a_file_counts_its_messages_and_chunks(tmp_path):
+    file = McapFile(tmp_path / "a.mcap")
+    channel, size = file.channel("/x", FLOAT64), file.size
+    file.flush()
+    assert (file.chunks, file.size) == (0, size)
+    for log in (7, 3, 9, 5):
+        file.write(channel, log, log + 1, cdr.float64(log), (1 << 32) + log)
+    for _ in range(2):
+        file.flush()
+    assert (file.chunks, file.summary.counts, file.summary.first_ns, file.summary.last_ns) == (1, {channel: 4}, 3, 9)
+    body = bytes(_CHUNK_SIZE - 31)
+    for chunks in (1, 2):   # A chunk ends beyond its size, with 31 bytes of each message's head.
+        file.write(channel, 10, 11, body if chunks == 1 else b"", 0)
+        assert file.chunks == chunks
+    assert file.size > size
+    assert file.linked()
+    file.close({"lost": {}})
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        rows = [(m.log_time, m.publish_time, m.sequence) for *_, m in make_reader(stream).iter_messages()]
+    assert rows == [(3, 4, 3), (5, 6, 5), (7, 8, 7), (9, 10, 9), (10, 11, 0), (10, 11, 0)]
+    with pytest.raises(RecordingError, match=r"a.mcap exists already and is not overwritten$"):
+        McapFile(tmp_path / "a.mcap")
+    (tmp_path / "a.mcap").unlink()
+    other = McapFile(tmp_path / "a.mcap")
+    other.remove()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_only_what_collects_is_not_frozen():
     collects = {"Contents", "RecordStream", "FileSummary", "StampCounter", "_Run"}
     for found in iter_modules(tcc_sim.recording.__path__, "tcc_sim.recording."):
@@ -729,3 +767,26 @@ def test_what_a_recording_tells_of_its_losses(tmp_path):
     assert run.solver == "fixed_step"
     run.topics["/target_slip_speed"] = FLOAT64
     assert run.controlled
+
+
+MINE, SAME, THEIRS = "a" * 24 + "01", "a" * 24 + "02", "b" * 24 + "01"
+"""Identifiers of publishers: two of one process, and one of another."""
+
+
+@pytest.mark.parametrize(("recorded_", "announced", "scenes"), [
+    ([], [], []), (["A1", "B2"], [], ["A1", "B2"]), (["B2", "A1"], [], ["B2", "A1"]), (["A1", "A1"], [], ["A1"]),
+    ([], [("", SAME, "A5")], ["A5"]), (["A1"], [("", SAME, "A5")], ["A1"]),
+    (["A1"], [("", SAME, "B5")], ["A1", "B5"]), (["A9"], [("", SAME, "B5"), ("", MINE, "C7")], ["B5", "C7", "A9"]),
+    (["A1", "C2"], [("/other", SAME, "C5")], ["A1"]), (["D1"], [("", THEIRS, "D5"), ("", SAME, "A6")], ["A6"]),
+    (["D1"], [("", THEIRS, "D5"), ("", SAME, "D6")], ["D1"]), ([], [("", THEIRS, "D5")], ["D5"]),
+    ([], [("", THEIRS, "D5"), ("/other", SAME, "E5")], []), ([], [("", "", "D5"), ("/other", THEIRS, "E5")], ["D5"])])
+def test_scenes_are_those_of_the_namespace_and_of_the_process(recorded_, announced, scenes):
+    """Each text with its time of sending; a recorded scene that only others announced is theirs."""
+    def record(word):
+        return SceneRecord(word[0], "", int(word[1:]))
+
+    inventory = Inventory(())
+    inventory._scenes = {_Announced(space, who, record(word)): None for space, who, word in announced}
+    inventory._sent = {("/joint_states", MINE, ()): SimpleNamespace(publisher=MINE)}
+    found = inventory._scenes_of("", [MINE], [record(word) for word in recorded_])
+    assert [f"{one.text}{one.log_ns}" for one in found] == scenes

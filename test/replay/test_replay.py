@@ -241,10 +241,14 @@ def run_up():
     return scene, ticked(scene, 5000, torque=torque, pressure=lambda k: 260e3)
 
 
-def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
-    scene, rows = run_up
-    result = replay(bag(tmp_path / "run", rows, scene), discard=10)
-    values = result.as_json()
+@pytest.fixture(scope="module")
+def whole(run_up, tmp_path_factory):
+    """The run-up without a lost state."""
+    return replay(bag(tmp_path_factory.mktemp("whole") / "run", run_up[1], run_up[0]), discard=10)
+
+
+def test_a_commanded_run_up_is_analysed_at_its_own_frequency(run_up, whole):
+    (_, rows), result, values = run_up, whole, whole.as_json()
     assert values["frequency_source"] == "found"
     assert values["frequency_range"] == pytest.approx([100.0, 200.0], rel=0.02)
     starts = result.cycles.starts
@@ -263,12 +267,11 @@ def test_a_commanded_run_up_is_analysed_at_its_own_frequency(tmp_path, run_up):
     assert re.search(r"frequency +1\d\d[.\d]* to \d+[.\d]* rad/s, found", text)
 
 
-def test_a_commanded_run_up_is_followed_through_single_lost_states(tmp_path, run_up):
+def test_a_commanded_run_up_is_followed_through_single_lost_states(tmp_path, run_up, whole):
     """Every 47th state is lost, so no stretch of two cycles is without a loss."""
     scene, rows = run_up
     kept = [row for k, row in enumerate(rows) if k % 47 != 20]
     result = replay(bag(tmp_path / "run", kept, scene, clock=lambda k: START + kept[k][0]), discard=10)
-    whole = replay(bag(tmp_path / "whole", rows, scene), discard=10)
     assert result.as_json()["frequency_range"] == pytest.approx([100.0, 200.0], rel=0.02)
     assert (result.summary.cycles, result.summary.broken) == (whole.summary.cycles, 0)
     assert result.summary.covers == pytest.approx(whole.summary.covers, abs=1e-3)
