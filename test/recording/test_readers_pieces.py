@@ -5,7 +5,7 @@ import math
 import os
 import struct
 import zlib
-from dataclasses import is_dataclass
+from dataclasses import is_dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -767,6 +767,36 @@ def test_what_a_recording_tells_of_its_losses(tmp_path):
     assert run.solver == "fixed_step"
     run.topics["/target_slip_speed"] = FLOAT64
     assert run.controlled
+    run.warnings.clear()
+    run.drivelines, run._refused = [replace(run.drivelines[0], read=True), *(
+        driveline(f"/{n}/x", able=n > 1) for n in range(1, 23))], 1
+    run._pass_over([])
+    assert run.warnings[:3] == [
+        "1 message of /joint_states left out: their layout differs",
+        "not read: /1/x: 1 state from 0 to 1 s, joints a, b",
+        "not read: /2/x: 1 state from 0 to 1 s, no scene; --driveline 2 reads it"]
+    assert (len(run.warnings), run.warnings[-1]) == (22, "not read: 2 more publishers of joint states")
+
+
+def test_topics_of_a_recording_without_a_driveline_and_missing_parts_are_named(tmp_path):
+    for count, more in ((20, ""), (22, " and 2 more")):
+        writer = BagWriter(tmp_path / str(count))
+        for n in range(count):
+            writer.write(writer.channel(f"/t{n:02}", FLOAT64), n, n, cdr.float64(1.0))
+        writer.close()
+        with pytest.raises(RecordingError) as error:
+            open_run(tmp_path / str(count)).states()
+        assert str(error.value) == (
+            f"{tmp_path / str(count) / f'{count}_0.mcap'} holds no {JOINT_STATE}, so no driveline; its topics are "
+            f"{', '.join(f'/t{n:02} ({FLOAT64})' for n in range(20))}{more}")
+    (part,) = recorded(tmp_path / "run").glob("*.mcap")
+    (part.parent / "metadata.yaml").unlink()
+    for number, said in ((2, ["part 1 is missing"]), (4, ["2 parts are missing, the first is part 1"])):
+        (part.parent / f"run_{number}.mcap").write_bytes(part.read_bytes())
+        run = open_run(part.parent)
+        run.states()
+        assert [text for text in run.warnings if "missing" in text] == said
+        assert not run.complete
 
 
 MINE, SAME, THEIRS = "a" * 24 + "01", "a" * 24 + "02", "b" * 24 + "01"
