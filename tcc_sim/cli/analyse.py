@@ -149,7 +149,7 @@ def _table(arguments: argparse.Namespace) -> int:
 
     others = ("rrd", "spawn", "connect", "out", "discard", "frequency", "damping", "verify", "run", "joints",
               "topic", "driveline", "target")
-    given = [f"--{name}" for name in others if getattr(arguments, name) not in (None, False)]
+    given = [f"--{name}" for name in others if (value := getattr(arguments, name)) is not None and value is not False]
     if given:
         raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --columns, "
                          "--from, --to, --scene and --pulses")

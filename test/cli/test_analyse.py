@@ -20,6 +20,20 @@ KEYS = {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction
 SWING = 250.0 / (0.2 * 150.0)
 
 
+ONLY = ": only for recordings; a table takes --orders, --spectrum, --columns, --from, --to, --scene and --pulses\n"
+
+
+@pytest.mark.parametrize(("words", "why"), [
+    (["--orders", "--discard", "0", "--target", "0"], f"--discard, --target{ONLY}"),
+    (["--orders", "--run", "0", "--driveline", "0", "--frequency", "0"], f"--frequency, --run, --driveline{ONLY}"),
+    (["--spectrum", "--rrd", "a.rrd", "--damping", "--verify"], f"--rrd, --damping, --verify{ONLY}"),
+    (["--spectrum", "--spawn", "--topic", "a"], f"--spawn, --topic{ONLY}"),
+    (["--scene", "fig02"], "a table needs --orders or --spectrum; give one of them\n")])
+def test_options_of_recordings_are_refused_for_a_table(words, why, tmp_path, refused):
+    (tmp_path / "a.csv").write_text("t,slip_speed\n0,1\n1,2\n")
+    assert refused("analyse", "a.csv", *words) == f"tcc-sim: {why}"
+
+
 @pytest.fixture
 def recording(tmp_path):
     """Steady pure slip by the corrected (17a), 2 s."""

@@ -296,6 +296,17 @@ def test_a_demo_has_a_controller_where_the_pressure_alone_is_commanded(refused: 
         "one of them, as in scene controlled")
 
 
+def test_a_plan_has_the_options_of_its_command() -> None:
+    options = {"cycles": 9, "duration": None, "solver": "rk4", "rtol": None, "step": 1e-3, "damping": True,
+               "lyapunov": False}
+    for discard, kept in ((None, None), ("auto", "auto"), ("7", 7)):
+        plan = arguments.plan_of(argparse.Namespace(discard=discard, **options), direction="up")
+        assert {name: getattr(plan, name) for name in options} == options
+        assert (plan.discard, plan.direction) == (kept, "up")
+    assert refusal(arguments.plan_of, argparse.Namespace(discard="1.5", **options)) == (
+        "--discard is '1.5'; it must be a number of cycles or auto")
+
+
 def test_files_of_a_command_are_checked_before_it_computes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "old").write_text("mine")
@@ -305,6 +316,12 @@ def test_files_of_a_command_are_checked_before_it_computes(tmp_path: Path, monke
                                                       "width": "page", **given}), suffixes, *more)
 
     check((".csv",), json=Path("-"), out=Path("a.csv"), plot=Path("a.png"))
+    for name, given in (("distributed", {"dask": "x"}), ("pyarrow", {"out": Path("a.parquet")})):
+        with monkeypatch.context() as patch:
+            asked: list[str] = []
+            patch.setattr(arguments, "require", lambda *what, asked=asked: asked.append(what[0]))
+            check((".parquet",), **given)
+            assert asked == [name]
     check((), Path("old"), force=True)
     check(out=Path("old"))  # The verb itself checks an --out without suffixes.
     for given, says in (({"json": Path("old")}, "old exists; it is not overwritten"),

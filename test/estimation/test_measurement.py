@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +15,11 @@ from fig02_measured import FIG02
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation import identify as identification
-from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of
+from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of, read_recording
 from tcc_sim.estimation.multiple_shooting import Fit
 from tcc_sim.estimation.search import Search, profile_likelihood
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
+from tcc_sim.estimation.verdicts import _beginning
 from tcc_sim.estimation.windows import (
     LOAD_AMPLITUDE,
     LOG_LOAD,
@@ -390,6 +393,26 @@ def test_a_profile_holds_a_key_at_thirteen_values(monkeypatch) -> None:
     absent = profile_likelihood(Model(FIG02.system, ("actuation_pressure.offset",), data), {}, FitSettings(), best,
                                 "actuation_pressure.offset", np.array([1.0]))
     assert np.isnan(absent.excess).all()
+
+
+@pytest.mark.parametrize(("scenes", "given", "why"), [
+    ([], None, "run holds no scene; name the scene of the recorded driveline with --scene"),
+    (["a", "b"], FIG02, "run: the scene changed while it ran; identification needs one scene")])
+def test_a_recording_has_one_scene(scenes, given, why, monkeypatch) -> None:
+    monkeypatch.setattr("tcc_sim.recording.reader.open_run", lambda path, **which: SimpleNamespace(
+        scene_text=None, scenes=[SimpleNamespace(text=text) for text in scenes]))
+    with pytest.raises(InputError, match=f"^{why}$"):
+        read_recording(Path("run"), given)
+
+
+def test_units_are_looked_for_in_the_first_samples_of_what_moves() -> None:
+    t = np.arange(2100) * 1e-3
+    moving, late = np.sin(40.0 * t), np.where(t < 2.0, 0.0, np.sin(t))
+    first = _beginning(Measurement(t, {"slip_speed": moving, "plate_speed": late}, {"engine_torque": late}))
+    assert (len(first.t), list(first.channels), len(first.inputs["engine_torque"])) == (2000, ["slip_speed"], 2000)
+    assert len(_beginning(Measurement(t[:60], {"slip_speed": moving[:60]})).t) == 60
+    still = Measurement(t, {"slip_speed": late, "plate_speed": moving})
+    assert _beginning(still) is still
 
 
 def test_values_of_the_room_do_not_change() -> None:

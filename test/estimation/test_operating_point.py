@@ -21,6 +21,7 @@ from tcc_sim.estimation.operating_point import (
     Constant,
     MotionSegment,
     Periodic,
+    _from_settled,
     closed,
     halved,
     operating_point,
@@ -212,6 +213,42 @@ def test_a_segment_sticks_if_both_of_its_ends_do(halves: Periodic) -> None:
         made = replace(halves, segments=[MotionSegment(np.array([v, 0.0, 0.0]), np.eye(3), np.zeros((3, 2)))
                                          for v in speeds])
         assert stuck_segments(made).tolist() == stuck
+
+
+def test_a_motion_is_reached_from_the_settled_one_with_the_nearest_slip(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of sixteen pressures from 0.95 to twice the given one, at most 1e7 Pa; some of them have no motion."""
+    tried: list[float] = []
+
+    def found(load: System, period: int, state: object, slip: float | None) -> object:
+        pressure = load.pressure.mean
+        if slip is None:
+            return SimpleNamespace(system=load, period=3, segments=[SimpleNamespace(state=pressure)],
+                                   mean_slip=pressure / 1e5)
+        tried.append(pressure)
+        assert (period, state, slip) == (3, pressure, 5.0)
+        if len(tried) < 3:
+            raise NumericalFailure("no")
+        return "found"
+
+    def settled(load: System) -> tuple[int, str]:
+        if 4.2e5 < load.pressure.mean < 5e5:
+            raise OutOfRange("runs away")
+        return 1, "start"
+
+    monkeypatch.setattr("tcc_sim.estimation.operating_point.closed", found)
+    monkeypatch.setattr("tcc_sim.estimation.operating_point._settled", settled)
+    pressures = 4e5 * np.geomspace(0.95, 2.0, 16)
+    left = pressures[(pressures <= 4.2e5) | (pressures >= 5e5)]
+    failed = NumericalFailure("first")
+    assert _from_settled(STILL.system, 4e5, 5.0, failed) == "found"
+    assert tried == pytest.approx(sorted(left, key=lambda p: abs(p - 5e5))[:3])
+
+    def nowhere(*given: object) -> None:
+        raise NumericalFailure("another")
+
+    monkeypatch.setattr("tcc_sim.estimation.operating_point.closed", nowhere)
+    with pytest.raises(NumericalFailure, match=r"^first$"):
+        _from_settled(STILL.system, 4e5, 5.0, failed)
 
 
 def test_a_motion_that_is_not_found_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
