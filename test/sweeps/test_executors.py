@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from concurrent.futures import CancelledError, Future
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -75,6 +76,27 @@ def test_what_is_done_at_the_moment_of_a_failure_is_kept(failing: int) -> None:
     with pytest.raises(KeyboardInterrupt):
         kept.extend(result for _, result in each_done(Attendance(4), lambda: next(tasks, None), submit))
     assert sorted(kept) == [k for k in range(4) if k != failing]
+
+
+@pytest.mark.parametrize(("parts", "jobs", "each", "counts"), [(4, 8, 1, [4, 2, 1]), (3, 3, 1, [3, 1]), (5, 3, 5, [3]),
+                                                              (5, 4, 2, [4, 2, 1])])
+def test_half_as_many_processes_do_what_is_left(parts: int, jobs: int, each: int, counts: list[int],
+                                                monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until one works alone; every time `each` parts more are done."""
+    begun: list[int] = []
+
+    def pool(work: Any, given: Any, count: int, results: dict[int, Any], bar: Any) -> None:
+        begun.append(count)
+        results.update({k: work(given[k]) for k in range(min(each * len(begun), parts))})
+
+    monkeypatch.setattr(executors, "_in_a_pool", pool)
+    done = min(each * len(counts), parts)
+    if done == parts:
+        assert each_in_a_process(str, range(parts), jobs) == [str(k) for k in range(parts)]
+    else:
+        with pytest.raises(WorkersLost, match=f"; {done} of {parts} parts were done$"):
+            each_in_a_process(str, range(parts), jobs)
+    assert begun == counts
 
 
 def test_one_part_is_done_here() -> None:

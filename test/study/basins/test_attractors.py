@@ -77,6 +77,27 @@ def test_the_orbit_of_a_forced_map_begins_at_phase_0(settling: int, size: float)
     assert of.calls[0] == (1, 0, 4)
 
 
+class Seldom(Forced):
+    """The logistic map of period four in every fourth cycle, and rest in between: a motion of period 16."""
+
+    forcing_period = 4
+
+    def evaluate(self, x, values, first, cycles):
+        slope = 1.0
+        for k in range(cycles):
+            if (first + k) % 4 == 3:
+                x, slope = 3.5 * x * (1.0 - x), 3.5 * (1.0 - 2.0 * float(x[0])) * slope
+        return Image(x, np.array([[slope]]))
+
+
+def test_an_orbit_of_the_longest_period_is_found_from_any_phase() -> None:
+    of: Any = Motion(Seldom(lambda x, p: (x, x, x), 1))
+    (orbit,) = find_attractors(of, [np.array([0.3])], settings=Settings(settling=83))
+    assert (orbit.period, orbit.phases.tolist()) == (16, [0, 1, 2, 3] * 4)
+    of_four = [0.874997263602464, 0.382819683017324, 0.826940706591439, 0.500884210307218]
+    assert sorted(set(orbit.section[:, 0].round(12))) == pytest.approx(sorted(of_four), abs=1e-11)
+
+
 class Slow(TextbookMap):
     """0 attracts within a distance and takes motions to it at once; further away nothing moves."""
 

@@ -430,3 +430,37 @@ def test_a_step_of_a_loop_in_python_and_its_equations(monkeypatch):
     monkeypatch.setattr(peers, "repeated", repeated)
     assert peers.python_loop(System()) == pytest.approx({"step": 0.01, "rates": 0.002})
     assert solves.asked == [{"duration": 1e-3 * System().cycle, "solver": "dop853"}]
+
+
+@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
+def test_the_steady_state_is_the_motion_that_the_engine_reaches_solved_again_by_scipy(law, monkeypatch):
+    """Over a period, from its last start within the run; without a period, or where SciPy fails, nothing is known."""
+    asked, engine, system = [], {"smoothed": ("smoothed", 1e-11), "set_valued": ("event_driven", 1e-12)}[law], replace(
+        System(), {"friction.law": law})
+    run = SimpleNamespace(section=np.arange(306.0).reshape(102, 3), largest=np.ones(101))
+    monkeypatch.setattr(work_precision, "solve", lambda system, **how: asked.append(how) or SimpleNamespace(
+        solved_cycles=run))
+    monkeypatch.setattr(work_precision, "steady_of", lambda section, largest: (period, 0.0))
+    monkeypatch.setattr(work_precision, "reference", lambda system, *how: asked.append((
+        system.initial.slip_speed, *how)) or Reference("", np.array([[1.0, 2.0, -8.0], [1.5, 2.5, -8.0]]),
+                                                       np.array([3.0, 4.0]), np.array([4.0, 0.0, 1.0])))
+    names = [f"{engine[0]}, rtol {engine[1]:g}", "SciPy LSODA, rtol 1e-10"]
+    for period, slip in ((4, 300.0), (1, 303.0)):
+        assert work_precision.steady_reference(system, 101, "LSODA", 1e-10) == SteadyState(101, period, 4.0, 0.2, names)
+        assert asked[-2:] == [{"cycles": 101, "solver": engine[0], "rtol": engine[1]}, (slip, period, "LSODA", 1e-10)]
+    period = 0
+    assert work_precision.steady_reference(system, 101, "LSODA", 1e-10) == SteadyState(101, 0, None, None, names)
+
+    def fails(*task):
+        raise Unfinished
+
+    period = 2
+    monkeypatch.setattr(work_precision, "reference", fails)
+    assert work_precision.steady_reference(system, 101, "LSODA", 1e-10) == SteadyState(101, 2, None, None, names)
+
+
+def test_a_scene_beyond_its_ranges_is_refused():
+    result = extremes.examine({"driveline.stiffness": -1.0, "cycles": 7}, "fixed_step", SimpleNamespace(why=""))
+    assert result == extremes.Examined({"driveline.stiffness": -1.0, "cycles": 7, "friction.law": "smoothed"},
+                                       "fixed_step", 1e-3, why=result.why)
+    assert "driveline.stiffness is -1 N m/rad" in result.why
