@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace as with_fields
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -238,6 +239,19 @@ def test_only_points_that_failed_together_are_solved_alone(monkeypatch: pytest.M
     monkeypatch.setattr(sweeps_of_one_key, "solve_point", lambda system, value, plan: ("alone", value, plan))
     plan, three = Plan(cycles=30), [system(0.36)] * 3
     assert solve_points(three, (1.0, 2.0, 3.0), plan, None) == [("alone", 1.0, plan), "together", ("alone", 3.0, plan)]
+
+
+def test_a_sweep_goes_on_behind_its_last_solved_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Up from 0.26 over 0.28 to 0.3, from the end of the neighbour below."""
+    monkeypatch.setattr(sweeps_of_one_key, "handed_over", lambda before, end, after: (
+        before.friction.kinetic_coefficient, end, after.friction.kinetic_coefficient))
+    curve, end = Curve(system(0.36), KINETIC, (0.3, 0.26, 0.28)), SimpleNamespace(end="its end")
+    for solved, batch, tasks in (
+            ([], 1, [([(0, 1)], None)]), ([1], 1, [([(0, 2)], (0.26, "its end", 0.28))]),
+            ([1], 5, [([(0, 2), (0, 0)], (0.26, "its end", 0.28))]), ([1, 2], 1, [([(0, 0)], (0.28, "its end", 0.3))]),
+            ([0, 1, 2], 1, [])):
+        points = [[end if k in solved else None for k in range(3)]]
+        assert list(sweeps_of_one_key._tasks([curve], Plan(direction="up"), batch, points)) == tasks
 
 
 def test_the_order_the_batch_and_the_tolerance_of_a_sweep() -> None:

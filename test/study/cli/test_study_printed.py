@@ -19,7 +19,7 @@ from tcc_sim.study.benchmarks import peers, stability, work_precision, worst_cas
 from tcc_sim.study.benchmarks.extremes import Examined
 from tcc_sim.study.benchmarks.precision_report import PrecisionResult, References, SteadyState, StudiedScene
 from tcc_sim.study.cli import figure
-from tcc_sim.study.paper import claims, figures
+from tcc_sim.study.paper import claims, errata, figures
 from tcc_sim.study.paper.catalogue import FigureOptions
 from tcc_sim.study.paper.rules import Claim, Measured, holds
 from tcc_sim.views import style
@@ -56,6 +56,39 @@ def test_claims_are_printed_as_they_are_judged(tmp_path: Path, monkeypatch: pyte
     assert asked.pop()["pressures"] == (100e3, 1000e3)
     printed(0, "claims", "--thresholds", "--kept", tmp_path / "kept.jsonl")
     assert (asked[1]["pressures"], asked[1]["thresholds"], asked[1]["jobs"]) == (claims.PRESSURES, True, None)
+
+
+@pytest.mark.parametrize("ends", ["", "claims", "errata", "at once"])
+def test_claims_are_written_as_far_as_they_are_judged(ends: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                      capsys: pytest.CaptureFixture[str]) -> None:
+    def stop(where: str) -> str:
+        if ends == where:
+            raise KeyboardInterrupt
+        return "the errata"
+
+    def judged(each: Callable[[Any], None], **how: Any) -> None:
+        stop("at once")
+        judge(each=each, **{**how, "progress": False})
+        stop("claims")
+
+    judge = claims.judge
+    monkeypatch.setattr(claims, "CLAIMS", (Claim("4", "5", "it peaks", holds("it is"), lambda evidence: Measured(
+        (True,), {}), "a"),))
+    monkeypatch.setattr(claims, "judge", judged)
+    monkeypatch.setattr(errata, "errata_page", lambda: stop("errata"))
+    files = {name: tmp_path / name for name in ("json", "markdown", "errata")}
+    words = [word for name, file in files.items() for word in (f"--{name}", str(file))]
+    assert main(["claims", "--jobs", "1", *words]) == (130 if ends else 0)
+    out, err = capsys.readouterr()
+    assert err == "tcc-sim: interrupted; the claims judged so far are kept\n" * bool(ends)
+    if ends == "at once":
+        assert (out, list(tmp_path.iterdir())) == ("", [])
+        return
+    assert out.splitlines()[0] == "Fig. 4           confirmed      it peaks"
+    assert out.splitlines()[-1] == "Of 1 claims: 1 confirmed, 0 depend, 0 not confirmed"
+    assert json.loads(files["json"].read_text())["complete"] is (not ends)
+    assert ("Interrupted" in files["markdown"].read_text()) is bool(ends)
+    assert (files["errata"].read_text() if files["errata"].exists() else "") == ("" if ends else "the errata")
 
 
 class Stopped:
@@ -151,6 +184,8 @@ nothing asked for                 1.0        2.0        3.0
 all of these                      1.0        2.0        3.0  refused
   no core
   no right""".splitlines()
+    (tmp_path / "r.json").touch()
+    assert printed(2, "realtime", "--json", tmp_path / "r.json") == []
     printed(0, "realtime")
     printed(0, "realtime", "--rate", 1, "--duration", 0.5, "--thread-priority", 99, "--cpu-affinity", 1023)
     printed(0, "realtime", "--rate", 20000, "--duration", 1e6)
