@@ -130,8 +130,13 @@ def ship(folder: Path) -> int:
     return len(contents)
 
 
-if __name__ == "__main__":
-    if len(sys.argv) == 2:
-        print(f"tcc_sim: {ship(Path(sys.argv[1]))} kernels compiled ahead", file=sys.stderr)
+def run(words: list[str]) -> None:
+    """Ship the kernels into the folder that is the only word, or make the part whose number is the second one."""
+    if len(words) == 1:
+        print(f"tcc_sim: {ship(Path(words[0]))} kernels compiled ahead", file=sys.stderr)
     else:
-        make(int(sys.argv[2]))
+        make(int(words[1]))
+
+
+if __name__ == "__main__":
+    run(sys.argv[1:])

@@ -20,7 +20,7 @@ from tcc_sim.study.benchmarks.precision_report import (
     SteadyState,
     StudiedScene,
 )
-from tcc_sim.trajectory import Trajectory
+from tcc_sim.trajectory import Cycles, Trajectory
 
 PAGES = Path(__file__).with_name("pages.txt")
 
@@ -182,6 +182,19 @@ def test_energy_and_its_bound_by_hand():
     np.testing.assert_allclose(extremes.energy(run), energy)
     bound = math.sqrt(energy[0]) + 550.0 * (t - 1.0) / math.sqrt(0.4)
     assert extremes.energy_excess(run) == pytest.approx((np.sqrt(energy) / bound).max() - 1.0)
+
+
+def test_a_run_is_finite_if_all_of_its_arrays_are():
+    run, arrays = run_of(np.arange(3.0), 1.0, 0.1, 2.0), ("slip_speed", "plate_angle", "plate_speed", "friction_torque")
+    whole = Cycles(np.zeros((3, 3)), *np.zeros((3, 2)))
+    assert extremes.finite(run)
+    for owner, names in ((run, arrays), (whole, ("section", "highest", "lowest", "stick_time"))):
+        for name in names:
+            vars(run)["cycles"], kept = whole, getattr(owner, name)
+            assert extremes.finite(run)
+            vars(owner)[name] = np.where(np.arange(kept.size).reshape(kept.shape) == 1, np.inf, kept)
+            assert not extremes.finite(run)
+            vars(owner)[name] = kept
 
 
 def test_the_power_balance_by_hand():

@@ -186,3 +186,13 @@ def test_kernels_are_shipped_from_both_workers_and_from_the_package(tmp_path, mo
     assert ahead.ship(folder) == 3
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == {"old": b"1", "new0": b"0", "new1": b"1"}
     assert started == [["-m", "tcc_sim.study.cli.ahead", "part", "0"], ["-m", "tcc_sim.study.cli.ahead", "part", "1"]]
+
+
+def test_the_module_ships_into_a_folder_or_makes_a_part(monkeypatch, capsys):
+    made = []
+    monkeypatch.setattr(ahead, "ship", lambda folder: made.append(folder) or 7)
+    monkeypatch.setattr(ahead, "make", made.append)
+    ahead.run(["a/folder"])
+    ahead.run(["part", "1"])
+    assert made == [Path("a/folder"), 1]
+    assert capsys.readouterr() == ("", "tcc_sim: 7 kernels compiled ahead\n")
