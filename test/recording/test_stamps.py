@@ -81,6 +81,17 @@ def test_a_gap_begins_beyond_one_and_a_half_ticks():
     assert (c.gaps, c.lost) == (1, 1)
 
 
+@pytest.mark.parametrize(("steps", "tick", "jitter", "uneven"), [
+    ([1000] * 5 + [990, 1010, 989, 1011], 1000, 0, 2), ([100] * 5 + [98, 102, 97, 103], 100, 0, 2),
+    ([990, 995, 1000, 1005, 1010, 1015], 1002, 12, 2), ([990, 995, 1000, 1005, 1010], 1000, 10, 0),
+    ([990, 995, 1000, 1005, 1005], 1005, 0, 1)])
+def test_steps_more_than_a_hundredth_from_the_tick_are_uneven_and_five_that_differ_jitter(steps, tick, jitter, uneven):
+    """Jitter is the 95th percentile of the distance from the median step, by linear interpolation."""
+    c, _ = fed(np.cumsum([0, *steps]))
+    assert (c.tick, c._run.jitter, c.uneven, c.gaps) == (tick, jitter, uneven, 0)
+    assert c._run.longest == tick + tick // 2 + jitter
+
+
 @pytest.mark.parametrize("resets", [1, 5000])
 def test_resets_are_counted_however_many_there_are(resets):
     c, result = fed(stamps(*[range(3)] * (resets + 1)), (7, 100, 1))
