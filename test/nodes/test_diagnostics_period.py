@@ -108,7 +108,7 @@ def housekeeper(loop: SimpleNamespace, **fields: object) -> Any:
     warned: list[tuple[object, ...]] = []
     throttle = SimpleNamespace(warn=lambda *said: warned.append(said),
                                once=lambda *said: warned.append((*said, "once")))
-    scene = SimpleNamespace(operation=SimpleNamespace(rate=1000.0, pacing="lockstep"))
+    scene = SimpleNamespace(operation=SimpleNamespace(rate=1000.0, pacing="".join("lockstep")))
     for name, value in {"loop": loop, "scene": scene, "_throttle": throttle, "warned": warned, "_vehicle": None,
                         "_announced": False, **fields}.items():
         object.__setattr__(node, name, value)

@@ -53,7 +53,8 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def loop_of(commands: list[Any] = [], **changes: Any) -> Any:  # noqa: B006
-    """A loop without node and thread, whose plant is at tick 12."""
+    """A loop without node and thread, whose plant is at tick 12; words are new objects, as those of files."""
+    changes = {name: "".join(value) if isinstance(value, str) else value for name, value in changes.items()}
     loop: Any = RealTimeLoop.__new__(RealTimeLoop)
     loop.plant = SimpleNamespace(scene=load_scene("controlled").with_values(changes), stamp_of=lambda tick: 1000 * tick,
                                  stepper=SimpleNamespace(tick=12), stamp_ns=12_000)
@@ -104,6 +105,9 @@ def test_a_tick_in_real_time_takes_commands_with_the_time_out_in_ticks_unless_a_
         loop.pacer = SimpleNamespace(period_ns=period, wait=lambda interrupted, waits=waits: waits)
         assert loop._due() is due
     assert loop.commands[0].polled == [(12, limit)] * 2
+    lockstep = loop_of([Answering("torque", now, now[0])], pacing="lockstep", **changes)
+    assert lockstep._due()  # By the answer.
+    assert not lockstep.commands[0].polled
     assert not loop._interrupted()
     loop._requests.put(0)
     assert loop._interrupted()

@@ -231,7 +231,9 @@ def outputs_of(**changes: Any) -> tuple[Outputs, dict[str, Offered]]:
 
     node: Any = SimpleNamespace(create_publisher=create, context=SimpleNamespace(ok=lambda: True),
                                 get_fully_qualified_name=lambda: "/left/driveline", count_subscribers=lambda name: 2)
-    return Outputs(node, load_scene("minimal").with_values(changes)), made
+    # Words are new objects, as those of files.
+    return Outputs(node, load_scene("minimal").with_values({
+        name: "".join(value) if isinstance(value, str) else value for name, value in changes.items()})), made
 
 
 READING = Reading(5_000_000, *(float(n) for n in range(1, 8)), 1, *(float(n) for n in range(9, 14)))
@@ -289,8 +291,8 @@ def test_messages_that_are_refused_wait_in_order_or_are_counted_once() -> None:
         assert outputs.unsent == {"/left/joint_states": 2, "/left/slip_speed": 1}
         for _ in range(2):
             outputs.tell_unsent()
-        assert made["unsent_messages"].taken == [track.unsent_message("/left/driveline", outputs.unsent)]
-        said = deserialize_message(made["unsent_messages"].taken[0], DiagnosticStatus)
+        (data,) = made["unsent_messages"].taken
+        said = deserialize_message(data, DiagnosticStatus)
         assert (said.name, said.message, [(item.key, item.value) for item in said.values]) == (
             "/left/driveline", "3 messages not sent", [("/left/joint_states", "2"), ("/left/slip_speed", "1")])
         made["unsent_messages"].open = False
@@ -383,7 +385,7 @@ def test_the_clock_is_published_where_it_is_wanted_or_followed_and_by_nobody_els
     told: list[Any] = []
     outputs: Any = SimpleNamespace(add=told.append, meet=lambda name: told.append("meets"), zero_ns=7,
                                    say=lambda name, data: told.append(cdr.read_stamp(data)))
-    operation: Any = SimpleNamespace(publish_clock=wanted, pacing="lockstep" if lockstep else "real_time")
+    operation: Any = SimpleNamespace(publish_clock=wanted, pacing="".join("lockstep") if lockstep else "real_time")
     clock = SimulationClock(node, outputs, operation)
     clock.published = published
     assert (clock.followers, clock.rivals, clock.due, clock.sentence()) == (followers, rivals, due, said)

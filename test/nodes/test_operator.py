@@ -330,13 +330,13 @@ class Asked:
         publisher = SimpleNamespace(topic_name="/left/input", publish=self.sent.append,
                                     get_subscription_count=lambda: self.given["connected"],
                                     wait_for_all_acked=lambda limit: self.acknowledged.append(limit.nanoseconds))
-        names = [("driveline", "/left"), ("rviz", "/right"), *self.given["names"]]
+        names = [("".join("driveline"), "/left"), ("rviz", "/right"), *self.given["names"]]
         self.operator: Any = Operator.__new__(Operator)
         self.operator._driveline = "/left/driveline"
         self.operator._node = SimpleNamespace(
             create_publisher=lambda *how: publisher, count_subscribers=lambda name: self.given["known"],
             count_publishers=lambda name: self.given["publishers"], get_node_names_and_namespaces=lambda: names)
-        options = {f"{one}.source": self.given["source"] for one in ("engine", "pressure")} | {
+        options = {f"{one}.source": "".join(self.given["source"]) for one in ("engine", "pressure")} | {
             "publish_diagnostics": bool(self.statuses), "command_timeout": self.given["timeout"]}
         for name, stub in {"_until": self.until, "_statuses": lambda published: self.statuses,
                            "_refusals": lambda name: self.given["heard"], "_applied": lambda kind: self.applied,

@@ -127,8 +127,9 @@ def test_commands_without_stamps_are_named_unless_their_senders_follow_the_clock
         said: bool) -> None:
     command = SimpleNamespace(name="engine_torque", unstamped=unstamped, timed=False,
                               subscription=SimpleNamespace(topic_name="/engine_torque"))
-    loop: Any = SimpleNamespace(scene=SimpleNamespace(operation=SimpleNamespace(pacing=pacing)), commands=[command],
-                                clock=SimpleNamespace(followers=followers), far_end=command if far else None)
+    loop: Any = SimpleNamespace(scene=SimpleNamespace(operation=SimpleNamespace(pacing="".join(pacing))),
+                                commands=[command], clock=SimpleNamespace(followers=followers),
+                                far_end=command if far else None)
     node: Any = SimpleNamespace(get_publishers_info_by_topic=lambda name: [
         SimpleNamespace(node_namespace="/", node_name=one.removeprefix("/")) for one in senders])
     sentences = Waiting(node, loop).unstamped()

