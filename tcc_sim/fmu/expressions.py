@@ -429,8 +429,6 @@ class Expressions:
             return self._value((first == second) == isinstance(sign, ast.Eq), node)
         if isinstance(first, Struct) and first == second and isinstance(sign, ast.Eq) \
                 and all(isinstance(kind, Scalar) for _, kind in first.fields):
-            if left.startswith("&"):
-                left, right = right, left
             left = f"({left})" if left.startswith("&") else left
             return f"({' && '.join(f'{left}->{name} == ({right})->{name}' for name, _ in first.fields)})", INT
         if type(sign) not in OPERATORS:

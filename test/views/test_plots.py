@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -167,6 +168,25 @@ def test_a_manoeuvre_is_drawn_from_its_beginning_to_its_end(figures, tmp_path) -
     assert 1e3 * warm[-1] == pytest.approx(result.summary.clutch_energy, rel=0.01)
     assert max(shaft.lines[0].get_ydata()) == pytest.approx(result.summary.max_shaft_torque, rel=0.01)
     assert max(slip.lines[0].get_ydata()) == pytest.approx(result.summary.max_slip_speed, rel=1e-3)
+
+
+def test_a_picture_without_a_file_is_one_for_a_notebook_and_a_run_needs_three_samples(monkeypatch) -> None:
+    run = solve(load_scene("minimal"), cycles=3, samples_per_cycle=50)
+    with monkeypatch.context() as patch:
+        patch.setattr(style, "save", lambda drawn, path: path.write_bytes(b"png!") and path)
+        picture = plots.plot(run)
+    assert (repr(picture), picture._repr_png_()) == ("<Picture: 4 bytes of PNG>", b"png!")
+    names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
+             "state")
+    short, three = (replace(run, **{name: getattr(run, name)[:count] for name in names}) for count in (2, 3))
+    ax = Figure().subplots()
+    assert plots.plot(three, ax=ax, title="mine").get_title() == "mine"
+    with pytest.raises(InputError, match=r"^a Trajectory has no curve for an axis; a run needs samples"):
+        plots.plot(short, ax=ax)
+    for result, order in ((SimpleNamespace(per_revolution=2.0), 2.0), ({"scene": {"engine.order": 3.0}}, 3.0),
+                          ({}, None), (SimpleNamespace(measured=SimpleNamespace(per_revolution=4.0)), 4.0), (3.0, None),
+                          (load_scene("fig02").with_values({"engine.order": 2.0}), 2.0)):
+        assert plots._order_of(result) == order
 
 
 def test_an_axis_takes_the_main_curve_and_no_file_is_overwritten(figures, tmp_path) -> None:
