@@ -212,3 +212,16 @@ def test_the_model_for_xppaut_line_by_line():
     plain = replace(system, {"pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3})
     assert peers.xppaut_file(plain, "gear", 1e-6, 1, 1).splitlines()[:2] == [
         f"ts={plain.saturation_mean:.17g}", "tf=ts*tanh(50*v)"]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize(("times", "largest"), [
+    ([1.0, 1.3, 1.9, 2.2], 1.0), ([0.1, 0.2, 0.3], math.sin(0.3)), ([2.0, 2.2, 2.5], math.sin(2.0)), ([1.5, 1.6], 1.0),
+    ([0.3], math.sin(0.3)), ([1.2, 1.4, 4.5, 4.9], 1.0)])
+def test_the_largest_speed_of_an_arc_lies_between_its_nodes(side, times, largest):
+    """Of v = sin t; an arc in stick has none."""
+    law = SimpleNamespace(rates=lambda t, y, mode: [side * math.cos(t), 0.0, 0.0])
+    t = np.array(times)
+    y = side * np.stack([np.sin(t), 0.0 * t, 0.0 * t])
+    assert references._largest(law, t, y, 1, 1e-12, np.full(3, 1e-14)) == pytest.approx(largest, abs=1e-12)
+    assert references._largest(law, t, y, 0, 1e-12, np.full(3, 1e-14)) == 0.0
