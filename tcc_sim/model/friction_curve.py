@@ -159,7 +159,7 @@ def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -
 
 @lru_cache(maxsize=64)
 def _fit_of(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -> FrictionCurve:
-    """Return the fit of a table whose largest coefficient is 1."""
+    """Return the fit of a table whose largest coefficient is 1, as in all functions below."""
     v, mu = np.array(slip_speeds), np.array(coefficients)
     best: FrictionCurve | None = None
     least, most = math.inf, min(MOST_TERMS, len(v) - 2)
@@ -186,7 +186,7 @@ def _criterion(curve: FrictionCurve, v: Floats, mu: Floats) -> float:
     n, terms = len(v) + PRIOR, 1 + 2 * len(curve.rates)
     if n - terms <= 2:
         return math.inf
-    squares = float(np.sum(((curve.at(v) - mu) / mu.max()) ** 2)) + PRIOR * GOOD_ENOUGH**2
+    squares = _squares(curve, v, mu) + PRIOR * GOOD_ENOUGH**2
     return n * (math.log(squares / n) + SEARCHED * math.log(n) * terms / (n - terms - 2))
 
 
@@ -253,7 +253,7 @@ def _slopes(v: Floats, mu: Floats, noise: float) -> tuple[Floats, Floats, Floats
 
 def _noise(curve: FrictionCurve, v: Floats, mu: Floats) -> float:
     """Return the rms difference of a curve from the table, at least 0.1 % of the largest coefficient."""
-    return max(math.sqrt(_squares(curve, v, mu) / len(v)), GOOD_ENOUGH * float(mu.max()))
+    return max(math.sqrt(_squares(curve, v, mu) / len(v)), GOOD_ENOUGH)
 
 
 def _bent(start: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
@@ -263,7 +263,7 @@ def _bent(start: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
     """
     from scipy.optimize import minimize
 
-    count, size = len(start.rates), float(np.ptp(mu)) or float(mu.max())
+    count, size = len(start.rates), float(np.ptp(mu)) or 1.0
     at, low, high = (x[::-(-len(x) // BOUNDS)] for x in _slopes(v, mu, _noise(start, v, mu)))
     (slow, fast), (least, most) = _bounds(v, count), _constants(mu)
     scale, order = v[-1] / size, -np.diff(np.eye(count), axis=0)
@@ -308,12 +308,12 @@ def _in_range(curve: FrictionCurve, v: Floats, mu: Floats) -> bool:
     if not math.isfinite(curve.error):
         return False
     at, low, high = _slopes(v, mu, _noise(curve, v, mu))
-    slope, value, margin = curve.slope(at), curve.at(at[at <= v[-1]]), REFUSED * mu.max()
+    slope, value = curve.slope(at), curve.at(at[at <= v[-1]])
     apart = all(x >= 1.5 * y for x, y in itertools.pairwise(curve.rates))
     # One exponential cannot turn, and the bounds of its rate limit its slope.
     bent = len(curve.rates) > 1 and not ((slope >= low - TINY).all() and (slope <= high + TINY).all())
     return bool(apart and not bent and
-                value.min() > max(mu.min() - margin, 0.0) and value.max() < mu.max() + margin and
+                value.min() > max(mu.min() - REFUSED, 0.0) and value.max() < 1.0 + REFUSED and
                 1.0 / LARGEST_RATIO <= curve.at(0.0) / curve.constant <= LARGEST_RATIO and _goes_one_way(curve, v, mu))
 
 
@@ -342,7 +342,7 @@ def _projected(v: Floats, mu: Floats, rates: Floats) -> tuple[Floats, Floats]:
 def _constants(mu: Floats) -> tuple[float, float]:
     """Return the bounds of the constant."""
     reach = BEYOND * np.ptp(mu)
-    return max(mu[-1] - reach, 1.01 * mu.max() / LARGEST_RATIO), mu[-1] + reach
+    return max(mu[-1] - reach, 1.01 / LARGEST_RATIO), mu[-1] + reach
 
 
 def _curve(v: Floats, mu: Floats, rates: Floats) -> FrictionCurve:
@@ -356,8 +356,7 @@ def _with_error(v: Floats, mu: Floats, factors: Floats, rates: Floats) -> Fricti
     residuals = factors[0] + decayed(np.exp(rates), v[:, None]) @ factors[1:] - mu
     worst = int(np.abs(residuals).argmax())
     return FrictionCurve(float(factors[0]), tuple(map(float, factors[1:][order])),
-                         tuple(map(float, np.exp(rates[order]))), float(abs(residuals[worst]) / mu.max()),
-                         float(v[worst]))
+                         tuple(map(float, np.exp(rates[order]))), float(abs(residuals[worst])), float(v[worst]))
 
 
 def _compared(curve: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
@@ -368,6 +367,6 @@ def _compared(curve: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
     from scipy.interpolate import PchipInterpolator
 
     at = np.append((v[:-1, None] + np.diff(v)[:, None] * np.arange(FINE) / FINE).ravel(), v[-1])
-    apart = np.abs(curve.at(at) - PchipInterpolator(v, mu)(at)) / mu.max()
+    apart = np.abs(curve.at(at) - PchipInterpolator(v, mu)(at))
     worst = int(apart.argmax())
     return replace(curve, error_between=float(apart[worst]), worst_between=float(at[worst]), fastest=float(v[-1]))

@@ -361,3 +361,20 @@ def test_targets_are_steps_in_order_of_time():
     steps = target_steps({3.0: 1e5, 0.5: -1e5, 2.0: 7})
     assert (steps.t.tolist(), steps.values.tolist()) == ([0.5, 2.0, 3.0], [-1e5, 7.0, 1e5])
     assert (target_steps(30).t.tolist(), target_steps(30).values.tolist()) == ([0.0], [30.0])
+
+
+def test_a_step_counts_from_the_last_mean_before_it_unless_that_is_long_ago():
+    """From the cycle that ended less than 1.5 cycles before; else from the mean that is known, or two means on."""
+    ends = np.array([0.1, 0.2, 0.3, 0.7, 0.8, 0.9])
+    mean = np.array([5.0, 6.0, 7.0, 10.0, 13.0, 15.0])
+    course = LoopCycles(ends - 0.1, ends, mean, *[np.full(6, math.nan)] * 4)
+    made = Loop(course, Steps(np.array([0.0]), np.array([20.0])))
+    for begin, stepped, before, expected in (
+            (0.3, True, math.nan, (13.0, True)), (0.3, None, math.nan, (13.0, False)),
+            (0.3, False, math.nan, (0.0, True)), (0.44, None, math.nan, (13.0, False)),
+            (0.46, None, math.nan, (20.0 - 8.5, False)), (0.46, None, 4.0, (16.0, True)),
+            (0.0, None, 4.0, (16.0, True)), (0.0, True, math.nan, (20.0 - 4.5, False)),
+            (0.8, None, math.nan, (7.0, False))):
+        one = replace(made, before=before)
+        assert one._step(course.within(begin, 2.0), begin, stepped) == pytest.approx(expected)
+    assert replace(made, before=math.nan)._step(course.within(0.46, 0.75), 0.46, True) == (10.0, False)

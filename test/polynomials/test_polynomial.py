@@ -166,6 +166,12 @@ def test_a_dip_counts_from_half_of_the_accuracy_on():
             assert x == (pytest.approx(0.5 - 1e-3 * math.sqrt(depth), abs=5e-4) if found else math.inf)
 
 
+def test_newtons_next_place_is_within_the_interval_or_its_middle():
+    for f, slope, following in ((1.0, 2.0, 1.5), (1.0, 1.0, 1.0), (2.0, 1.0, 2.5), (-2.0, 1.0, 4.0), (-2.1, 1.0, 2.5),
+                                (1.0, 0.0, 2.5)):
+        assert polynomial.newton_within(1.0, 4.0, 2.0, f, slope) == following
+
+
 @pytest.mark.parametrize(("coefficients", "noise", "monotone"), [
     ([0.0, 1.0, 2.0], 0.0, True), ([2.0, 1.0, 0.0], 0.0, True), ([0.0, 1.0, 0.5], 0.5, True),
     ([0.0, 1.0, 0.5], 0.4, False), ([1.0, 0.0, 1.0], 1.0, True), ([1.0, 0.0, 1.0], 0.9, False), ([1.0, 1.0], 0.0, True),

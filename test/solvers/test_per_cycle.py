@@ -113,10 +113,11 @@ def test_the_set_valued_law_is_at_rest_where_both_ends_are_and_after_a_jump_of_t
     v = np.where(t <= 0.5, 2.0 - 4.0 * t, np.where(t < 1.1, 0.0, 9.0 * (t - 1.1) ** 2))
     a = np.where(t <= 0.5, -4.0, np.where(t < 1.1, 0.0, 18.0 * (t - 1.1)))
     still = np.zeros(len(t))
-    for start, end in ((0.0, 2.0), (0.1, 1.9)):
-        result = cycles_from_samples(t, v, a, still, still, still, starts=np.array([start, end]), stick_speed=0.0)
+    for start, end, sign in ((0.0, 2.0, 1.0), (0.1, 1.9, 1.0), (0.0, 2.0, -1.0), (0.1, 1.9, -1.0)):
+        result = cycles_from_samples(t, sign * v, sign * a, still, still, still, starts=np.array([start, end]),
+                                     stick_speed=0.0)
         assert result.stick_time == pytest.approx(0.6, abs=1e-12)
-        assert result.lowest[0] == pytest.approx(0.0, abs=1e-12)
+        assert (result.lowest if sign > 0.0 else result.highest)[0] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_times_of_samples_and_cycles():

@@ -67,6 +67,10 @@ def test_tolerances_have_caps_where_friction_varies_and_floors_where_all_is_slow
         control = record(CONTROL, slip_before=before)
         place = region_of(record(STATE, slip_speed=v), loaded, control, LIMITS, TERMS, drive)
         assert (place.slip_tolerance, place.speed_tolerance) == pytest.approx((slip, speed), rel=1e-12, abs=0.0)
+    for torque, sign in ((123.12, 1.0), (123.08, -1.0)):   # Te/I1 is 615.6 or 615.4, and K theta2/I2 is -615.5 rad/s^2.
+        state = record(STATE, plate_angle=-12.31 / 3000.0)
+        drive = record(DRIVE, torque=torque)
+        assert region_of(state, True, record(CONTROL), LIMITS, TERMS, drive).sign == sign
 
 
 @pytest.mark.parametrize("side", [1, -1])
