@@ -321,3 +321,28 @@ def test_slip_ends_at_a_level_or_at_once_where_it_goes_the_other_way(now, slip, 
                                    np.zeros(1, WORK)[0]["bernstein"])
     assert (found.event, found.direction, found.reach) == (event, 0, pytest.approx(np.abs(slip[1:]).sum()))
     assert found.x == pytest.approx(x)
+
+
+@pytest.mark.parametrize(("mode", "v", "stribeck", "degree", "level"), [
+    (1, 1.0, (0.5, 2.0), 22, 0.0), (-1, -1.0, (0.5, 2.0), 22, 0.0), (1, 2.03, (0.5, 2.0), 28, 2.0),
+    (1, 1.0, None, 28, 0.0), (FREE, 1.0, (0.5, 2.0), 28, 0.0), (1, 1.0, (0.5, 2.0, 0.1, 90.0), 22, 0.4),
+    (0, 0.0, (0.5, 2.0), 28, 0.0)])
+def test_time_is_scaled_by_the_sum_of_the_rates_of_an_arc(monkeypatch, mode, v, stribeck, degree, level) -> None:
+    """500 1/s in slip and 100 in stick; where friction falls alpha |v'| and beta Ts alpha c exp(-alpha |v|) too."""
+    arc, ended = plain(step.stick_arc if mode == 0 else step.slip_arc), []
+    monkeypatch.setitem(plain(step.slip_arc).__globals__, "slip_event", lambda bounds, unit, x, order, level, *_: (
+        ended.append(level) or Step(unit, x, order, NO_EVENT, 0, 0.0)))
+    state = record(setup.STATE, mode=mode, slip_speed=v, plate_angle=0.1, plate_speed=-2.0)
+    drive, work = record(DRIVE, torque=300.0, load=40.0), np.zeros(1, WORK).view(np.recarray)[0]
+    given = (BOUNDS, LINEAR, 300.0, WAVES, 40.0, None, *((stribeck,) if mode else ()), state, drive)
+    found = arc(*given, 1e-9, work.rows, work.bernstein)
+    rate, sign = 100.0 if mode == 0 else 500.0, float(mode)
+    if degree == 22:
+        pairs = list(zip(stribeck[::2], stribeck[1::2]))
+        law = 1.0 + sum(c * math.exp(-a * abs(v)) for c, a in pairs)
+        pull = (matrix_of(LINEAR) @ [v, 0.1, -2.0])[0] + 1500.0 - 55.0 * 40.0 * law * sign
+        fastest = 2.0   # The other one has died down.
+        rate += fastest * abs(pull) + 55.0 * 40.0 * sum(c * a * math.exp(-a * abs(v)) for c, a in pairs)
+    assert (found.degree, found.unit, found.x) == (degree, pytest.approx(1.0 / rate), pytest.approx(1e-9 * rate))
+    assert ended == [] if mode == 0 else ended == [level]
+    assert 1e-6 < arc(*given, 10.0, work.rows, work.bernstein).x * found.unit < 1.0   # By the last terms.

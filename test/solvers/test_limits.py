@@ -164,6 +164,8 @@ def test_an_engine_allows_steps_by_cycles_and_says_why_it_ends() -> None:
     assert [other.why(ended, 7, exact) for ended in (EVENT_LIMIT, NOT_FINITE, STEP_LIMIT, DEGENERATE, DONE)] == [
         "1154 events in one period of excitation", "the state is not finite", "7 steps in one period of excitation",
         "slip ends where its rate is 0 too", ""]
+    kernels: list[Any] = [engine.integrate, other.integrate, engine.sections, engine.segments]
+    assert [kernel.effort for kernel in kernels] == [1.0, 0.7, 0.8, 2.4]   # Compile times, relative.
     for whole, calls in ((5, [5]), (4096, [4096]), (4097, [4096, 4097]), (9000, [4096, 8192, 9000])):
         problem: Any = SimpleNamespace(whole_cycles=whole, rest=0.25)
         expected = [(cycles, 0.25 if cycles == whole else 0.0) for cycles in calls]
