@@ -92,6 +92,14 @@ def test_steps_more_than_a_hundredth_from_the_tick_are_uneven_and_five_that_diff
     assert c._run.longest == tick + tick // 2 + jitter
 
 
+@pytest.mark.parametrize(("before", "after", "returns"), [
+    ([0, 1], [0, 1, 2], 0), ([0, 1, 2], [0, 3], 1), ([0, 1, 2], [0, 1, 2], 0), ([0, 5, 9], [1, 2, 10, 30], 1),
+    ([0, 1, 2], [0, 2, 3], 0), ([0, 1, 2], [0, 9], 1)])
+def test_a_run_that_jumps_to_beyond_the_end_of_the_one_before_returns_to_it(before, after, returns):
+    assert fed(stamps(before, after))[0].returns == returns
+    assert fed(stamps(before, after), publisher=[1] * (len(before) + len(after)))[0].returns == 0
+
+
 @pytest.mark.parametrize("resets", [1, 5000])
 def test_resets_are_counted_however_many_there_are(resets):
     c, result = fed(stamps(*[range(3)] * (resets + 1)), (7, 100, 1))
