@@ -161,7 +161,7 @@ class StampCounter:
         fresh = self.last is None or taken_over
         if taken_over:
             self._gone.add(self._publisher)
-        before = stamps[0] - 1 if fresh or self.last is None else self.last
+        before = stamps[0] if fresh or self.last is None else self.last
         steps = np.diff(stamps, prepend=np.int64(before))
         starts = np.flatnonzero(steps < 0).tolist()
         if fresh:

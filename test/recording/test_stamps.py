@@ -92,6 +92,13 @@ def test_steps_more_than_a_hundredth_from_the_tick_are_uneven_and_five_that_diff
     assert c._run.longest == tick + tick // 2 + jitter
 
 
+@pytest.mark.parametrize("sizes", [(10**6,), (102,)])
+def test_a_gap_among_steps_that_jitter_is_half_longer_than_the_step_before_too(sizes):
+    """Of 1700 after 1500 and 2600 after 1700 only the latter; the longest step that is no gap is about 1550."""
+    c, _ = fed(np.cumsum([0, *range(951, 1051), 1500, 1700, 2600]), sizes)
+    assert (c.tick, c.gaps, c.lost, c.uneven) == (1002, 1, 2, 81)
+
+
 @pytest.mark.parametrize(("before", "after", "returns"), [
     ([0, 1], [0, 1, 2], 0), ([0, 1, 2], [0, 3], 1), ([0, 1, 2], [0, 1, 2], 0), ([0, 5, 9], [1, 2, 10, 30], 1),
     ([0, 1, 2], [0, 2, 3], 0), ([0, 1, 2], [0, 9], 1)])

@@ -33,7 +33,7 @@ from tcc_sim.replay.given_inputs import (
     smooth_inputs,
     twin_of,
 )
-from tcc_sim.replay.inputs import Ages, CommandAge, HeldInput, command_notes, held_commands, held_inputs
+from tcc_sim.replay.inputs import Ages, CommandAge, HeldInput, _acted, command_notes, held_commands, held_inputs
 from tcc_sim.replay.measured import analyse_table, at_measured_speed
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import _end_of, _warnings, replay
@@ -692,3 +692,15 @@ def test_runs_are_cut_where_scenes_change_and_targets_jump():
     for how in ((3.0, Uniform(1e-9)), (2.0, Uniform(1.0))):
         assert [sorted(cut.changes) for cut in cuts_of(line, *how)[0]] == [
             [], ["engine.mean_torque"], ["engine.mean_torque", "pressure.mean"], ["target_slip_speed"]]
+
+
+@pytest.mark.parametrize(("due", "late", "acts"), [
+    (1, 250 * MS, 2), (1, 250 * MS + 1, 1), (2, 5, 2), (3, 5, 3), (0, 240 * MS, 2)])
+def test_a_command_acts_at_a_later_change_to_its_value_within_a_quarter_of_a_second(due, late, acts):
+    """The input changes to 7 at the third state and to 3 at the last."""
+    stamps = np.array([0, 0, late, late + 1, late + 2])
+    shown = np.array([3.0, 3.0, 7.0, 7.0, 3.0])
+    result = _acted(np.array([due]), np.array([7.0]), np.array([True]), shown, stamps)
+    assert result.tolist() == [acts]
+    for value in (3.0, 8.0):  # The last change is that of another value, or of a command that is seen.
+        assert _acted(np.array([4]), np.array([value]), np.array([value == 8.0]), shown, stamps).tolist() == [4]
