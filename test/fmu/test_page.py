@@ -12,8 +12,8 @@ import pytest
 
 from tcc_sim import closed_loop
 from tcc_sim.cli import main
-from tcc_sim.errors import InputError
-from tcc_sim.fmu.export import compiler, fmu_of
+from tcc_sim.errors import InputError, TccError
+from tcc_sim.fmu.export import binary_of, compiler, fmu_of
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.scene import load_scene
 
@@ -84,6 +84,8 @@ def test_a_step_is_at_least_the_shortest_tick(tmp_path: Path, refused: Callable[
     for step in (4.999e-5, 1.001):
         with pytest.raises(InputError, match=rf"^step is {step:g} s; it must be 5e-05 to 1 s$"):
             fmu_of(soft, 2, step)
+    with pytest.raises(TccError, match=r"^false does not compile the sources of the FMU: no reason$"):
+        binary_of(fmu_of(soft, 2, 1.0), "false")
     for version in (1, 4):
         with pytest.raises(InputError, match=rf"^FMI version {version} is not known; it must be 2 or 3$"):
             fmu_of(soft, version)

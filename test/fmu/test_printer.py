@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tcc_sim.fmu import c_types
 from tcc_sim.fmu.c_types import (
@@ -58,6 +59,22 @@ class Plain(NamedTuple):
 
     first: float
     second: float
+
+
+class Kinds(NamedTuple):
+    """A field of every type."""
+
+    some: float | None
+    many: tuple[float, ...]
+    pair: tuple[float, float] | None
+    inner: Plain
+    array: NDArray[np.float64] | None
+
+
+class Words(NamedTuple):
+    """A field without a type in C."""
+
+    word: str
 
 
 def arithmetic(x: float, y: float) -> float:
@@ -470,6 +487,16 @@ def test_types_have_names_declarations_and_a_common_type() -> None:
             c_types.kind_name(kind)
     assert c_types.struct_of(Pair, {}, {}).fields == (
         ("first", DOUBLE), ("second", DOUBLE), ("count", INT), ("limits", Tuple((DOUBLE, DOUBLE))))
+
+
+def test_a_structure_has_the_types_of_its_annotations() -> None:
+    found = c_types.struct_of(Kinds, {"array": Table(3, 4)}, {"many": 3})
+    assert (found.name, found.fields) == ("const Kinds *", (
+        ("some", DOUBLE), ("many", Tuple((DOUBLE,) * 3)), ("pair", Tuple((DOUBLE, DOUBLE), True)),
+        ("inner", Struct("Plain", (("first", DOUBLE), ("second", DOUBLE)))), ("array", Table(3, 4))))
+    for kind, why in ((Kinds, r"^array: .*ndarray"), (Words, r"^word: <class 'str'>$")):
+        with pytest.raises(Refused, match=why):
+            c_types.struct_of(kind, {}, {"many": 3})
 
 
 def test_texts_of_numbers_names_and_places() -> None:

@@ -117,6 +117,18 @@ def test_a_portrait_shows_the_plate_speed_where_most_points_stick() -> None:
             assert motion.get_linewidth() == (0.9 if period else 0.5)
 
 
+@pytest.mark.parametrize(("order", "place"), [
+    ([5.5, 5.6, 9.8], (1.0, 5.6)), ([9.8, 9.7, 9.6], (2.0, 9.6)), ([10.0, 20.0, 20.0], (0.0, 10.0)),
+    ([0.0, -1.0, -1.0], (0.0, 0.0)), ([11.0, 12.0, -1.0], None), ([5.5, 0.3, 5.5], (0.0, 5.5)),
+    ([5.5, 9.0, 5.5], (0.0, 5.5)), ([5.0, 8.9, 5.4], (1.0, 8.9))])
+def test_a_mode_is_named_inside_the_map_between_lines_of_orders(order: list[float], place: Any) -> None:
+    """At a height of 0.3 to 9 of 10 and from 2 to 60 % of the width, or else anywhere on the map."""
+    with style.figure() as drawn:
+        axis = drawn.subplots()
+        order_maps._name_mode(axis, np.arange(3.0), np.array(order), "mode", (0.0, 10.0), 1.0)
+        assert [text.xy for text in axis.texts] == ([] if place is None else [place])
+
+
 @pytest.mark.parametrize(("count", "length", "begin", "again"), [
     (40, 2.5, 0.0, False), (39, 2.5, 0.0, True), (40, 2.53, 0.0, True), (41, 2.53, 0.0, False), (3, 2.5, 1.0, False)])
 def test_a_manoeuvre_with_fewer_than_16_samples_a_cycle_is_solved_again(count: int, length: float, begin: float,
