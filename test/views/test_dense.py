@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from driveline_bags import bag, ticked
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicHermiteSpline
 
 import tcc_sim
 from tcc_sim.model import equations, friction
@@ -14,6 +15,7 @@ from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.trajectory import Trajectory
 from tcc_sim.views import dense as dense_
 from tcc_sim.views.dense import SAMPLES, between, last_cycles
 
@@ -148,6 +150,27 @@ def test_what_is_dense_or_has_no_law_to_solve_stays_on_its_points(recorded):
         assert len(between(three, samples).t) == 2 * points + 1
     exact = between(replace(three, system=load_scene("fig02").with_values({"friction.law": "set_valued"}).system), 80)
     assert exact.friction_torque == pytest.approx(np.interp(exact.t, three.t, three.friction_torque))
+
+
+def test_cubics_have_the_accelerations_of_the_torques_and_stay_between_samples_in_stick():
+    """Slopes of Fritsch and Carlson beside and in stick: at most three times the smaller chord, 0 at an extreme."""
+    t, v = 0.1 * np.arange(9), np.array([9.0, 6.0, 1.0, 0.5, 0.0, 0.0, -2.0, 3.0, 4.0])
+    state = np.array([1, 1, 1, 0, 0, 0, -1, 1, 1], np.int8)
+    angle, speed, friction_torque = 1e-3 * np.sin(t), np.cos(3.0 * t), 2.0 * t
+    plate = (friction_torque - 0.6 * speed - 3000.0 * angle) / 0.02
+    slip = np.array([-5.0, -100.0, -100.0, -8.0, 50.0, -50.0, 7.0, 3.0, 2.0])
+    run = Trajectory(t, v, angle, speed, 0.2 * (slip + plate) + friction_torque, 0.0 * t, friction_torque, state, 0.04,
+                     "by_hand", load_scene("fig02").system)
+    slopes, chords = slip.copy(), np.diff(v) / 0.1
+    for k in range(2, 7):  # Those of samples 0, 1, 7 and 8 are away from stick.
+        before, after = chords[k - 1], chords[k]
+        bound = 3.0 * min(abs(before), abs(after)) if before * after > 0.0 else 0.0
+        slopes[k] = min(max(slip[k], -bound), bound)
+    assert slopes[2:7].tolist() == pytest.approx([-15.0, -8.0, 0.0, 0.0, 0.0])
+    at = np.linspace(0.0, 0.8, 161)
+    found = dense_._interpolated(run, terms_of(run.system), at)
+    for column, values, rates in ((0, v, slopes), (1, angle, speed), (2, speed, plate)):
+        assert found[:, column] == pytest.approx(CubicHermiteSpline(t, values, rates)(at), abs=1e-9)
 
 
 @pytest.mark.parametrize("sources", [{}, {"engine.source": "topic"}, {"pressure.source": "topic"},
