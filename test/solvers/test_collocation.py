@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 from tcc_sim.compiling.compiled import compiled
 from tcc_sim.model.equations import Linear, coefficients_of
-from tcc_sim.model.friction import smoothed_coefficient
+from tcc_sim.model.friction import sliding, sliding_slope, smoothed_and_slope, smoothed_coefficient
 from tcc_sim.solvers import collocation as tables
 from tcc_sim.solvers import stages
 from tcc_sim.solvers.event_driven import stiff_step
@@ -193,3 +193,51 @@ def test_margins_to_breakaway_over_a_stiff_step_are_those_of_its_torques(pulsati
     for row, expected in ((UPWARD, 1.5 * load - need), (DOWNWARD, 1.5 * load + need)):
         found = np.polynomial.polynomial.polyval(x, work.rows[row])
         np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+def test_operations_on_all_nodes_are_those_of_matrices():
+    """As plain Python: the law and its slope, the residual, both eliminations, and polynomials of nodal values."""
+    draw, work = np.random.default_rng(4), np.zeros(1, WORK).view(np.recarray)[0]
+    coupling, v = draw.normal(size=(16, 16)) + 20.0 * np.eye(16), 0.03
+    work.slip[:], work.friction_rate[:] = draw.uniform(0.01, 0.9, 16), draw.uniform(2.0, 3.0, 16)
+    work.balance[:], start = draw.normal(size=16), draw.normal(size=16)
+    for sign, sigma, stribeck in ((1.0, 50.0, STRIBECK), (-1.0, 50.0, None), (1.0, None, STRIBECK),
+                                  (-1.0, None, STRIBECK)):
+        slip = sign * work.slip
+        plain(stages.evaluate_law)(0, slip, work.law, work.slope, sign, sigma, stribeck)
+        law, slope = (smoothed_and_slope(slip, sigma, stribeck) if sigma is not None else
+                      (sliding(slip, sign, stribeck), sliding_slope(slip, stribeck)))
+        np.testing.assert_allclose(work.law, law, rtol=1e-14)
+        np.testing.assert_allclose(work.slope, slope, rtol=1e-11, atol=1e-13)
+    plain(stages.evaluate_residual)(0, coupling, work.slip, work.law, work.slope, work.friction_rate, work.balance,
+                                    start, v, work.change, work.measure)
+    residual = work.balance - work.friction_rate * work.law + start * v - work.slip @ coupling
+    np.testing.assert_allclose(work.change, residual, rtol=1e-12)
+    assert work.measure[stages.LEAST] == (work.friction_rate * work.slope).min()
+    matrix, several = coupling.T + np.diag(work.friction_rate * work.slope), draw.normal(size=(4, 16))
+    expected = np.linalg.solve(matrix, several.T).T
+    plain(stages.eliminate_rows)(0, several, coupling, work.friction_rate, work.slope)
+    np.testing.assert_allclose(several, expected, rtol=1e-11)
+    plain(stages.eliminate)(0, work.change, coupling, work.friction_rate, work.slope, work.measure)
+    exact = np.linalg.solve(matrix, residual)
+    np.testing.assert_allclose(work.change, exact, rtol=1e-11)
+    assert work.measure[stages.LARGEST] == pytest.approx(np.abs(exact).max())
+    chebyshev, powers, shares = np.zeros(tables.TERMS), np.zeros(32), draw.normal(size=(16, tables.TERMS))
+    plain(stages.slip_polynomial)(0, work.slip, v, chebyshev, powers)
+    at, through = np.append(0.0, tables.C), np.append(v, work.slip)
+    np.testing.assert_allclose(np.polynomial.chebyshev.chebval(2.0 * at - 1.0, chebyshev), through, rtol=1e-10)
+    np.testing.assert_allclose(np.polynomial.polynomial.polyval(at, powers), through, atol=1e-5)  # Powers lose digits.
+    before = chebyshev.copy()
+    plain(stages.add_slip)(0, work.slip, shares, chebyshev)
+    plain(stages.add_share)(0, chebyshev, shares[0], 2.5)
+    np.testing.assert_allclose(chebyshev, before + work.slip @ shares + 2.5 * shares[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("region", "expected"), [(stages.SLIDING, (-1.0, 0.0)), (stages.FALLING, None)])
+def test_a_law_is_constant_in_fast_slip(region, expected):
+    work = np.zeros(1, WORK).view(np.recarray)[0]
+    work.slip[:] = np.linspace(-3.0, -1.0, 16)
+    plain(stages.law_at_nodes)(Place(region, -1.0, 0.0, 0.0), None, STRIBECK, work)
+    law, slope = expected or (sliding(work.slip, -1.0, STRIBECK), sliding_slope(work.slip, STRIBECK))
+    np.testing.assert_allclose(work.law, law)
+    np.testing.assert_allclose(work.slope, slope)
