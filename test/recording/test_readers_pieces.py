@@ -618,6 +618,7 @@ BOTH = [driveline("/a/x"), driveline("/b/x", able=False)]
     ([driveline("/a")], Choice(driveline=1), "driveline is 1; the recording holds 1 driveline, counted from 0"),
     ([driveline("/a")] * 2, Choice(driveline=-1), "driveline is -1; the recording holds 2 drivelines, counted from 0"),
     ([driveline("/a"), driveline("/b")], Choice(None, "/a", 1), "driveline 1 is on /b, not on /a"),
+    ([driveline("/a"), driveline("/b")], Choice(None, "/b", 0), "driveline 0 is on /a, not on /b"),
     (BOTH, Choice(topic="/c"), "no joint_states were recorded on /c; the topics with joint_states are /a/x, /b/x"),
     ([], Choice(topic="/c"), "no joint_states were recorded on /c; the topics with joint_states are none"),
     (BOTH, Choice(topic="/b/x"), "its joints are a, b; say which of them are flywheel and clutch plate: --joints "
@@ -725,22 +726,40 @@ def test_each_command_is_at_the_first_state_sent_after_it(states_ms, commands, r
     ([("a", [10, 11], [0, 1]), ("b", [20, 21], [0, 5])], [("b", 4, 0.0, 0.005, 20)]),  # A restart.
     ([("a", [10, 20], [0, 1]), ("b", [15, 25], [7, 8]), ("a", [30], [2])], [("a", 3, 0.0, 0.002, 10),
                                                                           ("b", 2, 0.007, 0.008, 8)]),
-    ([("a", [12, 10], [2, 0]), ("a", [9], [5])], [("a", 3, 0.0, 0.005, 4)])])
-def test_publishers_that_follow_one_another_are_one_driveline(senders, found):
+    ([("a", [12, 10], [2, 0]), ("a", [9], [5])], [("a", 3, 0.0, 0.005, 4)]),
+    ([("a", [10, 20], [0, 1]), ("b", [15, 25], [7, 8])], [("b", 4, 0.0, 0.008, 8)])])  # In the order of the file.
+@pytest.mark.parametrize("chunks", [1, 9])
+def test_publishers_that_follow_one_another_are_one_driveline(senders, found, chunks):
     inventory = Inventory(("flywheel", "clutch_plate"))
     numbers = {name: k for k, name in enumerate(dict.fromkeys(who for who, *_ in senders), 1)}
     channels = {k: Channel("/joint_states", JOINT_STATE, "", {"publisher": name}) for name, k in numbers.items()}
     assert {channel.publisher for channel in channels.values()} == set(numbers)
+    parts = []
     for who, log, stamps in senders:
-        rows = [struct.pack("<HIQQ", numbers[who], n, received * MILLISECOND, 0) + cdr.joint_state(
+        parts += [struct.pack("<HIQQ", numbers[who], n, received * MILLISECOND, 0) + cdr.joint_state(
             stamp * MILLISECOND, *[0.0] * 6) for n, (received, stamp) in enumerate(zip(log, stamps))]
-        data, messages = records.joined(rows, np.full(len(rows), numbers[who], np.uint16))
+    for rows in [parts] if chunks == 1 else [[part] for part in parts]:
+        data, messages = records.joined(rows, np.array([row[0] for row in rows], np.uint16))
         inventory.take(Batch(data, messages, True, {}), channels)
     result = inventory.drivelines([], Choice())
     assert [(one.publisher, one.states, one.start, one.end, one.began_ns // MILLISECOND) for one in sorted(
         result, key=lambda one: one.publisher)] == found
     assert sum(one.read for one in result) == 1
     assert inventory.refused("/joint_states") == 0
+
+
+def test_drivelines_with_the_joints_come_first_and_what_cannot_be_decoded_counts_by_topic():
+    inventory = Inventory(("a", "b"))
+    assert [inventory.wants(Channel(topic, kind, "")) for topic, kind in (
+        ("/x", JOINT_STATE), ("/x/scene", STRING), ("/x", STRING), ("/scene", "tf2_msgs/msg/TFMessage"))] == [
+            True, True, False, False]
+    for number, (topic, names) in enumerate((("/a", ("c", "d")), ("/bb", ("x", "b", "a")), ("/cc", ("a", "b"))), 1):
+        good = cdr.joint_state_layout(names, (), "", ()).example.tobytes()
+        data, messages = chunk(good, b"no message", channel=number)
+        inventory.take(Batch(data, messages, True, {}), {number: Channel(topic, JOINT_STATE, "")})
+    assert [(one.topic, one.able, one.read) for one in inventory.drivelines([], Choice())] == [
+        ("/bb", True, True), ("/cc", True, False), ("/a", False, False)]
+    assert [inventory.refused(topic) for topic in ("/a", "/bb", "/cc", "/d")] == [1, 1, 1, 0]
 
 
 def test_what_a_recording_tells_of_its_losses(tmp_path):
