@@ -91,8 +91,8 @@ class Seldom(Forced):
 
 
 def test_an_orbit_of_the_longest_period_is_found_from_any_phase() -> None:
-    of: Any = Motion(Seldom(lambda x, p: (x, x, x), 1))
-    (orbit,) = find_attractors(of, [np.array([0.3])], settings=Settings(settling=83))
+    of: Any = Motion(Seldom(lambda x, p: (x, x, x), 1), 0.1)
+    (orbit,) = find_attractors(of, [np.array([0.3])], settings=Settings(settling=83, longest=82, cloud=64))
     assert (orbit.period, orbit.phases.tolist()) == (16, [0, 1, 2, 3] * 4)
     of_four = [0.874997263602464, 0.382819683017324, 0.826940706591439, 0.500884210307218]
     assert sorted(set(orbit.section[:, 0].round(12))) == pytest.approx(sorted(of_four), abs=1e-11)

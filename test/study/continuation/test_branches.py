@@ -5,12 +5,14 @@ import re
 from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, delayed_logistic, henon, isola, logistic
 
 from tcc_sim.study.continuation import branch as branch_module
+from tcc_sim.study.continuation import follow
 from tcc_sim.study.continuation.bracket import Bracket
 from tcc_sim.study.continuation.branch import Branch, BranchOrigin, BranchTrack, branch_through, first_point, orbits_at
 from tcc_sim.study.continuation.diagram import switch
@@ -309,3 +311,23 @@ def test_an_orbit_between_two_segments_is_that_of_the_nearer_point(
     orbits = {k: SimpleNamespace(section=points[k].orbit.section - 2.0 * off) for k, off in away.items()}
     monkeypatch.setattr(branch_module, "_at", lambda point, at: orbits.get(points.index(point)))
     assert branch_module._crossing(*points, value) is (None if found is None else orbits[found])  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("p", "q", "middle", "count", "passed"), [
+    (-0.1, 0.1, 0.0039, 4, True), (-0.1, 0.1, 0.0041, 4, False), (-0.1, 0.1, None, 4, False),
+    (-0.1, 0.1, 0.0, 3, False),
+    (-0.2, 0.0, 0.0, 4, True), (0.0, 0.2, 0.0, 4, False), (-0.3, -0.1, 0.0, 4, False), (-0.22, -0.02, 0.0, 4, False),
+    (0.1, -0.1, 0.0, 4, False), (-0.1 + 0.0399j, 0.1 + 0.0399j, 0.0, 4, True),
+    (-0.1 + 0.0401j, 0.1 + 0.0401j, 0.0, 4, False)])
+def test_a_step_passes_the_first_point_along_its_tangent(p: complex, q: complex, middle: float | None, count: int,
+                                                         passed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The point 0 with tangent 1 in a plane, within a fifth of a step of 0.2, and a fiftieth on the curve itself."""
+    def at(z: complex) -> Any:
+        return SimpleNamespace(equations=SimpleNamespace(outer=lambda z: z), solution=SimpleNamespace(
+            z=np.array([z.real, z.imag])))
+
+    monkeypatch.setattr(follow, "Bracket", lambda a, b: SimpleNamespace(
+        at=lambda part: None if middle is None else at(complex(0.0, middle))))
+    track: Any = SimpleNamespace(here=at(complex(p)), starts=[(np.zeros(2), np.array([1.0, 0.0]))], points=range(count),
+                                 settings=DEFAULTS)
+    assert BranchTrack.passes_start(track, at(complex(q))) is passed
