@@ -175,6 +175,19 @@ def test_damping_is_said_or_why_there_is_none(words, said, capsys):
     assert f"equivalent damping (21)  {said}" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("values", "more", "hinted"), [
+    (np.sin(0.2 * np.arange(120)), [], True), (np.sin(0.2 * np.arange(120)), ["--hold", "previous"], False),
+    (np.repeat([1.0, 2.0, 3.0], 40), [], False)])
+def test_smooth_inputs_that_are_held_are_hinted_at(values, more, hinted, tmp_path, capsys):
+    table = tmp_path / "a.csv"
+    rows = "".join(f"{1e-3 * k},{300.0 + 9.0 * value}\n" for k, value in enumerate(values))
+    table.write_text(f"t,engine_torque\n{rows}")
+    assert main(["simulate", "fig02", "--inputs", str(table), *more]) == 0
+    line = ("note: engine_torque of a.csv changes smoothly from row to row but is held constant between rows; --hold "
+            "smooth joins the rows")
+    assert (line in capsys.readouterr().out.splitlines()) == hinted
+
+
 def test_a_spectrum_of_measured_inputs_is_refused_before_anything_is_solved(refused, monkeypatch, tmp_path):
     table = tmp_path / "a.csv"
     table.write_text("t,engine_torque\ns,N m\n0,300\n1,310\n")
