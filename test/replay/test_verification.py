@@ -54,6 +54,14 @@ def test_inputs_resets_and_changes_of_parameters_are_followed_to_the_last_bit(tm
     assert "to the last bit" in result.sentence
 
 
+@pytest.mark.parametrize("means", ["engine", "pressure"])
+def test_one_input_falls_back_to_its_mean_and_the_other_to_its_harmonics(tmp_path, means):
+    scene, sources = SCENES["commands"].with_values({f"{means}.fallback": "mean"}), []
+    rows = ticked(scene, 200, torque=lambda k: 250.0 if 50 < k <= 100 else None,
+                  pressure=lambda k: 2e5 if 80 < k <= 120 else None, sources=sources)
+    exactly(verified(tmp_path / "run", rows, scene, sources=sources), 200)
+
+
 def test_progress_counts_every_state_and_may_be_left_out(tmp_path):
     line = timeline_of(open_run(bag(tmp_path / "run", ticked(SCENES["fig02"], 300), SCENES["fig02"])), SCENES["fig02"])
     counts = []
