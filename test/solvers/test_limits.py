@@ -62,6 +62,15 @@ def test_bounds_of_the_exact_engine() -> None:
         check(bounds_of(terms(changes), cycle, rtol), expected)
 
 
+def test_bounds_without_any_torque_or_damper_are_finite() -> None:
+    still = {"engine.mean_torque": 0.0, "engine.torque_amplitude": 0.0, "engine.harmonic_amplitudes": [],
+             "engine.harmonic_phases": [], "pressure.mean": 0.0, "pressure.amplitude": 0.0}
+    none = bounds_of(terms(still), CYCLE, 1e-8)
+    assert none.torque_tolerance == pytest.approx(1e-312, rel=1e-6, abs=0.0)
+    assert (none.speed_scale, none.creep) == pytest.approx((1e-301, 1e-301), rel=1e-6, abs=0.0)
+    assert bounds_of(terms(damping=0.0), CYCLE, 1e-8).creep == pytest.approx(97.0)
+
+
 @pytest.mark.parametrize(("frequency", "damping", "slip", "stick"), [
     (100.0, 1199.5, False, False), (100.0, 1200.0, True, False), (100.0, 8699.0, True, False),
     (100.0, 8700.0, True, True), (1.0, 99.5, False, False), (1.0, 100.0, True, False), (1.0, 268.0, True, False),
