@@ -43,6 +43,7 @@ STEEPER = [(150, {"friction.static_coefficient": 0.4, "friction.kinetic_coeffici
 @pytest.mark.parametrize(("name", "options", "cut"), [
     ("fig02", {}, False), ("minimal", {}, True), ("commands", {**COMMANDED, "resets": (150, 200)}, False),
     ("commands", {**COMMANDED, "resets": (200,), "changes": STEEPER}, False),
+    ("fig02", {"changes": [(100, {"engine.frequency": 201.0}, True)], "resets": (250,)}, False),
     *((name, {"changes": STEPS[name], "resets": resets}, False)
       for name, resets in (("fig02", (99,)), ("fig02", (300, 301)), ("minimal", ()), ("minimal", (100, 250))))])
 def test_inputs_resets_and_changes_of_parameters_are_followed_to_the_last_bit(tmp_path, name, options, cut):
