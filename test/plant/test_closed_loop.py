@@ -252,6 +252,7 @@ def test_changes_are_taken_at_whole_ticks_that_are_not_past() -> None:
             (0.0035, 0, "a change at 0.0035 s is not possible; it must be a whole number of ticks of 0.001 s"),
             (0.003 + 1.1e-9, 0, "a change at 0.003 s is not possible; it must be a whole number of ticks of 0.001 s"),
             (1e12, 0, "a change at 1e+12 s is not possible; it must be a whole number of ticks of 0.001 s"),
+            (3e12, 0, "a change at 3e+12 s is not possible; it must be a whole number of ticks of 0.001 s"),
             (0.003, 4, "a change at 0.003 s is not possible; the run is at 0.004 s")):
         with pytest.raises(InputError) as refusal:
             changes.add(t, {"engine.mean_torque": 1.0}, tick)
