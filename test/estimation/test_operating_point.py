@@ -401,6 +401,17 @@ def test_a_simulated_response_of_a_constant_motion_is_that_of_its_matrices(input
         assert point.phase == pytest.approx(found.phase[k], abs=0.1)
 
 
+def test_side_bands_are_at_multiples_of_the_motions_frequency(halves: Periodic, monkeypatch: pytest.MonkeyPatch
+                                                              ) -> None:
+    bases: list[float | None] = []
+    monkeypatch.setattr("tcc_sim.estimation.lock_in._driven", lambda *given: np.zeros((given[-1], 3)))
+    monkeypatch.setattr("tcc_sim.estimation.lock_in._fitted", lambda t, states, omega, base: bases.append(base) or
+                        np.zeros(3))
+    for motion in (halves, operating_point(system(), 5.0)):
+        simulated(motion, "actuation_pressure", "slip_speed", 50.0)
+    assert bases == [pytest.approx(math.pi / halves.system.cycle), None]
+
+
 def test_what_cannot_be_simulated_is_refused() -> None:
     motion, ticks = operating_point(system(), 5.0), math.ceil(24.0 * 2.0 * math.pi / 0.05 * 4000.0)
     for of, inputs, omega, why in (
