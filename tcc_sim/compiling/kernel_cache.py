@@ -121,11 +121,23 @@ class Dependencies:
             self._add(value.dtype, value.shape, value.tobytes())
         elif isinstance(value, type):
             self._add(list(value) if issubclass(value, Enum) else getattr(value, "_fields", ()))
+            for base in value.__mro__:
+                if base.__module__.startswith(_PACKAGE):
+                    self._methods(base)
         elif not isinstance(value, BuiltinFunctionType):
             self._add(value if isinstance(value, _PLAIN) else _ADDRESS.sub("", repr(value)))
             file = getattr(sys.modules.get(type(value).__module__), "__file__", None)
             if type(value).__module__.startswith(_PACKAGE) and file is not None:  # The text of its class.
                 self._add(Path(file).read_bytes())
+
+    def _methods(self, kind: type) -> None:
+        """Add the functions that a class of the package defines, which staged functions run while compiling."""
+        size = self.size  # They become no code by themselves.
+        for name, item in sorted(vars(kind).items(), key=lambda each: each[0]):
+            item = getattr(item, "fget", None) or getattr(item, "__func__", item)
+            if isinstance(item, FunctionType) and item.__module__ == kind.__module__:
+                self._take((name, item), set())
+        self.size = size
 
     def _code(self, code: CodeType, documentation: str | None = None) -> set[str]:
         """Add the instructions and constants of a code object; return the names that it looks up."""

@@ -399,6 +399,21 @@ def test_what_a_constant_is_and_its_value_count(value, others):
     assert len({digest, *(Dependencies(reading(other)).digest for other in others)}) == 1 + len(others)
 
 
+@pytest.mark.parametrize("kind", [lambda function: function, property, staticmethod, classmethod])
+def test_methods_of_classes_in_the_package_count_for_staged_functions_run_them(kind):
+    def digest(function, package="tcc_sim"):
+        function.__module__ = f"{package}.any"
+        made = type("Rule", (), {"__module__": function.__module__, "apply": kind(function), "NUMBER": 1.0})
+        reached = Dependencies(reading(made))
+        return reached.digest, reached.size
+
+    one = digest(lambda self: self + 1.0)
+    assert one == digest(lambda self: self + 1.0)
+    other = digest(lambda self: self - 2.0)
+    assert (one[0] != other[0], one[1]) == (True, other[1])
+    assert digest(lambda self: self + 1.0, "outside") == digest(lambda self: self - 2.0, "outside")
+
+
 def test_of_a_module_that_names_count_which_are_looked_up():
     """Of one outside the package only its numbers and kernels; a module that holds itself, and calls in a circle."""
     def digest(name="outside", names=(), **content):
