@@ -85,10 +85,15 @@ def test_a_timer_whose_command_has_the_stamp_of_an_older_state_takes_part_too(be
         command.header.stamp.nanosec = times[-1] - TICK
         publisher.publish(command)
 
+    def on_state(state: JointState) -> None:  # No timer fires at 0 s.
+        if stamp_of(state) == 0:
+            publisher.publish(FluidPressure(fluid_pressure=1e5))
+
     timed.create_timer(0.01, on_timer)
+    timed.create_subscription(JointState, "joint_states", on_state, 10)
     heard = bench.listen(FluidPressure, "applied_pressure")
-    node = bench.started(scene="controlled", pacing="lockstep", command_period=0.01, command_timeout=0.1,
-                         wait_for_subscribers=0, publish_diagnostics=False)
+    node = bench.started(scene="controlled", pacing="lockstep", command_period=0.01, command_timeout=0.0,
+                         wait_for_subscribers=1, publish_diagnostics=False)
     bench.until(lambda: (node.housekeeping(), len(heard) > 45)[1])
     node.loop.stop()
     assert times[:4] == [k * PERIOD_NS for k in range(1, 5)]
