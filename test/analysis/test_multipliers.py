@@ -35,6 +35,8 @@ def test_multipliers_that_the_pencil_loses_are_those_of_the_product():
     for large in (0.9e8, 1e9, 1e12):
         blocks = [np.diag([1.0, 1.0, large]), np.diag([0.5, 0.25, 3.0])]
         assert multipliers_of(*blocks).real == pytest.approx([3.0 * large, 0.5, 0.25], rel=1e-6)
+    blocks = [np.diag([1e5, 1e5, 1e9]), np.diag([1e5, 0.25, 3.0])]
+    assert multipliers_of(*blocks).real == pytest.approx([1e10, 3e9, 2.5e4], rel=1e-6)
 
 
 def test_the_sentence_of_an_exponent():

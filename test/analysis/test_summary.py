@@ -227,6 +227,9 @@ def test_spans_of_a_profile_are_those_of_its_phase():
         assert spans["since"] == pytest.approx(start(first))
         assert spans["cycle"] == pytest.approx(np.diff([start(n) for n in range(first, first + count + 1)]))
         assert (spans["varied"], spans["carried"]) == (varied, True)
+    whole = replace(System(), {"engine.frequency": 20.0 * math.pi, "engine.mean_torque_times": (0.0, 0.5),
+                               "engine.mean_torque_values": (0.0, 1.0)})
+    assert spans_of(whole, 0.1, 0, 9)["varied"] == 5
     heavier = replace(system, {"engine.mean_torque_values": (0.0, -433.0)})
     assert spans_of(heavier, 0.25, 47, 4)["carried"] is False
 

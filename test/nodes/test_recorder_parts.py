@@ -275,3 +275,27 @@ def test_no_more_is_taken_than_asked_for_and_the_rest_waits(context, most):
         assert len(taken) <= most
         heard += [cdr.read_string(data) for data, _ in taken]
     assert heard == list("01234")
+
+
+def test_what_comes_reliably_once_is_not_taken_from_best_effort_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    waiting: dict[str, list[bytes]] = {"reliable": [], "best effort": []}
+
+    def poll_once(subscription: str) -> list[tuple[bytes, dict[str, object]]]:
+        taken, waiting[subscription] = waiting[subscription], []
+        return [(each, {"publisher_gid": {"data": each[:2]}}) for each in taken]
+
+    monkeypatch.setattr("tcc_sim.nodes.track.poll", poll_once)
+    track = Track.__new__(Track)
+    track.subscription, track._best_effort, track._heard_reliably = "reliable", "best effort", set()  # type: ignore
+
+    def taken(reliable: list[bytes], best_effort: list[bytes]) -> list[bytes]:
+        waiting.update({"reliable": reliable, "best effort": best_effort})
+        return [data for data, _ in track.take()]
+
+    assert taken([b"a 1"], [b"a 1", b"b 1"]) == [b"a 1", b"b 1"]
+    assert taken([], [b"a 2", b"b 2"]) == [b"b 2"]
+    waiting["reliable"] = [k.to_bytes(2, "big") for k in range(MOST_PUBLISHERS - 1)]
+    assert len(track.take()) == MOST_PUBLISHERS - 1
+    assert taken([], [b"a 3"]) == []
+    assert taken([b"z"], []) == [b"z"]  # One more than are kept: all are forgotten.
+    assert taken([], [b"a 4"]) == [b"a 4"]

@@ -101,7 +101,7 @@ def test_a_gap_among_steps_that_jitter_is_half_longer_than_the_step_before_too(s
 
 @pytest.mark.parametrize(("before", "after", "returns"), [
     ([0, 1], [0, 1, 2], 0), ([0, 1, 2], [0, 3], 1), ([0, 1, 2], [0, 1, 2], 0), ([0, 5, 9], [1, 2, 10, 30], 1),
-    ([0, 1, 2], [0, 2, 3], 0), ([0, 1, 2], [0, 9], 1)])
+    ([0, 1, 2], [0, 2, 3], 0), ([0, 1, 2], [0, 9], 1), ([0, 1, 2, 3, 4], [0, 4, 9], 0)])
 def test_a_run_that_jumps_to_beyond_the_end_of_the_one_before_returns_to_it(before, after, returns):
     assert fed(stamps(before, after))[0].returns == returns
     assert fed(stamps(before, after), publisher=[1] * (len(before) + len(after)))[0].returns == 0

@@ -30,7 +30,7 @@ from tcc_sim.nodes.slip_controller import SlipControllerNode
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.rig import LOOK
-from tcc_sim.testing.run import ControllerFailed, Worker
+from tcc_sim.testing.run import ControllerFailed, LockstepRun, Worker
 
 
 class Controller(Node):
@@ -437,3 +437,12 @@ def test_stamps_of_the_wall_clock_are_refused(driveline: Any) -> None:
 def test_senseless_faults_are_refused(driveline: Any, faults: dict[str, int], match: str) -> None:
     with pytest.raises(InputError, match=match):
         driveline("controlled", faults=faults)
+
+
+def test_a_run_is_judged_since_the_last_jump_of_its_target() -> None:
+    zero, slip = np.zeros(601), np.repeat([20.0, 30.0, 25.0], [100, 150, 351])
+    run = LockstepRun(0.01 * np.arange(601), slip, zero, zero, zero, zero, zero, zero.astype(np.int8), 0.05, "by_hand",
+                      targets=((20.0, 0), (30.0, 100), (25.0, 250)))
+    assert run.target == (25.0, 250)
+    assert run.tracking == run.tracking_of({0.0: 20.0, 1.0: 30.0, 2.5: 25.0}, since=250)
+    assert (run.tracking.target, run.tracking.rms_error) == (25.0, pytest.approx(0.0, abs=1e-9))

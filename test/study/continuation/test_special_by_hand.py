@@ -121,7 +121,7 @@ def test_a_change_of_events_is_bisected(most: int, parts: float, monkeypatch: py
 
     def margins(shooting: Any, z: Any) -> dict[str, Margin]:
         assert len(z) == 3
-        return {"stick": Margin(0.1, np.zeros(1)), "grazing": Margin(0.2, np.zeros(1))}
+        return {"stick": Margin(0.2, np.zeros(1)), "grazing": Margin(0.1, np.zeros(1))}
 
     monkeypatch.setattr(codim2_points, "Bracket", Between)
     monkeypatch.setattr(codim2_points, "nearest_margins", margins)
