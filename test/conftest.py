@@ -3,7 +3,8 @@
 import gc
 import os
 import signal
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from interpreter import end_children_with_this_process  # NumPy reads that when it is loaded.
 
 from tcc_sim.compiling import kernel_cache
+
+SELECTED = (("tcc_sim.shown_units", "_SHOWN"), ("tcc_sim.views.style", "_CHOSEN"))
+"""Modules and context variables with what a command selects."""
 
 
 def pytest_configure() -> None:
@@ -36,6 +40,17 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(50_000, 10, 10)
+
+
+@pytest.fixture(autouse=True)
+def _nothing_is_left_selected() -> Iterator[None]:
+    """Fail a test that leaves units or a style behind, which would change what tests after it print and draw."""
+    yield
+    variables = [vars(sys.modules[module])[name] for module, name in SELECTED if module in sys.modules]
+    left = [(each.name, each.get()) for each in variables if each.get() not in (None, ("rad", 1.0))]
+    for each in variables:
+        each.set(("rad", 1.0) if each.name == "shown" else None)
+    assert not left
 
 
 @pytest.fixture

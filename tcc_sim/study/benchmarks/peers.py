@@ -267,7 +267,7 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
     Raises
     ------
     Failed
-        XPPAUT is not installed, stopped early or took too long.
+        XPPAUT is not installed, stopped early, took too long, or its clock does not resolve the time.
     """
     if shutil.which("xppaut") is None:
         raise Failed("not installed")
@@ -294,5 +294,7 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
             many = max(cycles, TIMED)
             long, _ = repeated(lambda: run(many, 1), repeats, clock=of_children)
             short, _ = repeated(lambda: run(1, 1), repeats, clock=of_children)
-            seconds, slowest = (max(of(long) - min(short), 0.0) * cycles / (many - 1) for of in (min, max))
+            seconds, slowest = ((of(long) - min(short)) * cycles / (many - 1) for of in (min, max))
+            if seconds <= 0.0:
+                raise Failed(f"{many} cycles take no longer than one, by the clock")
     return PeerRun(section, _largest(system, _times(system, cycles, FINE), fine), seconds, slowest)

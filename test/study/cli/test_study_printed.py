@@ -14,7 +14,7 @@ import pytest
 
 from tcc_sim.cli import main
 from tcc_sim.result import Described
-from tcc_sim.shown_units import show_in
+from tcc_sim.shown_units import shown_in, shown_unit
 from tcc_sim.study.benchmarks import peers, stability, work_precision, worst_cases
 from tcc_sim.study.benchmarks.extremes import Examined
 from tcc_sim.study.benchmarks.precision_report import PrecisionResult, References, SteadyState, StudiedScene
@@ -264,8 +264,8 @@ def test_all_figures_are_drawn_in_another_process(tmp_path: Path, monkeypatch: p
     assert (begun, waited) == ([(1, "spawn", figure._begin_painter, (None,))], names)
     kept = signal.getsignal(signal.SIGINT)
     try:
-        figure._begin_painter("rpm")
-        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        with shown_in(None, None):
+            figure._begin_painter("rpm")
+            assert (signal.getsignal(signal.SIGINT), shown_unit()[0]) == (signal.SIG_IGN, "rpm")
     finally:
         signal.signal(signal.SIGINT, kept)
-        show_in(None)
