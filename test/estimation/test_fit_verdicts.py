@@ -246,14 +246,16 @@ def test_samples_that_are_many_oscillations_apart_have_other_units() -> None:
      "times 0.10472"),
     ({"actuation_pressure": 1e-6}, "actuation_pressure looks as if in MPa: times 1e\\+06")])
 def test_units_that_explain_the_motion_are_named(factors: dict[str, float], words: str) -> None:
+    """Also where the last samples fill no window."""
     data, _ = measured(7, 0.1)
     pressure = FIG02.system.pressure
     inputs = {"actuation_pressure": pressure.mean + pressure.amplitude * np.sin(150.0 * data.t)}
     columns = {name: column * factors.get(name, 1.0) for name, column in {**data.channels, **inputs}.items()}
-    given = replace(data, channels={name: columns[name] for name in data.channels}, inputs={
-        name: columns[name] for name in inputs}, hold="linear")
-    of, start = Model(FIG02.system, ("driveline.stiffness",), given), np.array([3100.0])
-    with pytest.raises(InputError, match=f"^the measurement: {words} the scene explains the motion from sample to "
-                       "sample, otherwise it does not; convert to SI$"):
-        check_units(of, start, FitSettings())
+    for count in (len(data.t), len(data.t) - 1):
+        given = replace(data, t=data.t[:count], channels={name: columns[name][:count] for name in data.channels},
+                        inputs={name: columns[name][:count] for name in inputs}, hold="linear")
+        of, start = Model(FIG02.system, ("driveline.stiffness",), given), np.array([3100.0])
+        with pytest.raises(InputError, match=f"^the measurement: {words} the scene explains the motion from sample to "
+                           "sample, otherwise it does not; convert to SI$"):
+            check_units(of, start, FitSettings())
     check_units(replace(of, measured=replace(data, inputs=inputs, hold="linear")), start, FitSettings())

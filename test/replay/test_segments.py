@@ -132,6 +132,7 @@ def test_a_target_that_is_given_is_that_of_a_recorded_one(tmp_path):
     # By their text: a nan equals itself there, and from Python 3.13 on no longer as a field.
     assert [repr(s.tracking) for s in given.segments] == [repr(s.tracking) for s in recorded]
     assert given.segments[1].changes == {"target_slip_speed": 50.0}
+    assert {segment.summary.elapsed_s for segment in read(bare).segments} == {0.0}  # Nothing was solved.
     (whole,) = replay(bare, target=20.0).segments
     assert whole.tracking.verdict == "off target"
     assert "target_slip_speed" not in whole.changes

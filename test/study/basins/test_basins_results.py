@@ -14,7 +14,16 @@ from scipy.stats import linregress
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.study.basins.proximity import Attractor
-from tcc_sim.study.basins.results import Axis, Basins, Boundary, Planes, boundary_of, write_basins
+from tcc_sim.study.basins.results import (
+    AttractorFigures,
+    Axis,
+    Basins,
+    Boundary,
+    Bounded,
+    Planes,
+    boundary_of,
+    write_basins,
+)
 
 PLANE = Axis("initial.slip_speed", np.array([0, 10, 20])), Axis("initial.plate_angle", [-0.1, 0.1])
 ORBIT = Attractor(2, np.array([[1.0, 0.1, 5.0], [2.0, 0.2, 6.0]]), np.array([0, 0]),
@@ -148,3 +157,8 @@ def test_an_axis_holds_numbers() -> None:
     assert Axis("initial.slip_speed", np.array([1, 2])).values == (1.0, 2.0)
     with pytest.raises(InputError, match=r"^initial\.slip_speed"):
         Axis("initial.slip_speed", ["x"])  # type: ignore[list-item]
+
+
+@pytest.mark.parametrize("kind", [Axis, AttractorFigures, Basins, Bounded, Boundary, Planes])
+def test_results_are_frozen(kind: type) -> None:
+    assert vars(kind)["__dataclass_params__"].frozen
