@@ -132,6 +132,6 @@ def test_long_lines_of_a_manoeuvre_are_rasterized(sharp: int, raster: bool, monk
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_picture_is_as_it_is_described(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    if name == "response" and matplotlib.__version_info__ < (3, 8):
+    if name == "response" and matplotlib.__version_info__ < (3, 11):
         pytest.skip("an older matplotlib finds no place for this legend within the axes")
     assert lines_of(name, monkeypatch) == expected(PAGE, name)
