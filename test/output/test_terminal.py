@@ -67,7 +67,7 @@ def test_nothing_is_wider_than_a_terminal_of_eighty_columns(words):
 
 
 class Bar:
-    """A progress bar that keeps what it is told."""
+    """A progress bar that records its updates."""
 
     def __init__(self):
         self.n, self.total, self.told = 2, None, []
