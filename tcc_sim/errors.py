@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,11 @@ def one_line(text: str) -> str:
 def counted(number: int, thing: str) -> str:
     """Return a number with its noun: 1 message, 2 messages, 3 branches."""
     return f"{number} {thing}{'' if number == 1 else 'es' if thing.endswith('ch') else 's'}"
+
+
+def given_in(options: Mapping[str, object]) -> list[str]:
+    """Return the names of the options that are given: all but those that are None or off; 0 is given."""
+    return [name for name, value in options.items() if value is not None and value is not False]
 
 
 class TccError(Exception):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, given_in
 from tcc_sim.replay.given_inputs import doubts_about, driven_by, input_table
 from tcc_sim.replay.measured import MeasuredRun, analyse_table, at_measured_speed
 from tcc_sim.replay.replay import replay
@@ -203,7 +203,7 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
         others = {"run": run, "joints": joints, "topic": topic, "driveline": driveline, "discard": discard,
                   "frequency": frequency, "verify": verify, "damping": damping, "target": target, "rrd": rrd,
                   "spawn": spawn, "connect": connect}
-        given = [name for name, value in others.items() if value is not None and value is not False]
+        given = given_in(others)
         if given or not (orders or spectrum):
             raise InputError(f"{', '.join(given)}: only for recordings" if given else
                              "a table needs orders or spectrum; ask for one of them")

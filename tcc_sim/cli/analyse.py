@@ -18,7 +18,7 @@ from tcc_sim.cli.arguments import (
     recording_of,
     say_of_table,
 )
-from tcc_sim.errors import InputError, counted, require
+from tcc_sim.errors import InputError, counted, given_in, require
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
 
@@ -149,7 +149,7 @@ def _table(arguments: argparse.Namespace) -> int:
 
     others = ("rrd", "spawn", "connect", "out", "discard", "frequency", "damping", "verify", "run", "joints",
               "topic", "driveline", "target")
-    given = [f"--{name}" for name in others if (value := getattr(arguments, name)) is not None and value is not False]
+    given = [f"--{name}" for name in given_in({name: getattr(arguments, name) for name in others})]
     if given:
         raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --columns, "
                          "--from, --to, --scene and --pulses")
