@@ -109,6 +109,7 @@ def begun(context: Context) -> Iterator[ChildProcess]:
         word for value in ("scene:=commands", "rate:=50.0", "engine.frequency:=30.0", "command_timeout:=0.0")
         for word in ("-p", value))], dict(os.environ))
     yield node
+    node.await_line(CLOCK_STARTED)  # A signal before the program takes signals may be lost.
     assert node.stop() == 0
 
 
