@@ -70,6 +70,28 @@ def test_two_events_close_together_are_both_found():
         assert len(run.transitions.time) == len(changes) > 4, amplitude
 
 
+THREE_HARMONICS = {"engine.harmonic_amplitudes": [100.0, 50.0, 80.0], "engine.harmonic_phases": [1.0, 2.0, 3.0]}
+
+
+@pytest.mark.parametrize("harmonics", [{}, THREE_HARMONICS], ids=["one_sine", "harmonics"])
+@pytest.mark.parametrize(("scene", "keys"), [
+    ("fig02", {"friction.kinetic_coefficient": 0.3}), ("fig02", {}), ("fig02", {"friction.kinetic_coefficient": 0.4}),
+    ("fig02", {"friction.kinetic_coefficient": 0.15}), ("fresh_fluid", {}), ("aged_fluid", {})],
+    ids=["constant", "falling", "rising", "steep", "fresh_fluid", "aged_fluid"])
+def test_modes_follow_one_another_alike_at_any_tolerance(scene, keys, harmonics):
+    """A breakaway counts once, also where the arc before it is good to the tolerance only."""
+    for frequency in (60.0, 120.0):
+        system = load_scene(scene).with_values({"friction.law": "set_valued", "engine.mean_torque": 0.0,
+                                                "engine.frequency": frequency, **keys, **harmonics}).system
+        _, changes, _ = Piecewise(system, rtol=1e-11, atol=1e-12).run(8 * system.cycle, np.empty(0), slices=160)
+        for rtol in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
+            run = solve(system, cycles=8, rtol=rtol, loads_from=0)
+            found = list(zip(run.transitions.before.tolist(), run.transitions.after.tolist()))
+            assert found == [change[1:] for change in changes], (frequency, rtol)
+            assert run.cycles.loads.breakaways.sum() == sum(
+                before == 0 for _, before, _ in changes)
+
+
 def test_what_is_called_monotone_is():
     random, result = np.random.default_rng(2), 0
     for _ in range(300):

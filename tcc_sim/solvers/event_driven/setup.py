@@ -42,7 +42,6 @@ class Bounds(NamedTuple):
     speed_scale, creep : sizes of the plate speed, and of that where the damper limits it
     stiff_slip, stiff_stick : whether the damper is much faster than everything else
     steps : most steps of an engine cycle with derivatives
-    steepest : largest fall of slip at breakaway that is rounding, rad/s^2
     events : most events of an engine cycle
     """
 
@@ -61,7 +60,6 @@ class Bounds(NamedTuple):
     stiff_stick: bool
     creep: float
     steps: int
-    steepest: float
     events: int
 
 
@@ -97,7 +95,6 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
         slip_decay=slip_decay, stiff_slip=stiff(plate, slip_decay),
         stiff_stick=stiff(flywheel + plate, by_speed / (flywheel + plate)),
         steps=STEPS_ALLOWED * steps_allowed(terms, period), creep=min(scale, torque / max(damping, 1e-300)),
-        steepest=2.0 * tolerance * (1.0 / flywheel + 1.0 / plate),
         events=EVENTS + int(min(40.0 * max(math.sqrt(stiffness / plate), excitation) * period / (2.0 * math.pi), 1e6)))
 
 

@@ -218,11 +218,9 @@ def slip_event(bounds: Bounds, unit: float, x: float, order: int, level: float, 
         return Step(unit, x, order, NO_EVENT, 0, reach)
     if sign * rows[SLIP, 1] > 0.0 and sign * rows[SLIP, 0] >= level and monotone(rows, order, x, reach):
         return Step(unit, x, order, NO_EVENT, 0, reach)
-    if state.at_rest == 1:
-        if sign * rows[SLIP, 1] < -bounds.steepest * unit:
-            return Step(unit, 0.0, order, REST, 0, reach)
-        if sign * rows[SLIP, 1] < 0.0:
-            rows[SLIP, 1] = 0.0
+    if state.at_rest == 1 and sign * rows[SLIP, 1] < 0.0:
+        # The forces have set this direction; a fall of slip is the error of the arc before, up to its truncation.
+        rows[SLIP, 1] = 0.0
     end = polynomial.first_crossing(rows, SLIP, order, x, sign, level, bounds.slip_tolerance, workspace)
     if end <= x:
         return Step(unit, end, order, REST if level == 0.0 else LAW_VARIES, 0, reach)
