@@ -10,7 +10,6 @@ import time
 from dataclasses import astuple
 from functools import cache
 from importlib import import_module
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.solvers.comparison.scipy_methods import _scales, _solve_through, jacobian_of, rates_of
+from tcc_sim.solvers.comparison.scipy_methods import _scales, jacobian_of, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.terms import terms_of
@@ -214,48 +213,25 @@ def test_jacobian_is_the_derivative_of_the_rates(slip: float) -> None:
         np.testing.assert_allclose(result[:, k], slope, rtol=1e-6, atol=1e-6)
 
 
-class Steps:
-    """A method of SciPy that takes given steps along y = t, 2 t; at the last one it may fail."""
-
-    def __init__(self, begin: float, ends: list[float], fails: str = "", value: float = 0.0) -> None:
-        self.t, self.t_old, self.y, self.status = begin, begin, np.zeros(2), "running"
-        self._ends, self._fails, self._value = list(ends), fails, value
-
-    def step(self) -> str | None:
-        self.t_old, self.t = self.t, self._ends.pop(0)
-        self.y = np.array([self.t, 2.0 * self.t])
-        if not self._ends:
-            self.status = "failed" if self._fails else "finished"
-            self.y = self.y + self._value
-        return self._fails if not self._ends else None
-
-    def dense_output(self):
-        return lambda t: np.array([t, 2.0 * t])
-
-
-def test_states_of_a_method_are_at_marks_step_ends_and_between_them() -> None:
-    """A step of 0.5 has three parts where a spacing is 0.2, and at most 64; no time is there twice."""
-    problem, marks = SimpleNamespace(breaks=lambda: np.array([0.0, 0.6, 1.0])), np.array([0.0, 0.25, 0.5, 0.6, 1.0])
-    steps = {0.0: [0.1, 0.6], 0.6: [1.0]}
-    begun: list[tuple[float, float, list[float]]] = []
-
-    def solver_of(begin, end, y):
-        begun.append((begin, end, y.tolist()))
-        return Steps(begin, steps[begin])
-
-    times, states, status, detail, count = _solve_through(solver_of, problem, np.zeros(2), marks, 0.2)
-    expected = [0.0, 0.1, 0.25, 0.1 + 0.5 / 3.0, 0.1 + 1.0 / 3.0, 0.5, 0.6, 0.8, 1.0]
-    assert times.tolist() == pytest.approx(expected, rel=1e-15)
-    np.testing.assert_array_equal(states, np.stack([times, 2.0 * times], axis=1))
-    assert (status, detail, count) == (Status.DONE, "", 3)
-    assert begun == [(0.0, 0.6, [0.0, 0.0]), (0.6, 1.0, [0.6, 1.2])]
-    fine = _solve_through(solver_of, problem, np.zeros(2), marks[:1], 1e-3)[0]
-    assert np.diff(fine) == pytest.approx([0.1 / 64] * 64 + [0.5 / 64] * 64 + [0.4 / 64] * 64)
-    for fails, value, ended in (("too small", 0.0, Status.STEP_TOO_SMALL), ("", math.nan, Status.NOT_FINITE),
-                                ("no", math.inf, Status.NOT_FINITE)):
-        times, states, status, detail, count = _solve_through(
-            lambda begin, end, y, f=fails, v=value: Steps(begin, [0.1, 0.6], f, v), problem, np.zeros(2), marks, 9.0)
-        assert (times.tolist(), status, detail, count) == ([0.0, 0.1], ended, fails, 1)
+@solvers
+@pytest.mark.parametrize("cycles", [None, 3], ids=["with a rest", "whole cycles"])
+def test_samples_change_nothing_else_and_lie_on_the_run(name: str, cycles: int | None) -> None:
+    """Samples at the starts of cycles are the section; the extremes of many samples are those of the cycles."""
+    system = replace(FALLING, {"friction.law": SOLVERS[name].laws[-1] if name == "event_driven" else "smoothed"})
+    span = {"cycles": cycles} if cycles else {"duration": 3.4 * system.cycle}
+    setting = {} if not compared(name) else {"step": 2e-5} if name == "rk4" else {"rtol": 1e-4}
+    none, few, many = (solve(system, solver=name, samples_per_cycle=count, **span, **setting) for count in (0, 3, 400))
+    for run in (few, many):
+        for column in ("section", "highest", "lowest", "stick_time"):
+            np.testing.assert_array_equal(getattr(run.cycles, column), getattr(none.cycles, column))
+        assert run.statistics.steps == none.statistics.steps
+        assert run.final == none.final
+    states = np.stack([many.slip_speed, many.plate_angle, many.plate_speed], axis=1)
+    size = np.abs(states).max(axis=0)
+    np.testing.assert_allclose(states[:1201:400] / size, none.cycles.section / size, atol=1e-6)
+    np.testing.assert_allclose(many.slip_speed[::400][:3], few.slip_speed[::3][:3], atol=1e-9 * size[0])
+    highest = many.slip_speed[:1200].reshape(3, 400).max(axis=1)
+    np.testing.assert_allclose(highest, none.cycles.highest, atol=2e-4 * size[0])
 
 
 def test_sizes_of_absolute_errors() -> None:

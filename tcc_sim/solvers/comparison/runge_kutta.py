@@ -54,10 +54,11 @@ def rk4_limit(system: System) -> float:
 
 
 def rk4(problem: Problem) -> Trajectory:
-    """Solve by classical Runge-Kutta (Kutta 1901) with equal steps of at most `problem.step` between the samples.
+    """Solve by classical Runge-Kutta (Kutta 1901) with equal steps of at most `problem.step` between ends of cycles.
 
-    Too large a step blows up, and the run ends with Status.NOT_FINITE at the last finite sample; or stick rings, and
-    the run's `detail` says so.
+    A sample within a step comes from a shorter step of its own, so that samples change nothing else. Too large a step
+    blows up, and the run ends with Status.NOT_FINITE at the last finite sample; or stick rings, and the run's `detail`
+    says so.
     """
     terms = terms_of(problem.system)
     step = SOLVERS["rk4"].default if problem.step is None else problem.step
@@ -68,10 +69,10 @@ def rk4(problem: Problem) -> Trajectory:
     if total > STEPS:
         return assemble(problem, "rk4", samples[:1], y[None, :width], status=Status.REFUSED,
                         detail=f"{total:.3g} steps of {step:g} s are more than {STEPS:.3g}")
-    inner = np.union1d(samples, problem.breaks()[1:-1])
-    _advance(problem.start, step, 0, 1, y.copy(), terms, np.empty((1, 4)))
+    inner = problem.breaks()[1:-1]
+    _advance(problem.start, step, 0, 1, y.copy(), terms, np.empty((1, 4)), samples[:0], np.empty((0, 4)))
     began = time.perf_counter()
-    stored, sections, steps, status = [(samples[0], y.copy())], [], 0, Status.DONE
+    stored, sections, steps, status, reached = [y.copy()[None, :]], [], 0, Status.DONE, problem.start
     for n, low in enumerate(ends):
         high = ends[n + 1] if n + 1 < len(ends) else samples[-1]
         marks = np.append(inner[(inner > low) & (inner < high)], high)
@@ -80,26 +81,31 @@ def rk4(problem: Problem) -> Trajectory:
             count = max(math.ceil((b - a) / step * (1.0 - 1e-12)), 1)
             stride = max(math.ceil(count * cycle / (b - a) / KEPT_PER_CYCLE), 1)
             out = np.empty(((count - 1) // stride + 2, 4))
-            used = _advance(a, (b - a) / count, count, stride, y, piece_of(terms, a, b), out)
+            within = samples[(samples > a) & (samples <= b)]
+            sampled = np.empty((len(within), 4))
+            used = _advance(a, (b - a) / count, count, stride, y, piece_of(terms, a, b), out, within, sampled)
             steps += count
             out[used - 1, 0] = b
+            finite = int(np.isfinite(sampled).all(axis=1).sum())
+            stored.append(sampled[:finite])
             if not np.all(np.isfinite(y)):
                 status = Status.NOT_FINITE
                 break
             rows += [out[:used - (b < high)]]
-            stored.append((b, y.copy()))
+            reached, last = b, y.copy()
         if status is not Status.DONE:
             break
         if rows:
             r = np.concatenate(rows)
             sections.append(replace(cycles_of_states(r[:, 0], r[:, 1:], terms, ends[n:n + 2]), starts=ends[n:n + 2]))
-    times, states = np.array([t for t, _ in stored]), np.array([row[:width] for _, row in stored])
-    wanted = np.isin(times, samples)
-    wanted[-1] = True
+    states = np.concatenate(stored)[:, :width]
+    times = samples[:len(states)]
+    if reached > times[-1]:  # The end of the last cycle before the run was no longer finite.
+        times, states = np.append(times, reached), np.concatenate([states, last[None, :width]])
     whole, rest = split_cycles(concatenated(sections), problem.whole_cycles) if sections else (None, None)
     stuck = any(part is not None and part.stick_time.any() for part in (whole, rest))
     limit = rk4_limit(problem.system) if stuck and status is Status.DONE else math.inf
-    return assemble(problem, "rk4", times[wanted], states[wanted], cycles=whole, rest=rest, status=status, detail=(
+    return assemble(problem, "rk4", times, states, cycles=whole, rest=rest, status=status, detail=(
                     f"the step of {step:g} s is above {limit:.3g} s, the largest one that is stable in stick"
                     if step > limit else ""),
                     statistics=Statistics(steps=steps, seconds=time.perf_counter() - began))
@@ -123,32 +129,46 @@ def rates(t: float, y: Floats, terms: Any, out: Floats) -> None:
 
 
 @compiled
-def _advance(start: float, h: float, count: int, stride: int, y: Floats, terms: Terms, out: Floats) -> int:
+def _advance(start: float, h: float, count: int, stride: int, y: Floats, terms: Terms, out: Floats, samples: Floats,
+             sampled: Floats) -> int:
     """Take `count` steps in place; fill rows (t, v, theta2, omega2) every `stride` steps and at the end, and return
-    their number.
+    their number. Fill `sampled` with the states at `samples`, which rise from `start` to the end.
     """
-    v, q, w, f = y[0], y[1], y[2], y[3]
-    used = 0
+    state = (y[0], y[1], y[2], y[3])
+    used = mark = 0
     for i in range(count + 1):
         t = start + i * h
         if i % stride == 0 or i == count:
-            out[used, 0], out[used, 1], out[used, 2], out[used, 3] = t, v, q, w
+            out[used, 0], out[used, 1], out[used, 2], out[used, 3] = t, state[0], state[1], state[2]
             used += 1
-        if i == count:
-            break
-        a1, b1 = slopes(t, v, q, w, terms)
-        v2, w2 = v + 0.5 * h * a1, w + 0.5 * h * b1
-        a2, b2 = slopes(t + 0.5 * h, v2, q + 0.5 * h * w, w2, terms)
-        v3, w3 = v + 0.5 * h * a2, w + 0.5 * h * b2
-        a3, b3 = slopes(t + 0.5 * h, v3, q + 0.5 * h * w2, w3, terms)
-        v4, w4 = v + h * a3, w + h * b3
-        a4, b4 = slopes(t + h, v4, q + h * w3, w4, terms)
-        f += h / 6.0 * (v + w + 2.0 * (v2 + w2 + v3 + w3) + v4 + w4)
-        q += h / 6.0 * (w + 2.0 * (w2 + w3) + w4)
-        v += h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4)
-        w += h / 6.0 * (b1 + 2.0 * (b2 + b3) + b4)
-    y[0], y[1], y[2], y[3] = v, q, w, f
+        while mark < len(samples) and (i == count or samples[mark] < t + h * (1.0 - 1e-9)):
+            rest = samples[mark] - t
+            at = _stepped(t, rest, state, terms) if i < count and rest > 1e-9 * h else state
+            for k in range(4):
+                sampled[mark, k] = at[k]
+            mark += 1
+        if i < count:
+            state = _stepped(t, h, state, terms)
+    for k in range(4):
+        y[k] = state[k]
     return used
+
+
+@compiled
+def _stepped(t: float, h: float, state: tuple[float, float, float, float],
+             terms: Any) -> tuple[float, float, float, float]:
+    """Return the state (v, theta2, omega2, theta1) after one step."""
+    v, q, w, f = state
+    a1, b1 = slopes(t, v, q, w, terms)
+    v2, w2 = v + 0.5 * h * a1, w + 0.5 * h * b1
+    a2, b2 = slopes(t + 0.5 * h, v2, q + 0.5 * h * w, w2, terms)
+    v3, w3 = v + 0.5 * h * a2, w + 0.5 * h * b2
+    a3, b3 = slopes(t + 0.5 * h, v3, q + 0.5 * h * w2, w3, terms)
+    v4, w4 = v + h * a3, w + h * b3
+    a4, b4 = slopes(t + h, v4, q + h * w3, w4, terms)
+    return (v + h / 6.0 * (a1 + 2.0 * (a2 + a3) + a4), q + h / 6.0 * (w + 2.0 * (w2 + w3) + w4),
+            w + h / 6.0 * (b1 + 2.0 * (b2 + b3) + b4),
+            f + h / 6.0 * (v + w + 2.0 * (v2 + w2 + v3 + w3) + v4 + w4))
 
 
 class Tableau(NamedTuple):
@@ -178,7 +198,7 @@ class Wanted(NamedTuple):
 
 
 def march(terms: Terms, begin: float, end: float, y: Floats, first_step: float, rtol: float, atol: Floats,
-          marks: Floats, spacing: float, cycle: float) -> tuple[Floats, int, int]:
+          marks: Floats, samples: Floats, spacing: float, cycle: float) -> tuple[Floats, Floats, int, int]:
     """Solve from `begin` to `end`, within which the excitation has no corner.
 
     Parameters
@@ -186,26 +206,26 @@ def march(terms: Terms, begin: float, end: float, y: Floats, first_step: float, 
     y : (n,) array, state at `begin`
     first_step : s
     rtol, atol : tolerances, the latter (n,)
-    marks : (m,) array, rising times of rows in (begin, end]
+    marks, samples : (m,) and (k,) arrays, rising times in (begin, end] of rows and of samples
     spacing : s, longest time between two rows, as far as PIECES in a step allow
     cycle : s; step ends within 1/KEPT_PER_CYCLE of it after the last row get none
 
     Returns
     -------
-    rows (t, state); GOES_ON at `end`, else TOO_SMALL; number of steps
+    rows (t, state); states at the samples that were reached; GOES_ON at `end`, else TOO_SMALL; number of steps
     """
     points: list[Floats] = []
     ended, steps = GOES_ON, 0
     at, y, k = np.array([begin, first_step, begin]), y.copy(), np.zeros((7, len(y)))
-    new = y.copy()
+    new, sampled, done = y.copy(), np.empty((len(samples), len(y))), np.zeros(1, np.int64)
     while not points or (at[0] < end and ended == GOES_ON):
         rows = np.empty((len(marks) + 8 * KEPT_PER_CYCLE, 1 + len(y)))
         used, taken, ended = _march(at, end, y, new, k, terms, dormand_prince(), rtol, atol,
-                                    Wanted(marks, spacing, cycle / KEPT_PER_CYCLE), rows)
+                                    Wanted(marks, spacing, cycle / KEPT_PER_CYCLE), rows, samples, sampled, done)
         marks = marks[np.searchsorted(marks, at[2], side="right"):]
         steps += taken
         points.append(rows[:used].copy())
-    return np.concatenate(points), ended, steps
+    return np.concatenate(points), sampled[:done[0]], ended, steps
 
 
 @compiled
@@ -234,21 +254,22 @@ def _error(h: float, y: Floats, new: Floats, k: Floats, error: Floats, rtol: flo
 
 @compiled
 def _within(row: Floats, x: float, h: float, y: Floats, k: Floats, interpolant: Floats) -> None:
-    """Fill row[1:] with the state at the share x of a step."""
+    """Fill a row with the state at the share x of a step."""
     for i in range(len(y)):
-        row[1 + i] = y[i]
+        row[i] = y[i]
     for j in range(7):
         p = interpolant[j, 2] + x * interpolant[j, 3]
         share = h * x * (interpolant[j, 0] + x * (interpolant[j, 1] + x * p))
         for i in range(len(y)):
-            row[1 + i] += share * k[j, i]
+            row[i] += share * k[j, i]
 
 
 @compiled
 def _march(at: Floats, end: float, y: Floats, new: Floats, k: Floats, terms: Any, tableau: Tableau, rtol: float,
-           atol: Floats, wanted: Wanted, rows: Floats) -> tuple[int, int, int]:
+           atol: Floats, wanted: Wanted, rows: Floats, samples: Floats, sampled: Floats,
+           done: Any) -> tuple[int, int, int]:
     """Step until `end`, AT_ONCE steps or until `rows` is full; `at` is time, length of the next step, time of the last
-    row. Return rows, steps, and GOES_ON or TOO_SMALL.
+    row. Fill `sampled` from its row done[0] on. Return rows, steps, and GOES_ON or TOO_SMALL.
     """
     n, marks = len(y), wanted.marks
     t, h, last = at[0], at[1], at[2]
@@ -277,7 +298,7 @@ def _march(at: Floats, end: float, y: Floats, new: Floats, k: Floats, terms: Any
             if target >= following:
                 break
             rows[used, 0] = last = target
-            _within(rows[used], (target - t) / h, h, y, k, tableau.interpolant)
+            _within(rows[used, 1:], (target - t) / h, h, y, k, tableau.interpolant)
             used += 1
             mark += marked
         marked = mark < len(marks) and marks[mark] == following
@@ -287,6 +308,12 @@ def _march(at: Floats, end: float, y: Floats, new: Floats, k: Floats, terms: Any
                 rows[used, 1 + i] = new[i]
             used += 1
             mark += marked
+        while done[0] < len(samples) and samples[done[0]] <= following:
+            row = sampled[done[0]]
+            _within(row, (samples[done[0]] - t) / h, h, y, k, tableau.interpolant)
+            for i in range(n):
+                row[i] = new[i] if samples[done[0]] == following else row[i]
+            done[0] += 1
         t = following
         for i in range(n):
             y[i], k[0, i] = new[i], k[6, i]

@@ -95,34 +95,37 @@ backward differentiation of order 1 to 5; and, of ODEPACK, Adams' methods with a
 
 
 def _solve(problem: Problem, name: str) -> Trajectory:
-    """Solve by a method, with dense output at the samples, the cycle ends and enough points for the extremes."""
+    """Solve by a method, with dense output at the cycle ends and at enough points for the extremes, and at the samples,
+    on which the cycles do not depend.
+    """
     terms, method = terms_of(problem.system), METHODS[name]
     rtol = SOLVERS[name].default if problem.rtol is None else problem.rtol
     y0 = np.array(problem.first)
     options: dict[str, Any] = {"rtol": rtol, "atol": rtol * _scales(problem, terms)}
     samples, ends = problem.sample_times(), problem.cycle_starts()
-    marks = np.union1d(samples, np.minimum(ends, samples[-1]))
+    marks = np.union1d(samples[[0, -1]], np.minimum(ends, samples[-1]))
     spacing = min(problem.system.cycle, 2.0 * np.pi / problem.system.natural_frequency) / POINTS
     begin, end = problem.breaks()[:2]
     _solver(name, piece_of(terms, begin, end), begin, end, y0, options)  # Compile what it calls.
     if method is RK45:
-        march(piece_of(terms, begin, end), 0.0, 0.0, y0, 0.0, 0.0, y0, y0[:0], 0.0, 0.0)  # Compile it.
+        march(piece_of(terms, begin, end), 0.0, 0.0, y0, 0.0, 0.0, y0, y0[:0], y0[:0], 0.0, 0.0)  # Compile.
     began = time.perf_counter()
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         through = _compiled_through if method is RK45 else _solve_through
-        times, states, status, detail, steps = through(
+        times, states, sampled, status, detail, steps = through(
             lambda begin, end, y: _solver(name, piece_of(terms, begin, end), begin, end, y, options),
-            problem, y0, marks, spacing)
+            problem, y0, marks, samples, spacing)
     seconds = time.perf_counter() - began
-    listed = np.isin(times, samples)
-    listed[-1] = True
+    reached = samples[:len(sampled)]
+    if times[-1] > reached[-1]:
+        reached, sampled = np.append(reached, times[-1]), np.concatenate([sampled, states[-1:]])
     cycles = rest = None
     if len(times) > 1:
         starts = ends[:np.searchsorted(ends, times[-1], side="right")]
         cycles, rest = split_cycles(replace(cycles_of_states(times, states, terms, starts), starts=starts),
                               problem.whole_cycles)
-    return assemble(problem, name, times[listed], states[listed], cycles=cycles, rest=rest, status=status,
+    return assemble(problem, name, reached, sampled, cycles=cycles, rest=rest, status=status,
                     detail=detail, statistics=Statistics(steps=steps, seconds=seconds))
 
 
@@ -136,32 +139,33 @@ def _solver(name: str, terms: Terms, begin: float, end: float, y: Floats, option
     return METHODS[name](rates_of(terms, len(y)), begin, y, end, **options)
 
 
-def _compiled_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,
-                      spacing: float) -> tuple[Floats, Floats, Status, str, int]:
+def _compiled_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats, samples: Floats,
+                      spacing: float) -> tuple[Floats, Floats, Floats, Status, str, int]:
     """Do as `_solve_through` in compiled steps; SciPy's solver gives the length of the first one of each piece."""
     terms, breaks = terms_of(problem.system), problem.breaks()
-    rows, ended, steps = [np.concatenate([breaks[:1], y])[None, :]], GOES_ON, 0
+    rows, ended, steps, sampled = [np.concatenate([breaks[:1], y])[None, :]], GOES_ON, 0, [y[None, :]]
     for begin, end in itertools.pairwise(breaks.tolist()):
         y = rows[-1][-1, 1:]
         first = solver_of(begin, end, y)
-        inner = marks[(marks > begin) & (marks <= end)]
-        further, ended, taken = march(piece_of(terms, begin, end), begin, end, y, first.h_abs, first.rtol, first.atol,
-                                      inner, spacing, problem.system.cycle)
+        inner, within = (x[(x > begin) & (x <= end)] for x in (marks, samples))
+        further, states, ended, taken = march(piece_of(terms, begin, end), begin, end, y, first.h_abs, first.rtol,
+                                              first.atol, inner, within, spacing, problem.system.cycle)
         rows.append(further)
+        sampled.append(states)
         steps += taken
         if ended != GOES_ON:
             break
     joined = np.concatenate(rows)
     status = Status.DONE if ended == GOES_ON else Status.STEP_TOO_SMALL
-    return joined[:, 0], joined[:, 1:].copy(), status, "", steps
+    return joined[:, 0], joined[:, 1:].copy(), np.concatenate(sampled), status, "", steps
 
 
-def _solve_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,
-                   spacing: float) -> tuple[Floats, Floats, Status, str, int]:
-    """Return times, with every mark among them, states, status, detail and number of steps."""
+def _solve_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats, samples: Floats,
+                   spacing: float) -> tuple[Floats, Floats, Floats, Status, str, int]:
+    """Return times, with every mark among them, states, those at the samples, status, detail and number of steps."""
     breaks = problem.breaks()
-    times, states = [breaks[:1]], [np.array(y)[None, :]]
-    following, steps, status, detail = 1, 0, Status.DONE, ""
+    times, states, sampled = [breaks[:1]], [np.array(y)[None, :]], [np.array(y)[None, :]]
+    following, further, steps, status, detail = 1, 1, 0, Status.DONE, ""
     for begin, end in itertools.pairwise(breaks.tolist()):
         solver = solver_of(begin, end, states[-1][-1])
         while solver.status == "running":
@@ -184,10 +188,15 @@ def _solve_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats,
                 if len(points):
                     times.append(points)
                     states.append(solver.dense_output()(points).T)
+            last = int(np.searchsorted(samples, solver.t, side="right"))
+            if last > further:
+                inner = samples[further:last]
+                sampled.append(np.where(inner == solver.t, solver.y[:, None], solver.dense_output()(inner)).T)
+                further = last
             times.append(np.array([solver.t]))
             states.append(np.array(solver.y)[None, :])
         if status is not Status.DONE:
             break
     t, y = np.concatenate(times), np.concatenate(states)
     fresh = np.concatenate([[True], np.diff(t) > 0.0])
-    return t[fresh], y[fresh], status, detail, steps
+    return t[fresh], y[fresh], np.concatenate(sampled), status, detail, steps
