@@ -17,7 +17,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.friction_table import TABLE_FILE, with_table
 from tcc_sim.model import parameters
 from tcc_sim.model.actuator import delay_ticks
-from tcc_sim.model.crank_speed import DERIVED, SPEED, refuse_rpm
+from tcc_sim.model.crank_speed import DERIVED, FREQUENCY, SPEED, frequency_key, refuse_rpm
 from tcc_sim.model.elements import list_of
 from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import System
@@ -101,7 +101,7 @@ class Scene:
     operation: Operation = field(default_factory=Operation)
     description: str = ""
     unused: tuple[str, ...] = field(default=(), compare=False)
-    """Keys in the scene's file that a friction table replaces."""
+    """Keys that were given together with a friction table, which replaces them."""
 
     def warnings(self) -> list[str]:
         """Return the warnings about the scene that accompany every result."""
@@ -124,7 +124,8 @@ class Scene:
         options: dict[str, Any] = {k: v for k, v in values.items() if k in OPERATION_QUANTITIES}
         for key in model:
             meaning_of(key)
-        return dataclasses.replace(self, system=parameters.replace(self.system, model),
+        unused = tuple(key for key in TABULATED if key in values) if values.get(TABLE[0]) else self.unused
+        return dataclasses.replace(self, system=parameters.replace(self.system, model), unused=unused,
                                    operation=dataclasses.replace(self.operation, **options))
 
     def values(self) -> dict[str, Any]:
@@ -151,7 +152,11 @@ class Scene:
 
         tree: dict[str, Any] = {}
         tabulated = TABULATED if self.system.friction.curve is not None else ()
+        speeds = {frequency_key(key): (key, speed) for key, speed in self.system.speeds.items()}
         for key, value in self.values().items():
+            if f"{SPEED}_values" in self.system.speeds and key == f"{FREQUENCY}_times":
+                key = f"{SPEED}_times"
+            key, value = speeds.get(key, (key, value))
             group, _, name = key.rpartition(".")
             # ROS 2 cannot read an empty list, the default; a friction table replaces some keys.
             if value != () and not (key in tabulated and value == parameters.DEFAULTS[key]):
@@ -254,8 +259,7 @@ def parse_scene(text: str, name: str, folder: Path = Path()) -> Scene:
     if len(text) > LARGEST_FILE:
         raise InputError(f"the text is longer than {LARGEST_FILE} characters, the most allowed for a scene")
     values = with_table(read_parameters(text), folder)
-    unused = tuple(key for key in TABULATED if key in values) if values.get(TABLE[0]) else ()
-    return Scene(name, System(), Operation(), description_in(text), unused).with_values(values)
+    return Scene(name, System(), Operation(), description_in(text)).with_values(values)
 
 
 def meaning_of(key: str) -> Quantity:

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import itertools
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.crank_speed import DERIVED, refuse_rpm, with_frequency
-from tcc_sim.model.elements import with_whole_lists
-from tcc_sim.model.groups import TABULATED, Clutch, Converter, Driveline, Engine, Friction, Initial, Pressure
+from tcc_sim.model.crank_speed import DERIVED, Speeds, frequency_key, refuse_rpm, with_frequency
+from tcc_sim.model.elements import list_of, with_whole_lists
+from tcc_sim.model.groups import TABLE, TABULATED, Clutch, Converter, Driveline, Engine, Friction, Initial, Pressure
 from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_in
 from tcc_sim.result import KEY_UNITS
 
@@ -47,6 +48,8 @@ class System:
     initial: Initial = Initial()
     inputs: Inputs | None = None
     """Torque, pressure and far-end speed from data, instead of the scene's own."""
+    speeds: Speeds = field(default_factory=dict, compare=False)
+    """Speeds of the crankshaft that were given instead of engine.frequency."""
 
     @cached_property
     def profile(self) -> Floats | None:
@@ -177,6 +180,11 @@ def values_of(system: System) -> Iterator[tuple[str, Value]]:
         yield key, getattr(getattr(system, group), name)
 
 
+def given_values(system: System) -> dict[str, object]:
+    """Return all that was given for a system: the values of its keys, and the speeds that changes of its order keep."""
+    return {**dict(values_of(system)), **system.speeds}
+
+
 def unknown_key(key: str, known: Mapping[str, object] | list[str], kind: str = "a scene key") -> InputError:
     """Return the error for an unknown key, with the nearest valid one; `kind` is the expected kind of name."""
     if "temperature" in key:
@@ -184,6 +192,15 @@ def unknown_key(key: str, known: Mapping[str, object] | list[str], kind: str = "
                           "that were measured at several temperatures instead")
     near = difflib.get_close_matches(key[:100], list(known), n=1, cutoff=0.5)
     return InputError(f"{key} is not {kind}" + (f"; did you mean {near[0]}?" if near else ""))
+
+
+def refuse_related(keys: Sequence[str]) -> None:
+    """Raise InputError if a command varies two keys of which one defines the other."""
+    for first, second in itertools.combinations(keys, 2):
+        whole = first if "[" not in first else second if "[" not in second else ""
+        if first != second and (frequency_key(first) == frequency_key(second)
+                                or whole == list_of(first) == list_of(second)):
+            raise InputError(f"{first} and {second} are both varied, and one defines the other; remove one of them")
 
 
 def coerce(key: str, value: object) -> Value:
@@ -219,19 +236,23 @@ def replace(system: System, values: Mapping[str, object]) -> System:
         A key is unknown (the message suggests the nearest one), a type is wrong, or a value is out of range.
     """
     changes: dict[str, dict[str, Value]] = {}
-    values = with_frequency(values, system.engine.order)
-    values = with_whole_lists(values, lambda key: dict(values_of(system)).get(key))
-    for key, value in values.items():
-        checked = coerce(key, value)
-        if key in PROFILES and f"{key}_times" in system.varying and f"{key}_times" not in values:
-            raise InputError(f"{key} is not used where {key}_times is given; change that profile instead")
-        if key in TABULATED and system.friction.slip_speeds and "friction.slip_speeds" not in values:
+    changed, speeds = with_frequency(values, system.engine, system.speeds)
+    changed = with_whole_lists(changed, lambda key: dict(values_of(system)).get(key))
+    for key in values:
+        varied = list_of(frequency_key(key))
+        profile = f"{varied}_times"
+        if varied in PROFILES and profile in system.varying and profile not in changed:
+            raise InputError(f"{key} is not used where {profile} is given; change that profile instead")
+        if key in TABULATED and system.friction.slip_speeds and TABLE[0] not in values:
             raise InputError(f"{key} is not used where friction.slip_speeds and friction.coefficients are given; "
                              "change that table instead")
+    for key, value in changed.items():
+        checked = coerce(key, value)
         group, name = key.split(".")
         changes.setdefault(group, {})[name] = checked
     out = object.__new__(System)  # The fields are already checked; continuation makes a system for every motion.
     for name in _FIELDS:
         settings = getattr(system, name)
         vars(out)[name] = settings.changed(changes[name]) if name in changes else settings
+    vars(out)["speeds"] = speeds
     return out

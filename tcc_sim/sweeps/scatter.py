@@ -14,7 +14,7 @@ from tcc_sim.analysis.damping import Damping
 from tcc_sim.analysis.manoeuvre import JudderFigures, OrdersAtSpeeds
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import System, replace
+from tcc_sim.model.parameters import System, refuse_related, replace
 from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Result, reported, reported_of, reporting
 from tcc_sim.scene import Scene, system_of
@@ -217,6 +217,7 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
     sampled = tolerances.sampled
     if over in sampled:
         raise InputError(f"{over} is swept and scattered; it must be one of the two")
+    refuse_related([*sampled, over])
     if tolerances.samples * max(len(values), 1) > DEFAULTS.most_values:
         raise InputError(f"there are {tolerances.samples} samples of {len(values)} values; there may be "
                          f"{DEFAULTS.most_values}")

@@ -25,7 +25,7 @@ import numpy as np
 from tcc_sim import __version__
 from tcc_sim.analysis.manoeuvre import judder_of
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
-from tcc_sim.model.parameters import System, values_of
+from tcc_sim.model.parameters import System, given_values, refuse_related
 from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import json_of
@@ -98,6 +98,7 @@ def curves_of(system: System, key: str, values: Sequence[float], second_key: str
     """
     if key == second_key:
         raise InputError(f"{key} is swept twice; a grid has two keys")
+    refuse_related((key, second_key))
     if not 1 <= len(values) * len(second_values) <= DEFAULTS.most_values:
         raise InputError(f"a grid has {len(values)} by {len(second_values)} values; it must have 1 to "
                          f"{DEFAULTS.most_values}")
@@ -171,7 +172,7 @@ def _batch(plan: Plan, points: int, threads: int) -> int:
 def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
     """Return the values that distinguish a sweep from others."""
     return {"version": __version__, "plan": json_of(plan),
-            "curves": [{"over": c.key, "values": c.values, "scene": dict(values_of(c.system))} for c in curves]}
+            "curves": [{"over": c.key, "values": c.values, "scene": given_values(c.system)} for c in curves]}
 
 
 def _results(curves: Sequence[Curve], plan: Plan, points: Points, began: float) -> list[Sweep]:

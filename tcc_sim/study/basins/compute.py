@@ -23,7 +23,7 @@ import numpy as np
 from tcc_sim import __version__
 from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
-from tcc_sim.model.parameters import System, replace, unknown_key, values_of
+from tcc_sim.model.parameters import System, given_values, replace, unknown_key
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.study.basins.attractors import find_attractors, numbered
 from tcc_sim.study.basins.driveline import DrivelineMotion
@@ -226,5 +226,5 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
 def _header(system: System, plane: tuple[Axis, Axis], cycles: int, over: Axis | None) -> dict[str, Any]:
     """Return the first line of the file, which identifies the work."""
     axes = [{"key": axis.key, "values": list(axis.values)} for axis in plane]
-    return {"version": __version__, "plane": axes, "cycles": cycles, "scene": dict(values_of(system)),
+    return {"version": __version__, "plane": axes, "cycles": cycles, "scene": given_values(system),
             "over": None if over is None else {"key": over.key, "values": list(over.values)}}

@@ -138,6 +138,8 @@ def _check_key(system: System, key: str, among: Sequence[str]) -> None:
         raise InputError(f"{key} is {value!r}; motions are followed in a key that is one number")
     if key.startswith("initial."):
         raise InputError(f"{key} is where a solution starts; periodic motions do not depend on it")
+    if key == "engine.order" and system.speeds:
+        raise InputError(f"{key} changes engine.frequency where engine.speed is given; follow motions in that")
     if key in ("engine.order", "pressure.time_constant", "pressure.delay", "pressure.rate_limit"):
         raise InputError(f"{key} has no effect on periodic motions")
     if key == "friction.smoothing" and system.friction.law == "set_valued":
