@@ -63,15 +63,15 @@ class Friction(Group):
                             label=r"decay of friction $\alpha$")
     smoothing: float = quantity(50.0, "smoothing factor sigma of law (7)", "s/rad", 1.0, 1e12,
                                 label=r"smoothing factor $\sigma$")
-    slip_speeds: tuple[float, ...] = quantity((), "slip speeds at which friction.coefficients were measured, the first "
-                                              "0", "rad/s", 0.0, 1e4, live=True)
-    coefficients: tuple[float, ...] = quantity((), "measured friction coefficients; friction.static_coefficient, "
-                                               "kinetic_coefficient and decay are then not used", "", 1e-6, 2.0,
-                                               live=True)
+    slip_speeds: tuple[float, ...] = quantity((), "slip speeds of the friction table, the first 0", "rad/s", 0.0, 1e4,
+                                              live=True)
+    coefficients: tuple[float, ...] = quantity((), "friction coefficients of the table at these slip speeds; "
+                                               "friction.static_coefficient, kinetic_coefficient and decay are then "
+                                               "not used", "", 1e-6, 2.0, live=True)
 
     @property
     def curve(self) -> FrictionCurve | None:
-        """Fit of the measured coefficients; None without a table."""
+        """Fit of the friction table; None without one."""
         if not (self.slip_speeds or self.coefficients):
             return None
         from tcc_sim.model.friction_curve import fit_curve
