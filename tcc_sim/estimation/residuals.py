@@ -83,7 +83,10 @@ def judge_residuals(model: Model, levels: dict[str, float], fit: Fit, settings: 
     last = settings.stages[-1]
     problem = MultipleShooting(replace(model, keys=(*model.keys, *others)), levels, settings, last.window)
     residuals, derivatives, squares, slope = problem.explained(values, fit.starts, last.weight)
-    known = np.sqrt(np.maximum(np.diag(squares)[:len(model.keys)], 0.0)) * largest_errors(model.keys) >= 1.0
+    # A value near 0 is known by its own error, not by that of its logarithm.
+    largest = np.maximum(largest_errors(model.keys), [model.effect(key) / max(abs(value), 1e-300)
+                                                      for key, value in zip(model.keys, fit.values)])
+    known = np.sqrt(np.maximum(np.diag(squares)[:len(model.keys)], 0.0)) * largest >= 1.0
     kept = np.flatnonzero(np.append(known, np.ones(len(squares) - len(known), dtype=bool)))
     derivatives, squares, slope = derivatives[..., kept], squares[np.ix_(kept, kept)], slope[kept]
     values, keys = values[kept[kept < len(values)]], tuple(key for key, is_known in zip(model.keys, known) if is_known)
@@ -212,7 +215,7 @@ def _hidden(squares: Floats, spread: Floats, keys: tuple[str, ...], others: list
     """Return `Whiteness.hidden`: fixed keys whose change by HIDDEN stays within DEFAULTS.unseen standard errors."""
     size, out = len(keys), dict.fromkeys(keys, ("", DEFAULTS.moved))
     root = np.sqrt(np.diag(squares)[:size])
-    if not (root > 0.0).all():
+    if not (root > 0.0).all() or not keys:
         return {}
     inverse = _inverse(squares[:size, :size] / np.outer(root, root))[0] / np.outer(root, root)
     errors = np.sqrt(np.diag(inverse @ spread[:size, :size] @ inverse))

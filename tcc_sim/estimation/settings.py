@@ -109,6 +109,8 @@ class Gates:
     white: float = quantity(1e-4, "least probability of the residuals as noise")
     gap: float = quantity(4.0, "largest gap between windows, see `multiple_shooting.Fit`")
     relative: float = quantity(0.15, "largest standard error of an identified parameter, relative to its value")
+    negligible: float = quantity(0.01, "size of a parameter that may be 0, relative to that of a full effect, up to "
+                                 "which it has no effect")
     correlated: float = quantity(0.99, "largest correlation with another free parameter of an identified one")
     starts: int = quantity(5, "number of starts, the first at the given values, the others in a Sobol set around "
                            "them")

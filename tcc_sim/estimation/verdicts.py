@@ -130,8 +130,12 @@ def judged(model: Model, i: int, start: float, fit: Fit, errors: Floats, correla
     others = np.abs(correlations[i]).copy()
     others[i] = 0.0
     most = int(np.argmax(others)) if len(keys) > 1 else i
+    least = gates.negligible * model.effect(key)
+    none = abs(value) + WITHIN * error <= least
     relative = error / max(abs(value), 1e-300)
     verdict, why = "identified", f"the 95 % interval reaches {100.0 * WITHIN * relative:.3g} % to either side"
+    if none:
+        why = f"the 95 % interval reaches to {abs(value) + WITHIN * error:.2g}; up to {least:.2g} it has no effect here"
     if key in OFFSETS:
         relative, why = error / _size(model, OFFSETS[key]), "an offset, with its 95 % interval"
     if not accepted:
@@ -143,7 +147,7 @@ def judged(model: Model, i: int, start: float, fit: Fit, errors: Floats, correla
         verdict, why = "at its bound", "the fit ends at the largest or smallest allowed value"
         if key in (STATIC, KINETIC):
             why += "; if mu_s and mu_k meet, a start with a smaller value of the larger one leads to the other side"
-    elif relative > gates.relative or others[most] > gates.correlated:
+    elif not none and (relative > gates.relative or others[most] > gates.correlated):
         verdict = "not identifiable"
         why = f"its standard error is {100.0 * relative:.3g} %"
         if others[most] > 0.9:

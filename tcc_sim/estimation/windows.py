@@ -127,6 +127,17 @@ class Model:
         least, most = np.array([bounds.get(key, (-math.inf, math.inf)) for key in self.keys]).reshape(-1, 2).T
         return np.asarray(np.clip(values, least, most))
 
+    def effect(self, key: str) -> float:
+        """Return the value of a key that may be 0 at which it acts as strongly as the other torques; 0 for other keys.
+
+        Critical damping of the plate on its shaft; a fluid torque as large as the engine's mean torque, or a fall of
+        friction by 1 - 1/e, at the largest slip speed.
+        """
+        driveline, engine = self.system.driveline, self.system.engine
+        fastest = float(np.abs(self.measured.channels["slip_speed"]).max()) or math.inf
+        return {"driveline.damping": 2.0 * math.sqrt(driveline.stiffness * driveline.plate_inertia),
+                "converter.coupling": abs(engine.mean_torque) / fastest, "friction.decay": 1.0 / fastest}.get(key, 0.0)
+
     def substeps(self, values: Floats) -> int:
         """Return the sub-steps per sample, with a reserve for slightly different values; raise NumericalFailure for too
         many.
