@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.tracking import Limits
 from tcc_sim.errors import InputError, given_in
 from tcc_sim.replay.given_inputs import doubts_about, driven_by, input_table
 from tcc_sim.replay.measured import MeasuredRun, analyse_table, at_measured_speed
@@ -167,7 +168,7 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
              joints: Mapping[str, str] | None = None, topic: str | None = None, driveline: int | None = None,
              discard: int | None = None, frequency: float | None = None, verify: bool = False, damping: bool = False,
              target: float | Mapping[float, float] | None = None, band: float = DEFAULTS.band,
-             rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
+             limits: Limits | None = None, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
              progress: bool = False) -> Replay | MeasuredRun:
     """Analyse a recording, or orders and spectrum of a table of measurements, as `tcc-sim analyse` does.
 
@@ -179,7 +180,7 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
     columns, pulses : of a table, see `tables.measured_table.table_in`, and of its tacho
     orders, spectrum : whether to add them; a table needs one of them
     joints, topic, driveline : see `replay.recorded.Recording`
-    discard, frequency, verify, damping, target, band, rrd, spawn, connect, progress : of recordings, see
+    discard, frequency, verify, damping, target, band, limits, rrd, spawn, connect, progress : of recordings, see
         `replay.replay.replay`
 
     Raises
@@ -201,8 +202,8 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
 
     if isinstance(recording, (str, Path)) and is_table(Path(recording)):
         others = {"run": run, "joints": joints, "topic": topic, "driveline": driveline, "discard": discard,
-                  "frequency": frequency, "verify": verify, "damping": damping, "target": target, "rrd": rrd,
-                  "spawn": spawn, "connect": connect}
+                  "frequency": frequency, "verify": verify, "damping": damping, "target": target, "limits": limits,
+                  "rrd": rrd, "spawn": spawn, "connect": connect}
         given = given_in(others)
         if given or not (orders or spectrum):
             raise InputError(f"{', '.join(given)}: only for recordings" if given else
@@ -214,7 +215,8 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
             raise InputError(f"{name} are for tables, and {recording} is a recording")
     opened = recording if isinstance(recording, Recording) else read(recording, scene, joints, topic, driveline)
     result = replay(opened, window=Window(run, from_, to), discard=discard, frequency=frequency, verify=verify,
-                    damping=damping, target=target, band=band, rrd=rrd, spawn=spawn, connect=connect, progress=progress)
+                    damping=damping, target=target, band=band, limits=limits, rrd=rrd, spawn=spawn, connect=connect,
+                    progress=progress)
     if not (orders or spectrum):
         return result
     return with_recorded_figures(result, opened.trajectory(result.run, from_, to), orders=orders, spectrum=spectrum)

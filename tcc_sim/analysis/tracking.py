@@ -183,6 +183,16 @@ class Counts(NamedTuple):
     superseded: int
 
 
+def checked_limits(limits: Limits | None) -> Limits | None:
+    """Return stated limits of the pressure, Pa; raise InputError unless 0 <= low < high."""
+    if limits is not None:
+        low, high = limits
+        if not 0.0 <= low < high:
+            raise InputError(f"limits of the pressure are {low:g} and {high:g} Pa; the lower one must be 0 Pa or more, "
+                             "and below the upper one")
+    return limits
+
+
 def target_steps(target: float | Mapping[float, float]) -> Steps:
     """Return a target, rad/s, or targets from times (s) on, as steps.
 

@@ -54,6 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                       "rad/s (default: the recorded target_slip_speed); or slip speeds from simulation times, s, on")
     loop.add_argument("--band", metavar="V", type=float, default=BAND, help="least error from the target that counts, "
                       "and least jump of the target that begins a segment, rad/s (default %(default)g)")
+    loop.add_argument("--limits", metavar="LOW:HIGH", type=limits, help="smallest and largest pressure that the "
+                      "controller commands, Pa: at one of them it may count as saturated (default: those that it "
+                      "published; else 0 alone)")
     figures = parser.add_argument_group("further figures")
     figures.add_argument("--verify", action="store_true",
                          help="solve the run again from the recording alone and compare")
@@ -87,6 +90,15 @@ def targets(text: str) -> float | dict[float, float]:
     return steps
 
 
+def limits(text: str) -> tuple[float, float]:
+    """Return the limits in `LOW:HIGH`."""
+    try:
+        low, high = text.split(":")
+        return float(low), float(high)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} must be LOW:HIGH, two pressures in Pa") from None
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, analyse the recording, write the files, and print the figures."""
     from tcc_sim.output.samples import write_samples
@@ -114,7 +126,7 @@ def run(arguments: argparse.Namespace) -> int:
     result = replay(recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
                     discard=arguments.discard, frequency=arguments.frequency,
                     verify=arguments.verify, damping=arguments.damping, window=window, target=arguments.target,
-                    band=arguments.band, progress=True)
+                    band=arguments.band, limits=arguments.limits, progress=True)
     lines = result.lines()
     drawn: object = result
     # A manoeuvre is drawn whole, as by `simulate --plot`; any other run by its last cycles and its maxima.
@@ -148,7 +160,7 @@ def _table(arguments: argparse.Namespace) -> int:
     from tcc_sim.tables.measured_table import table_in
 
     others = ("rrd", "spawn", "connect", "out", "discard", "frequency", "damping", "verify", "run", "joints",
-              "topic", "driveline", "target")
+              "topic", "driveline", "target", "limits")
     given = [f"--{name}" for name in given_in({name: getattr(arguments, name) for name in others})]
     if given:
         raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --columns, "

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.control import Control, CycleMeans, Steps, joined_means
 from tcc_sim.analysis.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.tracking import Counts, Limits, Loop, Tracking, loop_of, target_steps
+from tcc_sim.analysis.tracking import Counts, Limits, Loop, Tracking, checked_limits, loop_of, target_steps
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.model.profile import Origin, phase_at, profile_of
@@ -96,10 +96,10 @@ class ControlledRun(Trajectory):
         target : slip speed to hold, rad/s; or slip speeds by the time, s, from which each holds, such as
             ``{0.0: 20.0, 3.0: 40.0}``
         since : a sample; the step to the target counts from the last engine cycle before it
-        limits : smallest and largest pressure, Pa; by default those at which the pressure was held
+        limits : smallest and largest pressure that the controller commands, Pa; None if unknown
         band : least error that counts, rad/s
         """
-        return self._tracking(target_steps(target), since, limits, band)
+        return self._tracking(target_steps(target), since, checked_limits(limits), band)
 
     def _tracking(self, reference: Steps, since: int, limits: Limits | None = None,
                   band: float = DEFAULTS.band) -> Tracking:

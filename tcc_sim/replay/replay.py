@@ -15,7 +15,7 @@ import numpy as np
 from tcc_sim.analysis.damping import damping_of_cycles
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CyclePiece, CycleStream
-from tcc_sim.analysis.tracking import LARGEST_BAND, target_steps
+from tcc_sim.analysis.tracking import LARGEST_BAND, Limits, checked_limits, target_steps
 from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
@@ -50,7 +50,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
            discard: int | None = None, frequency: float | None = None, scene: str | None = None, verify: bool = False,
            damping: bool = False, window: Window | None = None, joints: Mapping[str, str] | None = None,
            topic: str | None = None, driveline: int | None = None, target: float | Mapping[float, float] | None = None,
-           band: float = DEFAULTS.band, progress: bool = False) -> Replay:
+           band: float = DEFAULTS.band, limits: Limits | None = None, progress: bool = False) -> Replay:
     """Analyse a recording and optionally send it to Rerun.
 
     Parameters
@@ -69,6 +69,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     target : slip speed that a controller was to hold, rad/s, in place of the recorded one; or slip speeds by the
         simulation time, s, from which each holds
     band : least error from the target that counts, rad/s, and least jump of the target that begins a segment
+    limits : smallest and largest pressure that the controller commands, Pa; None if unknown
     progress : whether to show a progress bar on a terminal or in a notebook; elsewhere a line a minute
 
     Raises
@@ -85,6 +86,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         _check_damping(recorded_scene)
     if not 0.0 < band <= LARGEST_BAND:
         raise InputError(f"band is {band:g} rad/s; it must be above 0 and at most {LARGEST_BAND:g} rad/s")
+    checked_limits(limits)
     aim = None if target is None else target_steps(target)
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # A file may hold any double.
@@ -104,7 +106,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         view = _view(stack, printable(recording.path.name), timing, recorded_scene, where,
                      run.controlled or aim is not None, [*line.commands, *line.further]) if where else None
         result = _analysed(recording, line, timing, default_of(discard, timing, recorded_scene), damping, view, bar,
-                           began, band)
+                           began, band, limits)
         if verify:
             bar.begin("solving")
             result = replace(result, verification=verification_of(whole, run.size, bar.advance))
@@ -126,7 +128,8 @@ def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
     given = arguments_in(vars(values))
     recording = Recording(given.recording, given.scene, given.joints, given.topic, given.driveline)
     result: Any = replay(recording, discard=given.discard, frequency=given.frequency,
-                         window=Window(given.run, given.start, given.end), target=given.target, band=given.band)
+                         window=Window(given.run, given.start, given.end), target=given.target, band=given.band,
+                         limits=given.limits)
     result = replace(result, spectrum=spectrum_in(vars(values)))
     if result.scene.system.profile is not None:
         result = replace(recording.trajectory(result.run, given.start, given.end), control=result.control)
@@ -160,7 +163,7 @@ class _Bar:
 
 
 def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int | None, damping: bool,
-              view: RerunStream | None, bar: _Bar, began: float, band: float) -> Replay:
+              view: RerunStream | None, bar: _Bar, began: float, band: float, limits: Limits | None) -> Replay:
     """Compute all figures except the verification."""
     run, scene, clock, system = recording.file, recording.scene, timing.clock, recording.scene.system
     if timing.source in ("given", "found"):
@@ -190,7 +193,7 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
     pace, note = pace_of(line)
     warnings += [note] if note else []
     segments, count = segments_of(line, timing.segment_clock, discard, solver=run.solver, elapsed_s=elapsed,
-                                  stream=stream, band=band)
+                                  stream=stream, band=band, limits=limits)
     if count > MOST_SEGMENTS:
         warnings.append(f"only the first {MOST_SEGMENTS} of {count} segments are analysed")
     inputs, ages = held_inputs(line), Ages(line, run.stamps.tick)

@@ -14,7 +14,7 @@ from tcc_sim.analysis.engine_clock import EngineClock, Tracked, Uniform, clock_o
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.analysis.summary import Summary
-from tcc_sim.analysis.tracking import Loop, LoopReader, Pressures, Tracking, target_jumps
+from tcc_sim.analysis.tracking import Limits, Loop, LoopReader, Pressures, Tracking, target_jumps
 from tcc_sim.errors import OutOfRange, counted
 from tcc_sim.model.parameters import values_of
 from tcc_sim.output.tables import tracking_lines
@@ -117,7 +117,8 @@ def cuts_of(line: Timeline, band: float = DEFAULTS.band, clock: EngineClock | No
 
 
 def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, *, solver: str, elapsed_s: float = 0.0,
-                stream: CycleStream | None = None, band: float = DEFAULTS.band) -> tuple[tuple[Segment, ...], int]:
+                stream: CycleStream | None = None, band: float = DEFAULTS.band,
+                limits: Limits | None = None) -> tuple[tuple[Segment, ...], int]:
     """Return the analysed first MOST_SEGMENTS segments, and the number of all segments.
 
     Parameters
@@ -128,12 +129,13 @@ def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, 
     solver, elapsed_s : values for the summaries
     stream : cycles of the whole recording, used if every segment is a run
     band : least error of a controlled run that counts, rad/s
+    limits : of the pressure as stated, Pa; None if nobody stated them
     """
     runs = cuts_of(line, band, clock)
     shared = stream if not line.changes and all(len(cuts) == 1 for cuts in runs) else None
     segments: list[Segment] = []
     for cuts in runs:
-        judge = _Judge(line, cuts, clock, band)
+        judge = _Judge(line, cuts, clock, band, limits)
         for cut in cuts[:MOST_SEGMENTS - len(segments)]:
             segment = Segment(int(cut.states.stamp_ns[0]) * 1e-9, int(cut.states.stamp_ns[-1]) * 1e-9, cut.began_by,
                               cut.changes, _summary(cut, clock, shared, discard), judge.tracking(cut, discard or 0))
@@ -157,8 +159,9 @@ def _summary(cut: Cut, clock: EngineClock | None, shared: CycleStream | None, di
 class _Judge:
     """Tracking of the segments of one run, whose cycles are read once."""
 
-    def __init__(self, line: Timeline, cuts: list[Cut], clock: EngineClock | None, band: float) -> None:
-        self._line, self._cuts, self._band = line, cuts, band
+    def __init__(self, line: Timeline, cuts: list[Cut], clock: EngineClock | None, band: float,
+                 limits: Limits | None) -> None:
+        self._line, self._cuts, self._band, self._limits = line, cuts, band, limits
         self._states = next(states for states in line.runs if states.run == cuts[0].states.run)
         self._clock = clock or clock_of_scene(cuts[0].scene.system)
         # Without pulsation any slice of time gives the mean.
@@ -204,8 +207,8 @@ class _Judge:
                else "periods of excitation could not be identified, so there is no cycle mean")
         note = f"; means over {self._clock.cycle:.3g} s, as the engine torque does not pulsate" if self._slices else ""
         return Loop(reader.course(), self._reference, None if pressure is None else Pressures(
-            states.stamp_ns.astype(np.float64) * 1e-9, pressure), floor=self._band, why=why, note=note,
-            bridged=np.array(bridged).reshape(-1, 2))
+            states.stamp_ns.astype(np.float64) * 1e-9, pressure), limits=self._limits, floor=self._band, why=why,
+            note=note, bridged=np.array(bridged).reshape(-1, 2))
 
 
 def _steps_only(torque: Floats) -> bool:

@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64
 
+from tcc_sim.analysis.tracking import Limits, checked_limits
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
@@ -92,13 +93,15 @@ class Rig:
         self._under_test.add(node)
         return node
 
-    def run(self, seconds: float | None = None, ticks: int | None = None, target: float | None = None) -> LockstepRun:
+    def run(self, seconds: float | None = None, ticks: int | None = None, target: float | None = None,
+            limits: Limits | None = None) -> LockstepRun:
         """Run the driveline for a number of ticks, each after the commands that answer the last state.
 
         Parameters
         ----------
         seconds, ticks : length of the run, one of the two; simulated time is rounded to whole ticks
         target : slip speed to hold, rad/s, for a controller that does not publish target_slip_speed
+        limits : smallest and largest pressure that the controller commands, Pa, for the run's `tracking`
 
         Returns
         -------
@@ -113,13 +116,14 @@ class Rig:
             A node under test died, hangs, or does not answer.
         """
         self._check_open()
+        checked_limits(limits)
         if (seconds is None) == (ticks is None):
             raise InputError("give either seconds or ticks")
         wanted = (seconds or 0.0) * self._node.scene.operation.rate if ticks is None else ticks
         if not 0.5 < wanted <= MOST_TICKS or ticks not in (None, round(wanted)):
             raise InputError(f"a run of {f'{seconds:g} s' if ticks is None else f'{ticks} ticks'} is not possible; it "
                              f"must be a whole number of ticks, 1 to {MOST_TICKS}")
-        return self._worker.run(lambda: self._run(round(wanted), target), self._patience, self._failed)
+        return self._worker.run(lambda: self._run(round(wanted), target, limits), self._patience, self._failed)
 
     def change(self, values: Mapping[str, object] | None = None, **more: object) -> None:
         """Change parameters together from the next tick on: ``change({"engine.mean_torque": 300.0})``, or
@@ -201,7 +205,7 @@ class Rig:
         if self._closed:
             raise InputError("this driveline is closed: by close(), or because the test has started another one")
 
-    def _run(self, count: int, target: float | None) -> LockstepRun:
+    def _run(self, count: int, target: float | None, limits: Limits | None) -> LockstepRun:
         """Run the ticks, in the worker's thread."""
         commands = self._begin()
         samples = Samples(self._plant)
@@ -226,7 +230,8 @@ class Rig:
         refused = sum(command.refused - before[command.name] for command in commands)
         run = LockstepRun(**samples.columns(self._plant), refused=refused, missed=missed,  # type: ignore[arg-type]
                           refusal=next((command.refusal for command in commands if command.refusal), ""),
-                          targets=tuple(targets), before=self._last_mean if samples.begins_later else math.nan)
+                          targets=tuple(targets), limits=limits,
+                          before=self._last_mean if samples.begins_later else math.nan)
         self._last_mean = run.last_mean
         return run
 

@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 
 from tcc_sim.analysis.control import Steps
-from tcc_sim.analysis.tracking import Tracking
+from tcc_sim.analysis.tracking import Limits, Tracking
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.plant.closed_loop import ControlledRun
@@ -40,10 +40,12 @@ class LockstepRun(ControlledRun):
 
     missed : number of ticks in which an awaited input had no new command: it was dropped, late, or refused
     targets : every target slip speed, rad/s, with its first sample
+    limits : smallest and largest pressure that the controller commands, Pa; None if unknown
     """
 
     missed: int = 0
     targets: tuple[tuple[float, int], ...] = ()
+    limits: Limits | None = None
 
     @property
     def target(self) -> tuple[float, int] | None:
@@ -68,7 +70,7 @@ class LockstepRun(ControlledRun):
         reference = self.target_steps()
         jumps = self._loop(reference).jumps.t
         since = int(np.searchsorted(self.t, jumps[-1] if len(jumps) else reference.t[0]))
-        return self._tracking(reference, since)
+        return self._tracking(reference, since, self.limits)
 
 
 class GivenUp(BaseException):

@@ -56,7 +56,8 @@ OPTIONS = {
         "--frequencies 10:30:2", "--controller 1e5,1e6", "--check 1", *SHOWN],
     "analyse R": [
         "--scene slip", "--frequency 75", "--run 2", "--from 0.2", "--to 0.5", "--columns slip_speed=x", "--discard 9",
-        "--target 8", "--band 30 | --target 8", "--verify", "--damping", "--orders", "--spectrum", "--pulses 2",
+        "--target 8", "--band 30 | --target 8", "--limits 0:1e5 | --target 8", "--verify", "--damping", "--orders",
+        "--spectrum", "--pulses 2",
         *RECORDED, *SHOWN],
     f"identify T.csv --scene fig02 --free {MU_K}": [
         "--noise slip_speed=3", "--hold next", "--scene minimal", "--set driveline.damping=0.61", f"--free {MU_K}=0.23",
