@@ -94,8 +94,8 @@ def test_analyse_takes_tables(table, tmp_path):
 
 
 def test_analyse_passes_on_what_is_for_recordings(tmp_path, monkeypatch):
-    seen, given = [], {"discard": 3, "frequency": 75.0, "verify": True, "damping": True, "target": 8.0, "band": 0.3, "limits": (0.0, 5e5),
-                       "rrd": tmp_path, "spawn": True, "connect": "x", "progress": True}
+    seen, given = [], {"discard": 3, "frequency": 75.0, "verify": True, "damping": True, "target": 8.0, "band": 0.3,
+                       "limits": (0.0, 5e5), "rrd": tmp_path, "spawn": True, "connect": "x", "progress": True}
     monkeypatch.setattr("tcc_sim.replay.recorded.read", lambda *words: words)
     monkeypatch.setattr("tcc_sim.recording.window.Window", lambda *words: words)
     monkeypatch.setattr("tcc_sim.functions.replay", lambda opened, **options: seen.append((opened, options)) or 7)
