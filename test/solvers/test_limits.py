@@ -48,8 +48,7 @@ def test_bounds_of_the_exact_engine() -> None:
     every = {"period": CYCLE, "ratio": 1.5, "clamped": True, "slip_rate": 250.0 + 50.0 + 10.0 + 200.0,
              "stick_rate": math.sqrt(2500.0 / 0.29) + 2.75 / 0.29 + 200.0, "slip_decay": 10.0,
              "far": math.log(0.5 / 1.5e-10) / 2.0, "truncation": 1e-8, "torque_tolerance": 970e-12,
-             "slip_tolerance": 97e-14, "speed_scale": 97.0, "stiff_slip": False, "stiff_stick": False, "creep": 97.0,
-             "steps": 100_000, "steepest": 2.0 * 970e-12 * 29.0, "events": 1100}
+             "slip_tolerance": 97e-14, "speed_scale": 97.0, "steps": 100_000, "events": 1100}
     assert [*every] == [*bounds._fields]
     check(bounds, every)
     for changes, rtol, cycle, expected in (
@@ -67,21 +66,7 @@ def test_bounds_without_any_torque_or_damper_are_finite() -> None:
              "engine.harmonic_phases": [], "pressure.mean": 0.0, "pressure.amplitude": 0.0}
     none = bounds_of(terms(still), CYCLE, 1e-8)
     assert none.torque_tolerance == pytest.approx(1e-312, rel=1e-6, abs=0.0)
-    assert (none.speed_scale, none.creep) == pytest.approx((1e-301, 1e-301), rel=1e-6, abs=0.0)
-    assert bounds_of(terms(damping=0.0), CYCLE, 1e-8).creep == pytest.approx(97.0)
-
-
-@pytest.mark.parametrize(("frequency", "damping", "slip", "stick"), [
-    (100.0, 1199.5, False, False), (100.0, 1200.0, True, False), (100.0, 8699.0, True, False),
-    (100.0, 8700.0, True, True), (1.0, 99.5, False, False), (1.0, 100.0, True, False), (1.0, 268.0, True, False),
-    (1.0, 269.0, True, True)])
-def test_a_damper_is_stiff_beside_the_spring_and_the_excitation(frequency, damping, slip, stick) -> None:
-    """10 times as fast as the spring, and 100 times as the fastest sine and the cycle: C/I2 + 10 and
-    (C + 0.75)/(I1 + I2) beyond 2500 and 928.5 1/s, or 30000 at 100 rad/s.
-    """
-    bounds = bounds_of(terms({"engine.frequency": frequency}, damping=damping), 2.0 * math.pi / frequency, 1e-8)
-    assert (bounds.stiff_slip, bounds.stiff_stick) == (slip, stick)
-    assert bounds.creep == pytest.approx(min(97.0, 970.0 / damping))
+    assert none.speed_scale == pytest.approx(1e-301, rel=1e-6, abs=0.0)
 
 
 def test_limits_of_the_smoothed_engine() -> None:
@@ -139,8 +124,6 @@ def test_a_setup_has_the_sines_as_waves_and_a_ladder_from_a_cycle_to_the_fastest
     flat = event_driven.setup_of(replace(SYSTEM, {"friction.decay": 0.0}), 1e-8)
     assert (flat.terms.stribeck, flat.terms.mean_load) == (None, pytest.approx(300.0))
     assert flat.terms.pulsation == pytest.approx((450.0, 50.0, 0.0))
-    heavy = replace(SYSTEM, {"driveline.damping": 3000.0, "driveline.plate_inertia": 0.04})
-    assert event_driven.setup_of(heavy, 1e-8).tables is not None
 
 
 def test_setups_of_derivatives_are_finer_and_keep_what_decays() -> None:
@@ -161,7 +144,7 @@ def test_setups_of_derivatives_are_finer_and_keep_what_decays() -> None:
     assert smooth[0].tables.torque.shape[0] == len(smooth[0].tables.step_sizes)
     with pytest.raises(InputError, match=r"decays at \S+ 1/s, and the derivatives .* more than 100000 steps a cycle"):
         event_driven.setup_of_changes(SYSTEM, terms(damping=7e5), none, 1e-8)
-    assert event_driven.setup_of_changes(SYSTEM, terms(damping=6e5), none, 1e-8).limits.stiff_slip
+    event_driven.setup_of_changes(SYSTEM, terms(damping=6e5), none, 1e-8)
 
 
 def test_an_engine_allows_steps_by_cycles_and_says_why_it_ends() -> None:

@@ -94,12 +94,12 @@ def start(setup: Setup, memory: Memory, tangent: Any) -> None:
 def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory, tangent: Any, store: Store,
               angle: Any) -> int:
     """Take a step up to the next event at most; with derivatives it ends at the end of its cycle at the latest."""
-    bounds, terms, _, waves, tables = setup
+    bounds, terms, _, waves, _ = setup
     state, _, drive, work, counters, output = memory
     rows, period, n, mode, tau = work.rows, bounds.period, output.cycle, state.mode, state.tau
     goal = tail if n == count else period if n == count - 1 else tau + AHEAD * period
     if tangent is None:
-        step = step_on(bounds, terms, waves, state, drive, goal, work, tables)
+        step = step_on(bounds, terms, waves, state, drive, goal, work)
     else:
         step, goal = resolved_step(tail if n == count else period, setup, memory, tangent)
     if not step.x >= 0.0:

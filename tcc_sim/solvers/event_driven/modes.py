@@ -12,10 +12,8 @@ from typing import Any
 from tcc_sim.compiling.compiled import fast, lost_torque
 from tcc_sim.model.equations import Linear
 from tcc_sim.polynomials import polynomial
-from tcc_sim.solvers.collocation import Tables
 from tcc_sim.solvers.event_driven.setup import Bounds
 from tcc_sim.solvers.event_driven.step import BREAKAWAY, LAW_VARIES, NO_EVENT, REST, Step, slip_arc, stick_arc
-from tcc_sim.solvers.event_driven.stiff_step import FRESH, stiff_arc
 from tcc_sim.solvers.excitation import clamp_edge, excite
 from tcc_sim.solvers.series import FLYWHEEL
 from tcc_sim.solvers.terms import Terms
@@ -62,7 +60,6 @@ def mode_of(slip_speed: float, loaded: bool, plate_angle: float, plate_speed: fl
 def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> None:
     """Set the mode of a state from the torques and their rates there, and the time at which the clamp next switches."""
     state.load_edge = math.inf
-    state.level = FRESH
     loaded = terms.mean_load > 0.0
     if bounds.clamped:
         state.load_edge, loaded = clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation,
@@ -74,21 +71,12 @@ def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> N
 
 
 @fast
-def step_on(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, work: Any,
-            tables: Tables | None) -> Step:
+def step_on(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, work: Any) -> Step:
     """Return the next step, at most to `goal`, s into the cycle, or to the clamp's next switching."""
     remaining = min(goal, state.load_edge) - state.tau
     excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
            None, drive)
     rows, workspace = work.rows, work.bernstein
-    if tables is not None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
-        if (bounds.stiff_stick and state.mode == STICK) or (bounds.stiff_slip and state.mode != STICK):
-            if state.level >= 0:
-                step = stiff_arc(bounds, terms, waves, state, drive, remaining, tables, work)
-                if step.degree > 0:
-                    return step
-                state.level = FRESH
-            state.level += 1
     if state.mode == STICK:
         return stick_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, state, drive,
                          remaining, rows, workspace)
@@ -113,8 +101,6 @@ def finish(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, st
     if abs(state.plate_speed) < 1e-26 * bounds.speed_scale:
         # An arc that has decayed: products of smaller numbers would be denormal, and slow.
         state.plate_speed = 0.0
-    if step.event != NO_EVENT or state.load_edge <= state.tau:
-        state.level = FRESH
     if step.event == BREAKAWAY:
         state.mode = step.direction
         state.at_rest = 1

@@ -213,14 +213,14 @@ def resolved_step(until: float, setup: Setup, memory: Memory, tangent: Tangent) 
     """Return the next step, no longer than the series of derivatives hold, and the time that it aimed at, at most
     `until`, s into the cycle.
     """
-    bounds, terms, _, waves, tables = setup
+    bounds, terms, _, waves, _ = setup
     state, drive, work, sines = memory.state, memory.drive, memory.work, tangent.along.sines
     later = tangent.along.law.shape[1] > NARROW
     amplitude: float = terms.pulsation[0]  # type: ignore[index]
     goal = min(until, state.tau + longest_step(bounds, terms.linear, terms.mean_load + amplitude, terms.stribeck,
                                                tangent.shared.fastest, state))
     while True:
-        step = step_on(bounds, terms, waves, state, drive, goal, work, tables)
+        step = step_on(bounds, terms, waves, state, drive, goal, work)
         falls = falls_along(step, state.mode, terms.stribeck)
         if not (falls and step.x > 0.0 and unresolved(step, state.mode, later, terms.stribeck, work.rows,
                                                            sines[0])):

@@ -21,8 +21,6 @@ FAR_SHARE = 1.5e-2
 
 EVENTS = 1000
 """Events that any engine cycle may have."""
-STIFF = 10.0
-"""Damping over the critical one from which collocation takes over, once a series has followed the fast part."""
 STEPS_ALLOWED = 50
 """Steps of an engine cycle with its sensitivity per those of `steps_allowed`: a heavy damper makes them short."""
 
@@ -39,8 +37,7 @@ class Bounds(NamedTuple):
     far : slip speed from which on mubar is 1 to the tolerance; 0 where it is 1 everywhere
     truncation : largest share of the last terms of a series
     torque_tolerance, slip_tolerance : torques, and slip speeds, closer than this are equal
-    speed_scale, creep : sizes of the plate speed, and of that where the damper limits it
-    stiff_slip, stiff_stick : whether the damper is much faster than everything else
+    speed_scale : size of the plate speed
     steps : most steps of an engine cycle with derivatives
     events : most events of an engine cycle
     """
@@ -56,9 +53,6 @@ class Bounds(NamedTuple):
     torque_tolerance: float
     slip_tolerance: float
     speed_scale: float
-    stiff_slip: bool
-    stiff_stick: bool
-    creep: float
     steps: int
     events: int
 
@@ -82,27 +76,18 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
         truncation = max(SHARE * rtol, EXACT)
         far = max(max(math.log(abs(share) / (FAR_SHARE * rtol)), 1.0) / rate for share, rate in pairs)
 
-    def stiff(inertia: float, further_decay: float) -> bool:
-        """Return whether the fast part decays long before the slow part and the excitation change."""
-        fast = damping / inertia + further_decay
-        return fast > STIFF * math.sqrt(stiffness / inertia) and fast > STIFF**2 * (excitation + 2.0 * math.pi / period)
-
     return Bounds(
         period=period, ratio=ratio, clamped=terms.pulsation is not None and terms.pulsation[0] > terms.mean_load,
         slip_rate=math.sqrt(stiffness / plate) + damping / plate + slip_decay + excitation,
         stick_rate=math.sqrt(stiffness / (flywheel + plate)) + (damping + by_speed) / (flywheel + plate) + excitation,
         far=far, truncation=truncation, torque_tolerance=tolerance, slip_tolerance=1e-14 * scale, speed_scale=scale,
-        slip_decay=slip_decay, stiff_slip=stiff(plate, slip_decay),
-        stiff_stick=stiff(flywheel + plate, by_speed / (flywheel + plate)),
-        steps=STEPS_ALLOWED * steps_allowed(terms, period), creep=min(scale, torque / max(damping, 1e-300)),
+        slip_decay=slip_decay, steps=STEPS_ALLOWED * steps_allowed(terms, period),
         events=EVENTS + int(min(40.0 * max(math.sqrt(stiffness / plate), excitation) * period / (2.0 * math.pi), 1e6)))
 
 
 STATE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
                   ("flywheel_angle", np.float64), ("mode", np.int64), ("tau", np.float64), ("shift", np.float64),
-                  ("load_edge", np.float64), ("at_rest", np.int64), ("first_mode", np.int64),
-                  ("level", np.int64)])
+                  ("load_edge", np.float64), ("at_rest", np.int64), ("first_mode", np.int64)])
 """State of a run (rad/s, rad, rad/s, rad); its mode; time into the engine cycle, s; the load's phase at its start, rad;
-when the clamp next switches, s into the cycle; whether slip has just begun at v = 0; the mode at the start of the run;
-the rung of the next step of a stiff arc, below 0 while series steps are due.
+when the clamp next switches, s into the cycle; whether slip has just begun at v = 0; the mode at the start of the run.
 """

@@ -11,7 +11,6 @@ from __future__ import annotations
 from tcc_sim.errors import OutOfRange
 from tcc_sim.model.friction import exponentials
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers import collocation
 from tcc_sim.solvers.engine import COUNTERS, EngineShell, Memory, Setup
 from tcc_sim.solvers.event_driven.integrate import integrate
 from tcc_sim.solvers.event_driven.sensitivity import SHARED
@@ -20,7 +19,7 @@ from tcc_sim.solvers.excitation import DRIVE, waves_of
 from tcc_sim.solvers.key_derivatives import DECAYS, EXCESSES
 from tcc_sim.solvers.run_output import DEGENERATE, EVENT_LIMIT, NOT_FINITE, OUTPUT, STEP_LIMIT
 from tcc_sim.solvers.stages import WORK
-from tcc_sim.solvers.terms import Terms, load_frequency, per_system, terms_of
+from tcc_sim.solvers.terms import Terms, per_system, terms_of
 from tcc_sim.trajectory import Floats
 
 STEP_MAXIMUM = 1_000_000
@@ -41,12 +40,10 @@ def setup_of(system: System, rtol: float) -> Setup:
         ratio, load = 1.0 + terms.stribeck[0], terms.pulsation
         terms = terms._replace(stribeck=None, mean_load=ratio * terms.mean_load,
                                pulsation=None if load is None else (ratio * load[0], *load[1:]))
-    bounds, waves, tables = bounds_of(terms, system.cycle, rtol), waves_of(terms), None
+    waves = waves_of(terms)
     waves.setflags(write=False)
-    if bounds.stiff_slip or bounds.stiff_stick:
-        tables = collocation.tables(terms.linear, tuple(waves["rate"].tolist()), load_frequency(terms),
-                                    *collocation.ladder_of(bounds.slip_rate, bounds.period))
-    return Setup(bounds, without_torque(terms), system.pressure.frequency_ratio, waves, tables)
+    return Setup(bounds_of(terms, system.cycle, rtol), without_torque(terms), system.pressure.frequency_ratio, waves,
+                 None)
 
 
 def without_torque(terms: Terms) -> Terms:
@@ -69,9 +66,9 @@ def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float)
     if terms.stribeck is not None:
         terms = terms._replace(stribeck=(terms.stribeck[0], max(terms.stribeck[1], SLOWEST), *terms.stribeck[2:]))
     bounds, waves = exact_bounds(terms, system, FINER * rtol, changes), waves_of(terms)
-    if bounds.stiff_slip and bounds.slip_rate * bounds.period > REACH * bounds.steps:
+    if decay_of_plate(terms) * bounds.period > REACH * bounds.steps:
         raise OutOfRange(f"driveline.damping is {system.driveline.damping:g} N m s/rad; over driveline.plate_inertia "
-                         f"it decays at {bounds.slip_rate:.3g} 1/s, and the derivatives of the set-valued motion, "
+                         f"it decays at {decay_of_plate(terms):.3g} 1/s, and the derivatives of the set-valued motion, "
                          f"which follow that decay, take more than {bounds.steps} steps a cycle; those of "
                          "friction.law smoothed step over it")
     pressure = system.pressure
@@ -80,11 +77,20 @@ def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float)
     return Setup(bounds._replace(events=EVENTS), without_torque(terms), pressure.frequency_ratio, waves, None)
 
 
+def decay_of_plate(terms: Terms) -> float:
+    """Return C23/I2, 1/s, the decay that the steps of a heavy damper follow."""
+    return terms.linear.damping / terms.linear.plate
+
+
 def why(ended: int, steps: int, setup: Setup) -> str:
     """Return a sentence on a failure."""
+    decay = decay_of_plate(setup.terms)
+    heavy = (f"; driveline.damping over driveline.plate_inertia decays at {decay:.3g} 1/s, which friction.law smoothed "
+             "steps over" if decay * setup.limits.period > REACH * steps else "")
     return {EVENT_LIMIT: f"{setup.limits.events} events in one period of excitation",
             NOT_FINITE: "the state is not finite",
-            STEP_LIMIT: f"{steps} steps in one period of excitation", DEGENERATE: "slip ends where its rate is 0 too"
+            STEP_LIMIT: f"{steps} steps in one period of excitation{heavy}",
+            DEGENERATE: "slip ends where its rate is 0 too"
             }.get(ended, "")
 
 
