@@ -310,7 +310,9 @@ class Trajectory(Result):
     @property
     def far_end(self) -> FarEnd:
         """Sampled motion of the shaft's far end; its speed is held between samples."""
-        return far_end_of(self.output_angle, self.output_speed)
+        if self.output_angle is None or self.output_speed is None:
+            return STILL
+        return FarEnd(self.output_angle, self.output_speed)
 
     @property
     def shaft_twist(self) -> tuple[Floats, Floats]:
@@ -351,11 +353,6 @@ class Trajectory(Result):
 
 UNITS = {**units_of(Trajectory), "coupling_torque": "N m"}
 """Columns of a trajectory, with their units."""
-
-
-def far_end_of(angle: Floats | None, speed: Floats | None) -> FarEnd:
-    """Return angle and speed of the shaft's far end, with 0 for unknown values."""
-    return STILL if angle is None or speed is None else FarEnd(np.nan_to_num(angle), np.nan_to_num(speed))
 
 
 def integral(values: Floats, t: Floats) -> Floats:

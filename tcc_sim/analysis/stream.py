@@ -20,7 +20,7 @@ from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.trajectory import STILL, Cycles, FarEnd, Floats, Loads, concatenated, far_end_of
+from tcc_sim.trajectory import STILL, Cycles, FarEnd, Floats, Loads, concatenated
 
 BRIDGED = -1
 """Row of the waiting samples: 1 where a single state before is lost."""
@@ -253,7 +253,7 @@ class CycleStream:
         """Take the next states of a recording, as `feed`."""
         return self.feed(states.stamp_ns, states.flywheel_speed - states.plate_speed, states.plate_angle,
                          states.plate_speed, states.engine_torque, states.friction_torque, states.run,
-                         far_end_of(states.output_angle, states.output_speed))
+                         states.far_end)
 
     def longest(self) -> tuple[int, RunCycles]:
         """Return number and cycles of the run with the most cycles, the last of several; raise InputError without

@@ -145,7 +145,8 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
         raise InputError(f"{path}: the scene changed while it ran; identification needs one scene")
     states, ticks = from_later_room("measured_run")(recorded, scene)
     _check_still(path, states.output_speed)
-    inputs = {name: np.concatenate([values, values[-1:]]) for name, values in ticks.items()}
+    inputs = {name: np.concatenate([values, values[-1:]])[states.known] for name, values in ticks.items()}
+    states = states[states.known]
     t, channels = states.stamp_ns.astype(np.float64) * 1e-9, {
         "slip_speed": states.flywheel_speed - states.plate_speed, "plate_speed": states.plate_speed}
     n, notes = _evenly_spaced(t, str(path))
@@ -167,7 +168,7 @@ def _evenly_spaced(t: Floats, source: str) -> tuple[int, tuple[str, ...]]:
 
 def _check_still(path: Path, speed: Floats | None) -> None:
     """Raise InputError if the far end of the shaft moved."""
-    if speed is not None and np.nan_to_num(speed).any():
+    if speed is not None and (np.isfinite(speed) & (speed != 0.0)).any():
         raise InputError(f"{path}: the far end of the shaft moved (output_speed up to "
                          f"{np.nanmax(np.abs(speed)):.4g} rad/s); identification needs one at rest")
 

@@ -14,10 +14,12 @@ from tcc_sim.recording.layouts import Floats, Layouts, Values
 from tcc_sim.recording.records import Messages
 from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE, OUTPUT_JOINT, topic
+from tcc_sim.trajectory import STILL, FarEnd
 
 BLOCK = 1 << 16
 """Number of states processed at once where each takes memory."""
 _COLUMNS = ("stamp_ns", "log_ns", "sent_ns", *topic("joint_states").fields)
+NEVER = (1 << 63) - 1
 _YEAR = 365 * 86_400 * 1_000_000_000
 
 
@@ -35,7 +37,8 @@ class JointStates:
     Stamps of simulation time, of receipt and of sending (ns), angles (rad), speeds (rad/s), torques (N m).
     `applied_pressure` (Pa), `output_angle` (rad) and `output_speed` (rad/s) of the shaft's far end are None if they
     were not recorded, and NaN where a message is missing. `run` counts the starts of simulation time within the
-    recording, `began` is the reason of this start, `index` is the index of the first state in the whole recording.
+    recording, `began` is the reason of this start, `index` is the index of the first state in the whole recording, and
+    `moved_ns` the stamp of the first state of the run with a motion of the far end, which stands still before.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -53,9 +56,25 @@ class JointStates:
     run: int = 0
     began: Break = Break.START
     index: int = 0
+    moved_ns: int = NEVER
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
+
+    @property
+    def far_end(self) -> FarEnd:
+        """Angle (rad) and speed (rad/s) of the shaft's far end, (n,), NaN where a message is missing."""
+        if self.output_angle is None or self.output_speed is None:
+            return STILL
+        before = self.stamp_ns < self.moved_ns
+        return FarEnd(np.where(before, 0.0, self.output_angle), np.where(before, 0.0, self.output_speed))
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Which states have every value that the equations of motion need, (n,)."""
+        far = self.far_end
+        return np.isfinite(self.flywheel_speed + self.plate_speed + self.plate_angle + self.engine_torque
+                           + self.friction_torque + far.angle + far.speed)
 
     def blocks(self, rows: int = BLOCK) -> Iterator[JointStates]:
         """Iterate over blocks of at most `rows` states, for work that needs memory for each state."""
@@ -145,7 +164,9 @@ class GrowingStates:
             for one in joined:
                 one.join(run, part)
             missing += int(np.isnan(part["applied_pressure"]).sum()) if "applied_pressure" in part else 0
-            runs.append(JointStates(**part, run=run, began=began, index=first))
+            far = np.isfinite(part.get("output_angle", np.empty(0)))
+            runs.append(JointStates(**part, run=run, began=began, index=first,
+                                    moved_ns=int(part["stamp_ns"][far.argmax()]) if far.any() else NEVER))
         return tuple(runs), missing
 
 

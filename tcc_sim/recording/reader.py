@@ -104,6 +104,8 @@ class Run:
         if missing:
             self._left_out.append(f"part {missing[0]} is missing" if len(missing) == 1 else
                                   f"{len(missing)} parts are missing, the first is part {missing[0]}")
+        self.parts_missing = bool(missing or parts.absent)
+        """Whether a part of the recording is not there."""
         self.complete &= not missing and not any(parts.ordered or named_as_part(part) for part in parts.paths
                                                  if part not in self._contents)
         self.paths = list(self._contents)

@@ -20,7 +20,7 @@ from tcc_sim.model.quantity import Quantity
 from tcc_sim.recording.window import Window
 from tcc_sim.replay.applied import applied_inputs
 from tcc_sim.replay.recorded import Recording, read
-from tcc_sim.replay.timeline import from_first_motion
+from tcc_sim.replay.timeline import far_columns
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
 from tcc_sim.tables.chosen_columns import DRIVING, TIME, is_table
@@ -123,7 +123,7 @@ def of_recording(recording: Recording) -> Inputs:
     torque, pressure = (_lines_of_ticks(t, applied[name]) if name in applied else None for name in INPUTS)
     if torque is None and pressure is None:
         raise InputError(f"{recording.path}: neither torque nor pressure was recorded")
-    speed = from_first_motion(states.output_speed)
+    speed = far_columns(states).get("output_speed")
     moved = None if speed is None else _lines(t, speed, "next")
     return Inputs(torque, pressure, float(t[-1]), moved)
 

@@ -116,7 +116,7 @@ def _period(signals: Signals) -> int:
     numbers = np.arange(first, last + 1.0)
     within = signals.when(np.linspace(first, last, int(last - first) * 64 + 1))
     v, shaft, _ = signals.at(within)
-    angle = np.nan_to_num(shaft) / signals.system.driveline.stiffness
+    angle = shaft / signals.system.driveline.stiffness if np.isfinite(shaft).all() else np.zeros(len(shaft))
     rows = v[:-1].reshape(len(numbers) - 1, 64)
     section = np.stack([v[::64], angle[::64], np.zeros(len(numbers))], axis=1)
     return periodicity(Cycles(section, rows.max(axis=1), rows.min(axis=1), np.zeros(len(rows)))).period

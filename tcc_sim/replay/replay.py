@@ -187,9 +187,13 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
     cycles, first = longest.kept(0)[:2]
     kept, begin = longest.kept(discard if clock.identified else 0)[:2]
     warnings = [*run.warnings, *_warnings(recording, line, timing)]
-    if stream.not_finite:
-        verb = "is" if stream.not_finite == 1 else "are"
-        warnings.append(f"{counted(stream.not_finite, 'state')} {verb} not finite and counted as lost")
+    far = sum(int(np.isnan(one.far_end.angle + one.far_end.speed).sum()) for one in line.runs)
+    if far:
+        warnings.append(f"output_state is missing at {counted(far, 'tick')}, which count as lost in the figures: the "
+                        "motion of the shaft's far end is unknown there")
+    if stream.not_finite > far:
+        count = stream.not_finite - far
+        warnings.append(f"{counted(count, 'state')} {'is' if count == 1 else 'are'} not finite and counted as lost")
     pace, note = pace_of(line)
     warnings += [note] if note else []
     segments, count = segments_of(line, timing.segment_clock, discard, solver=run.solver, elapsed_s=elapsed,
@@ -211,7 +215,7 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
         trajectory=trajectory_of(_end_of(states, clock.cycle), system, clock, run.solver), cycles=cycles,
         first_cycle=first, timing=timing, continuity=run.stamps, messages=run.stamps.messages,
         drivelines=tuple(run.drivelines), lost_messages=run.lost_messages, complete=run.complete,
-        warnings=tuple(warnings), pace=pace,
+        warnings=tuple(warnings), pace=pace, parts_missing=run.parts_missing,
         control=signals_of(line, states, clock, stream.continuity.tick).control(clock.cycle), run=shown,
         segments=segments, damping=damping_of_cycles(system, kept, begin, summary.period) if damping else None)
 
@@ -238,9 +242,10 @@ def _end_of(states: JointStates, cycle: float) -> JointStates:
 
 def _show(view: RerunStream, states: JointStates, system: System, pieces: list[CyclePiece], *, new_run: bool) -> None:
     """Send states and the engine cycles that they complete to Rerun."""
+    states = states[states.known]
     slip_speed = states.flywheel_speed - states.plate_speed
     view.samples(states.stamp_ns, slip_speed, states.plate_angle, states.plate_speed, states.engine_torque,
-                 states.friction_torque, modes_of(np.nan_to_num(slip_speed), stick_speed_of(terms_of(system))),
+                 states.friction_torque, modes_of(slip_speed, stick_speed_of(terms_of(system))),
                  new_run=new_run)
     for piece in pieces:
         view.cycles(piece.cycles, piece.first)

@@ -82,6 +82,7 @@ class Replay(Result):
     cycles, first_cycle : every engine cycle of the run, NaN at a gap, and the number of the first
     control : target, pressures, cycle means and events of the run
     run : number of the run, counted from 0
+    parts_missing : whether a part of the recording is not there
     """
 
     path: Path
@@ -101,6 +102,7 @@ class Replay(Result):
         "time was recorded", name="real_time_factor"))
     control: Control
     run: int = 0
+    parts_missing: bool = False
     segments: tuple[Segment, ...] = field(default=(), metadata=reported(
         "figures from each start, reset, restart or change of parameters to the next"))
     verification: Verification | None = field(default=None, metadata=reported(
@@ -196,8 +198,8 @@ class Replay(Result):
     def _ended(self) -> str:
         """Return whether the recording is complete, as text."""
         if not self.complete:
-            parts = any(text.endswith(" is missing") or "parts are missing" in text for text in self.warnings)
-            return "not complete: a part is missing" if parts else "cut short; data up to the last flush is read"
+            return ("not complete: a part is missing" if self.parts_missing else
+                    "cut short; data up to the last flush is read")
         return f"closed properly; {counted(self.lost_messages, 'message')} lost" if self.lost_messages else "complete"
 
     def _pace(self) -> list[tuple[str, str]]:

@@ -24,7 +24,7 @@ from tcc_sim.recording.window import Window
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
 from tcc_sim.topics import INPUTS, topic
-from tcc_sim.trajectory import Floats, Trajectory, far_end_of, modes_of, no_cycles
+from tcc_sim.trajectory import Floats, Trajectory, modes_of, no_cycles
 
 Held = tuple[tuple[int, frozenset[str]], ...]
 MOST_CANDIDATES = 1_000_000
@@ -155,7 +155,7 @@ def _with_torques(states: JointStates, system: System, absent: Sequence[str]) ->
     if len(states) < 2:
         return states
     slip = states.flywheel_speed - states.plate_speed
-    far = far_end_of(states.output_angle, states.output_speed)
+    far = states.far_end
     # Both accelerations are linear in the torques, with the coefficients 1/I1, and -1/I1 - 1/I2 and 1/I2.
     slip_free, plate_free = accelerations(slip, states.plate_angle, states.plate_speed, 0.0, 0.0, linear,
                                            far.angle, far.speed)
@@ -279,11 +279,12 @@ def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Fl
 
 
 def trajectory_of(states: JointStates, system: System, clock: EngineClock, solver: str) -> Trajectory:
-    """Return recorded states of one run as a Trajectory without cycles.
+    """Return the states of one run with every value as a Trajectory without cycles.
 
     The saturation torque follows from the applied pressure or from the scene; NaN if neither is known.
     """
-    terms = terms_of(system)
+    terms, states = terms_of(system), states[states.known]
+    far = far_columns(states)
     t, slip_speed = states.stamp_ns.astype(np.float64) * 1e-9, states.flywheel_speed - states.plate_speed
     load = np.full(len(t), math.nan)
     if system.pressure.source != "topic":
@@ -293,13 +294,13 @@ def trajectory_of(states: JointStates, system: System, clock: EngineClock, solve
     return Trajectory(
         t=t, slip_speed=slip_speed, plate_angle=states.plate_angle, plate_speed=states.plate_speed,
         engine_torque=states.engine_torque, saturation_torque=load, friction_torque=states.friction_torque,
-        state=modes_of(np.nan_to_num(slip_speed), stick_speed_of(terms)), cycle=clock.cycle, solver=solver,
+        state=modes_of(slip_speed, stick_speed_of(terms)), cycle=clock.cycle, solver=solver,
         system=system, flywheel_angle=states.flywheel_angle, cycles=None if clock.identified else no_cycles(),
-        output_angle=from_first_motion(states.output_angle), output_speed=from_first_motion(states.output_speed))
+        output_angle=far.get("output_angle"), output_speed=far.get("output_speed"))
 
 
-def from_first_motion(column: Floats | None) -> Floats | None:
-    """Return a recorded column of the shaft's far end, 0 until it first moved; None if it never moved."""
-    if column is None or not (finite := np.isfinite(column)).any():
-        return None
-    return np.where(np.arange(len(column)) < int(finite.argmax()), 0.0, column)
+def far_columns(states: JointStates) -> dict[str, Floats]:
+    """Return angle and speed of the shaft's far end by name, (n,); none if it did not move."""
+    if not len(states) or states.moved_ns > states.stamp_ns[-1]:
+        return {}
+    return dict(zip(("output_angle", "output_speed"), (np.asarray(column) for column in states.far_end[:2])))

@@ -71,6 +71,7 @@ class _Verifier:
         self._run = -1
         self._harmonic, self._lagged = (False, False), False
         self._pressed = self._far_angle = math.nan
+        self._last_ns = self._moved_ns = 0
         self._stepper: Stepper
         self._exact = False
         self._largest = np.zeros(len(COLUMNS))
@@ -85,19 +86,20 @@ class _Verifier:
         if not len(batch) or self._refusal:
             return
         recorded = rows_of(batch)
-        self._size = np.maximum(self._size, np.nan_to_num(np.abs(recorded), posinf=0.0).max(axis=0))
+        self._size = np.maximum(self._size, np.abs(recorded).max(axis=0, initial=0.0, where=np.isfinite(recorded)))
         pressure, angle, speed = recorded_inputs(batch)
         commanded = list(zip(*(column.tolist() for column in self._line.commanded(batch).values())))
         solved = np.full_like(recorded, math.nan)
         exact = np.zeros(len(batch), dtype=np.bool_)
         begin = 0
         try:
+            self._moved_ns = batch.moved_ns
             if batch.run != self._run:
                 self._begin(batch)
                 begin = 1
                 self._commanded = commanded[0]
                 solved[0], exact[0] = self._now(recorded[0], pressure[0]), self._exact
-                self._far_angle = angle[0]
+                self._far_angle, self._last_ns = angle[0], int(batch.stamp_ns[0])
                 self._solved += self._exact
                 if not self._exact:
                     solved[0] = recorded[0]
@@ -105,7 +107,7 @@ class _Verifier:
             for k in range(begin, len(batch)):
                 self._commanded = commanded[k]
                 solved[k] = self._next(int(batch.stamp_ns[k]), batch.index + k, rows[k], pressure[k], speed[k])
-                self._far_angle = angle[k]
+                self._far_angle, self._last_ns = angle[k], int(batch.stamp_ns[k])
                 exact[k] = self._exact
         except InputError as error:
             self._refusal = str(error)
@@ -201,8 +203,9 @@ class _Verifier:
         begin, end = stepper.tick, self._tick(stamp)
         if end <= begin:
             raise InputError(f"stamp {stamp * 1e-9:.9g} s comes twice")
-        far_moved, far_moves = not math.isnan(self._far_angle), not math.isnan(far_speed)
-        given = self._applied_is_known(row[4], pressure) and (far_moves or not far_moved)
+        far_moved, far_moves = self._last_ns >= self._moved_ns, not math.isnan(far_speed)
+        given = self._applied_is_known(row[4], pressure) and (far_moves or not far_moved) and not (
+            far_moved and math.isnan(self._far_angle))
         self._unknown += not given
         known = given and (end == begin + 1 or not (any(self._topics) or far_moves)) and not (
             self._lagged and math.isnan(self._pressed)) and self._afford(end - begin)

@@ -133,9 +133,9 @@ def table_in(path: Path, needed: Sequence[str] = (), most: int = MOST_ROWS,
         notes.append(f"{counted(int((dated & ~filled).sum()), 'row')} without values left out")
     arrays = {name: values[dated & filled] for name, values in arrays.items()}
     arrays[TIME] = _from_epoch(arrays[TIME], notes)
-    stacked = np.stack([np.nan_to_num(values) for name, values in arrays.items() if name != TIME]
-                       or [arrays[TIME]])
-    same = np.concatenate([[False], (np.diff(stacked, axis=1) == 0.0).all(axis=0)])
+    stacked = np.stack([values for name, values in arrays.items() if name != TIME] or [arrays[TIME]])
+    before, after = stacked[:, :-1], stacked[:, 1:]
+    same = np.append(False, ((before == after) | (np.isnan(before) & np.isnan(after))).all(axis=0))
     ordered = rows_in_order(arrays[TIME], same)
     if isinstance(ordered, str):
         raise InputError(f"{path}: column {TIME}: {ordered}")

@@ -8,6 +8,7 @@ import struct
 import numpy as np
 import pytest
 import zstandard
+from driveline_bags import bag, ticked
 from mcap.opcode import Opcode
 from test_bag_round_trip import SCENE, TICK, columns, read, write
 
@@ -16,6 +17,7 @@ from tcc_sim.errors import RecordingError
 from tcc_sim.recording import records, recovery
 from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import recover
+from tcc_sim.scene import load_scene
 
 COUNT = 400
 
@@ -207,3 +209,16 @@ def test_a_message_of_another_layout_is_left_out_with_a_warning(tmp_path):
     run, _, stamps, _ = read(tmp_path / "run")
     assert stamps.tolist() == [n * TICK for n in range(3, 10)]
     assert run.warnings == ["3 messages of /joint_states left out: their layout differs"]
+
+
+def test_a_cut_file_and_an_absent_part_are_told_apart(tmp_path, capsys):
+    """A file that was cut short is a whole recording up to there; a folder without a part lacks more."""
+    rows = ticked(load_scene("fig02"), 1500)
+    whole = bag(tmp_path / "run", rows, "fig02", max_size=1)
+    parts = sorted(whole.glob("*.mcap"))
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(bag(tmp_path / "one", rows, "fig02").joinpath("one_0.mcap").read_bytes()[:-3000])
+    parts[1].unlink()
+    for path, words in ((cut, "cut short"), (whole, "a part is missing")):
+        assert main(["analyse", str(path), "--discard", "0"]) == 0
+        assert words in next(line for line in capsys.readouterr().out.splitlines() if "  recording  " in line)
