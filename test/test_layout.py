@@ -64,7 +64,7 @@ MOST_TEXTS = 7
 TEXTS = {
     "model/friction.py": "at slip speeds, for everything but the series",
     "solvers/series.py": "along series of the motion",
-    "study/benchmarks/references.py Law": "independent: SciPy's reference",
+    "study/benchmarks/references.py": "independent: SciPy",
     "study/benchmarks/peers.py rates_for_c": "independent: LSODA",
     "study/benchmarks/peers.py xppaut_file": "independent: XPPAUT",
     "study/benchmarks/cvode.c": "independent: CVODE",
@@ -129,6 +129,11 @@ def imports_of(path: Path) -> list[tuple[int, str]]:
             elif isinstance(word, ast.JoinedStr) and isinstance(word.values[0], ast.Constant):
                 values.append((node.lineno, str(word.values[0].value) + "?"))
     return values
+
+
+def test_independent_solutions_import_no_solver() -> None:
+    imported = [name for _, name in imports_of(PACKAGE / "study" / "benchmarks" / "references.py")]
+    assert not [name for name in imported if name.startswith(("tcc_sim.solvers", "tcc_sim.model.friction"))]
 
 
 def test_what_is_worked_out_cannot_be_changed() -> None:

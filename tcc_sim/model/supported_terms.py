@@ -30,7 +30,7 @@ SUPPORTED: dict[str, frozenset[str]] = {
     "pure slip": EXCITATION | AT_REST | {SMOOTHED, SET_VALUED, "approach", "stribeck", "curve"},
     "pure stick": EXCITATION | AT_REST | {SMOOTHED, SET_VALUED, "approach", "stribeck", "curve"},
     "harmonic balance": EXCITATION | {SMOOTHED, "approach", "stribeck", "curve"},
-    "reference": EXCITATION | {SMOOTHED, SET_VALUED, "approach", "stribeck"},
+    "reference": EXCITATION | AT_REST | {SMOOTHED, SET_VALUED, "approach", "stribeck", "curve"},
     "peer": frozenset({"torque", "pulsation", SMOOTHED, "approach", "stribeck"}),
 }
 """Terms that solvers (by their names) and everything else support. `stribeck` is refused by pure slip itself.

@@ -6,8 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from oracle import coefficient_and_slope, equations
-from piecewise import Piecewise
 from scipy.integrate import solve_ivp
 
 from tcc_sim.analysis import damping as damping_module
@@ -15,6 +13,7 @@ from tcc_sim.analysis.damping import damping_of_cycles, slope_of_friction
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
+from tcc_sim.study.benchmarks.references import Piecewise, coefficient_and_slope, equations
 from tcc_sim.trajectory import Cycles, Status
 
 LOADED = {"friction.kinetic_coefficient": 0.24, "pressure.mean": 260e3, "pressure.amplitude": 52e3,
@@ -29,8 +28,8 @@ class Integrated(Piecewise):
         slope = 0.0 if mode == 0 else -self.load(t) * 2.0 * (self.ratio - 1.0) * math.exp(-2.0 * v)
         return [*super().rates(t, y[:4], mode), slope * v * v, v * v, slope]
 
-    def piece(self, start, goal, y, *rest):
-        run = super().piece(start, goal, y if len(y) == 7 else np.append(y, np.zeros(3)), *rest)
+    def arc(self, t, end, y, *rest):
+        run = super().arc(t, end, y if len(y) == 7 else np.append(y, np.zeros(3)), *rest)
         self.integrals = run.y[4:, -1]
         return run
 

@@ -24,7 +24,7 @@ from tcc_sim.sweeps import file as sweep_file
 
 def test_the_page_of_fields_is_up_to_date() -> None:
     pytest.importorskip("rclpy", reason="the fields of realtime are those of a node's benchmark")
-    assert PAGE.read_text(encoding="utf-8") == page(), "run python test/instruments/fields_page.py"
+    assert PAGE.read_text(encoding="utf-8") == page(), "run python .ci/instruments/fields_page.py"
     assert {*KINDS, "sweep_points", "basin_rows"} - {"table"} == set(provenance.FORMATS)
 
 

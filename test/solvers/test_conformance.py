@@ -13,8 +13,6 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from oracle import smoothed_states
-from piecewise import Piecewise
 from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.errors import InputError
@@ -26,6 +24,7 @@ from tcc_sim.solvers.comparison.scipy_methods import _scales, jacobian_of, rates
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.study.benchmarks.references import Piecewise, smoothed_states
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.trajectory import State, Status, Trajectory
 

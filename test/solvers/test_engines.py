@@ -9,8 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from oracle import smoothed_run
-from piecewise import Piecewise
 
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model import pure_slip, pure_stick
@@ -21,6 +19,7 @@ from tcc_sim.solvers.event_driven.setup import bounds_of
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import Terms, steps_allowed, terms_of
+from tcc_sim.study.benchmarks.references import Piecewise, smoothed_run
 from tcc_sim.trajectory import State, Trajectory
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from piecewise import Piecewise
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -19,6 +18,7 @@ from tcc_sim.solvers.event_driven.setup import FAR_SHARE, bounds_of
 from tcc_sim.solvers.event_driven.step import monotone
 from tcc_sim.solvers.series import COLUMNS, ROWS, SLIP
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.study.benchmarks.references import Piecewise
 
 BASE = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3,
                           "pressure.amplitude": 0.0, "engine.frequency": 150.0, "initial.slip_speed": 10.0})

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from oracle import equations
 from plain import plain
 from scipy.integrate import solve_ivp
 
@@ -20,6 +19,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.series import ANGLE, COLUMNS, ROWS, SLIP
 from tcc_sim.solvers.stages import WORK
+from tcc_sim.study.benchmarks.references import equations
 from tcc_sim.trajectory import Loads, concatenated
 
 FIRST, LAST = 6, 12

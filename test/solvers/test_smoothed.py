@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from oracle import equations, smoothed_states
 from scipy.integrate import solve_ivp
 
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, System, replace
@@ -21,6 +20,7 @@ from tcc_sim.solvers.smoothed.collocation_step import time_to_fold
 from tcc_sim.solvers.smoothed.series_step import TAIL_OF_TANH, exponential_length
 from tcc_sim.solvers.stages import FALLING, LAYER, SLIDING, WORK, Place
 from tcc_sim.solvers.terms import steps_allowed, stick_speed_of, terms_of
+from tcc_sim.study.benchmarks.references import equations, smoothed_states
 from tcc_sim.trajectory import State, Status
 
 FIG02 = {"pressure.mean": 260417.0, "pressure.amplitude": 52083.4, "friction.kinetic_coefficient": 0.24}

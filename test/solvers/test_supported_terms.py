@@ -14,8 +14,6 @@ from typing import get_args, get_type_hints
 import numpy as np
 import pytest
 from differences import difference
-from oracle import coefficient_and_slope, equations, sliding_of, smoothed_states, tangent_map
-from piecewise import Piecewise
 from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.analysis.damping import damping_of_cycles
@@ -38,7 +36,15 @@ from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
 from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.benchmarks.peers import xppaut_file
-from tcc_sim.study.benchmarks.references import Law
+from tcc_sim.study.benchmarks.references import (
+    Piecewise,
+    coefficient_and_slope,
+    equations,
+    reference,
+    sliding_of,
+    smoothed_states,
+    tangent_map,
+)
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.motions import continuation
 from tcc_sim.study.exponents import largest_lyapunov_exponent
@@ -347,7 +353,7 @@ CONSUMERS = {
                                             {"driveline.damping": 0.5}, scene=as_scene(s))],
     "node": [lambda s: Plant(as_scene(s))], "FMU": [lambda s: fmu_of(as_scene(s))],
     "pure slip": [pure_slip], "pure stick": [stick_margin, plate_angle],
-    "harmonic balance": [lambda s: harmonic_balance(s, 1, 3)], "reference": [Law],
+    "harmonic balance": [lambda s: harmonic_balance(s, 1, 3)], "reference": [lambda s: reference(s, 1, "LSODA", 1e-6)],
     "peer": [lambda s: xppaut_file(s, "cvode", 1e-6, 1, 10)],
     **{name: [lambda s, name=name: solve(s, cycles=1, solver=name)] for name in SOLVERS},
 }

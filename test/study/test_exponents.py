@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 from differences import difference
-from oracle import tangent_map
 from scipy.stats import sem, t
 
 from tcc_sim.errors import InputError
@@ -22,6 +21,7 @@ from tcc_sim.solvers import State, solve
 from tcc_sim.solvers.stroboscopic import sections
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study import exponents
+from tcc_sim.study.benchmarks.references import tangent_map
 from tcc_sim.study.exponents import (
     FIRST,
     batch_means,

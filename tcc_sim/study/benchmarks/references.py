@@ -1,28 +1,34 @@
-"""Reference solutions for the reports: SciPy at tight tolerances, on equations written out here, without the solvers of
-this package.
+"""Independent solutions by SciPy at tight tolerances, for the reports and the tests, on equations written out here,
+without the solvers of this package.
 
 The smoothed law (7) is one smooth problem. The set-valued law (6) is solved from event to event: modes 0 stick, +1 and
 -1 slip, 2 free (no load), and SciPy locates each change. Two methods give two references; their difference is the
-floor, below which an error is not resolved.
+floor, below which an error is not resolved. States are slip speed, plate angle, plate speed, flywheel angle.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint, solve_ivp
 from scipy.optimize import brentq
 
-from tcc_sim.model.parameters import System
+from tcc_sim.model.groups import Friction
+from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.trajectory import State
 
 Floats = NDArray[np.float64]
+Rates = Callable[[float, Any], list[float]]
+Jacobian = Callable[[float, Any], list[list[float]]]
+Excitation = Callable[[float], float]
+Pairs = Sequence[tuple[float, float]]
 POINTS = 129
 """Number of points of the search around a largest slip speed."""
 REARM = 1e-7
@@ -53,80 +59,315 @@ class Law:
     """Equations (1), (2) of one system with its friction law, as plain functions of time and state.
 
     left : number of further allowed evaluations of `rates`
+    drag : damper of the flywheel against the ground, N m s/rad
+    engine, pressure : torque (N m) and pressure (Pa) by time (s) in place of the system's harmonic ones
+    far : speed (rad/s) and angle (rad) of the driveline's far end by time
     """
 
-    def __init__(self, system: System, left: float = math.inf) -> None:
-        check_supported("reference", system, "a reference solution")
-        self.system, self.left = system, left
-        d, e, p, f = system.driveline, system.engine, system.pressure, system.friction
+    def __init__(self, system: System, left: float = math.inf, drag: float = 0.0, engine: Excitation | None = None,
+                 pressure: Excitation | None = None, far: Callable[[float], tuple[float, float]] | None = None) -> None:
+        self.system, self.left, self.drag, self.far = system, left, drag, far
+        d, e, p = system.driveline, system.engine, system.pressure
         self._driveline = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
-        self._torque = e.mean_torque, e.torque_amplitude, e.frequency
-        self._harmonics = [(a, n * e.frequency, phase) for n, (a, phase) in enumerate(
-            zip(e.harmonic_amplitudes, e.harmonic_phases), 2)]
-        self._load = system.torque_per_pressure, p.mean, p.amplitude, p.frequency_ratio * e.frequency, p.phase
-        self._friction = system.friction_ratio - 1.0, f.decay, f.smoothing
+        self._sines = [(e.torque_amplitude, e.frequency, 0.0), *((a, n * e.frequency, phase) for n, (a, phase) in
+                                                                 enumerate(zip(e.harmonic_amplitudes,
+                                                                               e.harmonic_phases), 2))]
+        self._pressure = p.mean, p.amplitude, p.frequency_ratio * e.frequency, p.phase
+        kinetic, self.pairs = sliding_of(system.friction)
+        self._per_pressure = kinetic * system.clutch.area * system.clutch.radius
+        self.ratio, self.smoothing = 1.0 + sum(c for c, _ in self.pairs), system.friction.smoothing
+        self.engine, self.pressure = engine or self.harmonic_torque, pressure or self.harmonic_pressure
 
-    def engine(self, t: float) -> float:
-        """Return Te(t), N m."""
-        mean, amplitude, frequency = self._torque
-        out = mean + amplitude * math.sin(frequency * t)
-        for amplitude, frequency, phase in self._harmonics:
+    def harmonic_torque(self, t: float) -> float:
+        """Return the system's Te(t), N m."""
+        out = self.system.engine.mean_torque
+        for amplitude, frequency, phase in self._sines:
             out += amplitude * math.sin(frequency * t + phase)
         return out
 
+    def harmonic_pressure(self, t: float) -> float:
+        """Return the system's P(t) before the clamp at 0, Pa."""
+        mean, amplitude, frequency, phase = self._pressure
+        return mean + amplitude * math.sin(frequency * t + phase)
+
     def load(self, t: float) -> float:
         """Return Ts(t) before the clamp at 0, N m."""
-        per_pressure, mean, amplitude, frequency, phase = self._load
-        return per_pressure * (mean + amplitude * math.sin(frequency * t + phase))
+        return self._per_pressure * self.pressure(t)
 
     def need(self, t: float, y: Any) -> float:
-        """Return the friction torque at which v' = 0, N m."""
+        """Return the friction torque at which v' = 0 where v = 0, N m."""
         i1, i2, damping, stiffness = self._driveline
-        spring: float = damping * y[2] + stiffness * y[1]
-        return (i2 * self.engine(t) + i1 * spring) / (i1 + i2)
-
-    def slope(self, v: float, mode: int) -> float:
-        """Return the slope of `coefficient`."""
-        excess, decay, smoothing = self._friction
-        if mode != 3:
-            return -decay * (excess * math.exp(-decay * max(mode * v, 0.0)))
-        falling = excess * math.exp(-decay * abs(v))
-        step = math.tanh(smoothing * v)
-        rise = smoothing * (1.0 - step) * (1.0 + step)
-        return rise * (1.0 + falling) - decay * falling * abs(step)
-
-    def coefficient(self, v: float, mode: int) -> float:
-        """Return mubar: law (7) for mode 3, the slip branch of (6) for mode +1 and -1."""
-        excess, decay, smoothing = self._friction
-        if mode != 3:
-            return mode * (1.0 + excess * math.exp(-decay * max(mode * v, 0.0)))
-        return (1.0 + excess * math.exp(-decay * abs(v))) * math.tanh(smoothing * v)
+        spring = damping * y[2] + stiffness * y[1]
+        return float((i2 * (self.engine(t) - self.drag * y[2]) + i1 * spring) / (i1 + i2))
 
     def rates(self, t: float, y: Any, mode: int) -> list[float]:
-        """Return the derivative of (v, theta2, omega2)."""
+        """Return the derivatives of (v, theta2, omega2, theta1); y may be without theta1."""
         self.left -= 1
         if self.left < 0:
             raise Unfinished(f"more than {EVALUATIONS} evaluations")
         i1, i2, damping, stiffness = self._driveline
-        v, angle, speed = map(float, y)
+        v, angle, speed = float(y[0]), float(y[1]), float(y[2])
         if mode == 0:
             torque = self.need(t, (v, angle, speed))
         else:
-            torque = 0.0 if mode == 2 else max(self.load(t), 0.0) * self.coefficient(v, mode)
-        plate = (torque - damping * speed - stiffness * angle) / i2
-        return [0.0 if mode == 0 else (self.engine(t) - torque) / i1 - plate, speed, plate]
+            torque = 0.0 if mode == 2 else max(self.load(t), 0.0) * coefficient(v, mode, self.pairs, self.smoothing)
+            torque += self.system.converter.coupling * v
+        far_speed, far_angle = self.far(t) if self.far else (0.0, 0.0)
+        plate = (torque - damping * (speed - far_speed) - stiffness * (angle - far_angle)) / i2
+        slip = 0.0 if mode == 0 else (self.engine(t) - torque - self.drag * (v + speed)) / i1 - plate
+        return [slip, speed, plate, v + speed]
 
-    def jacobian(self, t: float, y: Any, mode: int) -> Floats:
-        """Return the derivative of `rates` with respect to the state."""
-        d = self.system.driveline
-        slope = 0.0 if mode in (0, 2) else max(self.load(t), 0.0) * self.slope(y[0], mode)
-        back: Floats = np.array([slope, -d.stiffness, -d.damping])
+    def jacobian(self, t: float, y: Any, mode: int) -> list[list[float]]:
+        """Return the derivatives of `rates` by the four states."""
+        i1, i2, damping, stiffness = self._driveline
         if mode == 0:
-            share = d.flywheel_inertia / (d.flywheel_inertia + d.plate_inertia) - 1.0
-            return np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0],
-                             share * np.array([0.0, d.stiffness, d.damping]) / d.plate_inertia])
-        return np.array([-slope / d.flywheel_inertia * np.eye(3)[0] - back / d.plate_inertia, [0.0, 0.0, 1.0],
-                         back / d.plate_inertia])
+            both = i1 + i2
+            return [[0.0] * 4, [0.0, 0.0, 1.0, 0.0], [0.0, -stiffness / both, -(damping + self.drag) / both, 0.0],
+                    [1.0, 0.0, 1.0, 0.0]]
+        rise, slow = self.system.converter.coupling, self.drag / i1
+        if mode != 2:
+            rise += max(self.load(t), 0.0) * slope(float(y[0]), mode, self.pairs, self.smoothing)
+        return [[-rise / i1 - rise / i2 - slow, stiffness / i2, damping / i2 - slow, 0.0], [0.0, 0.0, 1.0, 0.0],
+                [rise / i2, -stiffness / i2, -damping / i2, 0.0], [1.0, 0.0, 1.0, 0.0]]
+
+    def arc(self, t: float, end: float, y: Floats, mode: int, changed: float, method: str, rtol: float, atol: Any,
+            longest: float = math.inf, dense: bool = False) -> Any:
+        """Solve one mode up to its end or the end time; the second event is the load's zero.
+
+        changed : time before which a mode +1 or -1 does not end, s, less REARM
+
+        Raises
+        ------
+        Unfinished
+            SciPy failed.
+        """
+
+        def over(t: float, y: Floats) -> float:
+            if mode == 0:
+                return self.ratio * self.load(t) - abs(self.need(t, y))
+            return 1.0 if mode == 2 or t < changed + REARM else mode * float(y[0])
+
+        def clamp(t: float, y: Floats) -> float:
+            # A constant load of 0 must not give an event, but SciPy counts two successive zeros as a crossing.
+            return (self.load(t) or -1.0) if mode == 2 else -self.load(t)
+
+        n, events = len(y), None
+        if mode != 3:
+            events = [over, clamp]
+            for event, direction in ((over, -1.0), (clamp, 1.0)):
+                vars(event).update(terminal=True, direction=direction)
+        options: dict[str, Any] = {} if method == "DOP853" else {
+            "jac": lambda t, y: np.array(self.jacobian(t, y, mode))[:n, :n]}
+        run = solve_ivp(lambda t, y: self.rates(t, y, mode)[:n], (t, end), y, method=method, rtol=rtol, atol=atol,
+                        events=events, max_step=longest, dense_output=dense, **options)
+        if run.status < 0:
+            raise Unfinished(f"SciPy {method}: {run.message}")
+        return run
+
+    def first_mode(self, y: Floats) -> int:
+        """Return the mode at t = 0."""
+        if self.system.friction.law == "smoothed":
+            return 3
+        if self.load(0.0) <= 0.0:
+            return 2
+        return int(np.sign(y[0])) or self.at_rest(0.0, y)
+
+    def at_rest(self, t: float, y: Floats) -> int:
+        """Return the mode that starts at v = 0 under the set-valued law."""
+        need, limit = self.need(t, y), self.ratio * self.load(t)
+        if abs(need) <= limit * (1.0 + 1e-9):
+            return 0
+        return 1 if need > 0.0 else -1
+
+    def following(self, t: float, y: Floats, mode: int, free: bool) -> int:
+        """Return the mode after an event, which is the load's zero if `free`; set v to exactly 0 where slip ends."""
+        if free and mode == 2:
+            return int(np.sign(y[0])) if abs(y[0]) > 1e-9 else self.at_rest(t, y)
+        if free:
+            return 2
+        if mode == 0:
+            return 1 if self.need(t, y) > 0.0 else -1
+        y[0] = 0.0
+        return self.at_rest(t, y)
+
+    def arcs(self, y: Floats, ends: Sequence[float], method: str, rtol: float, atol: Any, longest: float = math.inf,
+             dense: bool = False) -> Iterator[tuple[int, int, Any, Floats, int]]:
+        """Yield every arc from t = 0 up to each of `ends`: number of the end, mode of the arc, its solution by SciPy,
+        the state after it and the mode that follows.
+        """
+        mode, t, changed = self.first_mode(y), 0.0, -math.inf
+        for n, end in enumerate(ends):
+            while t < end:
+                run = self.arc(t, end, y, mode, changed, method, rtol, atol, longest if mode != 3 else math.inf, dense)
+                t, y, solved = float(run.t[-1]), run.y[:, -1].copy(), mode
+                if run.status == 1:
+                    mode, changed = self.following(t, y, mode, free=len(run.t_events[1]) > 0), t
+                if mode == 0:
+                    y[0] = 0.0
+                yield n, solved, run, y, mode
+
+
+class Piecewise(Law):
+    """A run of the set-valued law from the system's initial state by SciPy's DOP853 from event to event."""
+
+    def __init__(self, system: System, rtol: float = 1e-12, atol: float = 1e-13, drag: float = 0.0) -> None:
+        super().__init__(replace(system, {"friction.law": "set_valued"}), drag=drag)
+        self.rtol, self.atol = rtol, atol
+
+    def run(self, end: float, times: Any, slices: int = 200) -> tuple[Floats, list[tuple[float, int, int]], float]:
+        """Return states at `times` (n, 4), transitions (time, mode before, mode after), and the time in stick, s;
+        steps are of end/slices at most.
+        """
+        i = self.system.initial
+        y, t, stuck = np.array([i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle]), 0.0, 0.0
+        out, changes = np.empty((len(times), 4)), []
+        for _, mode, run, _, after in self.arcs(y, [end], "DOP853", self.rtol, self.atol, end / slices, len(times) > 0):
+            new = float(run.t[-1])
+            inside = (times >= t) & (times <= new)
+            if inside.any():
+                out[inside] = run.sol(times[inside]).T[:, :4]
+            stuck += new - t if mode == 0 else 0.0
+            if after != mode:
+                changes.append((new, mode, after))
+            t = new
+        return out, changes, stuck
+
+
+def sliding_of(friction: Friction) -> tuple[float, list[tuple[float, float]]]:
+    """Return the coefficient of fast slip, and amplitude over it and rate, s/rad, of each exponential beside it."""
+    if friction.curve is not None:
+        curve = friction.curve
+        return curve.constant, [(c / curve.constant, a) for c, a in zip(curve.amplitudes, curve.rates)]
+    kinetic = friction.kinetic_coefficient
+    return kinetic, [(friction.static_coefficient / kinetic - 1.0, friction.decay)]
+
+
+def coefficient(v: float, mode: int, pairs: Pairs, sigma: float) -> float:
+    """Return mubar with pairs of `sliding_of`: law (7) for mode 3, the slip branch of (6) for mode +1 and -1."""
+    size, out = abs(v) if mode == 3 else max(mode * v, 0.0), 1.0
+    for c, a in pairs:
+        out += c * math.exp(-a * size)
+    return out * (math.tanh(sigma * v) if mode == 3 else mode)
+
+
+def slope(v: float, mode: int, pairs: Pairs, sigma: float) -> float:
+    """Return the slope of `coefficient`."""
+    size = abs(v) if mode == 3 else max(mode * v, 0.0)
+    parts = [(c * math.exp(-a * size), a) for c, a in pairs]
+    falling = -sum(a * part for part, a in parts)
+    if mode != 3:
+        return falling
+    step = math.tanh(sigma * v)
+    rise = sigma * (1.0 - step) * (1.0 + step)
+    return rise * (1.0 + sum(part for part, _ in parts)) + falling * abs(step)
+
+
+def coefficient_and_slope(v: float, pairs: Pairs, sigma: float) -> tuple[float, float]:
+    """Return mubar of (7) and its slope."""
+    return coefficient(v, 3, pairs, sigma), slope(v, 3, pairs, sigma)
+
+
+def equations(system: System, drag: float = 0.0) -> tuple[Rates, Jacobian]:
+    """Return the rates of the smoothed law at a time and state (4,), and their Jacobian; `drag` as in Law."""
+    law = Law(system, drag=drag)
+    return partial(law.rates, mode=3), partial(law.jacobian, mode=3)
+
+
+def smoothed_scales(system: System) -> Floats:
+    """Return the magnitudes below which errors of the four states are absolute."""
+    return np.array([1.0 / max(1.0, system.friction.smoothing / 50.0), 1e-2, 1.0, 0.1])
+
+
+def smoothed_states(system: System, state: Sequence[float], cycles: int, per_cycle: int, rtol: float = 1e-12,
+                    drag: float = 0.0) -> Floats:
+    """Return the states of the smoothed law by LSODA from a state (4,) at `per_cycle` samples a cycle, (n, 4)."""
+    rates, jacobian = equations(system, drag)
+    rows: list[Floats] = [np.array(state, dtype=float)[None]]
+    for n in range(cycles):
+        t = (n + np.arange(per_cycle + 1) / per_cycle) * system.cycle
+        rows.append(odeint(rates, rows[-1][-1], t, Dfun=jacobian, tfirst=True, rtol=rtol, mxstep=100_000,
+                           atol=smoothed_scales(system) * rtol)[1:])
+    return np.vstack(rows)
+
+
+def smoothed_run(system: System, state: Sequence[float], cycles: int, per_cycle: int, stick_speed: float) -> tuple[
+        Floats, list[tuple[float, int, int]], float]:
+    """Return for the smoothed law as `Piecewise.run`, with the transitions through a stick speed, rad/s."""
+    rates, jacobian = equations(system)
+    edges = [lambda t, y: y[0] - stick_speed, lambda t, y: y[0] + stick_speed]
+    solution = solve_ivp(rates, (0.0, cycles * system.cycle), state, "LSODA", rtol=1e-12, jac=jacobian, events=edges,
+                         atol=smoothed_scales(system) * 1e-12)
+    changes = sorted((float(u), *((0, side) if rates(u, x)[0] * side > 0.0 else (side, 0)))
+                     for side, times, states in zip((1, -1), solution.t_events, solution.y_events)
+                     for u, x in zip(times, states))
+    marks = [0.0, *(u for u, _, _ in changes), cycles * system.cycle]
+    modes = [0 if abs(state[0]) <= stick_speed else 1, *(after for _, _, after in changes)]
+    stuck = sum(b - a for a, b, mode in zip(marks, marks[1:], modes) if mode == 0)
+    return smoothed_states(system, state, cycles, per_cycle), changes, stuck
+
+
+def tangent_map(system: System, x: Any, start: float, cycles: float, rtol: float = 1e-11,
+                by: Callable[[float], System] | None = None) -> tuple[Floats, Floats]:
+    """Return the state (3,) of the smoothed law some cycles after `start` cycles, and its derivatives by the state and,
+    last, by a number of which `by(k)` is the system moved by k steps of one unit, at constant phase; from the
+    variational equations.
+    """
+    rates, jacobian = equations(system)
+    cycle, columns = system.cycle, 3 if by is None else 4
+    moved = [] if by is None else [(k, equations(by(n))[0], by(n).cycle / 12.0)
+                                   for n, k in ((-2.0, 1.0), (-1.0, -8.0), (1.0, 8.0), (2.0, -1.0))]
+
+    def right(phase: float, z: Floats) -> list[float]:  # Phase in cycles: a varied frequency leaves the sines in place.
+        y, (a, _, b, _) = z[:3].tolist(), jacobian(phase * cycle, z)
+        out, tangent = [cycle * rate for rate in rates(phase * cycle, y)[:3]], z[3:].tolist()
+        first, second, third = tangent[:columns], tangent[columns:2 * columns], tangent[2 * columns:]
+        extra = [[0.0] * columns for _ in range(3)]
+        for k, of, length in moved:
+            for row, rate in zip(extra, of(phase * length * 12.0, y)):
+                row[3] += k * length * rate
+        out += [cycle * (a[0] * p + a[1] * q + a[2] * r) + s for p, q, r, s in zip(first, second, third, extra[0])]
+        out += [cycle * r + s for r, s in zip(third, extra[1])]
+        out += [cycle * (b[0] * p + b[1] * q + b[2] * r) + s for p, q, r, s in zip(first, second, third, extra[2])]
+        return out
+
+    def steering(phase: float, z: Floats) -> Floats:  # Terms that it omits only steer LSODA's Newton iteration.
+        a = np.array(jacobian(phase * cycle, z))[:3, :3] * cycle
+        out = np.zeros((len(z), len(z)))
+        out[:3, :3], out[3:, 3:] = a, np.kron(a, np.eye(columns))
+        return out
+
+    initial = np.concatenate([x, np.eye(3, columns).ravel()])
+    end = odeint(right, initial, [start, start + cycles], Dfun=steering, tfirst=True, rtol=rtol, atol=1e-2 * rtol,
+                 mxstep=100_000)[-1]
+    return end[:3], end[3:].reshape(3, columns)
+
+
+def multipliers(system: System, x: Any, cycles: int) -> Any:
+    """Return the Floquet multipliers of the periodic motion through x (3,) at phase 0: from variational equations, or
+    under the set-valued law from differences of fourth order of the motion from event to event.
+
+    Raises
+    ------
+    Unfinished
+        The motion does not close to 1e-7.
+    """
+    if system.friction.law == "smoothed":
+        end, matrix = tangent_map(system, x, 0, cycles)
+    else:
+        def moved(y: Floats) -> Floats:
+            start = dict(zip(("initial.slip_speed", "initial.plate_angle", "initial.plate_speed"), map(float, y)))
+            length = cycles * system.cycle
+            return Piecewise(replace(system, start)).run(length, np.array([length]), slices=12 * cycles)[0][-1, :3]
+
+        end, held = moved(x), int(x[0] == 0.0)  # In stick the map is one of plate angle and speed.
+        columns = []
+        for h in np.diag((1e-3, 1e-5, 1e-3))[held:]:
+            behind, before, after, ahead = (moved(x + k * h)[held:] for k in (-2.0, -1.0, 1.0, 2.0))
+            columns.append((8.0 * (after - before) - (ahead - behind)) / (12.0 * h.max()))
+        matrix = np.column_stack(columns)
+    if not np.allclose(end, x, rtol=1e-7, atol=1e-7):
+        raise Unfinished(f"the motion through {x} ends at {end}")
+    return np.linalg.eigvals(matrix)
 
 
 def reference(system: System, cycles: int, method: str, rtol: float) -> Reference:
@@ -137,12 +378,14 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
     Unfinished
         SciPy failed.
     """
+    check_supported("reference", system, "a reference solution")
     law, start = Law(system), np.array(State.at_start(system).numbers)
     section, largest, size = np.empty((cycles + 1, 3)), np.zeros(cycles), np.zeros(3)
     section[0] = start
     ends = [(n + 1) * system.cycle for n in range(cycles)]
-    for n, mode, run, y in _pieces(law, start, ends, method, rtol):
-        largest[n] = max(largest[n], _largest(law, run.t, run.y, mode, rtol, rtol * error_scales(system)))
+    scales = rtol * error_scales(system)
+    for n, mode, run, y, _ in law.arcs(start, ends, method, rtol, scales, longest_reference_step(system)):
+        largest[n] = max(largest[n], largest_speed(law, run.t, run.y, mode, rtol, scales))
         if n >= cycles // 2:
             size = np.maximum(size, np.abs(run.y).max(axis=1))
         section[n + 1] = y
@@ -158,25 +401,13 @@ def final_state(system: System, duration: float, method: str, rtol: float) -> tu
     Unfinished
         SciPy failed or needed more than EVALUATIONS.
     """
+    check_supported("reference", system, "a reference solution")
     last: Floats = np.array(State.at_start(system).numbers)
     largest = np.abs(last)
-    for _, _, run, y in _pieces(Law(system, EVALUATIONS), last, [duration], method, rtol):
+    law, atol, longest = Law(system, EVALUATIONS), rtol * error_scales(system), longest_reference_step(system)
+    for _, _, run, y, _ in law.arcs(last, [duration], method, rtol, atol, longest):
         last, largest = y, np.maximum(largest, np.abs(run.y).max(axis=1))
     return last, largest
-
-
-def _pieces(law: Law, y: Floats, ends: Sequence[float], method: str, rtol: float) -> Iterator[tuple[int, int, Any,
-                                                                                                    Floats]]:
-    """Yield every arc up to each of `ends`: number of the end, arc, mode, and state after the arc."""
-    mode = 3 if law.system.friction.law == "smoothed" else _first_mode(law, y)
-    t, changed, atol = 0.0, -math.inf, rtol * error_scales(law.system)
-    for n, end in enumerate(ends):
-        while t < end:
-            run = _arc(law, t, end, y, mode, changed, method, rtol, atol)
-            t, y, solved = float(run.t[-1]), run.y[:, -1].copy(), mode
-            if run.status == 1:
-                mode, changed = _following(law, t, y, mode, free=len(run.t_events[1]) > 0), t
-            yield n, solved, run, y
 
 
 def disagreement(first: Reference, second: Reference) -> float:
@@ -204,37 +435,15 @@ def error_scales(system: System) -> Floats:
     return np.array([slip, twist, twist * system.natural_frequency])
 
 
-def _arc(law: Law, t: float, end: float, y: Floats, mode: int, changed: float, method: str, rtol: float,
-         atol: Floats) -> Any:
-    """Solve one mode up to its end or the end time; the second event is the load's zero."""
-
-    def over(t: float, y: Floats) -> float:
-        if mode == 0:
-            return law.system.friction_ratio * law.load(t) - abs(law.need(t, y))
-        return 1.0 if mode == 2 or t < changed + REARM else mode * float(y[0])
-
-    def clamp(t: float, y: Floats) -> float:
-        # A constant load of 0 must not give an event, but SciPy counts two successive zeros as a crossing.
-        return (law.load(t) or -1.0) if mode == 2 else -law.load(t)
-
-    events: list[Any] = []
-    if mode != 3:
-        events = [over, clamp]
-        for event, direction in ((over, -1.0), (clamp, 1.0)):
-            vars(event).update(terminal=True, direction=direction)
-    options: dict[str, Any] = {} if method == "DOP853" else {"jac": lambda t, y: law.jacobian(t, y, mode)}
-    if mode != 3:
-        # SciPy detects events by the signs at step ends and would miss two events in one step.
-        frequency = law.system.engine.frequency * max(1.0, law.system.pressure.frequency_ratio)
-        options["max_step"] = LONGEST / max(frequency, law.system.natural_frequency)
-    run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t, end), y, method=method, rtol=rtol, atol=atol,
-                    events=events or None, **options)
-    if run.status < 0:
-        raise Unfinished(f"SciPy {method}: {run.message}")
-    return run
+def longest_reference_step(system: System) -> float:
+    """Return the longest step of a set-valued reference, s: SciPy detects events by the signs at step ends and would
+    miss two events in one step.
+    """
+    frequency = system.engine.frequency * max(1.0, system.pressure.frequency_ratio)
+    return LONGEST / max(frequency, system.natural_frequency)
 
 
-def _largest(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Floats) -> float:
+def largest_speed(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Floats) -> float:
     """Return the largest |v| of an arc; SciPy's DOP853, with an interpolant of order 7, refines the largest node."""
     if mode == 0:
         return 0.0
@@ -242,7 +451,7 @@ def _largest(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Float
     low, high = max(k - 1, 0), min(k + 1, len(t) - 1)
     if high == low:
         return abs(float(y[0, k]))
-    run = solve_ivp(lambda t, y: law.rates(t, y, mode), (t[low], t[high]), y[:, low], method="DOP853",
+    run = solve_ivp(lambda t, y: law.rates(t, y, mode)[:3], (t[low], t[high]), y[:, low], method="DOP853",
                     rtol=max(rtol, 3e-14), atol=atol, dense_output=True, max_step=(t[high] - t[low]) / 2)
     times = np.linspace(t[low], t[high], POINTS)
     values = np.abs(run.sol(times)[0])
@@ -256,30 +465,3 @@ def _largest(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Float
     if slope(a) * slope(b) < 0.0:
         largest = max(largest, abs(float(run.sol(brentq(slope, a, b, xtol=1e-15))[0])))
     return largest
-
-
-def _first_mode(law: Law, y: Floats) -> int:
-    """Return the mode at t = 0 under the set-valued law."""
-    if law.load(0.0) <= 0.0:
-        return 2
-    return int(np.sign(y[0])) or _at_rest(law, 0.0, y)
-
-
-def _at_rest(law: Law, t: float, y: Floats) -> int:
-    """Return the mode that starts at v = 0."""
-    need, limit = law.need(t, y), law.system.friction_ratio * law.load(t)
-    if abs(need) <= limit * (1.0 + 1e-9):
-        return 0
-    return 1 if need > 0.0 else -1
-
-
-def _following(law: Law, t: float, y: Floats, mode: int, free: bool) -> int:
-    """Return the mode after an event; set v to exactly 0 where slip ends."""
-    if free and mode == 2:
-        return int(np.sign(y[0])) if abs(y[0]) > 1e-9 else _at_rest(law, t, y)
-    if free:
-        return 2
-    if mode == 0:
-        return 1 if law.need(t, y) > 0.0 else -1
-    y[0] = 0.0
-    return _at_rest(law, t, y)

@@ -4,7 +4,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
-import by_scipy
+import by_auto
 import numpy as np
 import pytest
 
@@ -12,6 +12,7 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
+from tcc_sim.study.benchmarks.references import multipliers
 from tcc_sim.study.continuation.branch import branch_through, first_point
 from tcc_sim.study.continuation.driveline import DrivelineMap, _no_motion, start_orbit
 from tcc_sim.study.continuation.follow import StopReason
@@ -73,9 +74,9 @@ def test_the_doubling_of_period_one(law: str, doubled: dict[str, Motions]) -> No
     (item,) = result.bifurcations
     assert item.kind == "period_doubling"
     doubled_scene = replace(coexistence(law, 0.85), {MU_K: item.value})
-    assert np.abs(by_scipy.multipliers(doubled_scene, item.point.orbit.section, 1) + 1.0).min() < 1e-6
+    assert np.abs(multipliers(doubled_scene, item.point.orbit.section, 1) + 1.0).min() < 1e-6
     if law == "smoothed":
-        assert item.value / 0.3 == pytest.approx(by_scipy.DOUBLING, abs=1e-8)
+        assert item.value / 0.3 == pytest.approx(by_auto.DOUBLING, abs=1e-8)
     assert result.branches[0].points[0].orbit.stable != result.branches[0].points[-1].orbit.stable
 
 
@@ -86,14 +87,14 @@ def test_a_canard_ends_a_branch_with_a_sentence() -> None:
                for end in branch.ended)
     assert max(abs(s.orbit.multipliers[0]) for s in branch.points) <= 1e10
     folds = sorted((f for f in result.bifurcations if f.kind == "fold"), key=lambda f: f.value)
-    assert [f.value / 0.3 for f in folds] == pytest.approx(by_scipy.FOLDS, abs=1e-8)
+    assert [f.value / 0.3 for f in folds] == pytest.approx(by_auto.FOLDS, abs=1e-8)
     assert max(np.abs(f.point.orbit.multipliers - 1.0).min() for f in folds) < 1e-7
     assert max(s.orbit.residual for s in branch.points) < 1e-8
     assert not branch.points[0].orbit.stable
     assert not branch.points[-1].orbit.stable
     assert max(f.residual for f in result.bifurcations) < 1e-8
     # Branch ends in the doubling of period one, which is no fold.
-    assert min(s.value for s in branch.points[-3:]) / 0.3 == pytest.approx(by_scipy.DOUBLING, abs=1e-7)
+    assert min(s.value for s in branch.points[-3:]) / 0.3 == pytest.approx(by_auto.DOUBLING, abs=1e-7)
 
 
 def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:

@@ -175,7 +175,7 @@ def test_figure_2_shows_where_each_law_settles(figures: list[Any], tmp_path: Pat
     # The first by SciPy over a cycle; the others are the motion of Fig. 2 nearly and exactly without smoothing.
     system = paper_system(FIGURES[2].series[0].values)
     law = Law(system)
-    run = solve_ivp(lambda t, y: law.rates(t, y, 3), (0.0, system.cycle), data.steady[0].final, method="Radau",
+    run = solve_ivp(lambda t, y: law.rates(t, y, 3)[:3], (0.0, system.cycle), data.steady[0].final, method="Radau",
                     rtol=1e-9, atol=1e-10, max_step=system.cycle / 400)
     assert data.steady[0].max_slip_speed == pytest.approx(float(np.abs(run.y[0]).max()), rel=1e-4)
     sharper, exact = (s.max_slip_speed for s in data.steady[1:])

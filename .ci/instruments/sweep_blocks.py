@@ -1,6 +1,6 @@
 """Points of a sweep solved and judged in blocks beside the same points alone, and the cost of both.
 
-`python test/instruments/sweep_blocks.py [POINTS] [SEED]` draws random points of both laws (engine frequency, mean
+`python .ci/instruments/sweep_blocks.py [POINTS] [SEED]` draws random points of both laws (engine frequency, mean
 torque and its amplitude, kinetic coefficient), compares their records and prints those that differ; then it prints the
 CPU time a point outside of kernels by cause, and the wall time of a sweep with one thread and with two, alternately.
 Status 1 if a record differs.

@@ -1,6 +1,6 @@
 """Run driveline, recorder and a command per tick for a long time: lost messages, growth of memory, drift of the clock.
 
-    python test/instruments/soak.py [--rate HZ] [--commands HZ] [--lossy LOSS,HELD,MS] [--duration S] [--json FILE]
+    python .ci/instruments/soak.py [--rate HZ] [--commands HZ] [--lossy LOSS,HELD,MS] [--duration S] [--json FILE]
 
 `--commands 20000` is a flood: twenty times as many commands as ticks, of each input. `--lossy 0.02,0.1,20` loses 2 % of
 the UDP datagrams of every node and delays 10 % by at least 20 ms (lossy.c, which needs a C compiler, no right and no

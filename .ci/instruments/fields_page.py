@@ -1,4 +1,4 @@
-"""Write the page of all fields of JSON files: python test/instruments/fields_page.py. A test compares the page."""
+"""Write the page of all fields of JSON files: python .ci/instruments/fields_page.py. A test compares the page."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ KINDS: dict[str, tuple[str, tuple[type, ...]]] = {
     "precision": ("precision.json of tcc-sim precision", (PrecisionReport,)),
     "stability": ("stability.json of tcc-sim stability", (StabilityReport,)),
     "realtime": ("tcc-sim realtime --json", ())}
-INTRODUCTION = """`test/instruments/fields_page.py` writes this page from the classes of results. The name of a field
+INTRODUCTION = """`.ci/instruments/fields_page.py` writes this page from the classes of results. The name of a field
 within another one, or of the entries of a list, has a dot. The key `units` of a file gives the unit of every field that
 has one; files are in SI units."""
 LINES = """## Files of lines: `--out FILE.jsonl` of tcc-sim sweep, `FILE.part` of sweep and basins with another --out

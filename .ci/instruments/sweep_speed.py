@@ -1,7 +1,7 @@
 """Engine cycles per second on scenes of Fig. 4: the smoothed engine beside XPPAUT's CVODE at the same section error, in
 the transient from the initial state and on the attractor, and a whole sweep.
 
-`python test/instruments/sweep_speed.py` prints the table. Each program runs at its loosest tolerance with a section
+`python .ci/instruments/sweep_speed.py` prints the table. Each program runs at its loosest tolerance with a section
 error below ERROR over a few cycles, against a SciPy reference. Many cycles are timed, so that the cost of a call or of
 a start does not count.
 """

@@ -1,7 +1,7 @@
 """Pictures of fluids: fresh and aged, with friction over slip speed and results of a sweep; and the judder of aged
 fluid with the converter's fluid beside the clutch.
 
-`python test/instruments/fluids.py FILE.png [coupling]` draws one; the clutch is that of scenes fresh_fluid and
+`python .ci/instruments/fluids.py FILE.png [coupling]` draws one; the clutch is that of scenes fresh_fluid and
 aged_fluid.
 """
 

@@ -1,6 +1,6 @@
 """The page on periodic motions: branches, a basin, and a summary.
 
-`python test/instruments/motions.py` writes it, its pictures and the JSON behind them; the branches are those of
+`python .ci/instruments/motions.py` writes it, its pictures and the JSON behind them; the branches are those of
 `tcc-sim figure 6 --branches`; AUTO-07p follows two of them too (`branch_speed`).
 """
 
@@ -49,7 +49,7 @@ WAYS = {"cold": "from (13)", "up": "upward", "down": "downward"}
 
 def main(words: Sequence[str] | None = None) -> int:
     """Write the page; exit status 2 and one line for wrong input, 130 after an interrupt."""
-    parser = argparse.ArgumentParser(prog="python test/instruments/motions.py", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python .ci/instruments/motions.py", description=__doc__)
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path("motions"),
                         help="new directory for motions.md, its pictures and the JSON behind them (default: motions)")
     parser.add_argument("--quick", action="store_true",
@@ -107,7 +107,7 @@ def motions_page(branches: Figure, basins: Basins, side_lines: Sequence[str] = (
     beside : lines of the comparison with AUTO-07p
     """
     lines = ["# Periodic motions", "", *_summary(branches, basins), "",
-             "This page is generated: `python test/instruments/motions.py` writes it, its pictures, and all branches "
+             "This page is generated: `python .ci/instruments/motions.py` writes it, its pictures, and all branches "
              "by their points as",
              "JSON. Constant load of 225 kPa and law (7) with sigma = 50 s/rad unless stated. A sweep "
              "shows what one",

@@ -1,9 +1,10 @@
-"""Solve random scenes beside an independent integrator: python test/instruments/random_scenes.py [COUNT [SEED]].
+"""Solve random scenes beside an independent integrator: python .ci/instruments/random_scenes.py [COUNT [SEED]].
 
 A scene is drawn by its seed: smoothed or set-valued law, falling or rising friction or a table with noise, profiles,
 tables of inputs with each hold, an actuator, a moving far end, slow slip, the fluid path of the converter. The other
-solution is SciPy's LSODA on the equations below; the set-valued law is compared with the smoothed one of a large sigma.
-Nothing of the package's model or solvers is used but the fit of a friction table, which is compared with the table.
+solution is SciPy's LSODA on the equations of study/benchmarks/references.py under the excitation below; the set-valued
+law is compared with the smoothed one of a large sigma. Nothing of the solvers is used, and of the model the numbers of
+the scene and the fit of a friction table, which is compared with the table.
 """
 
 from __future__ import annotations
@@ -14,15 +15,18 @@ import math
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.integrate import odeint
+from scipy.integrate import odeint, solve_ivp
 
+from tcc_sim.model.parameters import replace
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import Scene, load_scene
+from tcc_sim.study.benchmarks.references import Law
 from tcc_sim.sweeps.simulation import simulate
 
 HOLDS = ("previous", "linear", "smooth", "next")
@@ -114,27 +118,26 @@ def excite(drawn: Drawn, g: np.random.Generator, law: str) -> None:
     drawn.words += [what] + [f"hold {drawn.hold}"] * bool(drawn.rows)
 
 
-class Separate:
-    """The equations of a drawn scene, written for themselves."""
+class Excited:
+    """The excitation of a drawn scene, written for itself, and the independent equations under it."""
 
     def __init__(self, drawn: Drawn, scene: Scene) -> None:
         v, rows = drawn.values, drawn.rows
         self.values, self.t = v, np.array(rows.get("t", [0.0, 1e9]))
-        self.sigma = v["friction.smoothing"] if v["friction.law"] == "smoothed" else SHARP
-        curve = scene.system.friction.curve
-        self.constant, self.pairs = (v["friction.kinetic_coefficient"], [(
-            v["friction.static_coefficient"] - v["friction.kinetic_coefficient"], v["friction.decay"])]) \
-            if curve is None else (curve.constant, list(zip(curve.amplitudes, curve.rates)))
         self.lines = {name: self.held(np.array(rows[name]), drawn.hold) for name in rows if name != "t"}
         self.times = {float(x) for key in v if key.endswith("_times") for x in v[key]} | set(rows.get("t", []))
         late = v.get("pressure.delay", 0.0)
         self.times |= {x + late for x in list(self.times)}
         self.actuated = "pressure.time_constant" in v
+        self.plates: Callable[[float], np.ndarray] | None = None
         speed = self.lines.get("output_speed")
         if speed is not None:
             x, y, rate = speed
             steps = np.diff(x)
             self.turned = np.append(0.0, np.cumsum(y[:-1] * steps + 0.5 * rate[:-1] * steps**2))
+        sigma = v["friction.smoothing"] if v["friction.law"] == "smoothed" else SHARP
+        system = replace(scene.system, {"friction.law": "smoothed", "friction.smoothing": sigma})
+        self.law = Law(system, engine=self.engine, pressure=self.pressure, far=None if speed is None else self.far)
 
     def held(self, values: np.ndarray, hold: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times, values and rates of lines between rows."""
@@ -150,14 +153,14 @@ class Separate:
                 corners[k] -= (t[k + 1] - t[k]) * (t[k] - t[k - 1]) / 12.0 * 2.0 * bend / (t[k + 1] - t[k - 1])
         return t, corners, np.append(np.diff(corners) / np.diff(t), 0.0)
 
-    def at(self, name: str, t: float, least: float = -math.inf) -> float:
+    def at(self, name: str, t: float) -> float:
         """Value of an input at a time; the first row holds before it."""
         x, y, rate = self.lines[name]
         k = max(int(np.searchsorted(x, t, side="right")) - 1, 0)
         if name == "actuation_pressure":   # No corner is below 0.
             y = np.maximum(y, 0.0)
             rate = np.append(np.diff(y) / np.diff(x), 0.0) if rate.any() else rate
-        return max(float(y[k] + rate[k] * max(t - x[k], 0.0)), least)
+        return float(y[k] + rate[k] * max(t - x[k], 0.0))
 
     def profile(self, key: str, t: float) -> float:
         """Value of a key at a time."""
@@ -173,60 +176,68 @@ class Separate:
         marks = [0.0, *(a for a in x if 0.0 < a < t), t]
         return sum(0.5 * (b - a) * float(np.interp(a, x, y) + np.interp(b, x, y)) for a, b in itertools.pairwise(marks))
 
-    def rates(self, t: float, y: np.ndarray) -> list[float]:
-        """Derivatives of slip speed, plate angle, plate speed and pressure at the plates."""
-        v, c = self.values, float(y[0])
-        phi = self.phase(t)
-        torque = self.at("engine_torque", t) if "engine_torque" in self.lines else (
-            self.profile("engine.mean_torque", t) + v["engine.torque_amplitude"] * math.sin(phi))
-        lag = 0.0
-        if self.actuated:
-            pressure, late = float(y[3]) * 1e5, t - v["pressure.delay"]
-            command = self.at("actuation_pressure", late) if late >= 0.0 else v["pressure.mean"]
-            lag, limit = (command - pressure) / v["pressure.time_constant"], v["pressure.rate_limit"] or math.inf
-            lag = max(-limit, min(limit, lag)) / 1e5
-        elif "actuation_pressure" in self.lines:
-            pressure = self.at("actuation_pressure", t)
-        else:
-            pressure = self.profile("pressure.mean", t) + v["pressure.amplitude"] * math.sin(
-                v.get("pressure.frequency_ratio", 1.0) * phi + v.get("pressure.phase", 0.0))
-        mu = self.constant + sum(a * math.exp(-rate * abs(c)) for a, rate in self.pairs)
-        friction = mu * math.tanh(self.sigma * c) * max(pressure, 0.0) * 0.008 + v[
-            "converter.coupling"] * c
-        speed = angle = 0.0
-        if "output_speed" in self.lines:
-            x, w, rate = self.lines["output_speed"]
-            k = max(int(np.searchsorted(x, t, side="right")) - 1, 0)
-            past = t - x[k]
-            speed, angle = w[k] + rate[k] * past, self.turned[k] + w[k] * past + 0.5 * rate[k] * past**2
-        shaft = 0.6 * (y[2] - speed) + 3000.0 * (y[1] - angle)
-        return [(torque - friction) / 0.2 - (friction - shaft) / 0.02, y[2], (friction - shaft) / 0.02, lag]
+    def engine(self, t: float) -> float:
+        """Engine torque, N m."""
+        if "engine_torque" in self.lines:
+            return self.at("engine_torque", t)
+        sine = self.values["engine.torque_amplitude"] * math.sin(self.phase(t))
+        return self.profile("engine.mean_torque", t) + float(sine)
+
+    def pressure(self, t: float) -> float:
+        """Pressure at the plates, Pa."""
+        if self.plates is not None:
+            return float(self.plates(t)[0]) * 1e5
+        if "actuation_pressure" in self.lines:
+            return self.at("actuation_pressure", t)
+        v = self.values
+        sine = math.sin(v.get("pressure.frequency_ratio", 1.0) * self.phase(t) + v.get("pressure.phase", 0.0))
+        return self.profile("pressure.mean", t) + float(v["pressure.amplitude"] * sine)
+
+    def actuator(self, t: float, y: np.ndarray) -> np.ndarray:
+        """Rate of the pressure at the plates, both in bar."""
+        v, late = self.values, t - self.values["pressure.delay"]
+        command = (self.at("actuation_pressure", late) if late >= 0.0 else v["pressure.mean"]) / 1e5
+        limit = (v["pressure.rate_limit"] or math.inf) / 1e5
+        return np.clip((command - y) / v["pressure.time_constant"], -limit, limit)
+
+    def far(self, t: float) -> tuple[float, float]:
+        """Speed and angle of the driveline's far end."""
+        x, w, rate = self.lines["output_speed"]
+        k = max(int(np.searchsorted(x, t, side="right")) - 1, 0)
+        past = t - x[k]
+        return float(w[k] + rate[k] * past), float(self.turned[k] + w[k] * past + 0.5 * rate[k] * past**2)
 
     def slip(self, t: np.ndarray) -> np.ndarray:
         """Slip speed at rising times, begun again at every corner of the excitation."""
-        state = np.array([self.values["initial.slip_speed"], self.values["initial.plate_angle"], 0.0,
-                          self.values["pressure.mean"] / 1e5])
+        state = np.array([self.values["initial.slip_speed"], self.values["initial.plate_angle"], 0.0])
+        bar, out = np.array([self.values["pressure.mean"] / 1e5]), np.empty(len(t))
         marks = [0.0, *sorted({round(x, 9) for x in self.times if 1e-8 < x < t[-1] - 1e-8}), float(t[-1])]
-        out = np.empty(len(t))
         for a, b in itertools.pairwise(marks):
             out[np.abs(t - a) <= 1e-9] = state[0]
             inside = np.flatnonzero((t > a + 1e-9) & (t < b - 1e-9))
-            # Just before the corner, the row of the next piece does not act yet.
-            result = odeint(lambda at, y, a, b: self.rates(min(max(at, a), b - 1e-12), y), state,
-                            np.concatenate([[a], t[inside], [b]]), (a, b), tfirst=True, rtol=1e-9, mxstep=200_000,
-                            atol=[1e-9 / max(self.sigma / 50.0, 1.0), 1e-11, 1e-9, 1e-9])
+
+            def within(at: float, a: float = a, b: float = b) -> float:
+                return min(max(at, a), b - 1e-12)  # The next piece does not act yet.
+
+            if self.actuated:
+                run = solve_ivp(lambda at, y, of=within: self.actuator(of(at), y), (a, b), bar, dense_output=True,
+                                rtol=1e-9, atol=1e-9, max_step=(b - a) / 8)
+                self.plates, bar = run.sol, run.y[:, -1]
+            result = odeint(lambda at, y, of=within: self.law.rates(of(at), y, 3)[:3], state,
+                            np.concatenate([[a], t[inside], [b]]), tfirst=True, rtol=1e-9, mxstep=200_000,
+                            atol=[1e-9 / max(self.law.smoothing / 50.0, 1.0), 1e-11, 1e-9])
             out[inside], state = result[1:-1, 0], result[-1]
         out[np.abs(t - marks[-1]) <= 1e-9] = state[0]
         return out
 
 
-def compare(seed: int, folder: Path) -> tuple[float, float, list[str]]:
-    """Return the difference of a scene's slip speed, what is allowed, and its words."""
+def compare(seed: int, folder: Path, solved: Callable[..., Any]) -> tuple[float, float, list[str]]:
+    """Return the difference of a scene's slip speed, the largest allowed one, and the scene's words."""
     drawn = draw(seed)
     base = "controlled" if "pressure.source" in drawn.values else "fig02"
     scene = load_scene(base).with_values({**({"engine.source": "harmonic"} if base == "controlled" else {}),
                                           **drawn.values})
-    separate, given = Separate(drawn, scene), scene
+    separate, given = Excited(drawn, scene), scene
     if drawn.rows:
         path = folder / f"{seed}.csv"
         with path.open("w", newline="") as stream:
@@ -234,8 +245,8 @@ def compare(seed: int, folder: Path) -> tuple[float, float, list[str]]:
             writer.writerow(drawn.rows)
             writer.writerows(zip(*(map(repr, column) for column in drawn.rows.values())))
         given = driven_by(scene, path, drawn.hold)
-    run = simulate(given, duration=SECONDS, samples_per_cycle=SAMPLES, rtol=1e-9 if "output_speed" not in drawn.rows
-                   else None).raise_for_status().trajectory
+    run = solved(given, duration=SECONDS, samples_per_cycle=SAMPLES, rtol=1e-9 if "output_speed" not in drawn.rows
+                 else None).raise_for_status().trajectory
     other = separate.slip(run.t)
     size = max(float(np.abs(other).max()), 1e-3)
     which = ("fixed_step" if run.solver == "fixed_step" else "actuator" if separate.actuated
@@ -257,12 +268,12 @@ def beyond_table(scene: Scene) -> bool:
     return bool(off or (rises.all() and slope.min() < -1e-9) or (not rises.any() and slope.max() > 1e-9))
 
 
-def main(count: int, first: int) -> int:
-    """Compare scenes; return the number of those that differ."""
+def main(count: int, first: int, solved: Callable[..., Any] = simulate) -> int:
+    """Compare scenes, solved as `simulate` does; return the number of those that differ."""
     began, wrong = time.perf_counter(), 0
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(first, first + count):
-            error, allowed, words = compare(seed, Path(folder))
+            error, allowed, words = compare(seed, Path(folder), solved)
             wrong += error > allowed
             if error > allowed:
                 sys.stdout.write(f"seed {seed}: {error:.2g} of the largest slip speed, allowed {allowed:g}: "

@@ -1,6 +1,6 @@
 """Branches of periodic motions beside AUTO-07p in one run: CPU time a point, and the values of the bifurcations.
 
-`python test/instruments/branch_speed.py` follows the motions of period one and two of the scene in which they
+`python .ci/instruments/branch_speed.py` follows the motions of period one and two of the scene in which they
 coexist (omega/omega_n = 0.36, constant load, 225 kPa) with mu_k, by this package and by AUTO-07p (Debian packages
 `auto-07p` and `gfortran`). The mesh of AUTO is refined until it crosses the range. The forcing is an added oscillator,
 as in AUTO's demo `frc`. The time of AUTO is that of its compiled program, without compilation.
@@ -251,7 +251,7 @@ def page_lines(rows: Iterable[Compared]) -> list[str]:
     lines = ["## Beside AUTO-07p", "",
              "The branches through the motions of period one and two at omega/omega\\_n = 0.36, followed with "
              "mu\\_k in one run",
-             "of both programs on one core (`python test/instruments/branch_speed.py`): CPU time a point, with "
+             "of both programs on one core (`python .ci/instruments/branch_speed.py`): CPU time a point, with "
              "multipliers and",
              "bifurcations. LP: fold, PD: period doubling, as values of mu\\_k/mu\\_s; the mesh of AUTO is refined "
              "until it gets through.", "",
