@@ -8,16 +8,11 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-from interpreter import python, without_compiling
+from interpreter import python
 
 from tcc_sim import __version__, cli
-from tcc_sim.cli.ranges import bounds_of_range, values_of_range
-from tcc_sim.cli.verbs import Verb
-from tcc_sim.errors import InputError, MissingPackage, NumericalFailure
-from tcc_sim.nodes import executables, signals
 from tcc_sim.scene import bundled_scenes, load_scene
 
 
@@ -83,28 +78,6 @@ def test_every_verb_is_in_one_group_and_a_misspelt_one_gets_a_suggestion(refused
     assert "see tcc-sim --help" in refused("xyzzy")
 
 
-@pytest.mark.parametrize(("words", "says"), [
-    (["analyse", "a.csv", "--pulses", "1.5"], "'1.5' must be a whole number from 1 to 10000\n"),
-    (["fmu", "slip", "--step", "x"], "'x' must be a number from 5e-05 to 1 s\n"),
-    (["demo", "--duration", "nan"], "'nan' must be a number from 0.5 to 86400 s\n"),
-    (["control", "torque", "x"], "'x' must be a number\n")])
-def test_what_an_option_takes_is_named(words: list[str], says: str, refused: Callable[..., str]) -> None:
-    assert says in refused(*words)
-
-
-@pytest.mark.parametrize("verb", cli.VERBS)
-def test_every_number_refuses_a_word_by_what_it_must_be(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
-    parser = cli.build_parser(verb)
-    verbs = next(each for each in parser._actions if isinstance(each.choices, dict))
-    for option in verbs.choices[verb]._actions:
-        if option.type in (int, float):
-            for word in ("x", "", "1e", *(["1.5"] if option.type is int else [])):
-                with pytest.raises(SystemExit, match=r"^2$"):
-                    parser.parse_args([verb, f"{option.option_strings[0]}={word}"])
-                what = "a whole number" if option.type is int else "a number"
-                assert capsys.readouterr().err.endswith(f"{option.option_strings[0]}: {word!r} must be {what}\n")
-
-
 @pytest.mark.parametrize(("value", "says"), [
     ("0.01499999999", "is 0.01499999999; it must be 0.015 to 6, one twentieth"), ("0.01", "is 0.01;")])
 def test_numbers_that_differ_are_told_apart(value: str, says: str, refused: Callable[..., str]) -> None:
@@ -123,44 +96,30 @@ def test_scenes_and_explain_take_changes(capsys: pytest.CaptureFixture[str], ref
 
 
 @pytest.mark.parametrize("name", cli.VERBS)
-def test_help_of_a_verb_has_an_example_results_and_options_by_purpose(
+def test_help_of_a_verb_fits_a_terminal_and_its_example_parses(
         name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     assert cli.main([name, "--help"]) == 0
     out = capsys.readouterr().out
     assert max(map(len, out.splitlines())) <= 80
-    verb, words = cli.VERBS[name], " ".join(out.split())
-    for part in (f"example: tcc-sim {verb.example}", f"prints: {verb.prints}", f"writes: {verb.writes}"):
-        assert part in words
-    example = shlex.split(verb.example)
-    assert example[0] == name
-    cli.build_parser(name).parse_args(example)
-    untitled = re.search(r"\noptions:\n((?: .*\n)*)", out)
-    assert untitled is not None
-    assert re.findall(r"^ +(-.*?)  ", untitled.group(1), re.MULTILINE) == ["-h, --help"]
-    assert "positional arguments:" not in out
-    options = set(re.findall(r"--[a-z-]+", " ".join([verb.prints, verb.writes])))
-    assert options <= set(re.findall(r"--[a-z-]+", out.partition("\noptions:")[2].partition("\nexample:")[0]))
+    example = re.search(r"tcc-sim (.*(?:\n {6,}.*)*)", out.partition("example: ")[2])
+    assert example is not None
+    words = shlex.split(example.group(1))
+    assert words[0] == name
+    cli.build_parser(name).parse_args(words)
 
 
-@pytest.mark.parametrize(("error", "status", "line"), [
-    (InputError("rate is 0 Hz"), 2, "tcc-sim: rate is 0 Hz\n"),
-    (MissingPackage("install tcc_sim[view]"), 1, "tcc-sim: install tcc_sim[view]\n"),
-    (NumericalFailure("the step became too small"), 1, "tcc-sim: the step became too small\n"),
-    (FileNotFoundError(2, "No such file or directory", "a.json"), 1, "tcc-sim: a.json: No such file or directory\n"),
-    (OSError(36, "File name too long", "aaa"), 2, "tcc-sim: aaa: File name too long\n"),
-    (OSError(28, "No space left on device"), 1, "tcc-sim: No space left on device\n"),
-    (KeyboardInterrupt(), 130, "tcc-sim: interrupted\n")])
-def test_every_way_to_fail_has_a_status_and_one_line(error: BaseException, status: int, line: str,
-                                                     monkeypatch: pytest.MonkeyPatch,
-                                                     capsys: pytest.CaptureFixture[str]) -> None:
-    def run(_: object) -> int:
-        raise error
-
-    monkeypatch.setitem(cli.VERBS, "fail", Verb("fail on purpose"))
-    monkeypatch.setitem(sys.modules, "tcc_sim.cli.fail", SimpleNamespace(add_arguments=lambda parser: None, run=run))
-    assert cli.main(["fail"]) == status
-    assert capsys.readouterr() == ("", line)
+@pytest.mark.parametrize(("words", "status"), [
+    (["simulate", "fig02", "--solver", "rk4", "--step", "1e-3", "--set", "driveline.plate_inertia=1e-6"], 1), (["analyse", "nowhere.mcap"], 2),
+    (["plot", "nowhere.json"], 2), (["analyse", "a" * 300], 2)])
+def test_a_failure_has_a_status_and_one_line(words: list[str], status: int, tmp_path: Path,
+                                             monkeypatch: pytest.MonkeyPatch,
+                                             capsys: pytest.CaptureFixture[str]) -> None:
+    """Steps of 1 ms are far beyond the stability limit of the classical method with so light a plate."""
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(words) == status
+    assert capsys.readouterr().err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_interrupted_command_waits_for_no_thread() -> None:
@@ -221,16 +180,12 @@ def test_a_name_that_the_terminal_cannot_show_is_escaped(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["driveline_node", "recorder_node", "slip_controller_node"])
-def test_a_node_without_ros_is_one_line(name: str, monkeypatch: pytest.MonkeyPatch,
-                                        capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setitem(sys.modules, "rclpy", None)
-    monkeypatch.setattr(sys, "argv", [name])
-    monkeypatch.setattr(signals, "take", lambda: None)
-    monkeypatch.setattr(signals, "end", lambda status: status)
-    assert getattr(executables, name)() == 1
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err == f"{name}: ROS 2 package rclpy is not installed: source your ROS 2, or pip install 'tcc_sim[ros]'\n"
+def test_a_node_without_ros_is_one_line(name: str) -> None:
+    ended = python("-c", "import sys; sys.modules['rclpy'] = None\n"
+                         f"from tcc_sim.nodes.executables import {name}; sys.exit({name}())")
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (1, "", 1)
+    assert "rclpy" in ended.stderr
+    assert "tcc_sim[ros]" in ended.stderr
 
 
 @pytest.mark.parametrize(("module", "words", "command"), [
@@ -246,22 +201,6 @@ def test_a_package_that_only_pip_has_is_named_with_the_command(module: str, word
     assert ended.returncode == 1
     assert f"is not installed; python3 -m pip install {command} brings it" in ended.stderr
     assert ended.stderr.count("\n") == 1
-
-
-def test_a_range_has_both_ends() -> None:
-    assert values_of_range("a.b=1:2:3") == ("a.b", [1.0, 1.5, 2.0])
-    assert values_of_range("a.b=2:1:2") == ("a.b", [2.0, 1.0])
-    assert values_of_range("a.b=5:9:1") == ("a.b", [5.0])
-
-
-def test_ranges_are_even_logarithmic_or_lists() -> None:
-    assert values_of_range("a=1:100:3:log") == ("a", [1.0, 10.0, 100.0])
-    assert values_of_range("a=3,1,2.5") == ("a", [3.0, 1.0, 2.5])
-    assert bounds_of_range("a=3:1", "--over") == ("a", 1.0, 3.0)
-    with pytest.raises(InputError, match="differ"):
-        bounds_of_range("a=3:3", "--over")
-    with pytest.raises(InputError, match=r"START:STOP:COUNT$"):
-        values_of_range("a=3,1", "--plane", even=True)
 
 
 EARLY = """
@@ -283,22 +222,6 @@ sys.argv = ["tcc-sim", "scenes"]
 def test_ctrl_c_while_the_program_is_loaded_prints_nothing(start: str) -> None:
     ended = python("-c", EARLY.format(start=start))
     assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, "", "")
-
-
-def test_ctrl_c_does_not_wait_for_the_compiler(tmp_path: Path) -> None:
-    code = ("import os, signal, sys, threading\n"
-            "from tcc_sim.compiling import linked\n"
-            "def compiler(part, arguments):\n"
-            "    os.kill(os.getpid(), signal.SIGINT)\n"
-            "    threading.Event().wait()\n"
-            "linked.machine_code = compiler\n"
-            "from tcc_sim.__main__ import main\n"
-            "sys.argv = ['tcc-sim', 'simulate', 'minimal']\n"
-            "main()\n")
-    # Neither a cache nor the package has code for this processor.
-    ended = python("-c", code, cwd=tmp_path, NUMBA_CACHE_DIR="", XDG_CACHE_HOME=str(tmp_path / "empty"),
-                   NUMBA_CPU_NAME="nocona")
-    assert (ended.returncode, without_compiling(ended.stderr)) == (130, "tcc-sim: interrupted\n")
 
 
 @pytest.mark.parametrize("given", [None, "2"])

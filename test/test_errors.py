@@ -8,31 +8,15 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.background import awaited, begun
-from tcc_sim.errors import (
-    EXTRAS,
-    BasinsInterrupted,
-    InputError,
-    MissingPackage,
-    SweepInterrupted,
-    WorkersLost,
-    check_folder,
-    check_suffix,
-    counted,
-    missing_package,
-    one_line,
-    printable,
-    require,
-)
+from tcc_sim.errors import InputError, check_folder, check_suffix, counted, one_line, printable
 
 
 def test_a_message_is_one_printable_line_of_bounded_length() -> None:
     assert one_line("a" * 1000) == "a" * 1000
-    assert one_line("a" * 500 + "b" * 501) == "a" * 500 + " ... " + "b" * 500
+    assert len(one_line("a" * 100_000)) < 1100
     assert printable("plain \u00e9") == "plain \u00e9"
-    assert printable("a\nb\x1b\u200b") == "a\\nb\\x1b\\u200b"
-    assert str(InputError("a\nb")) == "a\\nb"
-    assert (counted(0, "step"), counted(1, "step"), counted(2, "step"), counted(1, "branch"), counted(3, "branch")) == (
-        "0 steps", "1 step", "2 steps", "1 branch", "3 branches")
+    assert str(InputError("a\nb\x1b\u200b")).isprintable()
+    assert [counted(n, "step") for n in (0, 1, 2)] == ["0 steps", "1 step", "2 steps"]
 
 
 def test_a_file_has_a_suffix_and_a_folder(tmp_path: Path) -> None:
@@ -40,38 +24,11 @@ def test_a_file_has_a_suffix_and_a_folder(tmp_path: Path) -> None:
         for suffix in suffixes:
             check_suffix(Path("x" + suffix), suffixes)
         for name in ("x.txt", "x", "x.A"):
-            with pytest.raises(InputError) as caught:
+            with pytest.raises(InputError, match=f"--out {name} .*{words}"):
                 check_suffix(Path(name), suffixes, "--out ")
-            assert str(caught.value) == f"--out {name} must end in {words}"
     check_folder(tmp_path / "a")
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=str(tmp_path / "a" / "b")):
         check_folder(tmp_path / "a" / "b")
-    assert str(caught.value) == f"{tmp_path / 'a' / 'b'}: there is no directory {tmp_path / 'a'}"
-
-
-def test_an_absent_package_is_named_with_what_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    require("json", "anything")
-    monkeypatch.setattr("tcc_sim.errors.importlib.util.find_spec", lambda module: None)
-    for module, (package, extra) in EXTRAS.items():
-        with pytest.raises(MissingPackage) as caught:
-            require(module, "a picture")
-        assert str(caught.value) == (f"a picture needs {package}, which is not installed; pip install "
-                                     f"'tcc_sim[{extra}]' brings it")
-    for name, package, wanted in (("yaml.reader", "PyYAML", "PyYAML"), ("scipy", "scipy", "scipy"),
-                                  ("llvmlite.binding", "numba", "'numba>=0.62,<0.69'"),
-                                  ("lz4", "lz4", "'mcap>=1.5,<2' lz4 zstandard"),
-                                  ("zstandard", "zstandard", "'mcap>=1.5,<2' lz4 zstandard")):
-        assert str(missing_package(ModuleNotFoundError(name=name))) == (
-            f"the Python package {package} is not installed; python3 -m pip install {wanted} brings it "
-            "(into a virtual environment made with --system-site-packages where pip refuses)")
-    assert missing_package(ModuleNotFoundError(name="antigravity.more")) is None
-    assert missing_package(ModuleNotFoundError("no name")) is None
-
-
-def test_an_interrupted_computation_keeps_its_results() -> None:
-    assert (str(WorkersLost("gone")), WorkersLost("gone").sweeps) == ("gone", [])
-    assert (str(SweepInterrupted([1])), SweepInterrupted([1]).sweeps) == ("interrupted", [1])
-    assert str(BasinsInterrupted()) == "interrupted"
 
 
 def test_work_in_the_background_ends_with_its_result_or_its_error_and_keeps_no_process() -> None:

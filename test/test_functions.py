@@ -93,20 +93,6 @@ def test_analyse_takes_tables(table, tmp_path):
             tcc_sim.analyse(tmp_path, **{wrong: 1})
 
 
-def test_analyse_passes_on_what_is_for_recordings(tmp_path, monkeypatch):
-    seen, given = [], {"discard": 3, "frequency": 75.0, "verify": True, "damping": True, "target": 8.0, "band": 0.3,
-                       "limits": (0.0, 5e5), "rrd": tmp_path, "spawn": True, "connect": "x", "progress": True}
-    monkeypatch.setattr("tcc_sim.replay.recorded.read", lambda *words: words)
-    monkeypatch.setattr("tcc_sim.recording.window.Window", lambda *words: words)
-    monkeypatch.setattr("tcc_sim.functions.replay", lambda opened, **options: seen.append((opened, options)) or 7)
-    assert tcc_sim.analyse("run", scene="s", run=2, from_=0.5, to=1.5, joints={"a": "b"}, topic="/t", driveline=1,
-                           **given) == 7
-    assert tcc_sim.analyse("run") == 7
-    nothing = dict.fromkeys(given) | {"band": 0.1} | dict.fromkeys(("verify", "damping", "spawn", "progress"), False)
-    assert seen == [(("run", "s", {"a": "b"}, "/t", 1), {**given, "window": (2, 0.5, 1.5)}),
-                    (("run", None, None, None, None), {**nothing, "window": (None, None, None)})]
-
-
 def test_a_recording_has_the_orders_and_the_spectrum_of_its_command(table, tmp_path):
     path = tmp_path / "run.mcap"
     assert main(["simulate", "minimal", "--cycles", "30", "--samples", "40", "--out", str(path)]) == 0

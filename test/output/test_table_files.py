@@ -86,25 +86,3 @@ def test_a_table_of_a_sweep_has_its_keys_words_and_scene(tmp_path: Path) -> None
         assert document["command"][:3] == words[:3]
         assert "max_slip_speed" not in document
         assert document["scene"]["engine.mean_torque"] > 0.0
-
-
-def test_an_interrupted_table_goes_on_from_its_points(tmp_path, monkeypatch, capsys):
-    from tcc_sim.sweeps import sweep
-
-    out, words, solve = tmp_path / "a.csv", CASES["sweep"][0], sweep.solve_points
-    calls = []
-
-    def stopped(systems, *arguments):
-        calls.append(len(systems))
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return solve(systems, *arguments)
-
-    monkeypatch.setattr(sweep, "solve_points", stopped)
-    assert main([*words, "--jobs", "1", "--out", str(out)]) == 130
-    assert f"the same command resumes from {out}.part" in capsys.readouterr().err
-    assert not out.exists()
-    assert main([*words, "--jobs", "1", "--out", str(out)]) == 0
-    assert sum(calls) < 6
-    assert len(read(out, "max_slip_speed")[0]) == 3
-    assert not out.with_name("a.csv.part").exists()

@@ -5,13 +5,11 @@ import os
 import pty
 import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
-from tcc_sim.errors import counted
-from tcc_sim.output.terminal import counted_bar, open_streams, seconds_bar, terminal_width, wrapped
+from tcc_sim.output.terminal import open_streams, terminal_width, wrapped
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 
@@ -66,46 +64,6 @@ def test_nothing_is_wider_than_a_terminal_of_eighty_columns(words):
     assert max(map(len, lines)) <= 80
 
 
-class Bar:
-    """A progress bar that records its updates."""
-
-    def __init__(self):
-        self.n, self.total, self.told = 2, None, []
-
-    def update(self, more):
-        self.told.append(more)
-        self.n += more
-
-    def set_description_str(self, *words, **how):
-        self.told.append((*words, how))
-
-
-def test_bars_show_what_is_done_and_an_interrupt_ends_them_in_a_line(monkeypatch, capsys):
-    bar, given = Bar(), []
-
-    @contextmanager
-    def shown(*words, **how):
-        given.append((*words, how))
-        yield bar
-
-    monkeypatch.setattr("tcc_sim.sweeps.progress.progress_bar", shown)
-    with counted_bar("point") as running:
-        assert not running.complete
-        running.done(5, 9, "next")
-        running.name("mine")
-    assert (running.complete, bar.total, bar.told) == (True, 9, [("next", {"refresh": False}), 3, ("mine", {})])
-    with counted_bar("point") as running:
-        raise KeyboardInterrupt
-    assert not running.complete
-    assert capsys.readouterr() == ("", "tcc-sim: interrupted\n")
-    with seconds_bar("soak", 7.0) as done:
-        done(5.5)
-        done(7.0)
-    assert (bar.n, bar.told[-2:]) == (7.0, [0.5, 1.5])
-    assert given == [("point", {"leave": False})] * 2 + [("s", 7.0, {
-        "desc": "soak", "leave": False, "bar_format": "{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s"})]
-
-
 def test_closed_streams_take_any_text_and_what_an_encoding_lacks_is_escaped(monkeypatch):
     ascii_only, other = io.TextIOWrapper(io.BytesIO(), encoding="ascii"), io.StringIO()
     for out, error in ((None, ascii_only), (other, None)):
@@ -120,7 +78,3 @@ def test_closed_streams_take_any_text_and_what_an_encoding_lacks_is_escaped(monk
         closed.close()
         monkeypatch.undo()
     assert (ascii_only.buffer.getvalue(), other.getvalue()) == (b"caf\\xe9\n", "caf\xe9\n")
-
-
-def test_one_is_no_plural():
-    assert [counted(n, "message") for n in (0, 1, 2)] == ["0 messages", "1 message", "2 messages"]
