@@ -92,11 +92,6 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
     from tcc_sim.scene import load_scene, parse_assignments
     from tcc_sim.tables.chosen_columns import is_table
 
-    if is_table(arguments.measured):
-        refuse_driveline(arguments, f"{arguments.measured} is a table")
-    measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene),
-                            arguments.columns, arguments.start, arguments.end, **driveline_of(arguments))
-    scene = scene.with_values(parse_assignments(arguments.set))
     free: dict[str, float | None] = {}
     for key, start in (_assigned("--free", word) for word in arguments.free):
         if key in free:
@@ -106,6 +101,11 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
     if arguments.noise is not None:
         noise = {k: math.nan if v is None else v
                  for k, v in (_assigned("--noise", word) for word in arguments.noise.split(","))}
+    if is_table(arguments.measured):
+        refuse_driveline(arguments, f"{arguments.measured} is a table")
+    measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene),
+                            arguments.columns, arguments.start, arguments.end, **driveline_of(arguments))
+    scene = scene.with_values(parse_assignments(arguments.set))
     return scene, partial(identify, measured, free, scene=scene, noise=noise, hold=arguments.hold,
                           likelihood=arguments.likelihood)
 
