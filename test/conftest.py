@@ -16,9 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from interpreter import end_children_with_this_process  # NumPy reads that when it is loaded.
 
 from tcc_sim.compiling import kernel_cache
-
-SELECTED = (("tcc_sim.shown_units", "_SHOWN"), ("tcc_sim.views.style", "_CHOSEN"))
-"""Modules and context variables with what a command selects."""
+from tcc_sim.shown_units import show_in, shown_unit
 
 
 def pytest_configure() -> None:
@@ -44,13 +42,13 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(autouse=True)
 def _nothing_is_left_selected() -> Iterator[None]:
-    """Fail a test that leaves units or a style behind, which would change what tests after it print and draw."""
+    """Fail a test that leaves other units behind, which would change what tests after it print and draw."""
     yield
-    variables = [vars(sys.modules[module])[name] for module, name in SELECTED if module in sys.modules]
-    left = [(each.name, each.get()) for each in variables if each.get() not in (None, ("rad", 1.0))]
-    for each in variables:
-        each.set(("rad", 1.0) if each.name == "shown" else None)
-    assert not left
+    left = shown_unit(engine=True)
+    show_in("rad", 1.0)
+    if "matplotlib" in sys.modules and "tcc_sim.views.style" in sys.modules:
+        sys.modules["tcc_sim.views.style"].use_file(None)
+    assert left == ("rad/s", 1.0)
 
 
 @pytest.fixture
