@@ -110,7 +110,8 @@ def test_help_of_a_verb_fits_a_terminal_and_its_example_parses(
 
 
 @pytest.mark.parametrize(("words", "status"), [
-    (["simulate", "fig02", "--solver", "rk4", "--step", "1e-3", "--set", "driveline.plate_inertia=1e-6"], 1), (["analyse", "nowhere.mcap"], 2),
+    (["simulate", "fig02", "--solver", "rk4", "--step", "1e-3", "--set", "driveline.plate_inertia=1e-6"], 1),
+    (["analyse", "nowhere.mcap"], 2),
     (["plot", "nowhere.json"], 2), (["analyse", "a" * 300], 2)])
 def test_a_failure_has_a_status_and_one_line(words: list[str], status: int, tmp_path: Path,
                                              monkeypatch: pytest.MonkeyPatch,
