@@ -150,14 +150,24 @@ def test_every_file_that_a_page_names_is_there(page: Path) -> None:
 
 def test_every_module_that_contributing_names_is_there() -> None:
     text = (ROOT / ".github" / "internals" / "contributing.md").read_text().partition("## Mutants")[0]
-    modules = [str(path.relative_to(ROOT)) for room in ("tcc_sim", "test") for path in (ROOT / room).rglob("*.py")]
-    named = re.findall(r"[\w/]+\.py\b", text)
+    modules = [str(path.relative_to(ROOT)) for room in ("tcc_sim", "test", ".ci")
+               for path in (ROOT / room).rglob("*.py")]
+    named = re.findall(r"[\w./]+\.py\b", text)
     assert len(named) > 40
     assert [name for name in named if not any(f"/{module}".endswith(f"/{name}") for module in modules)] == []
     rooms = re.findall(r"^      (\w+/|\w+\.py) ", text, re.MULTILINE)
     assert [room for room in rooms if not (ROOT / "tcc_sim" / room).exists()] == []
     packages = {f"{path.parent.name}/" for path in (ROOT / "tcc_sim").glob("*/__init__.py")}
     assert packages - set(rooms) == set()
+
+
+def test_the_run_times_of_the_readme_are_those_of_the_report() -> None:
+    page = (ROOT / ".github" / "internals" / "precision.md").read_text()
+    measured = [re.search(rf"^- {name}: (.+)$", page, re.MULTILINE) for name in ("numbalsoda", "XPPAUT cvode")]
+    said = re.search(r"solved ([\d.]+ to [\d.]+) times as fast.*?XPPAUT takes\s+([\d.]+ to [\d.]+) times as long",
+                     README.read_text(), re.DOTALL)
+    assert said
+    assert [row.group(1) for row in measured if row] == list(said.groups())
 
 
 def test_the_numbers_of_the_findings_are_those_of_the_reports() -> None:
