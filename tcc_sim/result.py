@@ -87,10 +87,7 @@ def units_of(kind: type) -> dict[str, str]:
 
 def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
     """Yield every field that a class may have in JSON, with the names of nested fields joined by dots."""
-    hints = get_type_hints(kind)
-    for name, entry in reported_of(kind).items():
-        hint = hints[name] if name in hints else get_type_hints(getattr(kind, name).fget).get("return")
-        below = entry.of or tuple(_classes_in(hint))
+    for name, entry, below in parts_of(kind):
         if not (entry.spread or entry.listed):
             yield entry.name or name, entry
         elif not below:
@@ -101,6 +98,14 @@ def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
                     yield field, replace(each, optional=each.optional or entry.optional)
                 else:
                     yield f"{entry.name or name}.{field}", each
+
+
+def parts_of(kind: type) -> Iterator[tuple[str, Reported, tuple[type, ...]]]:
+    """Yield attribute, report and the classes of the value or its members, of each reported field of a class."""
+    hints = get_type_hints(kind)
+    for name, entry in reported_of(kind).items():
+        hint = hints[name] if name in hints else get_type_hints(getattr(kind, name).fget).get("return")
+        yield name, entry, entry.of or tuple(_classes_in(hint))
 
 
 def _classes_in(hint: Any) -> Iterator[type]:

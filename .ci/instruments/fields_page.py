@@ -9,10 +9,10 @@ from tcc_sim.estimation.linearise import Linearisation
 from tcc_sim.output.explained import SceneExplanation
 from tcc_sim.output.fields import fields_of
 from tcc_sim.output.provenance import HEAD
-from tcc_sim.output.tables import escape, markdown_table
+from tcc_sim.output.tables import escape
 from tcc_sim.replay.measured import MeasuredRun
 from tcc_sim.replay.result import Replay
-from tcc_sim.result import Reported
+from tcc_sim.result import Reported, parts_of
 from tcc_sim.study.basins.results import Planes
 from tcc_sim.study.benchmarks.precision_report import PrecisionReport
 from tcc_sim.study.benchmarks.stability import StabilityReport
@@ -40,9 +40,10 @@ KINDS: dict[str, tuple[str, tuple[type, ...]]] = {
     "precision": ("precision.json of tcc-sim precision", (PrecisionReport,)),
     "stability": ("stability.json of tcc-sim stability", (StabilityReport,)),
     "realtime": ("tcc-sim realtime --json", ())}
-INTRODUCTION = """`.ci/instruments/fields_page.py` writes this page from the classes of results. The name of a field
-within another one, or of the entries of a list, has a dot. The key `units` of a file gives the unit of every field that
-has one; files are in SI units."""
+INTRODUCTION = """`.ci/instruments/fields_page.py` writes this page from the classes of results. Files are in SI units;
+the key `units` of a file gives the unit of every field that has one. A file is an object with the fields of its class
+below. A field with an arrow holds an object of that class, or a list or mapping of such objects. "Fields of" a class stand
+directly in the object; "lists of" a class are one list for each field of the class, with an entry for each member."""
 LINES = """## Files of lines: `--out FILE.jsonl` of tcc-sim sweep, `FILE.part` of sweep and basins with another --out
 
 The first line begins as every file does and says which work it is of. Each further line is an object: `curve` and
@@ -52,14 +53,18 @@ before it. The record of a point has its `value`, {}, `final` (slip speed, plate
 was decided."""
 
 
-def fields_by_kind(kind: str) -> dict[str, Reported]:
-    """All fields of one kind of JSON beside its head."""
-    classes = KINDS[kind][1]
+def classes_of(kind: str) -> tuple[type, ...]:
+    """The classes of one kind of JSON."""
     if kind == "realtime":  # It needs rclpy.
         from tcc_sim.study.benchmarks.pacing_benchmark import PacingFigures
 
-        classes = (PacingFigures,)
-    return {name: entry for of in classes for name, entry in fields_of(of)}
+        return (PacingFigures,)
+    return KINDS[kind][1]
+
+
+def fields_by_kind(kind: str) -> dict[str, Reported]:
+    """All fields of one kind of JSON beside its head."""
+    return {name: entry for of in classes_of(kind) for name, entry in fields_of(of)}
 
 
 def unit_of(entry: Reported) -> str:
@@ -69,13 +74,36 @@ def unit_of(entry: Reported) -> str:
     return entry.unit.replace("{", "unit of `").replace("}", "`") if "{" in entry.unit else entry.unit
 
 
+def link_to(kind: type) -> str:
+    """A link to the class on the page."""
+    return f"[{kind.__name__}](#{kind.__name__.lower()})"
+
+
+def list_of(kind: type, later: list[type]) -> list[str]:
+    """The fields of a class, each with a link to the class of its value; adds classes not yet listed to `later`."""
+    own, spread = [], []
+    for attribute, entry, below in parts_of(kind):
+        later += [part for part in dict.fromkeys(below) if part not in later]
+        links, unit = ", ".join(map(link_to, dict.fromkeys(below))), entry.unit and f", {unit_of(entry)}"
+        if below and (entry.spread or entry.listed):
+            spread.append(f"- {'lists of' if entry.listed else 'fields of'} {links}")
+        else:
+            name = "of each key" if entry.spread else f"`{entry.name or attribute}`"
+            own.append(f"- {name}{unit}: {escape(entry.meaning)}{f' -> {links}' if below else ''}")
+    return own + spread
+
+
 def page() -> str:
     """The page."""
     lines = ["# Fields of JSON files", "", INTRODUCTION, "", "## Every file", "",
-             *markdown_table(("field", "meaning"), [(f"`{name}`", meaning) for name, meaning in HEAD.items()])]
+             *(f"- `{name}`: {meaning}" for name, meaning in HEAD.items()), "",
+             "## Classes by file", ""]
+    classes: list[type] = []
     for kind, (title, _) in KINDS.items():
-        rows = [(f"`{name}`", unit_of(entry), escape(entry.meaning)) for name, entry in fields_by_kind(kind).items()]
-        lines += ["", f"## {title}", "", *markdown_table(("field", "unit", "meaning"), rows)]
+        classes += [of for of in classes_of(kind) if of not in classes]
+        lines.append(f"- {title}: " + ", ".join(map(link_to, classes_of(kind))))
+    for of in classes:  # It grows meanwhile.
+        lines += ["", f"## {of.__name__}", "", *list_of(of, classes)]
     of_points = ", ".join(f"`{name}`" for name in dict(fields_of(Point)) if "." not in name)
     return "\n".join([*lines, "", LINES.format(of_points), ""])
 
