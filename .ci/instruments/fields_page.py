@@ -42,8 +42,8 @@ KINDS: dict[str, tuple[str, tuple[type, ...]]] = {
     "realtime": ("tcc-sim realtime --json", ())}
 INTRODUCTION = """`.ci/instruments/fields_page.py` writes this page from the classes of results. Files are in SI units;
 the key `units` of a file gives the unit of every field that has one. A file is an object with the fields of its class
-below. A field with an arrow holds an object of that class, or a list or mapping of such objects. "Fields of" a class stand
-directly in the object; "lists of" a class are one list for each field of the class, with an entry for each member."""
+below. A field with an arrow holds an object of that class, or a list or mapping of such objects. "Fields of" a class
+stand directly in the object; "lists of" a class are one list for each field, with an entry for each member."""
 LINES = """## Files of lines: `--out FILE.jsonl` of tcc-sim sweep, `FILE.part` of sweep and basins with another --out
 
 The first line begins as every file does and says which work it is of. Each further line is an object: `curve` and
