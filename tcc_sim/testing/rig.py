@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -21,7 +21,7 @@ from tcc_sim.plant.closed_loop import MOST_TICKS, Samples, TimedChanges, changes
 from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
-from tcc_sim.testing.run import ControllerFailed, LockstepRun, Worker
+from tcc_sim.testing.run import ControllerFailed, LockstepRun, Result, Worker
 from tcc_sim.testing.under_test import UnderTest
 from tcc_sim.topics import FAR_END, FLUID_PRESSURE, INPUTS, topic
 
@@ -115,6 +115,7 @@ class Rig:
         ControllerFailed
             A node under test died, hangs, or does not answer.
         """
+        __tracebackhide__ = True
         self._check_open()
         checked_limits(limits)
         if (seconds is None) == (ticks is None):
@@ -123,7 +124,7 @@ class Rig:
         if not 0.5 < wanted <= MOST_TICKS or ticks not in (None, round(wanted)):
             raise InputError(f"a run of {f'{seconds:g} s' if ticks is None else f'{ticks} ticks'} is not possible; it "
                              f"must be a whole number of ticks, 1 to {MOST_TICKS}")
-        return self._worker.run(lambda: self._run(round(wanted), target, limits), self._patience, self._failed)
+        return self._done(lambda: self._run(round(wanted), target, limits), self._patience)
 
     def change(self, values: Mapping[str, object] | None = None, **more: object) -> None:
         """Change parameters together from the next tick on: ``change({"engine.mean_torque": 300.0})``, or
@@ -178,6 +179,7 @@ class Rig:
 
     def pause(self, seconds: float = PAUSE) -> None:
         """Execute callbacks of the nodes under test for `seconds` of real time while simulation time is stopped."""
+        __tracebackhide__ = True
         self._check_open()
         end = time.monotonic() + seconds
 
@@ -186,7 +188,7 @@ class Rig:
                 self._under_test.spin(min(left, LOOK))
                 self._requests.spin_once(timeout_sec=0.0)
 
-        self._worker.run(spin, self._patience + seconds, self._failed)
+        self._done(spin, self._patience + seconds)
 
     def close(self) -> None:
         """Destroy the driveline and every node under test."""
@@ -199,6 +201,16 @@ class Rig:
         self._requests.shutdown()
         for node in [*self._under_test.nodes, self._node]:
             node.destroy_node()
+
+    def _done(self, work: Callable[[], Result], patience: float) -> Result:
+        """Return the result of work in the worker's thread; the frames of a failure's traceback are those of the test.
+        """
+        __tracebackhide__ = True
+        try:
+            return self._worker.run(work, patience, self._failed)
+        except ControllerFailed as error:
+            failed = error
+        raise failed.with_traceback(None)
 
     def _check_open(self) -> None:
         """Raise InputError after `close`, which starting another driveline in the same test calls too."""

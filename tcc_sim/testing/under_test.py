@@ -83,13 +83,13 @@ class UnderTest:
         try:
             callback()
         except SystemExit as error:
-            raise ControllerFailed(f"{self.names} called sys.exit({error.code!r}) at {self._now()}") from error
+            raise ControllerFailed(f"{self.names} called sys.exit({error.code!r}) at {self._now()}") from _cut(error)
         self._beat()
         failure = callback.exception()
         self._check_alive()
         if failure is not None:
             raise ControllerFailed(f"{self.names} died at {self._now()}: {type(failure).__name__}: "
-                                   f"{failure}") from failure
+                                   f"{failure}") from _cut(failure)
         if on_wall_clock and (sent := self._collect()):
             name, period = self.nodes.get(owner, self.names), entity.timer_period_ns * 1e-9
             raise ControllerFailed(f"{name} sends {' and '.join(sent)} from a timer of the wall clock ({period:g} s), "
@@ -120,6 +120,14 @@ class UnderTest:
                     pass
             except InvalidHandle:
                 raise ControllerFailed(f"{name} destroyed itself at {self._now()}") from None
+
+
+def _cut(error: BaseException) -> BaseException:
+    """Return the exception of a callback without the frames of the executor that called it."""
+    frames = error.__traceback__
+    while frames is not None and frames.tb_frame.f_globals["__name__"].partition(".")[0] in ("rclpy", "tcc_sim"):
+        frames = frames.tb_next
+    return error.with_traceback(frames or error.__traceback__)
 
 
 def _on_wall_clock(entity: object) -> bool:
