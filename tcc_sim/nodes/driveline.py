@@ -266,6 +266,8 @@ class Diagnostics:
             "real-time factor": f"{rate / operation.rate:.4f}",
             "missed ticks": str(pacer.missed_ticks), "late ticks": str(pacer.late_ticks),
             "paced ticks": str(pacer.ticks), "late share": f"{share:.4f}",
+            "first late tick (s)": f"{loop.late[0]:.6f}" if loop.late else "",
+            "last late tick (s)": f"{loop.late[-1]:.6f}" if loop.late else "",
             "messages not sent": str(sum(dict(loop.outputs.unsent).values())),
             "lateness p50 (s)": f"{middle:.6f}", "lateness p99 (s)": f"{high:.6f}",
             "lateness max (s)": f"{pacer.lateness_max:.6f}",

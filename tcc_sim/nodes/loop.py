@@ -59,6 +59,8 @@ class RealTimeLoop:
         self.pacer = Pacer(tick_time_of(scene.operation.rate, scene.operation.real_time_factor))
         self.paused = False
         self.stick_ticks = self.slip_ticks = 0
+        self.late: list[float] = []
+        """Simulation times of the first late tick and of the last one after it, s."""
         self.failure: BaseException | None = None
         self.refused_wishes: list[str] = []
         self.clock_started = threading.Event()
@@ -265,8 +267,11 @@ class RealTimeLoop:
         """Wait until the next tick is due and take its commands; return False if a request comes first."""
         if self.commands and self.scene.operation.pacing == "lockstep":
             return self._answered(self.plant.stepper.tick)
+        late = self.pacer.late_ticks
         if self.pacer.period_ns > 0.0 and not self.pacer.wait(self._interrupted):
             return False
+        if self.pacer.late_ticks > late:
+            self.late = [*self.late[:1], 1e-9 * self.plant.stamp_of(self.plant.stepper.tick + 1)]
         self._poll()
         return True
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,10 @@ LATE_SHARE = 0.05
 """Share of ticks more than a period late above which the driveline and `analyse` warn."""
 COUNTED = ("missed ticks", "late ticks", "paced ticks")
 """Keys of counts in the driveline's diagnostics, in addition to those of refused commands."""
+LATE: dict[str, Callable[[int, int], int]] = {
+    "first late tick (s)": lambda before, now: before, "last late tick (s)": lambda before, now: now,
+    "lateness max (s)": max}
+"""Keys of times in the driveline's diagnostics, each with the one that counts of two, in ns."""
 SET_BACK = 50_000_000
 """Backward jump of the recorder's clock above which the clock was set, ns."""
 STRETCH = 500_000_000
@@ -147,6 +152,10 @@ class Commands:
                     before = self._counted.get(key, 0)
                     self._counted[key] = int(text)
                     self.counts[key] += int(text) - (before if int(text) >= before else 0)
+            for key, chosen in LATE.items():
+                with suppress(ValueError, OverflowError):
+                    time = round(float(values.get(key, "")) * 1e9)
+                    self.counts[key] = chosen(self.counts.get(key, time), time)
 
     def aligned(self, runs: Sequence[JointStates]) -> dict[str, Commanded]:
         """Return the commands, and the other signals, by the name of their topic, each at a state."""

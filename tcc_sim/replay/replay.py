@@ -21,7 +21,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
 from tcc_sim.recording.announcements import MOST_SCENES, MOST_SOURCES
 from tcc_sim.recording.columns import JointStates
-from tcc_sim.recording.commands import LATE_SHARE
+from tcc_sim.recording.commands import LATE, LATE_SHARE
 from tcc_sim.recording.window import Window
 from tcc_sim.replay.control import signals_of
 from tcc_sim.replay.inputs import Ages, command_notes, held_inputs
@@ -205,12 +205,14 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
     warnings += command_notes(inputs, ages, run.stamps.tick, tracked)
     late, paced = (line.counts.get(key) for key in ("late ticks", "paced ticks"))
     share = late / paced if late is not None and paced else math.nan
+    late_first, late_last, latest = (line.counts[key] * 1e-9 if late and key in line.counts else math.nan
+                                     for key in LATE)
     if share > LATE_SHARE:
         warnings.append(f"{100.0 * share:.3g} % of the ticks came more than a period late: the driveline did not keep "
                         "real time")
     return Replay(
         inputs=inputs, command_age=ages.age, missed_ticks=line.counts.get("missed ticks"),
-        late_ticks=late, late_share=share,
+        late_ticks=late, late_share=share, late_first=late_first, late_last=late_last, latest_tick=latest,
         path=recording.path, scene=scene, summary=summary,
         trajectory=trajectory_of(_end_of(states, clock.cycle), system, clock, run.solver), cycles=cycles,
         first_cycle=first, timing=timing, continuity=run.stamps, messages=run.stamps.messages,

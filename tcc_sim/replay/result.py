@@ -120,6 +120,11 @@ class Replay(Result):
         "number of ticks that came more than a period late; null likewise"))
     late_share: float = field(default=math.nan, metadata=reported(
         "the same as a share of the ticks that were paced in real time; null likewise"))
+    late_first: float = field(default=math.nan, metadata=reported(
+        "simulation time of the first late tick; null without one, or if the driveline did not say", "s"))
+    late_last: float = field(default=math.nan, metadata=reported(
+        "simulation time of the last late tick; null likewise", "s"))
+    latest_tick: float = field(default=math.nan, metadata=reported("largest lateness of a tick; null likewise", "s"))
     orders: Orders | None = field(default=None, metadata=reported(
         "orders, transmissibility and judder", optional=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
@@ -181,7 +186,9 @@ class Replay(Result):
         if self.late_ticks:
             share = ("of an unknown number of paced ones" if math.isnan(self.late_share) else
                      f"{100.0 * self.late_share:.3g} % of the paced ones")
-            table.append(("late ticks", f"{self.late_ticks}, {share}, by more than a period"))
+            when = "" if math.isnan(self.latest_tick) else (
+                f", at most by {self.latest_tick:.2g} s, from {self.late_first:.5g} to {self.late_last:.5g} s")
+            table.append(("late ticks", f"{self.late_ticks}, {share}, by more than a period{when}"))
         if self.damping is not None:
             table.append(damping_row(self.damping))
         if self.verification is not None:

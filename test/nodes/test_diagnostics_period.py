@@ -55,7 +55,7 @@ def test_every_value_of_a_status_and_its_message(monkeypatch: pytest.MonkeyPatch
                             lateness=lambda: (0.00025, 0.003))
     torque, pressure = command("engine_torque", True), command("actuation_pressure", False)
     loop = SimpleNamespace(
-        pacer=pacer, paused=False, stick_ticks=300, slip_ticks=100, commands=[torque, pressure],
+        pacer=pacer, late=[0.25, 0.75], paused=False, stick_ticks=300, slip_ticks=100, commands=[torque, pressure],
         pressure_command=pressure, plant=SimpleNamespace(pressures=(2e5, 1.5e5), stepper=SimpleNamespace(
             tick=750, step=0.002, substeps=3, iterations_most=9, iterations_bound=64)),
         outputs=SimpleNamespace(unsent={"/a": 2, "/b": 3}),
@@ -76,7 +76,8 @@ def test_every_value_of_a_status_and_its_message(monkeypatch: pytest.MonkeyPatch
     assert values == {
         "scene": "mine", "simulation time (s)": "1.500", "regime": "stick-slip", "rate (Hz)": "200.0",
         "rate wanted (Hz)": "250", "real-time factor": "0.4000", "missed ticks": "1", "late ticks": "100",
-        "paced ticks": "400", "late share": "0.2500", "messages not sent": "5", "lateness p50 (s)": "0.000250",
+        "paced ticks": "400", "late share": "0.2500", "first late tick (s)": "0.250000",
+        "last late tick (s)": "0.750000", "messages not sent": "5", "lateness p50 (s)": "0.000250",
         "lateness p99 (s)": "0.003000", "lateness max (s)": "0.004500", "sub-steps per tick": "3",
         "iterations max": "9", "iterations bound": "64",
         **{f"{one} {what}": value for one, source, count in (

@@ -102,7 +102,7 @@ def test_a_tick_in_real_time_takes_commands_with_the_time_out_in_ticks_unless_a_
         now: list[float], changes: dict[str, Any], limit: float) -> None:
     loop = loop_of([Answering("torque", now)], **changes)
     for period, waits, due in ((0.0, False, True), (1e6, True, True), (1e6, False, False)):
-        loop.pacer = SimpleNamespace(period_ns=period, wait=lambda interrupted, waits=waits: waits)
+        loop.pacer = SimpleNamespace(period_ns=period, late_ticks=0, wait=lambda interrupted, waits=waits: waits)
         assert loop._due() is due
     assert loop.commands[0].polled == [(12, limit)] * 2
     lockstep = loop_of([Answering("torque", now, now[0])], pacing="lockstep", **changes)

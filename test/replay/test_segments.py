@@ -316,7 +316,9 @@ def test_the_age_of_commands_and_the_counts_of_diagnostics_are_those_of_the_driv
         if k in (500, 1000, 1400):  # After a restart counts begin at 0.
             counts = {500: (3, 5), 1000: (4, 6), 1400: (2, 1)}[k]
             data = diagnostics({"missed ticks": counts[0], "actuation_pressure refused": counts[1], "regime": "slip",
-                                "late ticks": 10 * counts[0], "paced ticks": 100 * counts[1]})
+                                "late ticks": 10 * counts[0], "paced ticks": 100 * counts[1],
+                                "first late tick (s)": 0.004, "last late tick (s)": 0.001 * k,
+                                "lateness max (s)": 0.002 * counts[0]})
             others[k].append(("/diagnostics", DIAGNOSTIC_ARRAY, log, log, data))
     bag(tmp_path / "run", rows, COMMANDS, targets=[(0, 20.0)], joined=others)
     result = replay(tmp_path / "run", discard=0)
@@ -326,4 +328,5 @@ def test_the_age_of_commands_and_the_counts_of_diagnostics_are_those_of_the_driv
     held = result.inputs["actuation_pressure"]
     assert (held.publishers, held.refused, result.missed_ticks) == (2, 7, 6)
     assert (result.late_ticks, result.late_share) == (60, 60 / 700)
+    assert (result.late_first, result.late_last, result.latest_tick) == pytest.approx((0.004, 1.4, 0.008))
     assert any("8.57 % of the ticks came more than a period late" in text for text in result.warnings)
