@@ -1,10 +1,12 @@
-"""Work in a daemon thread, which delays neither the end of the process nor Ctrl-C."""
+"""Work in a daemon thread, which delays neither the end of the process nor Ctrl-C; start processes of Python safely."""
 
 from __future__ import annotations
 
+import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
 from typing import TypeVar
 
 Done = TypeVar("Done")
@@ -41,3 +43,20 @@ def awaited(work: Callable[[], Done]) -> Done:
     while thread.is_alive():
         thread.join(LOOK)
     return outcome.result()
+
+
+@contextmanager
+def without_working_directory() -> Iterator[None]:
+    """Keep the working directory off the path of Python processes that start in a `with` block, from Python 3.11 on.
+
+    Otherwise a file there named as a module, such as `queue.py`, would be imported in place of it.
+    """
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before

@@ -1,13 +1,20 @@
-"""A test run that is killed leaves no process behind."""
+"""Processes that a command starts: no working directory decides what they run, and none outlives its parent."""
 
+from __future__ import annotations
+
+import math
 import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from interpreter import environment
 from waiting import until
+
+from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess, PrivateEnvironment
+from tcc_sim.sweeps.executors import each_in_a_process
 
 PARENT = """
 import os, subprocess, sys
@@ -30,3 +37,34 @@ def test_a_killed_test_run_leaves_no_process_behind() -> None:
     parent.send_signal(signal.SIGKILL)
     parent.wait()
     until(lambda: not Path(f"/proc/{child}").exists() or "State:\tZ" in Path(f"/proc/{child}/status").read_text())
+
+
+@pytest.fixture
+def namesakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Work in a directory with a file named as each module of Python, and as the packages that nodes import."""
+    for name in (*sys.stdlib_module_names, "numpy", "numba", "yaml", "mcap", "rclpy", "std_msgs", "tcc_sim"):
+        (tmp_path / f"{name}.py").write_text(f"raise SystemExit('{name} of the working directory')\n")
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("node", ["driveline", "recorder", "slip_controller", "commander"])
+@pytest.mark.usefixtures("namesakes")
+def test_a_node_runs_this_package_whatever_the_working_directory_holds(node: str) -> None:
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    private = PrivateEnvironment()
+    running = {"driveline": CLOCK_STARTED, "recorder": "recording", "slip_controller": "holds a mean slip speed",
+               "commander": "answers every state"}
+    process = NodeProcess(node, {"scene": "minimal"} if node == "driveline" else {}, private.values)
+    try:
+        process.await_line(running[node])
+        assert process.stop() == 0, process.lines
+        assert not any("working directory" in line for line in process.lines)
+    finally:
+        process.kill()
+        private.close()
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 has no safe path")
+@pytest.mark.usefixtures("namesakes")
+def test_processes_of_a_sweep_run_their_modules_whatever_the_working_directory_holds() -> None:
+    assert each_in_a_process(math.sqrt, [4.0, 9.0], jobs=2) == [2.0, 3.0]

@@ -18,12 +18,12 @@ from pathlib import Path
 
 from tcc_sim.errors import InputError, MissingPackage, TccError
 
+PACKAGE = Path(__file__).parents[1]
+"""Directory of this package."""
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
 CLOCK_STARTED = "clock started"
 """Log line of the driveline node when its first tick is due."""
-SENDING = "sending commands"
-"""Log line of the commander node before its first command."""
 START_LIMIT = 120.0
 """Largest real time of a start, s, mostly for the first compilation of the kernels on a busy machine."""
 END_LIMIT = 60.0
@@ -169,12 +169,23 @@ class ChildProcess(subprocess.Popen[str]):
 
 
 class NodeProcess(ChildProcess):
-    """Child process that runs a node of this package."""
+    """Child process that runs a node of this package: of this process's files, whatever the working directory holds.
 
-    def __init__(self, module: str, parameters: dict[str, object], environment: dict[str, str]) -> None:
+    Python puts the working directory first on the path of `-m` and `-c`, so a file `queue.py` there would end the node.
+
+    Parameters
+    ----------
+    node : driveline, recorder, slip_controller or commander
+    parameters : parameters of the node
+    environment : environment variables
+    """
+
+    def __init__(self, node: str, parameters: dict[str, object], environment: dict[str, str]) -> None:
         words = [word for key, value in parameters.items() for word in (
             "-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}")]
-        super().__init__(module, [sys.executable, "-m", f"tcc_sim.nodes.{module}", "--ros-args", *words], environment)
+        code = (f"import sys; sys.path[:] = [{str(PACKAGE.parent)!r}, *filter(None, sys.path)]; import tcc_sim; "
+                f"del sys.path[0]; from tcc_sim.nodes.executables import run; run({node!r})")
+        super().__init__(node, [sys.executable, "-c", code, "--ros-args", *words], environment)
 
 
 class Session:
@@ -184,8 +195,8 @@ class Session:
     ----------
     recording : directory that the recorder creates
     driveline : parameters of the driveline node
-    controller : parameters of a slip controller node, or the words of a command that starts a controller; None for no
-        controller. The driveline waits until the controller subscribes to joint_states.
+    controller : node of this package that sends commands, with its parameters, or the words of a command that starts a
+        controller; None for no controller. The driveline waits until the controller subscribes to joint_states.
 
     Raises
     ------
@@ -196,13 +207,13 @@ class Session:
     """
 
     def __init__(self, recording: Path, driveline: dict[str, object],
-                 controller: dict[str, object] | Sequence[str] | None = None) -> None:
+                 controller: tuple[str, dict[str, object]] | list[str] | None = None) -> None:
         require_ros()
         self._private = PrivateEnvironment()
         self.environment = self._private.values
         self.controllers: list[ChildProcess] = []
-        if isinstance(controller, dict):
-            self.controllers.append(NodeProcess("slip_controller", controller, self.environment))
+        if isinstance(controller, tuple):
+            self.controllers.append(NodeProcess(*controller, self.environment))
         elif controller is not None:
             try:
                 self.controllers.append(ChildProcess(" ".join(controller), controller, self.environment))

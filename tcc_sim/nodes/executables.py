@@ -17,11 +17,11 @@ _PURPOSES = {
     "driveline": "Run the driveline in real time: publish states, subscribe to engine torque and actuation pressure.",
     "recorder": "Record every topic of the driveline into a bag (MCAP) that survives a kill.",
     "slip_controller": "Answer the driveline's states with a pressure that holds a mean slip speed.",
-    "commander": "Send harmonic engine torque and pressure commands at a fixed rate.",
+    "commander": "Answer the driveline's states with harmonic engine torque and pressure.",
 }
 
 
-def _run(name: str) -> int:
+def run(name: str) -> int:
     """Run a node's `main` and end the process with its exit status."""
     signals.take()
     import sys
@@ -110,8 +110,7 @@ def _parameters(name: str) -> Iterator[tuple[str, str]]:
         yield "driveline.*, friction.*, clutch.*, engine.*, pressure.*, initial.*", "the keys of a scene"
 
 
-driveline_node = partial(_run, "driveline")
-recorder_node = partial(_run, "recorder")
-slip_controller_node = partial(_run, "slip_controller")
-commander = partial(_run, "commander")
-"""Node that sends commands as a load."""
+driveline_node = partial(run, "driveline")
+recorder_node = partial(run, "recorder")
+slip_controller_node = partial(run, "slip_controller")
+commander = partial(run, "commander")

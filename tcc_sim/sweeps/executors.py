@@ -23,7 +23,7 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from tcc_sim.background import begun
+from tcc_sim.background import begun, without_working_directory
 from tcc_sim.errors import InputError, WorkersLost, counted, require
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.settings import DEFAULTS
@@ -203,7 +203,8 @@ def each_in_a_process(work: Callable[[Part], Any], parts: Sequence[Part], jobs: 
     results: dict[int, Any] = {}
     with progress_bar(unit, len(parts), shown=progress) as bar:
         while True:
-            _in_a_pool(work, parts, count, results, bar)
+            with without_working_directory():
+                _in_a_pool(work, parts, count, results, bar)
             if len(results) == len(parts):
                 return [results[i] for i in range(len(parts))]
             if count == 1:

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tcc_sim.background import without_working_directory
 from tcc_sim.cli.arguments import add_layout, add_units
 from tcc_sim.errors import InputError, RecordingError, printable, require
 from tcc_sim.output.terminal import say
@@ -79,8 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
         _write(number, stem, options, draw_one, arguments.words)
         return 0
     # Drawing takes as long as computing and holds the interpreter lock, so another process draws.
-    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_painter,
-                             (arguments.units,)) as painter:
+    with without_working_directory(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_painter,
+                                                          (arguments.units,)) as painter:
         drawn = [_write(number, stem, options, lambda data, where: painter.submit(draw_one, data, where),
                         arguments.words)
                  for number, stem in stems.items()]
