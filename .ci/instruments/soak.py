@@ -1,8 +1,8 @@
 """Run driveline, recorder and a command per tick for a long time: lost messages, growth of memory, drift of the clock.
 
-    python .ci/instruments/soak.py [--rate HZ] [--commands HZ] [--lossy LOSS,HELD,MS] [--duration S] [--json FILE]
+    python .ci/instruments/soak.py [--rate HZ] [--lossy LOSS,HELD,MS] [--duration S] [--json FILE]
 
-`--commands 20000` is a flood: twenty times as many commands as ticks, of each input. `--lossy 0.02,0.1,20` loses 2 % of
+`--lossy 0.02,0.1,20` loses 2 % of
 the UDP datagrams of every node and delays 10 % by at least 20 ms (lossy.c, which needs a C compiler, no right and no
 kernel module as netem does).
 
@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from tcc_sim.errors import TccError, counted
-from tcc_sim.nodes.children import SENDING, NodeProcess, Session
+from tcc_sim.nodes.children import Session
 from tcc_sim.output.terminal import say, seconds_bar
 from tcc_sim.recording.reader import open_run
 
@@ -76,27 +76,23 @@ class Soak:
     recorder: ProcessUse
 
 
-def soak(recording: Path, rate: float, commands: float, duration: float, progress: Callable[[float], Any]) -> Soak:
-    """Run and record the scene `commands` at `rate` Hz, with `commands` per second, for `duration` seconds."""
-    session = Session(recording, {"scene": "commands", "rate": float(rate)})
-    sender = NodeProcess("commander", {"rate": float(commands)}, session.environment)
+def soak(recording: Path, rate: float, duration: float, progress: Callable[[float], Any]) -> Soak:
+    """Run and record the scene `commands` at `rate` Hz, with a command for every state, for `duration` seconds."""
+    session = Session(recording, {"scene": "commands", "rate": float(rate)}, ("commander", {}))
     processes = {"driveline": session.driveline, "recorder": session.recorder}
     warm = min(WARM_UP, 0.2 * duration)
     memory: dict[str, list[tuple[float, int]]] = {name: [] for name in processes}
     try:
-        sender.await_line(SENDING)
         began = time.monotonic()
         cpu = {name: _cpu(p.pid) for name, p in processes.items()}
         while (elapsed := time.monotonic() - began) < duration:
             session.watch(min(1.0, duration - elapsed))
-            sender.check()
             for name, process in processes.items():
                 memory[name].append((time.monotonic() - began, _resident(process.pid)))
             progress(min(time.monotonic() - began, duration))
         wall = time.monotonic() - began
         share = {name: (_cpu(p.pid) - cpu[name]) / wall for name, p in processes.items()}
     finally:
-        sender.stop()
         session.stop()
     use = {}
     for name, samples in memory.items():
@@ -164,7 +160,6 @@ def main(words: list[str] | None = None) -> int:
     """Run, print the figures, and return the status."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--rate", type=float, default=1000.0, help="ticks per second, Hz")
-    parser.add_argument("--commands", type=float, help="commands of each input per second, Hz (default: one a tick)")
     parser.add_argument("--lossy", metavar="LOSS,HELD,MS", help="shares of datagrams lost and delayed; delay, ms")
     parser.add_argument("--duration", type=float, default=600.0, help="s")
     parser.add_argument("--json", type=Path, help="write all figures as JSON")
@@ -172,8 +167,7 @@ def main(words: list[str] | None = None) -> int:
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, seconds_bar("soak", arguments.duration) as done:
         if arguments.lossy is not None:
             os.environ |= lossy(Path(folder), arguments.lossy)
-        result = soak(Path(folder) / "recording", arguments.rate, arguments.commands or arguments.rate,
-                      arguments.duration, done)
+        result = soak(Path(folder) / "recording", arguments.rate, arguments.duration, done)
     say("\n".join(lines(result)))
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(asdict(result), indent=2))

@@ -47,7 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     name = arguments.scene or (CONTROLLED if arguments.controller is not None else NODE_SCENE)
     scene = load_scene(name)
-    controller = controller_of(scene) if arguments.controller is None else _words(arguments.controller, scene)
+    controller = (_words(arguments.controller, scene) if arguments.controller is not None else
+                  controller_of(scene) if arguments.scene is not None else ("commander", {}))
     require_ros()
     directory = new_directory(arguments.out or Path(f"tcc_demo_{datetime.now():%Y%m%d_%H%M%S}"))
     missing = [name for name in ("rerun", "matplotlib") if importlib.util.find_spec(name) is None]
@@ -56,9 +57,8 @@ def run(arguments: argparse.Namespace) -> int:
             f"{' and no overview.png' if len(missing) == 2 else ''}; to get both: pip install 'tcc_sim[view]'")
     directory.mkdir()
     recording = directory / "recording"
-    _record(scene, name, recording, arguments.duration, controller,
-            commanded=arguments.scene is None and controller is None)
-    return _analyse(scene, recording, directory, missing, arguments.words)
+    _record(scene, name, recording, arguments.duration, controller)
+    return _analyse(scene, recording, directory, missing, arguments)
 
 
 def _words(command: str, scene: Scene) -> list[str]:
@@ -77,57 +77,54 @@ def _words(command: str, scene: Scene) -> list[str]:
 
 
 def _record(scene: Scene, name: str, recording: Path, duration: float,
-            controller: dict[str, object] | list[str] | None, *, commanded: bool) -> None:
-    """Run driveline, recorder and their controller or commander as processes for `duration` seconds of real time.
+            controller: tuple[str, dict[str, object]] | list[str] | None) -> None:
+    """Run driveline, recorder and the sender of commands as processes for `duration` seconds of real time.
 
     Ctrl-C ends them sooner.
     """
-    from tcc_sim.nodes.children import SENDING, NodeProcess, Session
+    from tcc_sim.nodes.children import Session
 
     say(f"scene {scene.name}: {scene.description}")
     if isinstance(controller, list):
         say(f"controller: {shlex.join(controller)}")
     elif controller is not None:
-        say(f"slip controller: holds a mean slip speed of {TARGET:g} rad/s")
+        say("commander: answers every state with an engine torque and a pressure" if controller[0] == "commander" else
+            f"slip controller: holds a mean slip speed of {TARGET:g} rad/s")
     session = Session(recording, {"scene": name}, controller)
-    sender = NodeProcess("commander", {"rate": scene.operation.rate}, session.environment) if commanded else None
     say(f"recording {duration:g} s to {recording}", flush=True)
     try:
-        if sender is not None:
-            sender.await_line(SENDING)
-            say("commander: publishes engine_torque and actuation_pressure at the driveline's rate")
         with seconds_bar("recording", duration) as done:
             began = time.monotonic()
             while (elapsed := time.monotonic() - began) < duration:
                 done(elapsed)
                 session.watch(min(STEP, duration - elapsed))
-                if sender is not None:
-                    sender.check()
     except KeyboardInterrupt:
         say("stopped early; the recording up to here is analysed")
     finally:
-        if sender is not None:
-            sender.stop()
         session.stop()
 
 
-def controller_of(scene: Scene) -> dict[str, object] | None:
-    """Return slip controller parameters for a scene whose pressure alone is commanded, else None."""
+def controller_of(scene: Scene) -> tuple[str, dict[str, object]] | None:
+    """Return the slip controller with its parameters for a scene whose pressure alone is commanded, else None."""
     system = scene.system
     if (system.engine.source, system.pressure.source) != ("harmonic", "topic"):
         return None
-    return {"target": TARGET, "frequency": system.engine.frequency, "inertia": system.driveline.flywheel_inertia,
-            "torque_per_pressure": system.torque_per_pressure, "step": 1.0 / scene.operation.rate}
+    return "slip_controller", {
+        "target": TARGET, "frequency": system.engine.frequency, "inertia": system.driveline.flywheel_inertia,
+        "torque_per_pressure": system.torque_per_pressure, "step": 1.0 / scene.operation.rate}
 
 
-def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str], words: list[str]) -> int:
-    """Replay the recording into analysis.json, run.rrd and overview.png, and print the summary."""
+def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
+             arguments: argparse.Namespace) -> int:
+    """Replay the asked time of the recording into analysis.json, run.rrd and overview.png, and print the summary."""
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document
+    from tcc_sim.recording.window import Window
     from tcc_sim.replay.replay import replay
 
-    result = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True)
-    write_json(directory / "analysis.json", document("analyse", result, result.scene, words))
+    result = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True,
+                    window=Window(end=arguments.duration))
+    write_json(directory / "analysis.json", document("analyse", result, result.scene, arguments.words))
     made = ["recording", "analysis.json"] + ([] if "rerun" in missing else ["run.rrd"])
     if "rerun" not in missing:
         from tcc_sim.views.recording_layout import write_layout
@@ -141,7 +138,7 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
         made.append("overview.png")
     say("\n".join(result.lines()))
     say(f"{directory}/ holds {', '.join(made)}\nnext:")
-    say(f"  tcc-sim analyse {recording} --verify")
+    say(f"  tcc-sim analyse {recording} --to {arguments.duration:g} --verify")
     if "rerun" not in missing:
         say(f"  rerun {directory / 'run.rrd'}")
     say(f"  tcc-sim explain {scene.name}\n  tcc-sim demo --scene chaos")

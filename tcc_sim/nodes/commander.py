@@ -1,6 +1,6 @@
-"""Node that sends harmonic engine torque and pressure commands at a fixed rate, as a load.
+"""The commander of the demo: a node that answers every state of the driveline with engine torque and pressure.
 
-`python -m tcc_sim.nodes.commander --ros-args -p rate:=1000.0`; the commands are those of the scene fig02.
+The commands are the pulsation of the scene `commands`, which is also its fallback, at the time of the state.
 """
 
 from __future__ import annotations
@@ -11,47 +11,51 @@ if __name__ == "__main__":
     raise SystemExit(commander())
 
 import math
+from typing import Any, NoReturn
 
-import rclpy
 from rclpy.node import Node
-from sensor_msgs.msg import FluidPressure
+from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64
 
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import signals
-from tcc_sim.nodes.children import SENDING
-from tcc_sim.nodes.middleware import COMMANDS, await_peer
-from tcc_sim.nodes.options import CommanderOptions
-from tcc_sim.nodes.pacing import Pacer
-from tcc_sim.nodes.parameters import declared
-from tcc_sim.nodes.process import log, run_node
-from tcc_sim.scene import load_scene
+from tcc_sim.nodes.middleware import COMMANDS, poll
+from tcc_sim.nodes.process import Spinner, log, run_node
+from tcc_sim.scene import NODE_SCENE, load_scene
 
-MET_WITHIN = 10.0
-"""Longest real time to connect to a driveline before the first command, s; Fast DDS may take 3 s."""
+
+class CommanderNode(Node):
+    """Node that subscribes to joint_states and publishes both commands, the pressure with the stamp of the state.
+
+    Where several states wait, it answers the newest one.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__("commander", **options)
+        self._system = load_scene(NODE_SCENE).system
+        self._torques = self.create_publisher(Float64, "engine_torque", COMMANDS)
+        self._pressures = self.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
+        self.states = self.create_subscription(JointState, "joint_states", self._answer, COMMANDS, raw=True)
+
+    def _answer(self, state: bytes) -> None:
+        """Send the commands for the newest state."""
+        stamp_ns = cdr.read_stamp([state, *(data for data, _ in poll(self.states))][-1])
+        engine, pressure = self._system.engine, self._system.pressure
+        phase = engine.frequency * stamp_ns * 1e-9
+        swing = math.sin(pressure.frequency_ratio * phase + pressure.phase)
+        self._torques.publish(cdr.float64(engine.mean_torque + engine.torque_amplitude * math.sin(phase)))
+        self._pressures.publish(cdr.fluid_pressure(stamp_ns, pressure.mean + pressure.amplitude * swing))
 
 
 def main(args: list[str] | None = None) -> int:
-    """Send commands until SIGINT or SIGTERM."""
-    return run_node("commander", lambda: rclpy.create_node("commander"), send, args)
+    """Answer states until SIGINT or SIGTERM."""
+    return run_node("commander", CommanderNode, _spin, args)
 
 
-def send(node: Node) -> int:
-    """Send the commands of fig02, one of each input per period."""
-    rate = declared(node, CommanderOptions).rate
-    system = load_scene("fig02").system
-    engine, pressure = system.engine, system.pressure
-    torques = node.create_publisher(Float64, "engine_torque", COMMANDS)
-    pressures = node.create_publisher(FluidPressure, "actuation_pressure", COMMANDS)
-    await_peer(lambda: torques.get_subscription_count() and pressures.get_subscription_count(), MET_WITHIN)
+def _spin(node: CommanderNode) -> NoReturn:
+    """Answer states until the context ends."""
     signals.end_in_order()
-    log(node, SENDING)
-    pacer = Pacer(1.0 / rate)
-    tick = 0
-    while pacer.wait(signals.end_requested.is_set):
-        t = tick / rate
-        torques.publish(cdr.float64(engine.mean_torque + engine.torque_amplitude * math.sin(engine.frequency * t)))
-        swing = math.sin(pressure.frequency_ratio * engine.frequency * t + pressure.phase)
-        pressures.publish(cdr.fluid_pressure(0, pressure.mean + pressure.amplitude * swing))
-        tick += 1
-    return 0
+    log(node, f"answers every state of {node.states.topic_name}")
+    spinner = Spinner(node)
+    while True:
+        spinner.once()

@@ -34,13 +34,6 @@ class RecorderOptions(Options):
                                  zero=True)
 
 
-@dataclass(frozen=True)
-class CommanderOptions(Options):
-    """Parameters of the commander."""
-
-    rate: float = quantity(1000.0, "rate of commands", "Hz", 1.0, 20000.0)
-
-
 OPTIONS: dict[str, type[Options]] = {"driveline": Operation, "recorder": RecorderOptions, "slip_controller": Tuning,
-                                     "commander": CommanderOptions}
+                                     "commander": Options}
 """Options of every node; the driveline also has the keys of a scene."""

@@ -18,7 +18,7 @@ from tcc_sim.errors import InputError, TccError
 from tcc_sim.nodes import executables
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.options import CommanderOptions, RecorderOptions
+from tcc_sim.nodes.options import RecorderOptions
 from tcc_sim.nodes.parameters import declared
 from tcc_sim.scene import DEFAULT_SCENE, MEANINGS, NODE_SCENE, bundled_scenes, load_scene
 
@@ -107,11 +107,6 @@ def test_every_parameter_is_described_with_its_range_and_those_of_a_running_node
 
 
 def test_the_options_of_a_node_are_described_and_cannot_change(bench: Any) -> None:
-    node = bench.node("commander", rate=20)
-    assert declared(node, CommanderOptions).rate == 20.0
-    given = node.describe_parameter("rate")
-    assert (given.description, given.additional_constraints, given.read_only, given.dynamic_typing) == (
-        "rate of commands, Hz", "1 to 20000 Hz", True, True)
     node = bench.node("recorder", output="here", topics=["scene"])
     assert declared(node, RecorderOptions, flush_period=0.5, output="there") == RecorderOptions("here", ("scene",), 0.5)
 
@@ -137,16 +132,6 @@ def test_a_node_ends_with_the_status_of_its_main_or_a_line_for_its_error(
 
 
 def test_help_names_every_parameter_and_words_for_ros_may_follow() -> None:
-    assert executables._text_for("commander", ["--help"]) == """\
-usage: commander [--help] [--version] [--ros-args WORD ...]
-
-Send harmonic engine torque and pressure commands at a fixed rate.
-
-words after --ros-args: -p NAME:=VALUE, --params-file FILE, -r __ns:=/NAME
-
-parameters:
-  rate: rate of commands, Hz
-"""
     lines = (executables._text_for("driveline", ["--ros-args", "-p", "--", "-h"]) or "").splitlines()
     assert lines[0] == "usage: driveline_node [--help] [--version] [--ros-args WORD ...]"
     assert f"  scene: bundled name or file ({NODE_SCENE})" in lines

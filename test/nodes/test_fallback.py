@@ -53,8 +53,8 @@ def test_without_arguments_it_subscribes_to_both_and_moves_as_its_scene_says(ben
     engine = np.concatenate([b.engine_torque for b in batches])
     pressure = np.concatenate([b.applied_pressure for b in batches])
     system = load_scene("commands").system
-    assert np.abs(engine - (300.0 + 250.0 * np.sin(150.0 * t))).max() < 1e-9
-    assert np.abs(pressure - (system.pressure.mean + system.pressure.amplitude * np.sin(150.0 * t))).max() < 1e-6
+    assert np.abs(engine - (300.0 + 250.0 * np.sin(50.0 * np.pi * t))).max() < 1e-9
+    assert np.abs(pressure - (system.pressure.mean + system.pressure.amplitude * np.sin(50.0 * np.pi * t))).max() < 1e-6
     assert system.pressure.amplitude > 0.0
 
 
@@ -112,7 +112,7 @@ def test_the_recorded_source_decides_not_the_value(bench: Any, tmp_path: Path) -
     chain = Commanded(bench, tmp_path / "run", scene="commands", command_timeout=0.0)
     chain.send(torque=310.0, pressure=2.1e5)
     for _ in range(3):
-        chain.send(torque=300.0 + 250.0 * math.sin(150.0 * 1e-3 * (chain.loop.plant.stepper.tick + 2)))
+        chain.send(torque=300.0 + 250.0 * math.sin(50.0 * np.pi * 1e-3 * (chain.loop.plant.stepper.tick + 2)))
     chain.run(100)
     exactly(chain.close(), runs=1)
     run = open_run(tmp_path / "run")

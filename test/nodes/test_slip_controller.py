@@ -32,9 +32,8 @@ def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_sce
     late.create_subscription(Float64, "target_slip_speed", lambda message: heard.append(message.data),
                              QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
     bench.until(lambda: heard == [30.0])
-    given = controller_of(load_scene("controlled"))
-    assert given is not None
-    assert Tuning(**given) == Tuning()  # type: ignore[arg-type]
+    node, given = controller_of(load_scene("controlled")) or ("", {})
+    assert (node, Tuning(**given)) == ("slip_controller", Tuning())  # type: ignore[arg-type]
     assert [controller_of(load_scene(name)) for name in ("commands", "fig02")] == [None, None]
 
 
