@@ -87,7 +87,7 @@ def units_of(kind: type) -> dict[str, str]:
 
 def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
     """Yield every field that a class may have in JSON, with the names of nested fields joined by dots."""
-    for name, entry, below in parts_of(kind):
+    for name, entry, below in reported_parts(kind):
         if not (entry.spread or entry.listed):
             yield entry.name or name, entry
         elif not below:
@@ -100,7 +100,7 @@ def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
                     yield f"{entry.name or name}.{field}", each
 
 
-def parts_of(kind: type) -> Iterator[tuple[str, Reported, tuple[type, ...]]]:
+def reported_parts(kind: type) -> Iterator[tuple[str, Reported, tuple[type, ...]]]:
     """Yield attribute, report and the classes of the value or its members, of each reported field of a class."""
     hints = get_type_hints(kind)
     for name, entry in reported_of(kind).items():

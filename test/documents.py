@@ -12,7 +12,7 @@ import numpy as np
 from fields_page import KINDS, fields_by_kind
 from numpy.typing import NDArray
 
-from tcc_sim import __version__
+from tcc_sim.code_version import code_version
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.output.provenance import HEAD, format_of
 from tcc_sim.result import names_in, reported_of
@@ -21,7 +21,7 @@ from tcc_sim.result import names_in, reported_of
 def valid(kind: str, result: dict[str, Any]) -> dict[str, Any]:
     """Return `found` after checks of its head, and that its fields and units are documented."""
     assert list(result)[:2] == ["format", "version"]
-    assert (result["format"], result["version"]) == (format_of(kind), __version__)
+    assert (result["format"], result["version"]) == (format_of(kind), code_version())
     assert set(QUANTITIES) <= result["scene"].keys()
     assert result["command"]
     assert set(HEAD) - set(result) <= {"warnings"}

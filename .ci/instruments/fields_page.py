@@ -12,7 +12,7 @@ from tcc_sim.output.provenance import HEAD
 from tcc_sim.output.tables import escape
 from tcc_sim.replay.measured import MeasuredRun
 from tcc_sim.replay.result import Replay
-from tcc_sim.result import Reported, parts_of
+from tcc_sim.result import Reported, reported_parts
 from tcc_sim.study.basins.results import Planes
 from tcc_sim.study.benchmarks.precision_report import PrecisionReport
 from tcc_sim.study.benchmarks.stability import StabilityReport
@@ -82,7 +82,7 @@ def link_to(kind: type) -> str:
 def list_of(kind: type, later: list[type]) -> list[str]:
     """The fields of a class, each with a link to the class of its value; adds classes not yet listed to `later`."""
     own, spread = [], []
-    for attribute, entry, below in parts_of(kind):
+    for attribute, entry, below in reported_parts(kind):
         later += [part for part in dict.fromkeys(below) if part not in later]
         links, unit = ", ".join(map(link_to, dict.fromkeys(below))), entry.unit and f", {unit_of(entry)}"
         if below and (entry.spread or entry.listed):

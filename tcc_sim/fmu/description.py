@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from tcc_sim import __version__
+from tcc_sim.code_version import code_version
 from tcc_sim.model.actuator import delay_ticks
 from tcc_sim.model.groups import LARGEST_RATIO, TABLE, TABULATED
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
@@ -194,7 +194,7 @@ def model_description(version: int, scene: Scene, rows: list[Variable], identifi
                                                  description=scene.description or scene.name))
     root = ET.Element("fmiModelDescription", {
         "fmiVersion": f"{version}.0", "modelName": identifier, "guid" if version == 2 else "instantiationToken": token,
-        "description": text, "generationTool": f"tcc_sim {__version__}", "license": "Apache-2.0",
+        "description": text, "generationTool": f"tcc_sim {code_version()}", "license": "Apache-2.0",
         "variableNamingConvention": "structured"})
     can = {"modelIdentifier": identifier, "canHandleVariableCommunicationStepSize": "true"}
     if version == 2:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import partial
 
-from tcc_sim import __version__
+from tcc_sim.code_version import code_version
 from tcc_sim.nodes import signals
 
 _ROS_WORDS = ("-p", "--param", "-r", "--remap", "--params-file", "-e", "--enclave", "--log-level")
@@ -63,7 +63,7 @@ def _text_for(name: str, words: list[str]) -> str | None:
         if not to_ros and word != "--":
             options.append(word)
     if "--version" in options:
-        return f"tcc_sim {__version__}\n"
+        return f"tcc_sim {code_version()}\n"
     if {"-h", "--help"} & set(options):
         return _help(name)
     if options:

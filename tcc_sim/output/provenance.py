@@ -13,7 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from tcc_sim import __version__
+from tcc_sim.code_version import code_version
 from tcc_sim.model.parameters import System, values_of
 from tcc_sim.output.fields import units_in
 from tcc_sim.result import json_of
@@ -24,7 +24,8 @@ FORMATS: dict[str, int] = {
     "explain": 1, "figure": 1, "claims": 1, "precision": 1, "stability": 1, "realtime": 1,
     "linearise": 1, "identify": 1}
 """Format number of each kind of JSON; files of sweep_points and basin_rows have one line per point or row."""
-HEAD = {"format": "kind of file and number of its format", "version": "version of the package that wrote it",
+HEAD = {"format": "kind of file and number of its format",
+        "version": "release of the package that wrote it, and a digest of its code",
         "scene": "every key of the scene with its value; node options too where a whole scene was given. Of identify "
         "it is the scene before the fit, whose results are in `parameters` and in the file of --out",
         "environment": "versions of python, numpy, scipy and numba (null where not installed), and the processor",
@@ -47,7 +48,7 @@ def head_of(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[st
     scene : the solved or recorded scene; for several scenes, the one from which they differ
     command : arguments of `tcc-sim`, the verb first
     """
-    values = {"format": format_of(kind), "version": __version__, "environment": environment(),
+    values = {"format": format_of(kind), "version": code_version(), "environment": environment(),
               "scene": scene_values(scene), "command": list(command)}
     return {**values, "warnings": warnings} if (warnings := warnings_of(scene)) else values
 

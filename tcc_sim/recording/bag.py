@@ -12,7 +12,6 @@ from typing import Any
 
 import yaml
 
-from tcc_sim import __version__
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages.definitions import Definition
 from tcc_sim.recording.mcap_file import MOST_CHUNKS, RELIABLE, FileSummary, McapFile, information
@@ -30,7 +29,7 @@ class BagWriter:
     Parameters
     ----------
     directory : directory to create, with its parents
-    scene_text, version : the scene (YAML), and the package version that runs it
+    scene_text, version : the scene (YAML), and the code version that runs it (default: this one)
     max_duration : duration of a part by times of receipt, s; 0 for no limit
     max_size : size in bytes above which a part that has messages ends; 0 for no limit
     max_chunks : largest number of chunks of a part, which bounds the memory for its index
@@ -43,7 +42,7 @@ class BagWriter:
         The directory exists, its name is too long, or it cannot be created; nothing is left behind.
     """
 
-    def __init__(self, directory: Path, scene_text: str | None = None, version: str = __version__, *,
+    def __init__(self, directory: Path, scene_text: str | None = None, version: str = "", *,
                  max_duration: float = 0.0, max_size: int = 0, max_chunks: int = MOST_CHUNKS, sync: bool = False,
                  result: Callable[[], Mapping[str, Any]] | None = None) -> None:
         self.directory = directory
@@ -87,7 +86,7 @@ class BagWriter:
         """The latest scene written, or None."""
         return self._scene[0] if self._scene is not None else None
 
-    def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
+    def describe(self, scene_text: str, version: str = "", log_ns: int = 0) -> None:
         """Record the scene (YAML) that the following messages come from."""
         self.file.describe(scene_text, version, log_ns)
         self._scene = scene_text, version, log_ns

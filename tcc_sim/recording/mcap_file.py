@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 from mcap.writer import CompressionType, Writer
 
-from tcc_sim import __version__
+from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages.definitions import Definition, definition
 from tcc_sim.parameter_file import LARGEST_FILE
@@ -90,7 +90,7 @@ class McapFile:
     Parameters
     ----------
     path : path of the file
-    scene_text, version : the scene (YAML), and the package version that runs it
+    scene_text, version : the scene (YAML), and the code version that runs it (default: this one)
     folder : descriptor of the directory of `path`, which stays valid if the directory is renamed
 
     Raises
@@ -99,7 +99,7 @@ class McapFile:
         The file exists or cannot be created.
     """
 
-    def __init__(self, path: Path, scene_text: str | None = None, version: str = __version__,
+    def __init__(self, path: Path, scene_text: str | None = None, version: str = "",
                  folder: int | None = None) -> None:
         self._name, self._folder = path if folder is None else path.name, folder
         try:
@@ -115,14 +115,14 @@ class McapFile:
         self._writer = Writer(self._output, chunk_size=_CHUNK_SIZE, compression=CompressionType.ZSTD)
         self._add_message = self._writer.add_message
         try:
-            self._writer.start(profile="ros2", library=f"tcc_sim {__version__}")
+            self._writer.start(profile="ros2", library=f"tcc_sim {code_version()}")
             if scene_text is not None:
                 self.describe(scene_text, version)
         except BaseException:
             self.remove()
             raise
 
-    def describe(self, scene_text: str, version: str = __version__, log_ns: int = 0) -> None:
+    def describe(self, scene_text: str, version: str = "", log_ns: int = 0) -> None:
         """Record the scene (YAML) that the following messages come from; each start of a driveline records one.
 
         Raises
@@ -132,6 +132,7 @@ class McapFile:
         """
         if len(scene_text) > LARGEST_FILE:
             raise InputError(f"the scene has {len(scene_text)} characters; it must have at most {LARGEST_FILE}")
+        version = version or code_version()
         self.metadata(SCENE_RECORD, {"version": version, "scene": scene_text, "log_time": str(log_ns),
                                      "sha256": digest(version, scene_text, str(log_ns))})
 

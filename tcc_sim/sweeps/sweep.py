@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim import __version__
 from tcc_sim.analysis.manoeuvre import judder_of
+from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.parameters import System, given_values, refuse_related
 from tcc_sim.model.quantity import sequence_of_numbers
@@ -171,7 +171,7 @@ def _batch(plan: Plan, points: int, threads: int) -> int:
 
 def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
     """Return the values that distinguish a sweep from others."""
-    return {"version": __version__, "plan": json_of(plan),
+    return {"version": code_version(), "plan": json_of(plan),
             "curves": [{"over": c.key, "values": c.values, "scene": given_values(c.system)} for c in curves]}
 
 

@@ -20,7 +20,7 @@ from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from tcc_sim import __version__
+from tcc_sim.code_version import code_version
 from tcc_sim.nodes import process as processes
 from tcc_sim.nodes import signals
 
@@ -178,7 +178,7 @@ def test_help_and_version_print_and_end(module: str, words: list[str], tmp_path:
     status, printed, said = entered(module, *words)
     assert (status, said) == (0, "")
     if words == ["--version"]:
-        assert printed == f"tcc_sim {__version__}\n"
+        assert printed == f"tcc_sim {code_version()}\n"
     else:
         assert printed.startswith(f"usage: {module}_node ")
         assert "parameters:" in printed

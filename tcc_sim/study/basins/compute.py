@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim import __version__
+from tcc_sim.code_version import code_version
 from tcc_sim.errors import BasinsInterrupted, InputError
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, given_values, replace, unknown_key
@@ -226,5 +226,5 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
 def _header(system: System, plane: tuple[Axis, Axis], cycles: int, over: Axis | None) -> dict[str, Any]:
     """Return the first line of the file, which identifies the work."""
     axes = [{"key": axis.key, "values": list(axis.values)} for axis in plane]
-    return {"version": __version__, "plane": axes, "cycles": cycles, "scene": given_values(system),
+    return {"version": code_version(), "plane": axes, "cycles": cycles, "scene": given_values(system),
             "over": None if over is None else {"key": over.key, "values": list(over.values)}}
