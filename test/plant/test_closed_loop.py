@@ -59,8 +59,9 @@ def test_none_is_what_the_scene_says_where_nobody_commands_it() -> None:
     answers = [None, (None, None), (50.0, None), 1e5, (None, 2e5)] * 4
     run = tcc_sim.closed_loop("commands", Scripted(answers), 0.02)
     t, commanded = run.t[1:], [(None, None), (None, None), (50.0, None), (None, 1e5), (None, 2e5)] * 4
-    torque = [300.0 + 250.0 * math.sin(150.0 * at) if given is None else given for at, (given, _) in zip(t, commanded)]
-    pressure = [225e3 + 45e3 * math.sin(150.0 * at) if given is None else given for at, (_, given) in zip(t, commanded)]
+    swing = np.sin(50.0 * math.pi * t)
+    torque = [300.0 + 250.0 * at if given is None else given for at, (given, _) in zip(swing, commanded)]
+    pressure = [225e3 + 45e3 * at if given is None else given for at, (_, given) in zip(swing, commanded)]
     np.testing.assert_allclose(run.engine_torque[1:], torque, rtol=1e-12)
     np.testing.assert_allclose(run.applied_pressure[1:], pressure, rtol=1e-12)
     np.testing.assert_allclose(run.saturation_torque[1:], 0.24 * 0.008 * np.array(pressure), rtol=1e-12)

@@ -156,18 +156,18 @@ def test_commands_hold_and_the_harmonic_fallback_is_the_excitation_of_the_scene_
     for _ in range(100):
         result.stepper.advance()
     reading, t = result.reading(), 0.1
-    assert reading.engine_torque == pytest.approx(300.0 + 250.0 * math.sin(150.0 * t), rel=1e-12)
-    assert reading.applied_pressure == pytest.approx(225e3 + 45e3 * math.sin(150.0 * t + 0.7), rel=1e-12)
+    assert reading.engine_torque == pytest.approx(300.0 + 250.0 * math.sin(50.0 * math.pi * t), rel=1e-12)
+    assert reading.applied_pressure == pytest.approx(225e3 + 45e3 * math.sin(50.0 * math.pi * t + 0.7), rel=1e-12)
     result.hold(123.0, None)
     result.stepper.advance()
     reading, t = result.reading(), 0.101
     assert reading.engine_torque == 123.0
-    assert reading.applied_pressure == pytest.approx(225e3 + 45e3 * math.sin(150.0 * t + 0.7), rel=1e-12)
+    assert reading.applied_pressure == pytest.approx(225e3 + 45e3 * math.sin(50.0 * math.pi * t + 0.7), rel=1e-12)
     result.hold(None, 1e5)
     result.stepper.advance()
     reading = result.reading()
     assert (reading.applied_pressure, reading.engine_torque) == (
-        1e5, pytest.approx(300.0 + 250.0 * math.sin(150.0 * 0.102), rel=1e-12))
+        1e5, pytest.approx(300.0 + 250.0 * math.sin(50.0 * math.pi * 0.102), rel=1e-12))
     result.reset()
     assert result.reading().engine_torque == 300.0
 
