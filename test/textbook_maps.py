@@ -1,55 +1,119 @@
-"""Maps of textbooks with known bifurcations, in the protocol of `continuation`."""
+"""Maps of textbooks with known bifurcations, in the protocol of `continuation`, and the same maps in other clothes."""
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from tcc_sim.study.continuation.branch import Branch, branch_through, first_point
+from tcc_sim.study.continuation.newton import find_orbit
 from tcc_sim.study.continuation.problem import Floats, Image, Margins, Observation, Values
+from tcc_sim.study.continuation.settings import DEFAULTS, Settings
+from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.study.continuation.special_points import Bifurcation
 
 Step = Callable[[Floats, Values], tuple[Floats, Floats, Floats]]
 
 
 class TextbookMap:
-    """A smooth map given by one step: value, derivative by the state, derivative by the parameters."""
+    """A smooth map given by one step: value, derivative by the state, derivative by the parameters.
 
-    amplitude_scale = 1.0
+    size : the size of a state, its derivative by the state, and its natural size; by default the largest coordinate,
+        without a derivative
+    guesses : a map in its place for first guesses
+    """
+
     forcing_period = 1
     piecewise = False
     divisible = False
 
-    def __init__(self, step: Step, dimension: int) -> None:
-        self.step, self.dimension = step, dimension
-        self.scales = np.ones(dimension)
-        self.evaluations = 0
+    def __init__(self, step: Step, dimension: int, scales: Sequence[float] = (), amplitude_scale: float = 1.0,
+                 size: Callable[[Floats], tuple[float, Floats]] | None = None, guesses: TextbookMap | None = None):
+        self.step, self.dimension, self.amplitude_scale, self.size = step, dimension, amplitude_scale, size
+        self.scales, self.guesses = np.array(scales or [1.0] * dimension), guesses
 
-    def evaluate(self, x: Floats, values: Values, first: int, cycles: int) -> Image:
-        self.evaluations += 1
-        seen = self.observe(x, values, first, cycles)
-        jacobian, by_parameter = np.eye(self.dimension), np.zeros((self.dimension, len(values)))
-        for _ in range(cycles):
-            x, a, b = self.step(x, values)
-            jacobian, by_parameter = a @ jacobian, a @ by_parameter + b
+    def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
+        slopes, sizes, rows = np.eye(self.dimension, self.dimension + len(values)), [], []
+        for _ in range(int(cycles)):
+            size, by = (float(np.abs(x).max()), None) if self.size is None else self.size(x)
+            sizes.append(size)
+            rows += [] if by is None else [by @ slopes]
+            x, by_state, by_parameters = self.step(x, values)
+            slopes = by_state @ slopes
+            slopes[:, self.dimension:] += by_parameters
         if not np.isfinite(x).all():
             raise ArithmeticError("not finite")
-        return Image(x, np.hstack([jacobian, by_parameter]), seen)
+        return Image(x, slopes, Observation(max(sizes), 0.0, "", tuple(sizes)), np.array(rows) if rows else None)
 
     @property
-    def coarse(self):
-        return self
+    def coarse(self) -> TextbookMap:
+        return self.guesses or self
 
-    def evaluate_each(self, states, values: Values, firsts, cycles) -> list[Image]:
+    def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
+                      cycles: Sequence[float]) -> list[Image]:
         return [self.evaluate(x, values, first, count) for x, first, count in zip(states, firsts, cycles)]
 
-    def observe(self, x: Floats, values: Values, first: int, cycles: int) -> Observation:
-        largest = float(np.abs(x).max())
-        return Observation(largest, 0.0, "", (largest,) * cycles)
-
-    def margins(self, x: Floats, values: Values, first: int, cycles: int) -> Margins:
+    def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         return {}
 
 
+def branch_of(of: TextbookMap, low: float, high: float, value: float, guess: Sequence[float], period: int = 1,
+              settings: Settings = DEFAULTS) -> Branch:
+    """The branch through the orbit near a guess."""
+    shooting = Shooting.single(of, period, ParameterRange(low, high, name="p"), settings=settings)
+    z = find_orbit(shooting, (value,), [np.array(guess)])
+    assert z is not None
+    return branch_through(first_point(shooting, z))
+
+
+def of_kind(branch: Branch, kind: str) -> Bifurcation:
+    return next(f for f in branch.bifurcations if f.kind == kind)
+
+
+def mirrored(step: Step) -> Step:
+    """The map with the first parameter of the other sign."""
+    def other(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:
+        value, by_state, by = step(x, (-p[0], *p[1:]))
+        return value, by_state, by * np.array([-1.0, *[1.0] * (len(p) - 1)])
+
+    return other
+
+
+def resized(step: Step, sizes: Sequence[float]) -> Step:
+    """The map of states in other units."""
+    c = np.array(sizes)
+
+    def other(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:
+        value, by_state, by = step(x / c, p)
+        return c * value, by_state * c[:, None] / c, by * c[:, None]
+
+    return other
+
+
+def nearly(step: Step, size: float) -> Step:
+    """The map, off by a size."""
+    def other(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:
+        value, by_state, by = step(x, p)
+        return value + 0.1 * size, (1.0 + size) * by_state, by
+
+    return other
+
+
+def at_second(step: Step, second: float) -> Step:
+    """The map with its first parameter free alone."""
+    def fixed(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:
+        value, by_state, by = step(x, (p[0], second))
+        return value, by_state, by[:, :1]
+
+    return fixed
+
+
 def henon(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:
-    """x' = a - x^2 + b y, y' = x: fold at a = -(1 - b)^2/4, doubling at 3 (1 - b)^2/4; parameters a, b."""
+    """x' = a - x^2 + b y, y' = x: fold at a = -(1 - b)^2/4, doubling at 3 (1 - b)^2/4; parameters a, b.
+
+    Period two has x + y = 1 - b and x y = (1 - b)^2 - a; it doubles at a = (1 - b)^2 + (1 + b)^2/4.
+    """
     a, b = p[0], p[1] if len(p) > 1 else 0.3
     by = np.array([[1.0, x[1]], [0.0, 0.0]])[:, :len(p)]
     return np.array([a - x[0] ** 2 + b * x[1], x[0]]), np.array([[-2.0 * x[0], b], [1.0, 0.0]]), by
@@ -70,3 +134,8 @@ def logistic(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:
 def isola(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:
     """x' = x + (x^2 + p^2 - 1)/4: fixed points on the unit circle, folds at p = -1 and 1."""
     return (x + 0.25 * (x**2 + p[0] ** 2 - 1.0), np.array([[1.0 + 0.5 * x[0]]]), np.array([[0.5 * p[0]]]))
+
+
+def hysteresis(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:
+    """x' = x + 0.3 (p + x - x^3): folds at p = -2/(3 sqrt 3) and 2/(3 sqrt 3)."""
+    return x + 0.3 * (p[0] + x - x**3), np.array([[1.0 + 0.3 * (1.0 - 3.0 * x[0] ** 2)]]), np.array([[0.3]])

@@ -3,11 +3,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from itertools import pairwise
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +17,6 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers import State, solve
 from tcc_sim.solvers.stroboscopic import sections
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.study import exponents
 from tcc_sim.study.benchmarks.references import tangent_map
 from tcc_sim.study.exponents import (
     FIRST,
@@ -36,7 +32,6 @@ from tcc_sim.study.exponents import (
 )
 from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import simulate
-from tcc_sim.trajectory import Status
 
 BASE = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,
         "engine.frequency": 139.0}
@@ -72,13 +67,11 @@ def test_the_tangent_map_is_that_of_scipys_variational_equations(scene: str, val
     assert matrix == pytest.approx(tangent, rel=1e-5, abs=1e-5 * np.abs(tangent).max())
 
 
-def test_sizes_are_those_of_the_torques_and_an_exponent_of_a_map_to_one_point_is_a_number() -> None:
+def test_sizes_are_those_of_the_torques() -> None:
     system = load_scene("fig02").system
     speed, angle, other = natural_sizes(terms_of(system))
     assert angle == pytest.approx((300.0 + 250.0 + abs(terms_of(system).mean_load)) / 3000.0)
     assert speed == other == pytest.approx(angle * natural_frequency(terms_of(system)))
-    least = -300.0 * math.log(10.0) / (2 * system.cycle)
-    assert exponents._exponent(np.zeros((3, 3)), system, 2) == pytest.approx(least)
 
 
 def test_a_step_that_cannot_be_taken_is_said_and_no_exponent_is_given() -> None:
@@ -154,10 +147,11 @@ def test_an_orbit_that_a_motion_only_passes_by_gives_no_exponent() -> None:
     assert math.isnan(nearby.exponent)
 
 
-def test_the_multipliers_of_a_half_frequency_load_belong_to_two_cycles() -> None:
+@pytest.mark.parametrize("period", [1, 2])
+def test_the_multipliers_of_a_half_frequency_load_belong_to_two_cycles(period: int) -> None:
     values = {"pressure.frequency_ratio": 0.5, "friction.kinetic_coefficient": 0.285}
     system = replace(load_scene("fig02").system, values)
-    result = largest_lyapunov_exponent(system, State(*section_of(system, 300)), start_cycle=300, period=2)
+    result = largest_lyapunov_exponent(system, State(*section_of(system, 300)), start_cycle=300, period=period)
     assert result.cycles == 2
     largest = np.abs(np.linalg.eigvals(tangent_map(system, section_of(system, 300), 300, 2)[1])).max()
     assert result.exponent == pytest.approx(math.log(largest) / (2.0 * system.cycle), rel=1e-3)
@@ -205,19 +199,6 @@ def test_the_interval_of_a_mean_is_students_of_the_means_of_batches() -> None:
     mean, half = batch_means(growth)
     assert mean == pytest.approx(growth[7:].mean())
     assert (mean - half, mean + half) == pytest.approx(t.interval(DEFAULTS.confidence, 19, np.mean(means), sem(means)))
-
-
-@pytest.mark.parametrize(("exponent", "error", "expected_verdict"), [
-    (-1.0, 0.1, "periodic"), (0.1, 0.2, "periodic"), (0.3, 0.2, "unresolved"), (0.3, 0.4, "periodic")])
-def test_an_orbit_whose_whole_interval_is_unstable_is_only_passed(exponent: float, error: float, expected_verdict: str,
-                                                                 monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exponents, "floquet_exponent", lambda *of: (exponent, error))
-    system = load_scene("fig02").system
-    result = exponents.largest_lyapunov_exponent(system, State(1.0, 0.1, 0.0), period=1)
-    assert result.diagnosis == expected_verdict
-    assert math.isnan(result.exponent) == (expected_verdict == "unresolved")
-    if expected_verdict == "periodic":
-        assert (result.low, result.high, result.cycles) == (exponent - error, exponent + error, 1)
 
 
 def test_diagnosis_looks_at_the_whole_interval() -> None:
@@ -277,129 +258,4 @@ def test_bump_averages_over_halves_of_a_section() -> None:
 def test_a_number_of_cycles_without_an_interval_is_refused(cycles: int) -> None:
     with pytest.raises(InputError) as error:
         largest_lyapunov_exponent(System(), State(0.0, 0.0, 0.0), cycles=cycles)
-    assert str(error.value) == f"cycles is {cycles}; a Lyapunov exponent needs 40 to 10000000"
-
-
-LINEAR = np.array([[0.5, 0.1, 0.0], [0.2, -0.3, 0.1], [0.0, 0.4, 0.2]])
-
-
-@pytest.fixture
-def linear(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, Any]]:
-    """A linear map of the section about 0 in place of the driveline's, and its calls; the coarse one is 0.1 % off."""
-    calls: list[tuple[str, Any]] = []
-
-    def mapped_by(system: System, state: np.ndarray, first: int, cycles: int, tolerance: float) -> Any:
-        calls.append(("map", (first, cycles, tolerance)))
-        matrix = np.linalg.matrix_power(LINEAR, cycles) * (1.001 if tolerance == DEFAULTS.periodic_coarse else 1.0)
-        return matrix @ state, matrix
-
-    monkeypatch.setattr(exponents, "mapped", mapped_by)
-    return calls
-
-
-def test_a_floquet_exponent_and_its_error_are_those_of_a_linear_map(linear: list[tuple[str, Any]]) -> None:
-    """The motion is 0, one Newton step away; the error is that of the coarser map, log 1.001 over two cycles."""
-    system = load_scene("fig02").system
-    near = 0.01 * natural_sizes(terms_of(system))
-    exponent, error = floquet_exponent(system, near, 5, 2)
-    rate = 1.0 / (2.0 * system.cycle)
-    assert exponent == pytest.approx(2.0 * rate * math.log(np.abs(np.linalg.eigvals(LINEAR)).max()))
-    assert error == pytest.approx(rate * math.log(1.001))
-    fine, coarse = ((5, 2, tolerance) for tolerance in (DEFAULTS.periodic_fine, DEFAULTS.periodic_coarse))
-    assert linear == [("map", fine), ("map", fine), ("map", coarse)]
-    # A state that is too far to be polished does not close, and the next period has the same multipliers.
-    linear.clear()
-    far = 0.3 * natural_sizes(terms_of(system))
-    assert floquet_exponent(system, far, 5, 2) == pytest.approx((exponent, error))
-    assert linear == [("map", fine), ("map", fine), ("map", coarse), ("map", fine)]
-
-
-def test_a_known_period_is_that_of_motion_and_excitation_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[int, int]] = []
-
-    def periods(system: System, state: Any, first: int, period: int) -> tuple[float, float]:
-        asked.append((first, period))
-        return -1.0, 0.25
-
-    monkeypatch.setattr(exponents, "floquet_exponent", periods)
-    system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 2.0 / 3.0})
-    for period, both in ((1, 3), (2, 6), (3, 3), (170, 510), (171, 171)):
-        asked.clear()
-        result = largest_lyapunov_exponent(system, State(1.0, 0.1, 0.0), start_cycle=4, period=period)
-        assert (asked, result.cycles, result.diagnosis) == ([(4, both)], both, "periodic")
-        assert (result.exponent, result.low, result.high, result.confidence) == (-1.0, -1.25, -0.75, 0.95)
-
-
-@pytest.mark.parametrize(("growth", "difference", "seen", "result"), [
-    ([1.0, 1.2], 0.1, None, ("chaotic", 1.1, 0.1)),
-    ([-1.0, -1.2], 0.1, ("quasi-periodic", 0), ("contracting", -1.1, 0.1)),
-    ([-1.0, -1.2], 0.1, ("runaway", 0), ("runaway", -1.1, 0.1)),
-    ([-0.01, 0.01], 0.001, ("quasi-periodic", 0), ("quasi-periodic", 0.0, 0.001)),
-    ([-0.01, 0.01], 0.001, ("unresolved", 0), ("unresolved", 0.0, 0.001)),
-    ([-0.01, 0.01], 0.3, ("quasi-periodic", 0), ("unresolved", 0.0, 0.3)),
-    ([-0.01, 0.01], 0.001, ("periodic", 30), ("periodic", None, None)),
-    ([1.0, math.nan], 0.1, None, ("unresolved", None, None)), ([1.0, 1.2], math.nan, None, ("unresolved", None, None))])
-def test_the_interval_of_a_mean_growth_and_its_diagnosis(growth: list[float], difference: float, seen: Any, result: Any,
-                                                         monkeypatch: pytest.MonkeyPatch) -> None:
-    """Half of the interval is Student's and the difference between two tolerances; 50 cycles do not count."""
-    system = load_scene("fig02").system
-    rows, differences = np.resize(growth, 400), np.full(100, difference)
-
-    class Run(list[int]):
-        section = np.zeros((451, 3))
-
-    monkeypatch.setattr(exponents, "tangent_growth", lambda system, state, first, cycles: (
-        np.append(np.full(50, 99.0), rows), np.append(np.full(12, 77.0), differences), Run([0] * cycles)))
-    monkeypatch.setattr(exponents, "_seen", lambda run: seen)
-    monkeypatch.setattr(exponents, "floquet_exponent", lambda system, state, first, period: (-float(first), period))
-    found = largest_lyapunov_exponent(system, State(1.0, 0.1, 0.0), cycles=400, start_cycle=7)
-    diagnosis_found, mean, half = result
-    assert found.diagnosis == diagnosis_found
-    if diagnosis_found == "periodic":
-        assert (found.exponent, found.low, found.cycles) == (-457.0, -487.0, 30)
-        return
-    assert (found.cycles, found.confidence) == (400, 0.95)
-    values = [found.exponent, found.low, found.high]
-    if mean is None:
-        assert np.isnan(values).all()
-    else:
-        assert np.array(values) * system.cycle == pytest.approx([mean, mean - half, mean + half], abs=1e-12)
-
-
-def test_a_step_that_fails_leaves_the_growth_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    system, solved = load_scene("fig02").system, []
-
-    def failing(*of: Any, **how: Any) -> Any:
-        solved.append(how["start_cycle"])
-        return solve(*of, **how) if len(solved) < 3 else SimpleNamespace(status=Status.DONE, cycles=None)
-
-    monkeypatch.setattr(exponents, "solve", failing)
-    monkeypatch.setattr(exponents, "DEFAULTS", dataclasses.replace(DEFAULTS, together=6))
-    growth, difference, run = tangent_growth(system, section_of(system, 300), 300, 16)
-    assert run is None
-    assert solved == [300, 306, 312]
-    assert np.isfinite(growth).tolist() == [True] * 12 + [False] * 4
-    assert np.isfinite(difference).tolist() == [True] * 3 + [False]
-    monkeypatch.setattr(exponents, "solve", solve)
-    whole, rough, cycles = tangent_growth(system, section_of(system, 300), 300, 16)
-    assert whole[:12].tolist() == growth[:12].tolist()
-    assert np.isfinite(whole).all()
-    assert np.isfinite(rough).all()
-    assert cycles is not None
-    assert len(cycles) == 16
-
-
-@pytest.mark.parametrize(("grows", "period", "change", "seen"), [
-    (True, 4, 0.0, ("runaway", 0)), (False, 4, 1.0, ("periodic", 4)), (False, 0, 1e-6, ("quasi-periodic", 0)),
-    (False, 0, 1.01e-6, ("unresolved", 0))])
-def test_what_a_section_shows(grows: bool, period: int, change: float, seen: tuple[str, int],
-                              monkeypatch: pytest.MonkeyPatch) -> None:
-    """Up to period 128, and averages over its halves within a millionth."""
-    def repetition(cycles: Any, maximum: int) -> Any:
-        assert maximum == 128
-        return SimpleNamespace(settled=period > 0, period=period)
-
-    for name, by in (("slip_grows", lambda cycles: grows), ("periodicity", repetition),
-                     ("change_of_averages", lambda section: change)):
-        monkeypatch.setattr(exponents, name, by)
-    assert exponents._seen(SimpleNamespace(section=None)) == seen  # type: ignore[arg-type]
+    assert all(word in str(error.value) for word in ("cycles", str(cycles), "40 to 10000000"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
+import json
 import math
 from pathlib import Path
 
@@ -12,10 +12,9 @@ import pytest
 from scipy.integrate import quad
 from textbook_maps import TextbookMap
 
-from tcc_sim.errors import BasinsInterrupted
+from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.study.basins import compute
 from tcc_sim.study.basins.attractors import find_attractors, numbered
 from tcc_sim.study.basins.compute import basins, halton
 from tcc_sim.study.basins.driveline import DrivelineMotion, mean_load
@@ -279,31 +278,27 @@ def test_an_attractor_keeps_its_number_where_its_period_doubles():
     assert [a.number for a in numbered(logistic_at(3.1), [before], two)] == [7]
 
 
-def test_interrupted_basins_go_on_where_they_were(whole: Basins, tmp_path: Path, monkeypatch):
+def test_basins_go_on_from_the_rows_in_their_file(whole: Basins, tmp_path: Path):
+    """Kept rows are not solved again, a damaged last line is, and other work is refused."""
     part = tmp_path / "b.part"
-    rows, solve_rows = itertools.count(), compute.solve_rows
-
-    def broken(*task):
-        if next(rows) == 2:
-            while part.read_bytes().count(b"\n") < 2:  # Until a row is kept, however busy the machine is.
-                pass
-            raise KeyboardInterrupt
-        return solve_rows(*task)
-
-    monkeypatch.setattr(compute, "find_attractors", lambda *of: list(whole.attractors))
-    monkeypatch.setattr(compute, "solve_rows", broken)
-    with pytest.raises(BasinsInterrupted):
-        basins(COEXISTENCE, GRID, jobs=1, part=part)
-    monkeypatch.setattr(compute, "solve_rows", solve_rows)
-    kept = part.read_bytes()
-    assert 1 < kept.count(b"\n") < 4
-    part.write_bytes(kept + b"00000000 {\"ind")
-    again, = basins(COEXISTENCE, GRID, part=part)
-    assert (part.read_bytes().startswith(kept), part.read_bytes().count(b"\n")) == (True, 4)  # None is solved again.
-    np.testing.assert_array_equal(again.labels, whole.labels)
+    first, = basins(COEXISTENCE, GRID, part=part)
+    head, *rows = part.read_bytes().splitlines(keepends=True)
+    assert len(rows) == 3
+    for kept in (b"".join([head, *rows]), head + rows[0] + rows[1][:-9]):
+        part.write_bytes(kept)
+        again, = basins(COEXISTENCE, GRID, part=part)
+        for result in (first, again):
+            np.testing.assert_array_equal(result.labels, whole.labels)
+            np.testing.assert_array_equal(result.cycles, whole.cycles)
+        assert part.read_bytes().startswith(head + rows[0])
+        assert sorted(json.loads(line)["index"] for line in part.read_bytes().splitlines()[1:]) == [0, 1, 2]
+    with pytest.raises(InputError):
+        basins(COEXISTENCE, GRID, cycles=700, part=part)
 
 
 def test_rows_solved_together_are_those_solved_alone(whole: Basins):
-    alone = [compute.solve_rows(COEXISTENCE, GRID, [row], whole.attractors, 600)[0] for row in range(3)]
-    assert compute.solve_rows(COEXISTENCE, GRID, [0, 1, 2], whole.attractors, 600) == alone
-    assert [labels for labels, _ in alone] == whole.labels.tolist()
+    for row, angle in enumerate(GRID[1].values):
+        alone, = basins(COEXISTENCE, (GRID[0], Axis("initial.plate_angle", (angle,))))
+        ours, theirs = ([result.attractors[k].period for k in labels]
+                        for result, labels in ((alone, alone.labels[0]), (whole, whole.labels[row])))
+        assert ours == theirs

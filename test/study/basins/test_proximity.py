@@ -66,11 +66,10 @@ class Scripted:
     """Motions with given section points; a motion runs away where it is above 100."""
 
     def __init__(self, motions: list[list[float]]) -> None:
-        self.motions, self.lengths = motions, list[int]()
+        self.motions = motions
 
     def sections(self, starts: np.ndarray, first: int, cycles: int, orbits: Any = None) -> np.ndarray:
         """The points of the motions that have these, scripts going on with their last number."""
-        self.lengths.append(cycles)
         out = np.full((len(starts), cycles + 1, 1), NAN)
         for row, start in zip(out, starts[:, 0].tolist()):
             script = next(m for m in self.motions if m[min(first, len(m) - 1)] == start)
@@ -90,14 +89,6 @@ def test_labels_and_cycles_do_not_depend_on_the_chunks(chunk: int) -> None:
     starts = np.array([[m[0]] for m in of.motions])
     labels, cycles = labelled(of, mapper, starts, 20, Settings(chunk=chunk))
     assert (labels.tolist(), cycles.tolist()) == ([0, 1, -1, -1, 0], [3, 3, 20, 2, 0])
-
-
-def test_motions_are_solved_in_chunks_that_double_unless_there_are_clouds() -> None:
-    orbit, cloud = attractor(1, [[0.0]], 0.1), attractor(0, [[1.0], [1.5]], 0.1)
-    for attractors, lengths in (([orbit], [4, 4, 8, 16, 8]), ([orbit, cloud], [4] * 10)):
-        of: Any = Scripted([[3.0]])
-        labelled(of, ProximityMapper(attractors, np.ones(1), 1), np.array([[3.0]]), 40)
-        assert of.lengths == lengths
 
 
 def test_a_motion_that_runs_away_is_known_at_the_end_of_a_chunk() -> None:

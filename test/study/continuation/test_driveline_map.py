@@ -1,7 +1,6 @@
 """Scenes as maps: pure stick in closed form, its border, derivatives, refusals, and known bifurcations."""
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import by_auto
@@ -14,15 +13,12 @@ from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
 from tcc_sim.study.benchmarks.references import multipliers
 from tcc_sim.study.continuation.branch import branch_through, first_point
-from tcc_sim.study.continuation.driveline import DrivelineMap, _no_motion, start_orbit
+from tcc_sim.study.continuation.driveline import DrivelineMap, Seed, start_orbit
 from tcc_sim.study.continuation.follow import StopReason
-from tcc_sim.study.continuation.loss_of_stability import nearest_bifurcation
 from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
 from tcc_sim.study.continuation.newton import newton, orbit_at
-from tcc_sim.study.continuation.palc import cosine_between
 from tcc_sim.study.continuation.settings import Settings
 from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
-from tcc_sim.trajectory import Cycles
 
 CONSTANT_LOAD = {"pressure.amplitude": 0.0, "pressure.mean": 225e3}
 MU_K = "friction.kinetic_coefficient"
@@ -83,8 +79,7 @@ def test_the_doubling_of_period_one(law: str, doubled: dict[str, Motions]) -> No
 def test_a_canard_ends_a_branch_with_a_sentence() -> None:
     result = continue_motions(coexistence("smoothed", 0.85), ContinuationPlan(MU_K, 0.18, 0.297, period=2))
     (branch,) = result.branches
-    assert any("a multiplier is above 1e+10, a canard, which double precision does not resolve" in str(end)
-               for end in branch.ended)
+    assert any(end.reason is StopReason.CANARD and "1e+10" in str(end) for end in branch.ended)
     assert max(abs(s.orbit.multipliers[0]) for s in branch.points) <= 1e10
     folds = sorted((f for f in result.bifurcations if f.kind == "fold"), key=lambda f: f.value)
     assert [f.value / 0.3 for f in folds] == pytest.approx(by_auto.FOLDS, abs=1e-8)
@@ -101,8 +96,7 @@ def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
     system = coexistence("smoothed", 0.83)
     unit = system.natural_frequency
     result = continue_motions(system, ContinuationPlan("engine.frequency", 0.4 * unit, 0.45 * unit, period=1))
-    assert tuple(map(str, result.branches[0].ended)) == tuple(
-        f"engine.frequency reached {share * unit:.9g} rad/s, the end of the range" for share in (0.4, 0.45))
+    assert [end.value / unit for end in result.branches[0].ended] == pytest.approx([0.4, 0.45])
     at = {f.kind: f.value / unit for f in result.bifurcations if f.value < 0.43 * unit}
     assert at.keys() == {"period_doubling", "fold"}
     assert at["fold"] == pytest.approx(at["period_doubling"], abs=1e-7)  # A canard has all multipliers within that.
@@ -131,7 +125,7 @@ def test_a_branch_passes_a_node_at_the_onset_of_slip() -> None:
     ends = [map_.evaluate(x, (value,), 0.0, part).value for part in (0.25, 0.53515625)]
     z = newton(shooting, shooting.unknowns(np.array([x, *ends]), (value,)))
     branch = branch_through(first_point(shooting, z), both=False)
-    assert str(branch.ended[1]).startswith("stopped after 60 points")
+    assert branch.ended[1].reason is StopReason.POINTS
     assert max(s.value for s in branch.points) > 61.09
 
 
@@ -154,109 +148,79 @@ RATIO = "pressure.frequency_ratio"
 SET_VALUED = {"friction.law": "set_valued"}
 
 
-@pytest.mark.parametrize(("key", "values", "line"), [
-    ("friction.law", {}, "friction.law is 'smoothed'; motions are followed in a key that is one number"),
-    ("engine.harmonic_amplitudes", {}, "engine.harmonic_amplitudes is (); motions are followed in a key that is one "
-     "number"),
-    ("engine.speed", {}, "engine.speed is engine.frequency over engine.order; motions are followed in "
-     "engine.frequency, whose ends may be in rad/s or hz"),
-    ("initial.slip_speed", {}, "initial.slip_speed is where a solution starts; periodic motions do not depend on it"),
-    *((key, {}, f"{key} has no effect on periodic motions") for key in (
-        "engine.order", "pressure.time_constant", "pressure.delay", "pressure.rate_limit")),
-    ("friction.smoothing", SET_VALUED, "friction.smoothing has no effect with friction.law set_valued"),
-    (RATIO, {}, f"{RATIO} cannot be followed: between ratios of whole numbers the excitation is not periodic"),
-    *((key, {"pressure.amplitude": 0.0}, f"{key} has no effect where pressure.amplitude is 0") for key in (
-        RATIO, "pressure.phase")),
-    ("friction.decay", {MU_K: 0.3}, f"friction.decay has no effect where {MU_K} is friction.static_coefficient"),
-    ("engine.frequncy", {}, "engine.frequncy is not a scene key; did you mean engine.frequency?"),
-    ("engine.mean_torque", {RATIO: math.pi}, "a map of the section needs "),
-])
-def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], line: str) -> None:
+@pytest.mark.parametrize(("key", "values", "words"), [
+    ("friction.law", {}, "smoothed"), ("engine.harmonic_amplitudes", {}, "one number"),
+    ("engine.speed", {}, "engine.frequency"), ("initial.slip_speed", {}, ""),
+    *((key, {}, "") for key in ("engine.order", "pressure.time_constant", "pressure.delay", "pressure.rate_limit")),
+    ("friction.smoothing", SET_VALUED, "friction.law"), (RATIO, {}, ""),
+    *((key, {"pressure.amplitude": 0.0}, "pressure.amplitude is 0") for key in (RATIO, "pressure.phase")),
+    ("friction.decay", {MU_K: 0.3}, MU_K), ("engine.frequncy", {}, "engine.frequency"),
+    ("engine.mean_torque", {RATIO: math.pi}, "")])
+def test_keys_in_which_no_motion_can_be_followed(key: str, values: dict[str, object], words: str) -> None:
     with pytest.raises(InputError) as error:
         DrivelineMap(replace(load_scene("fig02").system, values), (key,))
-    assert str(error.value) == line or (line.endswith(" ") and "ratio of whole numbers" in str(error.value))
+    assert words in str(error.value)
+    assert key in str(error.value) or RATIO in values
+
+
+def test_a_key_may_have_effect_under_another_law_or_beside_another_free_one() -> None:
     for free, laws in (("friction.smoothing", {}), ("friction.decay", SET_VALUED), ("pressure.phase", SET_VALUED)):
         assert DrivelineMap(replace(load_scene("fig02").system, laws), (free,)).piecewise is bool(laws)
-
-
-def test_a_key_has_effect_beside_another_that_is_free() -> None:
     system = replace(load_scene("fig02").system, {"pressure.amplitude": 0.0, MU_K: 0.3})
     assert DrivelineMap(system, ("pressure.amplitude", "pressure.phase")).keys[1] == "pressure.phase"
     assert DrivelineMap(system, (MU_K, "friction.decay")).keys[1] == "friction.decay"
     assert DrivelineMap(system, ("engine.frequency",)).keys == ("engine.frequency",)
 
 
-def test_a_period_that_the_settled_motion_does_not_come_back_in() -> None:
-    with pytest.raises(NumericalFailure, match="no motion of period 3 was found near the settled one"):
-        continue_motions(coexistence("smoothed", 0.85), ContinuationPlan(MU_K, 0.25, 0.26, period=3))
+PRESSURE = "pressure.mean"
+TO_STATIC = ("friction.static_coefficient", 0.2, 0.5)
 
 
-RESTING = Cycles(np.zeros((9, 3)), np.ones(8), np.zeros(8), np.ones(8))
-TRIED = "no motion {} was found near the settled one, from the 8 of its section points that come back closest; "
-ELSEWHERE = f"begin at --set {MU_K}=0.2625, where the motion settles in period 2"
-NOWHERE = ("nor does it settle in a period at 9 values of the range: begin with another --period, or with --seeds of "
-           "basins")
+@pytest.mark.parametrize(("low", "high", "how", "words"), [
+    (0.2, 0.2, {}, ("0.2",)), (0.3, 0.2, {}, ("0.3", "0.2")),
+    (0.2, 0.3, {"period": 0}, ("--period", "0", "1 to 16")), (0.2, 0.3, {"period": 17}, ("--period", "17", "1 to 16")),
+    (0.2, 0.3, {"period": 3}, ("--period", "3", "2")),
+    (0.2, 0.3, {"switch": -1}, ("--switch", "-1", "0 to 8")), (0.2, 0.3, {"switch": 9}, ("--switch", "9", "0 to 8")),
+    (0.2, 0.3, {"at": (0.2, 0.19)}, ("--at", "0.19", "0.2 to 0.3")),
+    (0.2, 0.3, {"at": (0.31,)}, ("0.31", "0.2 to 0.3")),
+    (0.2, 0.3, {"seeds": (Seed(0.19, (0.0, 0.0, 0.0), 1),)}, (MU_K, "0.19", "0.2 to 0.3")),
+    (0.2, 0.3, {"second": (MU_K, 1.0, 2.0)}, ("--second", MU_K)),
+    (0.2, 0.3, {"second": (PRESSURE, 2.0, 2.0)}, ("--second", "2")),
+    (0.2, 0.3, {"second": (PRESSURE, 1e5, 2e5)}, ("--second", "100000", "200000", PRESSURE, "260417")),
+    (0.02, 0.3, {"second": TO_STATIC}, (MU_K, "0.02", "0.025 to 10"))])
+def test_a_plan_that_cannot_be_carried_out_is_refused(low: float, high: float, how: dict[str, Any],
+                                                      words: tuple[str, ...]) -> None:
+    system = replace(load_scene("fig02").system, {RATIO: 0.5})
+    with pytest.raises(InputError) as error:
+        check(system, ContinuationPlan(MU_K, low, high, **how))
+    assert all(word in str(error.value) for word in words), str(error.value)
 
 
-@pytest.mark.parametrize(("period", "settling", "line"), [
-    (None, {}, TRIED.format("up to period 8") + NOWHERE), (6, {}, TRIED.format("of period 6") + NOWHERE),
-    (6, {0.275: 2}, TRIED.format("of period 6") + NOWHERE),
-    (None, {0.2625: 2}, TRIED.format("up to period 8") + ELSEWHERE),
-    (2, {0.2625: 2}, TRIED.format("of period 2") + ELSEWHERE),
-    (None, {0.2: 3, 0.2625: 2, 0.3: 4}, TRIED.format("up to period 8") + ELSEWHERE)])
-def test_what_was_looked_for_in_vain_is_named(period: int | None, settling: dict[float, int], line: str) -> None:
-    """With the periods that were tried, and the nearest value of nine at which a map settles."""
-    def settled(values: tuple[float, ...], most: int) -> tuple[Cycles, int]:
-        if abs(values[0] - 0.225) < 1e-9:
-            raise ArithmeticError("no map")
-        assert most == 300
-        return RESTING, next((n for at, n in settling.items() if abs(at - values[0]) < 1e-9), 0)
-
-    map_: Any = SimpleNamespace(settled=settled)
-    span = ParameterRange(0.2, 0.3, name=MU_K)
-    assert _no_motion(map_, span, 0.25, RESTING, period, [2, 4, 6, 8]) == line
+def test_a_plan_may_reach_its_bounds() -> None:
+    ends = tuple(Seed(value, (0.0, 0.0, 0.0), 1) for value in (0.2, 0.3))
+    for period, switch in ((1, 0), (16, 8)):
+        check(load_scene("fig02").system, ContinuationPlan(MU_K, 0.2, 0.3, period, (0.2, 0.3), switch, seeds=ends))
 
 
-def point_of(*amplitudes: float, value: float = 0.0, z: tuple[float, ...] = (0.0,)) -> Any:
-    """A point of a branch or of a curve, with the derivative 2 of its first amplitude by its first unknown."""
-    seen = SimpleNamespace(largest=amplitudes[0])
-    gradient = np.array([[2.0, *[0.0] * (len(z) - 1)]])
-    return SimpleNamespace(value=value, orbit=SimpleNamespace(seen=seen), z=np.array(z), tangent=np.array([0.6, 0.8]),
-                           linearised=SimpleNamespace(amplitudes=np.array(amplitudes), amplitude_gradient=gradient))
+RUNNING_AWAY = {"friction.law": "set_valued", PRESSURE: 150e3, "pressure.amplitude": 0.0}
+# mu_s Pm A R = 360 N m holds the mean torque in stick up to mu_k = mu_s; at 0.2 there are 240 N m against 300.
+CREEPING = {**CONSTANT_LOAD, "engine.frequency": 0.36 * load_scene("fig02").system.natural_frequency, MU_K: 0.255}
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
-def test_directions_and_distances_do_not_depend_on_the_units(scale: float) -> None:
-    """A cosine whatever the lengths, and the nearest bifurcation by parts of range and largest size."""
-    for way, amplitude, cosine in (((0.6, 0.8), 1.2, 1.0), ((-0.6, -0.8), -1.2, -1.0), ((0.8, -0.6), 0.0, 0.0)):
-        scaled = point_of(scale * amplitude, z=(scale * way[0], scale * way[1]))
-        assert cosine_between(point_of(0.0, z=(0.0, 0.0)), scaled, True) == pytest.approx(cosine)
-        assert cosine_between(point_of(0.0, z=(0.0, 0.0)), scaled, False) == pytest.approx(cosine)
-    points = [point_of(scale * size, value=scale * value) for value, size in ((1.0, 10.0), (2.0, 11.0), (3.0, 12.0))]
-    both = [SimpleNamespace(value=scale * value, point=point_of(scale * size))
-            for value, size in ((3.1, 12.2), (2.0, 12.4))]
-    branch = SimpleNamespace(points=points, bifurcations=both)
-    # 0.1 of a range of 100 and 0.2 of a size of 10 are less than 0.4 of that size; 0.4 of a size of 1 is too far.
-    assert nearest_bifurcation(branch, 1, 10.0 * scale, 100.0 * scale) is both[0]
-    assert nearest_bifurcation(branch, 1, 1.0 * scale, 1.0 * scale) is None
-
-
-@pytest.mark.parametrize(("plan", "words"), [
-    (ContinuationPlan(MU_K, 0.2, 0.3, period=3), "multiple"),
-    (ContinuationPlan(MU_K, 0.2, 0.3, second=("pressure.mean", 1e5, 2e5)), "include"),
-    (ContinuationPlan(MU_K, 0.02, 0.3, second=("friction.static_coefficient", 0.2, 0.5)), "one twentieth"),
-    (ContinuationPlan("friction.static_coefficient", 0.2, 1.9, second=(MU_K, 0.08, 0.3)), "one twentieth"),
-])
-def test_plans_that_cannot_be_carried_out(plan: ContinuationPlan, words: str) -> None:
-    system = replace(load_scene("fig02").system, {"pressure.frequency_ratio": 0.5})
-    with pytest.raises(InputError, match=words):
-        check(system, plan)
-
-
-@pytest.mark.parametrize("ends", [(0.2, 0.2), (0.3, 0.2)])
-def test_a_plan_goes_from_a_lower_value_to_a_higher_one(ends: tuple[float, float]) -> None:
-    with pytest.raises(InputError, match="the two must differ"):
-        ContinuationPlan(MU_K, *ends)
+@pytest.mark.parametrize(("changes", "plan", "words"), [
+    (CREEPING, ContinuationPlan(MU_K, 0.25, 0.26, period=3), ("period 3",)),
+    ({**RUNNING_AWAY, MU_K: 0.2}, ContinuationPlan(MU_K, 0.19, 0.29), (f"--set {MU_K}=0.", "period")),
+    ({**RUNNING_AWAY, PRESSURE: 2.6}, ContinuationPlan("engine.frequency", 100.0, 160.0), ("300 N m", "0.004992 N m"))],
+    ids=["another period", "runaway at the scene's value", "runaway everywhere"])
+def test_where_no_motion_is_found_the_error_says_why_and_where_to_begin(changes, plan: ContinuationPlan,
+                                                                        words: tuple[str, ...]) -> None:
+    with pytest.raises(NumericalFailure) as error:
+        continue_motions(replace(load_scene("fig02").system, changes), plan)
+    assert all(word in str(error.value) for word in words), str(error.value)
+    if "--set" in words[0]:  # There the scene settles, and its motion is followed.
+        value = float(str(error.value).split(f"{MU_K}=")[1].split(",")[0])
+        begun = replace(load_scene("fig02").system, {**changes, MU_K: value})
+        assert continue_motions(begun, ContinuationPlan(MU_K, value - 1e-3, value + 1e-3)).branches
 
 
 def test_a_branch_goes_through_a_doubling_where_its_parameter_stands_still() -> None:
@@ -273,25 +237,9 @@ def test_rounding_makes_no_bifurcation_of_a_motion_without_damping() -> None:
     assert not any(s.orbit.stable for s in result.branches[0].points)
 
 
-RUNNING_AWAY = {"friction.law": "set_valued", "pressure.mean": 150e3, "pressure.amplitude": 0.0}
-
-
-@pytest.mark.parametrize(("changes", "plan", "words"), [
-    # mu_s Pm A R = 360 N m holds the mean torque in stick up to mu_k = mu_s; at 0.2 there are 240 N m against 300.
-    ({MU_K: 0.2}, ContinuationPlan(MU_K, 0.19, 0.29),
-     r"slip grows without end at .* begin at --set .*=0\.\d+, where the motion settles in period \d+"),
-    ({"pressure.mean": 2.6}, ContinuationPlan("engine.frequency", 100.0, 160.0),
-     r"mean torque 300 N m exceeds what the clutch carries in slip, 0\.004992 N m .* 9 values of the range too")],
-    ids=["at the scene's value", "everywhere"])
-def test_where_slip_runs_away_the_error_says_why_and_where_to_begin(changes, plan: ContinuationPlan,
-                                                                    words: str) -> None:
-    with pytest.raises(NumericalFailure, match=words):
-        continue_motions(replace(load_scene("fig02").system, {**RUNNING_AWAY, **changes}), plan)
-
-
 def test_a_family_of_pure_slip_is_refused() -> None:
     system = replace(load_scene("slip").system, {"friction.kinetic_coefficient": 0.3})
     mean = system.engine.mean_torque / (0.3 * 0.08 * 0.1)
     system = replace(system, {"pressure.mean": mean / 1.0, "pressure.amplitude": 0.0})
-    with pytest.raises(InputError, match="multiplier of exactly 1"):
+    with pytest.raises(InputError):
         continue_motions(system, ContinuationPlan("engine.frequency", 140.0, 160.0))
