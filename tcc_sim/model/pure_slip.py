@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,33 @@ from tcc_sim.model.sines import (
 from tcc_sim.model.supported_terms import check_supported
 
 
+class LeastSlip(NamedTuple):
+    """Smallest slip speed of a motion.
+
+    value : rad/s, in the direction of the slip; -inf where slip ends because friction outweighs the torque
+    exact : whether the motion comes as near to the value as one likes; if not, it is a lower bound
+    lasts : whether the slip never ends; None where the bound does not decide
+    """
+
+    value: float
+    exact: bool
+    lasts: bool | None
+
+
+class Modes(NamedTuple):
+    """Modes of x' = A x, x = (v, theta2, theta2'): x is the real part of shares @ exp(rates t).
+
+    rates, shares : (3,) 1/s, and (3, 3)
+    matrix : A, (3, 3)
+    plate_share : I2/I1
+    """
+
+    rates: NDArray[np.complex128]
+    shares: NDArray[np.complex128]
+    matrix: Floats
+    plate_share: float
+
+
 @dataclass(frozen=True)
 class PureSlip:
     """Solution (14) of (12): v = a0 + a1 t + sines + transient, and the motion of the plate.
@@ -37,8 +66,7 @@ class PureSlip:
     decay, stiffness : zeta omega_n (1/s) and omega_n^2 (1/s^2) of the plate on its spring, (17c-e)
     angle_offset, speed_offset : differences of plate angle (rad) and speed (rad/s) from the steady ones at t = 0
     period : common period of the sines, s; 0 if omega_f/omega is not a ratio of small whole numbers
-    modes : with a torque by slip speed beside friction, rates (3,) of the transient, 1/s, and its shares (3, 3) in slip
-        speed, plate angle and plate speed; the transient is the real part of their products with exp(rate t)
+    modes : of the transient, with a torque by slip speed beside friction
     """
 
     direction: int
@@ -51,7 +79,12 @@ class PureSlip:
     angle_offset: float
     speed_offset: float
     period: float
-    modes: tuple[NDArray[np.complex128], NDArray[np.complex128]] | None = None
+    modes: Modes | None = None
+
+    @property
+    def least_slip_speed(self) -> float:
+        """Value of `least_slip`, rad/s: if it is positive, the motion is pure slip."""
+        return self.least_slip.value
 
     def slip_speed(self, t: Any) -> Floats:
         """Return v(t) of (14), rad/s, at the times t (n,)."""
@@ -79,51 +112,93 @@ class PureSlip:
         """
         return self.direction * self.a0 - self.slip.swing()
 
-    @property
-    def least_slip_speed(self) -> float:
-        """Smallest direction v(t) over all t >= 0, rad/s; if it is positive, the motion is pure slip.
+    @cached_property
+    def least_slip(self) -> LeastSlip:
+        """The smallest direction v(t) over all t >= 0.
 
-        (16) omits the transient, which can stop the slip whatever the steady margin is. The minimum is found by branch
-        and bound on the second derivative. It is only a lower bound if the damping is too light to follow the transient
-        to its end, or if omega and omega_f have no common period; -inf if a1 finally stops the slip.
+        (16) omits the transient, which can stop the slip whatever the steady margin is. Branch and bound on the second
+        derivative finds the minimum until the oscillation of the transient has faded, and over one period of the sines
+        more. From then on v is at least the steady minimum plus the slow part less what is left of the oscillation,
+        whose energy never grows. With a common period of the sines that decides, unless the damping is too light to
+        follow the oscillation to its end.
         """
         if self.direction * self.a1 < 0.0:
-            return -math.inf
-        largest, curved, slowest, natural = self._bounds()
-        bend = self.slip.bend() + curved
-        fastest = max([natural, *self.slip.frequency.tolist()])
-        fading = (FADED / slowest if slowest > 0.0 else math.inf) if largest > 0.0 else 0.0
-        if fading * fastest > LONGEST_PHASE:
-            return self.margin - largest
-        end = fading + (self.period or 0.0)
-        size = abs(self.a0) + self.slip.swing() + largest
-        least, _ = smallest(lambda t: self.direction * self.slip_speed(t), lambda t, width: bend * width**2 / 8.0, end,
-                            0.1 / fastest, 1e-13 * size)
-        return least if self.period else min(least, self.margin)
-
-    def _bounds(self) -> tuple[float, float, float, float]:
-        """Return bounds of the transient of the slip speed and of its second derivative, its slowest decay, 1/s, and
-        its fastest rate, 1/s.
-        """
-        if self.modes is not None:
-            rates, shares = self.modes
-            sizes = np.abs(shares[0])
-            return (float(sizes.sum()), float(sizes @ np.abs(rates) ** 2), float(-rates.real.max()),
-                    float(np.abs(rates).max()))
-        # The energy of z'' + 2 decay z' + stiffness z = 0 never grows, which bounds z, z' and thus z''.
-        rate = -2.0 * self.decay * self.speed_offset - self.stiffness * self.angle_offset
-        energy = math.hypot(rate, math.sqrt(self.stiffness) * self.speed_offset)
+            return LeastSlip(-math.inf, True, False)
+        slow, slow_rate, slowest = self._slow_part()
         root = math.sqrt(self.stiffness)
-        square = self.decay * self.decay - self.stiffness
-        slowest = self.decay if square <= 0.0 else self.stiffness / (self.decay + math.sqrt(square))
-        return energy / root, (2.0 * self.decay + root) * energy, slowest, root
+        rates = [root, *self.slip.frequency.tolist(), *(abs(self.modes[0]).tolist() if self.modes is not None else [])]
+        fastest, (rest, bend) = max(rates), self._bounds(0.0)
+        size = abs(self.a0) + self.slip.swing() + rest + abs(slow)
+        close, followed = 1e-13 * size, 0.0
+        if rest > close:
+            followed = min(FADED / slowest if slowest > 0.0 else math.inf, LONGEST_PHASE / fastest)
+
+        def least_of(value: Callable[[Floats], Floats], end: float, bend: float) -> float:
+            return smallest(lambda t: self.direction * value(t), lambda t, width: bend * width**2 / 8.0, end,
+                            0.1 / fastest, close)[0]
+
+        lowest = least_of(self.slip_speed, followed + self.period, self.slip.bend() + bend + abs(slow) * slow_rate**2)
+        steady = least_of(self.slip, self.period, self.slip.bend()) if self.period else self.margin
+        rest, rising = self._bounds(followed)[0], self.direction * slow < 0.0 or self.a1 != 0.0
+        attained = lowest
+        if self.a1 == 0.0 and (slowest > 0.0 or rest <= close):
+            # The steady motion is approached; without a common period its harmonics need not meet at their lowest.
+            attained = min(lowest, steady if self.period or len(self.slip.frequency) < 3 else self.direction * self.a0)
+        later = steady - rest + self.direction * self.a1 * followed + min(
+            self.direction * slow * math.exp(-slow_rate * followed), 0.0)
+        if later >= attained - 10.0 * close or (rising and rest <= close and self.period):
+            return LeastSlip(attained, True, attained > 0.0)
+        return LeastSlip(later, False, True if later > 0.0 else False if attained <= 0.0 else None)
+
+    def _slow_part(self) -> tuple[float, float, float]:
+        """Return share, rad/s, and decay, 1/s, of the real exponential that is split off, and the slowest decay of the
+        rest of the transient, 1/s.
+        """
+        if self.modes is None:
+            square = self.decay * self.decay - self.stiffness
+            return 0.0, 0.0, self.decay if square <= 0.0 else self.stiffness / (self.decay + math.sqrt(square))
+        k = self._slow_mode()
+        decays = -self.modes[0].real
+        if k is None:
+            return 0.0, 0.0, float(decays.min())
+        return float(self.modes[1][0, k].real), float(decays[k]), float(np.delete(decays, k).min())
+
+    def _slow_mode(self) -> int | None:
+        """Return the number of the one real mode, or of the slowest of three that is by far the slowest."""
+        rates = self.modes[0]  # type: ignore[index]
+        real = [k for k in np.argsort(np.abs(rates)).tolist() if rates[k].imag == 0.0]
+        if len(real) == 1 or (len(real) == 3 and abs(rates[real[0]]) < 0.5 * abs(rates[real[1]])):
+            return int(real[0])
+        return None
+
+    def _bounds(self, t: float) -> tuple[float, float]:
+        """Return bounds of the transient of the slip speed, without the slow part, and of its second derivative, from
+        the time t on.
+
+        The energy I1 (v + w)^2 + I2 w^2 + K23 x^2 of a free motion never grows, nor does it with v = -w.
+        """
+        if self.modes is None:
+            _, x, w = self._transient(t)
+            energy = math.hypot(float(w), math.sqrt(self.stiffness) * float(x))
+            return energy, energy * math.hypot(4.0 * self.decay**2 - self.stiffness,
+                                               2.0 * self.decay * math.sqrt(self.stiffness))
+        rates, shares, matrix, plate_share = self.modes
+        k, fade = self._slow_mode(), np.exp(rates * t)
+        if k is not None:
+            fade[k] = 0.0
+        v, x, w = (shares @ fade).real
+        energy = math.sqrt((v + w) ** 2 / plate_share + w * w + self.stiffness * x * x)
+        by_energy = np.linalg.inv(np.array([[plate_share**-0.5, 0.0, plate_share**-0.5],
+                                            [0.0, math.sqrt(self.stiffness), 0.0], [0.0, 0.0, 1.0]]))
+        return (energy * float(np.linalg.norm(by_energy[0])),
+                energy * float(np.linalg.norm((matrix @ matrix @ by_energy)[0])))
 
     def _transient(self, t: Any) -> tuple[Floats, Floats, Floats]:
         """Return the decaying parts of slip speed, plate angle and plate speed, for light, critical and heavy damping.
         """
         at = np.asarray(t, dtype=np.float64)
         if self.modes is not None:
-            rates, shares = self.modes
+            rates, shares = self.modes[:2]
             v, x, w = (np.exp(np.multiply.outer(at, rates)) @ row for row in shares)
             return v.real, x.real, w.real
         cosine, sine = damped_pair(at, self.decay, self.stiffness)
@@ -216,12 +291,13 @@ def _coupled(system: System, sign: float, torque: Sines, load: Sines) -> PureSli
     slip, plate = steady(0), steady(1)
     off = np.array([start.slip_speed - float(slip(0.0)), start.plate_angle - float(plate(0.0)),
                     start.plate_speed - float(plate.rate()(0.0))])
-    rates, vectors = np.linalg.eig(a.astype(np.complex128))
+    rates, vectors = (part.astype(np.complex128) for part in np.linalg.eig(a))
     return PureSlip(direction=int(sign), a0=slip.mean, a1=0.0, slip=slip, plate=plate,
                     decay=linear.damping / (2.0 * linear.plate), stiffness=linear.stiffness / linear.plate,
                     angle_offset=float(off[1]), speed_offset=float(off[2]),
                     period=common_cycles(system) * system.cycle,
-                    modes=(rates, vectors * np.linalg.solve(vectors, off.astype(np.complex128))))
+                    modes=Modes(rates, vectors * np.linalg.solve(vectors, off.astype(np.complex128)), a,
+                                linear.plate / linear.flywheel))
 
 
 def equivalent_torque(system: System) -> Sines:

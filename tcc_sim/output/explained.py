@@ -77,7 +77,9 @@ class PureSlipFigures:
     margin: float | None = field(metadata=reported("margin of (16)", "rad/s"))
     least: float | None = field(metadata=reported(
         "smallest slip speed with the transient; null where the slip ends", "rad/s"))
-    pure_slip: bool = field(metadata=reported("whether it lasts for ever"))
+    least_is_bound: bool = field(metadata=reported("whether `least` is a lower bound, which slip need not reach"))
+    pure_slip: bool | None = field(metadata=reported(
+        "whether it lasts for ever; null where the bound does not decide"))
     tick_difference: float | None = field(metadata=reported(
         "largest difference of the real-time solver from (14) in 500 ticks of 1 ms; null where that does not apply",
         "rad/s"))

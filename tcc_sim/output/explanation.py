@@ -205,10 +205,9 @@ def _slip(system: System) -> tuple[PureSlipFigures | None, str]:
         form = pure_slip(system, direction)
     except InputError as error:
         return None, str(error)
-    least = form.least_slip_speed
-    lasting = least > 0.0
-    return PureSlipFigures(direction, form.a0, form.slip.swing(), form.a1, form.margin, least, lasting,
-                    _difference(system, form.slip_speed) if lasting else None), ""
+    least = form.least_slip
+    return PureSlipFigures(direction, form.a0, form.slip.swing(), form.a1, form.margin, least.value, not least.exact,
+                           least.lasts, _difference(system, form.slip_speed) if least.lasts else None), ""
 
 
 def _difference(system: System, slip_speed: Any) -> float | None:
@@ -245,9 +244,12 @@ def closed_form_lines(closed: dict[str, Any] | None) -> list[str]:
     else:
         lines.append(f"  pure slip (15): {speed(slip['mean'])} plus sines of {speed(slip['amplitude'])}"
                      + (f", growing by {slip['growth']:.4g} rad/s^2" if slip["growth"] else ""))
-        least = "slip ends, because the friction torque outweighs the engine torque" if slip["least"] is None else (
-            f"smallest slip speed with the transient {speed(slip['least'])}, so pure slip "
-            f"{'lasts for ever' if slip['pure_slip'] else 'does not last'}")
+        least = "slip ends, because the friction torque outweighs the engine torque"
+        if slip["least"] is not None:
+            lasts = {True: "so pure slip lasts for ever", False: "so pure slip does not last",
+                     None: "which does not decide whether pure slip lasts"}[slip["pure_slip"]]
+            least = (f"smallest slip speed with the transient {'at least ' if slip['least_is_bound'] else ''}"
+                     f"{speed(slip['least'])}, {lasts}")
         lines.append(f"    margin of (16) {speed(slip['margin'])}; {least}")
         if slip["tick_difference"] is not None:
             lines.append(f"    the real-time solver is within {speed(slip['tick_difference'], 2)} of (14) over "

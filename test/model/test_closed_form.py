@@ -6,6 +6,8 @@ import re
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from tcc_sim.errors import InputError
@@ -182,29 +184,59 @@ def test_condition_16_has_a_sign():
     assert result.margin > 0.0
 
 
-@pytest.mark.parametrize(("values", "speed"), [
-    ({}, 20.0), ({}, 60.0), ({"driveline.damping": 60.0}, 20.0), ({"driveline.damping": 0.05}, 45.0),
-    ({**LOAD, "pressure.frequency_ratio": 1.5, "pressure.amplitude": 30e3}, 20.0), ({**RICH}, 60.0)])
-def test_the_least_slip_speed_has_the_transient_in_it(values, speed):
-    system = system_of(values, **{"pressure.mean": 125e3, "initial.slip_speed": speed})
+CRITICAL = 2.0 * math.sqrt(3000.0 * 0.02)
+SLIPS = st.fixed_dictionaries({
+    "engine.mean_torque": st.sampled_from([300.0, 301.0, 310.0, 290.0]),
+    "engine.torque_amplitude": st.floats(0.0, 200.0),
+    "engine.frequency": st.floats(40.0, 300.0), "pressure.amplitude": st.sampled_from([0.0, 20e3]),
+    "pressure.frequency_ratio": st.sampled_from([1.0, 0.5, 1.5, math.sqrt(2.0)]),
+    "driveline.damping": st.sampled_from([0.0, 0.05, 0.6, 5.0, CRITICAL,
+                                          CRITICAL * (1.0 + 1e-9), 1.01 * CRITICAL, 60.0]),
+    "converter.coupling": st.sampled_from([0.0, 0.1, 1.0, 10.0]), "initial.slip_speed": st.floats(5.0, 150.0),
+    "initial.plate_angle": st.floats(0.0, 0.2)})
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(SLIPS, st.sampled_from([{}, RICH]))
+def test_the_least_slip_speed_is_that_of_a_dense_grid_or_a_bound_of_it(values, harmonics):
+    result = pure_slip.pure_slip(system_of(values, **harmonics, **{"pressure.mean": 125e3}))
+    least, exact, lasts = result.least_slip
+    seen = min(float(result.slip_speed(t).min()) for t in (np.linspace(0.0, 2.0, 40_001),
+                                                           np.linspace(0.0, 60.0, 200_001)))
+    if least == -math.inf:
+        assert result.a1 < 0.0
+        assert (exact, lasts) == (True, False)
+        return
+    assert least <= seen + 1e-6
+    assert lasts is (least > 0.0) or (lasts is None and not exact)
+    if exact:
+        assert least == pytest.approx(seen, abs=0.3)  # A grid of a minute misses some of a quasi-periodic motion.
+    repeats = values["pressure.amplitude"] == 0.0 or values["pressure.frequency_ratio"] != math.sqrt(2.0)
+    assert exact or not repeats or values["driveline.damping"] == 0.0
+
+
+def test_slip_that_a_slow_exponential_lets_fall_lasts_above_its_steady_minimum():
+    """From 150 rad/s at 0.45 1/s to 10 rad/s, the coupling's 1 N m over 0.1 N m s/rad; the sines have 1.67 rad/s."""
+    keys = {"engine.mean_torque": 301.0, "engine.torque_amplitude": 50.0, "pressure.mean": 125e3,
+            "converter.coupling": 0.1, "initial.slip_speed": 150.0, "initial.plate_angle": 0.1}
+    for damping in (0.6, CRITICAL, CRITICAL * (1.0 + 1e-7)):
+        result = pure_slip.pure_slip(system_of(keys, **{"driveline.damping": damping}))
+        assert result.a0 == pytest.approx(10.0)
+        assert result.least_slip == (pytest.approx(10.0 - result.slip.swing()), True, True)
+
+
+@pytest.mark.parametrize("speed", [20.0, 60.0])
+def test_the_transient_can_end_a_slip_that_16_lets_pass(speed):
+    system = system_of(**{"pressure.mean": 125e3, "initial.slip_speed": speed})
     result = pure_slip.pure_slip(system)
-    t = np.linspace(0.0, 0.4, 400_001)
-    least = result.slip_speed(t).min()
-    assert result.least_slip_speed <= least + 1e-9
-    assert result.least_slip_speed == pytest.approx(least, abs=2e-5)
-    if not values and speed == 20.0:
-        assert result.margin > 0.0 > result.least_slip_speed  # (16) as printed passes a slip that the transient ends.
-
-
-def test_without_a_common_period_or_damping_the_least_slip_speed_is_a_bound():
-    rows = {"pressure.mean": 125e3, "pressure.amplitude": 30e3, "initial.slip_speed": 80.0}
-    t = np.linspace(0.0, 20.0, 400_001)
-    for values in ({"pressure.frequency_ratio": math.sqrt(2)}, {"driveline.damping": 0.0}):
-        result = pure_slip.pure_slip(system_of(values, **rows))
-        least = result.slip_speed(t).min()
-        assert least - 2.0 < result.least_slip_speed <= least + 1e-9
-    assert pure_slip.pure_slip(system_of(**{**rows, "pressure.mean": 130e3})).least_slip_speed == -math.inf
-    assert pure_slip.pure_slip(system_of(**{**rows, "pressure.mean": 120e3})).least_slip_speed > 0.0
+    d = system.driveline
+    run = solve_ivp(lambda t, y: [(engine(system, t) - 300.0) / d.flywheel_inertia - (300.0 - d.damping * y[2]
+                                  - d.stiffness * y[1]) / d.plate_inertia, y[2],
+                                  (300.0 - d.damping * y[2] - d.stiffness * y[1]) / d.plate_inertia],
+                    (0.0, 0.4), [speed, 0.0, 0.0], method="DOP853", rtol=1e-11, atol=1e-11, max_step=1e-4)
+    assert result.least_slip_speed == pytest.approx(run.y[0].min(), abs=1e-2)
+    assert result.margin > 0.0
+    assert result.least_slip == (result.least_slip_speed, True, speed == 60.0)
 
 
 @pytest.mark.parametrize("phase", [0.0, 1.1])
@@ -237,24 +269,6 @@ def test_a_damped_pair_is_cosine_and_sine_of_a_complex_frequency(decay):
         np.testing.assert_allclose(result, (np.exp(-decay * t) * exact).real, atol=1e-6 if decay > 2.0 else 1e-14)
 
 
-@pytest.mark.parametrize(("values", "slowest", "fastest"), [
-    ({"driveline.damping": 0.0}, 0.0, 387.298), ({"driveline.damping": 2.0}, 50.0, 387.298),
-    ({"driveline.damping": 20.0}, 500.0 - math.sqrt(1e5), 387.298),
-    ({"converter.coupling": 0.8, "driveline.damping": 2.0}, 4.0, 384.0)])
-def test_a_transient_is_within_its_bounds_and_as_slow_as_they_say(values, slowest, fastest):
-    result = pure_slip.pure_slip(system_of({**SLIP, **values}, **{"pressure.mean": 125e3}))
-    largest, curved, slow, fast = result._bounds()
-    assert (slow, fast) == (pytest.approx(slowest, rel=0.05), pytest.approx(fastest, rel=0.01))
-    h = 1e-5
-    t = np.arange(0.0, 0.05, h)
-    v = result.slip_speed(t) - result.slip(t) - result.a1 * t
-    heavy = values["driveline.damping"] > 10.0
-    assert (0.1 if heavy else 0.6) * largest < np.abs(v).max() <= largest * (1.0 + 1e-9)
-    assert (0.0 if heavy else 0.2) * curved < np.abs(np.diff(v, 2)).max() / h**2 <= curved * (1.0 + 1e-3)
-    if not slowest:
-        assert (np.abs(v).max(), np.abs(np.diff(v, 2)).max() / h**2) == pytest.approx((largest, curved), rel=1e-3)
-
-
 def test_slip_that_the_mean_torque_ends_or_drives_has_a_sign():
     for mean, direction, growth, least in ((310.0, 1, 50.0, True), (290.0, 1, -50.0, False), (-310.0, -1, -50.0, True),
                                            (-290.0, -1, 50.0, False), (300.0 * (1.0 + 1e-15), 1, 0.0, True)):
@@ -268,15 +282,15 @@ def test_slip_that_the_mean_torque_ends_or_drives_has_a_sign():
     assert still.least_slip_speed == pytest.approx(150.0)
 
 
-SLIPS = "pure slip in closed form needs"
+NEEDS = "pure slip in closed form needs"
 
 
 @pytest.mark.parametrize(("values", "message"), [
     ({"friction.kinetic_coefficient": 0.2},
-     f"friction.kinetic_coefficient is 0.2; {SLIPS} it equal to friction.static_coefficient, 0.3"),
+     f"friction.kinetic_coefficient is 0.2; {NEEDS} it equal to friction.static_coefficient, 0.3"),
     ({"friction.slip_speeds": [0.0, 1.0, 2.0], "friction.coefficients": [0.3, 0.2, 0.19]},
-     f"the coefficient of the friction table depends on slip speed; {SLIPS} one that does not"),
-    ({"pressure.amplitude": 225.1e3}, f"pressure.amplitude is above pressure.mean; {SLIPS} a pressure above 0"),
+     f"the coefficient of the friction table depends on slip speed; {NEEDS} one that does not"),
+    ({"pressure.amplitude": 225.1e3}, f"pressure.amplitude is above pressure.mean; {NEEDS} a pressure above 0"),
     ({"driveline.damping": 0.0, "pressure.amplitude": 1e3, "engine.frequency": 1.0, "driveline.stiffness": 0.02},
      "pressure.frequency_ratio excites the undamped plate resonance, 1 rad/s: no steady state")])
 def test_cases_without_a_closed_form_are_refused(values, message):
