@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.tracking import Limits
@@ -94,9 +94,11 @@ def spectrum_of_run(result: Simulation, scene: SceneLike | None = None) -> Spect
 @with_plan_fields
 def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, object] | None = None,
                profile: Mapping[str, str] | Sequence[str] = (),
-               inputs: str | Path | MeasuredTable | Recording | None = None,
-               hold: str | None = None, columns: str | Mapping[str, str] | None = None, from_: float | None = None,
-               to: float | None = None, orders: bool = False, spectrum: bool = False, pulses: int | None = None,
+               inputs: str | Path | MeasuredTable | Recording | None = None, inputs_scene: str | None = None,
+               joints: Mapping[str, str] | None = None, topic: str | None = None, driveline: int | None = None,
+               hold: Literal["previous", "linear", "smooth", "next"] | None = None,
+               columns: str | Mapping[str, str] | None = None, from_: float | None = None, to: float | None = None,
+               orders: bool = False, spectrum: bool = False, pulses: int | None = None,
                samples_per_cycle: int = 0, flywheel_angle: bool = False, start: Start | None = None,
                **settings: Any) -> Simulation:
     """Solve a motion and compute its summary and further results, as `tcc-sim simulate` does.
@@ -106,11 +108,23 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     scene : a scene, its name or file, or a system
     plan : how; alternatively the fields of `Plan` one by one, such as ``simulate("fig02", damping=True)``
     set : scene keys with new values, such as {"engine.speed": "1500rpm"}
-    profile : courses in time, KEY=T:V,T:V,... as words, or {KEY: "T:V,T:V,..."}
-    inputs : table or recording that drives the scene
-    hold, columns, from_, to : of a table, see `replay.given_inputs.driven_by` and `input_table`
-    orders, spectrum : whether to add them
-    pulses : of the tacho in a crank revolution
+    profile : linear course between points in time (s) of engine.frequency, engine.mean_torque, engine.torque_amplitude,
+        engine.harmonic_amplitudes[n] or pressure.mean
+    inputs : torque, pressure and speed of the shaft's far end from a recording, or from the columns t, engine_torque,
+        actuation_pressure and output_speed of a table (.csv or other text, .parquet, .mat, .mf4)
+    inputs_scene : name or file of the scene of the recorded driveline, for a recording without one
+    joints : names of the two joints in a recording of another program
+    topic : topic of the joint states to read, if several were recorded
+    driveline : number of the driveline to read, counted from 0 as in --json (default: one with a scene, on the shortest
+        topic, and there the latest to start)
+    hold : input of a table between two rows: value of the previous row, linear, smooth (lines that keep the amplitudes
+        of sines), or value of the next row (default: as the table says, else previous)
+    columns : columns of a table by the name of the signal, with their units if the table does not give them
+    from_ : part of a table from this time on, s
+    to : part of a table up to this time, s
+    orders : add orders, transmissibility and judder, and those of the measured slip speed in a table of inputs
+    spectrum : add the spectra of slip speed and shaft torque in the steady state, over frequency and order
+    pulses : pulses per crank revolution in the tacho column of a table (default 1)
     samples_per_cycle, flywheel_angle, start : as for `sweeps.simulation.simulate`
 
     Returns
@@ -137,7 +151,7 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
         from tcc_sim.replay.recorded import read
 
         source = inputs if not isinstance(inputs, (str, Path)) else (
-            input_table(Path(inputs), columns, from_, to) or read(inputs))
+            input_table(Path(inputs), columns, from_, to) or read(inputs, inputs_scene, joints, topic, driveline))
         table = source if isinstance(source, MeasuredTable) else None
         changed, measured = driven_scene(changed, source, hold, orders, pulses)
     if spectrum:
@@ -174,14 +188,31 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
 
     Parameters
     ----------
-    recording : bag directory or .mcap file, an opened Recording, or a table
-    scene : name or file, for a recording without a scene, and for the shaft and the order of a table (None: fig02)
-    run, from_, to : part of the recording; from_ and to also of a table, s
-    columns, pulses : of a table, see `tables.measured_table.table_in`, and of its tacho
-    orders, spectrum : whether to add them; a table needs one of them
-    joints, topic, driveline : see `replay.recorded.Recording`
-    discard, frequency, verify, damping, target, band, limits, rrd, spawn, connect, progress : of recordings, see
-        `replay.replay.replay`
+    recording : bag directory or .mcap file, complete or cut short; or a table of measurements (.csv or other text,
+        .parquet, .mat, .mf4) for orders and spectrum
+    scene : name or file, for a recording without a scene, and for the shaft and the order of a table (default fig02)
+    run : only this run, counted from 0 (default: all runs, and figures of the longest one)
+    from_ : only from this simulation time on, s
+    to : only up to this simulation time, s
+    columns, pulses, joints, topic, driveline : see `simulate`
+    orders : add orders, transmissibility and judder
+    spectrum : add the spectra of slip speed and shaft torque in the steady state, over frequency and order
+    discard : periods of excitation dropped from the figures at the start (default 50, or half of them if there are
+        fewer than 100; 0 for a scene with profiles)
+    frequency : frequency of the engine torque, rad/s (default: the scene's; for a torque from a topic, estimated from
+        the recording)
+    verify : solve the run again from the recording alone and compare
+    damping : add the equivalent damping (21) of the last cycles
+    target : slip speed that a controller was to hold, rad/s (default: the recorded target_slip_speed); or slip speeds
+        from simulation times, s, on
+    band : least error from the target that counts, and least jump of the target that begins a segment, rad/s
+        (default 0.1)
+    limits : smallest and largest pressure that the controller commands, Pa: at one of them it may count as saturated
+        (default: those that it published; else 0 alone)
+    rrd : write the run as a Rerun recording
+    spawn : start a Rerun viewer and stream the run to it
+    connect : stream to a running viewer, rerun+http://HOST:9876/proxy
+    progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
@@ -225,6 +256,13 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
 def explanation(scene: SceneLike, *, set: Mapping[str, object] | None = None, cost: bool = False) -> dict[str, Any]:
     """Return what a scene builds and what it leaves out, as the JSON of `tcc-sim explain` has it.
 
+    Parameters
+    ----------
+    scene : a scene, its name or file, or a system
+    set : scene keys with new values
+    cost : add topics, optional packages and kernel arguments, and the run time of one tick of the real-time solver with
+        the share of each term; this compiles one kernel per term
+
     Examples
     --------
     >>> import tcc_sim
@@ -238,7 +276,16 @@ def explanation(scene: SceneLike, *, set: Mapping[str, object] | None = None, co
 
 def fmu_file(scene: SceneLike, *, set: Mapping[str, object] | None = None, fmi: int = 2, step: float | None = None,
              sources_only: bool = False, out: str | Path | None = None) -> Path:
-    """Write the FMU of a scene, as `tcc-sim fmu` does, and return its path (default: tcc_sim_SCENE.fmu).
+    """Write the FMU of a scene, as `tcc-sim fmu` does, and return its path.
+
+    Parameters
+    ----------
+    scene : a scene, its name or file, or a system
+    set : scene keys with new values
+    fmi : version of FMI, 2 or 3
+    step : length of a tick, s, 5e-05 to 1 (default: from the scene's rate)
+    sources_only : leave out the binary for this machine
+    out : file to write (default: tcc_sim_SCENE.fmu)
 
     Raises
     ------

@@ -13,10 +13,8 @@ import tcc_sim
 from tcc_sim.cli import arguments_of, main
 from tcc_sim.errors import InputError
 
-OTHERWISE = {"start": "from_", "end": "to"}
-"""Names of keywords that are not those of options: `from` is a word of Python."""
 OUTPUT = {"json", "out", "force", "plot", "width", "title", "style", "units", "verb", "words", "samples", "layout",
-          "recorded_scene", "scene", "recording", "measured"}
+          "scene", "recording", "measured"}
 """Arguments that name the input, or are about files and pictures."""
 
 
@@ -26,9 +24,8 @@ OUTPUT = {"json", "out", "force", "plot", "width", "title", "style", "units", "v
     ("identify", ["identify", "x.csv", "--free", "driveline.stiffness"])])
 def test_a_function_has_the_options_of_its_command(name, words):
     options = set(vars(arguments_of(words))) - OUTPUT
-    options -= {"joints", "topic", "driveline"} if name == "simulate" else set()  # `read` takes them.
     keywords = set(inspect.signature(getattr(tcc_sim, name)).parameters)
-    assert {OTHERWISE.get(option, option) for option in options} - {"set"} <= keywords
+    assert options - {"set"} <= keywords
 
 
 @pytest.fixture

@@ -7,10 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from tcc_sim.cli.arguments import (
-    add_columns,
-    add_driveline,
+    ANALYSIS,
+    DRIVELINE,
+    FORMS,
+    SIMULATION,
     add_outputs,
-    add_spectrum,
     check_outputs,
     document_of,
     plot_result,
@@ -18,61 +19,10 @@ from tcc_sim.cli.arguments import (
     recording_of,
     say_of_table,
 )
+from tcc_sim.cli.options import Form, add_options, keywords_of, parameters_of
 from tcc_sim.errors import InputError, counted, given_in, require
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
-
-BAND = 0.1
-"""Copy of the default in `analysis.settings`."""
-DEFAULT_SCENE = "fig02"
-"""Copy of the default in `scene`, which need not be imported for it."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the recording, the part of it to analyse, further figures, Rerun, and outputs."""
-    recording = parser.add_argument_group("recording")
-    recording.add_argument("recording", metavar="RUN|FILE", type=Path,
-                           help="bag directory or .mcap file, complete or cut short; or a table of measurements "
-                           "(.csv or other text, .parquet, .mat, .mf4) for --orders and --spectrum")
-    recording.add_argument("--scene", metavar="SCENE", help="name or file, for a recording without a scene, and for "
-                           f"the shaft and the order of a table (default {DEFAULT_SCENE})")
-    add_driveline(recording)
-    recording.add_argument("--frequency", metavar="RAD_PER_S", type=float,
-                           help="frequency of the engine torque (default: the scene's; for a torque from a topic, "
-                           "estimated from the recording)")
-    add_columns(recording)
-    part = parser.add_argument_group("part of the recording")
-    part.add_argument("--run", metavar="N", type=int,
-                      help="only this run, counted from 0 (default: all runs, and figures of the longest one)")
-    part.add_argument("--from", metavar="S", type=float, dest="start", help="only from this simulation time on, s")
-    part.add_argument("--to", metavar="S", type=float, dest="end", help="only up to this simulation time, s")
-    part.add_argument("--discard", metavar="CYCLES", type=int,
-                      help="periods of excitation dropped from the figures at the start (default 50, or half of them "
-                      "if there are fewer than 100; 0 for a scene with profiles)")
-    loop = parser.add_argument_group("slip controller")
-    loop.add_argument("--target", metavar="V|T:V,T:V", type=targets, help="slip speed that a controller was to hold, "
-                      "rad/s (default: the recorded target_slip_speed); or slip speeds from simulation times, s, on")
-    loop.add_argument("--band", metavar="V", type=float, default=BAND, help="least error from the target that counts, "
-                      "and least jump of the target that begins a segment, rad/s (default %(default)g)")
-    loop.add_argument("--limits", metavar="LOW:HIGH", type=limits, help="smallest and largest pressure that the "
-                      "controller commands, Pa: at one of them it may count as saturated (default: those that it "
-                      "published; else 0 alone)")
-    figures = parser.add_argument_group("further figures")
-    figures.add_argument("--verify", action="store_true",
-                         help="solve the run again from the recording alone and compare")
-    figures.add_argument("--damping", action="store_true", help="add the equivalent damping (21) of the last cycles")
-    figures.add_argument("--orders", action="store_true", help="add orders, transmissibility and judder of the run; "
-                         "--plot then draws the order map")
-    add_spectrum(figures)
-    rerun = parser.add_argument_group("Rerun")
-    where = rerun.add_mutually_exclusive_group()
-    where.add_argument("--rrd", metavar="FILE", type=Path, help="write the run as a Rerun recording")
-    where.add_argument("--spawn", action="store_true", help="start a Rerun viewer and stream the run to it")
-    where.add_argument("--connect", metavar="URL", help="stream to a running viewer, rerun+http://HOST:9876/proxy")
-    rerun.add_argument("--layout", action="store_true", help="write a layout beside the recording, with which Rerun "
-                       "shows its signals without conversion: rerun RUN_0.mcap RUN_0.rbl")
-    add_outputs(parser, "the figures", "the samples of the analysed run as .csv, .npz, .parquet or .mat, "
-                "with units and scene")
 
 
 def targets(text: str) -> float | dict[float, float]:
@@ -99,6 +49,25 @@ def limits(text: str) -> tuple[float, float]:
         raise argparse.ArgumentTypeError(f"{text!r} must be LOW:HIGH, two pressures in Pa") from None
 
 
+FORMS = {**FORMS, "discard": Form("CYCLES", int), "target": Form("V|T:V,T:V", targets),
+         "limits": Form("LOW:HIGH", limits)}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the recording, the part of it to analyse, further figures, Rerun, and outputs."""
+    parser.add_argument("recording", metavar="RUN|FILE", type=Path, help=parameters_of(ANALYSIS)["recording"].meaning)
+    add_options(parser, ANALYSIS, "scene", FORMS)
+    add_options(parser, SIMULATION, f"{DRIVELINE} columns", FORMS)
+    add_options(parser, ANALYSIS, "frequency run from_ to discard target", FORMS)
+    add_options(parser, ANALYSIS, "band", FORMS, band=0.1)
+    add_options(parser, ANALYSIS, "limits verify damping orders spectrum rrd spawn connect", FORMS)
+    add_options(parser, SIMULATION, "pulses", FORMS)
+    parser.add_argument("--layout", action="store_true", help="write a layout beside the recording, with which Rerun "
+                        "shows its signals without conversion: rerun RUN_0.mcap RUN_0.rbl")
+    add_outputs(parser, "the figures", "the samples of the analysed run as .csv, .npz, .parquet or .mat, with units "
+                "and scene")
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Check the outputs, analyse the recording, write the files, and print the figures."""
     from tcc_sim.output.samples import write_samples
@@ -113,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     for name in ("columns", "pulses"):
         if getattr(arguments, name) is not None:
             raise InputError(f"--{name} is for tables, and {arguments.recording} is a recording")
-    window = Window(arguments.run, arguments.start, arguments.end)
+    window = Window(arguments.run, arguments.from_, arguments.to)
     check_outputs(arguments, TABLES, arguments.rrd)
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
         require("rerun", "Rerun")
@@ -123,16 +92,14 @@ def run(arguments: argparse.Namespace) -> int:
         from tcc_sim.views.recording_layout import write_layout
 
         say(f"layout: {write_layout(arguments.recording)}")
-    result = replay(recording, rrd=arguments.rrd, spawn=arguments.spawn, connect=arguments.connect,
-                    discard=arguments.discard, frequency=arguments.frequency,
-                    verify=arguments.verify, damping=arguments.damping, window=window, target=arguments.target,
-                    band=arguments.band, limits=arguments.limits, progress=True)
+    result = replay(recording, window=window, progress=True, **keywords_of(
+        arguments, "rrd spawn connect discard frequency verify damping target band limits"))
     lines = result.lines()
     drawn: object = result
     # A manoeuvre is drawn whole, as by `simulate --plot`; any other run by its last cycles and its maxima.
     whole = arguments.plot is not None and result.scene.system.profile is not None
     if arguments.out is not None or arguments.orders or arguments.spectrum or whole:
-        samples = recording.trajectory(result.run, arguments.start, arguments.end)
+        samples = recording.trajectory(result.run, arguments.from_, arguments.to)
         drawn = replace(samples, control=result.control) if whole else result
     if arguments.orders or arguments.spectrum:
         from tcc_sim.functions import with_recorded_figures
@@ -168,10 +135,10 @@ def _table(arguments: argparse.Namespace) -> int:
     if not (arguments.orders or arguments.spectrum):
         raise InputError("a table needs --orders or --spectrum; give one of them")
     check_outputs(arguments)
-    scene = load_scene(arguments.scene or DEFAULT_SCENE)
+    scene = load_scene(arguments.scene or "fig02")
     show_in(order=scene.system.engine.order)
     table = table_in(arguments.recording, ("slip_speed",), columns=arguments.columns)
-    result = analyse_table(table.part(arguments.start, arguments.end), scene.system, orders=arguments.orders,
+    result = analyse_table(table.part(arguments.from_, arguments.to), scene.system, orders=arguments.orders,
                            spectrum=arguments.spectrum, pulses=arguments.pulses)
     lines = [f"{arguments.recording}: {counted(result.samples, 'row')} over {result.seconds:.6g} s"]
     say_of_table(result.warnings)

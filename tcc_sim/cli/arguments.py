@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tcc_sim.cli.options import Form, keywords_of
 from tcc_sim.errors import InputError, check_folder, check_suffix, one_line, printable, require
 from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
 from tcc_sim.output.terminal import say
@@ -71,18 +72,39 @@ def joint_names(text: str) -> dict[str, str]:
     return names
 
 
-def add_driveline(group: argparse._ArgumentGroup) -> None:
-    """Add the options that select the driveline of a recording."""
-    group.add_argument("--joints", metavar="flywheel=NAME,clutch_plate=NAME", type=joint_names,
-                       help="names of the two joints in a recording of another program")
-    group.add_argument("--topic", metavar="NAME", help="topic of the joint states to read, if several were recorded")
-    group.add_argument("--driveline", metavar="N", type=int,
-                       help="number of the driveline to read, counted from 0 as in --json (default: one with a scene, "
-                       "on the shortest topic, and there the latest to start)")
+def cycles_or_auto(text: str) -> int | str:
+    """Return a number of cycles, or auto."""
+    try:
+        return text if text == "auto" else int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a number of cycles or auto") from None
+
+
+def comma_separated(text: str) -> tuple[float, ...]:
+    """Return the numbers of a text, separated by commas."""
+    try:
+        return tuple(float(word) for word in text.split(",") if text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} must be numbers separated by commas") from None
+
+
+FORMS = {
+    "profile": Form("KEY=T:V,T:V", repeated=True), "inputs": Form("RUN|FILE", Path), "inputs_scene": Form("SCENE"),
+    "joints": Form("flywheel=NAME,clutch_plate=NAME", joint_names), "columns": Form("NAME=COLUMN[:UNIT],..."),
+    "from_": Form("S", float), "to": Form("S", float), "pulses": Form("N", number(1, 10_000, kind=int)),
+    "discard": Form("N|auto", cycles_or_auto), "connect": Form("URL"), "rrd": Form("FILE", Path),
+    "dask": Form("ADDRESS"), "quantiles": Form("P,P,...", comma_separated), "scene": Form("SCENE")}
+"""Values that several verbs write otherwise than as a number or a word, by keyword."""
+PLANNED = "cycles duration discard solver rtol step damping lyapunov"
+"""Fields of a plan that are options of every verb that solves."""
+SIMULATION, ANALYSIS = "tcc_sim.functions:simulation", "tcc_sim.functions:analysis"
+PLAN = "tcc_sim.sweeps.simulation:Plan"
+DRIVELINE = "joints topic driveline"
+"""Options that select the driveline of a recording."""
 
 
 def recording_of(arguments: argparse.Namespace, path: Path, scene: str | None) -> Recording:
-    """Open a recording with the options of `add_driveline`, and with a scene in case it has none."""
+    """Open a recording with the options of DRIVELINE, and with a scene in case it has none."""
     from tcc_sim.replay.recorded import read
 
     recording = read(path, scene, **driveline_of(arguments))
@@ -92,23 +114,27 @@ def recording_of(arguments: argparse.Namespace, path: Path, scene: str | None) -
 
 
 def refuse_driveline(arguments: argparse.Namespace, why: str) -> None:
-    """Raise InputError if an option of `add_driveline` is given where no recording is read."""
+    """Raise InputError if an option of DRIVELINE is given where no recording is read."""
     given = [f"--{name}" for name, value in driveline_of(arguments).items() if value is not None]
     if given:
         raise InputError(f"{', '.join(given)}: only for recordings; {why}")
 
 
 def driveline_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of `add_driveline` as keywords of `read`."""
-    return {name: getattr(arguments, name) for name in ("joints", "topic", "driveline")}
+    """Return the options of DRIVELINE as keywords of `read`."""
+    return keywords_of(arguments, DRIVELINE)
 
 
 def add_scene(parser: argparse.ArgumentParser, more: str = "") -> None:
     """Add SCENE and --set of the verbs that work on a scene; `more` ends the help of --set."""
-    group = parser.add_argument_group("scene")
-    group.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
-    group.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
-                       help=f"change a key of the scene{more}; may be repeated")
+    parser.add_argument("scene", metavar="SCENE", help="name of a bundled scene, or a file")
+    add_changes(parser, more)
+
+
+def add_changes(parser: argparse.ArgumentParser, more: str = "") -> None:
+    """Add --set."""
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
+                        help=f"change a key of the scene{more}; may be repeated")
 
 
 def scene_of(arguments: argparse.Namespace, more: Mapping[str, Any] | None = None) -> Scene:
@@ -140,65 +166,17 @@ def add_namespace(parser: argparse.ArgumentParser, default: str = "") -> None:
                                                     help="namespace of the driveline node")
 
 
-def add_columns(group: argparse._ArgumentGroup) -> None:
-    """Add --columns of the verbs that read a table."""
-    group.add_argument("--columns", metavar="NAME=COLUMN[:UNIT],...",
-                       help="columns of a table under other names or in units that it does not state, for example "
-                       "slip_speed=n_slip:rpm,t=Time:ms")
-
-
 def say_of_table(sentences: Iterable[str]) -> None:
     """Print sentences on how a table was read on standard error."""
     for sentence in sentences:
         print(f"tcc-sim: {one_line(sentence)}", file=sys.stderr)
 
 
-def add_part_of_table(group: argparse._ArgumentGroup) -> None:
-    """Add --from and --to of the verbs that can take a part of a table."""
-    for name, dest, words in (("--from", "start", "from this time on"), ("--to", "end", "up to this time")):
-        group.add_argument(name, metavar="S", type=float, dest=dest, help=f"a table only {words}, s")
-
-
-def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Add --jobs and --dask of the verbs whose work is many independent parts."""
-    where = parser.add_argument_group("workers").add_mutually_exclusive_group()
-    where.add_argument("--jobs", metavar="N", type=int, help="threads (default: all cores)")
-    where.add_argument("--dask", metavar="ADDRESS", help="Dask scheduler, such as tcp://127.0.0.1:8786")
-
-
-def add_solver(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add the solver, and the group of figures that cost extra time, which is returned for more of them."""
-    group = parser.add_argument_group("solver")
-    group.add_argument("--solver", metavar="NAME", default="auto",
-                       help="name of a solver; auto (default) takes smoothed or event_driven, by friction law")
-    group.add_argument("--rtol", metavar="R", type=float, help="relative tolerance of an adaptive solver")
-    group.add_argument("--step", metavar="H", type=float, help="step of a fixed-step solver, s")
-    figures = parser.add_argument_group("further figures")
-    figures.add_argument("--damping", action="store_true", help="add the equivalent damping (21)")
-    figures.add_argument("--lyapunov", action="store_true", help="add the largest Lyapunov exponent")
-    return figures
-
-
-def add_spectrum(figures: argparse._ArgumentGroup) -> None:
-    """Add --spectrum and --pulses to the group of figures of a verb."""
-    figures.add_argument("--spectrum", action="store_true", help="add the spectra of slip speed and shaft torque in "
-                         "the steady state, over frequency and order; --plot then draws them")
-    figures.add_argument("--pulses", metavar="N", type=number(1, 10_000, kind=int),
-                         help="pulses per crank revolution in the tacho column of a table (default 1)")
-
-
 def plan_of(arguments: argparse.Namespace, **more: Any) -> Plan:
-    """Return the plan of a simulation from --cycles, --duration, --discard and the options of `add_solver`."""
+    """Return the plan of a simulation from the options of PLANNED."""
     from tcc_sim.sweeps.simulation import Plan
 
-    discard = arguments.discard
-    if discard is not None and discard != "auto":
-        try:
-            discard = int(discard)
-        except ValueError:
-            raise InputError(f"--discard is {discard!r}; it must be a number of cycles or auto") from None
-    return Plan(discard=discard, **more, **{name: getattr(arguments, name) for name in (
-        "cycles", "duration", "solver", "rtol", "step", "damping", "lyapunov")})
+    return Plan(**keywords_of(arguments, PLANNED), **more)
 
 
 def add_outputs(parser: argparse.ArgumentParser, json: str, out: str = "", metavar: str = "FILE",

@@ -6,6 +6,7 @@ import argparse
 from typing import Any
 
 from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of
+from tcc_sim.cli.options import add_options
 from tcc_sim.errors import counted
 from tcc_sim.output.terminal import say
 
@@ -13,9 +14,7 @@ from tcc_sim.output.terminal import say
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, the cost measurement, and outputs."""
     add_scene(parser)
-    parser.add_argument_group("further figures").add_argument(
-        "--cost", action="store_true", help="print topics, optional packages and kernel arguments too, and measure the "
-        "run time of one tick of the real-time solver and the share of each term; this compiles one kernel per term")
+    add_options(parser, "tcc_sim.functions:explanation", "cost", {})
     add_outputs(parser, "the estimates and terms")
 
 

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from tcc_sim.cli.arguments import add_scene, new_file, number, scene_of, warn_of
+from tcc_sim.cli.options import Form, add_options
 from tcc_sim.errors import check_suffix
 from tcc_sim.output.terminal import say
 
@@ -13,13 +14,8 @@ from tcc_sim.output.terminal import say
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, the version of FMI, and the file."""
     add_scene(parser)
-    unit = parser.add_argument_group("FMU")
-    unit.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of FMI (default 2)")
-    unit.add_argument("--step", metavar="S", type=number(5e-5, 1.0, "s"),
-                      help="length of a tick, s (default: from the scene's rate)")
-    unit.add_argument("--sources-only", action="store_true", help="leave out the binary for this machine")
-    parser.add_argument_group("output").add_argument(
-        "--out", metavar="FILE.fmu", type=Path, help="file to write (default: tcc_sim_SCENE.fmu)")
+    add_options(parser, "tcc_sim.functions:fmu_file", "fmi step sources_only out", {
+        "step": Form("S", number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)})
 
 
 def run(arguments: argparse.Namespace) -> int:

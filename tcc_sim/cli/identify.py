@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import (
-    add_columns,
-    add_driveline,
+    DRIVELINE,
+    FORMS,
+    SIMULATION,
+    add_changes,
     add_outputs,
-    add_part_of_table,
     check_outputs,
     driveline_of,
     plot_result,
@@ -22,6 +23,7 @@ from tcc_sim.cli.arguments import (
     refuse_driveline,
     say_of_table,
 )
+from tcc_sim.cli.options import Form, add_options, parameters_of
 from tcc_sim.errors import InputError, counted
 from tcc_sim.shown_units import speed
 
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
     from tcc_sim.estimation.identify import Identification
     from tcc_sim.scene import Scene
 
+IDENTIFY = "tcc_sim.estimation.identify:identify"
 WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "linear between samples (--hold linear)",
          "smooth": "linear between corners that keep the amplitudes of sines (--hold smooth)",
          "next": "held up to each sample (--hold next)"}
@@ -37,33 +40,13 @@ WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "li
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the measurement, the scene, the free keys, further figures and outputs."""
-    measurement = parser.add_argument_group("measurement")
-    measurement.add_argument("measured", metavar="RUN|FILE", type=Path,
-                             help="a recording, or a table with those of the columns t, slip_speed, plate_speed, "
-                             "plate_angle, engine_torque, actuation_pressure that were measured (.csv or other text, "
-                             ".parquet, .mat, .mf4)")
-    add_columns(measurement)
-    add_part_of_table(measurement)
-    measurement.add_argument("--noise", metavar="CHANNEL=S,...",
-                             help="standard deviations, such as slip_speed=0.1,plate_speed=0.1 (default: estimated)")
-    measurement.add_argument("--hold", choices=list(WORDS),
-                             help="measured input between two samples: value of the previous one, linear, smooth (lines"
-                             " that keep the amplitudes of sines), or value of the next one (default: the one that "
-                             "fits best)")
-    add_driveline(measurement)
-    scene = parser.add_argument_group("scene")
-    scene.add_argument("--scene", metavar="SCENE",
-                       help="name of a bundled scene, or a file, with the keys that are not free (default: the "
-                       "recording's scene)")
-    scene.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
-                       help="change a key of the scene; may be repeated")
-    free = parser.add_argument_group("parameters")
-    free.add_argument("--free", metavar="KEY[=START]", action="append", required=True,
-                      help="key to estimate, may be repeated; engine_torque.offset and actuation_pressure.offset are "
-                      "offsets of the sensors; friction.curve[=N] is the friction coefficient over slip speed as a "
-                      "constant and N exponentials (default 2)")
-    parser.add_argument_group("further figures").add_argument(
-        "--likelihood", metavar="KEY", help="add the profile likelihood of a free key")
+    parser.add_argument("measured", metavar="RUN|FILE", type=Path, help=parameters_of(IDENTIFY)["measured"].meaning)
+    add_options(parser, IDENTIFY, "scene", FORMS)
+    add_changes(parser)
+    parser.add_argument("--free", metavar="KEY[=START]", action="append", required=True,
+                        help=f"{parameters_of(IDENTIFY)['free'].meaning}; may be repeated")
+    add_options(parser, IDENTIFY, "noise hold likelihood", {"noise": Form("CHANNEL=S,..."), "likelihood": Form("KEY")})
+    add_options(parser, SIMULATION, f"columns from_ to {DRIVELINE}", FORMS)
     add_outputs(parser, "estimates, residuals and verdicts", "the scene with the estimated values", "SCENE.yaml")
 
 
@@ -104,7 +87,7 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
     if is_table(arguments.measured):
         refuse_driveline(arguments, f"{arguments.measured} is a table")
     measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene),
-                            arguments.columns, arguments.start, arguments.end, **driveline_of(arguments))
+                            arguments.columns, arguments.from_, arguments.to, **driveline_of(arguments))
     scene = scene.with_values(parse_assignments(arguments.set))
     return scene, partial(identify, measured, free, scene=scene, noise=noise, hold=arguments.hold,
                           likelihood=arguments.likelihood)

@@ -18,6 +18,7 @@ from tcc_sim.cli.arguments import (
     present,
     scene_of,
 )
+from tcc_sim.cli.options import Form, add_options
 from tcc_sim.cli.ranges import spaced
 from tcc_sim.errors import InputError, counted
 from tcc_sim.shown_units import frequency, speed
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from tcc_sim.estimation.linearise import Linearisation
     from tcc_sim.estimation.slip_loop import SlipLoop
 
-INPUTS, OUTPUTS = ("actuation_pressure", "engine_torque"), ("slip_speed", "friction_torque", "shaft_torque")
+LINEARISE = "tcc_sim.estimation.linearise:linearise"
 SHOWN = 7
 """Number of frequencies printed."""
 
@@ -34,24 +35,8 @@ SHOWN = 7
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, operating point, transfer function, further figures and outputs."""
     add_scene(parser)
-    point = parser.add_argument_group("operating point")
-    point.add_argument("--slip", metavar="V", type=float,
-                       help="mean slip speed, rad/s, for which the pressure is computed (default: the scene's "
-                       "pressure)")
-    point.add_argument("--mean", action="store_true",
-                       help="replace torque and pressure by their means; A, B, C, D are then continuous")
-    response = parser.add_argument_group("transfer function")
-    response.add_argument("--input", choices=INPUTS, default=INPUTS[0], help=f"its input (default {INPUTS[0]})")
-    response.add_argument("--output", choices=OUTPUTS, default=OUTPUTS[0], help=f"its output (default {OUTPUTS[0]})")
-    response.add_argument("--frequencies", metavar="START:STOP:COUNT",
-                          help="rad/s, spaced evenly in logarithm (default: 240 from 2 to three times the slipping "
-                          "mode)")
-    figures = parser.add_argument_group("further figures")
-    figures.add_argument("--controller", metavar="KP,KI",
-                         help="add stability, margins, largest delay and smallest stable slip of the loop with the "
-                         "package's slip controller, gains KP (N m s/rad) and KI (N m/rad)")
-    figures.add_argument("--check", metavar="N", type=int, default=0,
-                         help="add the simulated response at N of the frequencies")
+    add_options(parser, LINEARISE, "slip mean input output frequencies controller check", {
+        "frequencies": Form("START:STOP:COUNT"), "controller": Form("KP,KI")})
     add_outputs(parser, "operating point, matrices and responses", "the response as .csv or .parquet, with the "
                 "matrices as .npz or .mat")
 

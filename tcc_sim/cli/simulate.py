@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from tcc_sim.background import awaited
 from tcc_sim.cli import arguments as common
+from tcc_sim.cli.options import add_options, option_of
 from tcc_sim.errors import InputError, counted
 
 if TYPE_CHECKING:
@@ -16,43 +17,14 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 SAMPLES, LARGEST_OUTPUT = 200, 50_000_000
-HOLDS = ("previous", "linear", "smooth", "next")
-"""Interpolations of a table's inputs between rows, see `replay.given_inputs.driven_by`."""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add scene, inputs, length, solver, further figures and outputs."""
     common.add_scene(parser)
-    inputs = parser.add_argument_group("inputs")
-    inputs.add_argument("--profile", metavar="KEY=T:V,T:V", action="append", default=[],
-                        help="linear course between points in time (s) of engine.frequency, engine.mean_torque, "
-                        "engine.torque_amplitude, engine.harmonic_amplitudes[n] or pressure.mean; may be repeated")
-    inputs.add_argument("--inputs", metavar="RUN|FILE", type=Path,
-                        help="torque, pressure and speed of the shaft's far end from a recording, or from the columns "
-                        "t, engine_torque, actuation_pressure and output_speed of a table (.csv or other text, "
-                        ".parquet, .mat, .mf4); --plot draws simulation and recording together")
-    inputs.add_argument("--scene", metavar="S", dest="recorded_scene",
-                        help="name or file of the scene of the recorded driveline, for a recording without one")
-    common.add_driveline(inputs)
-    inputs.add_argument("--hold", choices=HOLDS, help="input of a table between two rows: value of the previous row, "
-                        "linear, smooth (lines that keep the amplitudes of sines), or value of the next row (default: "
-                        "as the table says, else previous)")
-    common.add_columns(inputs)
-    common.add_part_of_table(inputs)
-    length = parser.add_argument_group("length")
-    span = length.add_mutually_exclusive_group()
-    span.add_argument("--cycles", metavar="N", type=int, help="periods of excitation solved (default 150)")
-    span.add_argument("--duration", metavar="S", type=float,
-                      help="seconds solved instead (default for a scene with profiles: up to their last point)")
-    length.add_argument("--discard", metavar="N|auto",
-                        help="cycles dropped from the summary at the start (default 50, but at most half of --cycles, "
-                        "at most a third of the whole cycles in --duration, and 0 for a scene with profiles); auto "
-                        "stops as soon as the section has settled, and drops the cycles before")
-    figures = common.add_solver(parser)
-    figures.add_argument("--orders", action="store_true",
-                         help="add orders, transmissibility and judder; --plot then draws the order map, and beside it "
-                         "the map of the slip speed measured in the table of --inputs")
-    common.add_spectrum(figures)
+    add_options(parser, common.SIMULATION, f"profile inputs inputs_scene {common.DRIVELINE} hold columns from_ to",
+                common.FORMS)
+    add_options(parser, common.PLAN, common.PLANNED, common.FORMS)
+    add_options(parser, common.SIMULATION, "orders spectrum pulses", common.FORMS)
     output = common.add_outputs(parser, "the summary", "the samples: .npz, .csv, .parquet, .mat or .mcap")
     output.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
                         help=f"samples per period of excitation in --out (default {SAMPLES})")
@@ -76,12 +48,11 @@ def run(arguments: argparse.Namespace) -> int:
         source = inputs_of(arguments)
         table = source if isinstance(source, MeasuredTable) else None
         scene, measured = driven_scene(scene, source, arguments.hold, arguments.orders, arguments.pulses)
-    elif arguments.recorded_scene is not None:
+    elif arguments.inputs_scene is not None:
         raise InputError("--scene is for a recording without a scene; give the recording with --inputs")
-    for name in ("hold", "columns", "start", "end", "pulses"):
+    for name in ("hold", "columns", "from_", "to", "pulses"):
         if getattr(arguments, name) is not None and arguments.inputs is None:
-            option = {"start": "from", "end": "to"}.get(name, name)
-            raise InputError(f"--{option} is for the inputs of a table; give the table with --inputs")
+            raise InputError(f"{option_of(name)} is for the inputs of a table; give the table with --inputs")
     if arguments.spectrum:
         scene.system.check_repeats("a spectrum")
     plan = common.plan_of(arguments)
@@ -136,11 +107,11 @@ def inputs_of(arguments: argparse.Namespace) -> MeasuredTable | Recording:
     from tcc_sim.replay.given_inputs import input_table
 
     inputs: Path = arguments.inputs
-    table = input_table(inputs, arguments.columns, arguments.start, arguments.end)
+    table = input_table(inputs, arguments.columns, arguments.from_, arguments.to)
     if table is not None:
         common.refuse_driveline(arguments, f"{inputs} is a table")
         return table
-    return common.recording_of(arguments, inputs, arguments.recorded_scene)
+    return common.recording_of(arguments, inputs, arguments.inputs_scene)
 
 
 def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:

@@ -8,12 +8,16 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli import arguments as common
+from tcc_sim.cli.options import Form, add_options, parameters_of
 from tcc_sim.cli.ranges import bounds_of_range, values_of_range
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
 from tcc_sim.model.crank_speed import ORDER
 from tcc_sim.model.quantity import SPEED_UNIT, number_in
 from tcc_sim.output.files import STANDARD_OUTPUT
 from tcc_sim.output.terminal import terminal_width
+
+SCATTER = "tcc_sim.sweeps.scatter:scatter"
+FORMS = {**common.FORMS, "orders": Form("SPEED,...", optional=""), "direction": Form("cold|up|down")}
 
 if TYPE_CHECKING:
     from tcc_sim.model.parameters import System
@@ -23,38 +27,14 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add scene, values, samples, length, solver, workers and outputs."""
     common.add_scene(parser)
-    values = parser.add_argument_group("values")
-    values.add_argument("--over", metavar="KEY=START:STOP:COUNT[:log]|KEY=V,V,...", action="append", default=[],
+    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT[:log]|KEY=V,V,...", action="append", default=[],
                         help="scene key and its values; given twice, a grid of two keys; friction.coefficients takes "
                         "factors of a whole table")
-    values.add_argument("--direction", choices=("cold", "up", "down"), default="cold",
-                        help="start of each value of the first key: cold from the scene's initial state (default), up "
-                        "or down from the last state of the neighbour below or above, with the phases of torque and "
-                        "load")
-    samples = parser.add_argument_group("tolerances")
-    samples.add_argument("--scatter", metavar="KEY=LOW:HIGH", action="append", default=[],
-                         help="scene key and the bounds of its tolerance, may be repeated; samples give "
-                         "quantiles of every result")
-    samples.add_argument("--samples", metavar="N", type=int, help="number of samples; best a power of 2")
-    samples.add_argument("--seed", metavar="N", type=int, default=0, help="seed of the samples (default 0)")
-    samples.add_argument("--quantiles", metavar="P,P,...", help="probabilities of the quantiles, such as "
-                         "0.025,0.5,0.975 (default 0.05,0.5,0.95)")
-    samples.add_argument("--every-sample", action="store_true",
-                         help="include samples that ran away or have not settled in the quantiles")
-    length = parser.add_argument_group("length")
-    span = length.add_mutually_exclusive_group()
-    span.add_argument("--cycles", metavar="N", type=int, help="periods of excitation solved per value (default 150)")
-    span.add_argument("--duration", metavar="S", type=float,
-                      help="seconds solved instead (default for a scene with profiles: up to their last point)")
-    length.add_argument("--discard", metavar="N|auto", default=None,
-                        help="cycles dropped (default 50); auto stops as soon as the section has settled, and drops "
-                        "the cycles before")
-    figures = common.add_solver(parser)
-    figures.add_argument("--orders", metavar="SPEED,...", nargs="?", const="", help="add judder, and "
-                         "amplitudes of the first four orders of slip speed and shaft torque at these frequencies of "
-                         "the excitation, rad/s or hz, or speeds of the crankshaft, rpm (default: five within the "
-                         "range of each run, or its constant one)")
-    common.add_workers(parser)
+    parser.add_argument("--scatter", metavar="KEY=LOW:HIGH", action="append", default=[],
+                        help=f"{parameters_of(SCATTER)['bounds'].meaning}; may be repeated")
+    add_options(parser, SCATTER, "samples seed quantiles every", common.FORMS, quantiles=None)
+    add_options(parser, common.PLAN, f"direction {common.PLANNED} orders", FORMS)
+    add_options(parser, "tcc_sim.sweeps.sweep:sweep_curves", "jobs dask", common.FORMS)
     common.add_outputs(parser, "results in value order", "a table with a row per value as .csv, .parquet, .mat or "
                        ".npz, and until it is complete each point as soon as it is solved in FILE.part; with any other "
                        "suffix the points alone; the same command resumes from them",
@@ -111,14 +91,6 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _numbers(option: str, text: str) -> tuple[float, ...]:
-    """Return the numbers of an option, separated by commas; none for an empty text."""
-    try:
-        return tuple(float(word) for word in text.split(",") if text)
-    except ValueError:
-        raise InputError(f"{option} is {text!r}; it must be numbers separated by commas") from None
-
-
 def _frequencies(arguments: argparse.Namespace, order: float) -> tuple[float, ...]:
     """Return the frequencies of --orders, rad/s; none for an empty text."""
     words = [word for word in arguments.orders.split(",") if arguments.orders]
@@ -146,15 +118,15 @@ def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], C
             raise InputError("--over is given twice; with --scatter it can be given once")
         if arguments.samples is None:
             raise InputError("--scatter needs --samples N, the number of samples")
-        probabilities = PROBABILITIES if arguments.quantiles is None else _numbers("--quantiles", arguments.quantiles)
+        probabilities = PROBABILITIES if arguments.quantiles is None else arguments.quantiles
         tolerances = Tolerances(bounds, arguments.samples, arguments.seed, probabilities)
         key, values = (*over, ("", []))[0]
-        every = arguments.every_sample
+        every = arguments.every
         return (scattered_curves(system, tolerances, key, values),
                 lambda sweeps: Scattered(tolerances, key, sweeps, every))
     if arguments.quantiles is not None:
         raise InputError("--quantiles needs --scatter KEY=LOW:HIGH")
-    if arguments.every_sample:
+    if arguments.every:
         raise InputError("--every-sample needs --scatter KEY=LOW:HIGH")
     if arguments.samples is not None:
         raise InputError("--samples needs --scatter KEY=LOW:HIGH")

@@ -12,7 +12,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -78,7 +78,8 @@ class Identification(Result):
 
 
 def identify(measured: Measurement | str | Path, free: Mapping[str, float | None] | Sequence[str], *,
-             scene: SceneLike | None = None, noise: Mapping[str, float] | None = None, hold: str | None = None,
+             scene: SceneLike | None = None, noise: Mapping[str, float] | None = None,
+             hold: Literal["previous", "linear", "smooth", "next"] | None = None,
              likelihood: str | None = None, settings: FitSettings | None = None, gates: Gates | None = None,
              joints: Mapping[str, str] | None = None, topic: str | None = None, driveline: int | None = None,
              columns: str | Mapping[str, str] | None = None, from_: float | None = None, to: float | None = None,
@@ -87,15 +88,18 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
 
     Parameters
     ----------
-    measured : a Measurement, a table's file (.csv, `measurement.measurement_in`), or a recording
-    free : keys of `windows.FREE`, each with its start (None: the scene's value; 0 for an offset); friction.curve, with
-        the number of its exponentials (None: 2)
-    scene : scene, system, name or file with the keys that are not free and the inputs that were not measured; None
-        takes that of the recording
-    noise : standard deviation by channel, rad/s or rad; noise that is not given is estimated from the signal
-    hold : one of `tables.measured_table.HOLDS`, the course of a measured input between two samples; None takes that
-        stated in the measurement, or else the one that fits best
-    likelihood : key whose profile likelihood is computed
+    measured : a recording, a Measurement, or a table with those of the columns t, slip_speed, plate_speed, plate_angle,
+        engine_torque, actuation_pressure that were measured (.csv or other text, .parquet, .mat, .mf4)
+    free : keys to estimate, each with its start (default: the scene's value; 0 for an offset); engine_torque.offset and
+        actuation_pressure.offset are offsets of the sensors; friction.curve[=N] is the friction coefficient over slip
+        speed as a constant and N exponentials (default 2)
+    scene : scene, system, name or file with the keys that are not free and the inputs that were not measured (default:
+        the recording's scene)
+    noise : standard deviations of the channels, rad/s or rad, such as slip_speed=0.1,plate_speed=0.1 (default:
+        estimated from the signal)
+    hold : measured input between two samples: value of the previous one, linear, smooth (lines that keep the amplitudes
+        of sines), or value of the next one (default: as the measurement says, else the one that fits best)
+    likelihood : add the profile likelihood of a free key
     joints, topic, driveline : selection of a recording's driveline, see `recording.drivelines.Choice`
     columns, from_, to : columns and part of a table, see `given`
     progress : show iterations on a terminal or in a notebook, elsewhere a line a minute

@@ -17,7 +17,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,7 +135,8 @@ class Linearisation(Result):
                 "multipliers": self.multipliers}
 
 
-def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: str = "slip_speed",
+def linearise(scene: SceneLike, *, input: Literal["actuation_pressure", "engine_torque"] = "actuation_pressure",
+              output: Literal["slip_speed", "friction_torque", "shaft_torque"] = "slip_speed",
               slip: float | None = None, frequencies: Sequence[float] | None = None, check: int = 0, mean: bool = False,
               controller: tuple[float, float] | None = None, progress: bool = False) -> Linearisation:
     """Compute the transfer function from an input to an output about a settled motion.
@@ -143,13 +144,15 @@ def linearise(scene: SceneLike, *, input: str = "actuation_pressure", output: st
     Parameters
     ----------
     scene : scene, system, or the name or file of a scene
-    input, output : names of INPUTS and OUTPUTS
-    slip : mean slip speed, rad/s, for which the pressure is computed; None takes the scene's pressure
-    frequencies : rad/s, above 0; by default 240 from 2 rad/s to 3 sqrt(K23/I2), evenly in logarithm
-    mean : replace torque and pressure by their means; the matrices are then continuous
-    check : number of the frequencies at which the response is also simulated
-    controller : proportional (N m s/rad) and integral gain (N m/rad) of the package's slip controller, whose loop is
-        judged: slip speed by actuation pressure, with a command at the scene's rate
+    input, output : input and output of the transfer function
+    slip : mean slip speed, rad/s, for which the pressure is computed (default: the scene's pressure)
+    frequencies : rad/s, above 0, on a command line spaced evenly in logarithm (default: 240 from 2 to three times the
+        slipping mode, 3 sqrt(K23/I2))
+    mean : replace torque and pressure by their means; A, B, C, D are then continuous
+    check : add the simulated response at so many of the frequencies
+    controller : add stability, margins, largest delay and smallest stable slip of the loop with the package's slip
+        controller, which commands the pressure at the scene's rate: its proportional (N m s/rad) and integral gain
+        (N m/rad)
     progress : show tried slip speeds and simulated points on a terminal or in a notebook, elsewhere a line a minute
 
     Raises

@@ -242,11 +242,12 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     Parameters
     ----------
     scene : a scene, its name or file, or a system
-    bounds : lowest and highest value by key
-    samples, seed : number of samples, and seed of their scrambling
+    bounds : scene key and the bounds of its tolerance; samples give quantiles of every result
+    samples : number of samples; best a power of 2
+    seed : seed of the samples
     over, values : another key over which every sample is swept
-    every : whether quantiles include samples that ran away or have not settled
-    quantiles : their probabilities, rising
+    every : include samples that ran away or have not settled in the quantiles
+    quantiles : probabilities of the quantiles, rising (default 0.05,0.5,0.95)
     plan, jobs, dask, progress : as for `sweep`
 
     Raises

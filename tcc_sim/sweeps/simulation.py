@@ -43,20 +43,23 @@ Called = TypeVar("Called", bound=Callable[..., Any])
 class Plan:
     """How a motion is solved, and which results are computed.
 
-    cycles : engine cycles solved, 150 by default; with discard "auto" the largest number
-    duration : time solved instead of whole cycles, s; without either, profiles are solved to their last point
-    discard : dropped cycles; None drops 50, or half of them if there are fewer than 100, at most a third of those in a
-        duration, and none for a scene with profiles; "auto" drops those before the section has settled, and at least
-        half if it has not
-    direction : of a sweep: cold starts every point from the scene's initial state; up and down continue from the
-        neighbour's last state, from the lowest or the highest value
-    solver, rtol, step : as for `solvers.solve`; a sweep without rtol uses `settings.Settings.rtol`
+    cycles : periods of excitation solved (default 150); with discard auto the largest number
+    duration : seconds solved instead (default for a scene with profiles: up to their last point)
+    discard : cycles dropped from the summary at the start (default 50, but at most half of the cycles, at most a third
+        of the whole cycles in a duration, and 0 for a scene with profiles); auto stops as soon as the section has
+        settled, and drops the cycles before, at least half of them if it has not
+    direction : start of each value of the first key of a sweep: cold from the scene's initial state, up or down from
+        the last state of the neighbour below or above, with the phases of torque and load
+    solver : name of a solver; auto takes smoothed or event_driven, by friction law
+    rtol : relative tolerance of an adaptive solver (default: that of the solver; 1e-6 in a sweep)
+    step : step of a fixed-step solver, s
     section_points : stored points of the section besides those of one period; 0 for none
-    damping : whether (21) is computed
-    lyapunov : whether the largest Lyapunov exponent is computed
+    damping : add the equivalent damping (21)
+    lyapunov : add the largest Lyapunov exponent
     lyapunov_cycles : cycles over which it is averaged if there is no period
-    orders : frequencies of the excitation, rad/s, at which amplitudes of orders are computed; empty for five within the
-        range of the run, or its constant one; None for no orders
+    orders : add judder, and amplitudes of the first four orders of slip speed and shaft torque at these frequencies of
+        the excitation, rad/s or hz, or speeds of the crankshaft, rpm (empty: five within the range of each run, or its
+        constant one)
 
     Raises
     ------

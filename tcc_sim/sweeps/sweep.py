@@ -112,8 +112,8 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
 
     Parameters
     ----------
-    jobs : threads (the kernels release the interpreter lock); by default all available cores
-    dask : address of a Dask scheduler whose workers solve the points instead
+    jobs : threads, which the kernels do not hold up (default: all available cores)
+    dask : address of a Dask scheduler whose workers solve instead, such as tcp://127.0.0.1:8786
     out : file to which every point is appended; points of the same sweep in it are not solved again
     head : further values of the first line of that file, such as scene and command
     progress : show a bar on a terminal or in a notebook, elsewhere a line a minute

@@ -125,11 +125,11 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     Parameters
     ----------
     scene : a scene, its name or file, or a system
-    plane : two axes of initial.* keys, or these keys and their values
-    cycles : largest number of engine cycles of a cell, 16 to 1000000
+    plane : an initial.* key and its values, twice
+    cycles : most periods of excitation solved for a cell, 16 to 1000000 (default 600)
     over : a scene key and its values; there is a plane for each, and attractors have the same numbers in all
-    jobs : number of threads; all available cores by default
-    dask : address of a Dask scheduler whose workers do the work instead
+    jobs : threads (default: all available cores)
+    dask : address of a Dask scheduler whose workers solve instead, such as tcp://127.0.0.1:8786
     part : file of finished rows; the same call continues from it
     head : further keys of that file's first line, such as the command
     progress : whether to show a bar on a terminal or in a notebook, elsewhere a line a minute

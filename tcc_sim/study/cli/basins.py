@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import (
+    FORMS,
     add_outputs,
     add_scene,
-    add_workers,
     check_outputs,
     document_of,
     drawn,
@@ -18,9 +18,12 @@ from tcc_sim.cli.arguments import (
     refuse_swept,
     scene_of,
 )
+from tcc_sim.cli.options import Form, add_options
 from tcc_sim.cli.ranges import values_of_range
 from tcc_sim.errors import BasinsInterrupted, counted
 from tcc_sim.shown_units import key_value
+
+BASINS = "tcc_sim.study.basins.compute:basins"
 
 if TYPE_CHECKING:
     from tcc_sim.study.basins.results import Axis, Basins
@@ -29,16 +32,12 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add scene, plane, length of the simulations, further figures, workers and outputs."""
     add_scene(parser)
-    plane = parser.add_argument_group("plane")
-    plane.add_argument("--plane", metavar="KEY=START:STOP:COUNT", action="append", required=True,
-                       help="an initial.* key and its evenly spaced values; give this option twice")
-    plane.add_argument("--over", metavar="KEY=START:STOP:COUNT",
-                       help="scene key; the plane is computed at each of its values")
-    plane.add_argument("--cycles", metavar="N", type=int, default=600,
-                       help="most periods of excitation solved for a cell (default 600)")
-    parser.add_argument_group("further figures").add_argument(
-        "--boundary", action="store_true", help="add the uncertainty exponent of the basin boundary")
-    add_workers(parser)
+    parser.add_argument("--plane", metavar="KEY=START:STOP:COUNT", action="append", required=True,
+                        help="an initial.* key and its evenly spaced values; give this option twice")
+    add_options(parser, BASINS, "over", {"over": Form("KEY=START:STOP:COUNT")})
+    add_options(parser, BASINS, "cycles", FORMS, cycles=600)
+    parser.add_argument("--boundary", action="store_true", help="add the uncertainty exponent of the basin boundary")
+    add_options(parser, BASINS, "jobs dask", FORMS)
     add_outputs(parser, "attractors and fractions", "label and cycles of every cell: .npz, .mat, .csv or .parquet; "
                 "until it is complete, finished rows are in FILE.part, and the same command resumes from them")
 

@@ -9,9 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of
+from tcc_sim.cli.options import Form, add_options
 from tcc_sim.cli.ranges import bounds_of_range
 from tcc_sim.errors import counted
 from tcc_sim.shown_units import key_value, speed
+
+PLAN = "tcc_sim.study.continuation.motions:ContinuationPlan"
 
 if TYPE_CHECKING:
     from tcc_sim.study.continuation.motions import Motions
@@ -20,19 +23,13 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, the key to follow, further branches and curves, and outputs."""
     add_scene(parser, "; for the key of --over, its first value")
-    followed = parser.add_argument_group("branches")
-    followed.add_argument("--over", metavar="KEY=START:STOP", required=True, help="scene key to vary, and its range")
-    followed.add_argument("--period", metavar="N", type=int,
-                          help="periods of excitation in a period of the first motion (default: as the settled one)")
-    followed.add_argument("--seeds", metavar="FILE", type=Path,
-                          help="start from the attractors in FILE, which basins --json wrote")
-    followed.add_argument("--switch", metavar="DEPTH", type=int, nargs="?", const=1, default=0,
-                          help="follow branches of doubled period too, through DEPTH doublings (default 1)")
-    figures = parser.add_argument_group("further figures")
-    figures.add_argument("--at", metavar="VALUE", type=float, action="append", default=[],
-                         help="add the motions of every branch at exactly this value of the key; may be repeated")
-    figures.add_argument("--second", metavar="KEY=START:STOP",
-                         help="follow every fold, doubling, Neimark-Sacker and stick border in a second key")
+    parser.add_argument("--over", metavar="KEY=START:STOP", required=True, help="scene key to vary, and its range")
+    add_options(parser, PLAN, "period", {})
+    parser.add_argument("--seeds", metavar="FILE", type=Path,
+                        help="start from the attractors in FILE, which basins --json wrote")
+    add_options(parser, PLAN, "switch at second", {
+        "switch": Form("DEPTH", int, optional=1), "at": Form("VALUE", float, repeated=True),
+        "second": Form("KEY=START:STOP")})
     add_outputs(parser, "branches, bifurcations and curves")
 
 

@@ -28,10 +28,11 @@ from tcc_sim.sweeps.progress import point_bar
 class ContinuationPlan:
     """Task of a continuation.
 
-    over : scene key, with its range from `low` to `high`; `second` is the same for two-parameter curves
-    period : engine cycles of the first motion; None takes the period of the settled one
-    at : values with orbits in the result
-    switch : generations of doubled branches
+    over : scene key, with its range from `low` to `high`
+    period : periods of excitation in a period of the first motion (default: as the settled one)
+    at : add the motions of every branch at exactly this value of the key
+    switch : follow branches of doubled period too, through so many doublings
+    second : follow every fold, doubling, Neimark-Sacker and stick border in a second key
     seeds : motions on further branches; they replace the settled one
 
     Raises

@@ -1,0 +1,129 @@
+"""Options of a verb, derived from its functions: names, types and defaults from signatures, help from docstrings.
+
+The functions are read as text, so that no parser imports more than it needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+KINDS = {"int": (int, "N"), "float": (float, "X"), "Path": (Path, "FILE"), "str": (str, "NAME")}
+"""Types of values, by the words of an annotation, and the word that stands for a value."""
+OTHERWISE = {"from_": "from", "inputs_scene": "scene", "every": "every_sample"}
+"""Names of options that differ from those of keywords."""
+EXCLUSIVE = (("cycles", "duration"), ("jobs", "dask"), ("rrd", "spawn", "connect", "web"))
+"""Options of which a command takes one."""
+ROW = re.compile(r"^([a-z_]\w*(?:, [a-z_]\w*)*) : (.+(?:\n +.+)*)", re.MULTILINE)
+
+
+class Form(NamedTuple):
+    """How a command line writes a value that is no single number, word or file.
+
+    metavar : the word that stands for the value
+    read : reader of the word, as `type` of argparse
+    repeated : whether the option is given once for each of several values
+    optional : the value of an option without a word; None if it needs one
+    """
+
+    metavar: str
+    read: Callable[[str], Any] = str
+    repeated: bool = False
+    optional: Any = None
+
+
+class Declared(NamedTuple):
+    """A parameter of a function or a field of a dataclass: its annotation and default as text, and its meaning."""
+
+    annotation: str
+    default: str | None
+    meaning: str
+
+
+@cache
+def parameters_of(function: str) -> dict[str, Declared]:
+    """Return the parameters of "module:function", or the fields of "module:class"."""
+    module, _, name = function.partition(":")
+    spec = find_spec(module)
+    assert spec is not None
+    assert spec.origin is not None
+    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    found = next(node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and node.name == name)
+    text = {word: " ".join(meaning.split()) for names, meaning in ROW.findall(ast.get_docstring(found) or "")
+            for word in names.split(", ")}
+    return {name: Declared(annotation, default, text.get(name, ""))
+            for name, annotation, default in _declared(found)}
+
+
+def _declared(found: ast.FunctionDef | ast.ClassDef) -> Iterator[tuple[str, str, str | None]]:
+    """Yield name, annotation and default of each parameter or field."""
+    if isinstance(found, ast.ClassDef):
+        for node in found.body:
+            if isinstance(node, ast.AnnAssign):
+                yield ast.unparse(node.target), ast.unparse(node.annotation), _text(node.value)
+        return
+    given = found.args
+    plain = [*given.posonlyargs, *given.args]
+    defaults = [*[None] * (len(plain) - len(given.defaults)), *given.defaults, *given.kw_defaults]
+    for argument, default in zip([*plain, *given.kwonlyargs], defaults):
+        yield argument.arg, _text(argument.annotation) or "", _text(default)
+
+
+def _text(node: ast.expr | None) -> str | None:
+    """Return the source of an expression."""
+    return None if node is None else ast.unparse(node)
+
+
+def option_of(name: str) -> str:
+    """Return the option of a keyword."""
+    return f"--{OTHERWISE.get(name, name).replace('_', '-')}"
+
+
+def add_options(parser: Any, function: str, names: str, forms: dict[str, Form], **changed: Any) -> None:
+    """Add an option for each of some parameters of a function, given as one text.
+
+    forms : the values that a command line writes otherwise, by keyword
+    changed : defaults that the command has in place of those of the function
+    """
+    known, groups = parameters_of(function), dict[tuple[str, ...], Any]()
+    for name in names.split():
+        together = next((each for each in EXCLUSIVE if name in each), None)
+        if together is not None and together not in groups:
+            groups[together] = parser.add_mutually_exclusive_group()
+        found = known[name]._replace(default=repr(changed[name])) if name in changed else known[name]
+        _add(parser if together is None else groups[together], name, found, forms.get(name))
+
+
+def _add(where: Any, name: str, found: Declared, form: Form | None) -> None:
+    """Add one option."""
+    option, choices = option_of(name), re.findall(r"'([^']+)'", found.annotation)
+    if found.annotation == "bool":
+        where.add_argument(option, dest=name, action="store_true", help=found.meaning)
+        return
+    kind, word = next((KINDS[part] for part in re.findall(r"\w+", found.annotation) if part in KINDS), (str, "NAME"))
+    try:
+        default = ast.literal_eval(found.default or "None")
+    except ValueError:
+        default = None  # A constant: the function puts it in place of None.
+    stated = f" (default {default})" if default not in (None, "", (), []) else ""
+    repeated = "; may be repeated" if form is not None and form.repeated else ""
+    how: dict[str, Any] = {"dest": name, "help": (found.meaning + stated + repeated).replace("%", "%%")}
+    if form is not None:
+        how |= {"type": form.read, "metavar": form.metavar}
+        how |= {"action": "append", "default": []} if form.repeated else {"default": default}
+        how |= {"nargs": "?", "const": form.optional} if form.optional is not None else {}
+    else:
+        how |= {"choices": choices, "default": default} if choices else {
+            "type": kind, "metavar": word, "default": default}
+    where.add_argument(option, **how)
+
+
+def keywords_of(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """Return some arguments of a command as keywords of its function."""
+    return {name: getattr(arguments, name) for each in names for name in each.split()}
