@@ -14,7 +14,7 @@ from tcc_sim.replay.measured import MeasuredRun
 from tcc_sim.replay.result import Replay
 from tcc_sim.result import Reported, reported_parts
 from tcc_sim.study.basins.results import Planes
-from tcc_sim.study.benchmarks.precision_report import PrecisionReport
+from tcc_sim.study.benchmarks.precision import PrecisionReport
 from tcc_sim.study.benchmarks.stability import StabilityReport
 from tcc_sim.study.continuation.motions import Motions
 from tcc_sim.study.paper.claims import ClaimsReport

@@ -43,9 +43,8 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 from matplotlib.figure import Figure
 
 from tcc_sim.study.benchmarks import report_drawings
-from tcc_sim.study.benchmarks.extremes import Examined
-from tcc_sim.study.benchmarks.precision_report import PrecisionResult, References, SteadyState, StudiedScene
-from tcc_sim.study.benchmarks.stability import ErrorChart
+from tcc_sim.study.benchmarks.precision import PrecisionResult, References, SteadyState, StudiedScene
+from tcc_sim.study.benchmarks.stability import ErrorChart, Examined
 from tcc_sim.study.views import basin_map, branch_diagram
 from tcc_sim.views import estimation, friction_law, order_maps, overview, plots, style, sweeps, whole_runs
 

@@ -26,7 +26,6 @@ from tcc_sim.errors import one_line
 from tcc_sim.fmu.export import compiler
 from tcc_sim.model.parameters import System
 from tcc_sim.model.supported_terms import check_supported
-from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison.scipy_methods import jacobian_of, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.solvers.problem import rates_along
@@ -208,15 +207,6 @@ def cvode_program() -> str:
         why = next((line for line in ended.stderr.splitlines() if "error" in line or "cannot find" in line), "")
         raise Failed(f"not compiled: SUNDIALS is not installed (Debian: libsundials-dev); {command} says: {why}")
     return program
-
-
-def python_loop(system: System) -> dict[str, float]:
-    """Return the times of a step of `dop853` and of its twelve evaluations of the compiled equations, s."""
-    state = np.array(State.at_start(system).numbers)
-    rates = rates_of(terms_of(system), len(state))
-    used, run = repeated(lambda: solve(system, duration=1e-3 * system.cycle, solver="dop853"), 5)
-    evaluations, _ = repeated(lambda: [rates(0.0, state) for _ in range(1200)], 5)
-    return {"step": min(used) / max(run.statistics.steps, 1), "rates": min(evaluations) / 100.0}
 
 
 def _times(system: System, cycles: int, per_cycle: int) -> Floats:

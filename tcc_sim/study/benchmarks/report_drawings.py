@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tcc_sim.study.benchmarks.peers import SINGLE
-from tcc_sim.study.benchmarks.work_precision import FROM_START
+from tcc_sim.study.benchmarks.precision import FROM_START
 from tcc_sim.views import style
 from tcc_sim.views.stored import Record
 from tcc_sim.views.sweeps import edges, numbers
 
 if TYPE_CHECKING:
-    from tcc_sim.study.benchmarks.extremes import Examined
-    from tcc_sim.study.benchmarks.precision_report import StudiedScene
-    from tcc_sim.study.benchmarks.stability import ErrorChart
+    from tcc_sim.study.benchmarks.precision import StudiedScene
+    from tcc_sim.study.benchmarks.stability import ErrorChart, Examined
 
 Look = tuple[str, str, Any, float]
 LOOKS: dict[str, Look] = {
@@ -64,7 +63,7 @@ def draw_precision(stem: Path, scenes: Sequence[StudiedScene], title: str = "", 
 
 def draw_section(stem: Path, scenes: Sequence[StudiedScene], title: str = "", width: float = style.PAGE) -> None:
     """Draw the section error of the first scene over run time, with a panel per group of solvers."""
-    panels = [(_of(scenes, scenes[0].scene), group) for group in GROUPS]
+    panels = [(_of(scenes, scenes[0].scene.removesuffix(SET_VALUED)), group) for group in GROUPS]
     _draw(stem, [panels] if style.wide(width) else [panels[:2], panels[2:]], "error_section", title, width)
 
 

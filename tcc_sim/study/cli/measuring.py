@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     extent, output = parser.add_argument_group("extent"), parser.add_argument_group("output")
     if verb in REPORTS:
         extent.add_argument("--quick", action="store_true", help=REPORTS[verb])
+        if verb == "precision":
+            extent.add_argument("--scenes", nargs="+", default=[], metavar="NAME",
+                                help="scenes of the report (default: all)")
         output.add_argument("--out", type=Path, default=Path(verb), metavar="DIR",
                             help=f"new directory for {verb}.png, .svg, .json and .md (default {verb})")
         add_layout(output, "none")
@@ -65,25 +69,22 @@ def run(arguments: argparse.Namespace) -> int:
 def _precision(arguments: argparse.Namespace, folder: Path) -> int:
     """Measure error against run time of every solver; an interrupted study writes its complete scenes."""
     from tcc_sim.scene import load_scene
-    from tcc_sim.study.benchmarks import work_precision as precision
-    from tcc_sim.study.benchmarks.peers import python_loop
-    from tcc_sim.study.benchmarks.precision_report import PrecisionReport, precision_page, scene_lines, took_part
+    from tcc_sim.study.benchmarks import precision
     from tcc_sim.study.benchmarks.report_drawings import draw_precision, draw_section
 
     effort = precision.QUICK if arguments.quick else precision.FULL
     records = []
     with counted_bar("run") as running:
-        for record in precision.precision_study(effort, running.done):
+        for record in precision.precision_study(replace(effort, scenes=tuple(arguments.scenes)), running.done):
             records += [record]
     if not records:
         return 130
-    report = PrecisionReport(records, took_part(records), arguments.quick, running.complete,
-                             python_loop(load_scene("fig02").system))
-    _write(arguments, folder, report, load_scene("fig02"), precision_page(report, "precision.png"),
+    report = precision.PrecisionReport(records, precision.took_part(records), arguments.quick, running.complete)
+    _write(arguments, folder, report, load_scene("fig02"), precision.precision_tables(report),
            {"precision": partial(draw_precision, scenes=records),
             "precision_section": partial(draw_section, scenes=records)})
-    for line in [line for record in records for line in scene_lines(record)]:
-        say(line)
+    for record in records:
+        say(precision.scene_line(record))
     say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: the first scene")
     return 0 if running.complete else 130
 
@@ -91,21 +92,20 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
 def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     """Try stiff and extreme scenes; an interrupted report contains the finished ones."""
     from tcc_sim.model.parameters import System
+    from tcc_sim.study.benchmarks import stability
     from tcc_sim.study.benchmarks.report_drawings import draw_stability
-    from tcc_sim.study.benchmarks.stability import StabilityReport, engine_summaries, error_charts, grid, stability_page
-    from tcc_sim.study.benchmarks.worst_cases import reasons
 
-    records, maps = [], []
+    records, charts = [], []
     with counted_bar("scene") as running:
-        for record in grid(arguments.quick, running.done):
+        for record in stability.grid(arguments.quick, running.done):
             records += [record]
-        maps = error_charts(arguments.quick, running.name)
+        charts = stability.error_charts(arguments.quick, running.name)
     if not records:
         return 130
-    report = StabilityReport(records, engine_summaries(records), maps, arguments.quick, running.complete,
-                             reasons(records) if running.complete else ())
-    _write(arguments, folder, report, System(), stability_page(report, "stability.png"),
-           {"stability": partial(draw_stability, charts=maps, cases=records)})
+    report = stability.StabilityReport(records, stability.engine_summaries(records), charts, arguments.quick,
+                                       running.complete)
+    _write(arguments, folder, report, System(), stability.stability_tables(report),
+           {"stability": partial(draw_stability, charts=charts, cases=records)})
     for engine, total in report.summary.items():
         ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
         say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "
@@ -114,14 +114,15 @@ def _stability(arguments: argparse.Namespace, folder: Path) -> int:
     return 0 if running.complete else 130
 
 
-def _write(arguments: argparse.Namespace, folder: Path, report: Any, scene: Any, page: str,
+def _write(arguments: argparse.Namespace, folder: Path, report: Any, scene: Any, tables: str,
            pictures: Mapping[str, Callable[..., Any]]) -> None:
-    """Write JSON, page and pictures of a report into its new folder."""
+    """Write JSON, tables and pictures of a report into its new folder."""
     from tcc_sim.output.provenance import document
     from tcc_sim.views.style import width_of
 
     folder.mkdir()
     write_json(folder / f"{arguments.verb}.json", document(arguments.verb, report, scene, arguments.words))
+    page = f"# {arguments.verb.capitalize()}\n\n![]({arguments.verb}.png)\n\n{tables}"
     (folder / f"{arguments.verb}.md").write_text(page, encoding="utf-8")
     for name, draw in pictures.items():
         draw(folder / name, title=printable(arguments.title or ""), width=width_of(arguments.width))

@@ -1,39 +1,31 @@
-"""The work-precision report: references against closed forms, failures listed, files as promised."""
+"""Error against run time: programs against closed forms, rows by independent errors, tables by hand, the command."""
 
-import dataclasses
 import json
-import sys
-from importlib.util import find_spec
-from itertools import combinations
-from types import SimpleNamespace
+import re
+from dataclasses import replace as with_fields
 
 import numpy as np
 import pytest
 from documents import same_pictures, valid
-from scipy.integrate import solve_ivp
+from pictures import faults, shows
 
 from tcc_sim.cli import main
-from tcc_sim.compiling import numba_registration
+from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
-from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.solvers.problem import rates_along
-from tcc_sim.solvers.terms import terms_of
-from tcc_sim.study.benchmarks import peers, report_drawings
-from tcc_sim.study.benchmarks import work_precision as precision
-from tcc_sim.study.benchmarks.precision_report import (
-    Omitted,
-    PrecisionResult,
-    References,
-    SteadyState,
-    StudiedScene,
-    comparison,
+from tcc_sim.solvers import solve
+from tcc_sim.study.benchmarks import peers, precision
+from tcc_sim.study.benchmarks.precision import LongRun, Omitted, PrecisionResult, References, SteadyState, StudiedScene
+from tcc_sim.study.benchmarks.references import (
+    Reference,
+    disagreement,
+    equations,
+    errors,
+    reference,
+    smoothed_states,
 )
-from tcc_sim.study.benchmarks.references import Reference, disagreement, errors, reference
 from tcc_sim.study.paper.catalogue import FIGURES, paper_system
-from tcc_sim.views import style
 
-ERRORS = ("error_final", "error_section", "error_max_slip")
 SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0,
         "engine.mean_torque": 300.0}
 
@@ -67,153 +59,16 @@ def test_two_references_agree_and_errors_are_relative_to_the_signals():
     assert disagreement(first, second) < 1e-7
     off = Reference("", first.section * 1.0, first.largest * 1.0, first.size)
     off.section[3, 0] += 1e-3 * first.size[0]
+    off.section[5, 1] += 1e-4 * first.size[1]
+    off.largest[1] -= 1e-2 * first.size[0]
     assert first.size[0] == pytest.approx(first.largest[2:].max(), rel=1e-3)
-    result = errors(off.section, off.largest, first)
-    assert result == pytest.approx((0.0, 1e-3, 0.0))
-
-
-@pytest.fixture
-def tiny(monkeypatch):
-    """Makes the quick study one of two scenes with few runs."""
-    monkeypatch.setattr(precision, "QUICK", precision.Effort(
-        5, 0.01, 1.0,
-        {"smoothed": (("LSODA", 1e-10), ("LSODA", 1e-12)), "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
-        {"smoothed": (1e-9,), "event_driven": (1e-10,), "rk45": (1e-5,)},
-        {"solve_ivp LSODA": (1e-8,), "CVODE": (1e-9,), "XPPAUT cvode": (1e-8,)}, 20, 400, 0,
-        ("fig02", "minimal, set-valued")))
-
-
-def settled(law, cycles):
-    """The largest slip speed, rad/s, that an engine finds after some cycles of Fig. 2."""
-    return solve(load_scene("fig02").with_values({"friction.law": law}), cycles=cycles).solved_cycles.largest[-2:].max()
-
-
-def scene_record(scene, law, steady):
-    """A record of a scene on which nothing was run yet."""
-    return StudiedScene(scene, "", law, 5, References([], 1e-8), steady)
-
-
-def test_no_two_series_look_alike():
-    names = [*report_drawings.LOOKS, "one", "another"]
-    looks = list(report_drawings.looks_of(names).values())
-    assert len({look[0] for look in looks[:-2]}) == len(looks) - 2  # colours
-    assert len({(look[1], str(look[2])) for look in looks}) == len(looks)  # marker with line
-    assert set(report_drawings.LOOKS) >= set(SOLVERS)
-
-
-@pytest.mark.usefixtures("tiny")
-def test_the_command_writes_what_it_promises(tmp_path, capsys, figures):
-    folder = tmp_path / "out"
-    assert main(["precision", "--quick", "--width", "column", "--out", str(folder)]) == 0
-    document = valid("precision", json.loads((folder / "precision.json").read_text()))
-    assert len(document["reference"]["solvers"]) == 2
-    assert 0.0 < document["reference"]["floor"] < 1e-7
-    assert [r["scene"] for r in document["scenes"]] == ["fig02", "minimal, set-valued"]
-    rows = {(r["solver"], r["setting"]): r for r in document["results"]}
-    assert max(rows["smoothed", 1e-9][k] for k in ERRORS) < 1e-8
-    why = {row["solver"]: row["why"] for row in document["omitted"]}
-    assert max(rows["rk45", 1e-5][k] for k in ERRORS) < 1e-3
-    if ("CVODE", 1e-9) in rows:
-        assert max(rows["CVODE", 1e-9][k] for k in ERRORS) < 1e-5
-    else:
-        assert document["peers"]["CVODE"] == why["CVODE"]
-        assert f"CVODE did not join: {why['CVODE']}" in (folder / "precision.md").read_text()
-    exact = {row["solver"]: row for row in document["scenes"][1]["results"]}["event_driven"]
-    assert max(exact[k] for k in ERRORS) < 1e-9
-    steady = document["scenes"][0]["steady"]
-    assert (steady["period"], steady["cycles"]) == (1, 400)
-    assert steady["max_slip_speed"] == pytest.approx(settled("smoothed", 400), abs=2e-3)
-    assert steady["closure"] < 1e-4
-    assert rows["smoothed", 1e-9]["error_steady"] < 1e-4
-    for name in ("precision.png", "precision.svg", "precision_section.png", "precision_section.svg"):
-        assert (folder / name).exists()
-    words = ["plot", str(folder / "precision.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
-    assert main(words) == 0
-    assert len(same_pictures(figures, style.COLUMN)) > 4
-    assert (folder / "precision.md").read_text().count("\n## ") == 2
-    assert "ms per 100 cycles" in capsys.readouterr().out
-
-
-def test_the_steady_state_tells_the_friction_laws_of_figure_2_apart():
-    """From (13) law (6) settles in period two with 63.74 rad/s, the paper's smoothing in period one with 36.30: by
-    SciPy, and by the engines.
-    """
-    records = []
-    for law, period in (("smoothed", 1), ("set_valued", 2)):
-        system = paper_system({**FIGURES[2].series[0].values, "friction.law": law})
-        result = precision.steady_reference(system, 1000, "DOP853" if law == "set_valued" else "LSODA", 1e-10)
-        assert (result.period, result.cycles) == (period, 1000)
-        assert result.max_slip_speed == pytest.approx(settled(law, 1000), abs=2e-3)
-        assert result.closure < 1e-4
-        records.append(scene_record("fig02" if law == "smoothed" else "fig02, set-valued", law, result))
-    assert "the smoothing decides which motion is reached" in comparison(records[0], records)
-    same = [records[0], dataclasses.replace(records[1], steady=records[0].steady)]
-    assert "decides" not in comparison(same[0], same)
-
-
-def test_a_ladder_goes_on_until_a_solver_reaches_the_target_or_fails():
-    """Errors made up: a tenth of the tolerance, the tolerance itself times 1e4, and a solver that has failed."""
-    record = scene_record("fig02", "smoothed", SteadyState(400, 0, None, None, []))
-    case = precision.Case("fig02", "", System(), 5)
-    effort = precision.Effort(5, 0.01, 1.0, {}, {"bdf": (1e-3,), "lsoda": (1e-3,), "radau": (1e-3, 1e-4),
-                                                 "fixed_step": (1e-3,)}, {}, 20)
-    for solver, setting in precision.settings(case, effort):
-        record.results.append(PrecisionResult(solver, setting, 1e-4, 1e-4, 1e-4, None, 1.0, 1.0, 1))
-    record.omitted.append(Omitted("radau", 1e-5, "stopped"))
-    calls = []
-    for solver, setting in precision.further(record, case, effort):
-        calls.append((solver, setting))
-        error = {"bdf": setting, "lsoda": 1.0, "fixed_step": setting}[solver]
-        if solver == "lsoda" and setting < 1e-5:
-            record.omitted.append(Omitted(solver, setting, "stopped"))
-        else:
-            record.results.append(PrecisionResult(solver, setting, error, error, error, None, 1.0, 1.0, 1))
-    assert [s for name, s in calls if name == "bdf"] == pytest.approx([1e-4, 1e-5, 1e-6])
-    assert [s for name, s in calls if name == "lsoda"] == pytest.approx([1e-4, 1e-5, 1e-6])
-    assert [s for name, s in calls if name == "fixed_step"] == pytest.approx([1e-3 * 0.5**k for k in range(1, 11)],
-                                                                             rel=1e-2)
-    assert "radau" not in dict(calls)
-
-
-def test_every_solver_is_in_a_group_of_panels():
-    assert {name for group in report_drawings.GROUPS.values() for name in group} == set(report_drawings.LOOKS)
-
-
-@pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
-def test_titles_of_panels_do_not_overlap(width, laid_out, tmp_path):
-    record = scene_record("fig02", "smoothed", SteadyState(400, 0, None, None, []))
-    record.results += [PrecisionResult(name, 1e-6, e, e, e, None, e, e, None)
-                       for name in report_drawings.LOOKS for e in (1e-4, 1.0)]
-    report_drawings.draw_section(tmp_path / "a", [record], width=width)
-    titles = [axis._left_title.get_window_extent() for axis in laid_out[0].axes]
-    assert len(titles) == 4
-    assert not any(one.overlaps(other) for one, other in combinations(titles, 2))
-
-
-def test_an_existing_directory_is_refused(tmp_path, capsys):
-    assert main(["precision", "--quick", "--out", str(tmp_path)]) == 2
-    assert "exists" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
-def by_scipy(address, y, t, nothing, rtol, atol, most):
-    """LSODA of the numbalsoda that the test below makes up: the equations are called as Python, row by row."""
-    def rates(t, state):
-        address(t, state, out := np.empty(3), None)
-        return out
-
-    assert (nothing.tolist(), most, atol) == ([0.0], 1_000_000, pytest.approx(rtol / 50.0))
-    return solve_ivp(rates, (0.0, t[-1]), y, "LSODA", t, rtol=rtol, atol=atol).y.T, True
+    assert errors(off.section, off.largest, first) == pytest.approx((1e-4, 1e-3, 1e-2))
 
 
 @pytest.mark.parametrize(("program", "accuracy"), [
     (lambda *task: peers.xppaut(task[0], "cvode", 1e-9, 3, 1), 1e-6), (peers.cvode, 1e-9), (peers.bare_lsoda, 1e-9),
     (peers.numbalsoda, 1e-9)], ids=["xppaut", "cvode", "solve_ivp", "numbalsoda"])
-def test_a_program_is_the_closed_form_of_pure_slip(program, accuracy, monkeypatch):
-    """The numbalsoda is made up where it is not installed."""
-    if find_spec("numbalsoda") is None:
-        monkeypatch.setitem(sys.modules, "numbalsoda", SimpleNamespace(lsoda=by_scipy, lsoda_sig="signature"))
-        monkeypatch.setattr(numba_registration, "address_for_c", lambda rates, form: (rates, form))
+def test_a_program_is_the_closed_form_of_pure_slip(program, accuracy):
     system = replace(System(), SLIP)
     try:
         run = program(system, 3, 1e-12, 1)
@@ -224,38 +79,163 @@ def test_a_program_is_the_closed_form_of_pure_slip(program, accuracy, monkeypatc
         dense = pure_slip(system, system.cycle * (n + np.linspace(0.0, 1.0, 20001)))
         assert run.largest[n] == pytest.approx(dense.max(), rel=max(10.0 * accuracy, 1e-7))
     assert 0.0 <= run.seconds <= run.slowest
-    assert run.steps is None or 20 < run.steps < 5000
 
 
-def test_the_equations_of_numbalsoda_are_those_of_the_package():
-    """At states of slip and stick, beside `rates_along`; no numbalsoda is needed."""
-    system = load_scene("fig02").system
-    states = np.array([[3.0, 0.1, 2.0], [-0.01, 0.12, -5.0], [0.0, 0.0, 1.0]])
-    for t, state, expected in zip((0.0, 0.01, 0.02), states, rates_along(np.array([0.0, 0.01, 0.02]), states,
-                                                                         terms_of(system))):
-        result = np.empty(3)
-        peers.rates_for_c(system)(t, state, result, None)
-        np.testing.assert_allclose(result, expected, rtol=1e-12)
+def test_the_equations_for_other_programs_are_the_independent_ones():
+    """Those of numbalsoda, and the model of XPPAUT evaluated as Python."""
+    system = replace(load_scene("fig02").system, {"pressure.phase": 0.4, "pressure.frequency_ratio": 0.5})
+    lines = dict(re.findall(r"^(\w+'?)=(.+)$", peers.xppaut_file(system, "cvode", 1e-8, 3, 4), re.MULTILINE))
+    for t, (v, q, w) in ((0.0, (3.0, 0.1, 2.0)), (0.01, (-0.01, 0.12, -5.0)), (0.02, (0.0, 0.0, 1.0))):
+        expected, result = equations(system)[0](t, [v, q, w, 0.0])[:3], np.empty(3)
+        peers.rates_for_c(system)(t, (v, q, w), result, None)
+        np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-9)
+        names = {"t": t, "v": v, "q": q, "w": w, **{name: getattr(np, name) for name in ("sin", "tanh", "exp", "abs")}}
+        for name in ("ts", "tf", "s", "v'", "q'", "w'"):
+            names[name] = eval(lines[name], {}, names)  # noqa: S307
+        assert [names[name] for name in ("v'", "q'", "w'")] == pytest.approx(expected, rel=1e-12, abs=1e-9)
 
 
-def test_a_settled_horizon_begins_on_the_motion_and_its_steady_state_in_the_initial_state():
-    scene = load_scene("fig02").system
-    case = precision.Case("fig02", "", scene, 5).settled()
-    assert (case.name, case.cycles, case.unsettled, case.set_valued().unsettled.initial) == (
-        "fig02", 5, scene, case.system.initial)
-    run = solve(case.system, cycles=1, solver="smoothed", rtol=1e-9).solved_cycles.section
-    np.testing.assert_allclose(run[1], run[0], rtol=1e-6)
-
-
-@pytest.mark.parametrize(("missing", "why"), [
-    ({"PATH": ""}, "there is no C compiler"), ({"LIBRARIES": ("no_such_library",)}, "Debian: libsundials-dev")])
-def test_without_compiler_or_library_cvode_says_so(missing, why, monkeypatch):
+def test_without_a_compiler_cvode_has_a_reason(monkeypatch):
     peers.cvode_program.cache_clear()
-    if "PATH" in missing:
-        monkeypatch.setenv("PATH", "")
-    elif peers.compiler() is None:
-        pytest.skip("there is no C compiler")
-    else:
-        monkeypatch.setattr(peers, "LIBRARIES", missing["LIBRARIES"])
-    with pytest.raises(peers.Failed, match=why):
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(peers.Failed):
         peers.cvode(System(), 1, 1e-6, 1)
+
+
+TINY = precision.Effort(
+    4, 0.01, 1.0,
+    {"smoothed": (("LSODA", 1e-10), ("LSODA", 1e-12)), "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
+    {"smoothed": (1e-4, 1e-9), "event_driven": (1e-10,), "rk45": (1e-5,), "lsoda": (1e-3,),
+     "dop853": (1e-6,)}, {"solve_ivp LSODA": (1e-8,)}, 20, 400, 2, ("fig02", "minimal, set-valued"))
+
+
+@pytest.fixture(scope="module")
+def studied():
+    """Records of fig02 and of minimal with the set-valued law."""
+    return list(precision.precision_study(TINY, lambda *at: None))
+
+
+def test_rows_have_the_errors_of_an_independent_solution(studied):
+    fig02, exact = studied
+    assert [(r.scene, r.law, r.cycles) for r in studied] == [("fig02", "smoothed", 4),
+                                                            ("minimal, set-valued", "set_valued", 4)]
+    assert 0.0 < fig02.reference.floor < 1e-7
+    case, = precision.cases(with_fields(TINY, scenes=("fig02",)))
+    start = solve(case.unsettled, cycles=precision.SETTLING, solver="smoothed", rtol=1e-11).solved_cycles.section[-1]
+    assert [*vars(case.system.initial).values()][:3] == pytest.approx([*start], abs=1e-9)
+    truth = smoothed_states(case.system, [*start, 0.0], 4, 400)[:, :3]
+    size = np.abs(truth[800:]).max(axis=0)
+    rows = {(r.solver, r.setting): r for r in fig02.results}
+    for solver, setting in (("smoothed", 1e-4), ("lsoda", 1e-3)):
+        run = solve(case.system, cycles=4, solver=solver, rtol=setting).solved_cycles
+        off = np.abs(run.section - truth[::400]) / size
+        row = rows[solver, setting]
+        assert row.error_final == pytest.approx(off[-1].max(), rel=0.02, abs=1e-8)
+        assert row.error_section == pytest.approx(off.max(), rel=0.02, abs=1e-8)
+        assert row.error_max_slip < 10.0 * row.error_section
+    assert rows["smoothed", 1e-9].largest_error < 1e-8 < rows["smoothed", 1e-4].largest_error
+    assert max(row.largest_error for row in exact.results) < 1e-9
+    assert all(0.0 <= row.seconds <= row.slowest for row in fig02.results)
+
+
+def test_ladders_go_on_and_failures_have_reasons(studied):
+    """Two settings beyond a ladder until the target; steps that would take too long are left out."""
+    fig02 = studied[0]
+    lsoda = [row for row in fig02.results if row.solver == "lsoda"]
+    assert [row.setting for row in lsoda] == [10.0**-k for k in range(3, 3 + len(lsoda))]
+    assert 1 < len(lsoda) <= 3
+    assert all(row.largest_error > precision.TARGET for row in lsoda[:-1])
+    assert {row.solver for row in fig02.omitted} == {"dop853"}
+    assert all(row.why for row in fig02.omitted)
+    assert {row.solver for row in fig02.long_run} <= {"smoothed", "solve_ivp LSODA"}
+    assert {row.cycles for row in fig02.long_run if row.solver == "smoothed"} == {20}
+    assert {"smoothed", "rk45", "lsoda"} <= set(fig02.warm_up)
+
+
+@pytest.mark.parametrize(("off", "kept"), [(0.99, True), (1.01, False), (np.nan, False)])
+def test_a_result_without_a_right_digit_is_left_out(studied, off, kept):
+    """Beside a reference whose last plate angle is off by nearly, and by more than, its largest."""
+    case, = precision.cases(with_fields(TINY, scenes=("fig02",)))
+    truth = reference(case.system, 4, "LSODA", 1e-9)
+    truth.section[4, 1] += off * truth.size[1]
+    record = with_fields(studied[0], results=[], omitted=[])
+    precision.record_run(record, case, "smoothed", 1e-9, truth, TINY)
+    assert (len(record.results), len(record.omitted)) == ((1, 0) if kept else (0, 1))
+
+
+@pytest.mark.parametrize(("law", "period", "largest"), [("smoothed", 1, 36.297), ("set_valued", 2, 63.742)])
+def test_the_steady_state_of_figure_2(law, period, largest):
+    """By SciPy and the printed analysis: the smoothing decides which motion is reached."""
+    system = paper_system({**FIGURES[2].series[0].values, "friction.law": law})
+    result = precision.steady_reference(system, 1000, "DOP853" if law == "set_valued" else "LSODA", 1e-10)
+    assert (result.period, result.max_slip_speed) == (period, pytest.approx(largest, abs=2e-3))
+    assert result.closure < 1e-4
+
+
+def test_a_steady_state_is_that_of_the_last_cycles(studied):
+    turn = np.arange(201) % 2
+    section = np.stack([5.0 + turn, 0.1 + 0.01 * turn, turn], axis=1).astype(float)
+    largest = np.full(200, 5.0)
+    largest[103], largest[104] = 80.0, 6.0
+    assert precision.steady_of(section, largest) == (2, 6.0)
+    assert (studied[0].steady.period, studied[0].steady.max_slip_speed) == (1, pytest.approx(36.297, abs=2e-3))
+    assert next(r for r in studied[0].results if r.setting == 1e-9).error_steady < 1e-4
+
+
+def row(solver, setting, error, seconds):
+    return PrecisionResult(solver, setting, error, 0.5 * error, 0.25 * error, None, seconds, 2.0 * seconds, 7)
+
+
+def by_hand(name, fast):
+    """A scene whose best setting at 1e-6 takes `fast`, 24 ms and 300 ms for 4 cycles; one solver never gets there."""
+    return StudiedScene(name, "a | b", "smoothed", 4, References(["one", "two"], 1e-9), SteadyState(
+        400, 1, 36.3, 1e-6, []), [row("smoothed", 1e-9, 1e-6, fast), row("smoothed", 1e-8, 1.1e-6, 0.1 * fast),
+                                  row("rk45", 1e-7, 1e-7, 24e-3), row("bdf", 1e-7, 1e-6, 0.3), row("rk4", 1, 1e-4, 1)],
+                        [Omitted("CVODE", 1e-4, "not compiled")], {}, [LongRun("smoothed", 1e-9, 100, 5e-3)])
+
+
+def test_tables_have_the_numbers_of_the_rows():
+    scenes = [by_hand("fig02", 2e-3), by_hand("other", 4e-3)]
+    report = precision.PrecisionReport(scenes, precision.took_part(scenes), True, False)
+    assert dict(report.peers) == {"numbalsoda": "not run", "CVODE": "not compiled", "XPPAUT": "not run"}
+    text = precision.precision_tables(report)
+    cells = [[cell.strip(" `") for cell in line[2:-2].split(" | ")] for line in text.splitlines() if line[:1] == "|"]
+    ratios = {line[0]: line[1:] for line in cells[2:5]}
+    assert ratios == {"rk45": ["6 to 12", "2"], "bdf": ["75 to 150", "2"], "rk4": ["-", "0"]}
+    assert ["smoothed", "50", "500", "-", "50"] in cells  # 0.2 ms for 1e-3, 2 ms for 1e-6.
+    assert ["rk4", "250000", "-", "-", ""] in cells
+    assert "Interrupted" in text
+    assert "500" in precision.scene_line(scenes[0])
+
+
+def test_the_command_writes_what_it_promises(tmp_path, drawn):
+    folder = tmp_path / "out"
+    words = ["precision", "--quick", "--scenes", "minimal, set-valued", "--width", "column", "--out", str(folder)]
+    assert main(words) == 0
+    document = valid("precision", json.loads((folder / "precision.json").read_text()))
+    assert [r["scene"] for r in document["scenes"]] == ["minimal, set-valued"]
+    assert [r["solver"] for r in document["results"]] == ["event_driven"]
+    pictures = {name: figure for figure in drawn for name in figure.saved}
+    assert {path.name for path in folder.iterdir()} == {"precision.json", "precision.md", *pictures}
+    for name, keys in (("precision.png", ("error_final", "error_section", "error_max_slip")),
+                       ("precision_section.png", ("error_section",))):
+        rows = document["results"]
+        assert shows(pictures[name], [r["seconds"] for r in rows], [max(1e-16, *(r[k] for k in keys)) for r in rows])
+        assert faults(pictures[name]) == []
+    again = ["plot", str(folder / "precision.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
+    assert main(again) == 0
+    assert len(same_pictures([pictures["precision.png"], drawn[-1]], pictures["precision.png"].get_figwidth())) > 1
+    assert main(words) == 2
+
+
+def test_another_scene_is_refused(refused):
+    assert "fig03" in refused("precision", "--scenes", "fig03")
+    with pytest.raises(InputError):
+        precision.cases(with_fields(TINY, scenes=("fig02", "fig03")))
+
+
+def test_calls_are_repeated_until_patience_ends():
+    times = iter(range(100))
+    assert peers.repeated(lambda: "done", 5, 3.0, lambda: float(next(times))) == ([1.0] * 3, "done")
+    assert len(peers.repeated(lambda: 0, 2)[0]) == 2
+    assert len(peers.repeated(lambda: 0, 0)[0]) == 1

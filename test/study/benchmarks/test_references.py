@@ -1,6 +1,5 @@
-"""The equations of the references against differences and by hand, and the rules of the precision study."""
+"""The independent solutions: equations against differences and by hand, modes, and arcs in closed form."""
 
-import dataclasses
 import math
 from types import SimpleNamespace
 
@@ -8,10 +7,8 @@ import numpy as np
 import pytest
 
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.solvers.comparison.runge_kutta import REACH, stick_rate
-from tcc_sim.study.benchmarks import peers, references, work_precision
-from tcc_sim.study.benchmarks.precision_report import PrecisionResult, References, SteadyState, StudiedScene
-from tcc_sim.study.benchmarks.references import Law, Reference, Unfinished, coefficient, slope
+from tcc_sim.study.benchmarks import references
+from tcc_sim.study.benchmarks.references import Law, Unfinished, coefficient, slope
 
 FREE = {"engine.harmonic_amplitudes": (40.0, 10.0), "engine.harmonic_phases": (0.3, -0.2)}
 SYSTEM = replace(System(), {**FREE, "pressure.phase": 0.4, "pressure.frequency_ratio": 0.5,
@@ -101,7 +98,7 @@ def test_a_reference_ends_after_its_evaluations():
     law = Law(System(), 2)
     law.rates(0.0, STATE, 3)
     law.rates(0.0, STATE, 3)
-    with pytest.raises(Unfinished, match="more than 400000 evaluations"):
+    with pytest.raises(Unfinished):
         law.rates(0.0, STATE, 3)
 
 
@@ -117,104 +114,6 @@ def test_the_final_state_is_where_free_slip_ends():
     assert end == pytest.approx([flywheel - plate, 0.1 * math.cos(natural * 0.01), plate], rel=1e-8)
     assert largest[1] == pytest.approx(0.1)
     assert largest[2] == pytest.approx(0.1 * natural, rel=1e-3)
-
-
-CASE = work_precision.Case("fig02", "", System(), 5)
-EFFORT = work_precision.Effort(5, 0.01, 1.0, {}, {"rk4": (0.5, 0.25), "event_driven": (1e-4, 1e-8), "bdf": (1e-3,)},
-                               {"CVODE": (1e-8, 1e-9)}, 2000)
-
-
-def test_settings_of_each_law():
-    step = REACH["rk4"] / stick_rate(CASE.system)
-    assert list(work_precision.settings(CASE, EFFORT)) == [
-        ("rk4", pytest.approx(0.5 * step, rel=0.06)), ("rk4", pytest.approx(0.25 * step, rel=0.06)), ("bdf", 1e-3),
-        ("CVODE", 1e-8), ("CVODE", 1e-9)]
-    exact = CASE.set_valued()
-    assert (exact.name, exact.description, exact.cycles) == ("fig02, set-valued", "; friction law (6)", 5)
-    same = dataclasses.replace(exact, system=replace(exact.system, {"friction.kinetic_coefficient": 0.3}))
-    falling = dataclasses.replace(exact, system=replace(exact.system, {"friction.kinetic_coefficient": 0.2}))
-    assert list(work_precision.settings(same, EFFORT)) == [("event_driven", 1e-8)]
-    assert list(work_precision.settings(falling, EFFORT)) == [("event_driven", 1e-4), ("event_driven", 1e-8)]
-
-
-def test_the_steady_motion_is_that_of_the_last_96_cycles():
-    turn = np.arange(201) % 2
-    section = np.stack([5.0 + turn, 0.1 + 0.01 * turn, turn], axis=1).astype(float)
-    largest = np.full(200, 5.0)
-    largest[103], largest[104] = 80.0, 6.0
-    assert work_precision.steady_of(section, largest) == (2, 6.0)
-    assert work_precision.steady_error(section, largest, 4.0) == pytest.approx(0.5)
-    assert work_precision.steady_of(section[:4], np.array([1.0, 7.0, 3.0]))[1] == 7.0
-
-
-def studied():
-    return StudiedScene("fig02", "", "smoothed", 5, References([], 1e-8), SteadyState(400, 1, 4.0, 1e-6, []))
-
-
-@pytest.mark.parametrize(("off", "kept"), [(0.99, True), (1.01, False), (math.nan, False)])
-def test_a_result_without_a_right_digit_is_omitted(off, kept, monkeypatch):
-    truth = Reference("", np.zeros((2, 3)), np.array([4.0]), np.array([4.0, 1.0, 1.0]))
-    run = peers.PeerRun(np.array([[0.0, 0.0, 0.0], [0.0, off, 0.0]]), np.array([4.0]), 1.0, 2.0, 9)
-    monkeypatch.setattr(work_precision, "_peer", lambda *task, **how: run)
-    monkeypatch.setattr(work_precision, "_steady", lambda *task: 0.5)
-    record = studied()
-    work_precision.record_run(record, CASE, "CVODE", 1e-8, truth, EFFORT)
-    assert record.results == ([PrecisionResult("CVODE", 1e-8, off, off, 0.0, 0.5, 1.0, 2.0, 9)] if kept else [])
-    assert [row.why for row in record.omitted] == ([] if kept else [f"wrong: its largest relative error is {off:.2g}"])
-
-
-def test_a_long_run_takes_the_fastest_setting_that_is_good_enough(monkeypatch):
-    """Another program runs a fifth of the cycles, and SciPy a twentieth; one that fails is left out."""
-    asked = []
-
-    def run(case, solver, setting, *more):
-        asked.append((solver, setting, case.cycles))
-        if solver == "numbalsoda":
-            raise peers.Failed("stopped")
-        return peers.PeerRun(np.zeros((1, 3)), np.zeros(0), 2.0, 3.0)
-
-    monkeypatch.setattr(work_precision, "_peer", run)
-    monkeypatch.setattr(work_precision, "_registered", lambda record, *task: run(*task))
-    effort = dataclasses.replace(EFFORT, peers=dict.fromkeys(("CVODE", "numbalsoda", "solve_ivp LSODA"), ()))
-    record = studied()
-    record.results += [PrecisionResult(solver, setting, error, error, error, None, seconds, seconds, None)
-                       for solver in ("smoothed", "CVODE", "numbalsoda", "solve_ivp LSODA", "radau")
-                       for setting, error, seconds in ((1e-6, 1e-5, 1.0), (1e-7, 1e-6, 2.0), (1e-8, 1e-8, 3.0))]
-    work_precision.long_run(record, CASE, effort)
-    assert asked == [("smoothed", 1e-7, 2000), ("numbalsoda", 1e-7, 400), ("solve_ivp LSODA", 1e-7, 100),
-                     ("CVODE", 1e-7, 400)]
-    assert [(r.solver, r.setting, r.cycles, r.seconds_per_100_cycles) for r in record.long_run] == [
-        ("smoothed", 1e-7, 2000, 0.1), ("solve_ivp LSODA", 1e-7, 100, 2.0), ("CVODE", 1e-7, 400, 0.5)]
-    work_precision.long_run(record, dataclasses.replace(CASE, name="steep"), effort)
-    assert len(asked) == 4
-
-
-def test_calls_are_repeated_until_patience_ends():
-    times = iter(range(100))
-    used, last = peers.repeated(lambda: "done", 5, 3.0, lambda: float(next(times)))
-    assert (used, last) == ([1.0] * 3, "done")
-    assert len(peers.repeated(lambda: 0, 2, math.inf, lambda: float(next(times)))[0]) == 2
-    assert len(peers.repeated(lambda: 0, 0, math.inf, lambda: float(next(times)))[0]) == 1
-
-
-def test_the_model_for_xppaut_line_by_line():
-    system = replace(System(), {"pressure.amplitude": 45e3, "pressure.mean": 225e3, "pressure.phase": 0.5,
-                                "friction.kinetic_coefficient": 0.24, "engine.frequency": 125.0,
-                                "initial.slip_speed": 5.0})
-    lines = peers.xppaut_file(system, "cvode", 1e-8, 3, 4).splitlines()
-    step = 2.0 * math.pi / 125.0 / 4
-    assert lines == [
-        f"ts={system.saturation_mean:.17g}+{system.saturation_amplitude:.17g}*sin(125*t+0.5)",
-        f"tf=ts*tanh(50*v)*(1+{system.friction_ratio - 1.0:.17g}*exp(-2*abs(v)))",
-        f"s={0.6:.17g}*w+3000*q",
-        f"v'=(300+250*sin(125*t)-tf)/{0.2:.17g}-(tf-s)/{0.02:.17g}", "q'=w", f"w'=(tf-s)/{0.02:.17g}",
-        f"init v=5,q={system.initial.plate_angle:.17g},w=0",
-        f"@ total={12 * step:.17g},dt={step:.17g},meth=cvode,toler=1e-08,atoler=1e-08",
-        "@ maxstor=1000000,bounds=1e9,output=out.dat", "done"]
-    assert (system.saturation_mean, system.saturation_amplitude) == pytest.approx((432.0, 86.4))
-    plain = replace(system, {"pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3})
-    assert peers.xppaut_file(plain, "gear", 1e-6, 1, 1).splitlines()[:2] == [
-        f"ts={plain.saturation_mean:.17g}", "tf=ts*tanh(50*v)"]
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -1,68 +1,94 @@
-"""The stability report: its criteria against closed forms, a handful of extreme cases, the limits, files as promised.
-"""
+"""Stiff and extreme scenes: criteria against closed forms, limits by theory, tables by hand, the command."""
 
-import dataclasses
 import json
 import math
-from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from documents import same_pictures, valid
-from scipy.integrate import solve_ivp
-from scipy.optimize import minimize_scalar
+from pictures import faults, shows
 
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.result import json_of
+from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
-from tcc_sim.study.benchmarks import extremes, references, stability, worst_cases
-from tcc_sim.views import style
+from tcc_sim.study.benchmarks import stability
+from tcc_sim.study.benchmarks.references import smoothed_states
+from tcc_sim.trajectory import Trajectory
 
 
 def test_the_grid_is_large_different_and_has_every_value_alone():
-    result = extremes.extreme_cases(420)
+    result = stability.extreme_cases(420)
     assert len({repr(sorted(keys.items())) for keys in result}) == 420
-    alone = [{}, *({key: value} for key, values in extremes.RANGES.items() for value in values)]
-    for keys in map(extremes.case_of, [*alone, *extremes.grazing(), *extremes.command_steps()]):
-        system = replace(System(), extremes.scene_keys(keys))
-        assert keys in result or system.natural_frequency * system.cycle > extremes.LONGEST == 3000.0
-    assert max(keys.get("cycles", 0) for keys in result) == extremes.MANY
-    assert max(keys.get("tick", 0.0) for keys in result) == 1.0
+    alone = [{}, *({key: value} for key, values in stability.RANGES.items() for value in values)]
+    for keys in map(stability.case_of, [*alone, *stability.grazing(), *stability.command_steps()]):
+        system = replace(System(), stability.scene_keys(keys))
+        assert keys in result or system.natural_frequency * system.cycle > stability.LONGEST
+    assert max(keys.get("cycles", 0) for keys in result) == stability.MANY
 
 
 CASES = [{}, {"friction.kinetic_coefficient": 0.075, "friction.smoothing": 1e9},
          {"share": 1.5, "pressure.phase": math.pi}, {"pressure.mean": 0.0},
-         {"engine.frequency": 5000.0, "initial.slip_speed": 1e4}, extremes.grazing()[2], {"tick": 5e-3}]
+         {"engine.frequency": 5000.0, "initial.slip_speed": 1e4}, stability.grazing()[2], {"tick": 5e-3}]
 
 
 @pytest.mark.parametrize("keys", CASES, ids=lambda keys: ",".join(keys) or "base")
 def test_extreme_cases_keep_the_criteria(keys):
-    keys = extremes.case_of(keys)
-    for engine, (law, _) in extremes.ENGINES.items():
-        result = extremes.examine(keys, engine, extremes.Truth(keys, law))
-        assert result.status == "DONE", result
-        assert result.finite is True
-        assert result.bounded is True
+    keys = stability.case_of(keys)
+    for engine, (law, _) in stability.ENGINES.items():
+        result = stability.examine(keys, engine, stability.Truth(keys, law))
+        assert (result.status, result.finite, result.bounded) == ("DONE", True, True), result
         assert result.iterations_max <= result.iterations_bound
-        if engine == "fixed_step":
-            assert (result.iterations_max > 0) is (keys.get("pressure.mean") != 0.0)
         assert result.power_residual < 5e-3
         assert result.error < {"smoothed": 1e-5, "event_driven": 1e-6, "fixed_step": 0.02}[engine]
+        assert not stability.ended_badly(result)
 
 
-def test_what_an_engine_cannot_do_is_refused_with_a_reason():
-    keys = extremes.case_of({"driveline.plate_inertia": 1e-6, "friction.kinetic_coefficient": 0.15})
-    result = extremes.examine(keys, "fixed_step", extremes.Truth(keys, "smoothed"))
+def test_the_undamped_grazing_motions_stick_up_to_the_breakaway_torque():
+    """(10) by hand: the largest torque of stick, Tm + Tp (K23 - I2 w^2)/(K23 - (I1 + I2) w^2), is mu_s N R."""
+    largest = 300.0 + 100.0 * (3000.0 - 0.02 * 3600.0) / (3000.0 - 0.22 * 3600.0)
+    for keys in stability.grazing():
+        system = replace(System(), {**stability.case_of(keys), "friction.law": "set_valued"})
+        run = solve(system, cycles=2)
+        breaks = 0.3 * 0.008 * system.pressure.mean < largest
+        assert (float(run.solved_cycles.largest.max()) > 0.0) == breaks
+
+
+def test_a_scene_beyond_an_engine_is_refused_with_a_reason():
+    keys = stability.case_of({"driveline.plate_inertia": 1e-6, "friction.kinetic_coefficient": 0.15})
+    result = stability.examine(keys, "fixed_step", stability.Truth(keys, "smoothed"))
     assert result.status == "REFUSED"
-    assert "sub-steps" in result.why
+    assert result.why
+    assert not stability.ended_badly(result)
 
 
-def test_a_run_that_stops_within_its_first_cycle_can_be_written(monkeypatch):
-    """Without a step there is no cycle for a power balance."""
-    monkeypatch.setattr("tcc_sim.solvers.event_driven.solve.STEP_MAXIMUM", 4)
-    result = extremes.examine(extremes.case_of({}), "event_driven", SimpleNamespace(why="not asked for"))
-    assert (result.status, result.finite, result.power_residual) == ("STEP_LIMIT", True, None)
-    json.dumps(json_of(result), allow_nan=False)
+def run_by_hand(scale=1.0, work=1.0):
+    """Two cycles of SciPy's solution at 2000 samples each; `scale` of the speeds, `work` of the friction torque."""
+    system = replace(System(), {"friction.smoothing": 20.0})
+    states = smoothed_states(system, [5.0, 0.1, 0.0, 0.1], 2, 2000)
+    t = np.arange(4001) * system.cycle / 2000
+    f, e, p = system.friction, system.engine, system.pressure
+    v, torque = states[:, 0], e.mean_torque + e.torque_amplitude * np.sin(e.frequency * t)
+    load = system.torque_per_pressure * (p.mean + p.amplitude * np.sin(p.frequency_ratio * e.frequency * t + p.phase))
+    friction = load * np.tanh(f.smoothing * v) * (1.0 + (f.static_coefficient / f.kinetic_coefficient - 1.0) * np.exp(
+        -f.decay * np.abs(v)))
+    zero = np.zeros_like(t)
+    return Trajectory(t, scale * v, states[:, 1], scale * states[:, 2], torque, load, work * friction, zero.astype(int),
+                      solver="by SciPy", system=system, cycle=system.cycle)
+
+
+def test_power_and_energy_of_an_independent_solution_and_of_wrong_ones():
+    right = run_by_hand()
+    assert stability.power_residual(right) < 1e-5
+    assert stability.energy_excess(right) < 1e-9
+    assert stability.power_residual(run_by_hand(work=1.01)) > 1e-3
+    assert stability.power_residual(run_by_hand(scale=1.02)) > 1e-3
+    fast = run_by_hand(scale=np.append(1.0, np.full(4000, 40.0)))
+    assert stability.energy_excess(fast) > stability.SLACK
+    d = right.system.driveline
+    stored = 0.5 * (d.flywheel_inertia * (right.slip_speed + right.plate_speed)**2
+                    + d.plate_inertia * right.plate_speed**2 + d.stiffness * right.plate_angle**2)
+    np.testing.assert_allclose(stability.energy(right), stored)
 
 
 def test_the_limits_are_the_theoretical_ones():
@@ -74,62 +100,88 @@ def test_the_limits_are_the_theoretical_ones():
     assert stability.uniqueness_limit(replace(system, {"friction.kinetic_coefficient": 0.3})) is None
 
 
-def test_the_largest_errors_have_their_reasons():
-    """The smoothed law's distance from the set-valued one falls as 1/sigma; fixed_step leaves stick at some steps. The
-    end of slip is SciPy's, the speed of the largest friction is that of a search.
-    """
-    sharp = extremes.case_of({
-        "initial.slip_speed": 1e-9, "friction.kinetic_coefficient": 0.1, "friction.decay": 50.0,
-        "friction.smoothing": 1e6, "pressure.mean": 100.0, "driveline.flywheel_inertia": 1000.0,
-        "driveline.stiffness": 1e5, "pressure.phase": 0.5 * math.pi})
-    stick = extremes.case_of({"friction.kinetic_coefficient": 0.075, "engine.mean_torque": 0.0,
-                              "engine.torque_amplitude": 1000.0, "pressure.amplitude": 52083.33333333334})
-    stick["pressure.amplitude"] = 52083.33333333334
-    records = [extremes.Examined(sharp, "smoothed", None, error=8.7e-4),
-               extremes.Examined(stick, "fixed_step", 1e-3, error=0.28)]
-    law = references.Law(replace(System(), stick))
-    run = solve_ivp(lambda t, y: law.rates(t, y, 3), (0.0, 0.08), [5.0, 0.0, 0.0], "LSODA", rtol=1e-9, atol=1e-9,
-                    events=lambda t, y: y[0])
-    t, y = run.t_events[0][-1], run.y_events[0][-1]
-    peak = minimize_scalar(lambda v: -math.tanh(50.0 * v) * (1.0 + 3.0 * math.exp(-2.0 * v)), bounds=(0.0, 1.0),
-                           method="bounded", options={"xatol": 1e-9}).x
-    share = abs(law.need(t, y)) / (4.0 * law.load(t))
-    assert worst_cases.reasons(records) == [
-        "`smoothed`, 9e-04: the distance of two friction laws, not an error of the engine. Above sigma = 100000 the "
-        "reference solves the set-valued law. At 10 and 100 times sigma it is 7e-05 and 5e-06; with a tolerance of "
-        "1e-11 it is 9e-04.",
-        "`fixed_step`, 3e-01: with steps of 0.001, 0.0002, 0.0001, 2e-05, 1e-05 s the error is 3e-01, 8e-06, 3e-01, "
-        f"3e-01, 2e-06, so it does not shrink with the step. At t = {t:.4g} s slip stops, and stick needs "
-        f"{100.0 * share:.0f} % of the breakaway torque. Past v = 0 a sub-step of the fixed step ends at -0.14 rad/s, "
-        f"beyond the {peak:.2g} rad/s at which friction (7) is largest: the clutch slips on instead of sticking. Where "
-        "a sub-step ends decides which, at any step."]
-    slower = dataclasses.replace(records[0], keys={**sharp, "friction.smoothing": 1e5})
-    assert worst_cases.reasons([slower, dataclasses.replace(records[1], error=None)]) == []
-    truth = extremes.Truth(stick, "smoothed")
-    assert worst_cases.final_error(stick, "smoothed", truth) < 1e-6
+def test_one_step_a_tick_is_of_third_order_where_slip_lasts():
+    system = replace(System(), {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3,
+                                "pressure.amplitude": 0.0, "initial.slip_speed": 50.0})
+    truth = smoothed_states(system, [50.0, 0.0, 0.0, 0.0], 2, 1)[:, :3]
+    off = [np.abs(stability.one_step(system, h) - truth)[:, 1].max() for h in (2e-4, 1e-4)]
+    assert 6.0 < off[0] / off[1] < 10.0
 
 
-@pytest.fixture
-def tiny(monkeypatch):
-    """A report of three scenes and charts of two cells."""
-    monkeypatch.setattr(stability, "QUICK_COUNT", 3)
-    for table, kept in ((stability.OVER, slice(1, 3)), (stability.METHODS, slice(-4, None))):
-        for name, values in tuple(table.items()):
-            monkeypatch.setitem(table, name, values[kept])
+def examined(engine="smoothed", **more):
+    given = {"status": "DONE", "finite": True, "bounded": True, "error": 1e-6, "iterations_max": 3,
+             "iterations_bound": 20, "power_residual": 1e-7, "seconds": 2.0, **more}
+    keys = {"friction.smoothing": 1e6, "engine.frequency": 150.0, "cycles": stability.CYCLES}
+    return stability.Examined(keys, engine, 1e-3 if engine == "fixed_step" else None, **given)
 
 
-def test_the_command_writes_what_it_promises(tiny, tmp_path, capsys, figures):
-    folder = tmp_path / "out"
+@pytest.mark.parametrize(("more", "bad"), [
+    ({}, False), ({"status": "STEP_LIMIT"}, True), ({"status": "REFUSED", "finite": None}, False),
+    ({"finite": False}, True), ({"bounded": False}, True), ({"iterations_max": 20}, False),
+    ({"iterations_max": 21}, True), ({"iterations_max": 21, "iterations_bound": None}, False)])
+def test_a_run_that_ended_badly(more, bad):
+    assert stability.ended_badly(examined(**more)) is bad
+
+
+def test_summaries_and_tables_of_rows_by_hand():
+    rows = [*(examined(error=10.0**-k, power_residual=None) for k in range(1, 101)), examined(finite=False, error=None),
+            examined("fixed_step", status="REFUSED", why="too many sub-steps", error=None),
+            examined("event_driven", bounded=False, iterations_max=30)]
+    total = stability.engine_summaries(rows)
+    one = total["smoothed"]
+    assert (one.cases, one.statuses, one.not_finite, one.without_reference) == (101, {"DONE": 101}, 1, 1)
+    values = 10.0 ** -np.arange(1.0, 101.0)
+    assert [*vars(one.error).values()] == pytest.approx(np.quantile(values, [0.5, 0.9, 0.99, 1.0]))
+    assert one.power_residual.max == pytest.approx(1e-7)
+    assert (total["event_driven"].not_bounded, total["event_driven"].past_iteration_bound) == (1, 1)
+    text = stability.stability_tables(stability.StabilityReport(rows, total, [], True, False))
+    assert "Interrupted" in text
+    assert "too many sub-steps" in text
+    assert text.count("| DONE | friction.smoothing 1000000.0 |") == 2  # Not finite, and past two bounds.
+    assert text.count("| `smoothed` | 1.0e-0") == 5  # The five largest errors.
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The quick report."""
+    folder = tmp_path_factory.mktemp("report") / "out"
     assert main(["stability", "--quick", "--width", "column", "--out", str(folder)]) == 0
+    return folder
+
+
+def test_the_command_writes_what_it_promises(folder, tmp_path, drawn):
     document = valid("stability", json.loads((folder / "stability.json").read_text()))
-    assert len(document["cases"]) == 9
-    assert set(document["summary"]) == set(extremes.ENGINES)
+    assert {path.name for path in folder.iterdir()} == {f"stability.{end}" for end in ("json", "md", "png", "svg")}
+    assert set(document["summary"]) == set(stability.ENGINES)
+    assert len(document["cases"]) == 3 * stability.QUICK_COUNT
     assert all(total["not_finite"] == total["not_bounded"] == 0 for total in document["summary"].values())
-    assert len(document["charts"]) == 3 * len(stability.METHODS) - 1
-    assert {c["method"] for c in document["charts"]} >= {"smoothed", "event_driven"}
-    assert {"stability.png", "stability.svg"} <= {path.name for path in folder.iterdir()}
-    words = ["plot", str(folder / "stability.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
-    assert main(words) == 0
-    assert len(same_pictures(figures, style.COLUMN)) > 4
-    assert (folder / "stability.md").read_text().count("\n## ") == 4
-    assert "not finite" in capsys.readouterr().out
+    rows = [r["error"] for r in document["cases"] if r["solver"] == "smoothed" and r["error"] is not None]
+    one = document["summary"]["smoothed"]["error"]
+    assert (one["median"], one["max"]) == (pytest.approx(np.median(rows)), max(rows))
+    for chart in document["charts"]:
+        assert np.shape(chart["errors"]) == (len(chart["values"]), len(chart["steps"]))
+    for _ in range(2):
+        words = ["plot", str(folder / "stability.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
+        assert main([*words, "--force"]) == 0
+    assert len(same_pictures(drawn, drawn[0].get_figwidth())) > 4
+    shares = 100.0 * (np.arange(len(rows)) + 0.5) / len(rows)
+    assert shows(drawn[0], shares, np.maximum(np.sort(rows), 1e-17))
+    assert faults(drawn[0]) == []
+
+
+def test_errors_of_the_charts_are_those_of_an_independent_solution(folder):
+    """One cell for a method: the section error of the first value at the first step."""
+    document = json.loads((folder / "stability.json").read_text())
+    cells = {(c["method"], c["over"]): c for c in document["charts"]}
+    for method, setting in (("smoothed", "rtol"), ("fixed_step", "step")):
+        chart = cells[method, "friction.smoothing"]
+        k, h = 0, chart["steps"][-1]
+        system = replace(System(), {**stability.SCENE, "friction.smoothing": chart["values"][k]})
+        truth = smoothed_states(system, [5.0, 0.0, 0.0, 0.0], 2, 500)[:, :3]
+        section = solve(system, cycles=2, solver=method, **{setting: h}).solved_cycles.section
+        off = np.abs(section - truth[::500]) / np.abs(truth[500:]).max(axis=0)
+        assert chart["errors"][k][-1] == pytest.approx(off.max(), rel=0.02)
+
+
+def test_an_existing_directory_is_refused(tmp_path, refused):
+    assert str(tmp_path) in refused("stability", "--quick", "--out", tmp_path)
