@@ -24,8 +24,10 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.model.equations import Linear, coefficients_of, decay_of_slip
 from tcc_sim.trajectory import Floats
 
@@ -81,28 +83,22 @@ class Response(NamedTuple):
     torque: Floats
 
 
-def radau(count: int) -> tuple[Floats, Floats]:
-    """Return nodes c (count,) and matrix A (count, count) of Radau IIA.
+def lagrange(points: Floats) -> Floats:
+    """Return the Chebyshev coefficients over [0, 1], row by row, of the polynomials that are 1 at one of the points and
+    0 at the others (n,).
 
-    The nodes are the zeros of P_s(2 c - 1) - P_(s-1)(2 c - 1), the last of them 1.
+    They are products at the zeros of T_n, without a linear solve: LAPACK's last bits depend on the processor.
     """
-    legendre = np.zeros(count + 1)
-    legendre[count], legendre[count - 1] = 1.0, -1.0
-    x = np.sort(np.real(np.polynomial.legendre.legroots(legendre)))
-    slope = np.polynomial.legendre.legder(legendre)
-    for _ in range(3):
-        x[:-1] -= np.polynomial.legendre.legval(x[:-1], legendre) / np.polynomial.legendre.legval(x[:-1], slope)
-    x[-1] = 1.0
-    basis = np.polynomial.legendre.legvander(x, count - 1)
-    integrals = np.stack([np.polynomial.legendre.legval(x, np.polynomial.legendre.legint(unit, lbnd=-1))
-                          for unit in np.eye(count)], axis=1)
-    return (x + 1.0) / 2.0, 0.5 * np.linalg.solve(basis.T, integrals.T).T
-
-
-def to_chebyshev(nodes: Floats) -> Floats:
-    """Return the matrix that makes Chebyshev coefficients over [0, 1] of values at 0 and at the nodes."""
-    points = np.concatenate([[0.0], nodes])
-    return np.asarray(np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * points - 1.0, len(nodes))))
+    n = len(points)
+    cosines = np.array([[math.cos(k * (m + 0.5) * math.pi / n) for k in range(n)] for m in range(n)])
+    at = 0.5 + 0.5 * cosines[:, 1]
+    out = np.empty((n, n))
+    for j, point in enumerate(points):
+        others = np.delete(points, j)[:, None]
+        values: Floats = np.prod((at - others) / (point - others), axis=0)
+        out[j] = (cosines * values[:, None]).sum(axis=0) * (2.0 / n)
+    out[:, 0] *= 0.5
+    return out
 
 
 def chebyshev_to_powers(degree: int) -> Floats:
@@ -115,13 +111,90 @@ def chebyshev_to_powers(degree: int) -> Floats:
     return out
 
 
-C, A = radau(NODES)
-INVERSE = np.linalg.inv(A)
+C = np.array([0.00564068897251171, 0.029482298647942485, 0.07141295311515884, 0.12983102555359105, 0.20249275505010406,
+              0.28660608625752704, 0.37893868864697805, 0.4759423084632349, 0.5738891609066858, 0.6690151950299599,
+              0.7576647390313427, 0.8364309606056102, 0.902286700679378, 0.9527004099058333, 0.9857305452631743, 1.0])
+"""Nodes of Radau IIA: the zeros of P_16(2 c - 1) - P_15(2 c - 1) to the last bit."""
+A: Floats = chebyshev.chebval(2.0 * C - 1.0, chebyshev.chebint(lagrange(C).T, lbnd=-1.0, scl=0.5)).T.copy()
+"""Runge-Kutta matrix (NODES, NODES)."""
 TO_CHEBYSHEV = np.zeros((NODES + 1, TERMS))
-TO_CHEBYSHEV[:, :DEGREE + 1] = to_chebyshev(C).T
+TO_CHEBYSHEV[:, :DEGREE + 1] = lagrange(np.append(0.0, C))
 """Shares in the Chebyshev coefficients over the step of the value at the start (row 0), and at node j (row j)."""
+RATES: Floats = chebyshev.chebval(2.0 * C - 1.0, chebyshev.chebder(TO_CHEBYSHEV[:, :DEGREE + 1].T, scl=2.0)).T.copy()
+"""Derivative at every node by the value at the start (column 0), and at node j (column j): the inverse of A."""
 TO_POWERS = np.zeros((TERMS, TERMS))
 TO_POWERS[:DEGREE + 1, :DEGREE + 1] = chebyshev_to_powers(DEGREE)
+SQUARE = np.array([(row[:, None] * A).sum(axis=0) for row in A])
+"""A A, to the same bits on every processor, as `@` is not."""
+COLUMNS = 2 + 2 * NODES
+"""Causes of theta2 and w in a step: their values at its start, the torque and the slip speed at every node."""
+
+
+@fast
+def _respond(lengths: Floats, stiffness: float, damping: float, slipping: float, kappa: float, push: float, a: Floats,
+             square: Floats, to_chebyshev: Floats, system: Floats, nodal: Floats, series: Floats) -> None:
+    """Fill theta2 and w at the nodes, and in Chebyshev coefficients without the values at the start, by every cause.
+
+    With theta2 eliminated, (1 + h A damping + h^2 A^2 stiffness) w is the sum of the causes; `push` is 1/M. Elimination
+    with pivots, row by row, gives the same bits on every processor.
+    """
+    for level in range(lengths.shape[0]):
+        h = lengths[level]
+        angle, speed = nodal[level, 0], nodal[level, 1]
+        for i in range(NODES):
+            angle[i, 0], speed[i, 0], speed[i, 1] = 1.0, 0.0, 1.0
+            for j in range(NODES):
+                step, twice = h * a[i, j], h * h * square[i, j]
+                system[i, j] = step * damping + twice * stiffness + (1.0 if i == j else 0.0)
+                speed[i, 0] -= step * stiffness
+                speed[i, 2 + j], speed[i, 2 + NODES + j] = step * push, step * slipping + kappa * stiffness * twice
+        for k in range(NODES):
+            pivot = k
+            for i in range(k + 1, NODES):
+                if abs(system[i, k]) > abs(system[pivot, k]):
+                    pivot = i
+            for j in range(NODES):
+                system[k, j], system[pivot, j] = system[pivot, j], system[k, j]
+            for j in range(COLUMNS):
+                speed[k, j], speed[pivot, j] = speed[pivot, j], speed[k, j]
+            for i in range(k + 1, NODES):
+                share = system[i, k] / system[k, k]
+                for j in range(k + 1, NODES):
+                    system[i, j] -= share * system[k, j]
+                for j in range(COLUMNS):
+                    speed[i, j] -= share * speed[k, j]
+        for k in range(NODES - 1, -1, -1):
+            for j in range(COLUMNS):
+                speed[k, j] /= system[k, k]
+            for i in range(k):
+                for j in range(COLUMNS):
+                    speed[i, j] -= system[i, k] * speed[k, j]
+        for i in range(NODES):
+            angle[i, 0], angle[i, 1:] = 1.0, 0.0
+            for k in range(NODES):
+                angle[i, 2 + NODES + k] -= kappa * h * a[i, k]
+                for j in range(COLUMNS):
+                    angle[i, j] += h * a[i, k] * speed[k, j]
+        for i in range(TERMS):
+            series[level, :, i] = 0.0
+            for k in range(NODES):
+                share = to_chebyshev[1 + k, i]
+                for j in range(COLUMNS):
+                    series[level, 0, i, j] += share * angle[k, j]
+                    series[level, 1, i, j] += share * speed[k, j]
+
+
+@fast
+def _add_waves(lengths: Floats, rates: Floats, torque: Floats, c: Floats, waves: Floats) -> None:
+    """Add the sources of the cosine and the sine of every rate to `waves`, (levels, 2 rates, numbers of a SOURCE)."""
+    for level in range(lengths.shape[0]):
+        for k in range(rates.shape[0]):
+            for j in range(NODES):
+                angle = rates[k] * lengths[level] * c[j]
+                cosine, sine = math.cos(angle), math.sin(angle)
+                for i in range(torque.shape[1]):
+                    waves[level, 2 * k, i] += torque[level, i, j] * cosine
+                    waves[level, 2 * k + 1, i] += torque[level, i, j] * sine
 
 
 def ladder_of(fastest: float, period: float) -> tuple[int, int]:
@@ -139,27 +212,25 @@ def response(linear: Linear, top: int, levels: int) -> Response:
     inertia, kappa = i1 + i2, i1 / (i1 + i2)
     # M w' = Te - K23 theta2 - (C23 + f_w) theta2' - (f_v + p_v) v, with theta2' = w - kappa v.
     damped, slipping = damping + by_speed, kappa * (damping + by_speed) - (by_slip + plate_by_slip)
-    lengths = 2.0 ** (-0.5 * (top + np.arange(levels)))
-    a = lengths[:, None, None] * A
-    eye, one = np.broadcast_to(np.eye(NODES), a.shape), np.ones((levels, NODES, 1))
-    matrix = np.block([[eye, -a], [a * (stiffness / inertia), eye + a * (damped / inertia)]])
-    right = np.concatenate([np.block([[one, 0.0 * one, 0.0 * a, -kappa * a]]),
-                            np.block([[0.0 * one, one, a / inertia, a * (slipping / inertia)]])], axis=1)
-    solution = np.linalg.solve(matrix, right)
-    x, w = solution[:, :NODES], solution[:, NODES:]
+    lengths = ladder_lengths(top, levels)
+    nodal, series = np.empty((levels, 2, NODES, COLUMNS)), np.empty((levels, 2, TERMS, COLUMNS))
+    _respond(lengths, stiffness / inertia, damped / inertia, slipping / inertia, kappa, 1.0 / inertia, A, SQUARE,
+             TO_CHEBYSHEV, np.empty((NODES, NODES)), nodal, series)
+    (x, w), (x_series, w_series) = nodal.transpose(1, 0, 2, 3), series.transpose(1, 0, 2, 3)
+    eye = np.broadcast_to(np.eye(NODES), (levels, NODES, NODES))
     start = 2 + NODES
     step_sizes = np.zeros(levels, STEP_SIZE)
     step_sizes["length"] = lengths
-    step_sizes["start"] = INVERSE.sum(axis=1) / lengths[:, None]
+    step_sizes["start"] = -RATES[:, 0] / lengths[:, None]
     u = w[..., start:] - kappa * np.eye(NODES)
-    coupling = INVERSE / lengths[:, None, None] - (damping * u + stiffness * x[..., start:]) / i2
+    coupling = RATES[:, 1:] / lengths[:, None, None] - (damping * u + stiffness * x[..., start:]) / i2
     coupling = coupling + by_speed / i1 * u + decay_of_slip(linear) * np.eye(NODES)
     step_sizes["coupling"], step_sizes["diagonal"] = coupling.transpose(0, 2, 1), coupling.diagonal(axis1=1, axis2=2)
-    step_sizes["angle"], step_sizes["speed"] = (_polynomials(y[..., start:]).transpose(0, 2, 1) for y in (x, w))
+    step_sizes["angle"], step_sizes["speed"] = (y[..., start:].transpose(0, 2, 1) for y in (x_series, w_series))
     step_sizes["end_angle"], step_sizes["end_speed"] = x[:, -1, start:], w[:, -1, start:]
     applied = np.concatenate([np.zeros((levels, NODES, 2)), eye], axis=2)
     balance = (applied - by_speed * w[..., :start]) / i1 + (damping * w[..., :start] + stiffness * x[..., :start]) / i2
-    source = np.concatenate([balance, *(_polynomials(y[..., :start]) for y in (x, w)), x[:, -1:, :start],
+    source = np.concatenate([balance, x_series[..., :start], w_series[..., :start], x[:, -1:, :start],
                              w[:, -1:, :start]], axis=1)
     source[:, NODES:NODES + TERMS, FROM_ANGLE] += TO_CHEBYSHEV[0]
     source[:, NODES + TERMS:NODES + 2 * TERMS, FROM_SPEED] += TO_CHEBYSHEV[0]
@@ -173,16 +244,9 @@ def response(linear: Linear, top: int, levels: int) -> Response:
 def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int, levels: int) -> Tables:
     """Return the tables, read only, of a system whose torque has sines of these rates (rad/s), and its load one."""
     linear_response = response(linear, top, levels)
-    times = linear_response.step_sizes["length"][:, None] * C
-    sources = np.empty((levels, FROM_WAVES + 2 * len(rates), linear_response.fixed.shape[2]))
-    sources[:, :FROM_WAVES] = linear_response.fixed
-    waves = np.empty((levels, NODES, 2))
-    for i, rate in enumerate(rates):
-        angles = rate * times
-        np.cos(angles, out=waves[:, :, 0])
-        np.sin(angles, out=waves[:, :, 1])
-        sources[:, FROM_WAVES + 2 * i:FROM_WAVES + 2 * i + 2] = (linear_response.torque @ waves).transpose(0, 2, 1)
-    return _tables(linear_response, sources, load_rate, top)
+    waves = np.zeros((levels, 2 * len(rates), linear_response.fixed.shape[2]))
+    _add_waves(linear_response.step_sizes["length"].copy(), np.array(rates), linear_response.torque, C, waves)
+    return _tables(linear_response, np.concatenate([linear_response.fixed, waves], axis=1), load_rate, top)
 
 
 @lru_cache(maxsize=16)
@@ -203,13 +267,14 @@ def _tables(linear_response: Response, sources: Floats, load_rate: float, top: i
 @lru_cache(maxsize=16)
 def turns_of(load_rate: float, top: int, levels: int) -> NDArray[Any]:
     """Return cosine and sine of the load's angle at the nodes of every step size, from its start."""
-    angles = load_rate * (2.0 ** (-0.5 * (top + np.arange(levels))))[:, None] * C
-    turns: NDArray[Any] = np.stack([np.cos(angles), np.sin(angles)], axis=1).reshape(levels, -1).view(TURN)[:, 0]
+    angles = (load_rate * ladder_lengths(top, levels)[:, None] * C).ravel().tolist()
+    waves = np.array([[*map(math.cos, angles)], [*map(math.sin, angles)]]).reshape(2, levels, NODES)
+    turns: NDArray[Any] = waves.transpose(1, 0, 2).reshape(levels, -1).view(TURN)[:, 0]
     turns.setflags(write=False)
     return turns
 
 
-def _polynomials(nodal: Floats) -> Floats:
-    """Return Chebyshev coefficients (levels, TERMS, columns) of nodal values (levels, NODES, columns); 0 at x = 0."""
-    out: Floats = TO_CHEBYSHEV[1:].T @ nodal
-    return out
+def ladder_lengths(top: int, levels: int) -> Floats:
+    """Return the step sizes of a ladder, s."""
+    roots = 1.0, math.sqrt(2.0)
+    return np.array([math.ldexp(roots[k % 2], -((k + 1) // 2)) for k in range(top, top + levels)])

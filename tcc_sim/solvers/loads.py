@@ -28,9 +28,10 @@ LOADS = np.dtype([("energy", np.float64), ("peak_power", np.float64), ("highest_
 """An engine cycle: the fields of `Loads`, and 1 where they are computed."""
 
 COUNT = 8
-_INNER = np.polynomial.Legendre.basis(COUNT - 1).deriv().roots().real  # NumPy 2.5 returns complex numbers.
-POINTS = 0.5 + 0.5 * np.concatenate([[-1.0], _INNER, [1.0]])
-WEIGHTS = 1.0 / (COUNT * (COUNT - 1) * np.polynomial.Legendre.basis(COUNT - 1)(2.0 * POINTS - 1.0) ** 2)
+POINTS = np.array([0.0, 0.06412992574519669, 0.20414990928342885, 0.3953503910487606,
+                   0.6046496089512394, 0.7958500907165712, 0.9358700742548033, 1.0])
+WEIGHTS = np.array([0.017857142857142856, 0.10535211357175302, 0.17056134624175218, 0.20622939732935194,
+                    0.20622939732935194, 0.17056134624175218, 0.10535211357175302, 0.017857142857142856])
 """Abscissae and weights of the rule on [0, 1]."""
 PLACE, POWER, SHAFT, CLOSER, SQUARE = 1, 2, 3, 3, 7
 """Rows of the workspace: places in a step, power and torque there; CLOSER rows further on the same, closer together;
