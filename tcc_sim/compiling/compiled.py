@@ -410,7 +410,8 @@ def rebound(function: Callable[..., Any], **names: Any) -> Callable[..., Any]:
     return FunctionType(plain.__code__, {**plain.__globals__, **names}, argdefs=plain.__defaults__)
 
 
-decayed = compiled(friction.decayed)  # By np.exp: two of math.exp become one of a row, with other bits than in C.
+# By np.exp: two of math.exp become one of a row, with other bits than in C.
+decayed = compiled(rebound(friction.decayed, exp=np.exp))
 exponentials_at = compiled(rebound(friction.exponentials_at, decayed=decayed))
 steepness = compiled(rebound(friction.steepness, decayed=decayed))
 step_and_rest = compiled(rebound(friction.step_and_rest, exp=math.exp, magnitude=abs, with_sign=math.copysign))

@@ -22,7 +22,12 @@ Stribeck = tuple[float, ...] | None
 GRID = 20000
 """Slip speeds among which the first maximum of a law with several exponentials is looked for."""
 
-exp, tanh, magnitude, with_sign = np.exp, np.tanh, np.abs, np.copysign
+def exponential(x: Any) -> Any:
+    """Return e^x with the same bits on every processor; `np.exp` has other last bits where there is AVX-512."""
+    return math.exp(x) if isinstance(x, float) else np.exp(np.asarray(x, np.longdouble)).astype(np.float64)
+
+
+exp, tanh, magnitude, with_sign = exponential, np.tanh, np.abs, np.copysign
 
 
 def decayed(rate: Any, size: Any) -> Any:
@@ -205,7 +210,8 @@ def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, 
     for j in range(2, len(stribeck), 2):
         slowest = min(slowest, stribeck[j + 1])
     first = 1e-4 / sigma
-    v = first * np.power((40.0 / sigma + 40.0 / slowest) / first, np.arange(GRID) / (GRID - 1.0))
+    step = math.log((40.0 / sigma + 40.0 / slowest) / first) / (GRID - 1.0)
+    v = first * exp(step * np.arange(GRID))
     falls = fall_of_several(v, sigma, stribeck) > 0.0
     k = int(np.argmax(falls))
     if not falls[k]:
@@ -222,7 +228,8 @@ def fall_of_several(v: Any, sigma: float, stribeck: tuple[float, ...]) -> Any:
     nearly 1.
     """
     _, total, steep = exponentials_at(v, stribeck)
-    return steep * 0.5 * np.sinh(np.minimum(2.0 * sigma * v, 600.0)) / sigma - (1.0 + total)
+    grown = exp(np.minimum(2.0 * sigma * v, 600.0))
+    return steep * 0.25 * (grown - 1.0 / grown) / sigma - (1.0 + total)
 
 
 def _several_fall(v: float, sigma: float, stribeck: tuple[float, ...]) -> bool:

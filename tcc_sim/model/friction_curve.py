@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.friction import decayed, exponentials_at, sliding_slope
+from tcc_sim.model.friction import decayed, exponential, exponentials_at, sliding_slope
 from tcc_sim.model.quantity import MOST_POINTS, check_rising
 
 Floats = npt.NDArray[np.float64]
@@ -49,6 +49,8 @@ STARTS, BENT, BOUNDS = 6, 3, 250
 """Number of fits of one number of exponentials, number of those that are repeated with bounds on the slope, and largest
 number of these bounds.
 """
+WEIGHTS = 0.1, 0.3, 1.0, 3.0, 10.0, 100.0, 1e3, 1e5
+"""Weights of the distances beyond the bounds, one fit after the other."""
 TINY = 1e-15
 """Rounding of a slope, s/rad."""
 FINE = 8
@@ -195,7 +197,7 @@ def _fitted(v: Floats, mu: Floats, count: int, beaten: float) -> FrictionCurve |
     """
     if count == 0:
         return _curve(v, mu, np.empty(0))
-    from scipy.optimize import least_squares
+    from scipy.optimize import leastsq
 
     low, high = _bounds(v, count)
     slack, apart = high - low - (count - 1) * APART, APART * np.arange(count)
@@ -204,16 +206,18 @@ def _fitted(v: Floats, mu: Floats, count: int, beaten: float) -> FrictionCurve |
         """Return rising logarithms of rates, at least APART from each other, for numbers from 0 to 1."""
         return low + apart + slack * (1.0 - np.cumprod(1.0 - x))
 
-    def left(x: Floats) -> Floats:
-        """Return the residuals for these numbers."""
-        return _projected(v, mu, logarithms(x))[1]
+    def left(angles: Floats) -> Floats:
+        """Return the residuals for angles whose sines stand for these numbers."""
+        return _projected(v, mu, logarithms(0.5 + 0.5 * np.sin(angles)))[1]
 
     curves: list[tuple[float, FrictionCurve]] = []
     starts = (np.array(each) for each in itertools.combinations(np.linspace(0.05, 0.95, 8), count))
-    ratios = (1.0 - (1.0 - each) / np.append(1.0, 1.0 - each[:-1]) for each in starts)
-    for x in sorted(ratios, key=lambda x: float(np.sum(left(x) ** 2)))[:STARTS]:
-        fit = least_squares(left, x, bounds=(0.0, 1.0), xtol=1e-12, ftol=1e-14, gtol=1e-14, max_nfev=60)
-        curves.append((float(fit.cost), _curve(v, mu, logarithms(fit.x))))
+    angles = (np.array([math.asin(1.0 - 2.0 * x) for x in ((1.0 - each) / np.append(1.0, 1.0 - each[:-1])).tolist()])
+              for each in starts)
+    for start in sorted(angles, key=lambda x: float(np.sum(left(x) ** 2)))[:STARTS]:
+        best = leastsq(left, start, xtol=1e-12, ftol=1e-14, gtol=1e-14, maxfev=60 * (count + 1), full_output=True)[0]
+        curve = _curve(v, mu, logarithms(0.5 + 0.5 * np.sin(best)))
+        curves.append((_squares(curve, v, mu), curve))
     curves.sort(key=lambda each: each[0])
     free = next((curve for _, curve in curves if _in_range(curve, v, mu)), None)
     if free is curves[0][1] or _criterion(curves[0][1], v, mu) >= beaten:
@@ -246,7 +250,7 @@ def _slopes(v: Floats, mu: Floats, noise: float) -> tuple[Floats, Floats, Floats
     low = STEEPER * near.min(axis=0).clip(None, 0.0) - room if (rises < 0.0).any() else np.zeros(len(rises))
     high = STEEPER * near.max(axis=0).clip(0.0, None) + room if (rises > 0.0).any() else np.zeros(len(rises))
     between = (v[:-1, None] + widths[:, None] * np.arange(FINE) / FINE).ravel()
-    beyond = v[-1] * np.geomspace(1.0, 30.0, 3 * FINE)
+    beyond = v[-1] * exponential(np.linspace(0.0, math.log(30.0), 3 * FINE))
     return (np.append(between, beyond), np.append(np.repeat(low, FINE), np.full(len(beyond), low[-1])),
             np.append(np.repeat(high, FINE), np.full(len(beyond), high[-1])))
 
@@ -257,50 +261,35 @@ def _noise(curve: FrictionCurve, v: Floats, mu: Floats) -> float:
 
 
 def _bent(start: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
-    """Return the least-squares curve near `start` with slopes of the points (sequential quadratic programming).
+    """Return the least-squares curve near `start` with slopes of the points.
 
-    Its numbers are m and c_j over the range of the coefficients, and log(a_j).
+    Its numbers are m and c_j over the range of the coefficients, and log(a_j). Whatever exceeds a bound counts as a
+    residual with a growing weight (penalty method: J. Nocedal and S. J. Wright, Numerical Optimization (2006), 17.1).
     """
-    from scipy.optimize import minimize
+    from scipy.optimize import leastsq
 
     count, size = len(start.rates), float(np.ptp(mu)) or 1.0
     at, low, high = (x[::-(-len(x) // BOUNDS)] for x in _slopes(v, mu, _noise(start, v, mu)))
     (slow, fast), (least, most) = _bounds(v, count), _constants(mu)
-    scale, order = v[-1] / size, -np.diff(np.eye(count), axis=0)
+    scale = v[-1] / size
     closed = 0.5e-6 * (high - low) + TINY   # Keeps the curve within the bounds in spite of rounding.
+    lowest = np.array([least / size, *[-10.0] * count, *[slow] * count])
+    highest = np.array([most / size, *[10.0] * count, *[fast] * count])
 
-    def parts(x: Floats, speeds: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return amplitudes (k,), rates (k,), and the exponentials at slip speeds (n, k)."""
-        rates = np.exp(x[count + 1:])
-        return x[1:count + 1] * size, rates, decayed(rates, speeds[:, None])
-
-    def cost(x: Floats) -> tuple[float, Floats]:
-        """Return the sum of squares, and its derivatives."""
-        amplitudes, rates, fade = parts(x, v)
-        left = (x[0] * size + fade @ amplitudes - mu) / size
-        by = np.column_stack([np.ones_like(v), fade, -amplitudes * rates * v[:, None] * fade / size])
-        return float(left @ left), 2.0 * by.T @ left
-
-    def room(x: Floats) -> Floats:
-        """Return the distances of the slopes from their bounds, and of the rates from each other."""
-        amplitudes, rates, fade = parts(x, at)
-        slope = -fade @ (amplitudes * rates)
-        return np.concatenate([(slope - low - closed) * scale, (high - closed - slope) * scale,
-                               order @ x[count + 1:] - APART])
-
-    def room_by(x: Floats) -> Floats:
-        """Return the derivatives of `room`."""
-        amplitudes, rates, fade = parts(x, at)
-        by = scale * np.column_stack([0.0 * at, -fade * rates * size,
-                                      -fade * amplitudes * rates * (1.0 - at[:, None] * rates)])
-        return np.concatenate([by, -by, np.hstack([np.zeros((count - 1, count + 1)), order])])
+    def left(x: Floats, weight: float) -> Floats:
+        """Return the residuals, and the weighted distances beyond the bounds."""
+        rates, amplitudes = exponential(x[count + 1:]), x[1:count + 1]
+        slope = -_sum_of(amplitudes * rates * size, rates, at)
+        beyond = (low + closed - slope) * scale, (slope - high + closed) * scale, lowest - x, x - highest, \
+            APART + np.diff(x[count + 1:])
+        return np.concatenate([x[0] + _sum_of(amplitudes, rates, v) - mu / size,
+                               weight * np.concatenate(beyond).clip(0.0, None)])
 
     x = np.concatenate([[start.constant / size], np.clip(np.array(start.amplitudes) / size, -10.0, 10.0),
-                        np.log(start.rates)])
-    minimum = minimize(cost, x, jac=True, method="SLSQP", constraints={"type": "ineq", "fun": room, "jac": room_by},
-                       bounds=[(least / size, most / size), *[(-10.0, 10.0)] * count, *[(slow, fast)] * count],
-                       options={"ftol": 1e-10, "maxiter": 60})
-    return _with_error(v, mu, minimum.x[:count + 1] * size, minimum.x[count + 1:])
+                        [math.log(rate) for rate in start.rates]])
+    for weight in WEIGHTS:
+        x = leastsq(left, x, (weight,), xtol=1e-10, ftol=1e-12, maxfev=60 * len(x), full_output=True)[0]
+    return _with_error(v, mu, x[:count + 1] * size, x[count + 1:])
 
 
 def _in_range(curve: FrictionCurve, v: Floats, mu: Floats) -> bool:
@@ -330,13 +319,40 @@ def _projected(v: Floats, mu: Floats, rates: Floats) -> tuple[Floats, Floats]:
     The constant is bounded. If its best value is beyond a bound, the bound is the best one: the sum of squares is
     convex.
     """
-    columns = decayed(np.exp(rates), v[:, None])
-    factors = np.linalg.lstsq(np.column_stack([np.ones_like(v), columns]), mu, rcond=None)[0]
+    columns = [np.ones_like(v), *(decayed(rate, v) for rate in exponential(rates).tolist())]
+    factors = _least_squares(columns, mu)
     least, most = _constants(mu)
     constant = min(max(factors[0], least), most)
     if constant != factors[0]:
-        factors = np.concatenate([[constant], np.linalg.lstsq(columns, mu - constant, rcond=None)[0]])
-    return factors, factors[0] + columns @ factors[1:] - mu
+        factors = np.append(constant, _least_squares(columns[1:], mu - constant))
+    return factors, sum((factor * column for factor, column in zip(factors, columns)), -mu)
+
+
+def _least_squares(columns: list[Floats], values: Floats) -> Floats:
+    """Return the factors of the columns whose sum is nearest to the values, by orthogonal columns (Gram and Schmidt,
+    twice) and sums without BLAS, whose last bits depend on the processor.
+    """
+    n, left = len(columns), values
+    triangle, factors, basis = np.eye(n), np.zeros(n), list[Floats]()
+    for k, column in enumerate(columns):
+        for _ in range(2):
+            for i, unit in enumerate(basis):
+                share = float(np.sum(unit * column))
+                triangle[i, k] += share
+                column = column - share * unit
+        triangle[k, k] = math.sqrt(max(float(np.sum(column * column)), 1e-300))
+        basis.append(column / triangle[k, k])
+        factors[k] = float(np.sum(basis[k] * left))
+        left = left - factors[k] * basis[k]
+    for k in range(n - 1, -1, -1):
+        factors[k] /= triangle[k, k]
+        factors[:k] -= triangle[:k, k] * factors[k]
+    return factors
+
+
+def _sum_of(amplitudes: Floats, rates: Floats, v: Floats) -> Floats:
+    """Return the sum of decaying exponentials at slip speeds."""
+    return sum((c * decayed(a, v) for c, a in zip(amplitudes.tolist(), rates.tolist())), np.zeros_like(v))
 
 
 def _constants(mu: Floats) -> tuple[float, float]:
@@ -353,10 +369,11 @@ def _curve(v: Floats, mu: Floats, rates: Floats) -> FrictionCurve:
 def _with_error(v: Floats, mu: Floats, factors: Floats, rates: Floats) -> FrictionCurve:
     """Return the curve of constant and amplitudes (k + 1,) and logarithms of rates (k,), with its largest error."""
     order = np.argsort(-rates)
-    residuals = factors[0] + decayed(np.exp(rates), v[:, None]) @ factors[1:] - mu
+    fast = exponential(rates)
+    residuals = factors[0] + _sum_of(factors[1:], fast, v) - mu
     worst = int(np.abs(residuals).argmax())
-    return FrictionCurve(float(factors[0]), tuple(map(float, factors[1:][order])),
-                         tuple(map(float, np.exp(rates[order]))), float(abs(residuals[worst])), float(v[worst]))
+    return FrictionCurve(float(factors[0]), tuple(map(float, factors[1:][order])), tuple(map(float, fast[order])),
+                         float(abs(residuals[worst])), float(v[worst]))
 
 
 def _compared(curve: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
