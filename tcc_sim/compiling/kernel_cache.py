@@ -18,7 +18,6 @@ import hashlib
 import json
 import multiprocessing
 import os
-import re
 import stat
 import sys
 import tempfile
@@ -33,6 +32,7 @@ from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar
 
 import numpy as np
+from llvmlite.ir import Type
 
 from tcc_sim.errors import one_line
 
@@ -59,8 +59,7 @@ used: set[str] = set()
 announced: set[str] = set()
 """Kinds of messages that were printed; compilations are announced unless "compiling" is among them."""
 _PACKAGE = __name__.partition(".")[0]
-_ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
-_PLAIN = (int, float, complex, str, bytes, type(None), np.generic, np.dtype)
+_PLAIN = (int, float, complex, str, bytes, type(None), np.generic, np.dtype, np.ufunc, range, Type)
 
 
 class Dependencies:
@@ -124,11 +123,12 @@ class Dependencies:
             for base in value.__mro__:
                 if base.__module__.startswith(_PACKAGE):
                     self._methods(base)
+        elif isinstance(value, dict):
+            self._take(tuple(value.items()), names)
+        elif isinstance(value, _PLAIN):
+            self._add(value)
         elif not isinstance(value, BuiltinFunctionType):
-            self._add(value if isinstance(value, _PLAIN) else _ADDRESS.sub("", repr(value)))
-            file = getattr(sys.modules.get(type(value).__module__), "__file__", None)
-            if type(value).__module__.startswith(_PACKAGE) and file is not None:  # The text of its class.
-                self._add(Path(file).read_bytes())
+            raise TypeError(f"a kernel reaches {value!r}, which is neither source nor a constant")
 
     def _methods(self, kind: type) -> None:
         """Add the functions that a class of the package defines, which staged functions run while compiling."""

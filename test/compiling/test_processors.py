@@ -1,0 +1,69 @@
+"""Results and kernels are the same on every processor of the level: the same bits whatever kernels OpenBLAS takes, and
+whichever of its loops NumPy does.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+SOLVES = """
+import hashlib
+import numpy as np
+from tcc_sim.model.friction_curve import fit_curve
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+
+def digest(*values):
+    return hashlib.sha256(b"".join(np.ascontiguousarray(value).tobytes() for value in values)).hexdigest()[:16]
+
+for name, changes in (("fig02", {}), ("chaos", {"friction.law": "set_valued"}), ("fresh_fluid", {}), ("tip_in", {})):
+    scene = load_scene(name).with_values(changes)
+    run = solve(scene.system, cycles=20)
+    print(name, digest(run.t, run.slip_speed, run.plate_angle))
+v = [5.0 * k for k in range(20)]
+for mu in ([0.13 - 0.03 * x / (x + 3.0) for x in v], [0.11 + 0.02 / (1.0 + ((x - 8.0) / 10.0) ** 2) for x in v]):
+    curve = fit_curve(tuple(v), tuple(mu))
+    print(digest(curve.constant, curve.amplitudes, curve.rates, curve.error, curve.error_between))
+"""
+CORES = "Haswell", "SkylakeX", "Zen", "Sandybridge", "Prescott", "Nehalem"
+"""Names by which OpenBLAS takes other kernels than those of the present processor."""
+
+
+def outcome(cache: Path, **environment: str) -> tuple[str, str, list[str]]:
+    """Return standard output and error of a process, and the names of all kernels that are kept."""
+    clean = {name: value for name, value in os.environ.items()
+             if name not in ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES")}
+    done = subprocess.run([sys.executable, "-W", "ignore", "-c", SOLVES], capture_output=True, text=True, check=True,
+                          env={**clean, "NUMBA_CACHE_DIR": str(cache), **environment})
+    return done.stdout, done.stderr, sorted(path.name for path in cache.rglob("*") if path.is_file())
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, list[str]]:
+    """Return a folder of kernels, the output of a process as it is here, and the kernels that it kept there."""
+    cache = tmp_path_factory.mktemp("kernels")
+    out, _, kept = outcome(cache)
+    return cache, out, kept
+
+
+@pytest.mark.parametrize("core", CORES)
+def test_other_kernels_of_openblas_change_no_bit_and_compile_nothing(here: tuple[Path, str, list[str]],
+                                                                     core: str) -> None:
+    cache, out, kept = here
+    assert outcome(cache, OPENBLAS_CORETYPE=core) == (out, "", kept)
+
+
+def test_numpy_without_its_loops_for_newer_processors_changes_no_bit(here: tuple[Path, str, list[str]]) -> None:
+    cache, out, kept = here
+    from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
+
+    newer = [name for name in __cpu_dispatch__ if ("AVX512" in name or name == "X86_V4") and __cpu_features__[name]]
+    if not newer:
+        pytest.skip(f"NumPy {np.__version__} has no such loops here")
+    assert outcome(cache, NPY_DISABLE_CPU_FEATURES=" ".join(newer)) == (out, "", kept)
