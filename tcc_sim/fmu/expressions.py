@@ -33,7 +33,7 @@ from tcc_sim.fmu.c_types import (
     common_kind,
     kind_name,
 )
-from tcc_sim.model.friction import exponential
+from tcc_sim.model.friction import portable_exp
 
 Text = tuple[str, Kind]
 """An expression in C and its type."""
@@ -41,7 +41,7 @@ FUNCTIONS: dict[Any, str] = {
     np.tanh: "tanh", np.sin: "sin", np.cos: "cos", np.exp: "exp", np.abs: "fabs", abs: "fabs", np.sign: "sign_of",
     np.maximum: "maximum", np.minimum: "minimum", np.sqrt: "sqrt", math.sqrt: "sqrt", math.sin: "sin",
     math.cos: "cos", math.floor: "floor", math.ceil: "ceil", math.exp: "exp", math.copysign: "copysign",
-    math.log: "log", math.log1p: "log1p", math.expm1: "expm1", math.atanh: "atanh", exponential: "exp"}
+    math.log: "log", math.log1p: "log1p", math.expm1: "expm1", math.atanh: "atanh", portable_exp: "exp"}
 """C function of doubles by Python function; arrays are taken element by element."""
 OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Gt: ">", ast.GtE: ">=", ast.Lt: "<", ast.LtE: "<=",

@@ -22,12 +22,12 @@ Stribeck = tuple[float, ...] | None
 GRID = 20000
 """Slip speeds among which the first maximum of a law with several exponentials is looked for."""
 
-def exponential(x: Any) -> Any:
+def portable_exp(x: Any) -> Any:
     """Return e^x with the same bits on every processor; `np.exp` has other last bits where there is AVX-512."""
     return math.exp(x) if isinstance(x, float) else np.exp(np.asarray(x, np.longdouble)).astype(np.float64)
 
 
-exp, tanh, magnitude, with_sign = exponential, np.tanh, np.abs, np.copysign
+exp, tanh, magnitude, with_sign = portable_exp, np.tanh, np.abs, np.copysign
 
 
 def decayed(rate: Any, size: Any) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.friction import decayed, exponential, exponentials_at, sliding_slope
+from tcc_sim.model.friction import decayed, exponentials_at, portable_exp, sliding_slope
 from tcc_sim.model.quantity import MOST_POINTS, check_rising
 
 Floats = npt.NDArray[np.float64]
@@ -250,7 +250,7 @@ def _slopes(v: Floats, mu: Floats, noise: float) -> tuple[Floats, Floats, Floats
     low = STEEPER * near.min(axis=0).clip(None, 0.0) - room if (rises < 0.0).any() else np.zeros(len(rises))
     high = STEEPER * near.max(axis=0).clip(0.0, None) + room if (rises > 0.0).any() else np.zeros(len(rises))
     between = (v[:-1, None] + widths[:, None] * np.arange(FINE) / FINE).ravel()
-    beyond = v[-1] * exponential(np.linspace(0.0, math.log(30.0), 3 * FINE))
+    beyond = v[-1] * portable_exp(np.linspace(0.0, math.log(30.0), 3 * FINE))
     return (np.append(between, beyond), np.append(np.repeat(low, FINE), np.full(len(beyond), low[-1])),
             np.append(np.repeat(high, FINE), np.full(len(beyond), high[-1])))
 
@@ -278,7 +278,7 @@ def _bent(start: FrictionCurve, v: Floats, mu: Floats) -> FrictionCurve:
 
     def left(x: Floats, weight: float) -> Floats:
         """Return the residuals, and the weighted distances beyond the bounds."""
-        rates, amplitudes = exponential(x[count + 1:]), x[1:count + 1]
+        rates, amplitudes = portable_exp(x[count + 1:]), x[1:count + 1]
         slope = -_sum_of(amplitudes * rates * size, rates, at)
         beyond = (low + closed - slope) * scale, (slope - high + closed) * scale, lowest - x, x - highest, \
             APART + np.diff(x[count + 1:])
@@ -319,7 +319,7 @@ def _projected(v: Floats, mu: Floats, rates: Floats) -> tuple[Floats, Floats]:
     The constant is bounded. If its best value is beyond a bound, the bound is the best one: the sum of squares is
     convex.
     """
-    columns = [np.ones_like(v), *(decayed(rate, v) for rate in exponential(rates).tolist())]
+    columns = [np.ones_like(v), *(decayed(rate, v) for rate in portable_exp(rates).tolist())]
     factors = _least_squares(columns, mu)
     least, most = _constants(mu)
     constant = min(max(factors[0], least), most)
@@ -369,7 +369,7 @@ def _curve(v: Floats, mu: Floats, rates: Floats) -> FrictionCurve:
 def _with_error(v: Floats, mu: Floats, factors: Floats, rates: Floats) -> FrictionCurve:
     """Return the curve of constant and amplitudes (k + 1,) and logarithms of rates (k,), with its largest error."""
     order = np.argsort(-rates)
-    fast = exponential(rates)
+    fast = portable_exp(rates)
     residuals = factors[0] + _sum_of(factors[1:], fast, v) - mu
     worst = int(np.abs(residuals).argmax())
     return FrictionCurve(float(factors[0]), tuple(map(float, factors[1:][order])), tuple(map(float, fast[order])),
