@@ -194,7 +194,12 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
     run : only this run, counted from 0 (default: all runs, and figures of the longest one)
     from_ : only from this simulation time on, s
     to : only up to this simulation time, s
-    columns, pulses, joints, topic, driveline : see `simulate`
+    columns : columns of a table by the name of the signal, with their units if the table does not give them
+    pulses : pulses per crank revolution in the tacho column of a table (default 1)
+    joints : names of the two joints in a recording of another program
+    topic : topic of the joint states to read, if several were recorded
+    driveline : number of the driveline to read, counted from 0 as in --json (default: one with a scene, on the shortest
+        topic, and there the latest to start)
     orders : add orders, transmissibility and judder
     spectrum : add the spectra of slip speed and shaft torque in the steady state, over frequency and order
     discard : periods of excitation dropped from the figures at the start (default 50, or half of them if there are

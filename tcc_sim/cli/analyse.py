@@ -8,9 +8,7 @@ from pathlib import Path
 
 from tcc_sim.cli.arguments import (
     ANALYSIS,
-    DRIVELINE,
     FORMS,
-    SIMULATION,
     add_outputs,
     check_outputs,
     document_of,
@@ -56,12 +54,7 @@ FORMS = {**FORMS, "discard": Form("CYCLES", int), "target": Form("V|T:V,T:V", ta
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the recording, the part of it to analyse, further figures, Rerun, and outputs."""
     parser.add_argument("recording", metavar="RUN|FILE", type=Path, help=parameters_of(ANALYSIS)["recording"].meaning)
-    add_options(parser, ANALYSIS, "scene", FORMS)
-    add_options(parser, SIMULATION, f"{DRIVELINE} columns", FORMS)
-    add_options(parser, ANALYSIS, "frequency run from_ to discard target", FORMS)
-    add_options(parser, ANALYSIS, "band", FORMS, band=0.1)
-    add_options(parser, ANALYSIS, "limits verify damping orders spectrum rrd spawn connect", FORMS)
-    add_options(parser, SIMULATION, "pulses", FORMS)
+    add_options(parser, ANALYSIS, FORMS)
     parser.add_argument("--layout", action="store_true", help="write a layout beside the recording, with which Rerun "
                         "shows its signals without conversion: rerun RUN_0.mcap RUN_0.rbl")
     add_outputs(parser, "the figures", "the samples of the analysed run as .csv, .npz, .parquet or .mat, with units "

@@ -14,7 +14,7 @@ from tcc_sim.output.terminal import say
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, the cost measurement, and outputs."""
     add_scene(parser)
-    add_options(parser, "tcc_sim.functions:explanation", "cost", {})
+    add_options(parser, "tcc_sim.functions:explanation", {})
     add_outputs(parser, "the estimates and terms")
 
 

@@ -14,7 +14,7 @@ from tcc_sim.output.terminal import say
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, the version of FMI, and the file."""
     add_scene(parser)
-    add_options(parser, "tcc_sim.functions:fmu_file", "fmi step sources_only out", {
+    add_options(parser, "tcc_sim.functions:fmu_file", {
         "step": Form("S", number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)})
 
 

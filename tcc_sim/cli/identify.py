@@ -11,9 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import (
-    DRIVELINE,
     FORMS,
-    SIMULATION,
     add_changes,
     add_outputs,
     check_outputs,
@@ -41,12 +39,10 @@ WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "li
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the measurement, the scene, the free keys, further figures and outputs."""
     parser.add_argument("measured", metavar="RUN|FILE", type=Path, help=parameters_of(IDENTIFY)["measured"].meaning)
-    add_options(parser, IDENTIFY, "scene", FORMS)
     add_changes(parser)
     parser.add_argument("--free", metavar="KEY[=START]", action="append", required=True,
                         help=f"{parameters_of(IDENTIFY)['free'].meaning}; may be repeated")
-    add_options(parser, IDENTIFY, "noise hold likelihood", {"noise": Form("CHANNEL=S,..."), "likelihood": Form("KEY")})
-    add_options(parser, SIMULATION, f"columns from_ to {DRIVELINE}", FORMS)
+    add_options(parser, IDENTIFY, {**FORMS, "noise": Form("CHANNEL=S,..."), "likelihood": Form("KEY")})
     add_outputs(parser, "estimates, residuals and verdicts", "the scene with the estimated values", "SCENE.yaml")
 
 

@@ -18,7 +18,7 @@ from tcc_sim.cli.arguments import (
     present,
     scene_of,
 )
-from tcc_sim.cli.options import Form, add_options
+from tcc_sim.cli.options import Form, add_options, keywords_of, options_in
 from tcc_sim.cli.ranges import spaced
 from tcc_sim.errors import InputError, counted
 from tcc_sim.shown_units import frequency, speed
@@ -35,8 +35,8 @@ SHOWN = 7
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, operating point, transfer function, further figures and outputs."""
     add_scene(parser)
-    add_options(parser, LINEARISE, "slip mean input output frequencies controller check", {
-        "frequencies": Form("START:STOP:COUNT"), "controller": Form("KP,KI")})
+    add_options(parser, LINEARISE, {"frequencies": Form("START:STOP:COUNT", frequencies),
+                                    "controller": Form("KP,KI", gains)})
     add_outputs(parser, "operating point, matrices and responses", "the response as .csv or .parquet, with the "
                 "matrices as .npz or .mat")
 
@@ -47,12 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.table_files import TABLES, write_result
 
     scene = scene_of(arguments)
-    frequencies = None if arguments.frequencies is None else spaced(arguments.frequencies, "--frequencies")
-    controller = None if arguments.controller is None else _gains(arguments.controller)
     check_outputs(arguments, TABLES)
-    result = linearise(scene, input=arguments.input, output=arguments.output, slip=arguments.slip,
-                       frequencies=frequencies, check=arguments.check, mean=arguments.mean, controller=controller,
-                       progress=True)
+    result = linearise(scene, **keywords_of(arguments, options_in(LINEARISE)), progress=True)
     if arguments.out is not None:
         write_result(arguments.out, type(result), result.columns(), document_of(arguments, scene, result),
                      result.arrays())
@@ -99,13 +95,21 @@ def _loop_lines(loop: SlipLoop) -> Iterator[str]:
                f"  stable down to a mean slip speed of {speed(slip, 4)}")
 
 
-def _gains(text: str) -> tuple[float, float]:
-    """Return the two gains of --controller KP,KI."""
+def gains(text: str) -> tuple[float, float]:
+    """Return the two gains KP,KI."""
     try:
         proportional, integral = map(float, text.split(","))
     except ValueError:
-        raise InputError(f"--controller is {text!r}; it must be KP,KI, two numbers above 0") from None
+        raise argparse.ArgumentTypeError(f"{text!r} must be KP,KI, two numbers above 0") from None
     return proportional, integral
+
+
+def frequencies(text: str) -> list[float]:
+    """Return the values of START:STOP:COUNT, evenly in logarithm."""
+    try:
+        return spaced(text, "--frequencies")
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _decibels(gain: float) -> str:

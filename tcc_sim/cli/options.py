@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import ast
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,6 +18,8 @@ KINDS = {"int": (int, "N"), "float": (float, "X"), "Path": (Path, "FILE"), "str"
 """Types of values, by the words of an annotation, and the word that stands for a value."""
 OTHERWISE = {"from_": "from", "inputs_scene": "scene", "every": "every_sample"}
 """Names of options that differ from those of keywords."""
+PYTHON = "set plan progress settings gates start head part samples_per_cycle flywheel_angle"
+"""Keywords that a command has no option for, or adds itself."""
 EXCLUSIVE = (("cycles", "duration"), ("jobs", "dask"), ("rrd", "spawn", "connect", "web"))
 """Options of which a command takes one."""
 ROW = re.compile(r"^([a-z_]\w*(?:, [a-z_]\w*)*) : (.+(?:\n +.+)*)", re.MULTILINE)
@@ -85,19 +87,27 @@ def option_of(name: str) -> str:
     return f"--{OTHERWISE.get(name, name).replace('_', '-')}"
 
 
-def add_options(parser: Any, function: str, names: str, forms: dict[str, Form], **changed: Any) -> None:
-    """Add an option for each of some parameters of a function, given as one text.
+def options_in(function: str, without: str = "") -> list[str]:
+    """Return the keywords of a function, or the fields of a class, that are options: all but PYTHON and `without`."""
+    left_out = {*PYTHON.split(), *without.split()}
+    return [name for name, declared in parameters_of(function).items()
+            if name not in left_out and declared.default is not None]
+
+
+def add_options(parser: Any, function: str, forms: Mapping[str, Form], names: str | Iterable[str] = "",
+                **changed: Any) -> None:
+    """Add an option for each keyword of a function, or for some of them by name.
 
     forms : the values that a command line writes otherwise, by keyword
     changed : defaults that the command has in place of those of the function
     """
     known, groups = parameters_of(function), dict[tuple[str, ...], Any]()
-    for name in names.split():
+    for name in (names.split() if isinstance(names, str) else names) or options_in(function):
         together = next((each for each in EXCLUSIVE if name in each), None)
         if together is not None and together not in groups:
             groups[together] = parser.add_mutually_exclusive_group()
-        found = known[name]._replace(default=repr(changed[name])) if name in changed else known[name]
-        _add(parser if together is None else groups[together], name, found, forms.get(name))
+        declared = known[name]._replace(default=repr(changed[name])) if name in changed else known[name]
+        _add(parser if together is None else groups[together], name, declared, forms.get(name))
 
 
 def _add(where: Any, name: str, found: Declared, form: Form | None) -> None:
@@ -110,8 +120,8 @@ def _add(where: Any, name: str, found: Declared, form: Form | None) -> None:
     try:
         default = ast.literal_eval(found.default or "None")
     except ValueError:
-        default = None  # A constant: the function puts it in place of None.
-    stated = f" (default {default})" if default not in (None, "", (), []) else ""
+        default = argparse.SUPPRESS  # A constant of the function, which is then called without it.
+    stated = f" (default {default})" if default not in (None, "", (), [], argparse.SUPPRESS, 0) else ""
     repeated = "; may be repeated" if form is not None and form.repeated else ""
     how: dict[str, Any] = {"dest": name, "help": (found.meaning + stated + repeated).replace("%", "%%")}
     if form is not None:
@@ -124,6 +134,7 @@ def _add(where: Any, name: str, found: Declared, form: Form | None) -> None:
     where.add_argument(option, **how)
 
 
-def keywords_of(arguments: argparse.Namespace, *names: str) -> dict[str, Any]:
-    """Return some arguments of a command as keywords of its function."""
-    return {name: getattr(arguments, name) for each in names for name in each.split()}
+def keywords_of(arguments: argparse.Namespace, names: str | Iterable[str]) -> dict[str, Any]:
+    """Return some arguments of a command, as far as it has them, as keywords of its function."""
+    given = vars(arguments)
+    return {name: given[name] for name in (names.split() if isinstance(names, str) else names) if name in given}

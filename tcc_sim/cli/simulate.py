@@ -21,10 +21,8 @@ SAMPLES, LARGEST_OUTPUT = 200, 50_000_000
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add scene, inputs, length, solver, further figures and outputs."""
     common.add_scene(parser)
-    add_options(parser, common.SIMULATION, f"profile inputs inputs_scene {common.DRIVELINE} hold columns from_ to",
-                common.FORMS)
-    add_options(parser, common.PLAN, common.PLANNED, common.FORMS)
-    add_options(parser, common.SIMULATION, "orders spectrum pulses", common.FORMS)
+    add_options(parser, common.SIMULATION, common.FORMS)
+    add_options(parser, common.PLAN, common.FORMS, common.PLANNED)
     output = common.add_outputs(parser, "the summary", "the samples: .npz, .csv, .parquet, .mat or .mcap")
     output.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
                         help=f"samples per period of excitation in --out (default {SAMPLES})")

@@ -32,9 +32,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         "factors of a whole table")
     parser.add_argument("--scatter", metavar="KEY=LOW:HIGH", action="append", default=[],
                         help=f"{parameters_of(SCATTER)['bounds'].meaning}; may be repeated")
-    add_options(parser, SCATTER, "samples seed quantiles every", common.FORMS, quantiles=None)
-    add_options(parser, common.PLAN, f"direction {common.PLANNED} orders", FORMS)
-    add_options(parser, "tcc_sim.sweeps.sweep:sweep_curves", "jobs dask", common.FORMS)
+    add_options(parser, SCATTER, FORMS, "samples seed quantiles every", quantiles=None)
+    add_options(parser, common.PLAN, FORMS, f"direction {common.PLANNED} orders")
+    add_options(parser, "tcc_sim.sweeps.sweep:sweep_curves", FORMS, "jobs dask")
     common.add_outputs(parser, "results in value order", "a table with a row per value as .csv, .parquet, .mat or "
                        ".npz, and until it is complete each point as soon as it is solved in FILE.part; with any other "
                        "suffix the points alone; the same command resumes from them",

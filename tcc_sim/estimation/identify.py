@@ -100,8 +100,13 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     hold : measured input between two samples: value of the previous one, linear, smooth (lines that keep the amplitudes
         of sines), or value of the next one (default: as the measurement says, else the one that fits best)
     likelihood : add the profile likelihood of a free key
-    joints, topic, driveline : selection of a recording's driveline, see `recording.drivelines.Choice`
-    columns, from_, to : columns and part of a table, see `given`
+    joints : names of the two joints in a recording of another program
+    topic : topic of the joint states to read, if several were recorded
+    driveline : number of the driveline to read, counted from 0 as in --json (default: one with a scene, on the shortest
+        topic, and there the latest to start)
+    columns : columns of a table by the name of the signal, with their units if the table does not give them
+    from_ : part of a table from this time on, s
+    to : part of a table up to this time, s
     progress : show iterations on a terminal or in a notebook, elsewhere a line a minute
 
     Raises

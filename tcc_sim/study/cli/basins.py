@@ -18,7 +18,7 @@ from tcc_sim.cli.arguments import (
     refuse_swept,
     scene_of,
 )
-from tcc_sim.cli.options import Form, add_options
+from tcc_sim.cli.options import Form, add_options, keywords_of
 from tcc_sim.cli.ranges import values_of_range
 from tcc_sim.errors import BasinsInterrupted, counted
 from tcc_sim.shown_units import key_value
@@ -34,10 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--plane", metavar="KEY=START:STOP:COUNT", action="append", required=True,
                         help="an initial.* key and its evenly spaced values; give this option twice")
-    add_options(parser, BASINS, "over", {"over": Form("KEY=START:STOP:COUNT")})
-    add_options(parser, BASINS, "cycles", FORMS, cycles=600)
+    add_options(parser, BASINS, {**FORMS, "over": Form("KEY=START:STOP:COUNT")})
     parser.add_argument("--boundary", action="store_true", help="add the uncertainty exponent of the basin boundary")
-    add_options(parser, BASINS, "jobs dask", FORMS)
     add_outputs(parser, "attractors and fractions", "label and cycles of every cell: .npz, .mat, .csv or .parquet; "
                 "until it is complete, finished rows are in FILE.part, and the same command resumes from them")
 
@@ -56,8 +54,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs(arguments, TABLES)
     part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
     try:
-        result = basins(scene, plane, cycles=arguments.cycles, over=over, jobs=arguments.jobs, dask=arguments.dask,
-                        part=part, progress=True, head=head_of("basin_rows", scene, arguments.words))
+        result = basins(scene, plane, over=over, **keywords_of(arguments, "cycles jobs dask"), part=part, progress=True,
+                        head=head_of("basin_rows", scene, arguments.words))
         # Drawing takes longest; if it is interrupted, no file is written, and the same command resumes.
         values = Planes(result, over, arguments.boundary)
         with drawn(arguments, result, scene.name):

@@ -24,12 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, the key to follow, further branches and curves, and outputs."""
     add_scene(parser, "; for the key of --over, its first value")
     parser.add_argument("--over", metavar="KEY=START:STOP", required=True, help="scene key to vary, and its range")
-    add_options(parser, PLAN, "period", {})
+    add_options(parser, PLAN, {}, "period")
     parser.add_argument("--seeds", metavar="FILE", type=Path,
                         help="start from the attractors in FILE, which basins --json wrote")
-    add_options(parser, PLAN, "switch at second", {
-        "switch": Form("DEPTH", int, optional=1), "at": Form("VALUE", float, repeated=True),
-        "second": Form("KEY=START:STOP")})
+    add_options(parser, PLAN, {"switch": Form("DEPTH", int, optional=1), "at": Form("VALUE", float, repeated=True),
+                               "second": Form("KEY=START:STOP")}, "switch at second")
     add_outputs(parser, "branches, bifurcations and curves")
 
 
