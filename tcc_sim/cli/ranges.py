@@ -48,10 +48,10 @@ def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError |
         count = int(parts[2])
     except ValueError:
         raise wrong from None
-    from tcc_sim.sweeps.settings import DEFAULTS  # Most verbs do not need this import.
+    from tcc_sim.model.quantity import MOST_VALUES
 
-    if not 1 <= count <= DEFAULTS.most_values:
-        raise InputError(f"{option} has a count of {count}; it must be 1 to {DEFAULTS.most_values}")
+    if not 1 <= count <= MOST_VALUES:
+        raise InputError(f"{option} has a count of {count}; it must be 1 to {MOST_VALUES}")
     if logarithmic and not start * stop > 0.0:
         raise InputError(f"{option} goes from {start:g} to {stop:g}; values spaced evenly in logarithm must all "
                          "be above 0, or all below 0")

@@ -26,6 +26,8 @@ SUFFIXES = {"rad/s": 1.0, "rpm": math.pi / 30.0, "hz": 2.0 * math.pi}
 """Units that may follow a speed or a frequency, and their factors to rad/s."""
 MOST_POINTS, LATEST = 1000, 1e6
 """Largest number of points in a profile, and its latest time, s."""
+MOST_VALUES = 1_000_000
+"""Most values of a range, of a grid, and of samples."""
 
 
 def sequence_of_numbers(key: str, values: Any) -> tuple[float, ...]:

@@ -27,9 +27,28 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import Prepared
 from tcc_sim.solvers.terms import Terms, natural_frequency, terms_of
-from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.trajectory import Cycles, Floats, State, Status, concatenated
 
+CONFIDENCE, BATCHES = 0.95, 20
+"""Confidence of the interval of a mean growth, and means of consecutive runs of cycles that it is computed from."""
+ALIGNING = 50
+"""First engine cycles, not counted, in which the tangent vector turns to the direction of largest growth."""
+NEUTRAL = 0.02
+"""Half width per cycle, in natural logarithm, up to which an interval that holds 0 counts as a zero exponent."""
+FINE, COARSE, COMPARED, TOGETHER = 1e-7, 1e-6, 4, 1000
+"""Relative tolerances of a mean growth, whose difference is its error, computed at one of so many cycles; cycles whose
+tangent maps are computed in one call.
+"""
+PERIODIC_FINE, PERIODIC_COARSE, POLISHINGS = 1e-10, 1e-9, 4
+"""The same tolerances about a periodic motion, and Newton steps towards it."""
+CLOSED, NEARBY, PASSED = 1e-9, 0.1, 1e-6
+"""Largest distances of a state from its image after a period and from the periodic motion, relative to its size;
+logarithm of a multiplier above which a periodic motion is unstable, so that no motion settles on it.
+"""
+LONG_PERIOD, LONGEST_PERIOD = 128, 512
+"""Longest period that is searched before another diagnosis; longest one of motion and excitation together."""
+CONVERGED = 1e-6
+"""Largest difference, relative to the size of the motion, of bump averages over the halves of a section on a torus."""
 FIRST = np.array([1.0, 0.01, 1.0])
 """Initial tangent vector, in no special direction; in stick a change of slip speed alone has no effect."""
 
@@ -49,20 +68,20 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
     InputError
         Too few cycles.
     """
-    if not 2 * DEFAULTS.batches <= cycles <= 10_000_000:
-        raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * DEFAULTS.batches} to 10000000")
+    if not 2 * BATCHES <= cycles <= 10_000_000:
+        raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * BATCHES} to 10000000")
     start = np.array(state.numbers)
     if not np.isfinite(start).all():
-        return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, cycles, "unresolved")
-    excitation = common_cycles(system, DEFAULTS.longest_period)
+        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
+    excitation = common_cycles(system, LONGEST_PERIOD)
     together = math.lcm(period, excitation)
-    if 0 < together <= DEFAULTS.longest_period:
+    if 0 < together <= LONGEST_PERIOD:
         return _periodic(system, start, start_cycle, together)
-    first = DEFAULTS.aligning_cycles
+    first = ALIGNING
     growth, difference, run = tangent_growth(system, start, start_cycle, cycles + first)
-    growth, difference = growth[first:], difference[first // DEFAULTS.compared:]
+    growth, difference = growth[first:], difference[first // COMPARED:]
     if run is None or not (np.isfinite(growth).all() and np.isfinite(difference).all()):
-        return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, cycles, "unresolved")
+        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
     mean, half = batch_means(growth)
     half += abs(float(difference.mean())) + 2.0 * float(difference.std()) / math.sqrt(len(difference))
     rate = 1.0 / system.cycle
@@ -70,28 +89,28 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
     if verdict != "chaotic":
         seen, long = _seen(run)
         together = math.lcm(long, excitation)
-        if 0 < together <= DEFAULTS.longest_period:
+        if 0 < together <= LONGEST_PERIOD:
             return _periodic(system, run.section[-1], start_cycle + len(run), together)
         verdict = seen if verdict == "quasi-periodic" or seen == "runaway" else verdict
-    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, DEFAULTS.confidence, cycles, verdict)
+    return Lyapunov(mean * rate, (mean - half) * rate, (mean + half) * rate, CONFIDENCE, cycles, verdict)
 
 
 def _periodic(system: System, start: Floats, first: int, period: int) -> Lyapunov:
     """Return the exponent of a motion of known period; none near an unstable orbit, which the motion only passes."""
     exponent, error = floquet_exponent(system, start, first, period)
-    if (exponent - error) * period * system.cycle > DEFAULTS.passed:
-        return Lyapunov(math.nan, math.nan, math.nan, DEFAULTS.confidence, period, "unresolved")
-    return Lyapunov(exponent, exponent - error, exponent + error, DEFAULTS.confidence, period, "periodic")
+    if (exponent - error) * period * system.cycle > PASSED:
+        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, period, "unresolved")
+    return Lyapunov(exponent, exponent - error, exponent + error, CONFIDENCE, period, "periodic")
 
 
 def _seen(cycles: Cycles) -> tuple[str, int]:
     """Diagnose by its section a motion whose disturbances neither grow nor decay; return its long period, or 0, too."""
     if slip_grows(cycles):
         return "runaway", 0
-    repetition = periodicity(cycles, maximum=DEFAULTS.long_period)
+    repetition = periodicity(cycles, maximum=LONG_PERIOD)
     if repetition.settled:
         return "periodic", repetition.period
-    return ("quasi-periodic" if change_of_averages(cycles.section) <= DEFAULTS.converged else "unresolved"), 0
+    return ("quasi-periodic" if change_of_averages(cycles.section) <= CONVERGED else "unresolved"), 0
 
 
 def change_of_averages(points: Floats) -> float:
@@ -113,14 +132,14 @@ def diagnosis(mean: float, half: float) -> str:
         return "chaotic"
     if mean + half < 0.0:
         return "contracting"
-    return "quasi-periodic" if half <= DEFAULTS.neutral else "unresolved"
+    return "quasi-periodic" if half <= NEUTRAL else "unresolved"
 
 
 def batch_means(growth: Floats) -> tuple[float, float]:
     """Return the mean and the half width of its confidence interval, from batch means and Student's t."""
     from scipy.stats import t
 
-    count, confidence = DEFAULTS.batches, DEFAULTS.confidence
+    count, confidence = BATCHES, CONFIDENCE
     width = len(growth) // count
     means = growth[len(growth) - count * width:].reshape(count, width).mean(axis=1)
     half = float(t.ppf(0.5 + 0.5 * confidence, count - 1)) * float(means.std(ddof=1)) / math.sqrt(count)
@@ -135,22 +154,22 @@ def floquet_exponent(system: System, state: Floats, first: int, period: int) -> 
     """
     scale = natural_sizes(terms_of(system))
     at, start = state, state
-    image, matrix = mapped(system, at, first, period, DEFAULTS.periodic_fine)
+    image, matrix = mapped(system, at, first, period, PERIODIC_FINE)
     gap = float(np.abs((image - at) / scale).max())
-    for _ in range(DEFAULTS.polishings):
-        if not gap > DEFAULTS.closed:
+    for _ in range(POLISHINGS):
+        if not gap > CLOSED:
             break
         step = np.linalg.lstsq(matrix - np.eye(3), at - image, rcond=1e-10)[0]
         following = at + step
-        further, changed = mapped(system, following, first, period, DEFAULTS.periodic_fine)
+        further, changed = mapped(system, following, first, period, PERIODIC_FINE)
         left = float(np.abs((further - following) / scale).max())
-        if not left < gap or np.abs((following - start) / scale).max() > DEFAULTS.nearby:
+        if not left < gap or np.abs((following - start) / scale).max() > NEARBY:
             break
         at, image, matrix, gap = following, further, changed, left
     exponent = _exponent(matrix, system, period)
-    error = abs(exponent - _exponent(mapped(system, at, first, period, DEFAULTS.periodic_coarse)[1], system, period))
-    if not gap <= DEFAULTS.closed:
-        further = mapped(system, image, first, period, DEFAULTS.periodic_fine)[1]
+    error = abs(exponent - _exponent(mapped(system, at, first, period, PERIODIC_COARSE)[1], system, period))
+    if not gap <= CLOSED:
+        further = mapped(system, image, first, period, PERIODIC_FINE)[1]
         error += abs(exponent - _exponent(further, system, period))
     return exponent, error
 
@@ -188,15 +207,15 @@ def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tu
     logarithm of the growth in every engine cycle, (cycles,); its difference from a coarser tolerance in one of
     `Settings.compared` cycles; and the cycles
     """
-    every, runs = DEFAULTS.compared, list[Cycles]()
+    every, runs = COMPARED, list[Cycles]()
     growth, difference = np.full(cycles, np.nan), np.full(cycles // every, np.nan)
     linear = terms_of(system).linear
     i1, i2, stiffness = linear.flywheel, linear.plate, linear.stiffness
     energy = np.sqrt(np.array([[i1, 0.0, i1], [0.0, 0.0, i2], [0.0, stiffness, 0.0]]))
-    fine, coarse = (Prepared(system, (), tolerance) for tolerance in (DEFAULTS.fine, DEFAULTS.coarse))
+    fine, coarse = (Prepared(system, (), tolerance) for tolerance in (FINE, COARSE))
     vector = FIRST  # The caller drops its growth.
-    for begin in range(0, cycles, DEFAULTS.together):
-        count = min(DEFAULTS.together, cycles - begin)
+    for begin in range(0, cycles, TOGETHER):
+        count = min(TOGETHER, cycles - begin)
         run = solve(system, cycles=count, state=State.of(state), start_cycle=first + begin)
         if run.status is not Status.DONE or run.cycles is None:
             return growth, difference, None

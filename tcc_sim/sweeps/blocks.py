@@ -15,9 +15,8 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers import choose
 from tcc_sim.solvers.runs import ENGINES, LONGEST, solve_runs
 from tcc_sim.sweeps.results import Point
-from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import Plan, angles_of, confirming_cycles, requested, start_of
-from tcc_sim.sweeps.steady_state import Start, repeats_after
+from tcc_sim.sweeps.steady_state import BLOCK, WINDOW, Start, repeats_after
 from tcc_sim.trajectory import Runs, State, Status, joined_runs
 
 
@@ -68,14 +67,14 @@ def _settled_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
     going, states, done = list(range(len(systems))), [start_of(system).state for system in systems], 0
     runs: Runs | None = None
     while going:
-        count = min(DEFAULTS.settled_block, plan.most - done)
+        count = min(BLOCK, plan.most - done)
         latest = solve_runs([systems[k] for k in going], states, [done] * len(going), count, plan.rtol, 0)
         solved, done = np.flatnonzero(latest.done).tolist(), done + count
         if not solved:
             return
         parts = [latest] if runs is None else [runs, latest]
         going, runs = [going[i] for i in solved], joined_runs([part.chosen(solved) for part in parts])
-        after = [repeats_after(runs.cycles(i)) if done >= DEFAULTS.settled_window else None for i in range(len(going))]
+        after = [repeats_after(runs.cycles(i)) if done >= WINDOW else None for i in range(len(going))]
         unsettled = min(max(ANALYSIS.discard, (done + 1) // 2), done - 1)
         drops = [unsettled if cycles is None else cycles for cycles in after]
         ended = [i for i, cycles in enumerate(after) if cycles is not None or done >= plan.most]

@@ -26,20 +26,28 @@ from typing import Any, TypeVar
 from tcc_sim.background import begun, without_working_directory
 from tcc_sim.errors import InputError, WorkersLost, counted, require
 from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.sweeps.settings import DEFAULTS
 
 Task = TypeVar("Task")
 Done = TypeVar("Done")
 Part = TypeVar("Part")
+LOOK = 2.0
+"""Time without a result after which the workers are checked, s."""
+CONNECT, PATIENCE = 8.0, 60.0
+"""Time that a scheduler has to answer, and time without an answer or without workers before work is given up, s."""
+AHEAD, LOST_WORKERS = 3, 10
+"""Tasks submitted ahead per thread, and workers that may die over one task before the task is given up."""
 ADDRESS = re.compile(r"(?:(tcp|tls|ws|wss)://)?(\[[0-9a-fA-F:.%]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
 """Protocol, host and port."""
 
 
 class Attendance:
-    """Number of threads that work on tasks; threads exist as long as their process."""
+    """Number of threads that work on tasks; threads exist as long as their process.
 
-    def __init__(self, threads: int) -> None:
-        self.threads = threads
+    look : time without a result after which they are checked, s
+    """
+
+    def __init__(self, threads: int, look: float = LOOK) -> None:
+        self.threads, self.look = threads, look
 
     def check(self) -> None:
         """Raise WorkersLost if there have been no workers for long."""
@@ -73,7 +81,7 @@ def each_done(attendance: Attendance, take: Callable[[], Task | None],
     running: dict[Future[Done], Task] = {}
     try:
         while True:
-            while len(running) < DEFAULTS.ahead * max(attendance.threads, 1) and (task := take()) is not None:
+            while len(running) < AHEAD * max(attendance.threads, 1) and (task := take()) is not None:
                 running[submit(task)] = task
             if not running:
                 return
@@ -86,7 +94,7 @@ def each_done(attendance: Attendance, take: Callable[[], Task | None],
 
 def first_done(running: Collection[Future[Any]], attendance: Attendance) -> set[Future[Any]]:
     """Return the completed tasks of some, at least one; raise WorkersLost if no workers are left."""
-    while not (done := wait(running, DEFAULTS.look, FIRST_COMPLETED).done):
+    while not (done := wait(running, attendance.look, FIRST_COMPLETED).done):
         attendance.check()
     if any(future.cancelled() or isinstance(future.exception(), CancelledError) for future in done):
         raise WorkersLost("the workers gave it up")
@@ -104,21 +112,22 @@ class Scheduler(Attendance):
     client : client of the scheduler
     address : its address, for messages
     connect : time for an answer, s
+    patience : time without an answer or without workers before work is given up, s
     """
 
-    def __init__(self, client: Any, address: str, connect: float) -> None:
-        self._client, self._address, self._connect = client, address, connect
-        super().__init__(self._ask())
+    def __init__(self, client: Any, address: str, connect: float, patience: float = PATIENCE) -> None:
+        self._client, self._address, self._connect, self._patience = client, address, connect, patience
+        super().__init__(self._ask(), min(LOOK, patience))
         self._seen = time.monotonic()
 
     def check(self) -> None:
-        """Raise WorkersLost if scheduler or workers have been absent for `patience` seconds."""
+        """Raise WorkersLost if scheduler or workers have been absent for too long."""
         self.threads = self._ask()
         if self.threads:
             self._seen = time.monotonic()
-        elif time.monotonic() - self._seen > DEFAULTS.patience:
+        elif time.monotonic() - self._seen > self._patience:
             gone = "has no workers" if self._client.status == "running" else "is gone"
-            raise WorkersLost(f"--dask {self._address}: the scheduler {gone} for {DEFAULTS.patience:g} s now")
+            raise WorkersLost(f"--dask {self._address}: the scheduler {gone} for {self._patience:g} s now")
 
     def _ask(self) -> int:
         """Return the number of threads of all workers; 0 without an answer."""
@@ -129,10 +138,11 @@ class Scheduler(Attendance):
 
 
 @contextmanager
-def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator[tuple[Executor, Scheduler]]:
+def cluster(address: str, connect: float = CONNECT,
+            patience: float = PATIENCE) -> Iterator[tuple[Executor, Scheduler]]:
     """Yield an executor on the workers of the scheduler at `address`, and their attendance.
 
-    The package must be installed on the workers. `connect` is the time for an answer, s.
+    The package must be installed on the workers. `connect` and `patience` are those of `Scheduler`.
 
     Raises
     ------
@@ -158,10 +168,10 @@ def cluster(address: str, connect: float = DEFAULTS.connect_timeout) -> Iterator
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"--dask {address}: no Dask scheduler answers ({error or type(error).__name__})") from None
     with client:
-        scheduler = Scheduler(client, address, connect)
+        scheduler = Scheduler(client, address, connect, patience)
         if not scheduler.threads:
             raise InputError(f"--dask {address}: the scheduler has no workers; start some with dask worker {address}")
-        executor = client.get_executor(pure=False, retries=DEFAULTS.lost_workers)
+        executor = client.get_executor(pure=False, retries=LOST_WORKERS)
         try:
             yield executor, scheduler
         finally:
@@ -215,7 +225,7 @@ def each_in_a_process(work: Callable[[Part], Any], parts: Sequence[Part], jobs: 
 
 def _in_a_pool(work: Callable[[Part], Any], parts: Sequence[Part], count: int, results: dict[int, Any],
                bar: Any) -> None:
-    """Compute the parts missing in `found` until all are there or a process was killed."""
+    """Compute the parts missing in `results` until all are there or a process was killed."""
     import multiprocessing
     from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 

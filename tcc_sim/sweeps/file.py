@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from tcc_sim.errors import InputError, check_folder
-from tcc_sim.sweeps.settings import DEFAULTS
 
 FORMAT = "tcc_sim sweep_points 1"
+LONGEST_LINE = 1 << 28
+"""Longest line, bytes; the first one of a sweep over a million values has a tenth of that."""
 SUM = ', "crc32": "%08x"}\n'
 SUM_LENGTH = len(SUM % 0)
 
@@ -65,8 +66,8 @@ class SweepFile:
         whole = 0
         with path.open("rb") as stream:
             for number in range(1, 1 << 62):
-                line = stream.readline(DEFAULTS.longest_line)
-                if not line.endswith(b"\n") and len(line) < DEFAULTS.longest_line:
+                line = stream.readline(LONGEST_LINE)
+                if not line.endswith(b"\n") and len(line) < LONGEST_LINE:
                     # The end: nothing, or a truncated line. A truncated first line must be that of this sweep.
                     beginning = (json.dumps(wanted, allow_nan=False)[:-1] + ", ").encode()
                     if number == 1 and not (first.startswith(line) or line.startswith(beginning)):

@@ -12,27 +12,27 @@ from typing import Any
 from tcc_sim.background import begun
 
 EVERY = 60.0
-"""Seconds between two lines, where there is no terminal."""
+"""Time between two lines where there is no terminal, s."""
 _lock = threading.RLock()
 """Lock of all bars of a process; tqdm's own is a semaphore of the system too, which a killed process leaves behind."""
 
 
 class ProgressLines:
-    """Progress where there is no terminal: a line on standard error every EVERY seconds. Methods as those of tqdm's
-    bars.
+    """Progress where there is no terminal: a line on standard error from time to time. Methods as those of tqdm's bars.
 
     unit, total, done : those of `progress_bar`
+    every : time between two lines, s
     """
 
-    def __init__(self, unit: str, total: float | None, done: float) -> None:
-        self.n, self.total, self._words = done, total, ""
+    def __init__(self, unit: str, total: float | None, done: float, every: float = EVERY) -> None:
+        self.n, self.total, self._words, self._every = done, total, "", every
         self._unit = unit.strip() if unit.endswith("s") else f"{unit.strip()}s"
         self._began, self._closed = time.monotonic(), threading.Event()
         begun(self._lines, "progress")
 
     def _lines(self) -> None:
         """Print lines until the bar is closed."""
-        while not self._closed.wait(EVERY):
+        while not self._closed.wait(self._every):
             self.tell(time.monotonic() - self._began)
 
     def tell(self, seconds: float) -> None:

@@ -16,8 +16,8 @@ from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key
+from tcc_sim.model.quantity import MOST_VALUES
 from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reported_of, reporting
-from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import CONFIRMED, Plan
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.trajectory import Floats, State
@@ -144,8 +144,8 @@ class Curve:
     values: tuple[float, ...] = field(metadata=reported("its values", "{over}"))
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.values) <= DEFAULTS.most_values:
-            raise InputError(f"a sweep has {len(self.values)} values; it must have 1 to {DEFAULTS.most_values}")
+        if not 1 <= len(self.values) <= MOST_VALUES:
+            raise InputError(f"a sweep has {len(self.values)} values; it must have 1 to {MOST_VALUES}")
         for value in self.values:
             varied(self.system, self.key, value)
 

@@ -15,11 +15,10 @@ from tcc_sim.analysis.manoeuvre import JudderFigures, OrdersAtSpeeds
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, refuse_related, replace
-from tcc_sim.model.quantity import sequence_of_numbers
+from tcc_sim.model.quantity import MOST_VALUES, sequence_of_numbers
 from tcc_sim.result import Result, reported, reported_of, reporting
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.results import SCALED, Course, Point, Sweep, lists_of, stacked, varied
-from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import Plan, with_plan_fields
 from tcc_sim.sweeps.sweep import Curve, sweep_curves
 
@@ -58,8 +57,8 @@ class Tolerances:
         for key, low, high in self.bounds:
             if not low < high:
                 raise InputError(f"scatter of {key} is {low:g} to {high:g}; the first must be below the second")
-        if not 2 <= self.samples <= DEFAULTS.most_values:
-            raise InputError(f"samples is {self.samples}; it must be 2 to {DEFAULTS.most_values}")
+        if not 2 <= self.samples <= MOST_VALUES:
+            raise InputError(f"samples is {self.samples}; it must be 2 to {MOST_VALUES}")
         if not 0 <= self.seed < 1 << 32:
             raise InputError(f"seed is {self.seed}; it must be 0 to {(1 << 32) - 1}")
         probabilities = self.probabilities
@@ -218,9 +217,9 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
     if over in sampled:
         raise InputError(f"{over} is swept and scattered; it must be one of the two")
     refuse_related([*sampled, over])
-    if tolerances.samples * max(len(values), 1) > DEFAULTS.most_values:
+    if tolerances.samples * max(len(values), 1) > MOST_VALUES:
         raise InputError(f"there are {tolerances.samples} samples of {len(values)} values; there may be "
-                         f"{DEFAULTS.most_values}")
+                         f"{MOST_VALUES}")
     first = tolerances.bounds[0][0]
     out = []
     for k in range(tolerances.samples):

@@ -30,11 +30,14 @@ from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_duration, check_setting, choose, solve
-from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.steady_state import Start, solve_to_steady_state
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
 
 DIRECTIONS = ("cold", "up", "down")
+CYCLES, LYAPUNOV_CYCLES = 150, 2000
+"""Default numbers of engine cycles of a run and of a mean growth."""
+ORDER_SAMPLES = 64
+"""Samples of a run whose judder or orders are computed, per period of excitation."""
 CONFIRMED = "whether the section has settled and further cycles stay on it"
 Called = TypeVar("Called", bound=Callable[..., Any])
 
@@ -77,7 +80,7 @@ class Plan:
     section_points: int = 0
     damping: bool = False
     lyapunov: bool = False
-    lyapunov_cycles: int = DEFAULTS.lyapunov_cycles
+    lyapunov_cycles: int = LYAPUNOV_CYCLES
     orders: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -118,7 +121,7 @@ class Plan:
     @property
     def most(self) -> int:
         """Engine cycles solved if there is no duration."""
-        return DEFAULTS.cycles if self.cycles is None else self.cycles
+        return CYCLES if self.cycles is None else self.cycles
 
     def seconds(self, system: System) -> float | None:
         """Return the duration that is solved, s; None for whole cycles."""
@@ -255,7 +258,7 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
     plan.check(system)
     start = start or start_of(system)
     if plan.orders is not None:
-        samples_per_cycle = samples_per_cycle or DEFAULTS.order_samples
+        samples_per_cycle = samples_per_cycle or ORDER_SAMPLES
     run, cycles, discarded = _run(system, plan, start, {
         "samples_per_cycle": samples_per_cycle, "flywheel_angle": flywheel_angle})
     result = _judged(system, plan, start, run, cycles, discarded)

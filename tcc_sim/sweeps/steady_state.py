@@ -13,8 +13,12 @@ from tcc_sim.analysis.signals import run_signals
 from tcc_sim.analysis.spectra import Spectrum, spectrum_of
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory, concatenated
+
+SETTLED = 1e-6
+"""Repetition of a settled section, relative to the size of the motion."""
+WINDOW, BLOCK = 50, 25
+"""Engine cycles over which a section repeats, three longest periods, and those that are solved at a time."""
 
 
 class Start(NamedTuple):
@@ -45,7 +49,7 @@ def solve_to_steady_state(system: System, start: Start, most: int, **how: Any) -
     parts: list[Cycles] = []
     done, seconds, after = 0, 0.0, None
     while after is None and done < most:
-        count = min(DEFAULTS.settled_block, most - done)
+        count = min(BLOCK, most - done)
         run = solve(system, cycles=count, state=start.state, start_cycle=start.cycle, **how)
         seconds += run.statistics.seconds
         run = replace(run, statistics=replace(run.statistics, seconds=seconds))
@@ -54,7 +58,7 @@ def solve_to_steady_state(system: System, start: Start, most: int, **how: Any) -
         parts.append(run.cycles)
         done, start = done + count, Start(run.final, start.cycle + count)
         cycles = concatenated(parts)
-        after = repeats_after(cycles) if done >= DEFAULTS.settled_window else None
+        after = repeats_after(cycles) if done >= WINDOW else None
     return SettledRun(run, cycles, after)
 
 
@@ -91,16 +95,16 @@ def repeats_after(cycles: Cycles) -> int | None:
     """Return the number of cycles after which the section repeats with a period up to 16 to the end; None for none.
 
     All points that are a period apart are within the tolerance of the last ones, relative to the size of the motion,
-    over at least the last `settled_window` cycles less one period.
+    over at least the last `WINDOW` cycles less one period.
     """
     points: Floats = cycles.section
-    near = DEFAULTS.settled * sizes_of(points[-DEFAULTS.settled_window:], cycles.highest[-DEFAULTS.settled_window:])
+    near = SETTLED * sizes_of(points[-WINDOW:], cycles.highest[-WINDOW:])
     away = (np.abs(points[-2:-2 - ANALYSIS.maximum_period:-1] - points[-1]) > near).any(axis=1)
     for period in (np.flatnonzero(~away) + 1).tolist():
         number = np.arange(len(points))
         image = len(points) - period + (number - len(points)) % period
         far = (np.abs(points - points[image]) > near).any(axis=1)
         after = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
-        if len(points) - 1 - after >= max(DEFAULTS.settled_window // 2, 2 * period):
+        if len(points) - 1 - after >= max(WINDOW // 2, 2 * period):
             return after
     return None

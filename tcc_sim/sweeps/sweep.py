@@ -14,7 +14,7 @@ import itertools
 import math
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import closing
 from pathlib import Path
@@ -26,20 +26,29 @@ from tcc_sim.analysis.manoeuvre import judder_of
 from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.parameters import System, given_values, refuse_related
-from tcc_sim.model.quantity import sequence_of_numbers
+from tcc_sim.model.quantity import MOST_VALUES, sequence_of_numbers
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import SOLVERS, choose
 from tcc_sim.sweeps.blocks import in_blocks, solve_block
-from tcc_sim.sweeps.executors import Attendance, each_done, workers
+from tcc_sim.sweeps.executors import AHEAD, Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep, varied
-from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.simulation import PAPER, Plan, Simulation, simulate, with_plan_fields
+from tcc_sim.sweeps.simulation import ORDER_SAMPLES, PAPER, Plan, Simulation, simulate, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
 
+RTOL = 1e-6
+"""Default relative tolerance of a sweep: that of sections (fig02: 4e-8, set-valued 2e-7). Over the curves of Figs. 4 to
+18, 57 values each, the period is that at 1e-10 in all but three of 1995 points.
+"""
+PHASES_TRIED = 1000
+"""Engine cycles among which the nearest phase of the load is searched."""
+BATCH, BATCH_CYCLES, DASK_BATCH = 32, 4800, 8
+"""Most points that a thread judges at once, most cycles of them, and points in one task on a cluster, which costs the
+scheduler about a millisecond.
+"""
 Points = list[list[Point | None]]
 """Result per curve and value; None if it was not tried yet."""
 
@@ -99,15 +108,16 @@ def curves_of(system: System, key: str, values: Sequence[float], second_key: str
     if key == second_key:
         raise InputError(f"{key} is swept twice; a grid has two keys")
     refuse_related((key, second_key))
-    if not 1 <= len(values) * len(second_values) <= DEFAULTS.most_values:
+    if not 1 <= len(values) * len(second_values) <= MOST_VALUES:
         raise InputError(f"a grid has {len(values)} by {len(second_values)} values; it must have 1 to "
-                         f"{DEFAULTS.most_values}")
+                         f"{MOST_VALUES}")
     row = tuple(map(float, values))
     return [Curve(varied(system, second_key, float(x)), key, row) for x in second_values]
 
 
 def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | None = None, dask: str | None = None,
-                 out: Path | None = None, head: Mapping[str, Any] | None = None, progress: bool = False) -> list[Sweep]:
+                 out: Path | None = None, head: Mapping[str, Any] | None = None, progress: bool = False,
+                 tick: Callable[[Point], None] | None = None) -> list[Sweep]:
     """Solve every point of every curve.
 
     Parameters
@@ -117,6 +127,7 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     out : file to which every point is appended; points of the same sweep in it are not solved again
     head : further values of the first line of that file, such as scene and command
     progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
+    tick : called with every point, once it is in the file
 
     Raises
     ------
@@ -146,12 +157,14 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
                 SweepFile(out, _header(curves, plan), take, head=head)) as file:
             done = sum(p is not None for curve_points in points for p in curve_points)
             with progress_bar("point", sum(map(len, points)), done, progress) as bar:
-                batch = DEFAULTS.dask_batch if dask else _batch(plan, sum(map(len, points)), attendance.threads)
+                batch = DASK_BATCH if dask else _batch(plan, sum(map(len, points)), attendance.threads)
                 for c, i, point in _solved(curves, plan, executor, attendance, batch, points):
                     points[c][i] = point
                     if out is not None:
                         file.append(c, i, point.as_record())
                     bar.update()
+                    if tick is not None:
+                        tick(point)
     except KeyboardInterrupt:
         raise SweepInterrupted(_results(curves, plan, points, began)) from None
     except WorkersLost as lost:
@@ -166,7 +179,7 @@ def _batch(plan: Plan, points: int, threads: int) -> int:
     """
     if plan.direction != "cold":
         return 1
-    return max(1, min(DEFAULTS.batch, DEFAULTS.batch_cycles // plan.most, points // (DEFAULTS.ahead * threads)))
+    return max(1, min(BATCH, BATCH_CYCLES // plan.most, points // (AHEAD * threads)))
 
 
 def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
@@ -249,7 +262,7 @@ def solve_point(system: System, value: float, plan: Plan, start: Start | None = 
 
     A numerical failure is the status of the point, without a summary, and its last state is not passed on.
     """
-    samples = DEFAULTS.order_samples if _sampled(system, plan) else 0
+    samples = ORDER_SAMPLES if _sampled(system, plan) else 0
     return as_point(value, plan, simulate(system, with_sweep_tolerance(system, plan), start=start,
                                           samples_per_cycle=samples))
 
@@ -274,9 +287,9 @@ def as_point(value: float, plan: Plan, result: Simulation) -> Point:
 def with_sweep_tolerance(system: System, plan: Plan) -> Plan:
     """Return the plan with the tolerance of a sweep if it has none; settling needs a finer one."""
     entry = SOLVERS[choose(system, plan.solver)]
-    if plan.rtol is not None or plan.discard == "auto" or entry.setting != "rtol" or entry.default >= DEFAULTS.rtol:
+    if plan.rtol is not None or plan.discard == "auto" or entry.setting != "rtol" or entry.default >= RTOL:
         return plan
-    return dataclasses.replace(plan, rtol=DEFAULTS.rtol)
+    return dataclasses.replace(plan, rtol=RTOL)
 
 
 def solve_points(systems: Sequence[System], values: Sequence[float], plan: Plan, start: Start | None) -> list[Point]:
@@ -305,7 +318,7 @@ def handed_over(before: System, end: Start, system: System) -> Start:
     repeats = common_cycles(system)
     if ratio == earlier or repeats == 1:
         return Start(end.state, end.cycle % repeats if repeats else end.cycle)
-    trial = np.arange(repeats or DEFAULTS.phases_tried)
+    trial = np.arange(repeats or PHASES_TRIED)
     turn = ratio * trial - earlier * end.cycle + (system.pressure.phase - before.pressure.phase) / (2.0 * math.pi)
     apart = np.abs(turn - np.round(turn))
     return Start(end.state, int(np.flatnonzero(apart <= apart.min() + 1e-9)[0]))

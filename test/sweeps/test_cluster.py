@@ -15,12 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tcc_sim.cli import main
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, WorkersLost
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.sweeps.executors import cluster, in_time
-from tcc_sim.sweeps.settings import Settings
-from tcc_sim.sweeps.sweep import Plan, sweep
+from tcc_sim.sweeps.executors import cluster, each_done, in_time
+from tcc_sim.sweeps.sweep import Curve, Plan, sweep, sweep_curves
 
 distributed = pytest.importorskip("distributed")
 
@@ -33,37 +31,43 @@ def started(*words: str) -> subprocess.Popen[bytes]:
                             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
 
 
-def test_a_cluster_without_workers_and_one_whose_processes_die(tmp_path, monkeypatch, on_point, capsys):
-    """One line says that there is nobody to work; a killed worker loses nothing; a dead scheduler ends the sweep, which
-    can be resumed.
-    """
-    file, out = tmp_path / "scheduler.json", tmp_path / "out.jsonl"
+def test_a_cluster_without_workers_and_one_whose_processes_die(tmp_path, refused):
+    """Without workers the command is refused; a killed worker loses nothing; a dead scheduler ends the work."""
+    file = tmp_path / "scheduler.json"
     quiet = ["--no-dashboard", "--scheduler-file", str(file)]
-    command = ["sweep", "chaos", "--over", "engine.frequency=100:160:40", "--cycles", "1000", "--out", str(out)]
     processes = [started("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)]
     try:
         with distributed.Client(scheduler_file=str(file), timeout=120, set_as_default=False) as client:
             address = client.scheduler.address
-            assert main([*command, "--dask", address]) == 2
-            assert "has no workers" in capsys.readouterr().err
+            assert address in refused("sweep", "chaos", "--over", "engine.frequency=100:160:4", "--out", "o.jsonl",
+                                      "--dask", address)
             processes += [started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny",
                                   "--local-directory", str(tmp_path / str(k)), *quiet) for k in range(2)]
             client.wait_for_workers(2, timeout=120)
         system = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.285,
                                     "pressure.mean": 225e3, "pressure.amplitude": 0.0})
-        values = [float(x) for x in np.linspace(40.0, 160.0, 48)]
-        monkeypatch.setattr("tcc_sim.sweeps.executors.DEFAULTS", Settings(look=0.01))  # Workers are asked for at once.
-        on_point(lambda count: processes[1].kill() if count == 12 else None)
-        far = sweep(system, "engine.frequency", values, Plan(cycles=100), dask=address, out=tmp_path / "far.jsonl")
+        values, points = tuple(np.linspace(40.0, 160.0, 48).tolist()), []
+
+        def tick(point) -> None:
+            points.append(point)
+            if len(points) == 12:
+                processes[1].kill()
+
+        far, = sweep_curves([Curve(system, "engine.frequency", values)], Plan(cycles=100), dask=address,
+                            out=tmp_path / "far.jsonl", tick=tick)
         assert processes[1].wait(120) == -signal.SIGKILL
         near = sweep(system, "engine.frequency", values, Plan(cycles=100))
         for one, other in zip(far.records, near.records):
             assert {**one, "elapsed_s": 0.0} == {**other, "elapsed_s": 0.0}
-        monkeypatch.setattr("tcc_sim.sweeps.executors.DEFAULTS", Settings(look=0.01, patience=0.5))
-        on_point(lambda count: processes[0].kill())
-        assert main([*command, "--dask", address]) == 1
-        assert "resumes from" in capsys.readouterr().err
-        assert len(out.read_text().splitlines()) > 1
+        tasks = iter(range(1000))
+
+        def killed_after(results) -> int:
+            first = next(results)[1]
+            processes[0].kill()
+            return first + sum(result for _, result in results)
+
+        with cluster(address, patience=0.5) as (executor, attendance), pytest.raises(WorkersLost):
+            killed_after(each_done(attendance, lambda: next(tasks, None), lambda task: executor.submit(pow, task, 2)))
     finally:
         for process in processes:
             with suppress(ProcessLookupError):
@@ -71,27 +75,19 @@ def test_a_cluster_without_workers_and_one_whose_processes_die(tmp_path, monkeyp
             process.wait()
 
 
-@pytest.mark.parametrize(("address", "words"), [
-    ("tcp://127.0.0.1:{port}", "no Dask scheduler answers"), ("127.0.0.1:{port}", "no Dask scheduler answers"),
-    ("tcp://no-such-host.invalid:8786", "no Dask scheduler answers"), ("tcp://127.0.0.1", "must be an address"),
-    ("tcp://127.0.0.1:99999", "must be an address"), ("", "must be an address"), ("tcp://a b:1", "must be an address")])
-def test_an_unreachable_scheduler_is_one_line_and_nothing_is_written(address, words, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("address", [
+    "tcp://127.0.0.1:{port}", "127.0.0.1:{port}", "tcp://no-such-host.invalid:8786", "tcp://127.0.0.1",
+    "tcp://127.0.0.1:99999", "", "tcp://a b:1", "ftp://h:1", "h:0", "h:65536", "h:123456", "h", "tcp://h:1/x",
+    "tcp://:1"])
+def test_an_unreachable_scheduler_is_one_line_and_nothing_is_written(address, refused):
     """Nothing listens at a port that was closed just now; `.invalid` never resolves (RFC 2606)."""
     with socket.socket() as closed:
         closed.bind(("127.0.0.1", 0))
         port = closed.getsockname()[1]
-
-    def too_far(*words: object, **options: object) -> None:
-        raise AssertionError("the scheduler was asked though nothing listens")
-
-    monkeypatch.setattr(distributed, "Client", too_far)
-    out = tmp_path / "out.jsonl"
-    assert main(["sweep", "slip", "--over", "engine.torque_amplitude=1:2:2", "--dask", address.format(port=port),
-                 "--out", str(out)]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert words in said
-    assert not out.exists()
+    line = refused("sweep", "slip", "--over", "engine.torque_amplitude=1:2:2", "--out", "out.jsonl", "--dask",
+                   address.format(port=port))
+    assert "--dask" in line
+    assert ("answers" in line) == ("{port}" in address or "invalid" in address)
 
 
 def test_a_port_that_is_no_scheduler_is_given_up_in_time() -> None:
@@ -99,12 +95,12 @@ def test_a_port_that_is_no_scheduler_is_given_up_in_time() -> None:
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))
         silent.listen()
-        with (pytest.raises(InputError, match="no Dask scheduler"),
+        with (pytest.raises(InputError, match="--dask"),
               cluster(f"tcp://127.0.0.1:{silent.getsockname()[1]}", connect=0.4)):
             pass
 
 
-def test_what_does_not_come_back_is_not_waited_for() -> None:
+def test_a_function_that_does_not_come_back_is_not_waited_for() -> None:
     never = threading.Event()
     with pytest.raises(TimeoutError):
         in_time(time.monotonic() + 0.01, never.wait)

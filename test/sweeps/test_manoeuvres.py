@@ -74,8 +74,7 @@ def test_quantiles_of_a_tip_in_are_those_of_single_runs(tmp_path, capsys) -> Non
     capsys.readouterr()
     assert main(["sweep", "tip_in", "--scatter", f"{KINETIC}=0.22:0.26", "--samples", "2", "--orders"]) == 0
     out = capsys.readouterr().out
-    assert "judder_rms (rad/s)  5 %  50 %  95 %" in out
-    assert "shaft_torque of order 2 at engine frequency 150 rad/s (N m)" in out
+    assert all(word in out for word in ("judder_rms", "5 %", "50 %", "95 %", "shaft_torque", "150 rad/s"))
     assert "nan" not in out
 
 
@@ -102,19 +101,20 @@ def test_a_whole_table_is_scaled(tmp_path) -> None:
         assert point.summary.max_slip_speed == pytest.approx(alone.summary.max_slip_speed, rel=1e-6)
     spread = scatter(scene, {"friction.coefficients": (0.9, 1.1), "pressure.mean": (3.0e5, 3.2e5)}, 2, cycles=20)
     assert len(set(spread.result("max_slip_speed").ravel())) == 2
-    for name, bounds, words in (("fig02", (0.9, 1.1), "friction.coefficients is empty; a factor scales"),
-                                ("fresh_fluid", (-1.0, 1.1), "factor of friction.coefficients is -"),
-                                ("fresh_fluid", (0.9, 90.0), "friction.coefficients is .* must be 1e-06 to 2")):
+    for name, bounds, words in (("fig02", (0.9, 1.1), "friction.coefficients"),
+                                ("fresh_fluid", (-1.0, 1.1), "friction.coefficients is -.* above 0"),
+                                ("fresh_fluid", (0.9, 90.0), "friction.coefficients is .* 1e-06 to 2")):
         with pytest.raises(InputError, match=words):
             scatter(name, {"friction.coefficients": bounds}, 8, cycles=20)
 
 
-@pytest.mark.parametrize(("words", "message"), [
-    (["--scatter", f"{KINETIC}=0.2:0.3", "--samples", "2", "--quantiles", "0.1;0.5"], "numbers separated by commas"),
-    (["--over", f"{KINETIC}=0.2:0.3:2", "--quantiles", "0.1"], "--quantiles needs --scatter"),
-    (["--over", f"{KINETIC}=0.2:0.3:2", "--orders=-3"], "orders has the speeds -3 rad/s; they must be above 0"),
-    (["--over", f"{KINETIC}=0.2:0.3:2", "--orders", "20Nm"], "in rad/s or with hz behind, or"),
-    (["--over", "engine.order=1:2:2", "--orders", "900rpm"], "engine.order differs from run to run"),
-    (["--over", f"{KINETIC}=0.2:0.3:2", "--orders", "--duration", "0.2"], "orders need 16 periods")])
-def test_wrong_options_are_refused(refused, words, message) -> None:
-    assert message in refused("sweep", "tip_in", *words)
+@pytest.mark.parametrize(("words", "shown"), [
+    (["--scatter", f"{KINETIC}=0.2:0.3", "--samples", "2", "--quantiles", "0.1;0.5"], ("--quantiles", "0.1;0.5")),
+    (["--over", f"{KINETIC}=0.2:0.3:2", "--quantiles", "0.1"], ("--quantiles", "--scatter")),
+    (["--over", f"{KINETIC}=0.2:0.3:2", "--orders=-3"], ("orders", "-3 rad/s", "above 0")),
+    (["--over", f"{KINETIC}=0.2:0.3:2", "--orders", "20Nm"], ("--orders", "20Nm", "rad/s", "hz", "rpm")),
+    (["--over", "engine.order=1:2:2", "--orders", "900rpm"], ("--orders", "900rpm", "engine.order")),
+    (["--over", f"{KINETIC}=0.2:0.3:2", "--orders", "--duration", "0.2"], ("16",))])
+def test_wrong_options_are_refused(refused, words, shown) -> None:
+    line = refused("sweep", "tip_in", *words)
+    assert all(word in line for word in shown)

@@ -31,10 +31,9 @@ from tcc_sim.study.basins.proximity import UNDECIDED, Attractor, ProximityMapper
 from tcc_sim.study.basins.results import Axis, Basins
 from tcc_sim.study.basins.settings import DEFAULTS
 from tcc_sim.study.continuation.problem import Floats
-from tcc_sim.sweeps.executors import Attendance, each_done, workers
+from tcc_sim.sweeps.executors import AHEAD, Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.sweeps.settings import DEFAULTS as SWEEPS
 from tcc_sim.trajectory import State
 
 PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed")
@@ -113,7 +112,7 @@ def solve_rows(system: System, plane: tuple[Axis, Axis], rows: Sequence[int], at
 
 def rows_together(cells: int, rows: int, threads: int) -> int:
     """Return the number of rows in a task: short ones share its cost, and every thread has several tasks."""
-    return max(1, min(DEFAULTS.cells_together // cells, rows // (SWEEPS.ahead * max(threads, 1))))
+    return max(1, min(DEFAULTS.cells_together // cells, rows // (AHEAD * max(threads, 1))))
 
 
 def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequence[float]]], *,
