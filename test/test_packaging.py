@@ -169,6 +169,14 @@ def test_the_metadata_are_whole_and_hold_no_placeholder(built):
     assert "Project-URL: Repository" in head
 
 
+def test_the_page_on_installation_lists_every_extra_and_the_contents_of_all():
+    extras = CONFIGURATION["options.extras_require"]
+    rows = dict(re.findall(r"^\| `\[(\w+)\]` \| (.*) \|$", (ROOT / ".github/guide/start.md").read_text(), re.MULTILINE))
+    assert rows.keys() == extras.keys()
+    held, = re.findall(r"tcc_sim\[(.*)\]", extras["all"])
+    assert re.findall(r"`\[(\w+)\]`", rows["all"]) == held.split(",")
+
+
 def test_the_paper_is_cited_as_its_copy_prints_it():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert cited["version"] == __version__

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import dataclasses
+import io
 import re
 import shlex
 from collections.abc import Iterable, Iterator
@@ -11,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tcc_sim.cli import GROUPS, VERBS, build_parser
+from tcc_sim.cli import GROUPS, VERBS, build_parser, main
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES
 from tcc_sim.model.quantity import Options, Quantity
 from tcc_sim.nodes.options import OPTIONS
@@ -131,6 +133,25 @@ def test_every_command_is_one_that_the_program_takes(line: str) -> None:
     words = shlex.split(line.partition(" > ")[0], comments=True)
     assert words[0] in VERBS
     build_parser(words[0]).parse_args(words)
+
+
+def test_choices_on_a_page_are_those_of_the_option() -> None:
+    """Words with bars between them behind an option, such as `--hold previous|linear`."""
+    choices: dict[str, set[frozenset[str]]] = {}
+    for verb in VERBS:
+        for option, words in re.findall(r"--([a-z-]+) \{([\w,]+)\}", help_of(verb)):
+            choices.setdefault(option, set()).add(frozenset(words.split(",")))
+    for page in PAGES:
+        for option, words in re.findall(r"--([a-z-]+) (\w+(?:\|\w+)+)", page.read_text()):
+            assert option not in choices or frozenset(words.split("|")) in choices[option], f"{page.name}: --{option}"
+
+
+def help_of(verb: str) -> str:
+    """What `tcc-sim VERB --help` prints."""
+    out = io.StringIO()
+    with contextlib.redirect_stdout(out):
+        assert main([verb, "--help"]) == 0
+    return out.getvalue()
 
 
 def test_the_quick_start_is_one_line_each() -> None:

@@ -46,20 +46,22 @@ def number(low: float, high: float, unit: str = "", kind: type[float] | type[int
     return read
 
 
-def new_file(path: Path, force: bool = False) -> Path:
+def new_file(path: Path, force: bool | None = None) -> Path:
     """Return `path` after checking that a file can be written there without overwriting another one.
+
+    force : whether --force is given; None for a command without this option
 
     Raises
     ------
     InputError
-        The file exists and `force` is off, a directory or another special file has this name, the name is too long, or
-        its directory does not exist.
+        The file exists and `force` is not on, a directory or another special file has this name, the name is too long,
+        or its directory does not exist.
     """
     check_name(path)
     if path.is_dir():
         raise InputError(f"{path} is a directory; name a file")
     if replaceable(path) and not force:
-        raise InputError(f"{path} exists; it is not overwritten")
+        raise InputError(f"{path} exists; it is not overwritten{'' if force is None else ' without --force'}")
     check_folder(path)
     return path
 
