@@ -56,6 +56,7 @@ class Topic:
 
 
 FLOAT64 = "std_msgs/msg/Float64"
+FLOAT64_ARRAY = "std_msgs/msg/Float64MultiArray"
 STRING = "std_msgs/msg/String"
 INT8 = "std_msgs/msg/Int8"
 HEADER = "std_msgs/msg/Header"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,6 @@ _NANOSECONDS = 1_000_000_000
 _FLOAT64 = struct.Struct("<4sd")
 _INT8 = struct.Struct("<4sb3x")
 _CLOCK = struct.Struct("<4siI")
-_FLUID_PRESSURE = struct.Struct("<4siIIxxxxdd")
 _LENGTH = struct.Struct("<I")
 _DOUBLE = struct.Struct("<d")
 _STAMP = struct.Struct("<iI")
@@ -36,20 +36,10 @@ def _string(text: str) -> bytes:
     return _LENGTH.pack(len(data)) + data + bytes(-len(data) % 4)
 
 
-_NAMES = _string("") + _LENGTH.pack(len(JOINT_NAMES)) + b"".join(map(_string, JOINT_NAMES))
-_PAIR = struct.pack("<II", 2, 0)
-assert (8 + len(_NAMES)) % 8 == 0, "the count of positions is followed by four bytes of padding"
-_JOINT_STATE = struct.Struct(f"<4siI{len(_NAMES)}s8sdd8sdd8sdd")
-_OUTPUT_NAME = _string("") + _LENGTH.pack(1) + _string(OUTPUT_JOINT)
-assert (8 + len(_OUTPUT_NAME)) % 8 == 0, "as above"
-_ONE = struct.pack("<II", 1, 0)
-_CLUTCH_NAME = _string("") + _LENGTH.pack(1) + _string(CLUTCH_JOINT)
-assert (8 + len(_CLUTCH_NAME)) % 8 == 0, "the counts of positions and velocities fill eight bytes"
-_VELOCITY_ALONE = struct.Struct(f"<4siI{len(_CLUTCH_NAME)}s4xId4x")
-_EFFORT_ALONE = struct.Struct(f"<4siI{len(_CLUTCH_NAME)}s4x4xI4xd")
-_OUTPUT_STATE = struct.Struct(f"<4siI{len(_OUTPUT_NAME)}s8sd8sd8sd")
 MOST_JOINTS = 1000
 """Largest number of joints in a message."""
+RUN_LENGTH = 16
+"""Length of the name of a run, which is the frame of the driveline's messages; before version 1.1 it was empty."""
 
 
 def float64(value: float) -> bytes:
@@ -99,44 +89,105 @@ def clock(stamp_ns: int) -> bytes:
     return _CLOCK.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS))
 
 
-def fluid_pressure(stamp_ns: int, pressure: float, variance: float = 0.0) -> bytes:
-    """Serialise a sensor_msgs/msg/FluidPressure (Pa) with an empty frame_id."""
-    return _FLUID_PRESSURE.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), 1, pressure, variance)
+@lru_cache(maxsize=64)
+def _joints(names: tuple[str, ...], counts: tuple[int, ...], frame: str) -> tuple[struct.Struct, bytes]:
+    """Return the layout of a JointState with these numbers of values, and its bytes from the frame to the names."""
+    head = _string(frame) + _LENGTH.pack(len(names)) + b"".join(map(_string, names))
+    form, position = f"<4siI{len(head)}s", 8 + len(head)
+    for count in counts:
+        padding = -(position + 4) % 8 if count else 0
+        form += f"I{padding}x{count}d"
+        position += 4 + padding + 8 * count
+    return struct.Struct(form), head
+
+
+@lru_cache(maxsize=64)
+def _pressures(frame: str) -> tuple[struct.Struct, bytes]:
+    """Return the layout of a FluidPressure, and the bytes of its frame."""
+    head = _string(frame)
+    return struct.Struct(f"<4siI{len(head)}s{-len(head) % 8}xdd"), head
+
+
+def fluid_pressure(stamp_ns: int, pressure: float, variance: float = 0.0, frame: str = "") -> bytes:
+    """Serialise a sensor_msgs/msg/FluidPressure (Pa)."""
+    layout, head = _pressures(frame)
+    return layout.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), head, pressure, variance)
 
 
 def joint_state(stamp_ns: int, flywheel_angle: float, plate_angle: float, flywheel_speed: float, plate_speed: float,
-                engine_torque: float, friction_torque: float) -> bytes:
+                engine_torque: float, friction_torque: float, frame: str = "") -> bytes:
     """Serialise the driveline's sensor_msgs/msg/JointState: stamp (ns), angles (rad), speeds (rad/s), torques (N m)."""
-    return _JOINT_STATE.pack(HEADER, stamp_ns // _NANOSECONDS, stamp_ns % _NANOSECONDS, _NAMES, _PAIR, flywheel_angle,
-                             plate_angle, _PAIR, flywheel_speed, plate_speed, _PAIR, engine_torque, friction_torque)
+    layout, head = _joints(JOINT_NAMES, (2, 2, 2), frame)
+    return layout.pack(HEADER, stamp_ns // _NANOSECONDS, stamp_ns % _NANOSECONDS, head, 2, flywheel_angle, plate_angle,
+                       2, flywheel_speed, plate_speed, 2, engine_torque, friction_torque)
 
 
-def output_state(stamp_ns: int, angle: float, speed: float, torque: float) -> bytes:
+def output_state(stamp_ns: int, angle: float, speed: float, torque: float, frame: str = "") -> bytes:
     """Serialise the far end's sensor_msgs/msg/JointState: stamp (ns), angle (rad), speed (rad/s), shaft torque (N m).
     """
-    return _OUTPUT_STATE.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), _OUTPUT_NAME, _ONE, angle, _ONE, speed, _ONE,
-                              torque)
+    layout, head = _joints((OUTPUT_JOINT,), (1, 1, 1), frame)
+    return layout.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), head, 1, angle, 1, speed, 1, torque)
 
 
-def clutch_velocity(stamp_ns: int, speed: float) -> bytes:
+def clutch_velocity(stamp_ns: int, speed: float, frame: str = "") -> bytes:
     """Serialise a sensor_msgs/msg/JointState of joint clutch with a velocity alone: stamp (ns), slip speed (rad/s)."""
-    return _VELOCITY_ALONE.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), _CLUTCH_NAME, 1, speed)
+    layout, head = _joints((CLUTCH_JOINT,), (0, 1, 0), frame)
+    return layout.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), head, 0, 1, speed, 0)
 
 
-def clutch_effort(stamp_ns: int, torque: float) -> bytes:
+def clutch_effort(stamp_ns: int, torque: float, frame: str = "") -> bytes:
     """Serialise a sensor_msgs/msg/JointState of joint clutch with an effort alone: stamp (ns), torque (N m)."""
-    return _EFFORT_ALONE.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), _CLUTCH_NAME, 1, torque)
+    layout, head = _joints((CLUTCH_JOINT,), (0, 0, 1), frame)
+    return layout.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), head, 0, 0, 1, torque)
+
+
+@lru_cache(maxsize=64)
+def _array(label: str, count: int) -> tuple[struct.Struct, bytes]:
+    """Return the layout of a Float64MultiArray of one dimension, and the bytes of its label."""
+    head = _string(label)
+    return struct.Struct(f"<4sI{len(head)}sIIII{-len(head) % 8}x{count}d"), head
+
+
+def float64_array(label: str, values: Sequence[float]) -> bytes:
+    """Serialise a std_msgs/msg/Float64MultiArray of one dimension with this label."""
+    layout, head = _array(label, len(values))
+    return layout.pack(HEADER, 1, head, len(values), len(values), 0, len(values), *values)
+
+
+def read_float64_array(data: bytes) -> tuple[str, NDArray[np.float64]]:
+    """Return the label of the first dimension and the values of a serialised Float64MultiArray.
+
+    Raises
+    ------
+    ValueError
+        Not a little-endian Float64MultiArray of one dimension.
+    """
+    kind = topics.FLOAT64_ARRAY
+    dimensions, position = _count_at(data, 4, kind)
+    label, position = _text_at(data, position, kind, "replace")
+    count, position = _count_at(data, position + 12, kind)
+    position += -(position - 4) % 8
+    if dimensions != 1 or len(data) != position + 8 * count:
+        raise ValueError(f"not a little-endian {kind} of one dimension")
+    return label, np.frombuffer(data, "<f8", count, position)
+
+
+def _framed(encode: Callable[..., bytes]) -> Callable[..., bytes]:
+    """Return an encoder of a message without header, which takes a stamp and a frame too."""
+    return lambda _, value, frame="": encode(value)
 
 
 ENCODERS: Mapping[str, Callable[..., bytes]] = {
     "output_state": output_state, "slip_speed_stamped": clutch_velocity, "friction_torque_stamped": clutch_effort,
-    topics.FLOAT64: lambda _, value: _FLOAT64.pack(HEADER, value),
-    topics.INT8: lambda _, value: _INT8.pack(HEADER, value),
+    topics.FLOAT64: _framed(float64),
+    topics.INT8: _framed(int8),
     topics.FLUID_PRESSURE: fluid_pressure,
     topics.JOINT_STATE: joint_state,
-    topics.CLOCK: lambda _, stamp_ns: clock(stamp_ns),
+    topics.CLOCK: _framed(clock),
 }
-"""Topic, or message type of all other topics -> function that serialises a stamp (ns) and the message's values."""
+"""Topic, or message type of all other topics -> function that serialises a stamp (ns) and the message's values; `frame`
+is that of messages with a header.
+"""
 
 
 def read_stamp(data: bytes) -> int:
@@ -281,11 +332,27 @@ def fluid_pressure_layout(frame_id: str = "") -> Layout:
 
 
 JOINT_STATE = joint_state_layout().record
-"""NumPy type of a serialised joint_states message of the driveline; offsets are fixed since the names never change."""
+"""NumPy type of a serialised joint_states message with an empty frame."""
 OUTPUT_STATE = joint_state_layout((OUTPUT_JOINT,), (OUTPUT_JOINT,), fields=topics.topic("output_state").fields)
-"""Layout of output_state messages, which describe the shaft's far end."""
-FLUID_PRESSURE = fluid_pressure_layout()
-"""Layout of FluidPressure messages with an empty frame_id."""
+"""Layout of output_state messages with an empty frame."""
+
+
+_OWN = {kind: [layout(frame_id="x" * length) for length in (RUN_LENGTH, 0)] for kind, layout in (
+    (topics.JOINT_STATE, joint_state_layout), (topics.FLUID_PRESSURE, fluid_pressure_layout))}
+
+
+def records_of(messages: Sequence[bytes], kind: str) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
+    """Return the values of the driveline's messages of this type, joint_states or pressures, and an (n,) mask of those.
+    """
+    names = _OWN[kind][0].record.names or ()
+    out = np.zeros(len(messages), [(name, _OWN[kind][0].record[name]) for name in names])
+    own = np.zeros(len(messages), np.bool_)
+    for layout in _OWN[kind]:
+        found, same = layout.records(messages)
+        for name in names:
+            out[name][same] = found[name]
+        own |= same
+    return out[own], own
 
 
 class Joints(NamedTuple):

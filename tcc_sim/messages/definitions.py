@@ -22,6 +22,15 @@ CARRIED: dict[str, tuple[str, str]] = {
     "std_msgs/msg/Float64": (
         "float64 data\n",
         "RIHS01_705ba9c3d1a09df43737eb67095534de36fd426c0587779bda2bc51fe790182a"),
+    "std_msgs/msg/MultiArrayDimension": (
+        "string label\nuint32 size\nuint32 stride\n",
+        "RIHS01_5e773a60a4c7fc8a54985f307c7837aa2994252a126c301957a24e31282c9cbe"),
+    "std_msgs/msg/MultiArrayLayout": (
+        "MultiArrayDimension[] dim\nuint32 data_offset\n",
+        "RIHS01_4c66e6f78e740ac103a94cf63259f968e48c617e7699e829b63c21a5cb50dac6"),
+    "std_msgs/msg/Float64MultiArray": (
+        "MultiArrayLayout layout\nfloat64[] data\n",
+        "RIHS01_1025ddc6b9552d191f89ef1a8d2f60f3d373e28b283d8891ddcc974e8c55397f"),
     "std_msgs/msg/String": (
         "string data\n",
         "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"),

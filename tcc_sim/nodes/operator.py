@@ -208,12 +208,11 @@ class Operator:
     def _applied(self, command_type: str) -> Callable[[], float | None]:
         """Return a function that gives the input applied in the newest state, None without a new state."""
         row = topic("applied_pressure" if command_type == FLUID_PRESSURE else "joint_states")
-        layout, field = ((cdr.FLUID_PRESSURE, "fluid_pressure") if row.type == FLUID_PRESSURE else
-                         (cdr.joint_state_layout(), "engine_torque"))
+        field = "fluid_pressure" if row.type == FLUID_PRESSURE else "engine_torque"
         subscription = subscribe(self._node, message_class(row.type), row.name, QoSProfile(depth=10))
 
         def newest() -> float | None:
-            rows, _ = layout.records([data for data, _ in poll(subscription)])
+            rows, _ = cdr.records_of([data for data, _ in poll(subscription)], row.type)
             return float(rows[field][-1]) if len(rows) else None
 
         return newest

@@ -35,7 +35,7 @@ from tcc_sim.nodes.process import node_of_command
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.topics import FLOAT64, shown, topic
+from tcc_sim.topics import FLOAT64, JOINT_STATE, shown, topic
 from tcc_sim.trajectory import Floats, modes_of
 from tcc_sim.views.rerun_stream import RerunStream
 
@@ -185,7 +185,6 @@ class Watcher:
         self._heard, self._silent = time.monotonic(), False
         self._recent: deque[tuple[float, float]] = deque(maxlen=RECENT_CYCLES)
         self._summarised = -math.inf
-        self._layout = cdr.joint_state_layout()
         self._zeros = zeros_of(())
         self.scene = self._await_scene()
         self._stick_speed = stick_speed_of(terms_of(self.scene.system))
@@ -270,7 +269,7 @@ class Watcher:
             number, who = info.get("publication_sequence_number") or 0, publisher_of(info)
             if number and who:
                 self.numbers.count(who, number)
-        rows, right = self._layout.records([data for data, _ in taken])
+        rows, right = cdr.records_of([data for data, _ in taken], JOINT_STATE)
         times = np.array([info["received_timestamp"] or time.time_ns() for _, info in taken], dtype=np.int64)
         return rows, times[right]
 
