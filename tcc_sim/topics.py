@@ -91,9 +91,10 @@ TOPICS: tuple[Topic, ...] = (
     Topic("output_speed", FLOAT64, "rad/s", "in", (),
           "speed of the shaft's far end, for instance of a vehicle, held until the next message; without a publisher "
           "the far end stands still", "far_end/command", key="initial.plate_speed"),
-    Topic("input_source", HEADER, "", "out", (*_TORQUE, *_PRESSURE),
-          "source of each input, command or fallback, from the state with this stamp on; published at every "
-          "change", "events", latched=True),
+    Topic("held", FLOAT64_ARRAY, "", "out", (*_TORQUE, *_PRESSURE),
+          "source, value and publisher of every input, the tick since which its command acts, and counts of commands "
+          "received, superseded, refused and lost; before the state of a tick in which any of it changes, every 0.1 s, "
+          "and at the end of a run", "events", latched=True),
     Topic("joint_states", JOINT_STATE, "", "out", (),
           "angles (rad), speeds (rad/s) of flywheel and clutch plate; effort: engine torque applied to the flywheel "
           "and friction torque on the plate (N m); stamp: time of the state", "plate",
@@ -121,7 +122,7 @@ TOPICS: tuple[Topic, ...] = (
           fields=("output_angle", "output_speed", "shaft_torque")),
     Topic("target_slip_speed", FLOAT64, "rad/s", "other", (),
           "slip speed that the slip controller holds in the mean over a period of excitation; from the slip_controller "
-          "node", "control/target", latched=True),
+          "node", "control/target", latched=True, key="initial.slip_speed"),
     Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "other", (),
           "number of messages, by topic, that the middleware has refused from the driveline since its start; published "
           "when it grows", latched=True),
@@ -137,6 +138,10 @@ INPUTS = "engine_torque", "actuation_pressure"
 """Topics of the two inputs, which come from the scene or from commands."""
 FAR_END = "output_speed"
 """Topic of the speed of the shaft's far end, which is fixed without publisher."""
+TARGET = "target_slip_speed"
+"""Topic of the slip speed that a controller is to hold."""
+HELD_INPUTS = (*INPUTS, FAR_END, TARGET)
+"""Inputs that the topic `held` describes; the target acts on nothing."""
 
 
 def shown() -> tuple[Topic, ...]:

@@ -9,7 +9,7 @@ from tcc_sim.topics import FAR_END, INPUTS, STRING, TOPICS, Topic, shown, topic
 
 CONDITIONS = {
     "engine_torque": "engine.source: topic", "actuation_pressure": "pressure.source: topic",
-    "input_source": "engine.source: topic or pressure.source: topic", "applied_pressure": "pressure.source: topic",
+    "held": "engine.source: topic or pressure.source: topic", "applied_pressure": "pressure.source: topic",
     "slip_speed": "publish_scalars: true", "friction_torque": "publish_scalars: true",
     "stick_slip_state": "publish_scalars: true", "slip_speed_stamped": "publish_stamped: true",
     "friction_torque_stamped": "publish_stamped: true", "shaft_torque": "publish_shaft_torque: true",
@@ -24,7 +24,7 @@ def test_a_topic_is_created_where_its_condition_holds(row: Topic) -> None:
     assert row.wanted(scene.value) is always
     for key, value in row.created_when:
         assert row.wanted(scene.with_values({key: value}).value)
-    assert row.latched is (row.name in ("scene", "input_source", "target_slip_speed", "unsent_messages"))
+    assert row.latched is (row.name in ("scene", "held", "target_slip_speed", "unsent_messages"))
 
 
 def test_a_viewer_shows_the_numbers_that_joint_states_does_not_have() -> None:
@@ -34,7 +34,7 @@ def test_a_viewer_shows_the_numbers_that_joint_states_does_not_have() -> None:
     assert Topic("a", STRING, "", "out", (), "").panel == ""
     assert {row.name: row.key for row in TOPICS if row.key} == {
         "engine_torque": "engine.mean_torque", "actuation_pressure": "pressure.mean",
-        "output_speed": "initial.plate_speed"}
+        "output_speed": "initial.plate_speed", "target_slip_speed": "initial.slip_speed"}
     assert [topic(name).direction for name in (*INPUTS, FAR_END)] == ["in"] * 3
     with pytest.raises(KeyError):
         topic("nothing")

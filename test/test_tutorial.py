@@ -118,5 +118,5 @@ def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch:
     first = document["segments"][0]
     assert (first["began_by"], first["tracking"]["target"]) == ("start", 20.0)
     recorded = open_run(Path("clutch1/recording"))
-    assert {"/target_slip_speed", "/actuation_pressure", "/applied_pressure", "/input_source"} <= set(recorded.topics)
+    assert {"/target_slip_speed", "/actuation_pressure", "/applied_pressure", "/held"} <= set(recorded.topics)
     assert any(source.commanded == {"actuation_pressure"} for source in recorded.columns().sources)

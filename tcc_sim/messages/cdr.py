@@ -145,7 +145,7 @@ def clutch_effort(stamp_ns: int, torque: float, frame: str = "") -> bytes:
 def _array(label: str, count: int) -> tuple[struct.Struct, bytes]:
     """Return the layout of a Float64MultiArray of one dimension, and the bytes of its label."""
     head = _string(label)
-    return struct.Struct(f"<4sI{len(head)}sIIII{-len(head) % 8}x{count}d"), head
+    return struct.Struct(f"<4sI{len(head)}sIIII{-(20 + len(head)) % 8}x{count}d"), head
 
 
 def float64_array(label: str, values: Sequence[float]) -> bytes:
@@ -341,7 +341,7 @@ _OWN = {kind: [layout(frame_id="x" * length) for length in (RUN_LENGTH, 0)] for 
     (topics.JOINT_STATE, joint_state_layout), (topics.FLUID_PRESSURE, fluid_pressure_layout))}
 
 
-def records_of(messages: Sequence[bytes], kind: str) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
+def own_records(messages: Sequence[bytes], kind: str) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
     """Return the values of the driveline's messages of this type, joint_states or pressures, and an (n,) mask of those.
     """
     names = _OWN[kind][0].record.names or ()

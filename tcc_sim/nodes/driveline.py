@@ -33,7 +33,7 @@ from tcc_sim.model.profile import START
 from tcc_sim.nodes import parameters, signals
 from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
-from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput
+from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput, target_input
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.options import TEXT
 from tcc_sim.nodes.process import Spinner, Throttle, deliver, log, run_node, warn
@@ -69,7 +69,7 @@ class DrivelineNode(Node):
             warn(self, sentence)
         self.loop = RealTimeLoop(self, self.scene)
         self._scene_text, self._changed = self.scene.text(), False
-        self.loop.outputs.say("scene", cdr.string(self._scene_text))
+        self._say(0)
         self.loop.announce = lambda moved: self._say(0) if moved or self._changed else None
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
@@ -105,6 +105,7 @@ class DrivelineNode(Node):
             self.diagnostics.publish_when_due()
         self.loop.outputs.tell_unsent()
         self._look_for_vehicle()
+        self._look_for_target()
         self._look_for_clock()
         if self.loop.clock_started.is_set() and not self._announced:
             self._announced = True
@@ -152,6 +153,13 @@ class DrivelineNode(Node):
         if self.scene.operation.pacing == "lockstep":
             far_end.join(self.loop.plant.stepper.tick)
         self.loop.attach(far_end)
+
+    def _look_for_target(self) -> None:
+        """Subscribe to target_slip_speed once it has a publisher."""
+        loop = self.loop
+        if loop.clock_started.is_set() and loop.target_waits:
+            target = target_input(self)
+            loop.request(lambda: loop.follow(target))
 
     def _look_for_clock(self) -> None:
         """Publish /clock once it is due while running."""
@@ -201,9 +209,10 @@ class DrivelineNode(Node):
         self._say(plant.stamp_of(plant.stepper.tick + 1))
 
     def _say(self, time_ns: int) -> None:
-        """Publish the changed scene with the simulation time of the first state computed with it."""
+        """Publish the scene with its run and the simulation time of the first state computed with it."""
         text = holding_from(self._scene_text, time_ns, self.loop.plant.general,
-                            self.loop.plant.origin if time_ns else START, self.loop.outputs.zero_ns)
+                            self.loop.plant.origin if time_ns else START, self.loop.outputs.zero_ns,
+                            self.loop.outputs.run, self.get_fully_qualified_name())
         self.loop.outputs.say("scene", cdr.string(text))
 
     def _does(self, action: Callable[[Any], object], sentence: Callable[[Outcome], str]) -> Callable[[Any, Any], Any]:
@@ -300,8 +309,8 @@ class Diagnostics:
         self._ticks, self._late = pacer.ticks, pacer.late_ticks
         self._stick, self._slip = self._stick + stick, self._slip + slip
         return DiagnosticStatus(level=DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK,
-                                name=f"{self._node.get_fully_qualified_name()}: driveline", hardware_id="simulation",
-                                message="; ".join(wrong) or regime,
+                                name=f"{self._node.get_fully_qualified_name()}: driveline",
+                                hardware_id=loop.outputs.run, message="; ".join(wrong) or regime,
                                 values=[KeyValue(key=k, value=v) for k, v in values.items()])
 
 

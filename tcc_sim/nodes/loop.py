@@ -18,15 +18,14 @@ from typing import NamedTuple
 
 from rclpy.node import Node
 
-from tcc_sim.messages import cdr
-from tcc_sim.nodes.loop_topics import CommandedInput, Outputs
+from tcc_sim.nodes.input_report import InputReport
+from tcc_sim.nodes.loop_topics import CommandedInput, Outputs, target_input
 from tcc_sim.nodes.middleware import await_peer
 from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread, tick_time_of
 from tcc_sim.nodes.simulation_clock import SimulationClock
 from tcc_sim.plant.driveline import Plant, Reading
-from tcc_sim.recording.announcements import source_text
 from tcc_sim.scene import Scene
-from tcc_sim.topics import FAR_END, topic
+from tcc_sim.topics import FAR_END, TARGET, topic
 
 SETTLED, LOOK = 0.3, 0.02
 """Real time without a new subscription that completes the subscribers, and between checks or attempts to send, s."""
@@ -82,9 +81,11 @@ class RealTimeLoop:
             command.period_ns = self.plant.stamp_of(self._answer_ticks)
         self._unanswered: list[CommandedInput] | None = None
         self._waits_since = 0.0
-        self._said_commanded: dict[str, bool] = {}
+        self.target: CommandedInput | None = None
+        self._report = InputReport(self.plant, self.outputs)
         self.announce: Callable[[bool], object] = lambda moved: None
-        """Called before the state of simulation time 0, with whether stamps count from another time than before."""
+        """Called before the state of simulation time 0, with whether run or zero of the stamps are others than before.
+        """
 
     @property
     def scene(self) -> Scene:
@@ -127,6 +128,16 @@ class RealTimeLoop:
                 attend(0)
 
     @property
+    def target_waits(self) -> bool:
+        """Whether target_slip_speed has a publisher but no subscription yet."""
+        return self.target is None and self._node.count_publishers(TARGET) > 0
+
+    def follow(self, target: CommandedInput) -> None:
+        """Report the target slip speed on `held` from the next tick on."""
+        self.target = target
+        self.outputs.report_inputs()
+
+    @property
     def vehicle_waits(self) -> bool:
         """Whether output_speed has a publisher but no subscription yet."""
         return self.far_end is None and self._node.count_publishers(FAR_END) > 0
@@ -135,6 +146,7 @@ class RealTimeLoop:
         """Apply output_speed from the next tick on, and publish output_state."""
         self.far_end = far_end
         self.commands.append(far_end)
+        self.outputs.report_inputs()
         self.plant.stepper.move_far_end(0.0)
         if self.outputs.add("output_state") and (
                 self.outputs.patient or not self.clock_started.is_set()):
@@ -149,6 +161,10 @@ class RealTimeLoop:
 
     def meet(self) -> None:
         """Subscribe to output_speed if it has a publisher, after compiling and connecting; publish /clock if due."""
+        if self.target_waits:
+            target = target_input(self._node)
+            await_peer(target.subscription.get_publisher_count)
+            self.follow(target)
         if self.vehicle_waits:
             far_end = CommandedInput(self._node, topic(FAR_END))
             self.plant.warm_up_far_end()
@@ -177,12 +193,15 @@ class RealTimeLoop:
 
     def reset(self) -> None:
         """Return to the initial state at simulation time 0."""
-        for command in self.commands:
+        running = self.clock_started.is_set()
+        if running:
+            self._report_inputs(last=True)
+        for command in self._reported:
             command.reset()
         self.plant.reset()
-        self._unanswered, self._said_commanded = None, {}
-        if self.clock_started.is_set():
-            self._begin_at_zero()
+        self._unanswered = None
+        if running:
+            self._begin_at_zero(again=True)
 
     def pause(self, paused: bool) -> None:
         """Pause or resume; simulation time stops while paused."""
@@ -239,6 +258,7 @@ class RealTimeLoop:
                         self._rest(None)
                     elif self._due():
                         self._tick()
+                self._report_inputs(last=True)
         except BaseException as error:
             # A signal ends the context first; the publishing error after it is not a failure.
             if not self._stopping and self._context.ok():
@@ -281,6 +301,8 @@ class RealTimeLoop:
         limit = operation.command_timeout * operation.rate if operation.command_timeout > 0.0 else math.inf
         for command in self.commands:
             command.poll(self.plant.stepper.tick, limit)
+        if self.target is not None:
+            self.target.poll(self.plant.stepper.tick, math.inf)
 
     def _answered(self, tick: int) -> bool:
         """Return whether lock-step has every command that answers this state, or has waited for command_timeout."""
@@ -308,26 +330,35 @@ class RealTimeLoop:
                 self.engine_command, self.pressure_command, self.far_end))
             self.plant.hold(torque, pressure)
             self.plant.move_far_end(speed)
+            for command in self.commands:
+                command.acted()
         self._unanswered = None
         self._publish(self.plant.advance())
 
-    def _begin_at_zero(self) -> None:
-        """Publish the initial state, after the scene if that has changed or stamps count from another time."""
-        moved = self.outputs.begin_at_zero()
+    def _begin_at_zero(self, again: bool = False) -> None:
+        """Publish the initial state, after the scene if that or the run has changed or stamps count from another time.
+        """
+        moved = self.outputs.begin_at_zero(again)
+        self._report.begin()
         self.announce(moved)
         self._publish(self.plant.reading())
 
+    @property
+    def _reported(self) -> list[CommandedInput]:
+        """Inputs on the topic `held`."""
+        return self.commands if self.target is None else [*self.commands, self.target]
+
+    def _report_inputs(self, last: bool = False) -> None:
+        """Publish the inputs of the tick that ended, if something has changed or they are due."""
+        self._report.publish(self._reported, last)
+
     def _publish(self, reading: Reading) -> None:
-        """Publish the state of a tick, after its input_source if that has changed."""
+        """Publish the state of a tick, after its inputs."""
         if reading.stick_slip_state:
             self.slip_ticks += 1
         else:
             self.stick_ticks += 1
-        commanded = {command.name: command.value is not None for command in self._inputs}
-        if commanded != self._said_commanded:
-            self._said_commanded = commanded
-            self.outputs.say("input_source", cdr.header(reading.stamp_ns + self.outputs.zero_ns,
-                                                         source_text(commanded)))
+        self._report_inputs()
         self.outputs.state(reading)
 
     def _await_subscribers(self) -> bool:

@@ -11,10 +11,10 @@ from operator import itemgetter
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from tcc_sim.errors import InputError
-from tcc_sim.messages import cdr
+from tcc_sim.messages import cdr, held
 from tcc_sim.nodes.middleware import (
     CHANGES,
     COMMANDS,
@@ -33,7 +33,7 @@ from tcc_sim.plant.closed_loop import check_command, doubt_of
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import Scene
-from tcc_sim.topics import CLOCK_TOPIC, FLUID_PRESSURE, TOPICS, Topic, topic
+from tcc_sim.topics import CLOCK_TOPIC, FLUID_PRESSURE, INPUTS, TARGET, TOPICS, Topic, topic
 
 HISTORY = 0.25
 """Duration of the messages that a publisher stores for a slow reader in real time, s."""
@@ -53,10 +53,12 @@ class CommandedInput:
     node : owner of the subscription
     row : description of the topic
     admit : function that raises InputError if a value within the range cannot be applied now
+    qos : quality of service of the subscription
 
     Attributes
     ----------
     value : the command in SI units; None if the fallback applies
+    acts : first tick that the command acts on; NaN without
     refusal : reason of the last refusal
     since : first tick for whose state lock-step waits for an answer
     unstamped : number of commands without a stamp that lock-step took as answers
@@ -64,16 +66,21 @@ class CommandedInput:
     period_ns : time between two answers that lock-step waits for, ns
     """
 
-    def __init__(self, node: Node, row: Topic, admit: Callable[[float], None] = lambda _: None) -> None:
+    def __init__(self, node: Node, row: Topic, admit: Callable[[float], None] = lambda _: None,
+                 qos: QoSProfile = COMMANDS) -> None:
         self.name, self._admit = row.name, admit
         self.value: float | None = None
-        self.received = self.refused = self.timeouts = 0
+        self.received = self.superseded = self.refused = self.timeouts = 0
+        self.acts, self._stamp_ns, self._fresh = math.nan, math.nan, False
+        self._who = self._sender = 0
+        self._publishers: dict[bytes, int] = {}
+        self._counts_before = (0, 0, 0, 0)
         self.refusal = ""
         self._largest, self._first_tick = 0.0, 0
         self._last_tick = self.since = self.unstamped = self.period_ns = 0
         self.timed, self._early = False, (b"", math.inf)
         self._stamped = row.type == FLUID_PRESSURE
-        self.subscription: Any = subscribe(node, message_class(row.type), row.name, COMMANDS)
+        self.subscription: Any = subscribe(node, message_class(row.type), row.name, qos)
         self._take, self._numbers = taker(self.subscription), SequenceNumbers()
 
     def doubt(self, tick: int, after: float) -> str:
@@ -87,8 +94,32 @@ class CommandedInput:
         return self.value is None
 
     def reset(self) -> None:
-        """Return to the fallback, as before the first command."""
+        """Return to the fallback, as before the first command of a run, whose counts begin."""
         self.value, self._last_tick, self.since = None, 0, 0
+        self._fresh, self._counts_before = False, self._counts
+        self._publishers.clear()
+
+    def acted(self) -> None:
+        """Note that a tick begins: the next command supersedes none."""
+        self._fresh = False
+
+    @property
+    def _counts(self) -> tuple[int, int, int, int]:
+        """Numbers of received, superseded, refused and lost commands since the start."""
+        return self.received, self.superseded, self.refused, self.lost
+
+    @property
+    def events(self) -> int:
+        """Number that grows with every event that `report` shows."""
+        return self.received + self.refused + self.timeouts + self._numbers.lost
+
+    def report(self, zero_ns: int) -> tuple[float, ...]:
+        """Return the values of `messages.held.FIELDS`, without an actuator; `zero_ns` is the stamp of time 0."""
+        counts = tuple(now - before for now, before in zip(self._counts, self._counts_before))
+        if self.value is None:
+            absent = held.FALLBACK if self.name in INPUTS or counts[0] else held.NOBODY
+            return absent, math.nan, math.nan, math.nan, math.nan, 0, *counts
+        return held.COMMAND, self.value, self.value, self._stamp_ns - zero_ns, self.acts, self._who, *counts
 
     def poll(self, tick: int, timeout_ticks: float) -> None:
         """Take the messages that arrived before tick `tick`; the caller ensures that the subscription exists."""
@@ -134,6 +165,7 @@ class CommandedInput:
         number, publisher = info.get("publication_sequence_number"), publisher_of(info)
         if number and publisher:
             self._numbers.count(publisher, number)
+        self._sender = self._publishers.setdefault(publisher, len(self._publishers) + 1) if publisher else 0
 
     @property
     def lost(self) -> int:
@@ -171,6 +203,9 @@ class CommandedInput:
         self._first_tick = tick if not self.received else self._first_tick
         self.value, self._last_tick = value, tick
         self.received += 1
+        self.superseded += self._fresh
+        self._fresh, self.acts, self._who = True, tick + 1, self._sender
+        self._stamp_ns = stamp if stamp or (self._stamped and not tick) else math.nan
         return True
 
     def _refuse(self, sentence: str) -> bool:
@@ -178,6 +213,13 @@ class CommandedInput:
         self.refused += 1
         self.refusal = sentence
         return True
+
+
+def target_input(node: Node) -> CommandedInput:
+    """Return the input of the target slip speed, with the last one published if all of its publishers are latched."""
+    offered = node.get_publishers_info_by_topic(TARGET)
+    latched = all(one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered)
+    return CommandedInput(node, topic(TARGET), qos=LATCHED if latched else COMMANDS)
 
 
 class Outputs:
@@ -192,6 +234,7 @@ class Outputs:
     unsent : number of messages dropped since the start, by topic
     zero_ns : stamp of simulation time 0, ns: 0, or the wall clock's time at the first tick (`stamp: wall`)
     sensors : sensors that modify the published states; None without sensors
+    run : name of the run
     """
 
     def __init__(self, node: Node, scene: Scene) -> None:
@@ -200,6 +243,8 @@ class Outputs:
         self.unsent: Counter[str] = Counter()
         self.zero_ns, self._last_ns, self._wall = 0, 0, operation.stamp == "wall"
         self.sensors: Sensors | None = None
+        self._runs = held.runs()
+        self.run = next(self._runs)
         self._reported = 0
         self._node = node
         self._context = node.context
@@ -211,18 +256,26 @@ class Outputs:
         for row in TOPICS:
             if row.fields and row.name != CLOCK_TOPIC and row.wanted(scene.value):
                 self.add(row.name)
-        for name, profile in (("scene", LATCHED), ("input_source", CHANGES)):
+        for name, profile in (("scene", LATCHED), ("held", CHANGES)):
             if topic(name).wanted(scene.value):
                 self._create(name, profile)
 
-    def begin_at_zero(self) -> bool:
-        """Let the next state be that of simulation time 0; return whether stamps count from another time than before.
+    def begin_at_zero(self, again: bool) -> bool:
+        """Let the next state be that of simulation time 0, of another run if `again`; return whether run or zero of the
+        stamps are others than before.
 
         Stamps of the wall clock never decrease, also where simulation time ran ahead of it.
         """
+        if again:
+            self.run = next(self._runs)
         if self._wall:
             self.zero_ns = max(time.time_ns(), self._last_ns + 1)
-        return self._wall
+        return self._wall or again
+
+    def report_inputs(self) -> None:
+        """Create the topic `held`, if it does not exist."""
+        if "held" not in self._publishers:
+            self._create("held", CHANGES)
 
     def add(self, name: str) -> bool:
         """Create the publisher of a topic with a message for every tick from now on; return False if it exists."""
@@ -243,7 +296,7 @@ class Outputs:
             reading = reading._replace(stamp_ns=self._last_ns)
         for publisher, encode, values in self._every_tick:
             if self.sensors is None or _signal(publisher.topic_name) not in self.sensors.lost:
-                self._send(publisher, encode(*values(reading)))
+                self._send(publisher, encode(*values(reading), frame=self.run))
 
     def say(self, name: str, data: bytes) -> None:
         """Send a message on one topic, in the order of the states, if the scene has the topic."""

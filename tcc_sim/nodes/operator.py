@@ -212,7 +212,7 @@ class Operator:
         subscription = subscribe(self._node, message_class(row.type), row.name, QoSProfile(depth=10))
 
         def newest() -> float | None:
-            rows, _ = cdr.records_of([data for data, _ in poll(subscription)], row.type)
+            rows, _ = cdr.own_records([data for data, _ in poll(subscription)], row.type)
             return float(rows[field][-1]) if len(rows) else None
 
         return newest

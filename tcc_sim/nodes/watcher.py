@@ -18,7 +18,7 @@ from tcc_sim.analysis.control import CycleMeans, Event, joined_means
 from tcc_sim.analysis.engine_clock import Uniform
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, TccError, counted
-from tcc_sim.messages import cdr
+from tcc_sim.messages import cdr, held
 from tcc_sim.nodes import signals
 from tcc_sim.nodes.middleware import (
     CHANGES,
@@ -72,13 +72,19 @@ def readers() -> dict[str, tuple[QoSProfile, Reader]]:
     """Return the watched topics with their quality of service and reader: those that a viewer shows by themselves, and
     the sources of the inputs.
     """
-    out: dict[str, tuple[QoSProfile, Reader]] = {"input_source": (CHANGES, cdr.read_header)}
+    out: dict[str, tuple[QoSProfile, Reader]] = {"held": (CHANGES, _read_sources)}
     for row in shown():
         command = row.direction == "in"
         profile = COMMANDS if command else LATCHED if row.latched else states(MOST_WAITING)
         read: Reader = _read_number if row.type == FLOAT64 else _read_command if command else cdr.read_fluid_pressure
         out[row.name] = profile, read
     return out
+
+
+def _read_sources(data: bytes) -> tuple[int, str]:
+    """Read the sources of the inputs."""
+    values = held.read_held(data)[1]
+    return int(values[held.TIME]), held.sources_in_words(values.tolist())
 
 
 def _read_number(data: bytes) -> tuple[None, float]:
@@ -112,7 +118,7 @@ class ControlWatch:
         self._waiting: dict[str, deque[tuple[int, int | None, Any]]] = {
             name: deque(maxlen=MOST_WAITING) for name in self._readers}
         self._means = CycleMeans(Uniform(cycle))
-        self._applied = math.nan
+        self._applied, self._sources = math.nan, ""
 
     def poll(self) -> None:
         """Take the messages that have arrived; ignore messages that cannot be read."""
@@ -147,8 +153,10 @@ class ControlWatch:
                 stamps.append(int(stamp_ns[place]) if stamp is None else stamp)
                 values.append(value)
             times = simulation_ns(np.array(stamps, dtype=np.int64), zeros)
-            if name == "input_source":
-                events = [Event(time * 1e-9, text) for time, text in zip(times.tolist(), values)]
+            if name == "held":
+                for time, text in zip(times.tolist(), values):
+                    events += [Event(time * 1e-9, text)] * (text not in ("", self._sources))
+                    self._sources = text
             elif values:
                 signals[name] = times, np.array(values)
         if "applied_pressure" in signals:
@@ -269,7 +277,7 @@ class Watcher:
             number, who = info.get("publication_sequence_number") or 0, publisher_of(info)
             if number and who:
                 self.numbers.count(who, number)
-        rows, right = cdr.records_of([data for data, _ in taken], JOINT_STATE)
+        rows, right = cdr.own_records([data for data, _ in taken], JOINT_STATE)
         times = np.array([info["received_timestamp"] or time.time_ns() for _, info in taken], dtype=np.int64)
         return rows, times[right]
 

@@ -22,13 +22,13 @@ from tcc_sim.model.quantity import apart
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.plant.sensors import Sensor, Sensors
 from tcc_sim.scene import SceneLike, as_scene, meaning_of
-from tcc_sim.topics import FAR_END, INPUTS, topic
+from tcc_sim.topics import FAR_END, HELD_INPUTS, INPUTS, topic
 from tcc_sim.trajectory import Floats, Trajectory, integral
 
 SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_torque", "flywheel_angle",
         "applied_pressure")
 """Names that fields of a Reading share with fields of a ControlledRun."""
-COMMAND_RANGES = {name: QUANTITIES[topic(name).key] for name in (*INPUTS, FAR_END)}
+COMMAND_RANGES = {name: QUANTITIES[topic(name).key] for name in HELD_INPUTS}
 """Unit and range of the commands by topic."""
 MOST_TICKS = 100_000_000
 SMALL_PRESSURE = 1000.0

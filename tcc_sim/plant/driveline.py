@@ -216,6 +216,11 @@ class Plant:
         return self.scene.system.pressure.mean if self._pressure is None else self._pressure
 
     @property
+    def actuated(self) -> bool:
+        """Whether an actuator stands between commanded and applied pressure."""
+        return self._actuator is not None
+
+    @property
     def pressures(self) -> tuple[float, float]:
         """Commanded pressure, and pressure at the plates at the end of the tick, Pa."""
         if self._actuator is None:

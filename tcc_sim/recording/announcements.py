@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
+from tcc_sim.messages.held import COMMAND as COMMANDED
+from tcc_sim.messages.held import RUN, TIME, index_in_held, read_held
 from tcc_sim.model.profile import START, Origin
 from tcc_sim.topics import INPUTS
 
@@ -22,16 +24,17 @@ MOST_SOURCES = 100_000
 MOST_SCENES = 10_000
 """Largest number of scenes that are read from a recording."""
 _TIMES, HEAD, LONGEST = struct.Struct("<QQ"), 22, 4096
-_NUMBER = r"(-?\d[\de.+-]{0,30})"
-_LINE = re.compile(r"# holds from stamp (\d{1,19}) ns on(, in the kernel with every term)?"
-                   rf"(?:, phase {_NUMBER} rad at {_NUMBER} s, the load's ahead by {_NUMBER} rad)?"
-                   r"(?:, simulation time 0 is (\d{1,19}) ns of the wall clock)?")
+_NUMBER = r"-?\d[\de.+-]{0,30}"
+_LINE = re.compile(rf"# (?:run (?P<run>{RUN}) of (?P<name>\S+), )?holds from stamp (?P<stamp>\d{{1,19}}) ns on"
+                   r"(?P<general>, in the kernel with every term)?"
+                   rf"(?:, phase (?P<phase>{_NUMBER}) rad at (?P<time>{_NUMBER}) s, the load's ahead by "
+                   rf"(?P<lead>{_NUMBER}) rad)?"
+                   r"(?:, simulation time 0 is (?P<zero>\d{1,19}) ns of the wall clock)?")
 
 
-def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START, zero_ns: int = 0) -> str:
-    """Return the text of a scene that was changed while running, with a comment line that states from when it holds.
-
-    A driveline with `stamp: wall` publishes its scene so at simulation time 0 too.
+def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START, zero_ns: int = 0, run: str = "",
+                 name: str = "") -> str:
+    """Return the text of a scene with a comment line that states run and driveline and from when it holds.
 
     Parameters
     ----------
@@ -40,12 +43,14 @@ def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START
     general : whether the kernel with every term solves it (`general_terms`), because the terms changed while running
     origin : time and phase from which the phases are counted
     zero_ns : stamp of simulation time 0, ns; 0 where stamps are simulation time
+    run, name : run, and fully qualified name of the driveline's node; empty in recordings before version 1.1
     """
     phases = (f", phase {origin.phase!r} rad at {origin.time!r} s, the load's ahead by {origin.lead!r} rad"
               if origin != START else "")
     wall = f", simulation time 0 is {zero_ns} ns of the wall clock" if zero_ns else ""
     kernel = ", in the kernel with every term" if general else ""
-    return f"{text}# holds from stamp {stamp_ns} ns on{kernel}{phases}{wall}\n"
+    of = f"run {run} of {name}, " if run else ""
+    return f"{text}# {of}holds from stamp {stamp_ns} ns on{kernel}{phases}{wall}\n"
 
 
 @dataclass(frozen=True)
@@ -64,27 +69,37 @@ class SceneRecord:
         return _LINE.fullmatch(self.text.rstrip("\n").rpartition("\n")[2])
 
     @property
+    def run(self) -> str:
+        """Run of the driveline; empty before version 1.1."""
+        return (self._line["run"] or "") if self._line else ""
+
+    @property
+    def driveline(self) -> str:
+        """Fully qualified name of the driveline's node; empty before version 1.1."""
+        return (self._line["name"] or "") if self._line else ""
+
+    @property
     def first_stamp_ns(self) -> int:
         """Stamp (ns) of the first state computed with it; 0 for the scene that a driveline starts with."""
-        return int(self._line[1]) if self._line else 0
+        return int(self._line["stamp"]) if self._line else 0
 
     @property
     def zero_ns(self) -> int:
         """Stamp of simulation time 0, ns; 0 where stamps are simulation time."""
-        return int(self._line[6]) if self._line and self._line[6] and int(self._line[6]) < 1 << 62 else 0
+        return int(self._line["zero"]) if self._line and self._line["zero"] and int(self._line["zero"]) < 1 << 62 else 0
 
     @property
     def general(self) -> bool:
         """Whether the kernel with every term solved it."""
-        return self._line is not None and self._line[2] is not None
+        return self._line is not None and self._line["general"] is not None
 
     @property
     def origin(self) -> Origin:
         """Time and phase from which the phases are counted."""
-        if self._line is None or self._line[3] is None:
+        if self._line is None or self._line["phase"] is None:
             return START
         try:
-            phase, time, lead = map(float, self._line.groups()[2:5])
+            phase, time, lead = map(float, self._line.group("phase", "time", "lead"))
         except ValueError:
             return START
         return Origin(time, phase, lead)
@@ -122,6 +137,17 @@ class InputSource:
 def source_text(commanded: Mapping[str, bool]) -> str:
     """Return the text of a message, for example `engine_torque: command, actuation_pressure: fallback`."""
     return ", ".join(f"{name}: {COMMAND if held else FALLBACK}" for name, held in commanded.items())
+
+
+def read_held_sources(record: bytes) -> InputSource | None:
+    """Decode a message record of `held`, as `read_source`."""
+    received, sent = _TIMES.unpack_from(record, 6)
+    try:
+        values = read_held(record[HEAD:])[1].tolist()
+    except ValueError:
+        return None
+    return InputSource(sent or received, int(values[TIME]), frozenset(
+        name for name in INPUTS if values[index_in_held(name, "source")] == COMMANDED))
 
 
 def read_source(record: bytes, zeros: Stamps) -> InputSource | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,13 +13,22 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
-from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSource, Stamps, read_source, simulation_ns
+from tcc_sim.recording.announcements import (
+    HEAD,
+    LONGEST,
+    MOST_SOURCES,
+    InputSource,
+    Stamps,
+    read_held_sources,
+    read_source,
+    simulation_ns,
+)
 from tcc_sim.recording.columns import Commanded, JointStates, receipt_times
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.records import Messages
-from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLUID_PRESSURE, HEADER, shown
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, shown
 
-TARGET, SOURCE = "target_slip_speed", "input_source"
+TARGET, SOURCE, HELD = "target_slip_speed", "input_source", "held"
 COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, TARGET: FLOAT64}
 """Topics of commands to the driveline or its controller, with their types."""
 _LATEST, _DIGITS = 1 << 31, 19
@@ -87,7 +97,7 @@ class Commands:
         self._zeros = zeros
         space = joint_states_topic.rpartition("/")[0]
         self._types = signal_types()
-        self._names = {f"{space}/{name}": name for name in (*self._types, SOURCE)}
+        self._names = {f"{space}/{name}": name for name in (*self._types, SOURCE, HELD)}
         self._sent: dict[str, list[_Sent]] = {name: [] for name in self._types}
         self._sources: dict[InputSource, None] = {}
         self.coarse = False
@@ -112,14 +122,15 @@ class Commands:
                 mine = messages.channel == number
                 self._count(data, messages.offset[mine].tolist(), messages.length[mine].tolist())
             name = self._names.get(row.topic)
-            if name is None or row.type != self._types.get(name, HEADER):
+            if name is None or row.type != self._types.get(name, FLOAT64_ARRAY if name == HELD else HEADER):
                 continue
             mine = messages.channel == number
             if not mine.any():
                 continue
             offset, length = messages.offset[mine], messages.length[mine]
-            if name == SOURCE:
-                self._announced(data, offset.tolist(), length.tolist())
+            if name in (SOURCE, HELD):
+                read = read_held_sources if name == HELD else partial(read_source, zeros=self._zeros)
+                self._announced(data, offset.tolist(), length.tolist(), read)
                 continue
             offset, log, sent, values, answers = _decoded(np.frombuffer(data, dtype=np.uint8), offset, length, row.type)
             if len(offset):
@@ -132,12 +143,16 @@ class Commands:
             offset, publisher, sent, log, values, answers = (np.concatenate(columns) for columns in zip(*parts))
             self._sent[name].append(_Sent(offset, publisher, sent, log, values, answers, before, until))
 
-    def _announced(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
+    def _announced(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int],
+                   read: Callable[[bytes], InputSource | None]) -> None:
         """Take messages that announce the sources of the inputs."""
         for offset, length in zip(offsets, lengths):
-            source = read_source(data[offset:offset + length], self._zeros) if HEAD < length <= LONGEST else None
+            source = read(data[offset:offset + length]) if HEAD < length <= LONGEST else None
             if source is not None and len(self._sources) < MOST_SOURCES:
-                self._sources.setdefault(source)
+                before = next(reversed(self._sources), None)
+                if read is not read_held_sources or before is None or before.commanded != source.commanded or (
+                        source.first_stamp_ns == 0):
+                    self._sources.setdefault(source)
 
     def _count(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
         """Take diagnostics. A count that decreases belongs to a new driveline, which began at 0."""

@@ -39,8 +39,8 @@ from tcc_sim.recording.window import Window
 from tcc_sim.topics import JOINT_STATE
 
 ReadChunk = tuple[bytes, Messages, Mapping[int, Channel]]
-_READ = ("applied_pressure", "output_state", "input_source")
-_TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", "input_source", DIAGNOSTICS.removeprefix("/")}
+_READ = ("applied_pressure", "output_state", "input_source", "held")
+_TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", "input_source", "held", DIAGNOSTICS.removeprefix("/")}
 """Topics that the driveline itself publishes."""
 _MOST_TOPICS = 20
 BYTES_A_STATE = 110

@@ -98,12 +98,12 @@ class Bench:
         self.executor.remove_node(node)
         node.destroy_node()
 
-    def listen(self, kind: type, topic: str) -> list[Any]:
+    def listen(self, kind: type, topic: str, qos: Any = None) -> list[Any]:
         """A list that receives the messages on a topic."""
         from tcc_sim.nodes.middleware import states
 
         heard: list[Any] = []
-        self.probe.create_subscription(kind, topic, heard.append, states(10_000))
+        self.probe.create_subscription(kind, topic, heard.append, qos or states(10_000))
         return heard
 
     def call(self, kind: Any, name: str, request: Any) -> Any:

@@ -15,7 +15,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from tcc_sim.analysis.control import Event
-from tcc_sim.messages import cdr
+from tcc_sim.messages import cdr, held
 from tcc_sim.nodes.middleware import LATCHED, message_class
 from tcc_sim.nodes.watcher import ControlWatch, Watcher, readers, watch
 from tcc_sim.scene import load_scene
@@ -71,7 +71,9 @@ def test_what_is_asked_for_stands_at_the_state_received_after_it(said: Said, nam
 def test_applied_pressure_and_sources_have_stamps_of_their_own(said: Said) -> None:
     for tick, value in ((0, 1e5), (1, 1e5), (2, 2e5), (3, 2e5), (4, 1e5)):
         when = said.say("applied_pressure", cdr.fluid_pressure(tick * MS, value))
-    then = said.say("input_source", cdr.header(2 * MS, "actuation_pressure: command"))
+    values = [2.0, 2.0 * MS, 1.0, 0.0, *[0.0] * (held.SIZE - held.HEAD)]
+    values[held.index_in_held("actuation_pressure", "source")] = held.COMMAND
+    then = said.say("held", held.held_message("692a1f3c9b02.001", values))
     signals, events = said.aligned([0, 1, 2, 3, 4, 5], [when] * 5 + [then])
     assert signals["applied_pressure"] == [(0, 1e5), (2, 2e5), (4, 1e5)]
     assert events == [Event(2e-3, "actuation_pressure: command")]

@@ -58,13 +58,13 @@ def test_every_value_of_a_status_and_its_message(monkeypatch: pytest.MonkeyPatch
         pacer=pacer, late=[0.25, 0.75], paused=False, stick_ticks=300, slip_ticks=100, commands=[torque, pressure],
         pressure_command=pressure, plant=SimpleNamespace(pressures=(2e5, 1.5e5), stepper=SimpleNamespace(
             tick=750, step=0.002, substeps=3, iterations_most=9, iterations_bound=64)),
-        outputs=SimpleNamespace(unsent={"/a": 2, "/b": 3}),
+        outputs=SimpleNamespace(unsent={"/a": 2, "/b": 3}, run="692a1f3c9b02.001"),
         scene=SimpleNamespace(name="mine", operation=SimpleNamespace(rate=500.0, real_time_factor=0.5)))
     told = driveline.Diagnostics(node, loop, SimpleNamespace(publishers=lambda one: f"publishers of {one.name}"))
 
     def status(now: float) -> tuple[bool, str, dict[str, str]]:
         result = told._status(now)
-        assert (result.name, result.hardware_id) == ("/left/driveline: driveline", "simulation")
+        assert (result.name, result.hardware_id) == ("/left/driveline: driveline", "692a1f3c9b02.001")
         assert result.level in (driveline.DiagnosticStatus.WARN, driveline.DiagnosticStatus.OK)
         return (result.level == driveline.DiagnosticStatus.WARN, result.message,
                 {pair.key: pair.value for pair in result.values})
@@ -129,11 +129,11 @@ def test_what_the_node_warns_of_and_when(monkeypatch: pytest.MonkeyPatch) -> Non
     told = SimpleNamespace(publish_when_due=lambda: logged.append("published"), lateness="")
     node = housekeeper(loop, diagnostics=told, waiting=SimpleNamespace(
         sentences=lambda: {"/clock": "waits"}, unstamped=lambda: {"engine_torque": "no stamps"}))
-    for name in ("_look_for_vehicle", "_look_for_clock"):
+    for name in ("_look_for_vehicle", "_look_for_target", "_look_for_clock"):
         monkeypatch.setattr(node, name, lambda name=name: logged.append(name))
     for given.started in (False, True, True):
         node.housekeeping()
-    looks = ["published", "unsent", "_look_for_vehicle", "_look_for_clock"]
+    looks = ["published", "unsent", "_look_for_vehicle", "_look_for_target", "_look_for_clock"]
     assert logged == [*looks, *looks, driveline.CLOCK_STARTED, "no lock", *looks]
     assert node.warned == [
         ("engine_torque unit", "doubt", "once"), ("engine_torque refused", "too large", 2),

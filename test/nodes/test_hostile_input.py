@@ -23,6 +23,7 @@ from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.middleware import COMMANDS, poll, states, subscribe
 from tcc_sim.nodes.recorder import Recorder
 from tcc_sim.recording.reader import open_run
+from tcc_sim.topics import JOINT_STATE
 
 
 def driveline(bench: Any, namespace: str = "", **parameters: object) -> DrivelineNode:
@@ -41,9 +42,9 @@ class Attacker(Commander):
 
     def hear(self) -> int:
         for data, _ in poll(self.subscription):
-            row = np.frombuffer(data, dtype=cdr.JOINT_STATE)[0]
+            (row,), _ = cdr.own_records([data], JOINT_STATE)
             self.stamps.append(int(row["sec"]) * 10**9 + int(row["nanosec"]))
-            self.values.append(tuple(float(row[name]) for name in cdr.JOINT_STATE.names[2:]))
+            self.values.append(tuple(float(row[name]) for name in row.dtype.names[2:]))
         return len(self.stamps)
 
 

@@ -60,6 +60,7 @@ def loop_of(commands: list[Any] = [], **changes: Any) -> Any:  # noqa: B006
                                  stepper=SimpleNamespace(tick=12), stamp_ns=12_000)
     loop.outputs = SimpleNamespace(zero_ns=7)
     loop.commands, loop._inputs, loop.far_end, loop._unanswered = commands, tuple(commands), None, None
+    loop.target = None
     loop._stopping, loop._requests, loop._answer_ticks, loop._waits_since = False, queue.SimpleQueue(), 5, 0.0
     loop._thread = SimpleNamespace(is_alive=lambda: False)
     loop._wake = SimpleNamespace(wait=lambda seconds: module.time.sleep(seconds), clear=lambda: None, set=lambda: None)
@@ -178,19 +179,3 @@ def test_pauses_steps_changes_and_a_far_end_that_leaves(now: list[float], monkey
     for loop._node, loop.far_end, waits in ((SimpleNamespace(count_publishers=lambda name, count=count: count), *rest)
                                             for count, *rest in ((0, None, False), (1, None, True), (1, far, False))):
         assert loop.vehicle_waits is waits
-
-
-def test_sources_of_inputs_are_published_before_the_state_at_every_change(now: list[float]) -> None:
-    torque, pressure, sent = Answering("engine_torque", now), Answering("actuation_pressure", now), []
-    loop = loop_of([torque, pressure])
-    loop._said_commanded, loop.stick_ticks, loop.slip_ticks = {}, 0, 0
-    loop.outputs.say = lambda name, data: sent.append((name, *module.cdr.read_header(data)))
-    loop.outputs.state = sent.append
-    for value, mode in ((None, 1), (None, 0), (2.0, -1)):
-        pressure.value = value
-        loop._publish(SimpleNamespace(stick_slip_state=mode, stamp_ns=5))
-    assert [one for one in sent if isinstance(one, tuple)] == [
-        ("input_source", 12, "engine_torque: command, actuation_pressure: fallback"),
-        ("input_source", 12, "engine_torque: command, actuation_pressure: command")]
-    assert [isinstance(one, tuple) for one in sent] == [True, False, False, True, False]
-    assert (loop.stick_ticks, loop.slip_ticks) == (1, 2)

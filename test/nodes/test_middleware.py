@@ -249,10 +249,11 @@ def test_states_are_sent_where_they_belong_and_losses_of_a_sensor_are_those_of_i
     assert outputs_of(rate=10.0)[1]["joint_states"].depth == 10
     assert [outputs_of(**{name: value})[1]["joint_states"].depth for name, value in (
         ("real_time_factor", 0.0), ("pacing", "lockstep"))] == [0, 0]
-    assert (outputs.patient, outputs.add("slip_speed"), outputs.add("shaft_torque"), outputs.begin_at_zero()) == (
+    assert (outputs.patient, outputs.add("slip_speed"), outputs.add("shaft_torque"), outputs.begin_at_zero(False)) == (
         False, False, True, False)
     outputs.state(READING)
-    values = {"joint_states": cdr.joint_state(5_000_000, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0), "slip_speed": cdr.float64(7.0),
+    values = {"joint_states": cdr.joint_state(5_000_000, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, outputs.run),
+              "slip_speed": cdr.float64(7.0),
               "friction_torque": cdr.float64(6.0), "stick_slip_state": cdr.int8(1), "shaft_torque": cdr.float64(11.0)}
     assert {name: one.taken for name, one in made.items() if name != "scene"} == {
         name: [data] for name, data in values.items()}
@@ -263,7 +264,7 @@ def test_states_are_sent_where_they_belong_and_losses_of_a_sensor_are_those_of_i
     outputs.state(READING)
     assert {name: len(one.taken) for name, one in made.items()} == {
         "scene": 1, "joint_states": 2, "slip_speed": 1, "friction_torque": 2, "stick_slip_state": 2, "shaft_torque": 2}
-    assert made["joint_states"].taken[1] == cdr.joint_state(5_000_000, 1.0, 2.0, 3.0, 4.0, 5.5, 6.0)
+    assert made["joint_states"].taken[1] == cdr.joint_state(5_000_000, 1.0, 2.0, 3.0, 4.0, 5.5, 6.0, outputs.run)
     made["joint_states"].count, made["slip_speed"].count = 3, 4
     assert outputs.subscriptions() == (3, 7)
     for made["slip_speed"].count, connected in ((1, False), (2, True), (3, True)):
@@ -309,10 +310,10 @@ def test_messages_that_are_refused_wait_in_order_or_are_counted_once() -> None:
 def test_stamps_of_the_wall_clock_never_go_back(monkeypatch: pytest.MonkeyPatch) -> None:
     outputs, made = outputs_of(stamp="wall")
     monkeypatch.setattr(loop_topics.time, "time_ns", lambda: 7_000_000_000)
-    assert (outputs.begin_at_zero(), outputs.zero_ns) == (True, 7_000_000_000)
+    assert (outputs.begin_at_zero(False), outputs.zero_ns) == (True, 7_000_000_000)
     outputs.state(READING)
     assert cdr.read_stamp(made["joint_states"].taken[0]) == 7_005_000_000
-    assert (outputs.begin_at_zero(), outputs.zero_ns) == (True, 7_005_000_001)
+    assert (outputs.begin_at_zero(False), outputs.zero_ns) == (True, 7_005_000_001)
 
 
 @pytest.mark.parametrize(("flushes", "acknowledges", "took", "said"), [

@@ -105,7 +105,7 @@ def test_a_timer_whose_command_has_the_stamp_of_an_older_state_takes_part_too(be
 def test_a_recorder_with_use_sim_time_logs_simulation_time(bench: Any, tmp_path: Path) -> None:
     reader = pytest.importorskip("mcap.reader")
     recorder = Recorder(bench.node("recorder", use_sim_time=True, output=str(tmp_path / "run"), topics=[
-        "joint_states", "slip_speed", "scene", "actuation_pressure", "applied_pressure", "input_source"]))
+        "joint_states", "slip_speed", "scene", "actuation_pressure", "applied_pressure", "held"]))
     recorder.look()
     timed = bench.add(Timed(bench.context))
     recorder.drain()

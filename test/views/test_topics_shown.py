@@ -44,7 +44,7 @@ def test_the_live_watcher_subscribes_to_it() -> None:
     from tcc_sim.nodes.watcher import readers
 
     assert readers()["oil_temperature"][1](cdr.float64(300.0)) == (None, 300.0)
-    assert {"shaft_torque", "output_speed", "applied_pressure", "target_slip_speed", "input_source"} <= readers().keys()
+    assert {"shaft_torque", "output_speed", "applied_pressure", "target_slip_speed", "held"} <= readers().keys()
     assert not {"slip_speed", "friction_torque", "stick_slip_state", "joint_states"} & readers().keys()
 
 

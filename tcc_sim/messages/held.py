@@ -1,0 +1,79 @@
+"""Names of runs, and the topic `held`: which command each input of the driveline held, since which tick, and counts.
+
+A run goes from a start or reset of a driveline to the next. Its name is `SSSSSSSSRRRR.NNN`: the time of the process's
+start (s of the wall clock) and a random number, both hexadecimal, and the number of the run in the process. It is the
+frame of every stamped message of the driveline, so that run and stamp identify a state.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.messages import cdr
+from tcc_sim.topics import HELD_INPUTS, INPUTS
+
+RUN = r"[0-9a-f]{12}\.[0-9]{3}"
+"""Pattern of the name of a run."""
+PROCESS = 12
+"""Characters of the name of a run that all runs of a process share."""
+BEAT = 0.1
+"""Longest simulation time between two messages on `held`, s."""
+SCENE, FALLBACK, COMMAND, NOBODY = range(4)
+"""Sources of an input."""
+TICK, TIME, NUMBER, LAST, HEAD = range(5)
+"""Places of tick, simulation time (ns), number of the message in the run, and whether it is the last; and their number.
+"""
+FIELDS = ("source", "value", "applied", "stamp", "since", "publisher", "received", "superseded", "refused", "lost")
+"""Values of each input: its source, value held and value at the end of the tick (of the pressure: behind the actuator),
+stamp of the command (ns since the run's zero; NaN without), first tick that the command acts on, number of its
+publisher in the run (0: unknown), and counts of commands since the run's begin.
+"""
+SIZE = HEAD + len(FIELDS) * len(HELD_INPUTS)
+_LABEL = re.compile(rf"held 1 ({RUN})")
+_MOST = 999
+
+
+def runs(clock: float | None = None) -> Iterator[str]:
+    """Iterate over the names of the runs of a process that started at `clock`, s; None for now."""
+    while True:
+        process = f"{int(time.time() if clock is None else clock) & 0xFFFFFFFF:08x}{os.urandom(2).hex()}"
+        for number in range(1, _MOST + 1):
+            yield f"{process}.{number:03d}"
+
+
+def index_in_held(name: str, field: str) -> int:
+    """Return the place of a field of an input in the values."""
+    return HEAD + len(FIELDS) * HELD_INPUTS.index(name) + FIELDS.index(field)
+
+
+def held_message(run: str, values: Sequence[float]) -> bytes:
+    """Serialise a message of `held`, (SIZE,) values."""
+    return cdr.float64_array(f"held 1 {run}", values)
+
+
+def read_held(data: bytes) -> tuple[str, NDArray[np.float64]]:
+    """Return run and (SIZE,) values of a serialised message of `held`.
+
+    Raises
+    ------
+    ValueError
+        It is none.
+    """
+    label, values = cdr.read_float64_array(data)
+    match = _LABEL.fullmatch(label)
+    if match is None or len(values) != SIZE or not np.isfinite(values[:HEAD]).all():
+        raise ValueError("not a message of the topic held")
+    return match[1], values
+
+
+def sources_in_words(values: Sequence[float]) -> str:
+    """Return the sources of the inputs that the scene does not set, such as `actuation_pressure: fallback`."""
+    sources = {name: int(values[index_in_held(name, "source")]) for name in INPUTS}
+    return ", ".join(f"{name}: {'fallback' if source == FALLBACK else 'command'}" for name, source in sources.items()
+                     if source != SCENE)
