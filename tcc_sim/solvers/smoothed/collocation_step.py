@@ -38,6 +38,11 @@ FLAT = 0.04
 the end of stick does."""
 CONVERGED = 0.01
 """Error of Newton's method per tolerance of the step."""
+ROUNDED = 2e-15
+"""Rounding of the last coefficients of slip and plate speed in slip, of the size of the slip speed, since the plate
+speed is a difference. Smaller coefficients count as so large: the next step's length must not depend on rounding."""
+NEXT = 2.5e-4
+"""Error from which `growth` leads to the next longer step, a factor of 2^0.5; at most so much counts for rounding."""
 
 
 @fast
@@ -112,9 +117,11 @@ def collocation_step(place: Place, remaining: float, loaded: bool, state: Any, c
             steepest = max(steepest, slope[i])
         error *= max(steepest / limits.sigma, FLAT) / limits.creep_tolerance
     else:
-        error /= place.slip_tolerance
+        rounding = ROUNDED * abs(state.slip_speed)
         fill_plate(step_size, tables.sources, level, limits.kappa, work)
-        error = max(error, max(abs(chebyshev[DEGREE]), abs(chebyshev[DEGREE - 1])) / place.speed_tolerance)
+        last = max(abs(chebyshev[DEGREE]), abs(chebyshev[DEGREE - 1]))
+        error = max((error - rounding) / place.slip_tolerance, (last - rounding) / place.speed_tolerance)
+        error = max(error, min(rounding / place.speed_tolerance, NEXT))
     if not error <= 1.0:
         factor = growth(error) if error < math.inf else SHRINK_MOST
         control.level = step_size_below(tables.step_sizes, level + 1, factor * h)
