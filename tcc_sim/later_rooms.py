@@ -11,12 +11,7 @@ from typing import Any
 CALLED = {
     # name: (module, function)
     "arguments_of": ("tcc_sim.cli", "arguments_of"),
-    "draw_again": ("tcc_sim.replay.replay", "draw_again"),
-    "driven_by": ("tcc_sim.replay.given_inputs", "driven_by"),
-    "fit_again": ("tcc_sim.cli.identify", "fit_again"),
-    "inputs_of": ("tcc_sim.cli.simulate", "inputs_of"),
     "measured_run": ("tcc_sim.replay.applied", "measured_run"),
-    "twin_of": ("tcc_sim.replay.given_inputs", "twin_of"),
     "largest_lyapunov_exponent": ("tcc_sim.study.exponents", "largest_lyapunov_exponent"),
     "draw_figure": ("tcc_sim.study.paper.drawings", "draw_stored"),
     "draw_precision": ("tcc_sim.study.benchmarks.report_drawings", "draw_stored_precision"),

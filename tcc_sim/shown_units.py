@@ -94,4 +94,4 @@ def shown_axis(label: str) -> tuple[str, float] | None:
     unit, factor = UNITS["hz"] if units == "rpm" and not engine and "frequency" in name else shown_unit(engine=engine)
     if engine:
         name = "engine speed " if units == "rpm" else r"excitation frequency $\omega/2\pi$ "
-    return f"{name}({unit})", factor
+    return f"{name.removeprefix('angular ')}({unit})", factor

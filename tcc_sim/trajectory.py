@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -258,7 +259,8 @@ class Trajectory(Result):
     The columns are (n,) arrays. So are `flywheel_angle` (rad), if requested, and `output_angle` (rad) and
     `output_speed` (rad/s), if the shaft's far end moves. `cycles` comes from solvers that compute cycles, and `rest`,
     one partial cycle at the end, from solvers that can stop within a cycle; otherwise
-    `analysis.summary.cycle_parts_of` derives both from samples.
+    `analysis.summary.cycle_parts_of` derives both from samples. Where two samples are more than `largest_step` apart,
+    messages between them were lost; a solved run has no such place.
 
     Examples
     --------
@@ -282,6 +284,7 @@ class Trajectory(Result):
     flywheel_angle: Floats | None = None
     cycles: Cycles | None = None
     rest: Cycles | None = None
+    largest_step: float = math.inf
     transitions: Transitions = field(default_factory=Transitions.none)
     status: Status = Status.DONE
     detail: str = ""

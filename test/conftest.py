@@ -73,6 +73,20 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 
 
 @pytest.fixture
+def pictures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Every figure that is saved, laid out but not rendered; its file is empty. Skips without matplotlib."""
+    figure = pytest.importorskip("matplotlib.figure")
+    saved: list[Any] = []
+
+    def keep(drawn: Any, path: Path, **_: object) -> None:
+        saved.append(drawn)
+        Path(path).touch()
+
+    monkeypatch.setattr(figure.Figure, "savefig", keep)
+    return saved
+
+
+@pytest.fixture
 def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Every figure that is saved, in its units but neither laid out nor drawn; its file is empty. Skips without
     matplotlib.

@@ -89,11 +89,6 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
                           likelihood=arguments.likelihood)
 
 
-def fit_again(arguments: argparse.Namespace) -> Identification:
-    """Return the fit of a command, to draw it again."""
-    return problem_of(arguments)[1]()
-
-
 def _lines(result: Identification) -> Iterator[str]:
     """Yield the quality of the fit, and a line for each parameter."""
     yield (f"{counted(len(result.measurement.t), 'sample')} of {', '.join(result.noise)}; chi-square per degree of "

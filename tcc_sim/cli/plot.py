@@ -14,7 +14,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the result and the picture."""
     parser.add_argument_group("result").add_argument(
         "result", metavar="FILE.json|FILE.npz", type=Path,
-        help="file that --json or --out wrote; a result without samples is solved again")
+        help="file that --json or --out wrote; a run is in that of --out")
     add_picture(parser, "the picture: .pdf, .svg or .png (default: the result's name with .pdf, in this directory)",
                 "that of the command")
     output = parser.add_argument_group("output")
@@ -26,17 +26,14 @@ def run(arguments: argparse.Namespace) -> int:
     """Check the files, draw, and print the name of the picture."""
     from tcc_sim.output.files import draft
     from tcc_sim.views.plots import check_picture, plot
-    from tcc_sim.views.stored import missing_data, read_stored, refusing_damage, title_of
+    from tcc_sim.views.stored import read_stored, refusing_damage, title_of
 
     path = arguments.plot or Path(arguments.result.with_suffix(".pdf").name)
     check_picture(path, arguments.width)
     new_file(path, arguments.force)
     values = read_stored(arguments.result)
     with refusing_damage(str(arguments.result)):
-        lacking = missing_data(values)
         title = title_of(values) if arguments.title is None else arguments.title
-    if lacking:
-        say(f"{arguments.result.name} {lacking}")
     with draft(path) as part, refusing_damage(str(arguments.result)):
         plot(values, part, arguments.width, title=printable(title), units=arguments.units)
     say(f"picture in {path}")

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 SAMPLES, LARGEST_OUTPUT = 200, 50_000_000
+DRAWN, MOST_DRAWN = 2000, 400_000
+"""Samples per period of excitation of a run that is drawn but not written, a multiple of SAMPLES; fewer where there
+would be more than MOST_DRAWN, and none where SAMPLES of them would be more than LARGEST_OUTPUT.
+"""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add scene, inputs, length, solver, further figures and outputs."""
@@ -56,10 +61,13 @@ def run(arguments: argparse.Namespace) -> int:
     plan = common.plan_of(arguments)
     cycle, duration = scene.system.cycle, plan.seconds(scene.system)
     common.check_outputs(arguments, SUFFIXES)
-    _check_samples(arguments, plan.most if duration is None else duration / cycle)
-    sampled = arguments.orders or arguments.inputs is not None or (
-        duration is not None and duration < cycle * (1.0 - 1e-12))
+    cycles = plan.most if duration is None else duration / cycle
+    _check_samples(arguments, cycles)
+    sampled = arguments.orders or arguments.inputs is not None or cycles < 1.0 - 1e-12
     samples = arguments.samples if arguments.out is not None else SAMPLES if sampled else 0
+    further = arguments.out is not None or arguments.orders or arguments.inputs is not None
+    if arguments.plot is not None and not further and SAMPLES * cycles <= LARGEST_OUTPUT:
+        samples = SAMPLES * min(max(int(MOST_DRAWN / cycles) // SAMPLES, 1), DRAWN // SAMPLES)
     result = awaited(lambda: simulate(
         scene, plan, samples_per_cycle=samples,
         flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap")).raise_for_status()

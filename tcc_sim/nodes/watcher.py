@@ -295,7 +295,8 @@ class Watcher:
         sampled = (slip_speed, column["plate_angle"], column["plate_speed"], column["engine_torque"],
                    column["friction_torque"])
         pieces = self._cycles.feed(stamps, *sampled)
-        view.samples(stamps, *sampled, modes_of(slip_speed, self._stick_speed), new_run=new_run)
+        view.samples(stamps, *sampled, modes_of(slip_speed, self._stick_speed), new_run=new_run,
+                     longest=self._cycles.continuity.longest)
         self.states += len(stamps)
         for piece in pieces:
             view.cycles(piece.cycles, piece.first)

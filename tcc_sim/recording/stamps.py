@@ -123,7 +123,7 @@ class StampCounter:
     """Number of times that a run of unidentified publishers continued at the end of the run before it."""
     last: int | None = None
     _run: _Run = field(default_factory=_Run)
-    _longest: tuple[int, int] = (0, 0)
+    _longest: tuple[int, int, int] = (0, 0, 0)
     _settled: tuple[int, int, int] = (0, 0, 0)
     _publisher: int = 0
     _number: int = 0
@@ -225,7 +225,7 @@ class StampCounter:
     def _settle(self) -> None:
         """Add the counts of the run that ends to those of the recording."""
         self._settled = self._figures()
-        self._longest = max(self._longest, (self._run.messages, self._run.tick))
+        self._longest = self._of_longest()
         self._run = _Run(tick=self._run.tick)
 
     def _figures(self) -> tuple[int, int, int]:
@@ -236,7 +236,16 @@ class StampCounter:
     @property
     def tick(self) -> int:
         """Time between stamps in the run with the most messages, ns; 0 with fewer than two stamps."""
-        return max(self._longest, (self._run.messages, self._run.tick))[1]
+        return self._of_longest()[1]
+
+    @property
+    def longest(self) -> int:
+        """Largest difference in the same run that is not a gap, ns."""
+        return self._of_longest()[2]
+
+    def _of_longest(self) -> tuple[int, int, int]:
+        """Return messages, tick and largest difference without a gap of the run with the most messages."""
+        return max(self._longest, (self._run.messages, self._run.tick, self._run.longest))
 
     @property
     @reporting("time between stamps", "s")

@@ -58,8 +58,9 @@ def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: in
     for after_gap, t, slip_speed in slip_between_gaps(states, tick):
         if after_gap:
             means.restart()
+            cycle_means.append((0, t[:1], np.array([np.nan])))  # A line through the means ends here.
         cycle_means += means.feed(t, slip_speed, states.run)
-    if cycle_means:
+    if any(np.isfinite(mean).any() for *_, mean in cycle_means):
         signals["mean_slip"] = joined_means(cycle_means)
     end = states.index + len(states)
     for name, (rows, values, _) in (*line.commands.items(), *line.further.items()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -109,7 +110,11 @@ def at_measured_speed(scene: Scene, table: MeasuredTable, pulses: int | None = N
 
 
 def _period(signals: Signals) -> int:
-    """Return the period of a measured motion in cycles of the excitation; 0 if its section does not repeat."""
+    """Return the period of a measured motion in cycles of the excitation; 0 if its section does not repeat.
+
+    The slip speed may have a shorter period at a phase where the points of a longer one coincide. The period is
+    therefore the least common multiple of those at four phases.
+    """
     first, last = np.ceil(signals.turns[0]), np.floor(signals.turns[-1])
     if last - first < 4:
         return 0
@@ -118,5 +123,10 @@ def _period(signals: Signals) -> int:
     v, shaft, _ = signals.at(within)
     angle = shaft / signals.system.driveline.stiffness if np.isfinite(shaft).all() else np.zeros(len(shaft))
     rows = v[:-1].reshape(len(numbers) - 1, 64)
-    section = np.stack([v[::64], angle[::64], np.zeros(len(numbers))], axis=1)
-    return periodicity(Cycles(section, rows.max(axis=1), rows.min(axis=1), np.zeros(len(rows)))).period
+    periods = []
+    for at in (0, 16, 32, 48):
+        section = np.stack([v[at::64], angle[at::64], np.zeros(len(v[at::64]))], axis=1)
+        high, low = (each[:len(section) - 1] for each in (rows.max(axis=1), rows.min(axis=1)))
+        periods.append(periodicity(Cycles(section, high, low, np.zeros(len(high)))).period)
+    period = math.lcm(*periods)
+    return period if period <= DEFAULTS.maximum_period else 0

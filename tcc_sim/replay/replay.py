@@ -38,7 +38,6 @@ from tcc_sim.trajectory import modes_of
 
 if TYPE_CHECKING:
     from tcc_sim.views.rerun_stream import RerunStream
-    from tcc_sim.views.stored import Record
 
 TAIL_CYCLES = 24
 """Number of engine cycles at the end of the run whose samples are kept, for a picture."""
@@ -119,24 +118,6 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     return result
 
 
-def draw_again(path: Path, values: Record, title: str, width: float) -> Path:
-    """Draw what `analyse --plot` draws; raise InputError or RecordingError if the recording no longer exists."""
-    from tcc_sim.views import style
-    from tcc_sim.views.plots import plot
-    from tcc_sim.views.stored import arguments_in, spectrum_in
-
-    given = arguments_in(vars(values))
-    recording = Recording(given.recording, given.scene, given.joints, given.topic, given.driveline)
-    result: Any = replay(recording, discard=given.discard, frequency=given.frequency,
-                         window=Window(given.run, given.start, given.end), target=given.target, band=given.band,
-                         limits=given.limits)
-    result = replace(result, spectrum=spectrum_in(vars(values)))
-    if result.scene.system.profile is not None:
-        result = replace(recording.trajectory(result.run, given.start, given.end), control=result.control)
-    drawn: Path = plot(result, path, "page" if style.wide(width) else "column", title=title, force=True)
-    return drawn
-
-
 class _Bar:
     """Progress bar, restarted for each stage."""
 
@@ -174,7 +155,8 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
         for block in states.blocks():
             pieces = stream.feed_states(block)
             if view is not None:
-                _show(view, block, system, pieces if clock.identified else [], new_run=block.index == states.index)
+                _show(view, block, system, pieces if clock.identified else [], new_run=block.index == states.index,
+                      longest=stream.continuity.longest)
             bar.advance(len(block))
         if view is not None:
             signals = signals_of(line, states, clock, stream.continuity.tick)
@@ -214,7 +196,7 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
         inputs=inputs, command_age=ages.age, missed_ticks=line.counts.get("missed ticks"),
         late_ticks=late, late_share=share, late_first=late_first, late_last=late_last, latest_tick=latest,
         path=recording.path, scene=scene, summary=summary,
-        trajectory=trajectory_of(_end_of(states, clock.cycle), system, clock, run.solver), cycles=cycles,
+        trajectory=trajectory_of(_end_of(states, clock.cycle), system, clock, run), cycles=cycles,
         first_cycle=first, timing=timing, continuity=run.stamps, messages=run.stamps.messages,
         drivelines=tuple(run.drivelines), lost_messages=run.lost_messages, complete=run.complete,
         warnings=tuple(warnings), pace=pace, parts_missing=run.parts_missing,
@@ -242,13 +224,14 @@ def _end_of(states: JointStates, cycle: float) -> JointStates:
     return states[max(int(np.searchsorted(states.stamp_ns, start)), len(states) - TAIL_SAMPLES):]
 
 
-def _show(view: RerunStream, states: JointStates, system: System, pieces: list[CyclePiece], *, new_run: bool) -> None:
-    """Send states and the engine cycles that they complete to Rerun."""
+def _show(view: RerunStream, states: JointStates, system: System, pieces: list[CyclePiece], *, new_run: bool,
+          longest: int) -> None:
+    """Send states and the engine cycles that they complete to Rerun; `longest` as for `RerunStream.samples`."""
     states = states[states.known]
     slip_speed = states.flywheel_speed - states.plate_speed
     view.samples(states.stamp_ns, slip_speed, states.plate_angle, states.plate_speed, states.engine_torque,
-                 states.friction_torque, modes_of(slip_speed, stick_speed_of(terms_of(system))),
-                 new_run=new_run)
+                 states.friction_torque, modes_of(slip_speed, stick_speed_of(terms_of(system))), new_run=new_run,
+                 longest=longest)
     for piece in pieces:
         view.cycles(piece.cycles, piece.first)
 

@@ -278,7 +278,7 @@ def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Fl
         before = int(stamps[-1]) if len(stamps) else before
 
 
-def trajectory_of(states: JointStates, system: System, clock: EngineClock, solver: str) -> Trajectory:
+def trajectory_of(states: JointStates, system: System, clock: EngineClock, run: Run) -> Trajectory:
     """Return the states of one run with every value as a Trajectory without cycles.
 
     The saturation torque follows from the applied pressure or from the scene; NaN if neither is known.
@@ -294,7 +294,8 @@ def trajectory_of(states: JointStates, system: System, clock: EngineClock, solve
     return Trajectory(
         t=t, slip_speed=slip_speed, plate_angle=states.plate_angle, plate_speed=states.plate_speed,
         engine_torque=states.engine_torque, saturation_torque=load, friction_torque=states.friction_torque,
-        state=modes_of(slip_speed, stick_speed_of(terms)), cycle=clock.cycle, solver=solver,
+        state=modes_of(slip_speed, stick_speed_of(terms)), cycle=clock.cycle, solver=run.solver,
+        largest_step=1e-9 * run.stamps.longest if run.stamps.tick else math.inf,
         system=system, flywheel_angle=states.flywheel_angle, cycles=None if clock.identified else no_cycles(),
         output_angle=far.get("output_angle"), output_speed=far.get("output_speed"))
 

@@ -310,7 +310,7 @@ def _settled_run(system: System, plan: Plan, start: Start,
     count = len(settled.cycles)
     after = min(max(ANALYSIS.discard, (count + 1) // 2), count - 1) if settled.after is None else settled.after
     run = _solve(system, plan, start, cycles=count, loads_from=after, **kept) if any(kept.values()) else settled.run
-    return run, run.cycles if any(kept.values()) else settled.cycles, after
+    return run, settled.cycles, after
 
 
 def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: Cycles | None,

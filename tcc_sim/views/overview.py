@@ -5,7 +5,6 @@ means beside the target, pressures and events of the whole run.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from tcc_sim.analysis.summary import Summary
 from tcc_sim.shown_units import speed
 from tcc_sim.trajectory import Cycles, Trajectory
 from tcc_sim.views import style
-from tcc_sim.views.dense import between
+from tcc_sim.views.dense import between, sliced, stuck_in
 from tcc_sim.views.order_maps import spectrum_panels
 
 HISTORY_CYCLES = 6
@@ -41,7 +40,8 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
     """Draw a run: torques and slip speed over time with stick shaded, phase portrait with section, maxima per cycle.
 
     If a pressure or a target was recorded, panels of cycle means with the target and of pressures over the whole run
-    come in the middle. Samples that are too far apart for a curve are solved again in between (`views.dense`).
+    come in the middle. A run without samples has no panels over time and no orbit in its portrait. Samples that are too
+    far apart for a curve get points in between (`views.dense`).
 
     Parameters
     ----------
@@ -63,31 +63,34 @@ def overview(path: Path, tail: Trajectory, cycles: Cycles, first_cycle: int, sum
         Another width or suffix.
     """
     orbit = max(summary.period, HISTORY_CYCLES) if summary.period else ORBIT_CYCLES
-    tail = between(_sliced(tail, _last(tail, orbit)))
+    sampled, end = len(tail.t) > 2, float(tail.t[-1])
+    tail = between(sliced(tail, _last(tail, orbit)))
     controlled = control is not None and control.controlled
     wide = style.width_of(width) == style.PAGE
-    heights = [1.0, 1.0, *([0.9, 0.9] if controlled else []), *([1.35] if wide else [1.5, 1.35])]
-    end = len(heights) - 1
+    heights = [*([1.0, 1.0] * sampled), *([0.9, 0.9] * controlled), *([1.35] if wide else [1.5, 1.35])]
+    last = len(heights) - 1
     heights += [] if spectrum is None else [1.35] if wide else [1.35, 1.35]
     with style.figure(style.width_of(width), 1.612 * sum(heights), title) as drawn:
         grid = drawn.add_gridspec(len(heights), 2, height_ratios=heights)
-        torques = drawn.add_subplot(grid[0, :])
-        slip = drawn.add_subplot(grid[1, :], sharex=torques)
-        panels, titles = [torques, slip], ["Torques", "Slip speed"]
+        panels, titles = [], []
+        if sampled:
+            torques = drawn.add_subplot(grid[0, :])
+            slip = drawn.add_subplot(grid[1, :], sharex=torques)
+            _histories(torques, slip, tail, control)
+            panels, titles = [torques, slip], ["Torques", "Slip speed"]
         if control is not None and controlled:
-            means = drawn.add_subplot(grid[2, :])
-            pressure = drawn.add_subplot(grid[3, :], sharex=means)
-            mean_slip_panel(means, control)
-            pressure_panel(pressure, control)
+            means = drawn.add_subplot(grid[len(panels), :])
+            pressure = drawn.add_subplot(grid[len(panels) + 1, :], sharex=means)
+            mean_slip_panel(means, control, end)
+            pressure_panel(pressure, control, end)
             panels += [means, pressure]
             titles += ["Cycle mean", "Actuation pressure"]
-        phase = drawn.add_subplot(grid[end, 0] if wide else grid[end - 1, :])
-        maxima = drawn.add_subplot(grid[end, 1] if wide else grid[end, :])
-        _histories(torques, slip, tail, control)
-        _phase_portrait(phase, tail, summary)
-        draw_cycle_maxima(maxima, cycles, first_cycle, summary)
+        phase = drawn.add_subplot(grid[last, 0] if wide else grid[last - 1, :])
+        maxima = drawn.add_subplot(grid[last, 1] if wide else grid[last, :])
+        _phase_portrait(phase, tail, summary, sampled)
+        unit = draw_cycle_maxima(maxima, cycles, first_cycle, summary, tail.cycle)
         if control is not None and not controlled:
-            mark_events(maxima, control.events, float(tail.t[-1]), tail.cycle)
+            mark_events(maxima, control.events, end, unit)
         panels += [phase, maxima]
         titles += ["Phase portrait", "Maxima"]
         if spectrum is not None:
@@ -110,13 +113,6 @@ def _last(tail: Trajectory, cycles: int) -> slice:
     return slice(max(first, 0), int(np.searchsorted(tail.t, end - slack)) + 1)
 
 
-def _sliced(run: Trajectory, part: slice) -> Trajectory:
-    """Return consecutive samples of a run."""
-    names = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
-             "state")
-    return replace(run, **{name: getattr(run, name)[part] for name in names}, flywheel_angle=None, cycles=None)
-
-
 def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | None) -> None:
     """Draw torques and slip speed over the last cycles."""
     part = _last(tail, HISTORY_CYCLES)
@@ -134,7 +130,7 @@ def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | Non
     torques.tick_params(labelbottom=False)
     style.legend_above(torques)
     slip.plot(t, tail.slip_speed[part], color=style.BLUE, label="slip speed")
-    shaded = shade_stick(slip, t, tail.state[part])
+    shaded = shade_stick(slip, t, stuck_in(tail)[part])
     target = control.target if control is not None else None
     if target is not None and len(target.t) and target.t[0] <= t[-1]:
         held = target.until(float(t[-1]))
@@ -147,16 +143,15 @@ def _histories(torques: Any, slip: Any, tail: Trajectory, control: Control | Non
         slip.set_xlim(t[0], t[-1])
 
 
-def shade_stick(axis: Any, t: NDArray[np.float64], state: NDArray[np.int8]) -> bool:
-    """Shade the intervals in stick, and return whether there are any.
+def shade_stick(axis: Any, t: NDArray[np.float64], stuck: NDArray[np.bool_]) -> bool:
+    """Shade the intervals in stick, between successive samples that stick, and return whether there are any.
 
     Where there are more of them than a picture can resolve, each of COLUMNS columns is shaded by its share of stick.
     """
-    stuck = np.concatenate([[0], (state == 0).astype(np.int8), [0]])
-    edges = np.diff(stuck)
+    edges = np.diff(np.concatenate([[0], stuck.astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
     if len(starts) > MOST_INTERVALS:
-        _shade_shares(axis, np.linspace(t[0], t[-1], COLUMNS + 1), t, state == 0)
+        _shade_shares(axis, np.linspace(t[0], t[-1], COLUMNS + 1), t, stuck)
         return True
     for number, (start, end) in enumerate(zip(starts.tolist(), ends.tolist())):
         axis.axvspan(t[start], t[end], facecolor=style.STICK, edgecolor="none", zorder=0,
@@ -165,11 +160,11 @@ def shade_stick(axis: Any, t: NDArray[np.float64], state: NDArray[np.int8]) -> b
 
 
 def _shade_shares(axis: Any, edges: NDArray[np.float64], t: NDArray[np.float64], stuck: NDArray[np.bool_]) -> None:
-    """Shade the columns between edges, s, by the share of the samples' intervals that begins in stick."""
+    """Shade the columns between edges, s, by the share of the samples' intervals in stick."""
     from matplotlib.collections import QuadMesh
     from matplotlib.colors import LinearSegmentedColormap
 
-    since = np.concatenate([[0.0], np.cumsum(np.diff(t) * stuck[:-1])])
+    since = np.concatenate([[0.0], np.cumsum(np.diff(t) * (stuck[:-1] & stuck[1:]))])
     share = np.diff(np.interp(edges, t, since)) / np.diff(edges)
     corners = np.stack(np.meshgrid(edges, [0.0, 1.0]), axis=-1)
     shades = LinearSegmentedColormap.from_list("stick", ["white", style.STICK_SHARE])
@@ -181,7 +176,7 @@ def _shade_shares(axis: Any, edges: NDArray[np.float64], t: NDArray[np.float64],
               color=style.STICK_SHARE)
 
 
-def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
+def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary, sampled: bool) -> None:
     """Draw slip speed over plate angle for the last period or some cycles, with the section.
 
     If most section points are in stick, they would lie on a line; then the plate speed replaces the slip speed.
@@ -190,7 +185,8 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
     points = np.array(summary.section_states or []).reshape(-1, 3)
     flat = len(points) > 2 and bool(np.mean(np.abs(points[:, 1]) < FLAT * summary.max_slip_speed) > 0.5)
     height = tail.plate_speed if flat else tail.slip_speed
-    axis.plot(tail.plate_angle[part], height[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5)
+    if sampled:
+        axis.plot(tail.plate_angle[part], height[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5)
     if len(points):
         axis.plot(points[:, 0], points[:, 2 if flat else 1], linestyle="none", marker="o", color=style.RED,
                   markeredgewidth=0.0, markersize=5.0 if summary.period else 2.5, zorder=4,
@@ -202,8 +198,10 @@ def _phase_portrait(axis: Any, tail: Trajectory, summary: Summary) -> None:
     style.legend_above(axis)
 
 
-def draw_cycle_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary) -> None:
-    """Draw the largest slip speed of each cycle; cycles that the summary drops are grey."""
+def draw_cycle_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summary, cycle: float) -> float:
+    """Draw the largest slip speed of each cycle, and return the unit of the axis, s; cycles that the summary drops are
+    grey.
+    """
     number: NDArray[Any] = first_cycle + np.arange(len(cycles))
     largest = cycles.largest
     dropped = number < first_cycle + summary.discarded
@@ -225,25 +223,25 @@ def draw_cycle_maxima(axis: Any, cycles: Cycles, first_cycle: int, summary: Summ
     axis.set(xlabel="time (s)" if over_time else "period of excitation", ylabel="max |slip speed| (rad/s)",
              ylim=(0.0, top))
     style.legend_above(axis)
+    return 1.0 if over_time else cycle
 
 
-def mean_slip_panel(axis: Any, control: Control) -> None:
-    """Draw the mean slip speed of every engine cycle, and the target."""
+def mean_slip_panel(axis: Any, control: Control, end: float) -> None:
+    """Draw the mean slip speed of every engine cycle, and the target up to the `end` of the run, s."""
     axis.plot(control.t, control.mean_slip, color=style.BLUE, linewidth=0.9, marker="o", markersize=2.0,
               markeredgewidth=0.0, label="cycle mean")
     if len(control.target.t):
-        held = control.target.until(_end(control))
+        held = control.target.until(end)
         axis.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=(0, (4, 2)),
                   label="target")
     axis.set(ylabel="slip speed (rad/s)", ylim=style.widened(axis.get_ylim()))
     axis.tick_params(labelbottom=False)
-    mark_events(axis, control.events, _end(control))
+    mark_events(axis, control.events, end)
     style.legend_above(axis)
 
 
-def pressure_panel(axis: Any, control: Control) -> None:
-    """Draw commanded and applied pressure, kPa."""
-    end = _end(control)
+def pressure_panel(axis: Any, control: Control, end: float) -> None:
+    """Draw commanded and applied pressure, kPa, up to the `end` of the run, s."""
     for steps, colour, width, name in ((control.applied, style.GREEN, 1.6, "applied"),
                                        (control.command, style.ORANGE, 0.8, "commanded")):
         if len(steps.t):
@@ -269,9 +267,3 @@ def mark_events(axis: Any, events: Sequence[Event], end: float, unit: float = 1.
                           fontsize=6.5,
                           xycoords=("data", "axes fraction"), textcoords="offset points", va="top", color=style.RED,
                           ha="right" if late else "left", bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6})
-
-
-def _end(control: Control) -> float:
-    """Return the end of the recorded signals, s."""
-    ends = [steps.t[-1] for steps in (control.target, control.command, control.applied) if len(steps.t)]
-    return float(np.max([*ends, *control.t[-1:], 0.0]))

@@ -19,8 +19,7 @@ from tcc_sim.result import system_behind
 from tcc_sim.shown_units import UNITS, shown_in
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
-from tcc_sim.views.dense import last_cycles
-from tcc_sim.views.overview import HISTORY_CYCLES, ORBIT_CYCLES, overview
+from tcc_sim.views.overview import overview
 from tcc_sim.views.stored import (
     Record,
     arguments_in,
@@ -73,9 +72,9 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
 
     Parameters
     ----------
-    result : a result of any function of the package; the JSON of a command or the name of its .json or .npz file, whose
-        scene is solved again if it has no samples; a scene, of which the friction law is drawn; of a recording, the
-        first run is drawn
+    result : a result of any function of the package; the JSON of a command or the name of its .json or .npz file; a
+        scene, of which the friction law is drawn; of a recording, the first run is drawn. Nothing is solved: of a run
+        without samples, its section and the maxima of its cycles are drawn
     file : name ending in .png, .svg or .pdf; without file and axis, the picture is returned, and a notebook shows it
     width : column or page of a paper
     title : title above the picture
@@ -98,7 +97,7 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     Examples
     --------
     >>> import tcc_sim
-    >>> run = tcc_sim.solve(tcc_sim.load_scene("minimal"), cycles=60)
+    >>> run = tcc_sim.solve(tcc_sim.load_scene("minimal"), cycles=60, samples_per_cycle=200)
     >>> tcc_sim.plot(run, folder / "run.png").name
     'run.png'
     """
@@ -230,16 +229,16 @@ def draw_into(ax: Any, result: Any, title: str = "") -> Any:
 
 def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Summary | None = None,
              title: str = "", spectrum: Spectrum | None = None) -> Path:
-    """Draw a solved run: its last cycles, solved again with dense samples, or all of it if its scene has profiles.
+    """Draw the last cycles of a run, or all of a run whose scene has profiles.
 
     Parameters
     ----------
-    solved : a run with per-cycle results, or one with samples that is shorter than a cycle
+    solved : a run with samples; one with per-cycle results alone has no panels over time
     summary : summary of its steady state; computed by default
     spectrum : spectrum of its steady state, if requested
     """
     control = getattr(solved, "control", None)  # Only runs under commands have it.
-    if solved.system is not None and solved.system.profile is not None:
+    if len(solved.t) > 2 and solved.system is not None and solved.system.profile is not None:
         return manoeuvre(path, solved, style.width_of(width), title, control)
     whole = solved.cycles is not None and len(solved.cycles) > 0
     if not whole and len(solved.t) > 2 and solved.t[-1] - solved.t[0] >= solved.cycle:
@@ -247,7 +246,6 @@ def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Su
         whole = solved.cycles is not None and len(solved.cycles) > 0
     if summary is None:
         summary = summarise(solved)
-    tail = last_cycles(solved, max(summary.period or ORBIT_CYCLES, HISTORY_CYCLES))
     cycles = solved.cycles if solved.cycles is not None else no_cycles()
-    return overview(path, tail, cycles, first_cycle_of(solved) if whole else 0, summary, title,
+    return overview(path, solved, cycles, first_cycle_of(solved) if whole else 0, summary, title,
                     control=control, width=width, spectrum=spectrum)

@@ -19,6 +19,8 @@ ELAPSED = "elapsed"
 """Timeline of the views: simulation time that continues to rise when a reset sets simulation time back."""
 SIMULATION = "sim_time"
 STATES = {-1: "slip -", 0: "stick", 1: "slip +"}
+UNKNOWN = 9
+"""State of a sample whose slip speed is unknown."""
 STATE_COLOURS = {"slip -": style.RED, "stick": style.GREY, "slip +": style.BLUE}
 LINES = {"torque/engine": ("engine torque (N m)", style.ORANGE),
          "torque/friction": ("friction torque (N m)", style.BLUE),

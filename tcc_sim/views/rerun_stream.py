@@ -99,7 +99,7 @@ class RerunStream:
         self._strip: Floats = np.empty((0, 2))
         self._cycle_number: int | None = None
         self._mean = 0.0
-        self._target: float | None = None
+        self._held: dict[str, float] = {}
         self._controlled, self._history = controlled, history
         self._say, self.left_out, self._stalled, self._restarted = say, 0, False, False
         self._sent = self._received = 0
@@ -140,10 +140,11 @@ class RerunStream:
 
     def samples(self, stamp_ns: NDArray[np.int64], slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
                 engine_torque: Floats, friction_torque: Floats, state: NDArray[np.int8], *,
-                new_run: bool = False) -> None:
+                new_run: bool = False, longest: int = 0) -> None:
         """Send the next samples, (n,) arrays: stamps in ns that increase, rad/s, rad, rad/s, N m, N m, and -1, 0, 1.
 
         With `new_run`, simulation time has started again: the stream marks this and continues the time of the views.
+        Where stamps are more than `longest` ns apart (0: unknown), messages were lost, and lines have a gap.
         """
         if not len(stamp_ns):
             return
@@ -158,10 +159,17 @@ class RerunStream:
             self._offset_ns = self._elapsed_ns + 1_000_000 - int(stamp_ns[0])
             self._strip, self._state, self._cycle_number = np.empty((0, 2)), None, None
             self._mark(int(stamp_ns[0]), "simulation time starts again: the driveline was reset or restarted")
+        before = stamp_ns[0] if new_run or self._last_ns is None else self._last_ns
+        gaps = np.flatnonzero(np.diff(stamp_ns, prepend=before) > longest) if longest else np.empty(0, np.int64)
+        stamp_ns = np.insert(stamp_ns, gaps, np.append(before, stamp_ns)[gaps] + longest // 2)
+        engine_torque, friction_torque, slip_speed, plate_angle, plate_speed = (
+            np.insert(values, gaps, math.nan) for values in (
+                engine_torque, friction_torque, slip_speed, plate_angle, plate_speed))
+        state = np.where(np.isfinite(slip_speed), np.insert(state, gaps, layout.UNKNOWN), layout.UNKNOWN)
         for path, values in (("torque/engine", engine_torque), ("torque/friction", friction_torque),
                              ("slip/speed", slip_speed), ("plate/angle", plate_angle),
                              ("plate_speed/speed", plate_speed)):
-            self._send(path, stamp_ns, self._rr.Scalars.columns(scalars=values))
+            self._line(path, stamp_ns, values)
         self._lanes(stamp_ns, state)
         self._orbit(stamp_ns, plate_angle, slip_speed)
         self._last_ns = int(stamp_ns[-1])
@@ -174,9 +182,11 @@ class RerunStream:
         ends = (first + 1 + np.arange(len(cycles))) * self._cycle if cycles.starts is None else cycles.starts[1:]
         ends_ns = np.rint(ends * 1e9).astype(np.int64)
         for path, values in (("cycles/largest", cycles.highest), ("cycles/smallest", cycles.lowest)):
-            self._send(path, ends_ns, self._rr.Scalars.columns(scalars=values))
+            self._line(path, ends_ns, values)
         points = self._plane(cycles.section[1:, 1], cycles.section[1:, 0])
-        self._send("phase/section", ends_ns, self._rr.Points2D.columns(positions=points))
+        known = np.isfinite(points).all(axis=1)
+        if known.any():
+            self._send("phase/section", ends_ns[known], self._rr.Points2D.columns(positions=points[known]))
 
     def control(self, signals: Mapping[str, tuple[NDArray[np.int64], Floats]], events: Sequence[Event] = ()) -> None:
         """Send the signals of a controller's test, after the samples of the same time.
@@ -191,14 +201,13 @@ class RerunStream:
             return
         for name, (stamps, values) in signals.items():
             if len(stamps):
-                self._send(layout.signals()[name], stamps, self._rr.Scalars.columns(scalars=values))
-        for value in signals.get("target_slip_speed", ((), ()))[1][-1:]:
-            self._target = float(value)
-        if self._target is not None and self._last_ns is not None:  # One point makes no line.
-            self._send(layout.signals()["target_slip_speed"], np.array([self._last_ns]),
-                       self._rr.Scalars.columns(scalars=[self._target]))
-        if "mean_slip" in signals and len(signals["mean_slip"][1]):
-            self._mean = float(signals["mean_slip"][1][-1])
+                self._line(layout.signals()[name], stamps, values)
+                if name != "mean_slip":
+                    self._held[name] = float(values[-1])
+                elif np.isfinite(values).any():
+                    self._mean = float(values[np.isfinite(values)][-1])
+        for name, value in self._held.items() if self._last_ns is not None else ():  # They hold up to here.
+            self._line(layout.signals()[name], np.array([self._last_ns]), np.array([value]))
         for event in events:
             self._mark(round(event.t * 1e9), event.text)
 
@@ -306,6 +315,12 @@ class RerunStream:
             self._rr.TimeColumn(layout.ELAPSED, duration=elapsed.astype("timedelta64[ns]")),
             self._rr.TimeColumn(layout.SIMULATION, duration=stamp_ns.astype("timedelta64[ns]"))])
 
+    def _line(self, path: str, stamp_ns: NDArray[np.int64], values: Floats) -> None:
+        """Send values of a line; where one is not finite, the line ends."""
+        known = np.isfinite(values)
+        columns = self._rr.Scalars.columns(scalars=values[known])
+        self._send(path, stamp_ns, columns if known.all() else columns.partition(known.astype(int)))
+
     def _plane(self, plate_angle: Floats, slip_speed: Floats) -> NDArray[np.float32]:
         """Return points of the phase portrait; the second axis of a Rerun 2D view points down."""
         return np.stack([plate_angle, -slip_speed], axis=1).astype(np.float32)
@@ -316,7 +331,7 @@ class RerunStream:
         changed = np.flatnonzero(state != before)
         self._state = int(state[-1])
         if len(changed):
-            names = [layout.STATES[s] for s in state[changed].tolist()]
+            names = [layout.STATES.get(s, "") for s in state[changed].tolist()]  # An empty one ends the lane.
             self._send("state", stamp_ns[changed], self._rr.StateChange.columns(state=names))
 
     def _orbit(self, stamp_ns: NDArray[np.int64], plate_angle: Floats, slip_speed: Floats) -> None:
@@ -326,17 +341,22 @@ class RerunStream:
         before = number[0] if self._cycle_number is None else self._cycle_number
         starts = np.flatnonzero(np.diff(number, prepend=before))
         self._cycle_number = int(number[-1])
-        strips, ends = [], []
+        strips, ends, counts = [], [], []
         for part, end in zip(np.split(points, starts), [*starts.tolist(), None]):
             self._strip = np.concatenate([self._strip, part])
             if end is not None:
-                strips.append(np.concatenate([self._strip, points[end:end + 1]]))
+                strip = np.concatenate([self._strip, points[end:end + 1]])
+                known = np.isfinite(strip).all(axis=1)
+                parts = [part[np.isfinite(part).all(axis=1)] for part in np.split(strip, np.flatnonzero(~known))]
+                parts = [part for part in parts if len(part) > 1]
+                strips += parts
+                counts.append(len(parts))
                 ends.append(end)
                 self._strip = np.empty((0, 2))
         if strips:
             self._extents.extend(np.stack([strip.min(axis=0), strip.max(axis=0)]) for strip in strips)
             self._frame()
-            self._send("phase/orbit", stamp_ns[ends], self._rr.LineStrips2D.columns(strips=strips))
+            self._send("phase/orbit", stamp_ns[ends], self._rr.LineStrips2D.columns(strips=strips).partition(counts))
 
     def _frame(self) -> None:
         """Send new axes of the portrait if its cycles exceed the present ones or use only a small part of one."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import shlex
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields
@@ -22,10 +24,9 @@ from tcc_sim.output.samples import cycles_in
 from tcc_sim.output.stored_files import check_lengths, document_in, read_arrays
 from tcc_sim.result import reported_of
 from tcc_sim.scene import Operation, Scene
-from tcc_sim.sweeps.simulation import Plan, simulate
 from tcc_sim.trajectory import UNITS, Trajectory
 
-DRAWN = {"analyse": "draw_again", "figure": "draw_figure", "precision": "draw_precision", "stability": "draw_stability"}
+DRAWN = {"figure": "draw_figure", "precision": "draw_precision", "stability": "draw_stability"}
 """Function of a later room that draws a kind of JSON. Arguments: file of the picture, `Record`, title, and width in
 inches.
 """
@@ -44,8 +45,6 @@ LISTS = {"": ("frequencies", "gain", "phase"), "orders": ("time", "frequency", "
                       "multipliers", "events"),
          "curves": ("value", "second"), "curve": ("slip_speeds", "coefficient", "low", "high", "visited")}
 """Lists of equal length, by the key of the object, or of the objects in a list, that has them."""
-INPUT_SAMPLES = 200
-"""Samples per period of excitation of a run with inputs from a file, as `simulate` takes them."""
 
 
 class Record:
@@ -83,27 +82,14 @@ class Record:
 def read_stored(path: Path) -> dict[str, Any]:
     """Return the JSON in a .json or .npz file of a command; `arrays` has the arrays of the .npz.
 
-    With a .json, the .npz that the same command wrote with --out is read too, if it is in the same directory or at its
-    recorded place. A .json of `demo` is that of `analyse` of the recording beside it.
-
     Raises
     ------
     InputError
         The suffix is wrong, the file cannot be read, or no command of this version wrote it.
     """
-    if path.suffix == ".npz":
-        return _arrays_in(path)
-    if path.suffix != ".json":
+    if path.suffix not in (".json", ".npz"):
         raise InputError(f"{path} must end in .json or .npz")
-    document = read_json(path)
-    if _demo_wrote(document):
-        document["command"] = ["analyse", str((path.parent / "recording").absolute())]
-    arrays_path = getattr(arguments_in(document), "out", None)
-    if arrays_path is not None and arrays_path.suffix == ".npz":
-        for place in (path.parent / arrays_path.name, arrays_path):
-            if place.is_file() and (other := _arrays_in(place)).get("command") == document.get("command"):
-                return {**document, "arrays": other["arrays"]}
-    return document
+    return _arrays_in(path) if path.suffix == ".npz" else read_json(path)
 
 
 def _arrays_in(path: Path) -> dict[str, Any]:
@@ -154,26 +140,17 @@ def check_stored(name: str, values: Mapping[str, Any]) -> None:
 
 
 def arguments_in(values: Mapping[str, Any]) -> Any:
-    """Return the arguments of the command that wrote a JSON; an empty namespace if it records no command.
+    """Return the arguments of the command that wrote a JSON; an empty namespace if it records none, or `demo`.
 
     Raises
     ------
     InputError
-        This version does not accept the command, or it is `demo`, which does not name its recording.
+        This version does not accept the command.
     """
     words = values.get("command")
     if words and not (isinstance(words, list) and all(isinstance(word, str) for word in words)):
         raise InputError("the result is damaged: its command is no list of words")
-    if _demo_wrote(values):
-        raise InputError("a result of demo does not name its recording; give its file, DIR/analysis.json, with the "
-                         "recording beside it")
-    return from_later_room("arguments_of")(words) if words else SimpleNamespace()
-
-
-def _demo_wrote(values: Mapping[str, Any]) -> bool:
-    """Return whether `demo` wrote a JSON, whose format is that of `analyse`."""
-    words = values.get("command")
-    return isinstance(words, list) and words[:1] == ["demo"]
+    return from_later_room("arguments_of")(words) if words and words[0] != "demo" else SimpleNamespace()
 
 
 def kind_of(values: Mapping[str, Any]) -> str:
@@ -205,25 +182,24 @@ def revived(values: Mapping[str, Any]) -> Any:
     Raises
     ------
     InputError
-        The JSON has no picture, or the data of its picture are missing.
+        The JSON has no picture, or the data of its picture are in another file.
     """
     kind = kind_of(values)
     if "measured_orders" in values:
         return OrderComparison(_orders(values["measured_orders"]), _orders(values["orders"]))
     if "orders" in values:
         return _orders(values["orders"])
-    if _of_table(values):
-        return spectrum_in(values)
-    if kind == "simulate":
-        return _simulation(values)
+    if kind in ("simulate", "analyse") and "arrays" in values:
+        return _run(values)
+    if "spectrum" in values:
+        return _of(Spectrum, values["spectrum"])
+    if kind in ("simulate", "analyse"):
+        raise InputError(f"the JSON of {kind} has no samples to draw; give the file of samples that this command "
+                         f"writes: tcc-sim {shlex.join([*_command(values), '--out', 'FILE.npz'])}")
     if kind == "explain":
-        return scene_in(values)
+        return Scene(title_of(values), System(), Operation()).with_values(values["scene"])
     if kind == "basins" and "arrays" in values:
         return {**values, "labels": values["arrays"]["labels"]}
-    if kind == "analyse" and "arrays" in values and not arguments_in(values).recording.exists():
-        return _simulation(values)
-    if kind == "identify" and _measured(values):
-        return _identification(values)
     if kind in DRAWN:
         return Record.of({name: part for name, part in values.items() if name != "arrays"})
     if kind in ("sweep", "continue", "basins", "linearise", "identify"):
@@ -231,60 +207,19 @@ def revived(values: Mapping[str, Any]) -> Any:
     raise InputError(f"there is no picture of a JSON of {kind}" if kind else "this is no result of a command")
 
 
+def _command(values: Mapping[str, Any]) -> list[str]:
+    """Return the command that wrote a JSON without the options of its files; `analyse` of the recording for `demo`."""
+    words = list(values.get("command") or ["simulate", "SCENE"])
+    if words[0] == "demo":
+        return ["analyse", "DIR/recording"]
+    given = [k for k, word in enumerate(words) if word in ("--json", "--plot", "--out")]
+    return [word for k, word in enumerate(words) if k not in given and k - 1 not in given and word != "--force"]
+
+
 def drawer_of(kind: str) -> Callable[..., Path]:
     """Return the function that draws a kind of DRAWN."""
     drawer: Callable[..., Path] = from_later_room(DRAWN[kind])
     return drawer
-
-
-def missing_data(values: Mapping[str, Any]) -> str:
-    """Return what a JSON lacks for its picture and the replacement, in words; empty if it lacks nothing."""
-    kind = kind_of(values)
-    if "orders" in values or "arrays" in values or _of_table(values):
-        return ""
-    if kind == "simulate":
-        return "has no samples: the scene is solved again"
-    if kind == "analyse":
-        return "has no samples: the recording is read again"
-    if kind == "identify":
-        return ("has no samples: the fit is made again" if _measured(values) else
-                "has no samples, and the measurements are not there: its parameters are drawn without the fit")
-    if kind == "basins" and "over" not in values:
-        return "has no cells: the attractors are drawn without them; basins ... --out FILE.npz keeps them"
-    return ""
-
-
-def _of_table(values: Mapping[str, Any]) -> bool:
-    """Return whether a JSON is that of `analyse` of a table, which has no messages."""
-    return kind_of(values) == "analyse" and "messages" not in values
-
-
-def _measured(values: Mapping[str, Any]) -> bool:
-    """Return whether the file with the measurements of `identify` still exists."""
-    measured = getattr(arguments_in(values), "measured", None)
-    return measured is not None and measured.exists()
-
-
-def _identification(values: Mapping[str, Any]) -> Any:
-    """Fit the measurements of `identify` again; InputError if the values differ, because the file has changed."""
-    arguments = arguments_in(values)
-    fit = from_later_room("fit_again")(arguments)
-    for now, then in zip(fit.parameters, values["parameters"]):
-        if abs(now.value - then["value"]) > 1e-3 * (then["standard_error"] or abs(then["value"])):
-            raise InputError(f"{arguments.measured} has changed: {now.key} is {now.value:.6g} in the fit and "
-                             f"{then['value']:.6g} in the JSON")
-    return fit
-
-
-def scene_in(values: Mapping[str, Any]) -> Scene:
-    """Return the scene in a JSON."""
-    return Scene(title_of(values), System(), Operation()).with_values(values["scene"])
-
-
-def spectrum_in(values: Mapping[str, Any]) -> Spectrum | None:
-    """Return the spectrum in a JSON, or None."""
-    spectrum: Spectrum | None = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
-    return spectrum
 
 
 def _orders(values: Mapping[str, Any]) -> Orders:
@@ -299,22 +234,11 @@ def _of(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:
                    for item in fields(kind)})  # type: ignore[arg-type]
 
 
-def _simulation(values: Mapping[str, Any]) -> Any:
-    """Return the run of `simulate` from its samples; without samples, solve the scene again."""
-    scene, arrays, arguments = scene_in(values), values.get("arrays"), arguments_in(values)
-    inputs = getattr(arguments, "inputs", None)
-    readable = inputs is not None and inputs.exists()
-    source = from_later_room("inputs_of")(arguments) if readable else None
-    if arrays is not None:
-        run = Trajectory(**{name: arrays[name] for name in UNITS if name in arrays}, cycle=scene.system.cycle,
-                         solver=values["solver"], system=scene.system, cycles=cycles_in(arrays))
-    elif inputs is None:
-        run = simulate(scene, Plan(**values["plan"])).trajectory
-    elif readable:
-        driven = from_later_room("driven_by")(scene, source, arguments.hold)
-        run = simulate(driven, Plan(**values["plan"]), samples_per_cycle=INPUT_SAMPLES).trajectory
-    else:
-        raise InputError(f"{inputs}, which has the inputs, does not exist; tcc-sim plot FILE.npz draws the samples "
-                         "that simulate ... --out FILE.npz wrote")
-    twin = from_later_room("twin_of")(source, run) if readable else None
-    return twin or SimpleNamespace(trajectory=run, summary=Record(values), spectrum=spectrum_in(values))
+def _run(values: Mapping[str, Any]) -> Any:
+    """Return the run in the samples of `simulate` or `analyse`, with its summary and spectrum."""
+    scene, arrays = Scene(title_of(values), System(), Operation()).with_values(values["scene"]), values["arrays"]
+    run = Trajectory(**{name: arrays[name] for name in UNITS if name in arrays}, cycle=scene.system.cycle,
+                     solver=values["solver"], system=scene.system, cycles=cycles_in(arrays),
+                     largest_step=1.5 * values["tick_s"] if values.get("tick_s") else math.inf)
+    spectrum = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
+    return SimpleNamespace(trajectory=run, summary=Record(values), spectrum=spectrum)

@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tcc_sim.solvers import solve
-from tcc_sim.trajectory import Floats, State, Trajectory, integral
+from tcc_sim.trajectory import Floats, Trajectory
 from tcc_sim.views import style
+from tcc_sim.views.dense import parted, stuck_in
 from tcc_sim.views.overview import mean_slip_panel, pressure_panel, shade_stick
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.control import Control
 
-SAMPLES, ENOUGH = 100, 16
-"""Samples per engine cycle of a run that is solved again, and number that suffices without."""
 SHARP = 5000
 """Largest number of points of a line in a vector picture; longer lines are rasterized."""
 TWIN_CYCLES = 8
@@ -31,25 +29,27 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
 
     Parameters
     ----------
-    run : a run with its system; one with few samples is solved again from its first state
+    run : a run with its system and samples
     width : width, inch
     control : target, cycle means and pressures of the run
     """
-    run = _sampled(run)
+    run = parted(run)
     controlled = control is not None and control.controlled
     assert run.system is not None
     driveline, dots = run.system.driveline, len(run.t) > SHARP
     twist, twisting = run.shaft_twist
     shaft = driveline.damping * twisting + driveline.stiffness * twist
     power = run.friction_torque * run.slip_speed
-    heat = integral(power, run.t)
+    warmed = 0.5 * (power[1:] + power[:-1]) * np.diff(run.t)
+    heat = np.append(0.0, np.cumsum(np.where(np.isfinite(warmed), warmed, 0.0)))
+    heat[~np.isfinite(power)] = np.nan
     heights = [1.2, 1.2, *([1.0, 1.0] if controlled else []), 1.0, 0.7]
     with style.figure(width, 1.56 * sum(heights), title) as drawn:
         axes = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
         (torques, slip, *_, second, warm), names = axes, ["Torques", "Slip speed"]
         if control is not None and controlled:
-            mean_slip_panel(axes[2], control)
-            pressure_panel(axes[3], control)
+            mean_slip_panel(axes[2], control, float(run.t[-1]))
+            pressure_panel(axes[3], control, float(run.t[-1]))
             axes[3].set_xlabel("")
             names += ["Cycle mean of the slip speed", "Actuation pressure"]
 
@@ -64,7 +64,7 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
                  linestyle=(0, (1, 1.5)))
         torques.set_ylabel("torque (N m)")
         line(slip, run.slip_speed, style.BLUE, "slip speed")
-        shade_stick(slip, run.t, run.state)
+        shade_stick(slip, run.t, stuck_in(run))
         slip.set_ylabel("slip speed (rad/s)")
         line(second, shaft, style.BLUE)
         second.set_ylabel("torque (N m)")
@@ -74,16 +74,6 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
             style.legend_above(axis)
         style.panel_titles(axes, [*names, "Shaft torque", "Cumulative heat in the clutch"])
         return style.save(drawn, path)
-
-
-def _sampled(run: Trajectory) -> Trajectory:
-    """Return the run, solved again if it has too few samples."""
-    length = float(run.t[-1] - run.t[0])
-    if run.system is None or run.t[0] != 0.0 or len(run.t) >= ENOUGH * length / run.cycle:
-        return run
-    first = State.of((run.slip_speed[0], run.plate_angle[0], run.plate_speed[0]))
-    solution = solve(run.system, duration=length, samples_per_cycle=SAMPLES, state=first)
-    return solution.raise_for_status()
 
 
 def draw_twin(path: Path, twin: Any, title: str = "", width: float = style.PAGE) -> Path:
