@@ -32,7 +32,7 @@ def sliced(run: Trajectory, part: slice) -> Trajectory:
     return replace(run, **columns, flywheel_angle=None, output_angle=None, output_speed=None, cycles=None)
 
 
-def parted(run: Trajectory) -> Trajectory:
+def with_gaps(run: Trajectory) -> Trajectory:
     """Return a run with a sample of NaN wherever messages between two samples were lost."""
     gaps = np.flatnonzero(np.diff(run.t) > run.largest_step) + 1
     if not len(gaps):
@@ -59,7 +59,7 @@ def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
     speed times a steep slope, overshoots where a tick ends right after the clutch has stuck. NaN separates the samples
     beside lost messages.
     """
-    recorded = parted(recorded)
+    recorded = with_gaps(recorded)
     t, system = recorded.t, recorded.system
     steps = np.diff(t)
     if system is None or len(t) < 3:

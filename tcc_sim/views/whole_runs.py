@@ -9,7 +9,7 @@ import numpy as np
 
 from tcc_sim.trajectory import Floats, Trajectory
 from tcc_sim.views import style
-from tcc_sim.views.dense import parted, stuck_in
+from tcc_sim.views.dense import stuck_in, with_gaps
 from tcc_sim.views.overview import mean_slip_panel, pressure_panel, shade_stick
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def manoeuvre(path: Path, run: Trajectory, width: float = style.PAGE, title: str
     width : width, inch
     control : target, cycle means and pressures of the run
     """
-    run = parted(run)
+    run = with_gaps(run)
     controlled = control is not None and control.controlled
     assert run.system is not None
     driveline, dots = run.system.driveline, len(run.t) > SHARP

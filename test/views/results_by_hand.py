@@ -19,6 +19,10 @@ BRANCH = {"period": 1, "value": [0.2, 0.24, 0.3], "max_slip_speed": [30.0, 20.0,
 FOLD = {"kind": "fold", "value": 0.27, "max_slip_speed": 15.0, "branch": 0, "after": 1, "changes_stability": True}
 BRANCHES = {"over": "friction.kinetic_coefficient", "branches": [BRANCH], "bifurcations": [
     FOLD, *({**FOLD, "kind": kind, "after": 0} for kind in MARKS)]}
+CURVES = {**BRANCHES, "bifurcations": [FOLD], "second_over": "engine.frequency", "curves": [
+    {"kind": "fold", "value": [0.2, 0.25], "second": [130.0, 140.0],
+     "special": [{"kind": "fold_flip", "value": 0.25, "second": 140.0}]},
+    {"kind": "stick_border", "value": [0.3, 0.31], "second": [130.0, 135.0]}]}
 RESPONSE = {"input": "actuation_pressure", "output": "friction_torque", "kind": "periodic", "checked": [],
             "operating_point": {"mean_slip": 20.0}, "frequencies": [1.0, 10.0], "gain": [1e-3, 1e-4],
             "phase": [0.0, 3.0]}

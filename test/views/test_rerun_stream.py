@@ -200,8 +200,8 @@ def test_a_controllers_test_is_in_the_file_and_in_the_layout(tmp_path):
         stream.samples(*batch(0, 500), new_run=True)
     result, every = rerun_rows(path), printed(path)
     static = 1
-    expected = {"/control/mean": 2, "/control/target": 2, "/pressure/applied": 2, "/pressure/command": 1,
-                "/torque/engine_command": 1, "/event/mark": 2}
+    expected = {"/control/mean": 2, "/control/target": 2, "/pressure/applied": 3, "/pressure/command": 2,
+                "/torque/engine_command": 2, "/event/mark": 2}
     assert {entity: result[entity] for entity in expected} == {entity: n + static for entity, n in expected.items()}
     assert result["/events"] == 3
     for words in ("pressure falls back: no command for 0.5 s", "reset or restarted", "Target and cycle mean (rad/s)",

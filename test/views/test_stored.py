@@ -1,19 +1,19 @@
-"""A result that is read back from its JSON or NPZ is drawn as it was: every artist has the same numbers."""
+"""`tcc-sim plot` draws what a file of a command holds, or refuses it by a line; formats, units and names of files."""
 
 from __future__ import annotations
 
 import json
 import math
 import random
-import tracemalloc
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from driveline_bags import bag, ticked
+from pictures import curves, panels
 
 import tcc_sim
 from tcc_sim.cli import main
@@ -22,70 +22,52 @@ from tcc_sim.output.provenance import head_of
 from tcc_sim.scene import load_scene
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
-from tcc_sim.views import stored, style
-
+Refused = Callable[..., str]
 FALLING = ["--set", "pressure.amplitude=0"]
-
-
-def artists(drawn: Any) -> list[Any]:
-    """Titles, labels and numbers of every line, collection and text of a figure."""
-    values: list[Any] = [text.get_text() for text in drawn.texts]
-    for axis in drawn.axes:
-        values += [axis.get_title(loc="left"), axis.get_xlabel(), axis.get_ylabel(), axis.get_xlim(), axis.get_ylim()]
-        values += [(line.get_label(), line.get_xydata()) for line in axis.lines]
-        values += [(c.get_array(), c.get_offsets(), [p.vertices for p in c.get_paths()]) for c in axis.collections]
-        values += [patch.get_path().vertices for patch in axis.patches]
-    return values
+KEY = "engine.frequency=100:140:3"
 
 
 def same(one: Any, other: Any) -> None:
-    """Fail where two pictures' artists differ."""
-    np.testing.assert_equal(artists(other), artists(one))
+    """Check that two pictures have the same curves, cells, labels and limits."""
+    for first, second in zip(one.axes, other.axes, strict=True):
+        assert first.get_title(loc="left") == second.get_title(loc="left")
+        assert (first.get_xlabel(), first.get_ylabel()) == (second.get_xlabel(), second.get_ylabel())
+        np.testing.assert_equal(curves(second), curves(first))
+        for area, other_area in zip(first.collections, second.collections, strict=True):
+            np.testing.assert_equal(other_area.get_array(), area.get_array())
 
 
-@pytest.mark.parametrize(("words", "npz"), [
-    (["simulate", "fig02", "--cycles", "20"], False),
-    (["simulate", "fig02", "--duration", "0.9", "--orders"], False),
-    (["simulate", "fig02", "--cycles", "30", "--discard", "10", "--spectrum", "--units", "rpm"], True),
-    (["sweep", "fig02", "--over", "engine.frequency=100:140:3", "--cycles", "10"], False),
-    (["sweep", "fig02", "--over", "engine.frequency=100:140:3", "--over", "friction.kinetic_coefficient=0.2,0.28",
-      "--cycles", "8"], False),
-    (["sweep", "fig02", "--scatter", "pressure.mean=22e4:26e4", "--samples", "4", "--cycles", "8"], False),
-    (["sweep", "fig02", "--scatter", "pressure.mean=22e4:26e4", "--samples", "2", "--cycles", "8", "--over",
-      "engine.frequency=100:140:2"], False),
-    (["continue", "fig02", *FALLING, "--over", "friction.kinetic_coefficient=0.23:0.25"], False),
+@pytest.mark.parametrize(("words", "files"), [
+    (["simulate", "fig02", "--duration", "0.9", "--orders"], ["json"]),
+    (["simulate", "fig02", "--cycles", "30", "--discard", "10", "--spectrum", "--units", "rpm"], ["npz"]),
+    (["simulate", "apply"], ["npz"]), (["sweep", "fig02", "--over", KEY, "--cycles", "10"], ["json"]),
+    (["sweep", "fig02", "--over", KEY, "--over", "friction.kinetic_coefficient=0.2,0.28", "--cycles", "8"], ["json"]),
+    (["sweep", "fig02", "--scatter", "pressure.mean=22e4:26e4", "--samples", "4", "--cycles", "8"], ["json"]),
+    (["continue", "fig02", *FALLING, "--over", "friction.kinetic_coefficient=0.23:0.25"], ["json"]),
     (["basins", "fig02", *FALLING, "--plane", "initial.slip_speed=0:300:3", "--plane", "initial.plate_angle=0:0.2:2"],
-     True),
-    (["linearise", "slip", "--slip", "20"], True), (["explain", "fig02"], False)])
-def test_a_result_redrawn_equals_its_picture(words, npz, figures, tmp_path, capsys):
-    json_, out = tmp_path / "a.json", tmp_path / "a.npz"
-    assert main([*words, "--json", str(json_), "--plot", str(tmp_path / "a.png"), *(["--out", str(out)] if npz else [])
-                 ]) == 0
-    for k, file in enumerate([json_, *([out] if npz else [])]):
-        assert main(["plot", str(file), "--plot", str(tmp_path / f"{k}.png")]) == 0
-        same(figures[0], figures[-1])
-        assert "picture in" in capsys.readouterr().out
+     ["npz"]), (["linearise", "slip", "--slip", "20"], ["json", "npz"]), (["explain", "fig02"], ["json"])])
+def test_a_file_is_drawn_as_the_command_drew(words: list[str], files: list[str], pictures: list[Any], tmp_path: Path
+                                             ) -> None:
+    options = {"json": "--json", "npz": "--out"}
+    written = [word for suffix in files for word in (options[suffix], str(tmp_path / f"a.{suffix}"))]
+    assert main([*words, *written, "--plot", str(tmp_path / "a.png")]) == 0
+    for suffix in files:
+        assert main(["plot", str(tmp_path / f"a.{suffix}"), "--plot", str(tmp_path / f"{suffix}.png")]) == 0
+        same(pictures[0], pictures[-1])
 
 
-def test_a_recordings_json_names_it(figures: list[Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It is read again while it is there; afterwards the samples of a .npz serve."""
-    recording = bag(tmp_path / "run", ticked(load_scene("fig02"), 900), "fig02")
-    words = ["analyse", str(recording), "--discard", "5", "--spectrum", "--plot", str(tmp_path / "a.png"), "--json",
-             str(tmp_path / "a.json"), "--out", str(tmp_path / "a.npz")]
-    assert main(words) == 0
-    alone = tmp_path / "alone" / "a.json"
-    alone.parent.mkdir()
-    (tmp_path / "a.json").rename(alone)
-    (tmp_path / "a.npz").rename(tmp_path / "c.npz")
-    capsys.readouterr()
-    assert main(["plot", str(alone), "--plot", str(tmp_path / "b.png")]) == 0
-    same(figures[0], figures[1])
-    recording.rename(tmp_path / "elsewhere")
-    assert main(["plot", str(tmp_path / "c.npz"), "--plot", str(tmp_path / "c.png")]) == 0
-    assert len(figures) == 3
+def test_samples_of_a_recording_are_drawn_with_its_gaps(pictures: list[Any], tmp_path: Path) -> None:
+    rows = [row for k, row in enumerate(ticked(load_scene("fig02"), 900)) if not 860 <= k < 870]
+    bag(tmp_path / "run", rows, "fig02")
+    assert main(["analyse", str(tmp_path / "run"), "--discard", "5", "--out", str(tmp_path / "a.npz"), "--plot",
+                 str(tmp_path / "a.png")]) == 0
+    assert main(["plot", str(tmp_path / "a.npz"), "--plot", str(tmp_path / "b.png")]) == 0
+    one, two = (curves(panels(drawn)["Slip speed"])["slip speed"] for drawn in pictures)
+    np.testing.assert_allclose(two, one, rtol=1e-6, atol=1e-9)
+    assert np.isnan(two[1]).any()
 
 
-def test_a_spectrum_of_a_table_is_drawn_from_its_json(figures: list[Any], tmp_path: Path) -> None:
+def test_a_spectrum_of_a_table_is_drawn_from_its_json(pictures: list[Any], tmp_path: Path) -> None:
     t = np.linspace(0.0, 1.2, 2401)
     columns = t, 300.0 + 250.0 * np.sin(150.0 * t), 10.0 + np.sin(150.0 * t)
     np.savetxt(tmp_path / "a.csv", np.stack(columns, axis=1), delimiter=",", header="t,engine_torque,slip_speed",
@@ -94,129 +76,85 @@ def test_a_spectrum_of_a_table_is_drawn_from_its_json(figures: list[Any], tmp_pa
     assert main([*words, "--plot", str(tmp_path / "a.png")]) == 0
     (tmp_path / "a.csv").unlink()
     assert main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "b.png")]) == 0
-    same(figures[0], figures[1])
+    same(*pictures)
 
 
-def test_a_json_without_cells_draws_the_attractors_and_says_so(figures, tmp_path, capsys):
-    words = ["basins", "fig02", *FALLING, "--plane", "initial.slip_speed=0:300:3", "--plane",
-             "initial.plate_angle=0:0.2:2", "--json", str(tmp_path / "a.json")]
-    assert main(words) == 0
-    assert main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"), "--title", "T", "--width",
-                 "column"]) == 0
-    assert "a.json has no cells" in capsys.readouterr().out
-    assert len(figures) == 1
+def test_a_run_without_samples_is_refused_with_the_command_that_writes_them(tmp_path: Path, refused: Refused,
+                                                                            capsys: pytest.CaptureFixture[str]) -> None:
+    """The command works as it is printed."""
+    bag(tmp_path / "run", ticked(load_scene("fig02"), 600), "fig02")
+    for k, words in enumerate((["simulate", "fig02", "--cycles", "12"], ["analyse", "run"])):
+        assert main([*words, "--json", f"{k}.json"]) == 0
+        line = refused("plot", f"{k}.json", "--plot", "a.png")
+        command = line[line.index("tcc-sim ", 8) + 8:].split()
+        assert main(command) == 0
+        capsys.readouterr()
+        assert main(["plot", "FILE.npz", "--plot", f"{k}.png"]) == 0
+        Path("FILE.npz").unlink()
+    document = {**json.loads(Path("1.json").read_text()), "command": ["demo"]}
+    Path("demo.json").write_text(json.dumps(document))
+    assert "analyse DIR/recording --out FILE.npz" in refused("plot", "demo.json", "--plot", "b.png")
 
 
-@pytest.mark.parametrize(("content", "says"), [
-    ("{}", "no result of a command"), ('{"format": "tcc_sim soak 1"}', "no picture of a JSON of soak"),
-    ("[1]", "no JSON object"), ("{", "is not a JSON file")])
-def test_what_has_no_picture_is_refused_in_a_line(content, says, tmp_path, refused):
+@pytest.mark.parametrize(("content", "part"), [
+    ("{}", "result"), ('{"format": "tcc_sim soak 1"}', "soak"), ("[1]", "a.json"), ("{", "a.json"),
+    ('{"format": "tcc_sim sweep 1", "command": "demo"}', "command"),
+    ('{"format": "tcc_sim simulate 1", "command": ["simulate", "fig02", "--former"]}', "--former"),
+    *((json.dumps(head_of(kind, load_scene("slip"), [kind])), kind) for kind in ("claims", "realtime"))])
+def test_what_has_no_picture_is_refused_in_a_line(content: str, part: str, tmp_path: Path, refused: Refused) -> None:
     (tmp_path / "a.json").write_text(content)
-    assert says in refused("plot", "a.json", "--plot", "a.pdf")
-    np.savez(tmp_path / "a.npz", x=np.ones(2))
-    with pytest.raises(InputError, match="does not say which command wrote it"):
-        stored.read_stored(tmp_path / "a.npz")
-    with pytest.raises(InputError, match="must end in"):
-        stored.read_stored(tmp_path / "a.txt")
+    assert part in refused("plot", "a.json", "--plot", "a.pdf")
 
 
-@pytest.mark.parametrize(("kind", "words"), [
-    ("claims", ["claims"]), ("realtime", ["realtime"]),
-    ("sweep_points", ["sweep", "slip", "--over", "engine.frequency=100,200"]),
-    ("basin_rows", ["basins", "slip", "--plane", "initial.slip_speed=0:1:2", "--plane", "initial.plate_angle=0:1:2"])])
-def test_a_kind_without_a_picture_is_refused_by_its_name(kind, words, tmp_path, refused):
-    """Every other kind is drawn in a test of its own."""
-    (tmp_path / "a.json").write_text(json.dumps(head_of(kind, load_scene("slip"), words)))
-    assert f"there is no picture of a JSON of {kind}" in refused("plot", "a.json", "--plot", "a.pdf")
+@pytest.mark.parametrize("words", [
+    ["simulate", "fig02", "--plot", "run.jpg"], ["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--plot",
+                                                 "no/run.png"], ["simulate", "fig02", "--plot", "here.png"],
+    ["simulate", "fig02", "--plot", "x.svg", "--json", "x.svg"], ["plot", "a.txt"], ["plot", "x.npz"],
+    ["plot", "none.json"]])
+def test_what_cannot_be_a_picture_is_refused_before_anything_is_solved(words: list[str], tmp_path: Path,
+                                                                       refused: Refused) -> None:
+    (tmp_path / "here.png").write_text("mine")
+    np.savez(tmp_path / "x.npz", x=np.ones(2))
+    line = refused(*words)
+    assert any(Path(word).name in line for word in words if "." in word)
+    assert (tmp_path / "here.png").read_text() == "mine"
 
 
-def test_a_picture_is_a_pdf_by_default_and_never_overwritten(figures, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("words", [
+    ["simulate", "fig02", "--plot", "run.png"], ["figure", "4", "--out", "figures"],
+    ["precision", "--quick", "--out", "p"], ["sweep", "fig02", "--over", "engine.frequency=1:2:2", "--plot", "run.svg"],
+    ["plot", "a.json"]])
+def test_a_missing_library_is_named_before_anything_is_computed(words: list[str], tmp_path: Path,
+                                                                monkeypatch: pytest.MonkeyPatch,
+                                                                capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["explain", "minimal", "--json", "a.json"]) == 0
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(words) == 1
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert "pip install 'tcc_sim[view]'" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_picture_is_a_pdf_by_default_in_the_width_and_units_that_are_asked_for(
+        pictures: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of the command that wrote the file, or others."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["sweep", "slip", "--over", "engine.frequency=100,200", "--set", "engine.order=2", "--cycles", "20",
+                 "--units", "rpm", "--title", "T", "--json", "a.json"]) == 0
     assert main(["plot", "a.json"]) == 0
-    (tmp_path / "a.pdf").write_text("mine")
-    assert main(["plot", "a.json", "--width", "column"]) == 2
-    assert "not overwritten" in capsys.readouterr().err
-    assert (tmp_path / "a.pdf").read_text() == "mine"
-    assert main(["plot", "a.json", "--width", "column", "--force"]) == 0
-    assert [drawn.get_figwidth() for drawn in figures] == [style.PAGE, style.COLUMN]
-
-
-def test_a_recorded_command_is_read_as_its_parser_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Options before the scene, and abbreviated ones."""
-    words = ["simulate", "--cycl", "60", "--set", "engine.frequency=130", "fig02", "--disc", "20", "--js",
-             str(tmp_path / "a.json"), f"--ou={tmp_path / 'a.npz'}"]
-    assert main(words) == 0
-    values = stored.read_stored(tmp_path / "a.json")
-    assert stored.title_of(values) == "fig02"
-    assert "slip_speed" in values["arrays"]
-    assert stored.missing_data(values) == ""
-    assert stored.title_of({"command": ["sweep", "fig02", "--ov", "engine.frequency=1,2", "--ti=T"]}) == "T"
-    capsys.readouterr()
-    with pytest.raises(InputError, match=r"command is none of this version: .*--former"):
-        stored.title_of({"command": ["simulate", "fig02", "--former"]})
-    assert capsys.readouterr().err == ""
-
-
-@pytest.mark.parametrize("more", [[], ["--orders"]])
-def test_a_run_driven_by_a_table_is_drawn_again_while_the_table_exists(more, figures, tmp_path):
-    """Beside the measured slip speed; with --orders, the maps of both and their difference."""
-    t = np.linspace(0.0, 1.2, 2401)
-    table, json_ = tmp_path / "run.csv", tmp_path / "a.json"
-    columns = t, 300.0 + 250.0 * np.sin(150.0 * t), 10.0 + np.sin(150.0 * t), np.full(len(t), 150.0)
-    np.savetxt(table, np.stack(columns, axis=1),
-               delimiter=",", header="t,engine_torque,slip_speed,engine_speed", comments="")
-    words = ["simulate", "fig02", "--inputs", str(table), "--hold", "linear", *more, "--json", str(json_)]
-    assert main([*words, "--plot", str(tmp_path / "a.png")]) == 0
-    assert main(["plot", str(json_), "--plot", str(tmp_path / "b.png")]) == 0
-    same(figures[0], figures[1])
-    table.unlink()
-    if not more:
-        with pytest.raises(InputError, match=r"run.csv, which has the inputs, does not exist; .* --out FILE.npz"):
-            tcc_sim.plot(json_, tmp_path / "c.png")
-
-
-def test_a_result_is_drawn_in_the_units_of_its_command_or_in_others(figures, tmp_path):
-    words = ["sweep", "slip", "--over", "engine.frequency=100,200", "--set", "engine.order=2", "--cycles", "20"]
-    assert main([*words, "--units", "rpm", "--json", str(tmp_path / "a.json")]) == 0
-    for more in ([], ["--units", "hz"]):
-        assert main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"), "--force", *more]) == 0
-    tcc_sim.plot(tcc_sim.sweep("slip", "engine.frequency", [100.0, 200.0], cycles=20), tmp_path / "b.png", units="rpm")
-    labels = [{text for text in artists(drawn) if isinstance(text, str)} for drawn in figures]
-    assert [{"engine speed (rpm)", "max |slip speed|\n(rpm)"} <= each for each in labels] == [True, False, True]
-    assert r"excitation frequency $\omega/2\pi$ (Hz)" in labels[1]
-    with pytest.raises(InputError, match="units is 'bpm'; it must be rad, rpm, hz"):
-        tcc_sim.plot("a.json", tmp_path / "c.png", units="bpm")
-
-
-def test_a_json_of_identify_draws_its_parameters(figures: list[Any], tmp_path: Path) -> None:
-    parameter = {"key": "driveline.stiffness", "start": 3000.0, "value": 3030.0, "high": 3060.0}
-    values = {"parameters": [parameter], "chi2_per_dof": 1.0, "accepted": True}
-    tcc_sim.plot(values, tmp_path / "a.png")
-    assert any(isinstance(item, tuple) and np.array_equal(item[1], [[1.0, 0.0]]) for item in artists(figures[0]))
-
-
-def test_a_fit_is_made_again_where_its_measurements_are_and_refused_where_they_differ(monkeypatch, tmp_path):
-    (tmp_path / "a.csv").write_text("t\n")
-    document = {"format": "tcc_sim identify 1", "command": ["identify", str(tmp_path / "a.csv"), "--free", "k"],
-                "parameters": [{"value": 100.0, "standard_error": 10.0}, {"value": -8.0, "standard_error": None}]}
-    for first, second, why in ((100.0099, -8.0079, ""), (99.9901, -7.9921, ""),
-                               (100.011, -8.0, "k is 100.011 in the fit and 100 in the JSON"),
-                               (100.0, -8.0081, "k is -8.0081 in the fit and -8 in the JSON")):
-        fit = SimpleNamespace(parameters=[SimpleNamespace(key="k", value=value) for value in (first, second)])
-        monkeypatch.setattr("tcc_sim.cli.identify.fit_again", lambda arguments, fit=fit: fit)
-        if not why:
-            assert stored.revived(document) is fit
-            continue
-        with pytest.raises(InputError, match=rf"^{tmp_path / 'a.csv'} has changed: {why}$"):
-            stored.revived(document)
-    (tmp_path / "a.csv").unlink()
-    assert stored.revived(document)["parameters"] == document["parameters"]
-    for words, why in (("demo", "no list of words"), ([1], "no list of words"), (["demo"], "DIR/analysis.json")):
-        with pytest.raises(InputError, match=why):
-            stored.arguments_in({"command": words})
-    (tmp_path / "analysis.json").write_text(json.dumps({"command": ["demo"], "format": "tcc_sim analyse 1"}))
-    assert stored.read_stored(tmp_path / "analysis.json")["command"] == ["analyse", str(tmp_path / "recording")]
+    assert (tmp_path / "a.pdf").is_file()
+    assert main(["plot", "a.json"]) == 2
+    assert main(["plot", "a.json", "--width", "column", "--force", "--units", "hz", "--title", "U"]) == 0
+    assert [drawn.get_figwidth() for drawn in pictures] == [7.2, 3.5]
+    assert [drawn._suptitle.get_text() for drawn in pictures] == ["T", "U"]
+    shown = []
+    for drawn in pictures:
+        axis = list(panels(drawn).values())[2]
+        ticks = [float(axis.xaxis.get_major_formatter()(at)) / at for at in axis.get_xticks() if at > 0.0]
+        shown.append((axis.get_xlabel(), "max" in drawn.axes[0].get_ylabel(), float(np.mean(ticks))))
+    assert [label for label, *_ in shown] == ["engine speed (rpm)", r"excitation frequency $\omega/2\pi$ (Hz)"]
+    assert [factor for *_, factor in shown] == pytest.approx([30.0 / math.pi / 2.0, 0.5 / math.pi], rel=1e-3)
 
 
 def mutants(text: str, count: int) -> Iterator[str]:
@@ -240,28 +178,22 @@ def mutants(text: str, count: int) -> Iterator[str]:
         yield json.dumps(whole)
 
 
-def sweep_json(folder: Path) -> str:
-    """The JSON of a small sweep."""
+def test_a_damaged_json_is_drawn_or_refused_in_a_line(pictures: list[Any], tmp_path: Path,
+                                                      capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["sweep", "slip", "--over", "engine.frequency=100,120", "--cycles", "4", "--json",
-                 str(folder / "sweep.json")]) == 0
-    return (folder / "sweep.json").read_text()
-
-
-def test_a_damaged_json_is_drawn_or_refused_in_a_line(figures, tmp_path, capsys):
-    statuses = []
-    for text in mutants(sweep_json(tmp_path), 12):
-        (tmp_path / "a.json").write_text(text)
+                 str(tmp_path / "sweep.json")]) == 0
+    text, statuses = (tmp_path / "sweep.json").read_text(), []
+    for damaged in mutants(text, 30):
+        (tmp_path / "a.json").write_text(damaged)
+        capsys.readouterr()
         statuses.append(main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"), "--force"]))
         assert len(capsys.readouterr().err.splitlines()) == (statuses[-1] > 0)
     assert set(statuses) == {0, 2}
-
-
-@pytest.mark.parametrize("shorter", ["max_slip_speed", "values", "breakaways"])
-def test_lists_of_unequal_length_are_refused(tmp_path, shorter):
-    values = json.loads(sweep_json(tmp_path))
-    values[shorter] = values[shorter][:1]
-    with pytest.raises(InputError, match=r"has [12] values; [12] are expected"):
-        tcc_sim.plot(values, tmp_path / "a.png")
+    for shorter in ("max_slip_speed", "values", "breakaways"):
+        values = json.loads(text)
+        values[shorter] = values[shorter][:1]
+        with pytest.raises(InputError):
+            tcc_sim.plot(values, tmp_path / "b.png")
 
 
 def samples(folder: Path, **changes: Any) -> Path:
@@ -273,46 +205,28 @@ def samples(folder: Path, **changes: Any) -> Path:
     return folder / "a.npz"
 
 
-def test_damaged_arrays_are_refused_in_a_line(tmp_path):
-    data, draw, outcomes = samples(tmp_path).read_bytes(), random.Random(6), []
-    for _ in range(80):
+def test_damaged_arrays_are_drawn_or_refused_in_a_line(tmp_path: Path, pictures: list[Any],
+                                                            capsys: pytest.CaptureFixture[str]) -> None:
+    data, draw, refusals = samples(tmp_path).read_bytes(), random.Random(6), 0
+    capsys.readouterr()
+    for _ in range(30):
         changed, place = bytearray(data), draw.randrange(len(data))
         size = draw.choice([1, 8, 60])
         changed[place:place + size] = draw.choice([b"", bytes(size), draw.randbytes(size)])
         (tmp_path / "b.npz").write_bytes(changed)
-        try:
-            outcomes.append(len(stored.read_stored(tmp_path / "b.npz")["arrays"]))
-        except InputError as error:
-            outcomes.append(0 if str(error).isprintable() else -1)
-    assert set(outcomes) <= {0, len(stored.read_stored(tmp_path / "a.npz")["arrays"])}
-    assert outcomes.count(0) > 40
+        status = main(["plot", str(tmp_path / "b.npz"), "--plot", str(tmp_path / "b.png"), "--force"])
+        refusals += status == 2
+        assert status in (0, 2)
+        assert capsys.readouterr().err.count("\n") == (status > 0)
+    assert refusals > 15
 
 
-@pytest.mark.parametrize(("changes", "says"), [
-    ({"slip_speed": np.zeros(5)}, "has 5 values"), ({"slip_speed": np.zeros((5, 2))}, "has 2 dimensions"),
-    ({"cycle_lowest": np.zeros(2)}, "cycle_lowest has 2 values"), ({"section_states": np.zeros((9, 2))}, "the shape"),
-    ({"document": np.array("[1]")}, "the JSON of the command that wrote it is damaged"),
-    ({"document": np.array(1)}, "does not say which command wrote it")])
-def test_arrays_that_do_not_belong_together_are_refused(tmp_path, changes, says):
-    with pytest.raises(InputError, match=says):
-        stored.read_stored(samples(tmp_path, **changes))
-
-
-def test_an_array_that_no_picture_uses_is_not_read(tmp_path):
-    """2 kB that would take 80 MB; as an array that is used it is refused by its declared size."""
-    path = samples(tmp_path, other=np.zeros(10_000_000))
-    tracemalloc.start()
-    stored.read_stored(path)
-    assert tracemalloc.get_traced_memory()[1] < 4 << 20
-    tracemalloc.stop()
-    with pytest.raises(InputError, match=r"array cycle_highest would take 80000000 bytes; at most \d+ are accepted"):
-        stored.read_stored(samples(tmp_path, cycle_highest=np.zeros(10_000_000)))
-    with pytest.raises(InputError, match="neither numbers nor text"):
-        stored.read_stored(samples(tmp_path, t=np.array([{}], dtype=object)))
-
-
-def test_a_json_of_any_size_is_not_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("tcc_sim.output.files.LARGEST_JSON", 10)
-    (tmp_path / "a.json").write_text('{"format": "x"}')
-    with pytest.raises(InputError, match="has 15 bytes; a JSON file of results has at most 10"):
-        stored.read_stored(tmp_path / "a.json")
+@pytest.mark.parametrize("changes", [
+    {"slip_speed": np.zeros(5)}, {"slip_speed": np.zeros((5, 2))}, {"cycle_lowest": np.zeros(2)},
+    {"section_states": np.zeros((9, 2))}, {"document": np.array("[1]")}, {"document": np.array(1)},
+    {"cycle_highest": np.zeros(10_000_000)}, {"t": np.array([{}], dtype=object)}])
+def test_arrays_that_do_not_belong_together_are_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
+    with pytest.raises(InputError) as caught:
+        tcc_sim.plot(samples(tmp_path, **changes), tmp_path / "b.png")
+    assert "a.npz" in str(caught.value)
+    assert str(caught.value).isprintable()
