@@ -2,52 +2,40 @@
 
 from __future__ import annotations
 
-import ast
-import json
 import re
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import pytest
+from notebook import shown_by
 
 from tcc_sim.scene import KNOWN_KEYS, load_scene
-from tcc_sim.sweeps.results import Sweep
 from tcc_sim.views.plots import Picture
 
-NOTEBOOK = Path(__file__).resolve().parent.parent / ".github" / "guide" / "first_steps.ipynb"
+NOTEBOOK = Path(__file__).resolve().parent.parent / ".github" / "guide" / "stick_slip.ipynb"
 
 
-def run_cell(source: str, names: dict[str, Any]) -> Any:
-    """Run a cell in a namespace, as a kernel does; the value of the expression in its last line."""
-    tree = ast.parse(source)
-    assert isinstance(tree.body[-1], ast.Expr)
-    tree.body[-1] = ast.fix_missing_locations(ast.copy_location(
-        ast.Assign([ast.Name("_", ast.Store())], tree.body[-1].value), tree.body[-1]))
-    exec(compile(tree, str(NOTEBOOK), "exec"), names)
-    return names["_"]
-
-
-def test_the_notebook_runs_and_shows_tables_and_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("matplotlib")
+def test_the_lecture_shows_what_the_paper_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The motion of period two begins near 0.92 of the static coefficient (Sec. 5.1); energies of a period balance."""
+    pytest.importorskip("matplotlib").use("Agg")
     monkeypatch.chdir(tmp_path)
-    content = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
-    assert content["nbformat"] == 4
-    names: dict[str, Any] = {}
-    shown = [run_cell("".join(cell["source"]), names) for cell in content["cells"] if cell["cell_type"] == "code"]
-    scene, result, picture, swept, other, path = shown
-    frequency = f"{scene.system.engine.frequency:.6g}"
-    assert f"<td>engine.frequency</td><td>{frequency}</td><td>rad/s</td>" in scene._repr_html_()
-    assert "<td>rate</td><td>1000</td><td>Hz</td>" in scene._repr_html_()
-    assert "<th>max_slip_speed (rad/s)</th>" in result._repr_html_()
-    assert "<th>engine.torque_amplitude (N m)</th>" in swept._repr_html_()
-    assert isinstance(swept, Sweep)
-    for drawn, width in ((picture, 1440), (other, 700)):
-        assert isinstance(drawn, Picture)
-        png = drawn._repr_png_()
-        assert png.startswith(b"\x89PNG")
-        assert int.from_bytes(png[16:20], "big") == width
-    assert path.read_bytes().startswith(b"%PDF")
-    assert [file.name for file in tmp_path.iterdir()] == ["swept.pdf"]
+    names, shown = shown_by(NOTEBOOK)
+    pictures = [value for value in shown if isinstance(value, Picture)]
+    assert len(pictures) == 5
+    assert all(picture._repr_png_().startswith(b"\x89PNG") for picture in pictures)
+    heat, work, stick, breakaways = next(value for value in shown if isinstance(value, dict)).values()
+    run, omega = names["run"].trajectory, 150.0
+    last = run.t > run.t[-1] - 2.0 * np.pi / omega
+    damped = 0.6 * np.trapezoid(run.plate_speed[last] ** 2, run.t[last])
+    assert work == pytest.approx(heat + damped, rel=2e-3)
+    assert 0.5 < stick < 1.0
+    assert breakaways == 1.0
+    first = {found.kind: found.value / 0.3 for found in names["motions"].bifurcations[:2]}
+    assert first == pytest.approx({"period_doubling": 0.777, "fold": 0.92}, abs=5e-3)
+    verdict, settling, _ = shown[-2]
+    assert verdict == "settled"
+    assert 2.0 < settling < 4.0
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_scene_is_a_table_of_every_key() -> None:
