@@ -63,3 +63,10 @@ def test_the_code_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_every_replaced_line_is_on_the_page() -> None:
     assert all(sum(line in block for block in BLOCKS) == 1 for line in QUICKER)
+
+
+def test_the_gallery_has_every_picture() -> None:
+    root = PAGE.parent.parent
+    text = (root / "guide" / "gallery.md").read_text(encoding="utf-8")
+    shown = set(re.findall(r"\]\(\.\./pictures/([^)]+)\)", text))
+    assert shown == {path.name for path in (root / "pictures").iterdir()}
