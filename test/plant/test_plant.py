@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 
 import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.profile import Origin
 from tcc_sim.plant.driveline import (
     MEASURED,
     SHARE,
     Plant,
-    largest,
-    origin_after,
-    pressure_at,
-    shaft_torque,
-    side_of_slip,
 )
 from tcc_sim.scene import load_scene
-from tcc_sim.solvers.terms import SUBSTEP_LIMIT, general_terms, holding, terms_of
+from tcc_sim.solvers.terms import SUBSTEP_LIMIT, general_terms, terms_of
 
 MEANS = {"engine.fallback": "mean", "pressure.fallback": "mean"}
 
@@ -95,37 +88,12 @@ def test_a_live_parameter_is_checked_beside_the_held_pressure_and_for_the_time_a
     assert np.isfinite(result.reading()).all()
 
 
-def test_a_faster_pace_is_refused_where_a_tick_would_not_fit_into_it() -> None:
-    result = plant(1e-6)
-    sub_steps = result.stepper.substeps
-    fits = SHARE * 1e-3 / (sub_steps * 1e-6)
-    result.use(result.scene.with_values({"real_time_factor": fits * (1.0 - 1e-9)}))
-    with pytest.raises(InputError, match="real time"):
-        result.use(result.scene.with_values({"real_time_factor": fits * (1.0 + 1e-9)}))
-
-
 def test_a_scene_that_needs_more_than_the_share_from_the_start_keeps_running_and_gets_no_dearer() -> None:
     stepper = Plant(load_scene("fig02")).stepper
     result = plant(0.7 * stepper.step / stepper.substeps, "fig02")
     result.use(result.scene.with_values({"engine.mean_torque": 200.0, "pressure.mean": 2e5}))
     with pytest.raises(InputError, match=r"in real time at most 0.7 ms are allowed"):
         result.use(result.scene.with_values({"pressure.mean": 3e5}))
-
-
-def test_a_scene_that_cannot_be_computed_in_its_own_time_is_refused_at_the_start_with_the_measured_cost() -> None:
-    """Measured with the compiled kernel: 18 810 sub-steps take milliseconds on any machine; a tick has one."""
-    values = {"pressure.mean": 1e7, "pressure.amplitude": 0.0, "friction.decay": 35.625}
-    scene = load_scene("fig02").with_values(values)
-    assert needed(scene.system, 1e7, 1e-3) == pytest.approx(18_810.0)
-    with pytest.raises(InputError) as refusal:
-        Plant(scene).warm_up()
-    said = re.match(r"a tick of 1 ms needs 18810 sub-steps, which take (.*) ms on this machine; in real time at most "
-                    "1 ms", str(refusal.value))
-    assert said is not None
-    assert 1e-8 < 1e-3 * float(said[1]) / 18_810 < 1e-4
-    offline = Plant(scene.with_values({"real_time_factor": 0.0}))
-    offline.warm_up()
-    offline.stepper.advance()
 
 
 def test_the_general_kernel_is_what_a_change_that_needs_it_is_checked_with() -> None:
@@ -179,19 +147,6 @@ def test_a_pressure_that_would_fall_below_zero_is_clamped_in_the_fallback() -> N
         result.stepper.advance()
         lowest.append(result.reading().applied_pressure)
     assert min(lowest) == 0.0
-
-
-def test_held_inputs_are_constants_whatever_harmonics_the_scene_has() -> None:
-    scene = load_scene("fig02").with_values({"engine.harmonic_amplitudes": [40.0, 20.0],
-                                             "engine.harmonic_phases": [0.1, 0.2]})
-    terms = holding(terms_of(scene.system), 77.0, 88.0)
-    assert (terms.mean_torque, terms.mean_load) == (77.0, 88.0)
-    assert terms.torque is not None
-    assert terms.pulsation is not None
-    assert (terms.torque[0], terms.pulsation[0]) == (0.0, 0.0)
-    assert terms.harmonics is not None
-    assert terms.harmonics[:, 1].tolist() == [0.0, 0.0]
-    assert holding(terms, None, None) is terms
 
 
 def test_the_applied_pressure_follows_its_profile_and_the_phase() -> None:
@@ -254,50 +209,6 @@ def test_a_profile_runs_in_ticks_as_offline():
     assert not plant.general
 
 
-@pytest.mark.parametrize(("speed", "side"), [(0.1, 0), (-0.1, 0), (0.0, 0), (0.1001, 1), (-0.1001, -1)])
-def test_slip_up_to_the_stick_speed_is_stick(speed: float, side: int) -> None:
-    assert side_of_slip(speed, 0.1) == side
-
-
-def test_the_shaft_has_the_torque_of_its_twist_and_its_rate() -> None:
-    scene = load_scene("fig02").with_values({"driveline.stiffness": 2500.0, "driveline.damping": 0.75})
-    assert shaft_torque(scene.system.driveline, 0.2, 8.0) == pytest.approx(506.0)
-
-
-@pytest.mark.parametrize(("values", "low", "high"), [({"time_constant": 0.01}, 3e5, 3e5), ({"delay": 0.002}, 1e5, 3e5)])
-def test_the_largest_pressure_of_a_tick_is_that_of_a_lag_or_the_one_applied(
-        values: dict[str, float], low: float, high: float) -> None:
-    pressure = load_scene("controlled").with_values({f"pressure.{k}": v for k, v in values.items()}).system.pressure
-    assert (largest(pressure, 3e5, 1e5), largest(pressure, 1e5, 3e5)) == (low, high)
-
-
-def test_the_pressure_of_a_scene_is_that_of_its_own_excitation() -> None:
-    system = load_scene("fig02").with_values({
-        "pressure.mean": 2e5, "pressure.amplitude": 4e4, "pressure.frequency_ratio": 0.5, "pressure.phase": 0.3,
-        "engine.frequency": 130.0}).system
-    exact = 2e5 + 4e4 * math.sin(0.5 * 130.0 * 0.7 + 0.3)
-    assert pressure_at(0.7, system, terms_of(system), 5.0) == pytest.approx(exact)
-    deep = load_scene("fig02").with_values({"pressure.mean": 2e5, "pressure.amplitude": 2.5e5}).system
-    turn = 1.5 * math.pi / (deep.engine.frequency * deep.pressure.frequency_ratio)
-    assert pressure_at(turn, deep, terms_of(deep), 0.0) == 0.0
-    still = load_scene("controlled").system
-    assert pressure_at(0.7, still, terms_of(still), 0.0) == still.pressure.mean
-
-
-def test_phases_stay_continuous_where_a_frequency_or_ratio_changes() -> None:
-    before = load_scene("fig02").with_values({"pressure.frequency_ratio": 0.5})
-    origin = Origin(0.2, 3.0, 0.7)
-    phase = 3.0 + 150.0 * (0.9 - 0.2)
-    same = before.with_values({"engine.mean_torque": 1.0}).system
-    assert origin_after(before.system, same, origin, 0.9) is origin
-    for values, expected in (
-            ({"pressure.frequency_ratio": 1.5}, (0.2, 3.0, 0.7 - phase)),
-            ({"engine.frequency": 90.0}, (0.9, phase, 0.7)),
-            ({"engine.frequency": 90.0, "pressure.frequency_ratio": 0.25}, (0.9, phase, 0.7 + 0.25 * phase))):
-        after = before.with_values(values).system
-        assert origin_after(before.system, after, origin, 0.9) == pytest.approx(expected)
-
-
 def test_a_reading_has_the_state_of_its_tick() -> None:
     scene = load_scene("fig02").with_values({"initial.slip_speed": -40.0, "initial.plate_speed": 3.0, "rate": 750.0,
                                              "initial.plate_angle": 0.1, "pacing": "lockstep"})
@@ -336,16 +247,3 @@ def test_a_friction_table_cannot_come_or_go_while_running() -> None:
     result = Plant(curved)
     result.use(changed)
     assert result.scene is changed
-
-
-def test_the_cost_of_a_sub_step_is_the_shortest_of_five_and_the_longer_of_slip_and_stick() -> None:
-    """Two times five measurements of 200 sub-steps, ms: 5, 4, 3, 4, 5 and 7, 6, 9, 8, 7."""
-    steps = [x for lasts in (5, 4, 3, 4, 5, 7, 6, 9, 8, 7) for x in (0.0, 1e-3 * lasts)]
-    scene = load_scene("commands").with_values(MEANS)
-    result = Plant(scene, iter(steps).__next__)
-    result.warm_up()
-    result.warm_up()
-    with pytest.raises(StopIteration):
-        result.warm_up_general()
-    assert result._cost[False] == pytest.approx(6e-3 / MEASURED)
-    assert not result.general_ready.is_set()

@@ -51,11 +51,6 @@ def test_noise_has_its_deviation_and_its_seed() -> None:
     assert one.tobytes() == again.tobytes() != other.tobytes()
 
 
-def test_one_of_every_so_many_messages_is_lost() -> None:
-    _, lost = sensed(60, joint_states={"drop": 10, "seed": 3})
-    assert [tick // 10 for tick, gone in enumerate(lost) if gone] == [0, 1, 2, 3, 4, 5]
-
-
 def test_a_law_is_told_by_the_sensors_and_the_run_keeps_the_true_states() -> None:
     seen: list[float] = []
 
