@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.fmu.c_types import DOUBLE, INT, Keys, Kind, Row, Static, Struct, Table, Tuple, struct_of
+from tcc_sim.fmu.c_types import DOUBLE, INT, Keys, Kind, Row, Static, Struct, Table, struct_of
 from tcc_sim.fmu.description import (
     SOURCES,
     Variable,
@@ -28,7 +28,7 @@ from tcc_sim.fmu.description import (
 )
 from tcc_sim.fmu.printer import Library
 from tcc_sim.model import actuator, equations
-from tcc_sim.model.equations import COEFFICIENTS, OPTIONAL, Linear
+from tcc_sim.model.equations import COEFFICIENTS, Linear
 from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import Origin, profile_of
@@ -39,9 +39,7 @@ from tcc_sim.scene import Scene
 from tcc_sim.solvers import fixed_step
 from tcc_sim.solvers.terms import (
     Terms,
-    general_terms,
     holding,
-    padded,
     stick_speed_of,
     substeps_needed,
     terms_from,
@@ -154,7 +152,7 @@ def _kernel(scene: Scene, rows: list[Variable]) -> str:
     keys, engine, pressure = (Keys(value, name, known.get) for name, value in (
         ("", system), ("engine", system.engine), ("pressure", system.pressure)))
     library = Library(frozenset({"Friction.curve", "System.varying"}), {
-        equations.linear_of: ("py_linear_of", struct_of(Linear, {}, {})), padded: _unpadded})
+        equations.linear_of: ("py_linear_of", struct_of(Linear, {}, {}))})
     origin = library.structure(Origin)
     _, profile = library.function(profile_of, (engine, pressure, Static(None), origin))
     assert isinstance(profile, Table)
@@ -167,7 +165,7 @@ def _kernel(scene: Scene, rows: list[Variable]) -> str:
     for name, function, kinds in _entries(terms, origin, keys, pressure,
                                           Keys(system.driveline, "driveline", known.get)):
         library.entry(f"tcc_{name}", function, *kinds)
-    return f"{library.text()}\n{_present(terms)}"
+    return library.text()
 
 
 def _entries(terms: Struct, origin: Struct, keys: Keys, pressure: Keys,
@@ -175,7 +173,7 @@ def _entries(terms: Struct, origin: Struct, keys: Keys, pressure: Keys,
     """Return the functions that tcc_model.h calls: name there, the Python, and types of its arguments."""
     absent = Static(None)
     return [
-        ("terms_of", terms_from, (keys, origin)), ("general_terms_of", general_terms, (keys, origin)),
+        ("terms_of", terms_from, (keys, origin)),
         ("hold_torque", holding, (terms, DOUBLE, absent)),
         ("hold_pressure", driveline.held, (keys, terms, absent, DOUBLE)),
         ("substeps", substeps_needed, (terms, DOUBLE, DOUBLE)), ("stick_speed", stick_speed_of, (terms,)),
@@ -197,13 +195,6 @@ def _getter(owner: type[Any], name: str) -> Any:
     return vars(owner)[name].fget
 
 
-def _unpadded(stribeck: tuple[float, ...]) -> tuple[float, ...]:
-    """Stand for `terms.padded` in C, which has a kernel for this number of exponentials: more of zero amplitude would
-    add nothing, but one must be there.
-    """
-    return stribeck if len(stribeck) > 2 else (0.0, 1.0) if stribeck is None else stribeck
-
-
 def _linear_part() -> str:
     """Return a C function printed from `model.equations.COEFFICIENTS`: the linear part of the values."""
     lines = "\n".join(f"    linear->{name} += {share!r} * x[at_{key.replace('.', '_')}];"
@@ -214,12 +205,3 @@ static void py_linear_of(const double *x, Linear *linear)
     memset(linear, 0, sizeof *linear);
 {lines}
 }}"""
-
-
-def _present(terms: Struct) -> str:
-    """Return a C function that tells which terms are there: a bit for each that may be absent."""
-    present = [f"t->{name}.has" for name, kind in terms.fields
-               if isinstance(kind, Table) or (isinstance(kind, Tuple) and kind.optional)]
-    present += [f"(t->linear.{name} != 0.0)" for name in OPTIONAL]
-    bits = " | ".join(f"{text} << {place}" for place, text in enumerate(present))
-    return f"static int tcc_present(const Terms *t)\n{{\n    return {bits};\n}}\n"

@@ -58,15 +58,20 @@ OPTIONAL = tuple(Linear._field_defaults)
 """Coefficients that may be absent."""
 
 
-def linear_of(system: System, general: bool = False) -> Linear:
-    """Return the linear part of a system; with `general`, absent coefficients that a key may bring are 0."""
+def linear_of(system: System) -> Linear:
+    """Return the linear part of a system; coefficients that are 0 are absent."""
     coefficients = dict.fromkeys(_BROUGHT, 0.0)
     for key, shares in COEFFICIENTS.items():
         value = system.value(key)
         for name, share in shares.items():
             coefficients[name] += share * value
     return Linear(**{name: value for name, value in coefficients.items()
-                     if value != 0.0 or general or name not in OPTIONAL})
+                     if value != 0.0 or name not in OPTIONAL})
+
+
+def completed(linear: Linear) -> Linear:
+    """Return the linear part with 0 for every absent coefficient that a key may bring, so that one kernel has all."""
+    return linear._replace(**{name: 0.0 for name in _BROUGHT if getattr(linear, name) is None})
 
 
 Coefficients = tuple[float, float, float, float, float, float, float]

@@ -45,8 +45,6 @@ from tcc_sim.topics import FAR_END, topic
 
 SWITCH_INTERVAL = 1e-4
 """Time after which the real-time loop interrupts another thread in the interpreter, s."""
-COMPILING = 1.0
-"""Real time for which a change waits for the kernel that it needs, s."""
 DOUBTED_AFTER = 0.5
 """Simulation time after which commands that are too small for their unit cause a warning, s: a ramp begins at 0."""
 DIAGNOSTICS_PERIOD = 1.0
@@ -182,11 +180,6 @@ class DrivelineNode(Node):
             return SetParametersResult(successful=False, reason=str(error))
         if after == self.scene:
             return SetParametersResult(successful=True)
-        plant = self.loop.plant
-        if plant.needs_general(after) and not plant.general_ready.wait(COMPILING):
-            return SetParametersResult(
-                successful=False, reason="the kernel for terms that the scene did not have at the start is still being "
-                                         "compiled; repeat the request in a few seconds")
         text = after.text()
         before = self.scene.warnings()
         outcome = self.loop.request(lambda: self._take(after, text))
@@ -210,9 +203,8 @@ class DrivelineNode(Node):
 
     def _say(self, time_ns: int) -> None:
         """Publish the scene with its run and the simulation time of the first state computed with it."""
-        text = holding_from(self._scene_text, time_ns, self.loop.plant.general,
-                            self.loop.plant.origin if time_ns else START, self.loop.outputs.zero_ns,
-                            self.loop.outputs.run, self.get_fully_qualified_name())
+        text = holding_from(self._scene_text, time_ns, self.loop.plant.origin if time_ns else START,
+                            self.loop.outputs.zero_ns, self.loop.outputs.run, self.get_fully_qualified_name())
         self.loop.outputs.say("scene", cdr.string(text))
 
     def _does(self, action: Callable[[Any], object], sentence: Callable[[Outcome], str]) -> Callable[[Any, Any], Any]:

@@ -66,7 +66,6 @@ class RealTimeLoop:
         self._requests: queue.SimpleQueue[tuple[Future[Outcome], Callable[[], object]]] = queue.SimpleQueue()
         self._stopping, self._wake = False, threading.Event()
         self._thread = threading.Thread(target=self._run, name="real_time_loop", daemon=True)
-        self._compiler = threading.Thread(target=self.plant.warm_up_general, name="compiler", daemon=True)
         engine, pressure = topic("engine_torque"), topic("actuation_pressure")
         self.engine_command = CommandedInput(node, engine) if engine.wanted(scene.value) else None
         self.pressure_command = (CommandedInput(node, pressure, self.plant.check_pressure)
@@ -103,7 +102,7 @@ class RealTimeLoop:
         return self._thread.is_alive()
 
     def start(self) -> None:
-        """Compile and time the scene's kernel, then start the thread; the kernel for changes is compiled beside it.
+        """Compile or load the kernels of the scene and of its changes, time them, and start the thread.
 
         Raises
         ------
@@ -114,9 +113,8 @@ class RealTimeLoop:
         if self.scene.operation.publish_shaft_torque:
             self.plant.warm_up_far_end()
         self._thread.start()
-        self._compiler.start()
         if priority := self.scene.operation.thread_priority:
-            attend(priority, (self._thread.native_id, self._compiler.native_id))
+            attend(priority, (self._thread.native_id,))
 
     def stop(self) -> None:
         """End the thread and wait for its end, which takes at most one sleep slice."""

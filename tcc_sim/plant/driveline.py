@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -17,7 +16,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import START, Origin, along, phase_at, profile_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.fixed_step import Reached, Stepper
-from tcc_sim.solvers.terms import Terms, general_terms, holding, stick_speed_of, substeps, terms_from, terms_of
+from tcc_sim.solvers.terms import Terms, for_ticks, holding, stick_speed_of, substeps, terms_from, terms_of
 
 SHARE = 0.5
 """Fraction of a tick's real time allowed for the sub-steps of commands and changes while running, by their cost at
@@ -70,8 +69,6 @@ class Plant:
     def __init__(self, scene: Scene, clock: Callable[[], float] = time.perf_counter) -> None:
         self._clock = clock
         self.stepper = Stepper(scene.system, 1.0 / scene.operation.rate)
-        self.general = False
-        self.general_ready = threading.Event()
         self._stamp_step = 1e9 / scene.operation.rate
         self._scene_terms = self._terms = terms_of(scene.system)
         self.origin = START
@@ -81,11 +78,12 @@ class Plant:
         pressure = scene.system.pressure
         self._actuator = Actuator(pressure, self.stepper.step) if pressure.actuated else None
         self._press(pressure.mean, pressure.mean)
-        self._cost: dict[bool, float] = {}
+        self._cost: dict[tuple[bool, int], float] = {}
         self._share = SHARE
 
     def warm_up(self) -> None:
-        """Compile and time the scene's own kernel once, and check that a tick can be computed in its real time.
+        """Compile or load the kernels of the scene and of every change of it, time them once, and check that a tick can
+        be computed in its real time.
 
         Raises
         ------
@@ -94,31 +92,25 @@ class Plant:
         """
         if self._cost:
             return
-        self.stepper.warm_up()
-        self._cost[False] = self._measured(self._scene_terms)
-        if not _differ(general_terms(self.scene.system), self._scene_terms):
-            self._cost[True] = self._cost[False]
-            self.general_ready.set()
+        for terms in self._variants():
+            self.stepper.warm_up(terms)
+            self._cost[_kind_of(terms)] = self._measured(terms)
         self._share = max(SHARE, min(1.0, self._needed(self.scene, self._scene_terms)))
         self.check(self.scene)
 
-    def warm_up_general(self) -> None:
-        """Compile and time the kernel with every term, which some changes need; it may run beside the running clock."""
-        terms = general_terms(self.scene.system)
-        if not self.general_ready.is_set():
-            self.stepper.warm_up(terms)
-            self._cost[True] = self._measured(terms)
-            self.general_ready.set()
-
     def warm_up_far_end(self) -> None:
-        """Compile the kernels with a moving far end."""
-        self.stepper.warm_up(*([general_terms(self.scene.system)] if self.general_ready.is_set() else []), far=True)
+        """Compile or load the kernels with a moving far end."""
+        self.stepper.warm_up(*self._variants(), far=True)
 
-    def needs_general(self, scene: Scene) -> bool:
-        """Return whether `scene` needs the kernel with every term: its terms differ from those at the start, or its
-        frequency does, since the phase must be continuous.
+    def _variants(self) -> list[Terms]:
+        """Return terms of every kind of kernel to which a change leads: with a profile, which keeps the phases after a
+        change of the frequency, and with an exponential.
         """
-        return _differ(terms_from(scene.system, self._origin_of(scene)), self._scene_terms)
+        system = self.scene.system
+        own = [self._scene_terms, terms_from(system, Origin(0.0, 0.0, 1.0))]
+        if system.friction.curve is None:
+            own += [terms._replace(stribeck=(0.0, 1.0)) for terms in own]
+        return list({_kind_of(terms): terms for terms in reversed(own)}.values())
 
     def check(self, scene: Scene) -> None:
         """Raise InputError if `scene` cannot be computed with the held inputs or with their fallbacks."""
@@ -143,8 +135,7 @@ class Plant:
             `check` refuses the scene; nothing changes.
         """
         self.check(scene)
-        self.general, self._terms, self.origin = self.needs_general(scene), self._terms_of(scene), self._origin_of(
-            scene)
+        self._terms, self.origin = self._terms_of(scene), self._origin_of(scene)
         self._follow(scene)
         self._hold(self._torque, self._pressure)
         if self._actuator is not None:
@@ -178,7 +169,7 @@ class Plant:
         """Return to the initial state at simulation time 0 without held inputs."""
         self.stepper.reset(self.scene.system)
         self.origin, system = START, self.scene.system
-        self._terms = general_terms(system) if self.general else terms_of(system)
+        self._terms = terms_of(system)
         self._torque = self._pressure = None
         self.stepper.use(self._terms)
         if self._actuator is not None:
@@ -254,9 +245,8 @@ class Plant:
         return origin_after(self.scene.system, scene.system, self.origin, self.stepper.tick * self.stepper.step)
 
     def _terms_of(self, scene: Scene) -> Terms:
-        """Return the terms of `scene` for the kernel that it needs."""
-        origin = self._origin_of(scene)
-        return general_terms(scene.system, origin) if self.needs_general(scene) else terms_from(scene.system, origin)
+        """Return the terms of `scene` from the next tick on."""
+        return terms_from(scene.system, self._origin_of(scene))
 
     def _afford(self, scene: Scene, terms: Terms) -> None:
         """Raise InputError if a tick needs more sub-steps than the solver or the tick's real time allows."""
@@ -274,7 +264,7 @@ class Plant:
         operation = scene.operation
         if operation.real_time_factor == 0.0 or operation.pacing == "lockstep":
             return 0.0
-        cost = self._cost.get(_differ(terms, self._scene_terms), 0.0)
+        cost = self._cost.get(_kind_of(terms), 0.0)
         return count * cost * operation.real_time_factor / self.stepper.step
 
     def _measured(self, terms: Terms) -> float:
@@ -338,7 +328,6 @@ def side_of_slip(slip_speed: float, stick_speed: float) -> int:
     return 0 if abs(slip_speed) <= stick_speed else 1 if slip_speed > 0.0 else -1
 
 
-def _differ(one: Terms, other: Terms) -> bool:
-    """Return whether two scenes need different kernels: a term is only in one, or the exponentials differ in number."""
-    return any((a is None) != (b is None) for a, b in zip((*one, *one.linear), (*other, *other.linear))) or (
-        len(one.stribeck or ()) != len(other.stribeck or ()))
+def _kind_of(terms: Terms) -> tuple[bool, int]:
+    """Return what selects the kernel of a tick among the changes of one scene."""
+    return terms.profile is None, len(for_ticks(terms).stribeck or ())

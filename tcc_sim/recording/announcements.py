@@ -26,13 +26,13 @@ MOST_SCENES = 10_000
 _TIMES, HEAD, LONGEST = struct.Struct("<QQ"), 22, 4096
 _NUMBER = r"-?\d[\de.+-]{0,30}"
 _LINE = re.compile(rf"# (?:run (?P<run>{RUN}) of (?P<name>\S+), )?holds from stamp (?P<stamp>\d{{1,19}}) ns on"
-                   r"(?P<general>, in the kernel with every term)?"
+                   r"(?:, in the kernel with every term)?"
                    rf"(?:, phase (?P<phase>{_NUMBER}) rad at (?P<time>{_NUMBER}) s, the load's ahead by "
                    rf"(?P<lead>{_NUMBER}) rad)?"
                    r"(?:, simulation time 0 is (?P<zero>\d{1,19}) ns of the wall clock)?")
 
 
-def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START, zero_ns: int = 0, run: str = "",
+def holding_from(text: str, stamp_ns: int, origin: Origin = START, zero_ns: int = 0, run: str = "",
                  name: str = "") -> str:
     """Return the text of a scene with a comment line that states run and driveline and from when it holds.
 
@@ -40,7 +40,6 @@ def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START
     ----------
     text : the scene (YAML)
     stamp_ns : simulation time (ns) of the first state computed with it: the tick after the change, or 0 after a reset
-    general : whether the kernel with every term solves it (`general_terms`), because the terms changed while running
     origin : time and phase from which the phases are counted
     zero_ns : stamp of simulation time 0, ns; 0 where stamps are simulation time
     run, name : run, and fully qualified name of the driveline's node; empty in recordings before version 1.1
@@ -48,9 +47,8 @@ def holding_from(text: str, stamp_ns: int, general: bool, origin: Origin = START
     phases = (f", phase {origin.phase!r} rad at {origin.time!r} s, the load's ahead by {origin.lead!r} rad"
               if origin != START else "")
     wall = f", simulation time 0 is {zero_ns} ns of the wall clock" if zero_ns else ""
-    kernel = ", in the kernel with every term" if general else ""
     of = f"run {run} of {name}, " if run else ""
-    return f"{text}# {of}holds from stamp {stamp_ns} ns on{kernel}{phases}{wall}\n"
+    return f"{text}# {of}holds from stamp {stamp_ns} ns on{phases}{wall}\n"
 
 
 @dataclass(frozen=True)
@@ -87,11 +85,6 @@ class SceneRecord:
     def zero_ns(self) -> int:
         """Stamp of simulation time 0, ns; 0 where stamps are simulation time."""
         return int(self._line["zero"]) if self._line and self._line["zero"] and int(self._line["zero"]) < 1 << 62 else 0
-
-    @property
-    def general(self) -> bool:
-        """Whether the kernel with every term solved it."""
-        return self._line is not None and self._line["general"] is not None
 
     @property
     def origin(self) -> Origin:

@@ -17,7 +17,7 @@ from tcc_sim.replay.result import STEP_TOLERANCE, Verification
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.scene import parse_scene
 from tcc_sim.solvers.fixed_step import Reached, Stepper
-from tcc_sim.solvers.terms import Terms, general_terms, terms_from
+from tcc_sim.solvers.terms import Terms, terms_from
 from tcc_sim.topics import topic
 from tcc_sim.trajectory import Floats
 
@@ -179,13 +179,12 @@ class _Verifier:
     def _take_scene(self, place: int) -> None:
         """Read the scene with this number."""
         self._place, record = place, self._scenes[place]
-        self._scene, self._general = parse_scene(record.text, self._scene.name), record.general
-        self._origin = record.origin
+        self._scene, self._origin = parse_scene(record.text, self._scene.name), record.origin
 
     def _use_scene(self) -> None:
-        """Use the scene's terms from the next tick on, in the kernel that the driveline used."""
+        """Use the scene's terms from the next tick on."""
         system = self._scene.system
-        self._terms: Terms = (general_terms if self._general else terms_from)(system, self._origin)
+        self._terms: Terms = terms_from(system, self._origin)
         self._held: tuple[float | None, float | None] = None, None
         self._stepper.use(self._terms)
 

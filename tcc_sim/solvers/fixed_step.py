@@ -24,7 +24,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import FAR_ANGLE, FAR_SPEED
 from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
-from tcc_sim.solvers.terms import Terms, holding, same_but_means, substeps, terms_of
+from tcc_sim.solvers.terms import Terms, for_ticks, holding, same_but_means, substeps, terms_of
 from tcc_sim.solvers.torques import break_after, piece_at, pull_of_far_end, torques_now
 from tcc_sim.trajectory import Floats
 
@@ -299,10 +299,8 @@ class Stepper:
         self._far[0] = self.tick * self.step, self._far[0, FAR_ANGLE] if angle is None else angle, speed, 0.0
 
     def _completed(self, terms: Terms) -> Terms:
-        """Return `terms` with the actuator's and the far end's part in the next tick."""
-        if self._approach is None and self._far is None:
-            return terms
-        return terms._replace(approach=self._approach, far=self._far if terms.far is None else terms.far)
+        """Return `terms` for the kernel, with the actuator's and the far end's part in the next tick."""
+        return for_ticks(terms)._replace(approach=self._approach, far=self._far if terms.far is None else terms.far)
 
     def warm_up(self, *variants: Terms, far: bool = False) -> None:
         """Compile and run the kernel once for each kind of terms, without touching the state; `far`: as if the far end

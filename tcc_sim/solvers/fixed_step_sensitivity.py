@@ -24,7 +24,7 @@ from tcc_sim.solvers.changes import CHANGES, LANES, changing_linear
 from tcc_sim.solvers.fixed_step import GAMMA, plate_of, slip_over_all, stage, stages, weighted, with_means
 from tcc_sim.solvers.law_changes import FRICTION, NUMBERS_OF_ALL, OF_SLIP, mubar_at, numbers_of
 from tcc_sim.solvers.series import added
-from tcc_sim.solvers.terms import Terms
+from tcc_sim.solvers.terms import Terms, for_ticks
 from tcc_sim.solvers.torques import break_after
 from tcc_sim.trajectory import Floats
 
@@ -179,6 +179,7 @@ def advance_windows(starts: Floats, first: float, step: float, width: int, n: in
     states, derivatives = np.empty(shape), np.empty((*shape, columns.shape[1]))
     if held is None:
         held = np.zeros((len(starts) * width, 2, 2))
+    terms = for_ticks(terms)
     _advance(starts, first, step, n, terms, None if terms.profile is None else terms.profile.copy(), held, states,
              derivatives, np.empty(3), groups, np.empty((3, len(NUMBERS_OF_ALL) + 2)))
     return states, derivatives[..., :count]

@@ -13,7 +13,7 @@ from tcc_sim.solvers.fixed_step import advance_ticks
 from tcc_sim.solvers.per_cycle import STAMP, cycles_of_states, hermite
 from tcc_sim.solvers.problem import Problem, assemble, rates_along
 from tcc_sim.solvers.scalar import ITERATION_BOUND
-from tcc_sim.solvers.terms import substeps, terms_of
+from tcc_sim.solvers.terms import for_ticks, substeps, terms_of
 from tcc_sim.trajectory import Statistics, Status, Trajectory, concatenated, split_cycles
 
 BATCH = 400_000
@@ -27,6 +27,7 @@ def solve(problem: Problem) -> Trajectory:
     """
     step = problem.step or 1e-3
     terms = terms_of(problem.system)
+    kernel_terms = for_ticks(terms)
     state, flywheel = np.array(problem.first), True if problem.flywheel_angle else None
     t, states = np.array([problem.start]), state[None, :].copy()
     try:
@@ -40,7 +41,8 @@ def solve(problem: Problem) -> Trajectory:
     while done < ticks:
         block = min(ticks - done, max(1, BATCH // n))
         out = np.empty((block * n, len(state)))
-        (count, worst), spent = timed(advance_ticks, state, problem.start, step, done, block, n, terms, flywheel, out)
+        (count, worst), spent = timed(advance_ticks, state, problem.start, step, done, block, n, kernel_terms,
+                                       flywheel, out)
         seconds += spent
         total, most = total + count, max(most, worst)
         fresh = problem.start + np.arange(done, done + block)[:, None] * step + np.arange(1, n + 1) * (step / n)

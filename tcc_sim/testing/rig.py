@@ -138,8 +138,6 @@ class Rig:
         self._check_open()
         changes = changes_of(values, more)
         self._plant.warm_up()
-        if self._plant.needs_general(self._node.scene.with_values(changes)):
-            self._plant.warm_up_general()
         result = self._node.set_parameters_atomically([Parameter(key, value=value) for key, value in changes.items()])
         if not result.successful:
             raise InputError(result.reason)

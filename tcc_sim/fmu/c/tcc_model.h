@@ -59,7 +59,6 @@ typedef struct {
     double used[TCC_VARIABLES];    /* the variables of the terms */
     tcc_around around;
     int substeps, mode, changed;   /* changed: terms are to be worked out anew */
-    int started;                   /* terms that there were at the start, as tcc_present gives them */
 } tcc_model;
 
 /* fresh: terms of changed values until they are checked. */
@@ -108,7 +107,6 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     double fixed = x[at_friction_static_coefficient], sliding = x[at_friction_kinetic_coefficient], needed;
     Origin origin = m->origin;
     Terms *terms = &p->fresh;
-    int present;
     if (!m->changed) return TCC_OK;
     if (!TCC_TABLE && (sliding < fixed / TCC_LARGEST_RATIO || sliding > fixed * TCC_LARGEST_RATIO))
         return tcc_say(p, TCC_DISCARD, "friction.kinetic_coefficient is %g; with friction.static_coefficient %g it must be "
@@ -116,8 +114,6 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     if (tcc_increasing(p) != TCC_OK) return TCC_DISCARD;
     if (m->mode == TCC_STEP_MODE) tcc_origin_after(m->used, x, &m->origin, (double)m->tick * TCC_STEP, &origin);
     tcc_terms_of(x, &origin, terms);
-    present = tcc_present(terms);
-    if (m->mode == TCC_STEP_MODE && present != m->started) tcc_general_terms_of(x, &origin, terms);
     if (TCC_ENGINE_TOPIC) tcc_hold_torque(terms, x[at_engine_torque], terms);
     if (TCC_PRESSURE_TOPIC) tcc_hold_pressure(x, terms, x[at_actuation_pressure], terms);
     needed = tcc_substeps(terms, TCC_STEP, 0.0);
@@ -128,7 +124,6 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     m->stick_speed = tcc_stick_speed(terms);
     m->substeps = (int)needed;
     m->changed = 0;
-    if (m->mode != TCC_STEP_MODE) m->started = present;
     return TCC_OK;
 }
 

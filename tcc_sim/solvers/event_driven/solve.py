@@ -9,6 +9,7 @@ exactly.
 from __future__ import annotations
 
 from tcc_sim.errors import OutOfRange
+from tcc_sim.model.equations import completed
 from tcc_sim.model.friction import exponentials
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.engine import COUNTERS, EngineShell, Memory, Setup
@@ -47,8 +48,10 @@ def setup_of(system: System, rtol: float) -> Setup:
 
 
 def without_torque(terms: Terms) -> Terms:
-    """Return the terms without those of the engine torque, which are the waves, and without smoothing."""
-    return terms._replace(torque=None, harmonics=None, smoothing=None)
+    """Return the terms without those of the engine torque, which are the waves, and without smoothing; with every
+    linear coefficient.
+    """
+    return terms._replace(linear=completed(terms.linear), torque=None, harmonics=None, smoothing=None)
 
 
 def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> Bounds:

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from tcc_sim.model import profile as of
+from tcc_sim.model.equations import completed
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import collocation
 from tcc_sim.solvers.engine import COUNTERS, EngineShell, Memory, Setup, Stretch
@@ -44,7 +45,7 @@ def prepared(system: System, rtol: float) -> Setup:
     """Return `setup_of` the terms of a system; a solve copies `waves`."""
     setup = setup_of(system, terms_of(system), rtol)
     setup.waves.setflags(write=False)
-    return setup
+    return setup._replace(terms=setup.terms._replace(pulsation=setup.terms.pulsation or (0.0, 1.0, 0.0)))
 
 
 def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> Setup:
@@ -62,8 +63,8 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
         limits = limits._replace(steps=steps_allowed(terms, longest))
         tables = collocation.nodal_tables(terms.linear, top, levels + math.ceil(2.0 * math.log2(longest / period)))
         terms = terms._replace(pulsation=terms.pulsation or (0.0, 1.0, 0.0))
-    return Setup(limits, terms._replace(torque=None, harmonics=None),  # They are the waves.
-                 system.pressure.frequency_ratio, waves, tables)
+    terms = terms._replace(linear=completed(terms.linear), torque=None, harmonics=None)  # The sines are the waves.
+    return Setup(limits, terms, system.pressure.frequency_ratio, waves, tables)
 
 
 def _varying(problem: Problem, setup: Setup, profile: Floats) -> Iterator[Stretch]:

@@ -18,7 +18,7 @@ import rclpy
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 
-from tcc_sim.nodes.children import START_LIMIT, NodeProcess, PrivateEnvironment
+from tcc_sim.nodes.children import NodeProcess, PrivateEnvironment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.pacing import LEAD, TIMER_SLACK_NS, Pacer, prepare_thread, release_memory
 from tcc_sim.nodes.process import created
@@ -162,8 +162,6 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
             if not loop.clock_started.wait(30.0) and listener is not None:
                 listener.check()
             loop.request(lambda: loop.pause(True))
-            # Compiling during the first ticks would hold the interpreter, in the node's loop only.
-            loop.plant.general_ready.wait(START_LIMIT)
             node_side, bare_side = _alternated(node, rate, duration, progress, settings)
         finally:
             node.destroy_node()

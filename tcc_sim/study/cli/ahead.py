@@ -53,7 +53,6 @@ def make_ticks(scene: Scene) -> None:
     """Make ticks of the node, alone and with every term, and ticks with the states between."""
     plant = Plant(scene)
     plant.warm_up()
-    plant.warm_up_general()
     advance(np.zeros(3), 0.0, 1e-6, 1, plant.stepper.terms, None, np.empty((1, 3)))
 
 
