@@ -11,7 +11,7 @@ from tcc_sim.recording.announcements import holding_from, source_text
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import Stepper
-from tcc_sim.solvers.terms import general_terms, holding, terms_of
+from tcc_sim.solvers.terms import holding, terms_of
 from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER, JOINT_STATE
 
 TICK = 1_000_000
@@ -22,16 +22,16 @@ def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), s
     """Rows (stamp, six columns of joint_states, applied pressure) of a driveline; torque and pressure are f(tick), None
     for the scene's own input.
 
-    After a tick in `resets` the driveline starts again; `changes` are (tick, values, all terms) of parameters set while
+    After a tick in `resets` the driveline starts again; `changes` are (tick, values, None) of parameters set while
     running. The list `said` receives (row, text) of every scene published again, the list `sources` (row, stamp, text)
     of every change of an input's source."""
     stepper, system, changes = Stepper(scene.system,
                                        1.0 / scene.operation.rate), scene.system, {k: rest for k, *rest in changes}
-    rows, terms, text, general = [], stepper.terms, "", False
+    rows, terms, text = [], terms_of(system), ""
 
     def say(stamp):
         if said is not None and text:
-            said.append((len(rows), holding_from(text, stamp, general)))
+            said.append((len(rows), holding_from(text, stamp)))
 
     def publish(applied):
         v, angle, speed, flywheel, engine, friction, _ = stepper.now()
@@ -46,10 +46,10 @@ def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), s
     publish(system.pressure.mean)
     for k in range(1, ticks):
         if k in changes:
-            values, general = changes[k]
+            values, _ = changes[k]
             after = scene.with_values(values)
             system, text = after.system, after.text()
-            terms = (general_terms if general else terms_of)(system)
+            terms = terms_of(system)
             stepper.use(terms)
             say((stepper.tick + 1) * TICK)
         engine, applied = (f(k) if f is not None else None for f in (torque, pressure))

@@ -67,7 +67,7 @@ class _Verifier:
         self._next_place = 0
         self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
         self._leapt = 0
-        self._scene, self._general, self._origin = line.scene, False, START
+        self._scene, self._origin = line.scene, START
         self._run = -1
         self._harmonic, self._lagged = (False, False), False
         self._pressed = self._far_angle = math.nan

@@ -21,7 +21,7 @@ SPEEDS = np.array([-3.0, -0.2, -0.01, 0.02, 0.3, 4.0])
 def test_the_linear_part_has_the_keys_of_a_system_and_its_matrix() -> None:
     coupled = replace(System(), {"converter.coupling": 0.8, "driveline.damping": 0.0})
     assert equations.linear_of(System()) == (0.2, 0.02, 0.6, 3000.0, None, None, None)
-    assert equations.linear_of(System(), general=True) == (0.2, 0.02, 0.6, 3000.0, 0.0, None, 0.0)
+    assert equations.completed(equations.linear_of(System())) == (0.2, 0.02, 0.6, 3000.0, 0.0, None, 0.0)
     assert equations.linear_of(coupled) == (0.2, 0.02, 0.0, 3000.0, 0.8, None, -0.8)
     assert equations.coefficients_of(FULL) == tuple(FULL)
     assert equations.coefficients_of(Linear(1.0, 2.0, 3.0, 4.0)) == (1.0, 2.0, 3.0, 4.0, 0.0, 0.0, 0.0)

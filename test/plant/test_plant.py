@@ -15,7 +15,7 @@ from tcc_sim.plant.driveline import (
     Plant,
 )
 from tcc_sim.scene import load_scene
-from tcc_sim.solvers.terms import SUBSTEP_LIMIT, general_terms, terms_of
+from tcc_sim.solvers.terms import SUBSTEP_LIMIT
 
 MEANS = {"engine.fallback": "mean", "pressure.fallback": "mean"}
 
@@ -26,7 +26,6 @@ def plant(cost: float = 0.0, scene: str = "commands", **values: object) -> Plant
                                                   **{k.replace("__", "."): v for k, v in values.items()}}),
                    itertools.cycle((0.0, cost * MEASURED)).__next__)
     result.warm_up()
-    result.warm_up_general()
     return result
 
 
@@ -96,29 +95,6 @@ def test_a_scene_that_needs_more_than_the_share_from_the_start_keeps_running_and
         result.use(result.scene.with_values({"pressure.mean": 3e5}))
 
 
-def test_the_general_kernel_is_what_a_change_that_needs_it_is_checked_with() -> None:
-    """Harmonics of zero amplitude count too: the scene's own terms stay within the limit, all terms exceed it."""
-    result = plant(scene="minimal", rate=8.0, engine__frequency=4000.0)
-    change = result.scene.with_values({"friction.kinetic_coefficient": 0.29999})
-    terms = general_terms(change.system)
-    assert result.needs_general(change)
-    assert 8.0 ** -1 * 8000.0 / 0.04 > SUBSTEP_LIMIT > 8.0 ** -1 * 4000.0 / 0.04
-    assert terms.harmonics is not None
-    with pytest.raises(InputError, match="25000 sub-steps"):
-        result.use(change)
-    assert not result.general
-    result.stepper.advance()
-
-
-def test_friction_tables_with_more_or_fewer_exponentials_need_the_general_kernel() -> None:
-    speeds = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0]
-    scenes = [load_scene("minimal").with_values({"friction.slip_speeds": speeds, "friction.coefficients": [
-        0.2 + 0.04 * math.exp(-0.5 * v) - share * math.exp(-0.02 * v) for v in speeds]}) for share in (0.0, 0.02)]
-    assert [len(terms_of(scene.system).stribeck or ()) for scene in scenes] == [2, 4]
-    for begins in scenes:
-        assert [Plant(begins).needs_general(scene) for scene in scenes] == [scene is not begins for scene in scenes]
-
-
 def test_commands_hold_and_the_harmonic_fallback_is_the_excitation_of_the_scene_at_simulation_time() -> None:
     result = plant(scene="commands", engine__fallback="harmonic", pressure__fallback="harmonic", pressure__phase=0.7)
     for _ in range(100):
@@ -172,7 +148,6 @@ def test_engine_torque_and_pressure_go_on_from_where_they_are():
                                              "engine.harmonic_phases": [0.2]})
     plant = Plant(scene)
     plant.warm_up()
-    plant.warm_up_general()
     phase, angle, omega, ratio = 0.0, 0.7, 150.0, 0.5
     for ticks, changes in ((33, {"engine.frequency": 210.0}), (41, {"pressure.frequency_ratio": 1.7}),
                            (29, {"engine.frequency": 95.0, "pressure.frequency_ratio": 0.9}),
@@ -206,7 +181,6 @@ def test_a_profile_runs_in_ticks_as_offline():
         plant.stepper.advance()
     final = solve(scene, solver="fixed_step", duration=0.1).final
     assert (plant.reading().slip_speed, plant.reading().plate_angle) == (final.slip_speed, final.plate_angle)
-    assert not plant.general
 
 
 def test_a_reading_has_the_state_of_its_tick() -> None:

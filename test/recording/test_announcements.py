@@ -24,13 +24,12 @@ TEXT = "a: 1\nb: 2\n"
 
 
 @pytest.mark.parametrize("stamp", [0, 1, 7_000_000_000])
-@pytest.mark.parametrize("general", [False, True])
 @pytest.mark.parametrize("origin", [START, Origin(1.5, 0.1 + 0.2, -2e-9)])
 @pytest.mark.parametrize("zero", [0, 1_700_000_000_000_000_000])
-def test_what_is_announced_is_read_back(stamp: int, general: bool, origin: Origin, zero: int) -> None:
-    result = SceneRecord(holding_from(TEXT, stamp, general, origin, zero), "1.0", 5)
-    assert (result.first_stamp_ns, result.general, result.origin, result.zero_ns, result.parameters) == (
-        stamp, general, origin, zero, TEXT)
+def test_what_is_announced_is_read_back(stamp: int, origin: Origin, zero: int) -> None:
+    result = SceneRecord(holding_from(TEXT, stamp, origin, zero), "1.0", 5)
+    assert (result.first_stamp_ns, result.origin, result.zero_ns, result.parameters) == (
+        stamp, origin, zero, TEXT)
 
 
 @pytest.mark.parametrize("text", [
@@ -38,8 +37,8 @@ def test_what_is_announced_is_read_back(stamp: int, general: bool, origin: Origi
     "# holds from stamp 3 ns on\n" + TEXT])
 def test_a_scene_without_such_a_line_holds_from_the_start(text: str) -> None:
     result = SceneRecord(text, "1.0", 5)
-    assert (result.first_stamp_ns, result.general, result.origin, result.zero_ns, result.parameters) == (
-        0, False, START, 0, text)
+    assert (result.first_stamp_ns, result.origin, result.zero_ns, result.parameters) == (
+        0, START, 0, text)
 
 
 @pytest.mark.parametrize(("line", "first", "zero", "origin"), [
@@ -54,7 +53,7 @@ def test_numbers_in_the_line_are_read_if_they_are_numbers(line: str, first: int,
 
 
 def test_stamps_of_the_wall_clock_count_from_the_last_zero_before_them() -> None:
-    zeros = zeros_of([TEXT, *(holding_from(TEXT, 0, False, START, zero) for zero in (500, 200, 500))])
+    zeros = zeros_of([TEXT, *(holding_from(TEXT, 0, START, zero) for zero in (500, 200, 500))])
     assert zeros.tolist() == [200, 500]
     stamps = np.array([0, 199, 200, 201, 499, 500, 900])
     assert simulation_ns(stamps, zeros).tolist() == [0, 199, 0, 1, 299, 0, 400]

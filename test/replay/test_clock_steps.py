@@ -101,8 +101,8 @@ def states(run, ticks, sent, index=0):
     return JointStates(np.array(ticks) * TICK, np.array(sent), np.array(sent), *[zero] * 6, run=run, index=index)
 
 
-def record(stamp, said, general=False):
-    return SceneRecord(holding_from("a: 1\n", stamp, general) if stamp is not None else "a: 1\n", "1", said)
+def record(stamp, said):
+    return SceneRecord(holding_from("a: 1\n", stamp) if stamp is not None else "a: 1\n", "1", said)
 
 
 def test_places_of_scenes():

@@ -40,7 +40,7 @@ def shifted(rows, ticks):
 
 def said_at(row, stamp, **values):
     scene = SLIP.with_values({key.replace("__", "."): value for key, value in values.items()})
-    return row, holding_from(scene.text(), stamp * TICK, False)
+    return row, holding_from(scene.text(), stamp * TICK)
 
 
 def test_one_run_is_one_segment_with_the_figures_of_the_whole(tmp_path):

@@ -185,13 +185,11 @@ def test_terms_that_are_there_and_their_numbers() -> None:
     assert of.stribeck == pytest.approx((0.2, 2.0))
     varying = terms.terms_of(replace(System(), VARYING))
     assert (varying.torque, varying.pulsation) == (None, pytest.approx((200.0, 6.5, 0.4)))
-    general = terms.general_terms(replace(System(), BARE))
-    assert (general.torque, general.harmonics.tolist(), general.pulsation, general.stribeck) == (
-        (0.0, 1.0), [[2.0, 0.0, 0.0]], (0.0, 1.0, 0.0), (0.0, 2.0))
-    assert (general.linear.flywheel_by_slip, general.linear.plate_by_slip) == (0.0, 0.0)
-    same = terms.general_terms(replace(System(), EVERY))
-    assert (same.torque, same.pulsation, same.stribeck) == ((20.0, 1.0), varying.pulsation, of.stribeck)
-    assert same.harmonics.tolist() == [[3.0, 7.0, 0.2], [4.0, 3.0, 0.3]]
+    bare, every = (terms.for_ticks(terms.terms_of(replace(System(), values))) for values in (BARE, EVERY))
+    assert (bare.torque, bare.harmonics.tolist(), bare.pulsation, bare.stribeck) == (
+        (0.0, 0.0), [[0.0, 0.0, 0.0]], (0.0, 0.0, 0.0), None)
+    assert (bare.linear.flywheel_by_slip, bare.linear.plate_by_slip) == (0.0, 0.0)
+    assert every == terms.terms_of(replace(System(), EVERY))._replace(linear=every.linear, harmonics=every.harmonics)
     assert terms.padded((0.1, 2.0)) == (0.1, 2.0, 0.0, 1.0, 0.0, 1.0)
 
 
