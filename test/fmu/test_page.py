@@ -69,7 +69,7 @@ def test_the_command_writes_sources_alone_the_same_each_time_and_never_over_a_fi
     (["fig02", "--step", "2"], "'2' must be a number from 5e-05 to 1 s"),
     (["fig02", "--step", "1", "--set", "pressure.mean=1e7"], "sub-steps; fixed_step allows at most 20000"),
     (["fig02", "--out", "fig02.zip"], "--out fig02.zip must end in .fmu"),
-    (["fig02", "--fmi", "1"], "invalid choice: 1"), (["fig2"], "did you mean fig02?")])
+    (["fig02", "--fmi", "1"], "must be 2 or 3"), (["fig2"], "did you mean fig02?")])
 def test_what_cannot_be_written_is_one_line_and_no_file(words: list[str], sentence: str,
                                                         refused: Callable[..., str]) -> None:
     assert sentence in refused("fmu", *words)

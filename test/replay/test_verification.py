@@ -102,13 +102,6 @@ def test_a_value_that_is_not_finite_is_found(tmp_path):
     assert result.as_json()["largest_difference"] is None
 
 
-def test_the_kernel_that_the_recording_names_matters(tmp_path):
-    said = []
-    rows = ticked(SCENES["minimal"], 400, changes=STEPS["minimal"], said=said)
-    other = [(row, text.replace(", in the kernel with every term", "")) for row, text in said]
-    assert not verified(tmp_path / "run", rows, SCENES["minimal"], said=other).verified
-
-
 @pytest.mark.parametrize(("name", "changes"), [("fig02", ()), ("minimal", STEPS["minimal"])])
 def test_a_gap_does_not_matter_where_the_inputs_are_known_and_a_change_in_it_is_made_at_its_tick(tmp_path, name,
                                                                                                  changes):
