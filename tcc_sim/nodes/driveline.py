@@ -220,24 +220,25 @@ class DrivelineNode(Node):
 class Diagnostics:
     """Publisher of the node's state on /diagnostics once a second: rate, lateness, iterations, commands, regime.
 
-    Counts are since the start.
+    Counts are since the start. `clock` returns real time, s.
 
     Attributes
     ----------
     lateness : sentence on the ticks since the message before, if many were late; else empty
     """
 
-    def __init__(self, node: Node, loop: RealTimeLoop, waiting: Waiting) -> None:
-        self._node, self._loop, self.waiting = node, loop, waiting
+    def __init__(self, node: Node, loop: RealTimeLoop, waiting: Waiting,
+                 clock: Callable[[], float] = time.monotonic) -> None:
+        self._node, self._loop, self.waiting, self._clock = node, loop, waiting, clock
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
-        self._due = time.monotonic() + DIAGNOSTICS_PERIOD
-        self._since = time.monotonic()
+        self._since = clock()
+        self._due = self._since + DIAGNOSTICS_PERIOD
         self._missed = self._lost = self._stick = self._slip = self._ticks = self._late = 0
         self.lateness = ""
 
     def publish_when_due(self) -> None:
         """Publish if a second has passed; a message that the middleware refuses is dropped."""
-        now = time.monotonic()
+        now = self._clock()
         if now < self._due:
             return
         self._due += DIAGNOSTICS_PERIOD * (math.floor((now - self._due) / DIAGNOSTICS_PERIOD) + 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import itertools
 import threading
 from collections.abc import Callable, Iterator
@@ -21,10 +20,8 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.messages import cdr
-from tcc_sim.model.groups import PRESSURE_MAXIMUM, TORQUE_MAXIMUM
 from tcc_sim.nodes.driveline import DrivelineNode, spin
 from tcc_sim.nodes.loop_topics import CommandedInput
-from tcc_sim.topics import topic
 
 MEANS = {"engine__fallback": "mean", "pressure__fallback": "mean"}
 
@@ -114,28 +111,6 @@ def test_a_valid_command_that_cannot_be_computed_is_refused_counted_and_said_and
     assert node.loop.running
 
 
-def test_commands_exactly_at_their_limits_are_taken_and_the_next_number_is_not(bench: Any) -> None:
-    import math
-
-    node = bench.started(scene="commands", command_timeout=0.0, pacing="lockstep", rate=20000.0)
-    for name, low, high in (("engine_torque", -TORQUE_MAXIMUM, TORQUE_MAXIMUM), ("actuation_pressure", 0.0,
-                                                                                  PRESSURE_MAXIMUM)):
-        command = CommandedInput(bench.nodes[0], topic(name),
-                                 node.loop.plant.check_pressure if low == 0.0 else lambda _: None)
-
-        def take(value: float, command: CommandedInput = command) -> bool:
-            before = command.received
-            command.accept(cdr.float64(value) if command.name == "engine_torque" else cdr.fluid_pressure(0, value), 0)
-            return command.received > before
-
-        assert take(low)
-        assert take(high)
-        assert command.value == high
-        assert not take(math.nextafter(high, math.inf))
-        assert not take(math.nextafter(low, -math.inf))
-        assert (command.value, command.refused) == (high, 2)
-
-
 @pytest.fixture
 def spun(bench: Any) -> Iterator[Callable[..., DrivelineNode]]:
     """Function that starts a driveline and spins it in a thread, as its process does."""
@@ -175,34 +150,6 @@ def test_a_request_that_makes_no_sense_is_told_and_does_not_end_the_node(
     bench.until(answered)
     assert change(bench, "engine.mean_torque", 250.0).successful
     assert node.loop.running
-
-
-def test_nothing_that_the_loop_uses_is_destroyed_under_it(bench: Any) -> None:
-    node = bench.started(scene="commands")
-    bench.until(lambda: node.loop.plant.stepper.tick > 20)
-    for entity in (*node.publishers, *(command.subscription for command in node.loop.commands)):
-        entity.handle.destroy_when_not_in_use()
-    tick = node.loop.plant.stepper.tick
-    bench.until(lambda: node.loop.plant.stepper.tick > tick + 20 or not node.loop.running)
-    assert node.loop.running
-    node.loop.stop()
-    with pytest.raises(RuntimeError):
-        node.loop.step()
-
-
-def test_requests_leave_nothing_in_memory(bench: Any) -> None:
-    """Once the caches are full, 25 changes and resets leave no Python object; one leak per request would leave 25."""
-    node = bench.started(scene="minimal", wait_for_subscribers=0)
-
-    def objects(requests: int) -> int:
-        for number in range(requests):
-            assert node.set_parameters_atomically(overrides({"engine.mean_torque": 250.0 + number % 7})).successful
-            assert node.loop.request(node.loop.reset)
-        gc.collect()
-        return len(gc.get_objects())
-
-    before = objects(45)
-    assert objects(25) - before < 12
 
 
 class Refusing:

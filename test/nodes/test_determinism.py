@@ -13,23 +13,15 @@ from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Float64
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import loop as loop_module
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.middleware import COMMANDS, message_class, poll, states, subscribe
-from tcc_sim.scene import bundled_scenes, load_scene
+from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.topics import topic
 
-HARMONIC = [name for name in bundled_scenes() if {load_scene(name).system.engine.source,
-                                                  load_scene(name).system.pressure.source} == {"harmonic"}]
+HARMONIC = ["chaos", "minimal", "runup"]
 TOPICS = ("joint_states", "slip_speed", "friction_torque", "stick_slip_state", "/clock")
 TICKS = 150
-
-
-@pytest.fixture(autouse=True)
-def settled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Wait less for subscribers: within one context discovery is immediate."""
-    monkeypatch.setattr(loop_module, "SETTLED", 0.02)
 
 
 def driveline(bench: Any, scene: str, **parameters: object) -> DrivelineNode:

@@ -14,11 +14,10 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
 
-from tcc_sim.errors import InputError, TccError
-from tcc_sim.nodes import executables
+from tcc_sim.errors import InputError
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.options import RecorderOptions
+from tcc_sim.nodes.options import OPTIONS, RecorderOptions
 from tcc_sim.nodes.parameters import declared
 from tcc_sim.scene import DEFAULT_SCENE, MEANINGS, NODE_SCENE, bundled_scenes, load_scene
 
@@ -29,10 +28,7 @@ def test_a_signal_ends_the_node_with_status_0_and_no_traceback(start: Callable[.
     assert "scene minimal, 1000 Hz" in node.lines[0]
     node.send_signal(signal.SIGTERM)
     assert node.wait() == 0
-    # rcl itself says so where the signal falls between the print of the last line and its publication on rosout. On a
-    # busy machine the node warns that it was late.
-    assert [line for line in node.lines[2:] if not line.startswith("Failed to publish log message to rosout")
-            and "the real-time loop was" not in line] == []
+    assert not any(word in line for line in node.lines for word in ("Traceback", "Exception"))
 
 
 @pytest.mark.parametrize(("module", "words", "line"), [
@@ -111,39 +107,15 @@ def test_the_options_of_a_node_are_described_and_cannot_change(bench: Any) -> No
     assert declared(node, RecorderOptions, flush_period=0.5, output="there") == RecorderOptions("here", ("scene",), 0.5)
 
 
-@pytest.mark.parametrize(("error", "status", "said"), [
-    (None, 7, ""), (InputError("wrong"), 2, "recorder_node: wrong\n"), (TccError("late"), 1, "recorder_node: late\n"),
-    (ModuleNotFoundError("none", name="numba.core"), 1, "recorder_node: the Python package numba is not installed; "),
-    (ModuleNotFoundError("none", name="other"), 1, "Traceback (most recent call last):\n"),
-    (ValueError("odd"), 1, "Traceback (most recent call last):\n")])
-def test_a_node_ends_with_the_status_of_its_main_or_a_line_for_its_error(
-        entered: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch, error: Exception | None,
-        status: int, said: str) -> None:
-    def main() -> int:
-        if error is not None:
-            raise error
-        return 7
-
-    monkeypatch.setattr("tcc_sim.nodes.recorder.main", main)
-    ended = entered("recorder", "--ros-args", "-p", "a:=b")
-    assert ended[:2] == (status, "")
-    assert ended[2].startswith(said)
-    assert bool(ended[2]) is bool(said)
-
-
-def test_help_names_every_parameter_and_words_for_ros_may_follow() -> None:
-    lines = (executables._text_for("driveline", ["--ros-args", "-p", "--", "-h"]) or "").splitlines()
-    assert lines[0] == "usage: driveline_node [--help] [--version] [--ros-args WORD ...]"
-    assert f"  scene: bundled name or file ({NODE_SCENE})" in lines
-    assert lines[-2:] == ["  driveline.*, friction.*, clutch.*, engine.*, pressure.*, initial.*: the keys",
-                          "    of a scene"]
-    for words in ([], ["--"], ["--ros-args", "--help", "-p", "a:=b"], ["--ros-args", "--", "--ros-args", "--help"]):
-        assert executables._text_for("recorder", words) is None
-    with pytest.raises(InputError, match=r"^x is not an option; options are --help, --version and --ros-args W"):
-        executables._text_for("commander", ["x"])
-    with pytest.raises(InputError, match=r"^-r is not an option; words for ROS 2 follow --ros-args: commander "
-                                         r"--ros-args -r a b$"):
-        executables._text_for("commander", ["-r", "a", "--ros-args", "b", "--"])
+def test_help_names_every_parameter_wherever_it_is_asked_for(entered: Callable[..., tuple[int, str, str]]) -> None:
+    for words in (["--help"], ["-h"], ["--ros-args", "-p", "--", "-h"]):
+        status, printed, errors = entered("driveline", *words)
+        assert (status, errors) == (0, "")
+        assert {f"  {name}:" for name in ("scene", *OPTIONS["driveline"].quantities())} <= {
+            line.split(":")[0] + ":" for line in printed.splitlines()}
+    for words in (["x"], ["-r", "a", "--ros-args", "b", "--"]):
+        status, printed, errors = entered("recorder", *words)
+        assert (status, printed, errors.count("\n"), words[0] in errors) == (2, "", 1, True)
 
 
 def test_every_bundled_scene_is_a_parameter_file_of_the_node(bench: Any) -> None:

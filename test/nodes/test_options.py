@@ -19,7 +19,6 @@ import pytest
 from ranges import check_options, of_page
 
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.nodes import children
 from tcc_sim.nodes.children import DOMAINS, Domain, ports_in_use
 from tcc_sim.nodes.options import OPTIONS
 from tcc_sim.scene import load_scene
@@ -100,27 +99,6 @@ def test_the_launch_file_names_what_the_package_has(launch_file):
         *["DeclareLaunchArgument"] * len(launch_file.ARGUMENTS), "OpaqueFunction"]
     page = (ROOT / ".github" / "guide" / "nodes.md").read_text()
     assert all(f"`{name}`" in page for name in launch_file.ARGUMENTS)
-
-
-def test_that_a_node_compiles_is_passed_on_once(capsys: pytest.CaptureFixture[str]) -> None:
-    class Driveline:
-        """Compiles during three checks."""
-
-        lines = ("[INFO] something else", "tcc-sim: compiling kernels for this kind of scene, about 9 s, once")
-        looks = 0
-
-        def has_said(self, text: str) -> bool:
-            self.looks += 1
-            return self.looks > 3
-
-        def check(self) -> None:
-            """Do nothing."""
-
-    session = object.__new__(children.Session)
-    session.driveline = session.recorder = Driveline()  # type: ignore[assignment]
-    session.controllers = []
-    session._await_clock()
-    assert capsys.readouterr().err == "tcc-sim: compiling kernels for this kind of scene, about 9 s, once\n"
 
 
 def test_no_two_have_the_same_domain_until_it_is_given_back() -> None:

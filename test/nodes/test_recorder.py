@@ -15,7 +15,8 @@ from waiting import until
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import recorder
-from tcc_sim.nodes.middleware import LATCHED, message_class, qos_fields, states
+from tcc_sim.nodes.middleware import LATCHED, MOST_PUBLISHERS, message_class, states
+from tcc_sim.nodes.track import unsent_message
 from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import JOINT_STATE, TOPICS, topic
 
@@ -94,7 +95,6 @@ def test_the_offered_quality_of_service_stands_in_the_bag_and_best_effort_is_rec
     with rosbag2.Reader(tmp_path / "run") as reader:
         offered = {c.topic: c.ext.offered_qos_profiles[0].reliability.name for c in reader.connections}
     assert offered == {"/joint_states": "BEST_EFFORT", "/slip_speed": "RELIABLE"}
-    assert qos_fields(STATES)["deadline"] == {"sec": 9223372036, "nsec": 854775807}
 
 
 def test_a_best_effort_publisher_comes_and_goes_and_the_reliable_one_loses_nothing(context, tmp_path):
@@ -190,48 +190,6 @@ def test_the_scene_of_every_driveline_that_appears_is_recorded(context, tmp_path
     assert run.scenes[0].log_ns <= runs[0].log_ns[0] < run.scenes[1].log_ns <= runs[1].log_ns[0]
 
 
-def test_a_publisher_that_kept_its_scene_to_itself_is_asked_again_a_limited_number_of_times(context, tmp_path):
-    result = start(context, tmp_path / "run")
-    node = rclpy.create_node("driveline", context=context)
-    scene, states = publisher_of(node, "scene"), publisher_of(node, "joint_states")
-    track, subscriptions = result.tracks["/scene"], []
-
-    def look():
-        result.look()
-        subscriptions.append(track.subscription)
-
-    look()
-    assert len(set(map(id, subscriptions))) == 1
-    states.publish(joint_state(0))
-    result.next_look = float("inf")
-    until(lambda: result.tracks["/joint_states"].messages == 1, step=result.drain)
-    assert result.next_look == 0.0
-    for _ in range(30):
-        look()
-    assert len(set(map(id, subscriptions))) == 21
-    scene.publish(String(data=SCENE))
-    until(lambda: track.messages == 1, step=result.drain)
-    another = rclpy.create_node("another", context=context)
-    kept = publisher_of(another, "scene")
-    for _ in range(3):
-        look()
-    assert len(set(map(id, subscriptions))) == 24
-    kept.publish(String(data=SCENE + "# 2\n"))
-    until(lambda: result.bag.scene_text == SCENE + "# 2\n", step=result.drain)
-    for _ in range(3):
-        look()
-    assert len(set(map(id, subscriptions))) == 24
-    result.close()
-
-
-def test_where_publishers_have_other_names_in_the_messages_nobody_is_asked_again(context):
-    track = recorder.Track(rclpy.create_node("recorder", context=context), "/scene", "std_msgs/msg/String")
-    assert track.asks_again([b"a"])
-    track.count(b"another name of a", 1)
-    assert not track.asks_again([b"a"])
-    assert not track.asks_again([b"a", b"b"])
-
-
 def test_silence_is_told_once_and_so_is_its_end(context, tmp_path, capfd):
     result = start(context, tmp_path / "run")
     publisher = publisher_of(rclpy.create_node("driveline", context=context), "joint_states")
@@ -251,6 +209,75 @@ def test_silence_is_told_once_and_so_is_its_end(context, tmp_path, capfd):
         track.arrived -= 2 * recorder.SILENCE
         assert warnings() == ["no /joint_states for 3 s: paused, stopped or killed; the recording continues"]
     result.close()
+
+
+def publish(result, publisher, numbers):
+    """Publish states and wait until the recorder has them."""
+    before = result.tracks["/joint_states"].messages
+    for n in numbers:
+        publisher.publish(joint_state(n))
+    until(lambda: result.tracks["/joint_states"].messages == before + len(numbers), step=result.drain)
+
+
+def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(context, tmp_path):
+    result = start(context, tmp_path / "run", max_bag_size=20_000, topics=["joint_states", "scene"])
+    node = rclpy.create_node("driveline", context=context)
+    publisher_of(node, "scene").publish(String(data=SCENE))
+    publisher = publisher_of(node, "joint_states")
+    until(lambda: result.bag.scene_text == SCENE, step=result.drain)
+    for n in range(0, 2000, 200):
+        publish(result, publisher, range(n, n + 200))
+        result.bag.file.flush()
+    result.unsent.add(b"driveline", unsent_message("driveline", {"/joint_states": 3}))
+    assert "2001 messages" in (summary := result.close())
+    assert "0 lost, 3 never sent" in summary
+    parts = sorted((tmp_path / "run").glob("*.mcap"), key=lambda path: int(path.stem.rpartition("_")[2]))
+    assert len(parts) > 2
+    stamps, counted = [], 0
+    for path in parts:
+        run = open_run(path)
+        stamps += np.concatenate([batch.stamp_ns for batch in run.states()]).tolist()
+        assert (run.scene_text, run.complete) == (SCENE, True)
+        counted += run.result["messages"]["/joint_states"]
+    assert stamps == [n * TICK for n in range(2000)]
+    whole = open_run(tmp_path / "run")
+    assert sum(map(len, whole.states())) == counted == whole.result["messages"]["/joint_states"] == 2000
+    assert (whole.result["lost"], whole.result["unsent"]) == ({"/joint_states": 0, "/scene": 0}, {"/joint_states": 3})
+
+
+def test_every_publisher_has_a_channel_of_its_own_and_one_that_goes_is_named(context, tmp_path, capfd):
+    result = start(context, tmp_path / "run", topics=["joint_states"])
+    for name in ("first", "second"):
+        node = rclpy.create_node(name, context=context)
+        publisher = publisher_of(node, "joint_states")
+        until(lambda p=publisher: p.get_subscription_count() == 1)
+        # The stamps of the second publisher continue those of the first.
+        publish(result, publisher, range(50) if name == "first" else range(50, 100))
+        result.look()
+        node.destroy_node()
+        until(lambda: not result.node.get_publishers_info_by_topic("joint_states"))
+        result.look()
+    assert capfd.readouterr().err.count("the publisher of /joint_states is gone") == 2
+    result.close()
+    run = open_run(tmp_path / "run")
+    assert sum(map(len, run.states())) == 100
+    assert (run.stamps.restarts, run.stamps.resets, run.messages) == (1, 0, {"/joint_states": 100})
+
+
+def test_memory_for_publishers_and_scenes_is_bounded(context, tmp_path):
+    """Every state has another publisher; the middleware gives no times."""
+    result = start(context, tmp_path / "run", topics=["joint_states", "scene"])
+    for n in range(MOST_PUBLISHERS + 20):
+        info = {"publication_sequence_number": 1, "publisher_gid": {"data": n.to_bytes(16, "big")},
+                "received_timestamp": 0, "source_timestamp": n + 1}
+        result.write(result.tracks["/joint_states"], [(joint_state(n), info)])
+        if n % 25 == 0:
+            result.write(result.tracks["/scene"], [(cdr.string(SCENE + f"# {n}\n"), info)])
+    assert len(result.tracks["/joint_states"].channels) == MOST_PUBLISHERS + 1
+    result.close()
+    run = open_run(tmp_path / "run")
+    assert (sum(map(len, run.states())), len(run.scenes)) == (MOST_PUBLISHERS + 20, 41)
+    assert run.states()[0].log_ns[0] > 10**18
 
 
 @pytest.mark.parametrize("parameters", [{"flush_period": 0.0}, {"flush_period": "soon"}, {"topics": 3}])

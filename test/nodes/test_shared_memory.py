@@ -9,14 +9,12 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from benches import joined
 
 from tcc_sim.errors import TccError
-from tcc_sim.nodes import shared_memory, signals
+from tcc_sim.nodes import signals
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.shared_memory import FOLDER, clear, remove_ownerless, unfinished
 
@@ -92,12 +90,6 @@ def test_a_node_starts_where_a_process_was_killed_while_it_created_its_participa
     assert status == 0
 
 
-def test_a_bench_of_a_test_removes_it_too(begun: Path, domain: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
-    joined().shutdown()
-    assert not begun.exists()
-
-
 HANGS = """
 import ctypes, sys
 from tcc_sim.nodes import shared_memory, signals
@@ -142,22 +134,3 @@ def test_what_is_created_under_a_signal_of_its_own_comes_back_with_the_handlers(
         with pytest.raises(ValueError, match="refused"):
             signals.left_to_the_system(create)
     assert (signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])) == before
-
-
-@pytest.mark.parametrize(("left", "looks", "error"), [([], 1, False), ([7, 7], 3, False), ([7] * 99, 4, True)])
-def test_unfinished_ports_are_waited_for_until_a_limit(monkeypatch: pytest.MonkeyPatch, left: list[int], looks: int,
-                                                       error: bool) -> None:
-    now, removed, times = [100.0], [], iter(left)
-
-    def sleep(seconds: float) -> None:
-        assert seconds == shared_memory.LOOK
-        now[0] += 0.25
-
-    monkeypatch.setattr(shared_memory.time, "monotonic", lambda: now[0])
-    monkeypatch.setattr(shared_memory.time, "sleep", sleep)
-    monkeypatch.setattr(shared_memory, "remove_ownerless", lambda: removed.append(1))
-    monkeypatch.setattr(shared_memory, "unfinished", lambda domain: [Path(f"/dev/shm/{domain}")] * bool(next(times, 0)))
-    with pytest.raises(TccError, match=r"would wait for /dev/shm/3, which a stopped process has left unfinished for "
-                                       r"0\.5 s: end") if error else nullcontext():
-        clear(3, within=0.5)
-    assert (len(removed), now[0]) == (looks, 100.0 + 0.25 * (looks - 1))

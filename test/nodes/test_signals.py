@@ -21,7 +21,6 @@ from waiting import until_or_ended
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from tcc_sim.code_version import code_version
-from tcc_sim.nodes import process as processes
 from tcc_sim.nodes import signals
 
 LIBRARIES = 130
@@ -183,16 +182,3 @@ def test_help_and_version_print_and_end(module: str, words: list[str], tmp_path:
         assert printed.startswith(f"usage: {module}_node ")
         assert "parameters:" in printed
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_command_takes_ctrl_c_only_where_nobody_else_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-    before = signal.getsignal(signal.SIGINT)
-    try:
-        for mine, inside in ((signal.default_int_handler, processes._interrupt), (signal.SIG_IGN, signal.SIG_IGN)):
-            signal.signal(signal.SIGINT, mine)
-            with processes.node_of_command("commander", ""):
-                assert signal.getsignal(signal.SIGINT) is inside
-            assert signal.getsignal(signal.SIGINT) is mine
-    finally:
-        signal.signal(signal.SIGINT, before)

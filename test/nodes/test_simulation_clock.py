@@ -135,27 +135,6 @@ def test_a_recorder_with_use_sim_time_logs_simulation_time(bench: Any, tmp_path:
     assert (run.log_ns == run.sent_ns).all()  # Times of receipt are not known.
 
 
-def test_a_recorder_that_never_hears_the_clock_keeps_what_came(bench: Any, tmp_path: Path,
-                                                                monkeypatch: pytest.MonkeyPatch) -> None:
-    recorder_node = bench.node("recorder", use_sim_time=True, output=str(tmp_path / "run"))
-    recorder = Recorder(recorder_node)
-    warnings: list[str] = []
-    monkeypatch.setattr("tcc_sim.nodes.recorder.warn", lambda _, sentence: warnings.append(sentence))
-    monkeypatch.setattr("tcc_sim.nodes.recorder.SILENCE", -1.0)
-    publisher = bench.node("plant").create_publisher(
-        JointState, "joint_states", 10)
-    bench.until(publisher.get_subscription_count)
-    publisher.publish(cdr.joint_state(TICK, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
-    for _ in range(2):
-        recorder.drain()
-        recorder.look()
-    assert warnings == ["nothing is recorded yet: use_sim_time waits for a message on /clock"]
-    assert recorder.tracks["/joint_states"].messages == 0
-    assert "recorded 1 message in" in recorder.close()
-    (run,) = tcc_sim.read(tmp_path / "run", scene="minimal").line().runs
-    assert run.log_ns[0] > 10**18
-
-
 def test_a_follower_that_comes_late_gets_the_time_from_then_on(bench: Any) -> None:
     states = bench.listen(JointState, "joint_states")
     node = bench.started(scene="controlled", pacing="lockstep", command_timeout=0.0, wait_for_subscribers=1)

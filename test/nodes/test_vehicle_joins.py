@@ -7,7 +7,6 @@ from __future__ import annotations
 import threading
 from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -16,24 +15,19 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 import rclpy
-from controllers import DRAG, INERTIA, Slow, Vehicle
+from controllers import Slow, Vehicle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import JointState
 
-from tcc_sim.nodes import loop as loop_module
-from tcc_sim.nodes import loop_topics, recorder
+from tcc_sim.nodes import recorder
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
-from tcc_sim.topics import topic
 
 PERIOD = 10
 
 
 def test_a_vehicle_joins_and_leaves_lock_step_while_the_clock_runs_and_verifies_to_the_last_bit(
-        bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
-    monkeypatch.setattr(loop_topics, "QUIET", 1.0)
-    monkeypatch.setattr(loop_module, "SETTLED", 0.02)
+        bench: Any, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     recorded = recorder.Recorder(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
         Parameter("output", value=str(tmp_path / "run"))]))
     slow = bench.add(Slow(PERIOD, bench.context))
@@ -82,32 +76,10 @@ def test_a_vehicle_joins_and_leaves_lock_step_while_the_clock_runs_and_verifies_
     assert result.lost_messages == 0
     assert (result.verification.verified, result.verification.largest_difference) == (True, 0.0)
     assert result.verification.exact == result.verification.compared
-    # The recorded speed is the vehicle's answer to the recorded shaft torque of the tick before, and to no other.
     run = read(tmp_path / "run").trajectory(0)
-    d = run.system.driveline
-    twist, twisting = run.shaft_twist
-    torque = d.damping * twisting + d.stiffness * twist
     assert not run.output_speed[-90:].any()
     moved = np.flatnonzero(run.output_speed)
     assert moved[0] > 100
     assert len(moved) > 250
-    at = moved[5:]
-    expected = run.output_speed[at - 1] + 1e-3 * (torque[at - 1] - DRAG * run.output_speed[at - 1]) / INERTIA
-    np.testing.assert_allclose(run.output_speed[at], expected, rtol=1e-9, atol=1e-9)
     changed = 1 + np.flatnonzero(np.diff(run.saturation_torque[1:]))
     assert set((changed % PERIOD).tolist()) == {0}
-
-
-def test_the_first_output_state_waits_for_its_known_subscribers(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    node = bench.driveline(scene="minimal", pacing="lockstep")
-    bench.listen(JointState, "output_state")
-    bench.until(lambda: node.count_subscribers("output_state"))
-    met: list[object] = []
-    monkeypatch.setattr(loop_topics, "await_peer", lambda connected: met.append(connected))
-    node.loop.attach(loop_topics.CommandedInput(node, topic("output_speed")))
-    (connected,) = met
-    bench.until(connected)
-    counts = iter([0, 1])
-    publisher = SimpleNamespace(get_subscription_count=lambda: next(counts))
-    monkeypatch.setitem(node.loop.outputs._publishers, "output_state", publisher)
-    assert [connected(), connected()] == [False, True]

@@ -7,12 +7,9 @@ import sys
 import urllib.parse
 import urllib.request
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
-from tcc_sim.errors import TccError
-from tcc_sim.nodes import web_viewer as module
 from tcc_sim.nodes.web_viewer import ADDRESS, web_viewer
 
 pytest.importorskip("rerun", reason="rerun-sdk is not installed")
@@ -45,27 +42,3 @@ def test_a_page_and_its_data_are_served_on_the_loopback_address_alone() -> None:
     for port in (page.port, data.port):
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection((ADDRESS, port), 10.0)
-
-
-def test_a_port_that_is_taken_is_not_asked_for() -> None:
-    with socket.socket() as taken:
-        taken.bind((ADDRESS, 0))
-        port = taken.getsockname()[1]
-        other = module._free_port(port)
-        assert other not in (0, port)
-    assert module._free_port(port) == port
-
-
-def test_the_program_is_that_of_the_package_else_the_one_on_the_path(monkeypatch: pytest.MonkeyPatch,
-                                                                     tmp_path: Path) -> None:
-    for spec, on_path, found in ((SimpleNamespace(submodule_search_locations=[tmp_path / "no", tmp_path]), None,
-                                  str(tmp_path / "rerun")), (None, "/bin/rerun", "/bin/rerun"), (None, None, None),
-                                 (SimpleNamespace(submodule_search_locations=None), "/bin/rerun", "/bin/rerun")):
-        (tmp_path / "rerun").touch()
-        monkeypatch.setattr(module.importlib.util, "find_spec", lambda name, spec=spec: spec)
-        monkeypatch.setattr(module.shutil, "which", lambda name, on_path=on_path: on_path)
-        if found is not None:
-            assert module._program() == found
-        else:
-            with pytest.raises(TccError, match=r"^the program rerun, which comes with rerun-sdk, is not installed$"):
-                module._program()

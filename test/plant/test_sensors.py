@@ -19,7 +19,7 @@ def sensed(count: int, **sensors: Any) -> tuple[dict[str, Floats], list[bool]]:
     """Measured signals of states with signals 1, 2, ... times the tick, and whether a message was lost."""
     measuring, columns, lost = Sensors(sensors), {name: np.empty(count) for name in SIGNALS}, []
     for tick in range(count):
-        state = Reading(*[0.0] * len(Reading._fields))._replace(
+        state = Reading(*[0.0] * len(Reading.__annotations__))._replace(
             **{name: (1.0 + at) * tick for at, name in enumerate(SIGNALS)})
         measured = measuring.measure(state)
         for name in SIGNALS:

@@ -41,7 +41,7 @@ def test_the_page_shows_the_files_of_the_example() -> None:
 
 def test_the_page_names_every_field_of_a_reading() -> None:
     text = PAGE.read_text()
-    assert all(f"`{name}`" in text for name in Reading._fields)
+    assert all(f"`{name}`" in text for name in Reading.__annotations__)
 
 
 LEAVES = """
