@@ -54,7 +54,7 @@ def test_every_value_is_that_of_the_commands_and_ticks(bench: Any) -> None:
     loop, sender = stated.node.loop, Commander(bench)
     loop.begin()
     status, values = stated.status(1.0)
-    assert (status.level, status.hardware_id, status.name) == (WARN, "simulation", "/driveline: driveline")
+    assert (status.level, status.hardware_id, status.name) == (WARN, loop.outputs.run, "/driveline: driveline")
     assert "no command on engine_torque and actuation_pressure" in status.message
     torque, pressure_command = loop.commands
     sender.torques.publish(cdr.float64(310.0))
