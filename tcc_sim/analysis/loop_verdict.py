@@ -23,10 +23,11 @@ from tcc_sim.trajectory import Floats
 class LoopVerdict(Enum):
     """Verdicts on a controlled run, in the order in which they are examined."""
 
-    UNKNOWN = "unknown"
+    TOO_LITTLE = "too little observed"
     SATURATED = "saturated"
     STICKING = "sticking"
     GROWING = "growing"
+    FOLLOWS = "follows"
     HUNTING = "hunting"
     SETTLED = "settled"
     OFF_TARGET = "off target"
@@ -57,6 +58,11 @@ class Errors:
     step : step of the reference from the last value before the segment, rad/s; 0 without
     band : size of the error that counts as settled, rad/s
     floor : the same for a step of any size, rad/s: smaller oscillations do not count
+    moving : whether the target moves to the end
+    ripple : (n,) rms of the slip speed about its mean in each cycle, rad/s; None if unknown
+    until : end of the step, s, after which its target may be reached
+    noise : deviation that noise of the cycle means explains, rad/s
+    apart : distance of independent cycle means, which may be averages over several cycles
     """
 
     t: Floats
@@ -67,13 +73,19 @@ class Errors:
     step: float
     band: float
     floor: float
+    moving: bool = False
+    ripple: Floats | None = None
+    until: float = -math.inf
+    noise: float = 0.0
+    apart: int = 1
 
     @property
     def arrived(self) -> int:
         """Index of the first cycle after a step whose mean has reached the target; the number of cycles if none has."""
         if abs(self.step) <= self.floor:
             return 0
-        arrivals = np.flatnonzero((np.abs(self.error) <= self.band) | (self.error * self.step > 0.0))
+        arrivals = np.flatnonzero(((np.abs(self.error) <= self.band) | (self.error * self.step > 0.0))
+                                  & (self.ends > self.until))
         return int(arrivals[0]) if len(arrivals) else len(self.error)
 
     @property
@@ -130,7 +142,7 @@ def turning_points(signal: Floats, reversal: float) -> NDArray[np.int64]:
     return np.array(places, dtype=np.int64)
 
 
-def swings_of(t: Floats, signal: Floats, floor: float, from_start: bool = False) -> Swings:
+def swings_of(t: Floats, signal: Floats, floor: float, noise: float, from_start: bool = False) -> Swings:
     """Return the complete swings of a signal, (n,) arrays.
 
     A swing that the end cuts counts if it is nearly as large as the others. Noise on a slow swing would cut it into
@@ -139,13 +151,13 @@ def swings_of(t: Floats, signal: Floats, floor: float, from_start: bool = False)
 
     Parameters
     ----------
-    floor : least reversal that ends a swing
+    floor, noise : least reversals that end a swing; a signal is at rest within the former
     from_start : whether the same holds for the swing from the start, as no step leads to it
     """
     second = signal[len(signal) // 2:]
     swings = Swings(np.empty(0), np.empty(0), math.inf)
     for part in DEFAULTS.reversals:
-        reversal = max(floor, part * float(np.ptp(second)) if len(second) else 0.0)
+        reversal = max(floor, noise, part * float(np.ptp(second)) if len(second) else 0.0)
         points = turning_points(signal, reversal)
         if len(points) and abs(signal[points[0]] - signal[0]) < reversal:
             points = points[1:]  # No swing leads to it.
@@ -190,10 +202,63 @@ def loop_verdict(errors: Errors, whole: float) -> Judged:
         return Judged(LoopVerdict.TOO_SHORT, f"{counted(n, 'whole period')} of excitation; a verdict needs "
                                          f"{DEFAULTS.settled_cycles}")
     first = errors.arrived if errors.arrived < n else 0
-    free, forced = _without_forced(errors, first)
-    swings = swings_of(errors.t[first:], free[first:], errors.floor, errors.step == 0.0)
-    verdict = _oscillating(swings, errors, free) or _running_away(errors, whole)
-    return verdict or _at_the_end(errors, swings, forced)
+    free, forced = _without_forced(errors, first) if errors.moving else (errors.error, False)
+    swings = swings_of(errors.t[first:], free[first:], errors.floor, 1.25 * errors.noise, errors.step == 0.0)
+    swinging = _oscillating(swings, errors, free)
+    growing = _running_away(errors, errors.error, errors.band, whole, errors.noise) if not forced else None
+    if swinging is not None and (swinging.verdict is LoopVerdict.GROWING or not errors.moving):
+        return swinging
+    if growing is not None:
+        return Judged(LoopVerdict.GROWING, f"the error grows to the end, last by {speed(growing[0], 3)} per second")
+    if errors.moving:
+        return _following(errors, first)
+    return _ripple_grows(errors, whole) or _at_the_end(errors, swings)
+
+
+def noise_of_means(error: Floats) -> float:
+    """Return the standard deviation of white noise in the second half of a signal, (n,), or in its last
+    quarter; 0 without.
+
+    Second differences take away what changes slowly. Those of white noise have six times its variance, and a
+    correlation of -2/3 from one to the next.
+    """
+    for part in (2, 4):
+        second = np.diff(error[len(error) - len(error) // part:], n=2)
+        if len(second) < DEFAULTS.growing_cycles:
+            break
+        square, usual = float(second @ second), 1.4826 * float(np.median(np.abs(second)))
+        # A single jump has a correlation of -1/2, but is no usual difference.
+        if (usual**2 * len(second) > DEFAULTS.usual * square
+                and float(second[1:] @ second[:-1]) < DEFAULTS.white * square):
+            return usual / math.sqrt(6.0)
+    return 0.0
+
+
+def _ripple_grows(errors: Errors, whole: float) -> Judged | None:
+    """Return the verdict on a ripple within the cycles that grows to the end."""
+    ripple = errors.ripple
+    if ripple is None:
+        return None
+    grown = _running_away(errors, ripple, errors.floor, whole, 0.0, DEFAULTS.blocks_of_ripple)
+    if grown is None or grown[2] < DEFAULTS.ripple * grown[1]:
+        return None
+    return Judged(LoopVerdict.GROWING, f"the ripple of the slip speed grows to the end, to {speed(grown[2], 3)} rms")
+
+
+def _following(errors: Errors, first: int) -> Judged:
+    """Return the verdict on the error from a moving target: follows, off target, or still approaching."""
+    n, since, size = len(errors.error), errors.inside_from, np.abs(errors.error)
+    last = float(errors.ends[-1] - errors.starts[min(since, n - 1)])
+    if n - since >= max(DEFAULTS.settled_cycles, (n - first) // 2):
+        return Judged(LoopVerdict.FOLLOWS, f"within {speed(errors.band, 3)} of the moving target for the last "
+                      f"{last:.3g} s", since)
+    third = max((n - first) // 3, 1)
+    before, at_end = (float(part.max()) for part in (size[-2 * third:-third], size[-third:]))
+    if at_end <= DEFAULTS.approaches * before:
+        return Judged(LoopVerdict.TOO_SHORT, f"still approaching the moving target at the end, by up to "
+                      f"{speed(at_end, 3)} in the last {errors.ends[-1] - errors.starts[-third]:.3g} s")
+    return Judged(LoopVerdict.OFF_TARGET, "the error follows the moving target, by up to "
+                  f"{speed(float(size[n // 2:].max()), 3)}")
 
 
 def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
@@ -211,23 +276,28 @@ def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
     rate, start = np.polyfit(middle - middle[0], np.log(sizes), 1)
     span = float(middle[-1] - middle[0])
     scatter = float(np.std(np.log(sizes) - start - rate * (middle - middle[0])))
-    least = max(DEFAULTS.growth_of_swings, DEFAULTS.scatter * scatter)
+    least = DEFAULTS.scatter * scatter
     cycle = float(np.median(errors.ends - errors.starts))
     amplitude = 0.5 * float(np.median(sizes)) / max(float(np.sinc(cycle / swings.period)), 0.5)
     if amplitude <= errors.floor:
         return None
-    if rate * span < -least and _decays_on(swings, float(rate)):
+    if rate * span < -max(DEFAULTS.decay_of_swings, 2.0 * least) and _decays_on(swings, float(rate)):
         return None
     if len(sizes) < DEFAULTS.swings and not (_regular(swings) and scatter <= DEFAULTS.irregular):
         return None
     part = errors.t >= errors.t[-1] - swings.quiet - float(durations.sum())
     share, period = _line(errors.t[part], free[part], swings.period)
-    regular = share >= DEFAULTS.coherent
-    period = period if regular else swings.period
-    if not regular and float(np.abs(errors.error[part]).max()) <= errors.band:
+    by_chance = 1.0 - DEFAULTS.chance ** (2.0 / max(np.count_nonzero(part) - 3, 1))
+    regular = max(share, _repeats(errors.t[part], free[part], swings.period)) >= max(DEFAULTS.coherent, by_chance)
+    if errors.noise > 0.0:   # The extremes of a noisy swing exceed it.
+        amplitude = _folded(errors.t[part], free[part], period)
+    period = period if share >= DEFAULTS.coherent else swings.period
+    about = free[part] - free[part].mean()
+    random = float(np.mean(np.diff(about[::errors.apart]) ** 2)) >= DEFAULTS.random * float(np.mean(about**2))
+    if not regular and (random or amplitude <= errors.noise or float(np.abs(errors.error[part]).max()) <= errors.band):
         return None
     grows_on = math.log(float(sizes[-1] / sizes[-2])) > DEFAULTS.decays_on * rate * float(middle[-1] - middle[-2])
-    if rate * span > least and grows_on:
+    if rate * span > max(DEFAULTS.growth_of_swings, least) and grows_on:
         return Judged(LoopVerdict.GROWING, f"an oscillation with a period of {period:.3g} s grows by a factor of "
                       f"{math.exp(rate):.3g} per second, to +-{speed(0.5 * sizes[-1], 3)}", -1, 0.5 * float(sizes[-1]),
                       period)
@@ -260,46 +330,67 @@ def _line(t: Floats, signal: Floats, period: float) -> tuple[float, float]:
     return best[0] / max(float(about @ about), 1e-300), best[1]
 
 
-def _running_away(errors: Errors, whole: float) -> Judged | None:
-    """Return the verdict on an error that grows to the end without oscillation, for a fifth of the segment."""
-    each = max(len(errors.error) // DEFAULTS.blocks, 1)
-    count = len(errors.error) // each
-    tail = slice(len(errors.error) - count * each, None)
-    error, t = (column[tail].reshape(count, each).mean(axis=1) for column in (errors.error, errors.t))
+def _folded(t: Floats, signal: Floats, period: float) -> float:
+    """Return half the range of a signal's mean at a period's phases, as many as half of its samples allow, 8 at least.
+    """
+    count = max(min(int(period / float(np.median(np.diff(t)))), 24) // 2, 3)
+    place = (t / period % 1.0 * count).astype(int)
+    means = [float(signal[place == k].mean()) for k in range(count) if (place == k).any()]
+    return 0.5 * (max(means) - min(means)) / float(np.sinc(1.0 / count))
+
+
+def _repeats(t: Floats, signal: Floats, period: float) -> float:
+    """Return the correlation of a signal with itself a period, s, before, the largest near it."""
+    best = -1.0
+    for each in period * np.linspace(0.85, 1.15, 31):
+        later = t >= t[0] + each
+        if np.count_nonzero(later) > 2:
+            pair = signal[later], np.interp(t[later] - each, t, signal)
+            if min(np.ptp(pair[0]), np.ptp(pair[1])) > 0.0:
+                best = max(best, float(np.corrcoef(*pair)[0, 1]))
+    return best
+
+
+def _running_away(errors: Errors, signal: Floats, band: float, whole: float, noise: float,
+                  blocks: int = DEFAULTS.blocks) -> tuple[float, float, float] | None:
+    """Return the last rate, 1/s, of a signal's growth to the end beyond a band without oscillation, for a fifth of the
+    segment, and its first and last value; None if it does not grow.
+    """
+    each = max(len(signal) // blocks, 1)
+    count = len(signal) // each
+    tail = slice(len(signal) - count * each, None)
+    error, t = (column[tail].reshape(count, each).mean(axis=1) for column in (signal, errors.t))
     sign = math.copysign(1.0, error[-1])
-    back = np.flatnonzero((np.diff(error) * sign <= 0.0) | (error[1:] * sign <= errors.band))
+    noise /= math.sqrt(each)
+    back = np.flatnonzero((np.diff(error) * sign <= -noise) | (error[1:] * sign <= band))
     begin = int(back[-1]) + 1 if len(back) else 0
     if (count - begin) * each < DEFAULTS.growing_cycles or t[-1] - t[begin] < 0.2 * whole:
         return None
     third = (count - begin) // 3
     early, middle, late = (sign * float(error[k]) for k in (-1 - 2 * third, -1 - third, -1))
-    if late - middle <= DEFAULTS.slowing * (middle - early):
+    if late - middle <= DEFAULTS.slowing * (middle - early) or late - early <= 2.0 * noise:
         return None
-    rate = (late - middle) / float(t[-1] - t[-1 - third])
-    return Judged(LoopVerdict.GROWING, f"the error grows to the end, last by {speed(rate, 3)} per second")
+    return (late - middle) / float(t[-1] - t[-1 - third]), float(error[begin]), float(error[-1])
 
 
-def _at_the_end(errors: Errors, swings: Swings, forced: bool) -> Judged:
+def _at_the_end(errors: Errors, swings: Swings) -> Judged:
     """Return the verdict on an error without lasting oscillation: settled, off target, or still moving."""
     n, since = len(errors.error), errors.inside_from
     if n - since >= DEFAULTS.settled_cycles:
         rest = float(errors.ends[-1] - errors.starts[since])
-        left = swings_of(errors.t[since:], errors.error[since:], errors.floor)
+        left = swings_of(errors.t[since:], errors.error[since:], errors.floor, 2.0 * errors.noise)
         # An oscillation that has ended stays away for a period of its own, unless its last turning point is inside.
         outside = swings.alive and float(errors.t[-1]) - swings.quiet < errors.starts[since]
         many, period = 1.0, swings.period if outside else 0.0
         if len(left.sizes) and not left.flat:
             many, period = DEFAULTS.quiet_periods, 2.0 * float(left.durations.max())
-        if not forced and rest < many * period:
+        if rest < many * period:
             return Judged(LoopVerdict.TOO_SHORT, f"within {speed(errors.band, 3)} for the last {rest:.3g} s, less than "
                           f"{counted(round(many), 'period')} of an oscillation of {period:.3g} s")
         if _leaves(errors, since):
             return Judged(LoopVerdict.TOO_SHORT, f"within {speed(errors.band, 3)} for the last {rest:.3g} s, but still "
                           "moving through this band")
         return Judged(LoopVerdict.SETTLED, f"within {speed(errors.band, 3)} for the last {rest:.3g} s", since)
-    if forced:
-        size = float(np.abs(errors.error[n // 2:]).max())
-        return Judged(LoopVerdict.OFF_TARGET, f"the error follows the moving target, by up to {speed(size, 3)}")
     last = errors.error[-(n // 3 + 1):]
     mean, spread = float(last.mean()), float(np.abs(last - last.mean()).max())
     early, late = (float(part.mean()) for part in np.array_split(last, 2))

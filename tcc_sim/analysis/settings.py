@@ -146,6 +146,19 @@ class Settings:
     isolated: float = quantity(4.0, "a change of the target is a jump if it is larger than its neighbours by this "
                                "factor; else the target moves")
 
+    step_time: float = quantity(0.5, "longest change of the target in one direction, with rest before and after it, "
+                                "that counts as one step", "s")
+    observed: float = quantity(0.9, "least part of a segment whose cycles must be known for a verdict")
+
+    # Judder (`judder.py`).
+    judder: float = quantity(1.0 / 3.0, "least frequency, relative to that of the excitation: cycle means show "
+                             "slower ones")
+    judder_cycles: int = quantity(12, "shortest stretch that shows it", "periods of excitation")
+    judder_points: int = quantity(64, "points in a period of excitation after resampling, at most")
+    judder_least: float = quantity(0.05, "least amplitude, relative to the range of the cycle means")
+    judder_share: float = quantity(0.5, "least part of what is fast and does not repeat in each period that its line "
+                                   "must hold")
+
     # Verdicts on a controlled run (`loop_verdict.py`).
     reversals: tuple[float, ...] = quantity((0.125, 0.34), "reversals that end a swing, parts of the range of the "
                                             "second half of the run")
@@ -156,16 +169,33 @@ class Settings:
     nearly: float = quantity(0.8, "part of the size of the other swings that makes one at either end complete")
     quiet_periods: float = quantity(3.0, "periods of the slowest oscillation left that a settled mean must last")
     alive: float = quantity(2.0, "periods after the last swing within which another one may follow")
-    growth_of_swings: float = quantity(0.22, "least growth or decay of the swings, in natural logarithm")
+    growth_of_swings: float = quantity(0.22, "least growth of the swings, in natural logarithm")
+    decay_of_swings: float = quantity(0.1, "least decay of them, likewise")
     scatter: float = quantity(2.0, "the same in standard deviations of the swings about it")
     decays_on: float = quantity(0.34, "part of the rate of a decay that the last swings must show")
     coherent: float = quantity(0.5, "part of the variance that an oscillation within the band must hold")
     slowing: float = quantity(0.8, "part of the growth of the third before that the last third of a growth has at "
                               "least")
     blocks: int = quantity(32, "parts of a run whose means show a growth without oscillation")
+    blocks_of_ripple: int = quantity(10, "the same of a ripple")
+    chance: float = quantity(1e-4, "least probability that noise swings as regularly")
     growing_cycles: int = quantity(10, "least length of a growth without oscillation", "periods of excitation")
     standing: float = quantity(0.05, "change of the error within the last third of the run, relative to it, that "
                                "counts as none")
+    of_noise: float = quantity(4.5, "standard deviations of a noise of the cycle means that leave them on target")
+    white: float = quantity(-0.4, "largest correlation of neighbouring second differences of a noise; that of white "
+                            "noise is -2/3")
+    usual: float = quantity(0.4, "least square of a usual second difference of a noise, relative to the mean square")
+    random: float = quantity(1.2, "mean square of a signal's differences, relative to that of the signal, from which "
+                             "on it does not swing; that of white noise is 2")
+    stays: float = quantity(1e-3, "range of the pressure's means over cycles, relative to the largest, that counts as "
+                            "none")
+    ripple: float = quantity(1.5, "growth of the ripple within the cycles that counts, as a factor")
+    approaches: float = quantity(0.8, "an error from a moving target whose last third is at most this part of the one "
+                                 "before has not ended its approach")
+    lags: int = quantity(400, "delays of a moving target that are tried, up to a quarter of the segment")
+    alike: float = quantity(0.5, "part of the variance of the cycle means that a delayed target must explain for a lag "
+                            "and a gain")
     unexplained: float = quantity(0.2, "part of the variance of the error that a moving target may leave unexplained")
     held: float = quantity(1e-5, "difference of pressures, relative to the largest, that counts as none")
     at_a_limit: float = quantity(0.5, "part of the end of a run with the pressure at a limit that counts as saturated")

@@ -13,10 +13,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.analysis.control import CycleMeans, Steps
 from tcc_sim.analysis.engine_clock import EngineClock
-from tcc_sim.analysis.loop_verdict import Errors, Judged, LoopVerdict, loop_verdict
+from tcc_sim.analysis.judder import NO_SIGNAL, Signal, judder_of, means_without
+from tcc_sim.analysis.loop_verdict import Errors, Judged, LoopVerdict, loop_verdict, noise_of_means
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CyclePiece, CycleStream
 from tcc_sim.errors import InputError
@@ -52,12 +54,13 @@ class Tracking:
                                                                   "`target_high`", "rad/s"))
     target_high: float = field(default=math.nan, metadata=reported("largest target", "rad/s"))
     verdict: str | None = field(default=None, metadata=reported(
-        "settled, hunting, growing, saturated, sticking, off target (the error stays outside of the band) or too short "
-        "to judge; null if there is no cycle mean"))
+        "settled, hunting, growing, saturated, sticking, off target (the error stays outside of the band), follows (it "
+        "stays within the band of a moving target), too short to judge, or too little observed; null if there is no "
+        "cycle mean"))
     verdict_why: str = field(default="", metadata=reported("reason of the verdict, or why there is none"))
     band: float = field(default=math.nan, metadata=reported(
-        "error within which the mean counts as settled: 2 % of the step or of the peak deviation, and --band at least",
-        "rad/s"))
+        "error within which the mean counts as settled: 2 % of the step, of the range of a moving target or of the "
+        "peak deviation, four standard deviations of a noise of the cycle means, and --band at least", "rad/s"))
     overshoot_time: float = field(default=math.nan, metadata=reported("simulation time of the overshoot", "s"))
     peak_deviation: float = field(default=math.nan, metadata=reported(
         "largest deviation of the cycle mean from the target, signed, after the mean has first reached the target "
@@ -66,6 +69,14 @@ class Tracking:
     hunting_amplitude: float = field(default=math.nan, metadata=reported(
         "amplitude of an oscillation of the cycle mean that does not decay; null without one", "rad/s"))
     hunting_period: float = field(default=math.nan, metadata=reported("its period; null without one", "s"))
+    judder_amplitude: float = field(default=math.nan, metadata=reported(
+        "amplitude of an oscillation of the slip speed that is faster than a third of the excitation and does not "
+        "repeat with it; null without one", "rad/s"))
+    judder_frequency: float = field(default=math.nan, metadata=reported("its frequency; null without one", "Hz"))
+    lag: float = field(default=math.nan, metadata=reported(
+        "delay of the cycle mean behind a moving target; null without one", "s"))
+    gain: float = field(default=math.nan, metadata=reported(
+        "size of its motion, relative to that of the target; null likewise"))
     peak_mean: float = field(default=math.nan, metadata=reported(
         "largest size of the deviation of the cycle mean in all cycles, the approach included", "rad/s"))
     peak_slip: float = field(default=math.nan, metadata=reported(
@@ -81,8 +92,7 @@ class Tracking:
     time_at_limit: float = field(default=math.nan, metadata=reported(
         "share of time in which the applied pressure is at one of `limits`"))
     limits: Limits = field(default=UNKNOWN, metadata=reported(
-        "lower and upper limit of the pressure: as given; else 0, and the pressure that was held for five cycles or "
-        "more while the error kept its sign, if there was one, else null", "Pa"))
+        "lower and upper limit of the pressure as stated; else 0 and null", "Pa"))
     command_rate: float = field(default=math.nan, metadata=reported(
         "applied pressure commands per second of simulated time; null without recorded commands", "Hz"))
     commands_applied: int | None = field(default=None, metadata=reported(
@@ -115,6 +125,11 @@ class LoopCycles(NamedTuple):
     lowest: Floats
     stick_time: Floats
 
+    @property
+    def spread(self) -> Floats:
+        """Rms of the slip speed about its mean in each cycle, (n,), rad/s."""
+        return np.asarray(np.sqrt(np.maximum(self.square - self.mean**2, 0.0)))
+
     def within(self, begin: float, end: float) -> LoopCycles:
         """Return the cycles that end after `begin` and up to `end`, s."""
         near = 1e-9 + 1e-6 * (end - begin)
@@ -127,6 +142,7 @@ class LoopReader:
 
     def __init__(self, clock: EngineClock) -> None:
         self._means, self._squares = CycleMeans(clock), CycleMeans(clock)
+        self._samples: list[tuple[Floats, Floats]] = []
         self._rows: dict[int, tuple[float, ...]] = {}
         self._extremes: list[CyclePiece] = []
 
@@ -137,6 +153,7 @@ class LoopReader:
 
     def feed(self, t: Floats, v: Floats, run: int = 0) -> None:
         """Take the next samples of a run, (n,) arrays: time, s, and slip speed, rad/s."""
+        self._samples.append((t, v))
         fed = self._means.feed(t, v, run), self._squares.feed(t, v * v, run)
         for (first, ends, means), (_, _, squares) in zip(*fed):
             self._rows |= zip(range(first, first + len(ends)),
@@ -145,6 +162,11 @@ class LoopReader:
     def extremes(self, pieces: Iterable[CyclePiece]) -> None:
         """Take the extremes of cycles."""
         self._extremes += pieces
+
+    @property
+    def slip(self) -> Signal:
+        """All samples."""
+        return Signal(*(np.concatenate(column) for column in zip(*self._samples))) if self._samples else NO_SIGNAL
 
     def course(self) -> LoopCycles:
         """Return the cycles in order of time."""
@@ -174,6 +196,19 @@ class Pressures(NamedTuple):
 
     t: Floats
     values: Floats
+
+    def within(self, begin: float, end: float) -> Pressures:
+        """Return the pressures within a time, s."""
+        rows = slice(*np.searchsorted(self.t, [begin + 1e-9, end + 1e-9]).tolist())
+        return Pressures(self.t[rows], self.values[rows])
+
+    def by_cycle(self, course: LoopCycles, values: Floats) -> Floats:
+        """Return the means over cycles, (n,), of a value of each pressure, (m,); NaN without any."""
+        cycle = np.searchsorted(course.starts, self.t - 1e-9, side="right") - 1
+        known = (cycle >= 0) & np.isfinite(self.values)
+        known[known] = self.t[known] <= course.ends[cycle[known]] + 1e-9
+        count, total = (np.bincount(cycle[known], weights, len(course.ends)) for weights in (None, values[known]))
+        return np.where(count > 0, total / np.maximum(count, 1), math.nan)
 
 
 class Counts(NamedTuple):
@@ -218,16 +253,29 @@ def target_jumps(reference: Steps, least: float, near: float) -> Steps:
     """Return the jumps of a reference: their times, s, and the values after them, rad/s.
 
     A target that moves is published as many small steps, or as larger ones far apart. A change is a jump if it is
-    larger than `least`, rad/s, and four times as large as the changes within `near`, s, before and after it.
+    larger than `least`, rad/s, and four times as large as the changes within `near`, s, before and after it. So are
+    changes in one direction for `Settings.step_time` at most, less than `near` apart, together: a rate limiter's step
+    is one step.
     """
-    change = np.diff(reference.values)
-    rows = np.flatnonzero(change) + 1
-    size, t = np.abs(change[rows - 1]), reference.t[rows]
-    apart = np.diff(t) > near
-    before = np.append(0.0, np.where(apart, 0.0, size[:-1])) if len(rows) else size
-    after = np.append(np.where(apart, 0.0, size[1:]), 0.0) if len(rows) else size
-    jumps = rows[(size > least) & (size >= DEFAULTS.isolated * np.maximum(before, after))]
-    return Steps(reference.t[jumps], reference.values[jumps])
+    rows = np.flatnonzero(np.diff(reference.values)) + 1
+    change, t = np.diff(reference.values)[rows - 1], reference.t[rows]
+
+    def isolated(first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which sums of changes, from a first to a last one, are large enough, (m,)."""
+        sums = np.append(0.0, np.cumsum(change))
+        size, apart = np.abs(sums[last + 1] - sums[first]), t[first[1:]] - t[last[:-1]] > near
+        before = np.append(0.0, np.where(apart, 0.0, size[:-1]))[:len(size)]
+        after = np.append(np.where(apart, 0.0, size[1:]), 0.0)[:len(size)]
+        return np.asarray((size > least) & (size >= DEFAULTS.isolated * np.maximum(before, after)))
+
+    every = np.arange(len(rows))
+    alone = isolated(every, every)
+    first = np.flatnonzero((np.diff(np.sign(change), prepend=0.0) != 0.0) | (np.diff(t, prepend=-math.inf) > near))
+    last = np.append(first[1:], len(rows))[:len(first)] - 1
+    together = isolated(first, last) & (t[last] - t[first] <= DEFAULTS.step_time)
+    together &= np.add.reduceat(np.append(alone, False), first)[:len(first)] == 0
+    first, last = (np.sort(np.append(edge[together], every[alone])) for edge in (first, last))
+    return Steps(t[first], reference.values[rows[last]])
 
 
 def value_at(reference: Steps, t: float) -> float:
@@ -255,12 +303,13 @@ class Loop:
     course : its engine cycles
     reference : target slip speed, rad/s
     pressures : applied pressure of every sample; None if it was not recorded
-    limits : of the pressure, Pa; None to find them
+    limits : of the pressure as stated, Pa; None if nobody stated them
     floor : least band that counts as settled, rad/s
     why : reason in a sentence if there are no cycle means
     note : sentence that every reason of a verdict ends with
     before : mean slip speed of the last cycle before the run, rad/s; NaN if unknown
     bridged : (m, 2) times of the states before and after each single lost one, s
+    slip : samples of the slip speed, rad/s
     """
 
     course: LoopCycles
@@ -272,6 +321,7 @@ class Loop:
     note: str = ""
     before: float = math.nan
     bridged: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    slip: Signal = NO_SIGNAL
 
     @cached_property
     def jumps(self) -> Steps:
@@ -296,86 +346,164 @@ class Loop:
         counts: dict[str, Any] = {} if commands is None else {
             "command_rate": commands.applied / (end - begin) if end > begin else math.nan,
             "commands_applied": commands.applied, "commands_superseded": commands.superseded}
-        pressed = self._pressed(begin, end)
+        pressed = None if self.pressures is None else self.pressures.within(begin, end)
+        if pressed is not None and not np.isfinite(pressed.values).any():
+            pressed = None
+        counts |= self._pressure_figures(pressed)
         if not len(course.mean):
             return Tracking(target, verdict=None if self.why else LoopVerdict.TOO_SHORT.value,
-                            verdict_why=self.why or "no whole period of excitation", **counts,
-                            **self._pressure_figures(pressed, self._limits_of_scene()))
-        step = self._step(course, begin, stepped)
-        errors, peak = self._errors(course, *step)
+                            verdict_why=self.why or "no whole period of excitation", **counts)
+        half = slice(len(course.mean) // 2, None)
+        judder = judder_of(self.slip, course.starts[half], course.ends[half], self.floor)
+        apart = 1
+        if judder is not None:
+            apart += math.ceil(1.0 / judder.frequency / float(np.median(course.ends - course.starts)))
+            means = means_without(self.slip, course.starts, course.ends, 1.0 / judder.frequency)
+            course = course._replace(mean=np.where(np.isfinite(means), means, course.mean))
+        tail = course.starts >= self._tail(course, begin, end) - 1e-9
+        moving = self._moves(float(course.starts[tail.argmax()]), float(course.ends[-1]))
+        errors, peak = self._errors(course, *self._step(course, begin, stepped), moving, apart)
         error = errors.error
         kept = error[discard:]
         length = errors.ends - errors.starts
         first, last = float(errors.starts[0]), float(errors.ends[-1])
-        seconds = float(length.sum()) - float(np.diff(np.clip(self.bridged, first, last), axis=1).sum())
+        seconds = float(length.sum()) - self._bridged_in(course)
         lost = last - first - seconds
         held = self.reference
         aimed = np.append(value_at(held, begin), held.values[(held.t > begin + 1e-9) & (held.t <= end)])
-        limits = self._limits(errors, pressed)
-        verdict = self._verdict(errors, course, pressed, limits, end - begin)
-        beyond = np.abs(error) if errors.step == 0.0 else error * math.copysign(1.0, errors.step)
-        over = int(beyond.argmax())
-        settled = verdict.verdict is LoopVerdict.SETTLED
+        peak_figures: dict[str, Any] = {}
+        # The run may begin and end within a cycle.
+        missing = end - begin - float(length.sum()) - 2.0 * float(np.median(length))
+        if missing > (1.0 - DEFAULTS.observed) * (end - begin):
+            verdict = Judged(LoopVerdict.TOO_LITTLE, f"{missing:.3g} of {end - begin:.3g} s were not observed; a "
+                             f"verdict needs {100.0 * DEFAULTS.observed:g} %")
+            beyond = np.full(1, -math.inf)
+        else:
+            verdict = self._verdict(errors, course, pressed, tail, end - begin)
+            beyond = np.abs(error) if errors.step == 0.0 else error * math.copysign(1.0, errors.step)
+            peak_figures = {
+                "largest_error": float(np.abs(kept).max()) if len(kept) else math.nan,
+                "peak_deviation": float(error[peak]), "peak_time": float(errors.t[peak]),
+                "overshoot": abs(max(float(beyond.max()), 0.0)),
+                "peak_mean": float(np.abs(error).max()), "peak_slip": self._peak_slip(course, errors)}
+        why = verdict.why + ("" if judder is None else f"; it judders by +-{speed(judder.amplitude, 3)} at "
+                             f"{judder.frequency:.3g} Hz") + self.note
+        lag, gain = self._lag(course, end - begin) if moving else (math.nan, math.nan)
         known = np.isfinite(course.stick_time)
         return Tracking(
             target=target, target_low=float(aimed.min()), target_high=float(aimed.max()),
             mean_slip=float(course.mean[discard:].mean()) if len(kept) else math.nan,
             rms_error=float(np.sqrt(np.mean(kept * kept))) if len(kept) else math.nan,
-            largest_error=float(np.abs(kept).max()) if len(kept) else math.nan,
-            overshoot=abs(max(float(beyond[over]), 0.0)),
-            overshoot_time=float(errors.t[over]) if beyond[over] > 0.0 else math.nan,
-            settling_time=max(float(errors.starts[verdict.since]) - begin, 0.0) if settled else math.nan,
-            verdict=verdict.verdict.value, verdict_why=verdict.why + self.note, band=errors.band,
-            peak_deviation=float(error[peak]), peak_time=float(errors.t[peak]),
+            overshoot_time=float(errors.t[int(beyond.argmax())]) if beyond.max() > 0.0 else math.nan,
+            settling_time=max(float(errors.starts[verdict.since]) - begin, 0.0)
+            if verdict.verdict is LoopVerdict.SETTLED else math.nan,
+            verdict=verdict.verdict.value, verdict_why=why, band=errors.band,
             hunting_amplitude=verdict.amplitude, hunting_period=verdict.period,
-            peak_mean=float(np.abs(error).max()), peak_slip=self._peak_slip(course, errors),
-            iae=float((np.abs(error) * length).sum()),
-            ripple=math.sqrt(float(np.mean(np.maximum(course.square - course.mean**2, 0.0)))),
+            judder_amplitude=math.nan if judder is None else judder.amplitude,
+            judder_frequency=math.nan if judder is None else judder.frequency, lag=lag, gain=gain,
+            iae=float((np.abs(error) * length).sum()), ripple=float(np.sqrt(np.mean(course.spread**2))),
             stick_fraction=float(course.stick_time[known].sum() / length[known].sum()) if known.any() else math.nan,
-            seconds=seconds, lost_seconds=lost if lost > 1e-9 * (last - first) else 0.0,
-            **counts, **self._pressure_figures(pressed, limits))
+            seconds=seconds, lost_seconds=lost if lost > 1e-9 * (last - first) else 0.0, **peak_figures, **counts)
 
-    def _step(self, course: LoopCycles, begin: float, stepped: bool | None) -> tuple[float, bool]:
-        """Return the step from the last value before `begin` to the target, rad/s, 0 if no step begins the segment, and
-        whether it is certain.
+    def _tail(self, course: LoopCycles, begin: float, end: float) -> float:
+        """Return the start of the last third of a segment, of five cycles at least, s."""
+        cycle = float(course.ends[0] - course.starts[0])
+        return max(float(course.ends[-1]) - max((end - begin) / 3.0, DEFAULTS.settled_cycles * cycle), 0.0)
+
+    def _moves(self, begin: float, end: float) -> bool:
+        """Return whether the target moves within a time other than by jumps, by more than the least band."""
+        values, inside = self.reference.values, (self.reference.t[1:] > begin) & (self.reference.t[1:] <= end)
+        inside &= ~self._in_jumps[1:]
+        return float(np.abs(np.diff(values)[inside]).sum()) > self.floor
+
+    @cached_property
+    def _in_jumps(self) -> np.ndarray:
+        """Which values of the reference are within a jump, (n,)."""
+        t, values, out = self.reference.t, self.reference.values, np.zeros(len(self.reference.t), dtype=np.bool_)
+        for at, value in zip(self.jumps.t, self.jumps.values):
+            first = int(np.searchsorted(t, at))
+            out[first:first + int((values[first:] == value).argmax()) + 1] = True
+        return out
+
+    @cached_property
+    def _turns(self) -> bool:
+        """Whether the target moves up and down, other than by jumps."""
+        change = np.diff(self.reference.values)[~self._in_jumps[1:]]
+        return bool((change > 0.0).any() and (change < 0.0).any())
+
+    def _bridged_in(self, course: LoopCycles) -> float:
+        """Return the time of single lost states within cycles, s."""
+        edges = np.ravel(np.column_stack([course.starts, course.ends]))
+        covered = np.repeat(np.append(0.0, np.cumsum(course.ends - course.starts)), 2)[1:-1]
+        return float(np.diff(np.interp(self.bridged, edges, covered), axis=1).sum())
+
+    def _lag(self, course: LoopCycles, whole: float) -> tuple[float, float]:
+        """Return the delay, s, and the gain with which the cycle means follow the reference; NaN if they do not.
+
+        Least squares over delays of up to a quarter of the segment. A target that moves one way only has no mean of its
+        own: an offset from it is a delay.
+        """
+        best, values = (math.inf, math.nan, math.nan), course.mean
+        cycle = float(np.median(course.ends - course.starts))
+        kept = course.starts >= course.starts[0] + 0.25 * whole
+        for delay in np.linspace(-cycle, 0.25 * whole, DEFAULTS.lags):
+            late = mean_between(self.reference, course.starts - delay, course.ends - delay)[kept]
+            about = late - late.mean()
+            offset = float(values[kept].mean()) if self._turns else float(late.mean())
+            gain = float(about @ (values[kept] - offset)) / max(float(about @ about), 1e-300)
+            if gain > 0.0:
+                best = min(best, (float(np.sum((values[kept] - offset - gain * about) ** 2)), float(delay), gain))
+        spread = float(np.sum((values[kept] - values[kept].mean()) ** 2))
+        return best[1:] if best[0] < (1.0 - DEFAULTS.alike) * spread else (math.nan, math.nan)
+
+    def _step(self, course: LoopCycles, begin: float, stepped: bool | None) -> tuple[float, float, bool]:
+        """Return the step from the last value before `begin` to the target, rad/s, 0 if no step begins the segment; the
+        end of the step, s; and whether it is certain.
 
         The value before a start is extrapolated from the first two cycles.
         """
         if stepped is False:
-            return 0.0, True
-        target = value_at(self.reference, begin)
+            return 0.0, begin, True
+        target, until = value_at(self.reference, begin), begin
+        jump = np.flatnonzero(np.abs(self.jumps.t - begin) < 1e-7)
+        if len(jump):
+            target = float(self.jumps.values[jump[0]])
+            after = int(np.searchsorted(self.reference.t, begin - 1e-7))
+            until = float(self.reference.t[after + int((self.reference.values[after:] == target).argmax())])
         cycle = float(course.ends[0] - course.starts[0])
         before = np.flatnonzero((self.course.ends <= begin + 1e-7) & (self.course.ends > begin - 1.5 * cycle))
         if len(before):
-            return target - float(self.course.mean[before[-1]]), stepped is True
+            return target - float(self.course.mean[before[-1]]), until, stepped is True
         if math.isfinite(self.before):
-            return target - self.before, True
+            return target - self.before, until, True
         first = course.mean[:2]
-        return target - float(first[0] if len(first) < 2 else 1.5 * first[0] - 0.5 * first[1]), False
+        return target - float(first[0] if len(first) < 2 else 1.5 * first[0] - 0.5 * first[1]), until, False
 
-    def _errors(self, course: LoopCycles, step: float, certain: bool) -> tuple[Errors, int]:
+    def _errors(self, course: LoopCycles, step: float, until: float, certain: bool, moving: bool,
+                apart: int) -> tuple[Errors, int]:
         """Return the errors of the cycle means with their band, and the index of the peak of the deviation."""
         reference = mean_between(self.reference, course.starts, course.ends)
         error = course.mean - reference
         if not certain and abs(step) < 0.25 * float(np.abs(error).max()):
             step = 0.0
         step = step if abs(step) > self.floor else 0.0
-        band = max(self.floor, DEFAULTS.settled * abs(step))
+        noise = DEFAULTS.of_noise * noise_of_means(error[::apart])
+        wide = (float(np.ptp(reference)) if self._turns else 0.0) if moving else abs(step)
+        band = max(self.floor, DEFAULTS.settled * wide, noise)
         errors = Errors(0.5 * (course.starts + course.ends), error, reference, course.starts, course.ends, step, band,
-                        self.floor)
+                        self.floor, moving, course.spread, until, noise, apart)
         first = errors.arrived
         counts = (np.arange(len(error)) >= first) | (np.abs(error) > abs(step) + band)
         counts = counts if first < len(error) else np.full(len(error), True)
         peak = int(np.where(counts, np.abs(error), -1.0).argmax())
         fine = self._fine_step(float(course.starts[0]), float(course.ends[-1]))
-        return replace(errors, band=max(band, fine, DEFAULTS.settled * abs(float(error[peak]))),
-                       floor=max(self.floor, fine)), peak
+        of_peak = 0.0 if moving else DEFAULTS.settled * abs(float(error[peak]))
+        return replace(errors, band=max(band, fine, of_peak), floor=max(self.floor, fine)), peak
 
     def _fine_step(self, begin: float, end: float) -> float:
         """Return the largest step of a moving target within a time, rad/s: no loop follows it more closely."""
-        inside = (self.reference.t[1:] > begin) & (self.reference.t[1:] <= end)
-        ramped = inside & ~np.isin(self.reference.t[1:], self.jumps.t)
-        return float(np.abs(np.diff(self.reference.values))[ramped].max(initial=0.0))
+        inside = (self.reference.t[1:] > begin) & (self.reference.t[1:] <= end) & ~self._in_jumps[1:]
+        return float(np.abs(np.diff(self.reference.values))[inside].max(initial=0.0))
 
     def _peak_slip(self, course: LoopCycles, errors: Errors) -> float:
         """Return the largest deviation of the slip speed itself, rad/s; NaN if its extremes are unknown."""
@@ -383,59 +511,14 @@ class Loop:
         away = away[np.isfinite(away)]
         return float(away.max()) if len(away) else math.nan
 
-    def _pressed(self, begin: float, end: float) -> Pressures | None:
-        """Return the pressures within a time; None if there are none."""
-        if self.pressures is None:
-            return None
-        rows = slice(*np.searchsorted(self.pressures.t, [begin + 1e-9, end + 1e-9]).tolist())
-        pressed = Pressures(self.pressures.t[rows], self.pressures.values[rows])
-        return pressed if np.isfinite(pressed.values).any() else None
-
-    def _limits_of_scene(self) -> Limits:
-        """Return the limits that are given, else the scene's: no pressure is below 0."""
+    @property
+    def _used_limits(self) -> Limits:
+        """The stated limits of the pressure; no pressure is below 0."""
         return self.limits or (0.0, math.nan)
 
-    def _limits(self, errors: Errors, pressed: Pressures | None) -> Limits:
-        """Return the limits of the pressure: as given, or what it was held at while the error kept its sign."""
-        limits = self._limits_of_scene()
-        if self.limits is not None or pressed is None or self.pressures is None:
-            return limits
-        low, high = limits
-        end = pressed.values[len(pressed.values) // 2:]
-        for value in (np.nanmax(self.pressures.values), np.nanmin(self.pressures.values), np.nanmedian(end)):
-            side = self._held_at(float(value), errors, pressed)
-            if side > 0:
-                high = float(value) if math.isnan(high) else max(high, float(value))
-            elif side < 0:
-                low = max(low, float(value))
-        return low, high
-
-    def _held_at(self, value: float, errors: Errors, pressed: Pressures) -> int:
-        """Return 1 if a pressure was held as an upper limit, -1 as a lower one, and 0 if it was not held.
-
-        It must be held for five cycles, and three times as long as the pressure usually is between two changes, while
-        the size of the slip speed stays above the target's (upper limit) or below it.
-        """
-        at_limit = at_level(pressed.values, value)
-        edges = np.flatnonzero(np.diff(at_limit.astype(np.int8), prepend=0, append=0))
-        changes = np.diff(pressed.t[np.flatnonzero(np.diff(pressed.values))])
-        usual = float(np.median(changes)) if len(changes) > 2 else 0.0
-        cycle = float(np.median(errors.ends - errors.starts))
-        least = max(DEFAULTS.settled_cycles * cycle, 3.0 * usual)
-        size = np.abs(errors.error + errors.reference) - np.abs(errors.reference)
-        for begin, end in zip(edges[::2].tolist(), (edges[1::2] - 1).tolist()):
-            if pressed.t[end] - pressed.t[begin] < least:
-                continue
-            inside = (errors.starts >= pressed.t[begin] - cycle) & (errors.ends <= pressed.t[end] + 1e-9)
-            away = size[inside]
-            for side in (1, -1):
-                if (len(away) >= DEFAULTS.settled_cycles and (side * away > -errors.band).all()
-                        and 2 * np.count_nonzero(side * away > errors.band) > len(away)):
-                    return side
-        return 0
-
-    def _pressure_figures(self, pressed: Pressures | None, limits: Limits) -> dict[str, Any]:
+    def _pressure_figures(self, pressed: Pressures | None) -> dict[str, Any]:
         """Return the fields of a Tracking that come from the applied pressure."""
+        limits = self._used_limits
         if pressed is None:
             return {"limits": limits if self.limits is not None else UNKNOWN}
         finite = np.isfinite(pressed.values)
@@ -447,43 +530,59 @@ class Loop:
                 "pressure_rate": math.sqrt(float(np.sum(np.diff(p) ** 2 / step[1:])) / total) if len(p) > 1 else 0.0,
                 "time_at_limit": float(step[at_limit].sum()) / total if total else math.nan}
 
-    def _verdict(self, errors: Errors, course: LoopCycles, pressed: Pressures | None, limits: Limits,
+    def _verdict(self, errors: Errors, course: LoopCycles, pressed: Pressures | None, tail: np.ndarray,
                  whole: float) -> Judged:
         """Return the verdict on a segment."""
-        since = max(errors.ends[-1] - max(whole / 3.0, DEFAULTS.settled_cycles * float(course.ends[0]
-                                                                                        - course.starts[0])), 0.0)
-        tail = errors.starts >= since - 1e-9
-        verdict = loop_verdict(errors, whole)
         if len(errors.error) < DEFAULTS.settled_cycles or not tail.any():
-            return verdict
+            return loop_verdict(errors, whole)
+        if pressed is not None and (limit := self._saturated(errors, course, tail, pressed)):
+            return Judged(LoopVerdict.SATURATED, limit)
         known = np.isfinite(course.stick_time[tail])
         stick = course.stick_time[tail][known]
         lasts = float((errors.ends - errors.starts)[tail][known].sum())
         share = float(stick.sum()) / lasts if lasts else 0.0
-        sticks = (share >= DEFAULTS.sticks and 2 * np.count_nonzero(stick) > len(stick)
-                  and float(np.abs(errors.reference[tail]).min()) > errors.floor)
-        limit = self._saturated(errors, tail, pressed, limits, float(since))
-        if limit and not (sticks and share > 0.9 and "lower" not in limit):
-            return Judged(LoopVerdict.SATURATED, limit)
-        if sticks:
+        if (not errors.moving and share >= DEFAULTS.sticks and 2 * np.count_nonzero(stick) > len(stick)
+                and float(np.abs(errors.reference[tail]).min()) > errors.floor):
             return Judged(LoopVerdict.STICKING, f"in stick for {100.0 * share:.3g} % of the last {lasts:.3g} s")
-        return verdict
+        if pressed is not None and (stays := self._stays(errors, course, tail, pressed)):
+            return Judged(LoopVerdict.OFF_TARGET, stays)
+        return loop_verdict(errors, whole)
 
-    def _saturated(self, errors: Errors, tail: np.ndarray, pressed: Pressures | None, limits: Limits,
-                   since: float) -> str:
-        """Return the reason for the verdict saturated; empty if the end of the segment is not."""
-        error = errors.error[tail]
-        if pressed is None or not ((error > errors.band).all() or (error < -errors.band).all()):
+    def _saturated(self, errors: Errors, course: LoopCycles, tail: np.ndarray, pressed: Pressures) -> str:
+        """Return the reason for the verdict saturated; empty if the end of the segment is not.
+
+        A higher pressure brings the slip speed towards 0, so that the upper limit explains a slip speed on the far side
+        of the target, and the lower one a slip speed on the near side of it, or none.
+        """
+        error, limits = errors.error, self._used_limits
+        slips = np.abs(course.mean) > errors.floor
+        side = np.where(slips & (course.mean * error > 0.0), 1, -1) * (np.abs(error) > errors.band)
+        if not (errors.moving or np.abs(side[tail].sum()) == np.count_nonzero(tail)):
             return ""
-        values = pressed.values[pressed.t > since]
-        for name, value, side in (("upper", limits[1], 1), ("lower", limits[0], -1)):
-            share = float(at_level(values, value, side).mean()) if len(values) else 0.0
-            if share >= DEFAULTS.at_a_limit:
-                away = speed(float(np.abs(error).mean()), 3)
-                return (f"the pressure is at its {name} limit, {value:.6g} Pa, for {100.0 * share:.3g} % of the last "
-                        f"{errors.ends[-1] - since:.3g} s, and the mean {away} "
-                        f"{'above' if error[0] > 0.0 else 'below'} the target")
+        for name, value, sign in (("upper", limits[1], 1), ("lower", limits[0], -1)):
+            at = pressed.by_cycle(course, at_level(pressed.values, value, sign).astype(np.float64))[tail]
+            held = (at >= 0.5) & (side[tail] == sign)
+            if held.mean() < DEFAULTS.at_a_limit or np.mean(side[tail] == -sign) > 1.0 - DEFAULTS.observed:
+                continue
+            away = speed(float(np.abs(error[tail][held]).mean()), 3)
+            return (f"the pressure is at its {name} limit, {value:.6g} Pa, for {100.0 * float(np.nanmean(at)):.3g} % "
+                    f"of the last {errors.ends[-1] - errors.starts[tail][0]:.3g} s, and the mean {away} "
+                    f"{'above' if error[tail][held][0] > 0.0 else 'below'} the target")
         return ""
+
+    def _stays(self, errors: Errors, course: LoopCycles, tail: np.ndarray, pressed: Pressures) -> str:
+        """Return the reason why a pressure that stays keeps the mean off target; empty if it does not."""
+        pressure, error = pressed.by_cycle(course, pressed.values)[tail], errors.error[tail]
+        pressure = pressure[np.isfinite(pressure)]
+        if not (len(pressure) and np.ptp(pressure) <= DEFAULTS.stays * float(np.abs(pressure).max())
+                and ((error > errors.band).all() or (error < -errors.band).all())):
+            return ""
+        size = np.abs(error)
+        third = max(len(size) // 3, 1)
+        grows = float(size[-third:].mean()) > (1.0 + DEFAULTS.standing) * float(size[:third].mean())
+        return (f"the pressure stays at {float(pressure.mean()):.6g} Pa while the error "
+                f"{'grows' if grows else 'lasts'}: the mean is {speed(float(size.mean()), 3)} "
+                f"{'above' if error[-1] > 0.0 else 'below'} the target")
 
 
 def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Floats | None = None,
@@ -496,18 +595,20 @@ def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Flo
     clock : start times of the engine cycles
     reference : target slip speed, rad/s
     pressure : (n,) applied pressure before each sample, Pa
-    limits : of the pressure, Pa; None to find them
+    limits : of the pressure as stated, Pa; None if nobody stated them
     floor : least band that counts as settled, rad/s
     before : mean slip speed of the last cycle before the run, rad/s; NaN if unknown
     """
     reader = LoopReader(clock)
-    reader.feed(run.t, run.slip_speed)
+    for part in Signal(run.t, run.slip_speed).stretches() or [Signal(run.t, run.slip_speed)]:
+        reader.interrupt()
+        reader.feed(part.t, part.values)
     if run.system is not None and len(run.t) > 1:
         stream = CycleStream(run.system, clock)
         reader.extremes(stream.feed(np.rint(run.t * 1e9).astype(np.int64), run.slip_speed, run.plate_angle,
                                     run.plate_speed, run.engine_torque, run.friction_torque, far=run.far_end))
     return Loop(reader.course(), reference, None if pressure is None else Pressures(run.t, pressure), limits, floor,
-                before=before)
+                before=before, slip=reader.slip)
 
 
 def at_level(pressure: Floats, level: float, side: int = 0) -> np.ndarray:

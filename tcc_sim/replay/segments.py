@@ -208,7 +208,7 @@ class _Judge:
         note = f"; means over {self._clock.cycle:.3g} s, as the engine torque does not pulsate" if self._slices else ""
         return Loop(reader.course(), self._reference, None if pressure is None else Pressures(
             states.stamp_ns.astype(np.float64) * 1e-9, pressure), limits=self._limits, floor=self._band, why=why,
-            note=note, bridged=np.array(bridged).reshape(-1, 2))
+            note=note, bridged=np.array(bridged).reshape(-1, 2), slip=reader.slip)
 
 
 def _steps_only(torque: Floats) -> bool:
