@@ -36,14 +36,14 @@ class Signal(NamedTuple):
 NO_SIGNAL = Signal(np.empty(0), np.empty(0))
 
 
-class Judder(NamedTuple):
+class JudderLine(NamedTuple):
     """A sine in the slip speed: amplitude, rad/s, and frequency, Hz."""
 
     amplitude: float
     frequency: float
 
 
-def judder_of(slip: Signal, starts: Floats, ends: Floats, floor: float) -> Judder | None:
+def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> JudderLine | None:
     """Return the judder in engine cycles, (n,) arrays of their starts and ends, s; None without any.
 
     Parameters
@@ -83,7 +83,7 @@ def judder_of(slip: Signal, starts: Floats, ends: Floats, floor: float) -> Judde
         tried = order + width / n * np.linspace(-1.0, 1.0, 11)
         sizes = [_amplitude(at, y, each) for each in tried]
         amplitude, order = max(zip(sizes, tried.tolist()))
-    return Judder(amplitude, order * n / float(ends[-1] - starts[0])) if amplitude > floor else None
+    return JudderLine(amplitude, order * n / float(ends[-1] - starts[0])) if amplitude > floor else None
 
 
 def _longest_run(starts: Floats, ends: Floats) -> slice:

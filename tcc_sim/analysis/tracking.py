@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.control import CycleMeans, Steps
 from tcc_sim.analysis.engine_clock import EngineClock
-from tcc_sim.analysis.judder import NO_SIGNAL, Signal, judder_of, means_without
+from tcc_sim.analysis.judder import NO_SIGNAL, Signal, judder_line, means_without
 from tcc_sim.analysis.loop_verdict import Errors, Judged, LoopVerdict, loop_verdict, noise_of_means
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CyclePiece, CycleStream
@@ -354,7 +354,7 @@ class Loop:
             return Tracking(target, verdict=None if self.why else LoopVerdict.TOO_SHORT.value,
                             verdict_why=self.why or "no whole period of excitation", **counts)
         half = slice(len(course.mean) // 2, None)
-        judder = judder_of(self.slip, course.starts[half], course.ends[half], self.floor)
+        judder = judder_line(self.slip, course.starts[half], course.ends[half], self.floor)
         apart = 1
         if judder is not None:
             apart += math.ceil(1.0 / judder.frequency / float(np.median(course.ends - course.starts)))
