@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,17 @@ class Steps:
     def none() -> Steps:
         """Return steps without a value."""
         return Steps(np.empty(0), np.empty(0))
+
+
+def handovers(commanded: NDArray[np.bool_], least: int) -> list[tuple[int, bool]]:
+    """Return the rows from which commands or the fallback hold an input, and whether they are commands.
+
+    The first row is none. What holds for fewer than `least` rows is no handover.
+    """
+    edges = [0, *(np.flatnonzero(np.diff(commanded)) + 1).tolist(), len(commanded)]
+    long = [begin for begin, end in pairwise(edges) if end - begin >= least]
+    return [(begin, bool(commanded[begin])) for before, begin in pairwise(long)
+            if commanded[before] != commanded[begin]]
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from tcc_sim.analysis.control import handovers
 from tcc_sim.analysis.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CycleStream
@@ -26,6 +27,7 @@ from tcc_sim.replay.timing import SLICE, TICKS
 from tcc_sim.result import Described, reported
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
+from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import Floats
 
 MOST_SEGMENTS = 1000
@@ -38,7 +40,9 @@ class Segment(Described):
 
     start: float = field(metadata=reported("simulation time of the start", "s"))
     end: float = field(metadata=reported("simulation time of the end", "s"))
-    began_by: str = field(metadata=reported("start, reset, restart or parameters"))
+    began_by: str = field(metadata=reported(
+        "start, reset, restart, parameters, fallback (it replaced the commands) or controller (its commands came "
+        "first or again)"))
     changes: Mapping[str, object] = field(metadata=reported(
         "new values of changed scene keys or target_slip_speed", "{*}"))
     summary: Summary | None = field(metadata=reported(
@@ -64,14 +68,15 @@ class Segment(Described):
 
 @dataclass(frozen=True)
 class Cut:
-    """A segment before analysis: its states, reason of the start, and whether the target jumps there or the run starts.
+    """A segment before analysis: its states, reason of the start, and whether the target jumps there or the run starts
+    (None: the slip speed may begin anywhere, as under another controller).
     """
 
     states: JointStates
     began_by: str
     changes: Mapping[str, object]
     scene: Scene
-    stepped: bool
+    stepped: bool | None
 
 
 def cuts_of(line: Timeline, band: float = DEFAULTS.band, clock: EngineClock | None = None) -> list[list[Cut]]:
@@ -95,7 +100,9 @@ def cuts_of(line: Timeline, band: float = DEFAULTS.band, clock: EngineClock | No
         if len(reference.t) and reference.t[0] * 1e9 <= states.stamp_ns[0] + 0.5:
             targets.setdefault(states.index, float(reference.values[0]))
         cuts: list[Cut] = []
-        inside = {index for index in (*(index for index, _ in changes), *targets) if states.index < index < end}
+        handed = _handed_over(line, states, cycle)
+        inside = {index for index in (*(index for index, _ in changes), *targets, *handed)
+                  if states.index < index < end}
         for index in [states.index, *sorted(inside)]:
             before = dict(values_of(scene.system))
             while changes and changes[0][0] <= index:
@@ -105,15 +112,23 @@ def cuts_of(line: Timeline, band: float = DEFAULTS.band, clock: EngineClock | No
                 if target not in (None, targets[index]):
                     changed[TARGET] = targets[index]
                 target = targets[index]
-            if not cuts or changed:
+            if not cuts or changed or index in handed:
                 if cuts:
                     cuts[-1] = replace(cuts[-1], states=cuts[-1].states[:index - cuts[-1].states.index])
-                cuts.append(Cut(states[index - states.index:], "parameters" if cuts else states.began.value, changed,
-                                scene, not cuts or TARGET in changed))
+                cuts.append(Cut(states[index - states.index:], states.began.value if not cuts else "parameters"
+                                if changed else handed[index], changed, scene,
+                                not cuts or TARGET in changed or (None if index in handed else False)))
         if len(reference.t):
             target = float(reference.values[-1])
         cuts_of_runs.append(cuts)
     return cuts_of_runs
+
+
+def _handed_over(line: Timeline, states: JointStates, cycle: float) -> dict[int, str]:
+    """Return the first states under a fallback of the pressure that lasts for a cycle, s, or under a controller."""
+    step = float(np.median(np.diff(states.stamp_ns))) * 1e-9 if len(states) > 1 else cycle
+    edges = handovers(line.commanded(states)[INPUTS[1]], max(round(cycle / step), 1))
+    return {states.index + row: "controller" if commanded else "fallback" for row, commanded in edges}
 
 
 def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, *, solver: str, elapsed_s: float = 0.0,
@@ -179,7 +194,7 @@ class _Judge:
             return None
         late = float(reference.t[0]) > begin + 1e-9
         begin = max(begin, float(reference.t[0]))
-        return self._loop.tracking(begin, end, stepped=cut.stepped or late, discard=discard,
+        return self._loop.tracking(begin, end, stepped=True if late else cut.stepped, discard=discard,
                                    commands=self._held.counts(begin, end) if self._held is not None else None)
 
     @cached_property

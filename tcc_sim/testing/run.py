@@ -16,11 +16,12 @@ from typing import TypeVar
 
 import numpy as np
 
-from tcc_sim.analysis.control import Steps
+from tcc_sim.analysis.control import Steps, handovers
 from tcc_sim.analysis.tracking import Limits, Tracking
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.plant.closed_loop import ControlledRun
+from tcc_sim.topics import INPUTS
 
 Result = TypeVar("Result")
 LOOK = 0.05
@@ -58,7 +59,8 @@ class LockstepRun(ControlledRun):
 
     @cached_property
     def tracking(self) -> Tracking:
-        """Tracking error of the slip speed's cycle means since the last jump of the target.
+        """Tracking error of the slip speed's cycle means since the last jump of the target, or since commands of the
+        pressure came last after a fallback of a cycle or more.
 
         Raises
         ------
@@ -70,6 +72,9 @@ class LockstepRun(ControlledRun):
         reference = self.target_steps()
         jumps = self._loop(reference).jumps.t
         since = int(np.searchsorted(self.t, jumps[-1] if len(jumps) else reference.t[0]))
+        if (held := self.commands.get(INPUTS[1])) is not None and len(self.t) > 1:
+            cycle = round(self.cycle / float(self.t[1] - self.t[0]))
+            since = max([since, *(row for row, _ in handovers(np.isfinite(held), max(cycle, 1)))])
         return self._tracking(reference, since, self.limits)
 
 

@@ -33,6 +33,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.result import json_of
 from tcc_sim.scene import load_scene
+from tcc_sim.testing.run import LockstepRun
 from tcc_sim.trajectory import Trajectory
 
 CONTROLLED = load_scene("controlled").system
@@ -542,6 +543,16 @@ def test_a_run_of_closed_loop_is_judged_with_what_lies_between_its_samples():
     steps = np.count_nonzero(np.diff(run.applied_pressure[1:]))
     assert tracking.pressure_rate == pytest.approx(5e7 * math.sqrt(steps * 1e-3 / 0.4))
     assert (tracking.commands_applied, tracking.commands_superseded, tracking.command_rate) == (400, 0, 1000.0)
+
+
+@pytest.mark.parametrize(("silent", "since"), [((1.0, 1.6), 1.6), ((1.0, 1.03), 0.0), ((2.4, 9.0), 2.4)])
+def test_a_run_of_the_kit_is_judged_since_its_last_handover(silent, since):
+    """Of a fallback that lasts for a cycle: before it, another controller was at work."""
+    law = SlipController(Tuning())
+    run = tcc_sim.closed_loop("controlled", lambda r: None if silent[0] <= r.stamp_ns * 1e-9 < silent[1] else law.update(
+        r.slip_speed, r.engine_torque), 3.0)
+    kit = LockstepRun(**{name: getattr(run, name) for name in run.__dataclass_fields__}, targets=((20.0, 0),))
+    assert kit.tracking.seconds == pytest.approx(3.0 - since, abs=2.0 * CYCLE)
 
 
 @pytest.mark.parametrize(("torque", "limit", "verdict"), [(230.0, 6e5, "settled"), (400.0, 1.5e5, "saturated")])

@@ -104,6 +104,18 @@ def controlled(target, start=150.0, rate=4.0, seconds=3.0):
                    lambda t: 0.0 * t, lambda t: 300.0 + 0.0 * t, lambda t: LOAD + 0.0 * t)
 
 
+def test_a_fallback_and_the_return_of_commands_begin_segments(tmp_path):
+    """Commands from 0.5 s on, none from 2 to 3 s, and none in two ticks at 4 s, which is less than a cycle."""
+    sources, scene = [], load_scene("controlled")
+    rows = ticked(scene, 5000, torque=lambda k: 200.0, sources=sources, pressure=lambda k: None if (
+        k < 500 or 2000 <= k < 3000 or k in (4000, 4001)) else 93e3)
+    result = replay(bag(tmp_path / "run", rows, scene, sources=sources, targets=[(0, 20.0)]))
+    assert [(s.began_by, s.start) for s in result.segments] == [
+        ("start", 0.0), ("controller", pytest.approx(0.5, abs=2e-3)), ("fallback", pytest.approx(2.0, abs=2e-3)),
+        ("controller", pytest.approx(3.0, abs=2e-3))]
+    assert all(s.tracking is not None and s.tracking.seconds < 2.1 for s in result.segments)
+
+
 def test_a_recorded_target_is_judged_and_a_new_one_begins_a_segment(tmp_path, capsys):
     rows = [*controlled(20.0), *shifted(controlled(50.0, start=20.0), 3001)]
     path = bag(tmp_path / "run", rows, SLIP, targets=[(0, 20.0), (3001, 50.0)])
