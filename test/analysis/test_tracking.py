@@ -549,7 +549,8 @@ def test_a_run_of_closed_loop_is_judged_with_what_lies_between_its_samples():
 def test_a_run_of_the_kit_is_judged_since_its_last_handover(silent, since):
     """Of a fallback that lasts for a cycle: before it, another controller was at work."""
     law = SlipController(Tuning())
-    run = tcc_sim.closed_loop("controlled", lambda r: None if silent[0] <= r.stamp_ns * 1e-9 < silent[1] else law.update(
+    begin, end = silent
+    run = tcc_sim.closed_loop("controlled", lambda r: None if begin <= r.stamp_ns * 1e-9 < end else law.update(
         r.slip_speed, r.engine_torque), 3.0)
     kit = LockstepRun(**{name: getattr(run, name) for name in run.__dataclass_fields__}, targets=((20.0, 0),))
     assert kit.tracking.seconds == pytest.approx(3.0 - since, abs=2.0 * CYCLE)
