@@ -13,7 +13,9 @@ import pytest
 LETTER = re.compile(r"^\([a-z]\)\s+")
 UNIT = re.compile(r"\([^()]*(\([^()]*\)[^()]*)*\)|dB re 1|%")
 BARE = ("crank order", "period of excitation", "friction coefficient", "fraction of the plane", "coefficient",
-        "residual / noise", "chi-square", "period (", "mu_k", "static_coefficient", "friction.")
+        "residual", r"$\bar\mu$", "frequency ratio", "friction ratio", r"$\mu_", "error", "relative error", "tolerance",
+        "log10", "share of the cases", "engine cycles", "chi-square", "period (", "mu_k", "static_coefficient",
+        "friction.")
 """Beginnings and parts of labels of quantities without a unit."""
 Curve = tuple[Any, Any]
 
@@ -124,6 +126,24 @@ def passes(curve: Curve, t: Any, values: Any, tolerance: float = 0.0) -> int:
     size = np.abs(values).max(initial=1e-300)
     assert np.abs(y[at] - values).max(initial=0.0) <= tolerance * size + 1e-12 * size, "another value than the sample's"
     return len(t)
+
+
+def shows(figure: Any, x: Any, y: Any, rtol: float = 1e-9) -> bool:
+    """Whether a line or the marks of a picture pass through all these points."""
+    points = np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)), axis=-1)
+    points = points[np.isfinite(points).all(axis=1)]
+    return any(_on(points, data, rtol) for axis in figure.axes for data in (
+        *(np.asarray(line.get_xydata(), float) for line in axis.lines),
+        *(np.asarray(part.get_offsets(), float) for part in axis.collections if len(part.get_offsets()))))
+
+
+def _on(points: Any, data: Any, rtol: float) -> bool:
+    """Whether each point is among some data."""
+    data = data[np.isfinite(data).all(axis=1)]
+    if len(data) < len(points):
+        return False
+    size = np.maximum(np.abs(points).max(axis=0), 1e-300)
+    return all(bool((np.abs(data - point) <= rtol * size).all(axis=1).any()) for point in points)
 
 
 def broken(curve: Curve, begin: float, end: float) -> bool:

@@ -16,6 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     judged = parser.add_argument_group("judgement")
     judged.add_argument("--pressures", metavar="KPA", type=number(100.0, 1000.0, "kPa"), nargs="+",
                         help="mean pressures at which claims of Figs. 4 to 18 are judged, kPa (default 225 230 240)")
+    judged.add_argument("--figures", metavar="N", nargs="+",
+                        help="only claims of these figures or equations, as the page names them: 3 '(35)'")
     judged.add_argument("--thresholds", action="store_true",
                         help="judge again with every threshold halved and doubled, at the first pressure")
     parser.add_argument_group("workers").add_argument("--jobs", metavar="N", type=int,
@@ -37,9 +39,14 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.tables import text
     from tcc_sim.result import json_of
     from tcc_sim.study.paper.catalogue import paper_system
-    from tcc_sim.study.paper.claims import PRESSURES, ClaimsReport, Verdict, claims_page, counts_of, judge
+    from tcc_sim.study.paper.claims import CLAIMS, PRESSURES, ClaimsReport, Verdict, claims_page, counts_of, judge
     from tcc_sim.study.paper.errata import errata_page
 
+    claims = [claim for claim in CLAIMS if claim.figure in (arguments.figures or [claim.figure])]
+    for name in arguments.figures or ():
+        if name not in {claim.figure for claim in claims}:
+            known = ", ".join(dict.fromkeys(claim.figure for claim in CLAIMS))
+            raise InputError(f"figures has {name!r}; there are claims of {known}")
     check_outputs(arguments, (), arguments.markdown, arguments.errata)
     if arguments.jobs is not None and arguments.jobs < 1:
         raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
@@ -61,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     try:
         chosen = tuple(1e3 * p for p in arguments.pressures or ()) or PRESSURES
-        judge(pressures=chosen, kept=arguments.kept, thresholds=arguments.thresholds, jobs=arguments.jobs,
+        judge(claims, pressures=chosen, kept=arguments.kept, thresholds=arguments.thresholds, jobs=arguments.jobs,
               progress=True, each=show)
         if arguments.errata is not None:
             with draft(arguments.errata) as part:

@@ -6,26 +6,19 @@ import json
 from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields
-from operator import methodcaller
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from tcc_sim.errors import counted
-from tcc_sim.output.tables import escape, markdown_table, text
+from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.result import Described, json_of, reported, reporting
-from tcc_sim.study.paper import rules
+from tcc_sim.study.paper import measures, rules
 from tcc_sim.study.paper.branches_behind import StableMotions
-from tcc_sim.study.paper.claims_methods import MethodClaims
-from tcc_sim.study.paper.claims_stick import SlipClaims
-from tcc_sim.study.paper.evidence import LATER, T
+from tcc_sim.study.paper.evidence import T
 from tcc_sim.study.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding
-
-
-class PaperEvidence(SlipClaims, MethodClaims):
-    """Evidence with the measures of all claims."""
-
 
 RULES: dict[str, tuple[Any, ...]] = {"holds": (rules.holds, "weaker"), "shares": (rules.shares, "partly"),
                                      "near": (rules.near, "within"), "equal": (rules.equal,)}
@@ -44,17 +37,17 @@ VERDICTS = {NOT_CONFIRMED: ("no", "not confirmed"), DEPENDS: ("depends", "depend
 
 
 def claims_in(rows: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
-    """Return the claims of a file; names in braces are constants of the module of the measure, or of `rules`."""
-    claims = []
+    """Return the claims of a file; names in braces are constants of `measures` or `rules`."""
+    claims, every = [], {**vars(rules), **vars(measures)}
     for name, row in rows.items():
         measure, given = row.get("measure", name), row.get("given", {})
-        phrases = ChainMap(given, getattr(PaperEvidence, measure).__globals__, vars(rules))
+        phrases = ChainMap(given, every)
         words = {key: text.format_map(phrases) if isinstance(text, str) else text for key, text in row.items()}
         criterion, = (rule(words[key], *(words[option] for option in options if option in row))
                       for key, (rule, *options) in RULES.items() if key in row)
         labels = {key: text.format_map(phrases) for key, text in row.get("values", {}).items()}
         figure, where, *kind = row["at"]
-        claims.append(Claim(figure, where, row["claim"], criterion, methodcaller(measure, **given), name,
+        claims.append(Claim(figure, where, row["claim"], criterion, partial(every[measure], **given), name,
                             why=row.get("why", ""), labels=labels, **dict.fromkeys(kind, True)))
     return claims
 
@@ -168,8 +161,8 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
     lines = kept.read_text(encoding="utf-8").splitlines() if kept is not None and kept.exists() else []
     stored = {line["name"]: Finding(**{k: v for k, v in line["finding"].items() if k in known})
               for line in map(json.loads, lines)}
-    every = {p: [PaperEvidence(TOLERANCE, jobs, progress, p)] for p in pressures}
-    every[first].append(PaperEvidence(TIGHTER, jobs, progress, first, known=every[first][0].known))
+    every = {p: [StableMotions(TOLERANCE, jobs, progress, p)] for p in pressures}
+    every[first].append(StableMotions(TIGHTER, jobs, progress, first, known=every[first][0].known))
     for row in claims or CLAIMS:
         findings = {p: [_judged(row, evidence, stored, kept) for evidence in every[p]]
                     for p in (pressures[:1] if row.alone else pressures)}
@@ -183,21 +176,21 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
 
 
 def claims_page(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
-    """Return a summary, a table of the claims by verdict, and every claim with its numbers."""
+    """Return a summary, a table of the claims by verdict, and reasons of those that are not confirmed."""
     places = list(dict.fromkeys(p for v in verdicts for p in v.pressures))
     kpa = f"{', '.join(places)} kPa"
-    lines = ["# The paper's claims", "", f"- {counts_of(verdicts)}.", "", INTRODUCTION.format(
-        kpa=kpa, first=places[0], fitting=", ".join(f"{p / 1e3:g}" for p in PRESSURES), tolerance=TOLERANCE,
-        tighter=TIGHTER, later=LATER)]
     chosen = [v for name in VERDICTS for v in verdicts if v.verdict == name]
+    lines = ["# The paper's claims", "", f"{counts_of(verdicts)}.", "", INTRODUCTION.format(
+        fitting=", ".join(f"{p / 1e3:g}" for p in PRESSURES), first=places[0], tighter=TIGHTER, tolerance=TOLERANCE)]
     lines += markdown_table(["Fig.", "Section", "claim", "verdict", f"at {kpa}"], map(claim_row, chosen))
+    lines += ["", "**Interrupted: not every claim was judged.**"] * (not complete)
+    for name in (NOT_CONFIRMED, DEPENDS):
+        if named := [v for v in chosen if v.verdict == name]:
+            lines += ["", f"## {name.capitalize()}", "", *map(claim_line, named)]
     if any(v.varied for v in verdicts):
-        lines += ["", "## Thresholds halved and doubled", "", f"The verdicts that change, at {places[0]} kPa.", "",
+        lines += ["", f"## Thresholds halved and doubled, at {places[0]} kPa", "",
                   *markdown_table(["threshold", "meaning", "value", "halved", "doubled"],
                                   [threshold_row(verdicts, item) for item in fields(T)])]
-    lines += ["", "**Interrupted: not every claim was judged.**"] * (not complete)
-    for v in chosen:
-        lines += ["", *claim_section(v)]
     return "\n".join(lines) + "\n"
 
 
@@ -217,22 +210,11 @@ def threshold_row(verdicts: Sequence[Verdict], item: Field[float]) -> list[str]:
             f"{item.default:g} {meaning.unit}".rstrip(), *changes]
 
 
-def claim_section(v: Verdict) -> list[str]:
-    """Return the part of the page on one claim."""
-    lines = [f"## {v.row.figure}: {escape(v.row.sentence)}", "",
-             f"**{v.words.capitalize()}**. Criterion: {escape(v.row.criterion.words)}."]
-    if v.why:
-        lines += ["", f"{escape(v.why[0].upper() + v.why[1:])}."]
-    lines += listed_numbers(json_of(v.finding.values))
-    if motions := v.finding.motions:
-        lines += ["", f"<details><summary>{counted(len(motions), 'stable motion')}</summary>", "",
-                  *(f"- {escape(str(motion['words']))}" for motion in motions), "", "</details>"]
-    return lines
-
-
-def listed_numbers(values: Mapping[str, Any]) -> list[str]:
-    """Return numbers as a list, with an empty line before it if there are any."""
-    return [""] * bool(values) + [f"- {escape(name)}: {escape(text(value))}" for name, value in values.items()]
+def claim_line(v: Verdict) -> str:
+    """Return one claim as an entry of a list: its reason, and its criterion where it is not confirmed."""
+    why = f" {escape(v.why[0].upper() + v.why[1:])}." if v.why else ""
+    judged = f" Criterion: {escape(v.row.criterion.words)}." * (v.verdict == NOT_CONFIRMED)
+    return f"- **{v.row.figure}: {escape(v.row.sentence)}.**{judged}{why}"
 
 
 def counts_of(verdicts: Sequence[Verdict]) -> str:

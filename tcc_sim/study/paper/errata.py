@@ -6,21 +6,20 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
 
 from tcc_sim.analysis.damping import damping_of_cycles
 from tcc_sim.model import pure_slip, pure_stick
-from tcc_sim.output.tables import escape, markdown_table
+from tcc_sim.output.tables import escape, markdown_table, text
 from tcc_sim.solvers import solve
 from tcc_sim.study.continuation.bracket import chandrupatla
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system
-from tcc_sim.study.paper.claims import listed_numbers
-from tcc_sim.study.paper.claims_periods import actuated
-from tcc_sim.study.paper.claims_stick import PURE_SLIP
 from tcc_sim.study.paper.evidence import FREQUENCY, KINETIC, Evidence, rms_apart, two_digits, with_kinetic
 from tcc_sim.study.paper.harmonic_balance import harmonic_balance, mean_friction_torque
+from tcc_sim.study.paper.measures import PURE_SLIP, actuated
 from tcc_sim.trajectory import integral
 
 Numbers = Mapping[str, float | Sequence[float]]
@@ -194,6 +193,11 @@ ERRATA = tuple(Erratum(**{**row, "numbers": globals()[row["numbers"]] if "number
 """Errata in the order of the paper."""
 OPEN: dict[str, str] = _TEXTS["open"]
 """Values that the paper leaves open, and those taken here."""
+
+
+def listed_numbers(values: Mapping[str, Any]) -> list[str]:
+    """Return numbers as a list, with an empty line before it if there are any."""
+    return [""] * bool(values) + [f"- {escape(name)}: {escape(text(value))}" for name, value in values.items()]
 
 
 def errata_page() -> str:

@@ -32,8 +32,7 @@ FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
 class Thresholds:
     """Thresholds of the criteria; `claims --thresholds` judges with each of them halved and doubled."""
 
-    near: float = field(default=0.02, metadata=reported(
-        "largest distance from a printed frequency or friction ratio"))
+    near: float = field(default=0.02, metadata=reported("largest distance from a printed frequency or friction ratio"))
     close: float = field(default=0.01, metadata=reported(
         "the same where places are so dense that `near` would cover most of the range"))
     ends: float = field(default=4e-3, metadata=reported(

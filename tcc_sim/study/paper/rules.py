@@ -233,57 +233,59 @@ def place_of_change(holds: Callable[[float], bool], low: float, high: float, hal
     return 0.5 * (low + high)
 
 
-class Rules(StableMotions):
-    """Evidence with the rules that several claims share; `claims.yaml` gives them figure, curves and range."""
+def figure(e: StableMotions, number: int, chosen: Sequence[int] = (), way: str = "cold") -> Curves:
+    """Return the curves of a figure, or only the `chosen` ones; each value starts from (13), or as `way` says."""
+    series, axis = FIGURES[number].series, FINER if number == 4 else AXIS
+    rows = {plain(series[k].label): series[k].values for k in chosen or range(len(series))}
+    sweeps = e.curves(list(rows.values()), axis, direction=way)
+    return Curves(e, rows, axis, sweeps, np.array([sweep.column("max_slip_speed") for sweep in sweeps]),
+                  ~np.array([sticks(sweep) for sweep in sweeps]))
 
-    def figure(self, number: int, chosen: Sequence[int] = (), way: str = "cold") -> Curves:
-        """Return the curves of a figure, or only the `chosen` ones; each value starts from (13), or as `way` says."""
-        series, axis = FIGURES[number].series, FINER if number == 4 else AXIS
-        rows = {plain(series[k].label): series[k].values for k in chosen or range(len(series))}
-        sweeps = self.curves(list(rows.values()), axis, direction=way)
-        return Curves(self, rows, axis, sweeps, np.array([sweep.column("max_slip_speed") for sweep in sweeps]),
-                      ~np.array([sticks(sweep) for sweep in sweeps]))
 
-    def lowest(self, number: int, band: str, word: str = "lowest",
-               chosen: Sequence[int] = ()) -> Measured:
-        """Judge whether the first curve is the lowest or `highest` at most ratios, or is so in the mean."""
-        curves, where, sign = self.figure(number, chosen), BANDS[band], 1.0 if word == "lowest" else -1.0
-        share, mean = curves.best(0, where, sign), curves.means(where)
-        most, on_average = share >= self.most, sign * mean[0] == min(sign * x for x in mean)
-        return Measured((most, on_average), {
-            "share": share, "mean": mean, **({"beaten": curves.exceptions(0, where)} if word == "lowest" else {})},
-            "" if most else f"it is the {word} in the mean, but not at every ratio" if on_average else
-            f"another curve is the {word} in the mean")
+def lowest(e: StableMotions, number: int, band: str, word: str = "lowest", chosen: Sequence[int] = ()) -> Measured:
+    """Judge whether the first curve is the lowest or `highest` at most ratios, or is so in the mean."""
+    curves, where, sign = figure(e, number, chosen), BANDS[band], 1.0 if word == "lowest" else -1.0
+    share, mean = curves.best(0, where, sign), curves.means(where)
+    most, on_average = share >= e.most, sign * mean[0] == min(sign * x for x in mean)
+    return Measured((most, on_average), {
+        "share": share, "mean": mean, **({"beaten": curves.exceptions(0, where)} if word == "lowest" else {})},
+        "" if most else f"it is the {word} in the mean, but not at every ratio" if on_average else
+        f"another curve is the {word} in the mean")
 
-    def ordered(self, number: int, band: str, word: str) -> Measured:
-        """Judge at which part of a range the maxima `fall` or `rise` from every curve to the next."""
-        curves, where, sign = self.figure(number), BANDS[band], 1.0 if word == "fall" else -1.0
-        share = share_where((sign * np.diff(curves.maxima, axis=0) <= self.limit("shows")).all(axis=0),
-                            where & curves.any_slips())
-        return Measured([share], {"part in order": share, "mean": curves.means(where)})
 
-    def no_jumps(self, number: int, chosen: Sequence[int] = ()) -> Measured:
-        """Judge whether curves from (13) have no jump."""
-        curves = self.figure(number, chosen)
-        jumps = {name: [round(x, 4) for x, _ in self.jumps(row, curves.axis)] for name, row in curves.rows.items()}
-        return Measured((not any(jumps.values()),), {"jumps": jumps})
+def ordered(e: StableMotions, number: int, band: str, word: str) -> Measured:
+    """Judge at which part of a range the maxima `fall` or `rise` from every curve to the next."""
+    curves, where, sign = figure(e, number), BANDS[band], 1.0 if word == "fall" else -1.0
+    share = share_where((sign * np.diff(curves.maxima, axis=0) <= e.limit("shows")).all(axis=0),
+                        where & curves.any_slips())
+    return Measured([share], {"part in order": share, "mean": curves.means(where)})
 
-    def jumps_change_period(self, number: int, chosen: Sequence[int] = ()) -> Measured:
-        """Judge at which part of the jumps from (13) the period changes."""
-        periods = {f"{name} at {x:.4f}": [m.period for m in self.motions_near(row, x, -PARTED, PARTED)]
-                   for name, row, x, _ in self.figure(number, chosen).jumps()}
-        share = float(np.mean([below != above for below, above in periods.values()])) if periods else 1.0
-        return Measured([share], {"jumps": len(periods), "share": share, "periods": periods}, share != 1.0)
 
-    def slipping_periods(self, numbers: Sequence[int]) -> dict[str, tuple[int, list[int]]]:
-        """Return N of (35) and the periods at the slipping ratios, 0 for none, by curve."""
-        return {f"Fig. {n}, {name}": (denominator(row), np.unique(periods[slips]).tolist())
-                for n, curves in zip(numbers, map(self.figure, numbers))
-                for (name, row), periods, slips in zip(curves.rows.items(), curves.periods, curves.slips)}
+def no_jumps(e: StableMotions, number: int, chosen: Sequence[int] = ()) -> Measured:
+    """Judge whether curves from (13) have no jump."""
+    curves = figure(e, number, chosen)
+    jumps = {name: [round(x, 4) for x, _ in e.jumps(row, curves.axis)] for name, row in curves.rows.items()}
+    return Measured((not any(jumps.values()),), {"jumps": jumps})
 
-    def only_period(self, numbers: Sequence[int]) -> Measured:
-        """Judge whether the curves of figures have no other period than N of (35) where they slip."""
-        slipping = self.slipping_periods(numbers)
-        return Measured([(periods, [n] if periods else []) for n, periods in slipping.values()],
-                        {"periods": {name: periods for name, (_, periods) in slipping.items()}},
-                        any(periods not in ([n], []) for n, periods in slipping.values()))
+
+def jumps_change_period(e: StableMotions, number: int, chosen: Sequence[int] = ()) -> Measured:
+    """Judge at which part of the jumps from (13) the period changes."""
+    periods = {f"{name} at {x:.4f}": [m.period for m in e.motions_near(row, x, -PARTED, PARTED)]
+               for name, row, x, _ in figure(e, number, chosen).jumps()}
+    share = float(np.mean([below != above for below, above in periods.values()])) if periods else 1.0
+    return Measured([share], {"jumps": len(periods), "share": share, "periods": periods}, share != 1.0)
+
+
+def slipping_periods(e: StableMotions, numbers: Sequence[int]) -> dict[str, tuple[int, list[int]]]:
+    """Return N of (35) and the periods at the slipping ratios, 0 for none, by curve."""
+    return {f"Fig. {n}, {name}": (denominator(row), np.unique(periods[slips]).tolist())
+            for n, curves in zip(numbers, (figure(e, n) for n in numbers))
+            for (name, row), periods, slips in zip(curves.rows.items(), curves.periods, curves.slips)}
+
+
+def only_period(e: StableMotions, numbers: Sequence[int]) -> Measured:
+    """Judge whether the curves of figures have no other period than N of (35) where they slip."""
+    slipping = slipping_periods(e, numbers)
+    return Measured([(periods, [n] if periods else []) for n, periods in slipping.values()],
+                    {"periods": {name: periods for name, (_, periods) in slipping.items()}},
+                    any(periods not in ([n], []) for n, periods in slipping.values()))

@@ -7,7 +7,7 @@ from dataclasses import replace as with_fields
 import numpy as np
 import pytest
 from documents import same_pictures, valid
-from pictures import faults, shows
+from pictures import check, shows
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
@@ -208,23 +208,22 @@ def test_tables_have_the_numbers_of_the_rows():
     assert "500" in precision.scene_line(scenes[0])
 
 
-def test_the_command_writes_what_it_promises(tmp_path, drawn):
+def test_the_command_writes_what_it_promises(tmp_path, pictures):
     folder = tmp_path / "out"
     words = ["precision", "--quick", "--scenes", "minimal, set-valued", "--width", "column", "--out", str(folder)]
     assert main(words) == 0
     document = valid("precision", json.loads((folder / "precision.json").read_text()))
     assert [r["scene"] for r in document["scenes"]] == ["minimal, set-valued"]
     assert [r["solver"] for r in document["results"]] == ["event_driven"]
-    pictures = {name: figure for figure in drawn for name in figure.saved}
-    assert {path.name for path in folder.iterdir()} == {"precision.json", "precision.md", *pictures}
-    for name, keys in (("precision.png", ("error_final", "error_section", "error_max_slip")),
-                       ("precision_section.png", ("error_section",))):
-        rows = document["results"]
-        assert shows(pictures[name], [r["seconds"] for r in rows], [max(1e-16, *(r[k] for k in keys)) for r in rows])
-        assert faults(pictures[name]) == []
+    names = {f"{name}.{end}" for name in ("precision", "precision_section") for end in ("png", "svg")}
+    assert {path.name for path in folder.iterdir()} == {"precision.json", "precision.md", *names}
+    rows, (whole, _, section, _) = document["results"], pictures
+    for picture, keys in ((whole, ("error_final", "error_section", "error_max_slip")), (section, ("error_section",))):
+        assert shows(picture, [r["seconds"] for r in rows], [max(1e-16, *(r[k] for k in keys)) for r in rows])
+        check(picture)
     again = ["plot", str(folder / "precision.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
     assert main(again) == 0
-    assert len(same_pictures([pictures["precision.png"], drawn[-1]], pictures["precision.png"].get_figwidth())) > 1
+    assert len(same_pictures([whole, pictures[-1]], whole.get_figwidth())) > 1
     assert main(words) == 2
 
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from documents import same_pictures, valid
-from pictures import faults, shows
+from pictures import check, shows
 
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
@@ -149,7 +149,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_the_command_writes_what_it_promises(folder, tmp_path, drawn):
+def test_the_command_writes_what_it_promises(folder, tmp_path, pictures):
     document = valid("stability", json.loads((folder / "stability.json").read_text()))
     assert {path.name for path in folder.iterdir()} == {f"stability.{end}" for end in ("json", "md", "png", "svg")}
     assert set(document["summary"]) == set(stability.ENGINES)
@@ -163,10 +163,10 @@ def test_the_command_writes_what_it_promises(folder, tmp_path, drawn):
     for _ in range(2):
         words = ["plot", str(folder / "stability.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
         assert main([*words, "--force"]) == 0
-    assert len(same_pictures(drawn, drawn[0].get_figwidth())) > 4
+    assert len(same_pictures(pictures, pictures[0].get_figwidth())) > 4
     shares = 100.0 * (np.arange(len(rows)) + 0.5) / len(rows)
-    assert shows(drawn[0], shares, np.maximum(np.sort(rows), 1e-17))
-    assert faults(drawn[0]) == []
+    assert shows(pictures[0], shares, np.maximum(np.sort(rows), 1e-17))
+    check(pictures[0])
 
 
 def test_errors_of_the_charts_are_those_of_an_independent_solution(folder):

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.study.continuation import motions
 
 STICK = ["continue", "stick", "--set", "friction.law=set_valued", "--over", "engine.mean_torque=295:305"]
 ORBIT_KEYS = {"value", "slip_speed", "plate_angle", "plate_speed", "max_slip_speed", "stick_fraction", "stable",
@@ -33,36 +32,6 @@ def test_the_json_has_every_key_and_lists_of_one_length(tmp_path: Path) -> None:
     assert set(at) >= {*ORBIT_KEYS, "period", "origin"}
     assert (at["value"], at["events"], at["stable"]) == (301.5, "S", True)
     assert picture.read_text().startswith("<?xml")
-
-
-def test_ctrl_c_keeps_what_was_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    def interrupted(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(motions, "switch", interrupted)
-    file = tmp_path / "branches.json"
-    assert main([*STICK, "--switch", "--json", str(file)]) == 130
-    document = json.loads(file.read_text())
-    assert document["complete"] is False
-    assert len(document["branches"]) == 1
-    assert "interrupted" in capsys.readouterr().err
-
-
-def test_words_become_a_plan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """--switch alone is one generation."""
-    plans = []
-
-    def planned(system: object, plan: motions.ContinuationPlan, *more: object) -> None:
-        plans.append(plan)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(motions, "continue_motions", planned)
-    key, second = "engine.mean_torque", "engine.frequency"
-    for words, further in (([], {}), (["--switch"], {"switch": 1}), (["--switch", "3"], {"switch": 3}), (
-            ["--period", "2", "--at", "296", "--at", "297", "--second", f"{second}=10:200"],
-            {"period": 2, "at": (296.0, 297.0), "second": (second, 10.0, 200.0)})):
-        assert main([*STICK, *words]) == 130
-        assert plans.pop() == motions.ContinuationPlan(key, 295.0, 305.0, **further)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("words", "said"), [

@@ -1,9 +1,9 @@
-"""Made-up evidence for the verdicts on the paper's claims."""
+"""Evidence written down by hand for the verdicts on the paper's claims."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -14,14 +14,14 @@ from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.analysis.summary import Summary
 from tcc_sim.model.parameters import System
 from tcc_sim.study.continuation.loss_of_stability import SegmentEnd, StableSegment
+from tcc_sim.study.paper.branches_behind import StableMotions
 from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, paper_system
-from tcc_sim.study.paper.claims import CLAIMS, PaperEvidence
+from tcc_sim.study.paper.claims import CLAIMS
 from tcc_sim.study.paper.evidence import KINETIC, ColdStartMotion
-from tcc_sim.study.paper.figure_results import Figure, Labelled
 from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
-from tcc_sim.trajectory import State
+from tcc_sim.trajectory import Cycles, State, Statistics, Trajectory
 
 rows = {claim.name: claim for claim in CLAIMS}
 curve_along = cache(Curve)
@@ -36,8 +36,8 @@ def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", *, s
                  Damping(equivalent_damping, negative_slope_mean, -0.6), None, Start(State(0.0, 0.0, 0.0), 150))
 
 
-class Given(PaperEvidence):
-    """Made-up evidence: a record per row, ratio and direction, and jumps and stable stretches per row."""
+class Given(StableMotions):
+    """Evidence by hand: a record per row, ratio and direction, and jumps and stable stretches per row."""
 
     def __init__(self, at: Callable[..., Point] = lambda row, x, direction: record(),
                  jumps: Callable[..., list[float]] = lambda row: [], lyapunov: str = "chaotic",
@@ -94,28 +94,16 @@ def stretch(low: float, high: float, period: int = 1, height: float = 10.0, begi
     return StableSegment(period, end(low, begins), end(high, ends), (low, high), (height, height))
 
 
-def curve_of(largest: Sequence[float | None], **more: Any) -> Labelled:
-    """A curve of a map; by default its motions have settled in period one."""
-    n = len(largest)
-    given: dict[str, Any] = {
-        "label": "a curve", "values": {}, "direction": "cold", "min_slip_speed": [0.0] * n, "period": [1] * n,
-        "confirmed": [True] * n, "settled": [True] * n, "runaway": [False] * n, "stick_fraction": [0.5] * n,
-        "regime": ["stick-slip"] * n, "theta2": [[0.1]] * n, "status": ["done"] * n, **more}
-    return Labelled(max_slip_speed=largest, **given)
-
-
-def figure_of(kind: str, numbers: Any, number: int = 4, law: str = "smoothed", title: str = "a title",
-              caption: str = "a caption") -> Figure:
-    keys = {"engine.mean_torque": 300.0, "friction.static_coefficient": 0.3, "pressure.mean": 225e3,
-            "clutch.area": 0.08, "clutch.radius": 0.1}
-    return Figure(figure=number, kind=kind, title=title, caption=caption, law=law, quick=True, parameters=keys,
-                  marks=[0.3], seconds=0.0, **numbers)
-
-
-def curves_of(curves: Sequence[Labelled]) -> dict[str, Any]:
-    x = np.linspace(0.05, 0.5, 11).tolist()
-    return {"over": "engine.frequency", "axis": "omega/omega_n", "x": x, "unit": OMEGA_N, "cycles": 100,
-            "discarded": 50, "curves": curves}
+def run_with(section: Any = ((0.0, 0.0, 0.0),), largest: Any = 0.0, stick: float = 0.0, seconds: float = 0.0,
+             **samples: Any) -> Trajectory:
+    """A run with the cycles, samples and computing time that a claim reads."""
+    n = len(section) - 1
+    cycles = Cycles(np.array(section, float), np.full(n, largest), np.zeros(n), np.full(n, stick))
+    none = np.zeros(len(samples.get("t", ())))
+    columns = dict.fromkeys(("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque",
+                             "friction_torque", "state"), none)
+    return Trajectory(**{"cycle": 1.0, **columns, **samples}, solver="by hand", cycles=cycles,
+                      statistics=Statistics(seconds=seconds))
 
 
 def law_of(row: Any) -> str:

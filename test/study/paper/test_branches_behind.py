@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
-from types import SimpleNamespace
+import math
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from given import Given, record, stretch
 
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
-from tcc_sim.study.benchmarks.references import smoothed_states
+from tcc_sim.study.benchmarks.references import multipliers, smoothed_states
 from tcc_sim.study.paper import branches_behind
 from tcc_sim.study.paper.branches_behind import (
     HIGHEST,
@@ -23,13 +22,10 @@ from tcc_sim.study.paper.branches_behind import (
     seen_in,
     still_higher,
 )
-from tcc_sim.study.paper.catalogue import FIGURES, STATIC, paper_system
-from tcc_sim.study.paper.claims import CLAIMS, Verdict, claims_page
-from tcc_sim.study.paper.claims_periods import AT_036
+from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, paper_system
 from tcc_sim.study.paper.evidence import KINETIC, with_kinetic
-from tcc_sim.study.paper.rules import Finding
+from tcc_sim.study.paper.measures import AT_036
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
-from tcc_sim.trajectory import State
 
 DOUBLING = 0.777332549
 """mu_k/mu_s at which the motion of period one of Fig. 6 doubles, by AUTO-07p."""
@@ -119,35 +115,39 @@ def test_the_jump_near_033_is_found_from_beyond_it() -> None:
     assert 0.340 < motion.stretch.low.value < 0.343
 
 
-def test_motions_stand_on_the_page_in_words() -> None:
+def test_a_motion_has_its_ends_and_where_the_start_leads_to_it() -> None:
     given = Given(lambda row, x, d: record(), stretches=lambda row: [stretch(0.67, 0.918464, 2, 48.0, "", "jump fold")],
                   reached=lambda row: {0})
     (motion,) = given.motions("psi = 0", AT_036, AXIS, over=KINETIC)
-    assert motion.words == ("psi = 0: period 2, stable over mu_k/mu_s from 0.67 (followed no further) to 0.918464 "
-                                "(fold, residual 1e-12); within 2650 cycles (13) leads to it at 0.865 to 0.93 "
-                                "(5 values)")
-    assert replace(motion, from_start=(0.9,)).words.endswith("leads to it at 0.9 (1 value)")
-    assert replace(motion, curve="", from_start=()).words.endswith("cycles (13) leads to it nowhere")
-    finding = Finding({}, "confirmed", "", json_of([motion]))
-    verdict = Verdict(CLAIMS[0], finding, {225e3: ("confirmed", "confirmed")})
-    page = claims_page([verdict])
-    assert "1 stable motion</summary>\n\n- psi = 0: period 2, stable over mu\\_k/mu\\_s" in page
-    assert json_of(verdict)["motions"][0]["high"] == {"value": 0.918464, "kind": "fold", "residual": 1e-12,
-                                                      "jumps": True}
+    result = json_of(motion)
+    assert (result["curve"], result["over"], result["period"]) == ("psi = 0", "mu_k/mu_s", 2)
+    assert result["from_start"] == pytest.approx(AXIS)
+    assert result["high"] == {"value": 0.918464, "kind": "fold", "residual": 1e-12, "jumps": True}
+    for words in ("psi = 0", "period 2", "0.67", "0.918464", "fold", "0.865 to 0.93"):
+        assert words in motion.words
 
 
-def test_the_orbit_behind_a_motion_is_sought_about_its_frequency(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
+def test_the_orbit_behind_a_motion_has_its_multipliers() -> None:
+    """Beside SciPy's variational equations; a motion without a period has none."""
     system = paper_system({"engine.frequency": 140.0})
-    found = SimpleNamespace(orbit=SimpleNamespace(period=2, figures=SimpleNamespace(as_json=lambda: {"stable": True})))
-    monkeypatch.setattr(branches_behind, "point_of", lambda of, span, seen: asked.append((of, span, seen)) or (
-        found if seen.amplitude > 1.0 else None))
-    final = State(1.0, 0.1, 5.0)
-    assert branches_behind.orbit_behind(system, final, 7, 2, 30.0) == {"period": 2, "stable": True}
-    assert branches_behind.orbit_behind(system, final, 7, 2, 0.5) is None
-    assert branches_behind.orbit_behind(system, final, 7, 0, 30.0) is None
-    (of, span, seen), _ = asked
-    assert of.system_at((150.0,)).engine.frequency == 150.0
-    assert (span.low, span.high) == (70.0, 210.0)
-    assert {**vars(seen), "state": seen.state.tolist()} == {
-        "value": 140.0, "state": [1.0, 0.1, 5.0], "cycle": 7, "period": 2, "amplitude": 30.0}
+    run = solve(system, cycles=200).raise_for_status()
+    largest = float(run.solved_cycles.largest[-1])
+    result = branches_behind.orbit_behind(system, run.final, 200, 1, largest)
+    assert (result["period"], result["stable"]) == (1, True)
+    section = [result[name] for name in ("slip_speed", "plate_angle", "plate_speed")]
+    expected = sorted(np.abs(multipliers(system, np.array(section), 1)), reverse=True)
+    assert [float(np.hypot(*m)) for m in result["multipliers"]] == pytest.approx(expected, abs=1e-6)
+    assert branches_behind.orbit_behind(system, run.final, 200, 0, largest) is None
+
+
+def test_creep_in_stick_is_an_end_of_stick() -> None:
+    """Pure stick under the set-valued law from rest lies on one branch without a jump, with the multipliers of (1)."""
+    axis = np.linspace(0.44, 0.46, 4)
+    curve = Curve(paper_system({"friction.law": "set_valued", "initial.slip_speed": 0.0, "initial.plate_angle": 0.1}),
+                  "engine.frequency", tuple(float(x) * OMEGA_N for x in axis))
+    (behind,) = motions_behind(sweep_curves([curve], Plan(cycles=150, discard=50), jobs=1))
+    (branch,) = behind.branches
+    assert (behind.jumps, branch["period"], set(branch["stable"])) == ([], 1, {True})
+    for value, pairs in zip(branch["value"], branch["multipliers"]):
+        modulus = math.exp(-0.6 / (2.0 * 0.22) * 2.0 * math.pi / value)
+        assert [float(np.hypot(*m)) for m in pairs] == pytest.approx([modulus, modulus, 0.0], abs=1e-6)

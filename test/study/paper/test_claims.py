@@ -1,8 +1,10 @@
-"""Claims with robust numbers, compared with closed forms where these exist, and the frame of the table."""
+"""Claims beside closed forms and independent integration; how they are judged; the page and the command."""
 
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,80 +12,146 @@ from typing import Any
 import numpy as np
 import pytest
 from documents import valid
-from given import rows
+from given import Given, record
+from scipy.integrate import solve_ivp
 
 from tcc_sim.cli import main
-from tcc_sim.output.tables import escape, markdown_table
+from tcc_sim.output.tables import escape
 from tcc_sim.result import json_of
-from tcc_sim.study.paper import claims
+from tcc_sim.study.benchmarks.references import equations
+from tcc_sim.study.paper import claims, measures
 from tcc_sim.study.paper.branches_behind import StableMotions
-from tcc_sim.study.paper.catalogue import OMEGA_N, paper_system
-from tcc_sim.study.paper.evidence import Evidence, T
+from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system
+from tcc_sim.study.paper.evidence import FAILED, RUNAWAY
 from tcc_sim.study.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Measured, holds, shares
 
 PAGE = Path(__file__).resolve().parents[3] / ".github" / "paper" / "claims.md"
 
 
-def test_the_stick_limit_is_that_of_the_closed_form() -> None:
-    """(25a) by hand: the amplitude of the interface torque is mu_s N R - Tm at the limit, far above omega_sn."""
-    result = rows["limits_of_stick"](claims.PaperEvidence(claims.TOLERANCE))
-    (ratio, simulated), = result.values.values()
-    omega = ratio * OMEGA_N
-    spring = complex(3000.0, 0.6 * omega)
-    assert 250.0 * abs(spring - 0.02 * omega**2) / abs(spring - 0.22
-                                                       * omega**2) == pytest.approx(540.0 - 300.0, rel=1e-6)
-    assert ratio > paper_system().stuck_natural_frequency / paper_system().natural_frequency
+def gain(omega: float) -> complex:
+    """Interface torque of stick per engine torque, (9) and (25a) by hand."""
+    return complex(3000.0 - 0.02 * omega**2, 0.6 * omega) / complex(3000.0 - 0.22 * omega**2, 0.6 * omega)
+
+
+@pytest.fixture(scope="module")
+def evidence() -> StableMotions:
+    return StableMotions(1e-9, 1)
+
+
+@pytest.fixture(scope="module")
+def cheap(evidence: StableMotions) -> dict[str, Finding]:
+    """Claims that take less than a second each."""
+    return {row.name: row(evidence) for row in claims.CLAIMS if row.cheap}
+
+
+def test_limits_of_stick_are_those_of_the_closed_form(cheap: dict[str, Finding]) -> None:
+    """The largest torque of (9), with the load's at its phase, is mu_s N R there; simulations agree."""
+    (ratio, simulated), = cheap["limits_of_stick"].values.values()
+    assert 250.0 * abs(gain(ratio * OMEGA_N)) == pytest.approx(540.0 - 300.0, rel=1e-6)
     assert simulated == pytest.approx(ratio, abs=1e-3)
-    assert result.verdict == CONFIRMED
+    varying, t = cheap["stick_limits_varying"].values, np.linspace(0.0, 2.0 * np.pi, 200001)
+    assert len(varying) == 4
+    for name, (limit, simulated) in varying.items():
+        assert simulated == pytest.approx(limit, abs=1e-3), name
+        torque = 300.0 + 250.0 * (gain(limit * OMEGA_N) * np.exp(1j * t)).imag
+        loads = [540.0 * (1.0 + 0.25 * np.sin(t + psi)) for psi in (0.0, 0.5 * np.pi, np.pi)]
+        assert min(abs((load - np.abs(torque)).min()) for load in loads) < 0.05
+    assert {cheap[name].verdict for name in ("limits_of_stick", "stick_limits_varying")} == {CONFIRMED}
+    assert measures.end_of_stick(StableMotions(1e-9, 1), {}, 0.45, 0.49) is None
 
 
-def test_the_page_has_every_claim_with_the_criterion_in_force() -> None:
-    """The page has the criteria of the rows, claims sorted by verdict, and the counts of its table."""
-    page = PAGE.read_text()
-    head, *parts = page.split("\n## ")
-    sections = dict(part.split("\n", 1) for part in parts)
-    thresholds = sections.pop("Thresholds halved and doubled")
-    assert [line.split("`")[1] for line in thresholds.splitlines() if "`, in " in line] == list(vars(T))
-    assert sorted(sections) == sorted(f"{c.figure}: {escape(c.sentence)}" for c in claims.CLAIMS)
-    for row in claims.CLAIMS:
-        text = sections[f"{row.figure}: {escape(row.sentence)}"]
-        assert f"**. Criterion: {escape(row.criterion.words)}.\n" in text, row.name
-    words = [text.split("**")[1].lower() for text in sections.values()]
-    verdicts = [DEPENDS if text.startswith(DEPENDS) else text for text in words]
-    assert verdicts == sorted(verdicts, key=list(claims.VERDICTS).index)
-    rows = [line.split(" | ") for line in head.splitlines() if line.startswith("| ")][2:]
-    assert [cells[-2] for cells in rows] == words
-    counts = [verdicts.count(v) for v in (CONFIRMED, DEPENDS, NOT_CONFIRMED)]
-    assert "Of {} claims: {} confirmed, {} depend, {} not confirmed.".format(len(verdicts), *counts) in page
+def test_the_law_of_figure_3_is_judged_by_its_own_maxima(cheap: dict[str, Finding]) -> None:
+    """(7) on a fine grid, for mu_k/mu_s of the figure."""
+    v = np.linspace(1e-4, 1.0, 200_001)
+    tops, slopes = [], []
+    for r in (1.0, 0.8, 0.75, 0.677):
+        law = np.tanh(50.0 * v) * (1.0 + (1.0 / r - 1.0) * np.exp(-2.0 * v))
+        tops.append(float(law.max() * r))
+        slopes.append(float(np.gradient(law, v).min()))
+    (parts,), (lowest,) = (list(cheap[name].values.values()) for name in ("maximum_falls", "slope_turns_negative"))
+    assert list(parts.values()) == pytest.approx(tops[1:], rel=1e-4)
+    assert list(lowest.values()) == pytest.approx(slopes, abs=2e-3)
+    assert {cheap[name].verdict for name in ("maximum_falls", "slope_turns_negative")} == {CONFIRMED}
 
 
-def test_the_page_says_what_the_cheap_claims_come_to_now() -> None:
-    page = PAGE.read_text()
-    cheap = [row for row in claims.CLAIMS if row.cheap]
-    assert len(cheap) >= 9
-    places = page.split("| verdict | at ")[1].split(" kPa")[0].split(", ")
-    assert places[0] == "225"
-    for verdict in claims.judge(cheap, pressures=[1e3 * float(p) for p in places], jobs=1):
-        assert "\n".join(claims.claim_section(verdict)) in page
-        assert markdown_table(claims.claim_row(verdict), [])[0] in page
+def test_creep_and_slip_of_stick_and_of_positive_trend(cheap: dict[str, Finding]) -> None:
+    """Creep carries the torque: tanh(50 v) is near |Tfi|/(mu_s N R); with Tsm = 297 N m both motions stick (errata)."""
+    creep = next(v for v in cheap["smoothed_stick_creeps"].values.values() if isinstance(v, dict))
+    assert 0.01 < creep["smoothed"] < 0.2
+    assert creep["set_valued"] < 1e-6
+    assert cheap["smoothed_stick_creeps"].verdict == CONFIRMED
+    assert cheap["pure_slip_guaranteed"].verdict == DEPENDS
+    assert 35.0 < next(v for k, v in cheap["pure_slip_guaranteed"].values.items() if "for ever" in k) < 35.2
 
 
-@pytest.mark.parametrize(("judged", "verdict", "on", "words"), [
-    ({225e3: (CONFIRMED, CONFIRMED), 240e3: (CONFIRMED,)}, CONFIRMED, None, ""),
-    ({225e3: (DEPENDS, DEPENDS), 240e3: (DEPENDS,)}, DEPENDS, "part", ""),
-    ({225e3: (CONFIRMED, NOT_CONFIRMED)}, DEPENDS, "tolerance", "the verdict changes with the tolerance"),
-    ({225e3: (CONFIRMED, CONFIRMED), 240e3: (NOT_CONFIRMED,)}, DEPENDS, "pressure",
-     "the verdict changes with the mean pressure: confirmed at 225 kPa, not confirmed at 240 kPa")])
-def test_a_verdict_is_that_of_every_pressure_and_tolerance(judged: Any, verdict: str, on: str | None,
-                                                           words: str) -> None:
-    finding = Finding({"x": float("nan"), "n": np.int64(3)}, CONFIRMED)
-    result = json_of(claims.Verdict(rows["maximum_falls"], finding, judged))
-    assert (result["verdict"], result["depends_on"], result["why"], result["fitted"]) == (verdict, on, words, False)
+def test_a_difference_over_a_cycle_is_that_of_an_independent_solution() -> None:
+    """RK4 within its limit of stability agrees, beyond it stick rings; beside SciPy from the same state."""
+    result = measures.cycle_differences((("rk4, fine", "smoothed", 1e-6), ("rk4, coarse", "smoothed", 1e-4)))
+    assert result["rk4, fine"] < 1e-3 < 2e-2 < result["rk4, coarse"]
+
+
+def test_crossings_are_those_of_28() -> None:
+    """(28) by hand for the base case; SciPy's maxima of psi = 0 and pi are on either side of the crossing."""
+    crossing = measures.crossing(StableMotions(1e-9, 1), {}, OMEGA_N, (0.02 / 0.22) ** 0.5)
+    assert crossing == pytest.approx(0.3016, abs=2e-4)
+    apart = []
+    for ratio in (crossing - 4e-3, crossing + 4e-3):
+        top = []
+        for series in FIGURES[8].series[::2]:
+            system = paper_system({**series.values, "engine.frequency": ratio * OMEGA_N})
+            run = solve_ivp(equations(system)[0], (0.0, 60 * system.cycle), [150.0, 0.0, 0.0, 0.0], "LSODA", rtol=1e-8,
+                            atol=1e-9, t_eval=np.linspace(50 * system.cycle, 60 * system.cycle, 4001))
+            top.append(np.abs(run.y[0]).max())
+        apart.append(top[0] - top[1])
+    assert apart[0] < 0.0 < apart[1]
+
+
+def test_a_motion_that_has_not_settled_goes_on(evidence: StableMotions) -> None:
+    """Law (6) in Fig. 2: no period after 150 cycles from (13), period two with 63.742 rad/s once it has settled."""
+    row = {**FIGURES[2].series[0].values, "friction.law": "set_valued"}
+    sweep = evidence.curves([row], np.array([150.0 / OMEGA_N]))[0]
+    assert (sweep.points[0].summary.period, sweep.points[0].summary.settled) == (0, False)
+    assert evidence.periods(sweep).tolist() == [2]
+    assert evidence.motion(row).period == 2
+
+
+def test_stick_slip_runaway_and_failure_are_apart() -> None:
+    kept = Given()
+    sweep = kept.curves([{}], np.array([0.1, 0.2, 0.3, 0.4]))[0]
+    runs = [record(regime="stick"), record(regime="slip"), None]
+    away = record(period=3)
+    sweep = replace(sweep, points=[*runs, replace(away, summary=replace(away.summary, runaway=True))])
+    assert kept.slips(sweep).tolist() == [False, True, False, True]
+    assert kept.periods(sweep).tolist() == [1, 1, FAILED, RUNAWAY]
+
+
+@pytest.mark.parametrize("pressure", [200e3, 225e3, 260e3])
+def test_a_row_has_the_mean_pressure_that_is_judged(pressure: float) -> None:
+    """Tsp/Tsm is unchanged, and a row with a pressure of its own keeps it."""
+    kept = StableMotions(1e-9, 1, pressure=pressure)
+    swinging = kept.system({"pressure.amplitude": 0.25 * 225e3}).pressure
+    assert (swinging.mean, swinging.amplitude / swinging.mean) == (pressure, pytest.approx(0.25))
+    assert kept.system({"pressure.mean": 125e3}).pressure.mean == 125e3
+
+
+ROW = Claim("4", "5", "it | is", holds("it holds"), lambda evidence: Measured((True,), {}), "a_claim")
+YES, NO, PART = CONFIRMED, NOT_CONFIRMED, DEPENDS
+
+
+@pytest.mark.parametrize(("judged", "verdict", "on"), [
+    ({225e3: (YES, YES), 240e3: (YES,)}, YES, None), ({225e3: (NO, NO), 240e3: (NO,)}, NO, None),
+    ({225e3: (PART, PART), 240e3: (PART,)}, PART, "part"), ({225e3: (YES, NO)}, PART, "tolerance"),
+    ({225e3: (NO, YES), 230e3: (PART,)}, PART, "tolerance"), ({225e3: (NO, NO), 230e3: (PART,)}, PART, "pressure"),
+    ({225e3: (YES, YES), 240e3: (NO,)}, PART, "pressure"), ({225e3: (NO, YES), 230e3: (YES,)}, PART, "pressure")])
+def test_a_verdict_is_that_of_every_pressure_and_tolerance(judged: Any, verdict: str, on: str | None) -> None:
+    result = json_of(claims.Verdict(ROW, Finding({"x": float("nan"), "n": np.int64(3)}, YES), judged))
+    assert (result["verdict"], result["depends_on"]) == (verdict, on)
+    assert bool(result["why"]) == (on in ("tolerance", "pressure"))
     assert list(result["pressures"]) == [f"{p / 1e3:g}" for p in judged]
     assert json.loads(json.dumps(result, allow_nan=False))["values"] == {"x": None, "n": 3}
 
 
-def test_a_run_goes_on_from_what_was_judged(tmp_path: Path) -> None:
+def test_a_run_goes_on_from_the_judged_claims(tmp_path: Path) -> None:
     """A claim is confirmed at one pressure and not at another; stored verdicts are not computed again."""
     worked = []
 
@@ -91,65 +159,59 @@ def test_a_run_goes_on_from_what_was_judged(tmp_path: Path) -> None:
         worked.append((evidence.pressure, evidence.rtol))
         return Measured((evidence.pressure < 235e3,), {"x": 1.5}, "why")
 
-    row = Claim("4", "5", "a claim", holds("it holds"), measure, "a_claim")
+    row, kept = replace(ROW, measure=measure), tmp_path / "kept.jsonl"
     for count in (2, 3, 3):
-        result, = claims.judge([row], pressures=claims.PRESSURES[:count], kept=tmp_path / "kept.jsonl")
+        result, = claims.judge([row], pressures=claims.PRESSURES[:count], kept=kept)
     assert worked == [(225e3, claims.TOLERANCE), (225e3, claims.TIGHTER), (230e3, claims.TOLERANCE),
                       (240e3, claims.TOLERANCE)]
-    assert (result.pressures, result.finding.values) == (
-        {"225": CONFIRMED, "230": CONFIRMED, "240": NOT_CONFIRMED}, {"x": 1.5})
-    varied, = claims.judge([row], pressures=(225e3,), kept=tmp_path / "kept.jsonl", thresholds=True)
-    assert varied.varied == {}
+    assert (result.pressures, result.finding.values) == ({"225": YES, "230": YES, "240": NO}, {"x": 1.5})
     alone, = claims.judge([replace(row, alone=True)], pressures=(240e3, 225e3))
-    assert alone.pressures == {"240": NOT_CONFIRMED}
-    claims.judge([replace(row, criterion=holds("it does"))], kept=tmp_path / "kept.jsonl")
+    assert alone.pressures == {"240": NO}
+    claims.judge([replace(row, criterion=holds("it does"))], kept=kept)
     assert len(worked) == 4 + 2 + 4
 
 
-def test_every_threshold_that_a_criterion_uses_is_halved_and_doubled() -> None:
+@pytest.mark.parametrize(("criterion", "judged", "name", "varied"), [
+    (holds("it holds"), lambda e: (e.limit("near") >= 0.03,), "near", [NO, YES]),
+    (shares("cases"), lambda e: (0.92,), "missing", [PART, YES])])
+def test_every_threshold_that_a_criterion_uses_is_halved_and_doubled(criterion: Any, judged: Any, name: str,
+                                                                     varied: list[str]) -> None:
     """A difference of 0.03 from a printed ratio is near only at twice the threshold of 0.02."""
-    def measure(evidence: StableMotions) -> Measured:
-        return Measured((evidence.limit("near") >= 0.03,), {})
-
-    row = Claim("4", "5", "a claim", holds("it holds"), measure, "a_claim", alone=True)
+    row = replace(ROW, criterion=criterion, measure=lambda e: Measured(judged(e), {}), alone=True)
     result, = claims.judge([row], thresholds=True)
-    assert json_of(result)["thresholds"] == {"near": [NOT_CONFIRMED, CONFIRMED]}
-    page = claims.claims_page([result])
-    assert ("| `near`, in 1 claim | largest distance from a printed frequency or friction ratio | 0.02 | none | "
-            "4: a claim (confirmed instead of not confirmed) |") in page
-    assert "| `jump`, in 0 claims | least size of a jump, over the curve's largest value | 0.08 | none | none |" in page
-    row = Claim("4", "5", "a claim", shares("cases"), lambda evidence: Measured((0.92,), {}), "b", alone=True)
-    assert claims.judge([row], thresholds=True)[0].varied == {"missing": [DEPENDS, CONFIRMED]}
+    assert json_of(result)["thresholds"] == {name: varied}
+    line = next(line for line in claims.claims_page([result]).splitlines() if line.startswith(f"| `{name}`"))
+    assert escape("it | is") in line
 
 
-def test_the_command_writes_json_and_a_page(tmp_path, judge_only, capsys) -> None:  # type: ignore[no-untyped-def]
-    judge_only(rows["maximum_falls"], rows["slope_turns_negative"])
-    assert main(["claims", "--json", str(tmp_path / "c.json"), "--markdown", str(tmp_path / "c.md")]) == 0
+def test_the_page_has_every_claim_and_the_verdicts_of_the_cheap_ones() -> None:
+    page = PAGE.read_text()
+    lines = page[page.index("| Fig. |"):].partition("\n\n")[0].splitlines()[2:]
+    table = [re.split(r"(?<!\\) \| ", line[2:-2]) for line in lines]
+    assert sorted(cells[2] for cells in table) == sorted(escape(c.sentence) for c in claims.CLAIMS)
+    places = page.split("| verdict | at ")[1].split(" kPa")[0].split(", ")
+    for verdict in claims.judge([row for row in claims.CLAIMS if row.cheap], jobs=1,
+                                pressures=[1e3 * float(p) for p in places]):
+        assert "| " + " | ".join(claims.claim_row(verdict)) + " |" in page
+    counts = [sum(cells[3].startswith(name) for cells in table) for name in (YES, PART, NO)]
+    assert "Of {} claims: {} confirmed, {} depend, {} not confirmed".format(len(claims.CLAIMS), *counts) in page
+
+
+def test_the_command_writes_json_and_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["claims", "--figures", "3", "--json", str(tmp_path / "c.json"), "--markdown", str(tmp_path / "c.md")]
+    assert main(words) == 0
     document = valid("claims", json.loads((tmp_path / "c.json").read_text()))
+    wanted = [claim for claim in claims.CLAIMS if claim.figure == "3"]
+    assert [row["claim"] for row in document["claims"]] == [claim.sentence for claim in wanted]
+    assert {row["verdict"] for row in document["claims"]} == {YES}
     assert document["complete"] is True
-    assert [{"figure", "claim", "values", "criterion", "verdict", "why", "pressures", "fitted"} <= row.keys()
-            for row in document["claims"]] == [True, True]
-    assert (tmp_path / "c.md").read_text().count("## 3: ") == 2
-    assert "confirmed" in capsys.readouterr().out
-    assert main(["claims", "--json", str(tmp_path / "none" / "c.json")]) == 2
+    page, printed = (tmp_path / "c.md").read_text(), capsys.readouterr().out
+    assert all(escape(claim.sentence) in page and claim.sentence in printed for claim in wanted)
+    assert main(words) == 2
 
 
-def test_an_interrupted_command_keeps_the_claims_that_were_judged(  # type: ignore[no-untyped-def]
-        tmp_path, judge_only, capsys) -> None:
-    def stopped(evidence: Evidence) -> Measured:
-        raise KeyboardInterrupt
-
-    interrupted = Claim("4", "5", "a claim", holds("it holds"), stopped, "stopped")
-    for chosen, kept in (((rows["maximum_falls"], interrupted), 1), ((interrupted,), 0)):
-        judge_only(*chosen)
-        page, file = tmp_path / f"{kept}.md", tmp_path / f"{kept}.json"
-        assert main(["claims", "--json", str(file), "--markdown", str(page)]) == 130
-        assert capsys.readouterr().err == "tcc-sim: interrupted; the claims judged so far are kept\n"
-        assert file.exists() == page.exists() == bool(kept)
-    kept_rows = json.loads((tmp_path / "1.json").read_text())
-    assert (len(kept_rows["claims"]), kept_rows["complete"]) == (1, False)
-    assert "Interrupted" in (tmp_path / "1.md").read_text()
-
-
-def test_every_figure_with_a_claim_has_one_in_the_registry() -> None:
-    assert len(claims.CLAIMS) == len({claim.name for claim in claims.CLAIMS}) >= 58
+@pytest.mark.parametrize("words", [["--figures", "99"], ["--pressures", "99"], ["--jobs", "0"]])
+def test_wrong_words_are_one_line(words: list[str], refused: Callable[..., str]) -> None:
+    line = refused("claims", *words, "--json", "c.json")
+    assert words[0][2:] in line
+    assert words[1] in line

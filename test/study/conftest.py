@@ -1,5 +1,0 @@
-"""Fixtures of the study's tests."""
-
-from pictures import drawn
-
-__all__ = ["drawn"]
