@@ -28,8 +28,7 @@ from tcc_sim.scene import system_of
 from tcc_sim.solvers import runs
 from tcc_sim.solvers.stroboscopic import engine_of
 from tcc_sim.sweeps import blocks, sweep
-from tcc_sim.sweeps.settings import DEFAULTS
-from tcc_sim.sweeps.sweep import Curve, Plan, solve_point, solve_points, sweep_curves
+from tcc_sim.sweeps.sweep import BATCH, Curve, Plan, solve_point, solve_points, sweep_curves
 
 KERNEL, OUTSIDE = "kernel", "outside"
 """Time within kernels, and all other time of the process."""
@@ -52,8 +51,8 @@ def record_of(point: Any) -> dict[str, Any]:
 def differences(law: str, count: int, seed: int, plan: Plan) -> tuple[list[str], Counter[str]]:
     """Return sentences on the points of a law whose records differ, and how many points have each verdict."""
     systems, sentences, kinds = random_systems(law, count, seed), list[str](), Counter[str]()
-    for k in range(0, count, DEFAULTS.batch):
-        block = systems[k:k + DEFAULTS.batch]
+    for k in range(0, count, BATCH):
+        block = systems[k:k + BATCH]
         values = [float(i) for i in range(k, k + len(block))]
         for value, system, together in zip(values, block, solve_points(block, values, plan, None)):
             one, other = record_of(solve_point(system, value, plan)), record_of(together)

@@ -45,7 +45,7 @@ from tcc_sim.study.paper.rules import (
     LOW,
     Measured,
     denominator,
-    figure,
+    figure_curves,
     grow,
     more_than_anywhere,
     place_of_change,
@@ -342,7 +342,7 @@ def prominent_maxima(e: StableMotions, axis: Floats, values: Floats) -> list[flo
 def peaks_of(e: StableMotions, way: str = "cold") -> dict[str, list[float]]:
     """Return the prominent maxima of Fig. 4 for every mu_k/mu_s, omega/omega_n."""
     return {f"{r:g}": prominent_maxima(e, FINER, values)
-            for r, values in zip(rules.FRICTION_RATIOS, figure(e, 4, way=way).maxima)}
+            for r, values in zip(rules.FRICTION_RATIOS, figure_curves(e, 4, way=way).maxima)}
 
 
 def super_harmonic_peaks(e: StableMotions) -> Measured:
@@ -401,7 +401,7 @@ def jump_doubles_period(e: StableMotions) -> Measured:
 
 
 def new_peaks(e: StableMotions) -> Measured:
-    counts = [[len(prominent_maxima(e, AXIS[LOW], row[LOW])) for row in figure(e, n).maxima] for n in (8, 14)]
+    counts = [[len(prominent_maxima(e, AXIS[LOW], row[LOW])) for row in figure_curves(e, n).maxima] for n in (8, 14)]
     fewer = [name for name, a, b in zip(("0", "pi/2", "pi"), *counts) if b <= a]
     return Measured((not fewer, len(fewer) < 3), {"peaks": counts},
                     f"psi = {', '.join(fewer)} has no more peaks" if fewer else "")
@@ -427,7 +427,7 @@ def jump_to_chaos(e: StableMotions) -> Measured:
 
 def severity_follows_abruptness(e: StableMotions) -> Measured:
     jumps = [(abs(size), e.motions_near(row, x, -rules.PARTED, rules.PARTED))
-             for _, row, x, size in figure(e, 14).jumps()]
+             for _, row, x, size in figure_curves(e, 14).jumps()]
     severity = [max(APERIODIC if m.period == 0 else float(m.period) for m in motions) for _, motions in jumps]
     sizes, largest = [size for size, _ in jumps], [max(m.largest for m in motions) for _, motions in jumps]
     abrupt, large = (float(spearmanr(severity, x).statistic) if len(set(severity)) > 1 and len(set(x)) > 1 else 0.0
@@ -437,7 +437,7 @@ def severity_follows_abruptness(e: StableMotions) -> Measured:
 
 
 def phase_pi_is_smooth(e: StableMotions) -> Measured:
-    curve = figure(e, 14, [2])
+    curve = figure_curves(e, 14, [2])
     row, = curve.rows.values()
     periods, jumps = curve.periods[0], [x for _, _, x, _ in curve.jumps()]
     motions = [m for place in jumps for m in e.motions("psi = pi", row, about(place, 0.01))]
@@ -450,7 +450,7 @@ def phase_pi_is_smooth(e: StableMotions) -> Measured:
 
 
 def half_frequency_jumps(e: StableMotions) -> Measured:
-    counts = [len(steep(values, e.limit("jump"))) for values in figure(e, 16).maxima]
+    counts = [len(steep(values, e.limit("jump"))) for values in figure_curves(e, 16).maxima]
     return Measured((counts[0] > max(counts[1:]), counts[0] > min(counts[1:])), {"changes": counts})
 
 
@@ -509,7 +509,7 @@ def proof_is_whole(e: StableMotions) -> Measured:
 
 
 def slope_is_the_cause(e: StableMotions) -> Measured:
-    parts = {str(n): figure(e, n).off_period() for n in (8, 10, 11, 13, 14, 15, 16, 17, 18)}
+    parts = {str(n): figure_curves(e, n).off_period() for n in (8, 10, 11, 13, 14, 15, 16, 17, 18)}
     same, falling = ([x for n, periods in parts.items() for x in periods
                       if (rows(int(n))[0][KINETIC] == STATIC) is constant] for constant in (True, False))
     return Measured((max(same) == 0.0 and min(falling) >= 0.1, max(same) < min(falling)), {"off": parts})
@@ -599,7 +599,7 @@ def three_motions(e: StableMotions) -> Measured:
 
 
 def more_with_steeper_law(e: StableMotions) -> Measured:
-    figures = {str(n): figure(e, n) for n in (14, 15)}
+    figures = {str(n): figure_curves(e, n) for n in (14, 15)}
     parts = {n: curves.parts(curves.periods == 0) for n, curves in figures.items()}
     changes = {n: (np.diff(curves.periods) != 0).sum(axis=1).tolist() for n, curves in figures.items()}
     more = sum(parts["15"]) > sum(parts["14"])
@@ -607,7 +607,7 @@ def more_with_steeper_law(e: StableMotions) -> Measured:
 
 
 def half_frequency_aperiodic(e: StableMotions) -> Measured:
-    cold, *others = (figure(e, 16, [0], way) for way in WAYS)
+    cold, *others = (figure_curves(e, 16, [0], way) for way in WAYS)
     (row,), (slipping,) = cold.rows.values(), cold.slips
     none = [curve.periods[0] == 0 for curve in (cold, *others)]
     parts = [share_where(n, slipping) for n in none]
@@ -617,7 +617,7 @@ def half_frequency_aperiodic(e: StableMotions) -> Measured:
 
 
 def amplitude_aperiodic(e: StableMotions) -> Measured:
-    none = (figure(e, 18, [2, 3]).periods == 0).any(axis=0)
+    none = (figure_curves(e, 18, [2, 3]).periods == 0).any(axis=0)
     return more_than_anywhere(lambda x: float(none[np.abs(AXIS - x) <= e.limit("near") + 1e-9].mean()),
                               HIGHER_JUMPS, "part without a period near", {},
                               "such motions are as frequent at other ratios")
@@ -644,7 +644,7 @@ def earlier_onset(e: StableMotions) -> Measured:
 
 
 def amplitude_makes_stick(e: StableMotions) -> Measured:
-    curves, low = figure(e, 18), AXIS <= 0.12
+    curves, low = figure_curves(e, 18), AXIS <= 0.12
     stuck = [share_where(~slips, low) for slips in curves.slips]
     wild = [share_where(periods == 0, low) for periods in curves.periods]
     grows = stuck == sorted(stuck) and stuck[-1] == 1.0
@@ -736,30 +736,30 @@ def pure_slip_guaranteed(e: StableMotions) -> Measured:
 
 
 def slope_exaggerates(e: StableMotions) -> Measured:
-    curves = figure(e, 4)
+    curves = figure_curves(e, 4)
     mean = curves.means(curves.maxima[0] > e.limit("slipping"))
     return Measured((grow(mean),), {"mean": mean, "largest": curves.maxima.max(axis=1).tolist()})
 
 
 def slope_exaggerates_varying(e: StableMotions) -> Measured:
-    means = [figure(e, n).means(LOW) for n in (8, 14)]
+    means = [figure_curves(e, n).means(LOW) for n in (8, 14)]
     return Measured((all(map(grow, zip(*means))),), {"mean": means})
 
 
 def phase_pi_is_worst(e: StableMotions) -> Measured:
-    means = {str(n): figure(e, n).means(LOW) for n in (14, 15)}
+    means = {str(n): figure_curves(e, n).means(LOW) for n in (14, 15)}
     worst = [row[2] == max(row) for row in means.values()]
     return Measured((all(worst), any(worst)), {"mean": means})
 
 
 def amplitude_enlarges_slip(e: StableMotions) -> Measured:
-    means = figure(e, 18).means(HIGH)
+    means = figure_curves(e, 18).means(HIGH)
     return Measured((grow(means), means[-1] > means[0]), {"mean": means})
 
 
 def phase_reversed(e: StableMotions) -> Measured:
     parts, motions = dict[str, Sequence[float]](), list[Motion]()
-    figures = {str(n): figure(e, n) for n in (14, 15)}
+    figures = {str(n): figure_curves(e, n) for n in (14, 15)}
     for n, curves in figures.items():
         e.stretches(list(curves.rows.values()), HIGHER)
         parts[n] = highest_shares([e.amplitudes(row, HIGHER) for row in curves.rows.values()],
@@ -784,7 +784,7 @@ def _against_constant(e: StableMotions, where: Any, sign: float) -> tuple[dict[s
     """
     still = e.maxima([{}], AXIS)[0]
     shows, slipping = e.limit("shows"), e.limit("slipping")
-    figures = [figure(e, n) for n in (10, 11)]
+    figures = [figure_curves(e, n) for n in (10, 11)]
     return {f"{row['pressure.frequency_ratio']:.3f}": share_where(
         sign * (still - maxima) > shows, where & (np.maximum(maxima, still) > slipping))
         for curves in figures for row, maxima in zip(curves.rows.values(), curves.maxima)}, {
@@ -809,7 +809,7 @@ def actuation_reversed(e: StableMotions) -> Measured:
 
 
 def mismatch_with_falling_law(e: StableMotions) -> Measured:
-    same, falling = (figure(e, n) for n in (11, 17))
+    same, falling = (figure_curves(e, n) for n in (11, 17))
     parts = {"11": same.off_period(), "17": falling.off_period()}
     lowest, beaten = falling.best(1, LOW), falling.exceptions(1, LOW)
     more = all(map(grow, zip(*parts.values())))

@@ -233,7 +233,7 @@ def place_of_change(holds: Callable[[float], bool], low: float, high: float, hal
     return 0.5 * (low + high)
 
 
-def figure(e: StableMotions, number: int, chosen: Sequence[int] = (), way: str = "cold") -> Curves:
+def figure_curves(e: StableMotions, number: int, chosen: Sequence[int] = (), way: str = "cold") -> Curves:
     """Return the curves of a figure, or only the `chosen` ones; each value starts from (13), or as `way` says."""
     series, axis = FIGURES[number].series, FINER if number == 4 else AXIS
     rows = {plain(series[k].label): series[k].values for k in chosen or range(len(series))}
@@ -244,7 +244,7 @@ def figure(e: StableMotions, number: int, chosen: Sequence[int] = (), way: str =
 
 def lowest(e: StableMotions, number: int, band: str, word: str = "lowest", chosen: Sequence[int] = ()) -> Measured:
     """Judge whether the first curve is the lowest or `highest` at most ratios, or is so in the mean."""
-    curves, where, sign = figure(e, number, chosen), BANDS[band], 1.0 if word == "lowest" else -1.0
+    curves, where, sign = figure_curves(e, number, chosen), BANDS[band], 1.0 if word == "lowest" else -1.0
     share, mean = curves.best(0, where, sign), curves.means(where)
     most, on_average = share >= e.most, sign * mean[0] == min(sign * x for x in mean)
     return Measured((most, on_average), {
@@ -255,7 +255,7 @@ def lowest(e: StableMotions, number: int, band: str, word: str = "lowest", chose
 
 def ordered(e: StableMotions, number: int, band: str, word: str) -> Measured:
     """Judge at which part of a range the maxima `fall` or `rise` from every curve to the next."""
-    curves, where, sign = figure(e, number), BANDS[band], 1.0 if word == "fall" else -1.0
+    curves, where, sign = figure_curves(e, number), BANDS[band], 1.0 if word == "fall" else -1.0
     share = share_where((sign * np.diff(curves.maxima, axis=0) <= e.limit("shows")).all(axis=0),
                         where & curves.any_slips())
     return Measured([share], {"part in order": share, "mean": curves.means(where)})
@@ -263,7 +263,7 @@ def ordered(e: StableMotions, number: int, band: str, word: str) -> Measured:
 
 def no_jumps(e: StableMotions, number: int, chosen: Sequence[int] = ()) -> Measured:
     """Judge whether curves from (13) have no jump."""
-    curves = figure(e, number, chosen)
+    curves = figure_curves(e, number, chosen)
     jumps = {name: [round(x, 4) for x, _ in e.jumps(row, curves.axis)] for name, row in curves.rows.items()}
     return Measured((not any(jumps.values()),), {"jumps": jumps})
 
@@ -271,7 +271,7 @@ def no_jumps(e: StableMotions, number: int, chosen: Sequence[int] = ()) -> Measu
 def jumps_change_period(e: StableMotions, number: int, chosen: Sequence[int] = ()) -> Measured:
     """Judge at which part of the jumps from (13) the period changes."""
     periods = {f"{name} at {x:.4f}": [m.period for m in e.motions_near(row, x, -PARTED, PARTED)]
-               for name, row, x, _ in figure(e, number, chosen).jumps()}
+               for name, row, x, _ in figure_curves(e, number, chosen).jumps()}
     share = float(np.mean([below != above for below, above in periods.values()])) if periods else 1.0
     return Measured([share], {"jumps": len(periods), "share": share, "periods": periods}, share != 1.0)
 
@@ -279,7 +279,7 @@ def jumps_change_period(e: StableMotions, number: int, chosen: Sequence[int] = (
 def slipping_periods(e: StableMotions, numbers: Sequence[int]) -> dict[str, tuple[int, list[int]]]:
     """Return N of (35) and the periods at the slipping ratios, 0 for none, by curve."""
     return {f"Fig. {n}, {name}": (denominator(row), np.unique(periods[slips]).tolist())
-            for n, curves in zip(numbers, (figure(e, n) for n in numbers))
+            for n, curves in zip(numbers, (figure_curves(e, n) for n in numbers))
             for (name, row), periods, slips in zip(curves.rows.items(), curves.periods, curves.slips)}
 
 
