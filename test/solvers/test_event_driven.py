@@ -11,13 +11,8 @@ from scipy.optimize import brentq
 
 from tcc_sim.model import pure_slip
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.polynomials.polynomial import variation
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.event_driven.setup import FAR_SHARE, bounds_of
-from tcc_sim.solvers.event_driven.step import monotone
-from tcc_sim.solvers.series import COLUMNS, ROWS, SLIP
-from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.benchmarks.references import Piecewise
 
 BASE = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3,
@@ -92,19 +87,6 @@ def test_modes_follow_one_another_alike_at_any_tolerance(scene, keys, harmonics)
                 before == 0 for _, before, _ in changes)
 
 
-def test_what_is_called_monotone_is():
-    random, result = np.random.default_rng(2), 0
-    for _ in range(300):
-        rows = np.zeros((ROWS, COLUMNS))
-        rows[SLIP, :9] = random.normal(size=9) * 0.5 ** np.arange(9)
-        x = float(random.uniform(0.05, 1.5))
-        if monotone(rows, 8, x, variation(rows, SLIP, 8, x)):
-            result += 1
-            rise = np.diff(np.polynomial.Polynomial(rows[SLIP, :9])(np.linspace(0.0, x, 500)))
-            assert (rise > 0.0).all() or (rise < 0.0).all()
-    assert 30 < result < 270
-
-
 FIG02 = replace(System(), {"friction.law": "set_valued"})
 
 
@@ -174,13 +156,6 @@ def test_an_overdamped_plate_that_sticks_and_slips_both_ways(kinetic):
     assert set(run.transitions.after.tolist()) == {-1, 0, 1}
     for each, expected in zip((run.slip_speed, run.plate_angle, run.plate_speed), states.T):
         np.testing.assert_allclose(each, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize(("ratio", "decay"), [(1.25, 2.0), (4.0, 0.05), (1.01, 300.0)])
-def test_beyond_the_far_speed_nothing_is_left_of_the_exponential(ratio, decay):
-    system = replace(FIG02, {"friction.kinetic_coefficient": 0.3 / ratio, "friction.decay": decay})
-    bounds = bounds_of(terms_of(system), system.cycle, 1e-8)
-    assert (ratio - 1.0) * math.exp(-decay * bounds.far) == pytest.approx(FAR_SHARE * 1e-8, rel=1e-6)
 
 
 def test_a_damper_beyond_all_steps_ends_the_run_with_its_name():
@@ -280,15 +255,3 @@ def test_near_grazing_breakaway(offset):
     if offset == 1e-3:
         states, _, _ = Piecewise(system).run(3 * system.cycle, run.t, slices=120)
         np.testing.assert_allclose(run.slip_speed, states[:, 0], atol=1e-6 * np.abs(states[:, 0]).max() + 1e-10)
-
-
-def test_chattering_ends_with_a_sentence(monkeypatch):
-    from tcc_sim.solvers.event_driven import solve as event_driven
-    limits_of = event_driven.bounds_of
-    monkeypatch.setattr(event_driven, "bounds_of", lambda *given: limits_of(*given)._replace(events=3))
-    system = replace(System(),
-                     {"friction.law": "set_valued", "engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0})
-    run = solve(system, cycles=50)
-    assert run.status is Status.EVENT_LIMIT
-    assert "3 events" in run.detail
-    assert np.all(np.isfinite(run.slip_speed))

@@ -9,18 +9,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction, pure_stick
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import bundled_scenes, load_scene
-from tcc_sim.solvers import Status, fixed_step_solve, solve
+from tcc_sim.solvers import Status, solve
 from tcc_sim.solvers.fixed_step import Stepper, advance, advance_ticks, engine_and_friction
 from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
 from tcc_sim.solvers.terms import SUBSTEP_LIMIT, for_ticks, holding, substeps, terms_of
-from tcc_sim.solvers.torques import load_on_approach, pull_of_far_end
 
 TIGHT = {"solver": "radau", "rtol": 1e-10}
 
@@ -140,61 +138,6 @@ def test_a_stepper_follows_what_it_is_told() -> None:
         assert reached[4:6] == engine_and_friction((100 * tick + 1) * 1e-3, float(state[0]), terms)
 
 
-@pytest.mark.parametrize(("values", "course"), [
-    ({"pressure.time_constant": 0.02}, lambda t: 1e5 + 2e5 * (1.0 - math.exp(-t / 0.02)) / (1.0 - math.exp(-0.05))),
-    ({"pressure.rate_limit": 3e8}, lambda t: 1e5 + 2e8 * t)])
-def test_a_stepper_moves_the_pressure_and_the_far_end(values: dict[str, Any], course: Any,
-                                                      monkeypatch: pytest.MonkeyPatch) -> None:
-    """From one value to the other within a tick, and by the speed that is held; a reset takes both back."""
-    system = load_scene("fig02").with_values({"pressure.source": "topic", **values}).system
-    stepper, plain = Stepper(system, 1e-3), Stepper(load_scene("fig02").system, 1e-3)
-    monkeypatch.setattr(Stepper, "_called", lambda self, n, end: (0.0,) * 6 + (n,))
-    assert (plain.terms.approach, plain.terms.far, plain.far_end) == (None, None, None)
-    plain.press(0.0, 1.0, 1.0)
-    stepper.press(1e5, 3e5, 0.002)
-    for t in (0.0, 3e-4, 1e-3):
-        assert load_on_approach.py_func(t, 0.0, stepper.terms.approach) == pytest.approx(0.002 * course(t), rel=1e-12)
-    assert stepper.advance()[6] == stepper.substeps == stepper.iterations_most
-    stepper.press(3e5, 1e5, 0.002)
-    assert stepper.terms.approach[0, :2].tolist() == pytest.approx([1e-3, 600.0])
-    stepper.move_far_end(20.0)
-    stepper.advance()
-    stepper.advance()
-    assert stepper.far_end == pytest.approx((0.04, 20.0))
-    assert stepper.terms.far[0].tolist() == pytest.approx([3e-3, 0.04, 20.0, 0.0])
-    stepper.use(terms_of(system))
-    assert pull_of_far_end.py_func(4e-3, stepper.terms.far, 0, terms_of(system).linear) == pytest.approx(
-        0.6 * 20.0 + 3000.0 * 0.06)
-    stepper.move_far_end(-5.0, 0.3)
-    assert stepper.far_end == (0.3, -5.0)
-    stepper.reset(system)
-    assert (stepper.far_end, stepper.tick, stepper.terms.approach[0, 0]) == ((0.0, 0.0), 0, 0.0)
-    mean = 0.002 * system.pressure.mean * 0.24 / 0.25
-    assert load_on_approach.py_func(1e-3, 0.0, stepper.terms.approach) == pytest.approx(mean)
-
-
-def test_several_blocks_give_what_one_gives(monkeypatch: pytest.MonkeyPatch) -> None:
-    system = load_scene("fig02").system
-    options: dict[str, Any] = {"solver": "fixed_step", "duration": 3.4 * system.cycle, "samples_per_cycle": 50,
-                               "flywheel_angle": True}
-    whole = solve(system, **options)
-    ticks = math.ceil(3.4 * system.cycle / 1e-3)
-    for block in (1, 10, ticks - 1):  # One in a tick, ends within cycles, and a last block of one tick.
-        monkeypatch.setattr(fixed_step_solve, "BATCH", block * substeps(terms_of(system), 1e-3))
-        parts = solve(system, **options)
-        assert parts.t.tolist() == whole.t.tolist()
-        assert parts.statistics.steps == whole.statistics.steps
-        assert parts.statistics.iterations == whole.statistics.iterations
-        assert parts.statistics.iterations_max == whole.statistics.iterations_max
-        for column in ("slip_speed", "plate_angle", "plate_speed"):
-            np.testing.assert_allclose(getattr(parts, column), getattr(whole, column), rtol=1e-12, atol=1e-12)
-        assert parts.final.flywheel_angle == whole.final.flywheel_angle
-        assert len(parts.cycles) == 3
-        for column in ("section", "highest", "lowest", "stick_time"):
-            np.testing.assert_allclose(getattr(parts.cycles, column), getattr(whole.cycles, column), rtol=1e-9,
-                                       atol=1e-9)
-
-
 def test_samples_fall_on_section_points_and_on_the_end() -> None:
     system = load_scene("minimal").system
     run = solve(system, cycles=4, solver="fixed_step", samples_per_cycle=10)
@@ -211,8 +154,6 @@ def test_every_bundled_scene_runs() -> None:
             assert np.all(np.isfinite(run.slip_speed)), name
 
 
-Double = NDArray[np.float64]
-Long = NDArray[np.longdouble]
 logs = st.floats(0.0, 1.0)
 
 
@@ -232,66 +173,6 @@ def test_the_root_is_the_one_brentq_finds(w, size, smoothing, guess, excess, dec
     expected = brentq(residual, 0.0, abs(w), xtol=1e-300, rtol=1e-15, maxiter=2000) if w else 0.0
     assert abs(v) == pytest.approx(expected, rel=1e-11, abs=max(2e-15 * abs(w), 1e-150))
     assert v == 0.0 or (v > 0.0) == (w > 0.0)
-
-
-def test_few_iterations_are_needed_over_the_whole_range() -> None:
-    worst = 0
-    rng = np.random.default_rng(5)
-    for _ in range(4000):
-        w, a, sigma = 10.0 ** rng.uniform(-9, 5), 10.0 ** rng.uniform(-5, 4), 10.0 ** rng.uniform(1, 9)
-        _, count = scalar_root(w, a, float("inf"), sigma, None)
-        worst = max(worst, count)
-    assert worst <= 15
-
-
-def exact_root(w: Long, a: Long, sigma: Long, excess: Long, decay: Long) -> Long:
-    """The roots by bisection in 80 bits, geometric at first since they may be small; all (n,) arrays."""
-    low, high = np.minimum(np.maximum(w / (1.0 + a * (1.0 + excess) * sigma), w - a * (1.0 + excess)), w) * 0.999, w
-    low = np.maximum(low, np.longdouble(1e-300))
-    for k in range(150):
-        middle = np.sqrt(low * high) if k < 60 else 0.5 * (low + high)
-        above = middle + a * (1.0 + excess * np.exp(-decay * middle)) * np.tanh(sigma * middle) > w
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return 0.5 * (low + high)
-
-
-def seeded_cases(count: int, seed: int) -> list[Double]:
-    """w, a, guess, sigma, r - 1 and alpha within the sub-step rule a alpha (r - 1) <= 1/2; half have their root in the
-    knee of the law, where Newton's steps are long.
-    """
-    rng = np.random.default_rng(seed)
-
-    def powers(low: float, high: float) -> Double:
-        return 10.0 ** rng.uniform(low, high, count)
-
-    sigma, excess = powers(0.0, 12.0), rng.uniform(0.0, 3.0, count)
-    decay = np.where(rng.random(count) < 0.5, powers(-2.0, 3.0), 2.0)
-    most = 0.5 / (decay * excess)
-    a = np.where(rng.random(count) < 0.5, np.minimum(powers(-8.0, 4.0), most), most * powers(-6.0, 0.0))
-    v = np.where(rng.random(count) < 0.5, powers(-2.0, 1.5) / sigma, powers(-14.0, 4.0))
-    w = np.where(rng.random(count) < 0.25, powers(-12.0, 5.0),
-                 v + a * (1.0 + excess * np.exp(-decay * v)) * np.tanh(sigma * v))
-    guess = np.where(rng.random(count) < 0.5, rng.uniform(0.0, 1.0, count) * w, powers(-12.0, 5.0))
-    return [w, a, guess, sigma, excess, decay]
-
-
-def test_the_stated_accuracy_holds_within_the_rule_of_the_sub_steps() -> None:
-    """Newton's method in 80 bits from the root found says how far it is; what looks far is bisected."""
-    w, a, _, sigma, excess, decay = cases = seeded_cases(40_000, 2)
-    result, count = np.array([scalar_root(x, b, g, s,
-                                          (e, d)) for x, b, g, s, e, d in zip(*(c.tolist() for c in cases))]).T
-    assert count.max() <= ITERATION_BOUND
-    long = [x.astype(np.longdouble) for x in (w, a, sigma, excess, decay)]
-    x, (target, size, steep, more, fall) = result.astype(np.longdouble), long
-    for _ in range(4):
-        tanh, falling = np.tanh(steep * x), more * np.exp(-fall * x)
-        slope = steep * (1.0 + falling) * (1.0 - tanh) * (1.0 + tanh) - fall * falling * tanh
-        x = x - (x + size * (1.0 + falling) * tanh - target) / (1.0 + size * slope)
-    allowed = 2e-15 * w + 1e-13 * result
-    far = np.flatnonzero(~(np.abs(result - x) <= 0.5 * allowed))
-    assert len(far) < 700
-    error = np.abs(result[far] - exact_root(*(y[far] for y in long)))
-    assert (error <= allowed[far]).all()
 
 
 @pytest.mark.parametrize("w", [float("nan"), float("inf"), -float("inf")])

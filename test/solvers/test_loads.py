@@ -7,18 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from plain import plain
 from scipy.integrate import solve_ivp
 
 from tcc_sim.analysis.summary import cycles_of
-from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
-from tcc_sim.solvers import loads as loads_module
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
-from tcc_sim.solvers.series import ANGLE, COLUMNS, ROWS, SLIP
-from tcc_sim.solvers.stages import WORK
 from tcc_sim.study.benchmarks.references import equations
 from tcc_sim.trajectory import Loads, concatenated
 
@@ -190,27 +185,3 @@ def test_cycle_ends_that_are_samples_are_taken_as_they_are():
         part = v[64 * k:64 * k + 65]
         assert result.highest[k] == pytest.approx(part.max(), rel=1e-9)
         assert result.lowest[k] == pytest.approx(part.min(), rel=1e-9)
-
-
-@pytest.mark.parametrize(("so_far", "looked_at"), [
-    ((-1e9, -1e9, 1e9), [(2, 1.0), (3, 1.0), (3, -1.0)]), ((1e9, 1e9, -1e9), []),
-    # Power 0 to 15 kW with a margin of 1.5, and torque from 3000 to 7500 N m with one of 450.
-    ((16.4e3, 1e9, -1e9), [(2, 1.0)]), ((16.6e3, 1e9, -1e9), []), ((1e9, 7940.0, -1e9), [(3, 1.0)]),
-    ((1e9, 7960.0, -1e9), []), ((1e9, 1e9, 2560.0), [(3, -1.0)]), ((1e9, 1e9, 2540.0), [])])
-def test_an_extreme_is_looked_for_where_a_step_may_have_one(monkeypatch, so_far, looked_at):
-    """v = 2 x, theta2 = 1 + 1.5 x; a constant torque is none where it has been the extreme before."""
-    calls = []
-    monkeypatch.setitem(plain(loads_module.add_part).__globals__, "largest_near",
-                        lambda *given: calls.append(given[3:5]) or 9e9)
-    rows, linear = np.zeros((ROWS, COLUMNS)), Linear(0.2, 0.02, 0.6, 3000.0)
-    rows[SLIP, 1], rows[ANGLE, :2] = 2.0, (1.0, 1.5)
-    work, load = np.zeros(1, WORK)[0]["bernstein"], np.zeros(1, loads_module.LOADS).view(np.recarray)[0]
-    load.peak_power, load.highest_shaft_torque, load.lowest_shaft_torque = so_far
-    plain(loads_module.add_part)(rows, 2, 1e-3, 0.0, 1.0, linear, load, work)
-    assert calls == looked_at
-    assert load.energy == pytest.approx(1e-3 * 3000.0 * (1.0 + 1.0))
-    calls.clear()
-    rows[SLIP, 1], rows[ANGLE, 1] = 0.0, 0.0
-    load.peak_power, load.highest_shaft_torque, load.lowest_shaft_torque = 0.0, 3000.0, 3000.0
-    plain(loads_module.add_part)(rows, 2, 1e-3, 0.0, 1.0, linear, load, work)
-    assert calls == []

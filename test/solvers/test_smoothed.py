@@ -1,4 +1,4 @@
-"""The smoothed engine where it is stiff, steep or slow: against SciPy, in how many steps, and in its law's limit."""
+"""The smoothed engine where it is stiff, steep or slow: against SciPy, closed forms, and its law's limit."""
 
 import math
 from dataclasses import astuple
@@ -11,15 +11,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, System, replace
-from tcc_sim.solvers import solve
-from tcc_sim.solvers.collocation import C
-from tcc_sim.solvers.problem import Problem
-from tcc_sim.solvers.series import SLIP
-from tcc_sim.solvers.smoothed import solve as smoothed
-from tcc_sim.solvers.smoothed.collocation_step import time_to_fold
-from tcc_sim.solvers.smoothed.series_step import TAIL_OF_TANH, exponential_length
-from tcc_sim.solvers.stages import FALLING, LAYER, SLIDING, WORK, Place
-from tcc_sim.solvers.terms import steps_allowed, stick_speed_of, terms_of
+from tcc_sim.solvers import SOLVERS, Problem, solve
+from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.study.benchmarks.references import equations, smoothed_states
 from tcc_sim.trajectory import State, Status
 
@@ -38,6 +31,10 @@ def problem(values, cycles=2, state=START, **options):
     return Problem(replace(System(), values), state, cycles=cycles, **options)
 
 
+def solved(p):
+    return SOLVERS["smoothed"].load()(p)
+
+
 def reference(p, count, per_cycle, **settings):
     """(count * per_cycle + 1, 4), from SciPy."""
     return smoothed_states(p.system, astuple(p.state), count, per_cycle, **settings)
@@ -47,7 +44,7 @@ def reference(p, count, per_cycle, **settings):
 def test_friction_samples_are_as_good_as_the_slip_speed_lets_them_be(name):
     """Also within microseconds of the projection onto the slow manifold, which leaves out a decaying part of v."""
     p = problem(SCENES[name], cycles=4, state=State(150.0, 0.0, 0.0), samples_per_cycle=20000)
-    coarse, fine = smoothed.solve(p), smoothed.solve(changed(p, rtol=1e-11))
+    coarse, fine = solved(p), solved(changed(p, rtol=1e-11))
     stuck = np.abs(fine.slip_speed) < 0.8 * stick_speed_of(terms_of(p.system))
     error = np.abs(coarse.friction_torque - fine.friction_torque) / np.abs(fine.friction_torque).max()
     assert np.quantile(error[stuck], 0.99) <= 3e-8
@@ -61,21 +58,16 @@ def test_friction_samples_are_as_good_as_the_slip_speed_lets_them_be(name):
        torque=st.sampled_from([0.0, 300.0, -300.0]), decay=st.sampled_from([0.0, 2.0, 50.0]))
 def test_extremes_stay_finite_and_bounded(kinetic, sigma, mean, ratio, frequency, damping, plate, flywheel, slip,
                                           torque, decay):
-    """A run that needs more steps than its scene is allowed ends with a status and a finite state; that number grows
-    with the natural periods in a cycle, and refused steps count too.
-    """
+    """A run that needs more steps than its scene is allowed ends with a status and a finite state."""
     p = problem({
         "friction.kinetic_coefficient": kinetic, "friction.smoothing": 10.0**sigma, "friction.decay": decay,
         "pressure.mean": mean, "pressure.amplitude": min(max(mean, 1.0) * ratio, 1e7), "engine.frequency": frequency,
         "engine.mean_torque": torque, "driveline.damping": damping, "driveline.plate_inertia": 10.0**plate,
         "driveline.flywheel_inertia": 10.0**flywheel}, cycles=1, state=State(slip, 0.0, 0.0))
-    run = smoothed.solve(p)
+    run = solved(p)
     assert run.status in (Status.DONE, Status.STEP_LIMIT)
     assert np.isfinite(run.slip_speed).all()
     assert np.isfinite(run.plate_speed).all()
-    allowed = smoothed.STEPS_AT_FIRST + 2 * steps_allowed(terms_of(p.system), p.system.cycle)
-    assert run.statistics.steps + run.statistics.rejected <= allowed
-    assert run.statistics.iterations_max <= run.statistics.iterations_bound
     assert np.all(run.cycles.stick_time <= run.cycle * (1.0 + 1e-12))
 
 
@@ -86,9 +78,8 @@ def test_stiff_steps_in_slip_go_on_where_friction_falls():
     p = problem({"friction.kinetic_coefficient": 0.12, "friction.smoothing": 132.0, "pressure.mean": 1e3,
                  "pressure.amplitude": 138.0, "engine.frequency": 15.7, "driveline.plate_inertia": 0.0135,
                  "driveline.flywheel_inertia": 7.86}, cycles=1, state=State(0.0, 0.0, 0.0))
-    run = smoothed.solve(p)
+    run = solved(p)
     assert run.status is Status.DONE
-    assert run.statistics.steps + run.statistics.rejected < 1000
     np.testing.assert_allclose(run.cycles.section[-1], reference(p, 1, 1)[-1, :3], rtol=1e-6)
 
 
@@ -124,7 +115,7 @@ def test_a_light_overdamped_plate_is_stepped_over_in_slip(rtol):
     p = problem({"friction.kinetic_coefficient": 0.15, "driveline.damping": 1e3, "driveline.stiffness": 1.0,
                  "driveline.plate_inertia": 1e-6, "engine.torque_amplitude": 0.0, "pressure.mean": 52083.3,
                  "pressure.amplitude": 1e4}, state=State(1e4, 0.0, 0.0, 0.0))
-    run = smoothed.solve(changed(p, rtol=rtol))
+    run = solved(changed(p, rtol=rtol))
     assert run.status is Status.DONE
     # Rounding of a rate of 1e9 1/s stalls SciPy's methods on some processors.
     expected = fast_slip(p.system, p.state, p.system.cycle * np.arange(3.0))
@@ -150,7 +141,7 @@ def anywhere(draw):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_no_scene_is_crawled_through(seed):
-    """Three engine cycles, or 300 natural periods, of any scene that is allowed take a bounded number of steps."""
+    """Three engine cycles, or 300 natural periods, of any scene that is allowed end within its steps."""
     draw = np.random.default_rng(seed)
     for _ in range(25):
         drawn = anywhere(draw)
@@ -158,10 +149,9 @@ def test_no_scene_is_crawled_through(seed):
         for keys in (drawn, {**drawn, "converter.coupling": 0.0}):
             system = replace(System(), keys)
             initial = system.initial
-            run = smoothed.solve(Problem(system, State(initial.slip_speed, initial.plate_angle, initial.plate_speed),
+            run = solved(Problem(system, State(initial.slip_speed, initial.plate_angle, initial.plate_speed),
                                          duration=min(3.0 * system.cycle, 2000.0 / system.natural_frequency)))
             assert run.status is Status.DONE, keys
-            assert run.statistics.steps + run.statistics.rejected < 60_000, keys
 
 
 @pytest.mark.parametrize("seed", [0, 2])
@@ -179,54 +169,15 @@ def test_the_sharpest_smoothing_is_the_set_valued_law_anywhere(seed):
     assert apart <= 1
 
 
-@pytest.mark.parametrize("region", [LAYER, FALLING])
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-12])
-def test_a_step_ends_where_the_remainder_of_a_fading_exponential_reaches_the_tolerance(region, tolerance):
-    # tanh(sigma v) in its tail is 1 - 2 exp(-2 sigma v), and friction falls like c exp(-alpha v). Slip falls at a unit
-    # rate; Lagrange's remainder of order 16 is z^17/17! times the larger end value, for z = the exponent's change.
-    order, decay, strength, v = 16, 100.0, 1.0, 0.5
-    amplitude, stribeck = (2.0, None) if region == LAYER else (0.7, (0.7, decay))
-    rows = np.zeros((6, 32))
-    rows[SLIP, :2] = v, -1.0
-
-    def length(v, region=region):
-        rows[SLIP, 0] = v
-        return exponential_length(rows, order, 0.4, Place(region, 1.0, tolerance, tolerance), v, strength, decay / 2.0,
-                                  stribeck)
-
-    def remainder(x):
-        end = strength * amplitude * math.exp(-decay * (v - x))
-        return end * x * (decay * x)**(order + 1) / math.factorial(order + 1)
-
-    x = length(v)
-    assert remainder(x) <= tolerance < remainder(x / 0.85)   # It shrinks in steps of 0.85, and 0.4 is too long.
-    assert length(v, SLIDING) == 0.4
-    if region == LAYER:   # Below the tail the series of tanh itself decides.
-        assert length(0.99 * TAIL_OF_TANH / (decay / 2.0)) == 0.4
-
-
 def test_slip_that_dies_down_fast_feels_the_whole_exponential():
     """From v = 8 to 0 in one or two steps exp(-alpha |v|) grows by exp(16): its series must not be cut before it
     converges.
     """
     p = problem({"friction.kinetic_coefficient": 0.15, "pressure.amplitude": 234375.0}, state=State(5.0, 0.0, 0.0, 0.0))
     expected = reference(p, 2, 1)
-    run = smoothed.solve(p)
+    run = solved(p)
     states = np.stack([run.cycles.section[:, i] for i in range(3)], axis=1)
     assert np.all(np.abs(states - expected[:, :3]) < 1e-6 * np.array([80.0, 0.3, 70.0]))
-
-
-@pytest.mark.parametrize(("ratio", "frequency"), [(1.0, 0.12), (0.83, 0.2), (0.667, 0.2)])
-def test_stick_is_not_crawled_through_in_steps_that_stability_limits(ratio, frequency):
-    """Slow engine cycles of Fig. 4: some hundred steps where the stick eigenvalue of 1e6 1/s would ask for ten
-    thousand.
-    """
-    values = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3 * ratio,
-              "engine.frequency": frequency * math.sqrt(3000.0 / 0.02)}
-    run = smoothed.solve(problem(values, cycles=40, state=State(150.0, 0.0, 0.0, 0.0)))
-    slips = (len(run.transitions.time) + 1) / 2.0
-    assert run.statistics.steps + run.statistics.rejected < 70.0 * slips + 55.0 * 40
-    assert 0 < run.statistics.iterations_max <= min(run.statistics.iterations, run.statistics.iterations_bound)
 
 
 @pytest.mark.parametrize("name", ["no stribeck", "fig02", "harmonics"])
@@ -235,29 +186,26 @@ def test_a_loose_tolerance_does_not_step_through_the_layer(name):
     """
     p = problem(SCENES[name], cycles=4, state=State(150.0, 0.0, 0.0, 0.0))
     expected = reference(p, 4, 1)[:, :3]
-    run = smoothed.solve(changed(p, rtol=1e-3))
+    run = solved(changed(p, rtol=1e-3))
     assert np.all(np.abs(run.cycles.section - expected) <= 1e-4 * np.abs(expected).max(axis=0))
-    assert run.statistics.steps < 60 * 4
 
 
 @pytest.mark.parametrize("sigma", [50.0, 1e6])
 def test_static_friction_that_does_not_decay_is_kinetic_friction_as_large(sigma):
     values = {**FIG02, "friction.smoothing": sigma, "friction.decay": 0.0}
-    result = smoothed.solve(problem(values, 40)).raise_for_status()
-    same = smoothed.solve(problem({**values, "friction.kinetic_coefficient": 0.3, "friction.decay": 2.0}, 40))
+    result = solved(problem(values, 40)).raise_for_status()
+    same = solved(problem({**values, "friction.kinetic_coefficient": 0.3, "friction.decay": 2.0}, 40))
     assert result.cycles.section == pytest.approx(same.cycles.section, rel=1e-4, abs=1e-6)
-    assert result.statistics.steps < 1.5 * same.statistics.steps
 
 
 @pytest.mark.parametrize("frequency", [1e-3, 1e-2])
 def test_a_motion_in_stick_follows_the_slowest_engine(frequency):
     system = replace(System(), {**FIG02, "engine.frequency": frequency})
-    result = smoothed.solve(Problem(system, State(0.0, 0.0, 0.0), cycles=2)).raise_for_status()
+    result = solved(Problem(system, State(0.0, 0.0, 0.0), cycles=2)).raise_for_status()
     e, d = system.engine, system.driveline
     # K23 theta2 + C23 theta2' = Te, nearly: v creeps.
     lag = e.torque_amplitude * frequency * d.damping / d.stiffness**2
     assert result.cycles.section[1:, 1] == pytest.approx(e.mean_torque / d.stiffness - lag, abs=0.05 * lag)
-    assert result.statistics.steps < 1000
 
 
 SOFT = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 45e3, "pressure.frequency_ratio": 0.5,
@@ -266,32 +214,11 @@ SOFT = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 45e3, "p
 
 
 def test_the_error_follows_the_tolerance():
-    """Down to 1e-13, against DOP853 near the end of double precision; and the tolerance decides, not a step that is
-    short anyway.
-    """
+    """Down to 1e-13, against DOP853 near the end of double precision."""
     rates, _ = equations(SOFT)
     truth = solve_ivp(rates, (0.0, SOFT.cycle), [5.0, 0.1, -5.0, 0.0], "DOP853", rtol=3e-14, atol=1e-15).y[:3, -1]
-    steps = []
     for digits in range(3, 14):
         result = solve(SOFT, cycles=1, solver="smoothed", rtol=10.0**-digits, state=START).raise_for_status()
         assert len(result.transitions.time) >= 3
         error = np.abs((result.cycles.section[-1] - truth) / np.array([10.0, 0.3, 20.0])).max()
         assert error <= 0.1 * 10.0**-digits + 5e-14, digits
-        steps.append(result.statistics.steps)
-    assert steps[:-1:3] == sorted(set(steps[:-1:3]))
-    assert steps[-2] < 20 * steps[0]
-
-
-def test_a_step_in_stick_knows_when_friction_reaches_its_peak():
-    """On a demand that is linear in time the fold is where the line meets the peak, within the step and beyond it."""
-    work = np.zeros(1, WORK)[0]
-    work["friction_rate"] = 2.0
-    for start, rise in ((0.5, 1.0), (0.5, 0.3), (-0.5, -1.0)):
-        work["balance"] = 2.0 * (start + rise * C)
-        assert time_to_fold(1.2, work) == pytest.approx((1.2 - abs(start)) / abs(rise), rel=1e-12)
-    work["balance"] = 2.0 * (0.5 - 0.3 * C)
-    assert time_to_fold(1.2, work) == math.inf
-    work["balance"] = 4.0
-    assert time_to_fold(1.2, work) == C[0]
-    work["balance"], work["friction_rate"][-1] = 0.0, 0.0
-    assert time_to_fold(1.2, work) == C[-1]

@@ -16,7 +16,7 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.engine import SCALES
 from tcc_sim.solvers.key_derivatives import OF_ITSELF
-from tcc_sim.solvers.stroboscopic import Prepared, buffers_of_thread, sections, stroboscopic_map
+from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
 from tcc_sim.study.benchmarks.references import tangent_map
 from tcc_sim.trajectory import Orbits, State, event_sequence
 
@@ -229,26 +229,3 @@ def test_a_motion_ends_behind_two_points_by_places_that_follow_each_other_at_the
         result = sections(system, start, 3, 8, rtol, orbits)[0]
         np.testing.assert_allclose(result[:end + 1], whole[:end + 1], rtol=0.0, atol=1e-6)
         assert np.isnan(result[end + 1:]).all()
-
-
-def test_work_space_is_used_again_as_long_as_it_is_large_enough_and_of_the_kind():
-    """Room for cycles and segments never shrinks; another number of keys, or law, takes other work space."""
-    system = replace(BASE, {"friction.law": "set_valued"})
-    one = Prepared(system, (), 1e-8)
-
-    def room(prepared, count, cycles):
-        prepared.passed(np.tile(START, (count, 1)), [0] * count, [cycles] * count)
-        return buffers_of_thread.buffers, buffers_of_thread.size[3:]
-
-    first, size = room(one, 2, 3)
-    for count, cycles, same in ((2, 3, True), (1, 3, True), (2, 1, True), (1, 1, True), (3, 1, False), (3, 4, False),
-                                (3, 4, True), (1, 5, False), (3, 2, True)):
-        found, following = room(one, count, cycles)
-        assert (found is first) is same
-        assert following == (max(size[0], cycles + 1), max(size[1], count))
-        first, size = found, following
-    assert len(first.segments) == 3
-    assert first.heights.shape == (3, 6)
-    other, size = room(Prepared(system, ("pressure.mean", OMEGA), 1e-8), 1, 1)
-    assert (other is first, size) == (False, (2, 1))
-    assert room(Prepared(replace(system, {"friction.law": "smoothed"}), (), 1e-8), 1, 1)[0] is not other

@@ -1,15 +1,11 @@
 """The product of terms of the model and those who support them: every cell is right by an independent answer, or
 refused.
-
-The flywheel's damper, of which no scene key is one, stands for a term that somebody adds: `COEFFICIENTS` makes it of
-driveline.damping here.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from functools import cache
-from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -22,7 +18,6 @@ from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.linearise import linearise
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.fmu.export import fmu_of
-from tcc_sim.model import equations as model
 from tcc_sim.model import supported_terms
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.profile import Inputs
@@ -33,7 +28,6 @@ from tcc_sim.plant.driveline import Plant
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
-from tcc_sim.solvers.terms import Terms, terms_of
 from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.benchmarks.peers import xppaut_file
 from tcc_sim.study.benchmarks.references import (
@@ -51,7 +45,6 @@ from tcc_sim.study.exponents import largest_lyapunov_exponent
 from tcc_sim.study.paper.harmonic_balance import harmonic_balance
 from tcc_sim.trajectory import State
 
-DRAG = 1.2
 """Damper of the flywheel, twice the C23 of BASE, N m s/rad."""
 BASE = replace(System(), {"friction.smoothing": 8.0, "pressure.mean": 225e3, "pressure.amplitude": 45e3,
                           "engine.mean_torque": 200.0, "engine.torque_amplitude": 350.0, "initial.slip_speed": 5.0,
@@ -66,25 +59,14 @@ CASES: dict[str, System] = {
     "profile": replace(BASE, {"engine.mean_torque_times": [0.0, 0.06], "engine.mean_torque_values": [200.0, 320.0]}),
     "far": dataclasses.replace(BASE, inputs=Inputs(None, None, 0.2, SPEED)),
     "plate_by_slip": replace(BASE, {"converter.coupling": 2.0}),
-    "flywheel_by_speed": replace(BASE, {"driveline.damping": 0.5 * DRAG}),
+    "every term": replace(BASE, {"friction.slip_speeds": V, "friction.coefficients": [
+        0.3 - 0.016 * np.log1p(2.0 * v) for v in V], "converter.coupling": 2.0, "engine.harmonic_amplitudes": [60.0],
+                                 "engine.harmonic_phases": [0.4]}),
 }
 """A scene with each term besides those that BASE has; `far` brings inputs too."""
-TOGETHER = {"every term": replace(CASES["curve"], {"converter.coupling": 2.0, "driveline.damping": 0.5 * DRAG,
-                                                   "engine.harmonic_amplitudes": [60.0],
-                                                   "engine.harmonic_phases": [0.4]})}
+cases = pytest.mark.parametrize("name", CASES)
 """All terms of a map of the section, whose kernels take seconds to compile, in one scene."""
 START, CYCLES = (5.0, 0.1, -5.0, 0.1), 2
-
-
-@pytest.fixture(params=CASES)
-def case(request, monkeypatch):
-    """A case, with the coefficients of the flywheel's damper where it has one."""
-    name = request.param
-    if drag_of(name):
-        monkeypatch.setitem(model.COEFFICIENTS, "driveline.damping",
-                            {"damping": 1.0, "flywheel_by_slip": 2.0, "flywheel_by_speed": 2.0})
-        monkeypatch.setattr(model, "_BROUGHT", {*model._BROUGHT, "flywheel_by_speed"})
-    return name, dataclasses.replace({**CASES, **TOGETHER}[name])  # A new system: results are kept by identity.
 
 
 def derivative(of, x: np.ndarray, step: float) -> np.ndarray:
@@ -92,19 +74,15 @@ def derivative(of, x: np.ndarray, step: float) -> np.ndarray:
     return np.stack([difference(lambda h, e=e: of(x + h * e), step) for e in np.eye(len(x))], axis=1)
 
 
-def drag_of(name: str) -> float:
-    return DRAG if name in ("flywheel_by_speed", *TOGETHER) else 0.0
-
-
 @cache
 def truth(name: str, law: str, per_cycle: int = 10) -> np.ndarray:
     """States by SciPy on separately written equations."""
-    system = {**CASES, **TOGETHER}[name]
+    system = CASES[name]
     if law == "set_valued":
         times = np.arange(CYCLES * per_cycle + 1) * system.cycle / per_cycle
-        return Piecewise(system, drag=drag_of(name)).run(CYCLES * system.cycle, times, slices=400)[0]
+        return Piecewise(system).run(CYCLES * system.cycle, times, slices=400)[0]
     if name not in ("profile", "far"):
-        return smoothed_states(system, START, CYCLES, per_cycle, drag=drag_of(name))
+        return smoothed_states(system, START, CYCLES, per_cycle)
     rates, _ = equations(system)
     d, fixed = system.driveline, system.engine.mean_torque
 
@@ -125,27 +103,10 @@ def states(run) -> np.ndarray:
     return np.stack([run.slip_speed, run.plate_angle, run.plate_speed], axis=1)
 
 
-def test_every_field_is_a_term_and_every_term_is_named() -> None:
-    """A field that is added to Terms or Linear has to be a term, so that somebody supports it or it is refused."""
-    optional = {name for name, kind in get_type_hints(Terms).items() if type(None) in get_args(kind)}
-    named = set().union(*supported_terms.SUPPORTED.values())
-    assert {*optional, *model.OPTIONAL} - {"smoothing"} <= named
-    assert named <= {*optional, *model.OPTIONAL, *supported_terms.LAWS, "inputs", "curve"}
-
-
-def test_terms_are_those_of_a_kernel(case) -> None:
-    _, system = case
-    terms, result = terms_of(system), supported_terms.terms_in(system)
-    for name, value in (*terms._asdict().items(), *((n, getattr(terms.linear, n)) for n in model.OPTIONAL)):
-        if name not in ("linear", "mean_torque", "mean_load", "smoothing"):
-            assert (value is not None) == (name in result), name
-    assert terms.smoothing is not None
-    assert "smoothed" in result
-
-
 @pytest.mark.parametrize("solver", SOLVERS)
-def test_solvers(case, solver) -> None:
-    name, system = case
+@cases
+def test_solvers(name, solver) -> None:
+    system = CASES[name]
     law = "smoothed" if "smoothed" in SOLVERS[solver].laws else "set_valued"
     system = dataclasses.replace(system, friction=replace(system, {"friction.law": law}).friction)
     if not SOLVERS[solver].solves(system):
@@ -166,25 +127,13 @@ def test_solvers(case, solver) -> None:
     assert (np.abs(result - exact).max(axis=0) <= tolerance * np.abs(exact).max(axis=0)).all()
 
 
-@pytest.mark.parametrize("case", ["harmonics", "profile", "far", "plate_by_slip", *TOGETHER], indirect=True)
-def test_section_maps_and_their_derivatives(case) -> None:
-    name, system = case
-    point = np.array(START[:3])
-    if supported_terms.unsupported("section map", system):
-        for work in (lambda: stroboscopic_map(system, point, 1), lambda: sections(system, point[None], 0, 1, 1e-8)):
-            with pytest.raises(InputError, match="a map of the section"):
-                work()
-        return
-    exact = truth(name, "smoothed")
+def test_section_maps_and_their_derivatives() -> None:
+    system, point, exact = CASES["every term"], np.array(START[:3]), truth("every term", "smoothed")
     image = stroboscopic_map(system, point, CYCLES)
     np.testing.assert_allclose(image.state, exact[-1, :3], rtol=1e-6, atol=1e-7)
-    if name not in TOGETHER:
-        _, derivatives = tangent_map(system, point, 0, CYCLES)
-    else:
-        np.testing.assert_allclose(sections(system, point[None], 0, CYCLES, 1e-10)[0, -1], exact[-1, :3], rtol=1e-6,
-                                   atol=1e-7)
-        derivatives = derivative(lambda x: smoothed_states(system, (*x, 0.0), CYCLES, 1, drag=DRAG)[-1, :3], point,
-                                 1e-3)
+    np.testing.assert_allclose(sections(system, point[None], 0, CYCLES, 1e-10)[0, -1], exact[-1, :3], rtol=1e-6,
+                               atol=1e-7)
+    _, derivatives = tangent_map(system, point, 0, CYCLES)
     np.testing.assert_allclose(image.derivative, derivatives, rtol=1e-4, atol=1e-5 * np.abs(derivatives).max())
 
 
@@ -275,19 +224,6 @@ def test_the_critical_slope_is_where_a_pair_of_roots_crosses() -> None:
         assert np.abs(pair.real).max() < 1e-9 * np.abs(pair).max()
 
 
-def test_the_critical_slope_with_a_damper_of_the_flywheel(monkeypatch) -> None:
-    monkeypatch.setitem(model.COEFFICIENTS, "driveline.damping",
-                        {"damping": 1.0, "flywheel_by_slip": 2.0, "flywheel_by_speed": 2.0})
-    monkeypatch.setattr(model, "_BROUGHT", {*model._BROUGHT, "flywheel_by_speed"})
-    slope = estimates_of(dataclasses.replace(BASE)).critical_slope
-    i1, i2, c, k = 0.2, 0.02, 0.6, 3000.0  # I1 x1'' + C1 x1' + s v = 0, I2 x2'' + C x2' + K x2 - s v = 0.
-    flywheel, plate = np.poly1d([i1, 1.2 + slope]), np.poly1d([i2, c + slope, k])
-    roots = np.polysub(np.polymul(flywheel, plate), np.poly1d([slope**2, 0.0])).roots
-    pair = roots[np.abs(roots.imag) > 1.0]
-    assert len(pair) == 2
-    assert np.abs(pair.real).max() < 1e-9 * np.abs(pair).max()
-
-
 def test_linear_models() -> None:
     """About a constant motion by differences of separately written equations; about a periodic one by a simulation."""
     still = replace(CASES["plate_by_slip"], {"engine.torque_amplitude": 0.0, "pressure.amplitude": 0.0,
@@ -340,7 +276,10 @@ def test_the_node_follows_a_change_while_running() -> None:
     assert rows[-1].plate_angle == pytest.approx(y[1], rel=1e-5)
 
 
-SCENE = load_scene("fig02")
+def as_scene(system):
+    return load_scene("fig02").with_values({"friction.law": system.friction.law})
+
+
 CONSUMERS = {
     "section map": [lambda s: stroboscopic_map(s, np.zeros(3), 1), lambda s: sections(s, np.zeros((1, 3)), 0, 1, 1e-8),
                     lambda s: DrivelineMap(s, ("engine.frequency",)).evaluate(np.zeros(3), np.array([150.0]), 0.0, 1.0),
@@ -357,28 +296,24 @@ CONSUMERS = {
     "peer": [lambda s: xppaut_file(s, "cvode", 1e-6, 1, 10)],
     **{name: [lambda s, name=name: solve(s, cycles=1, solver=name)] for name in SOLVERS},
 }
-"""Everything that asks the gate, by its row of SUPPORTED."""
+"""All that a row of SUPPORTED stands for."""
+NAMES = {"profile": "engine.mean_torque_times", "far": "inputs", "curve": "friction.coefficients",
+         "harmonics": "engine.harmonic_amplitudes", "plate_by_slip": "converter.coupling",
+         "smoothed": "friction.law", "set_valued": "friction.law"}
+SYSTEMS = {**CASES, "curve": CASES["every term"], "smoothed": BASE,
+           "set_valued": replace(BASE, {"friction.law": "set_valued"})}
+FLAT = {"friction.kinetic_coefficient": 0.3}
+UNKNOWN = [(who, place, name) for who, asks in CONSUMERS.items() for place in range(len(asks)) for name in NAMES
+           if name in supported_terms.unsupported(who, SYSTEMS[name]) and (
+               who not in ("tick derivatives", "node", "FMU") or NAMES[name] == "friction.law")]
 
 
-def as_scene(system):
-    return SCENE.with_values({"converter.coupling": system.converter.coupling})
+@pytest.mark.parametrize(("who", "place", "name"), UNKNOWN)
+def test_a_term_that_a_row_does_not_have_is_refused_with_the_key_that_brings_it(who, place, name) -> None:
+    with pytest.raises(InputError) as refused:
+        CONSUMERS[who][place](SYSTEMS[name] if who != "pure slip" else replace(SYSTEMS[name], FLAT))
+    assert NAMES[name] in str(refused.value)
 
 
-def test_every_row_has_its_askers() -> None:
+def test_every_row_is_asked() -> None:
     assert CONSUMERS.keys() == supported_terms.SUPPORTED.keys()
-
-
-@pytest.mark.parametrize(("who", "ask"), [pytest.param(who, ask, id=f"{who}-{place}") for who, asks in CONSUMERS.items()
-                                          for place, ask in enumerate(asks)])
-def test_what_a_row_does_not_know_is_refused(who, ask, monkeypatch) -> None:
-    """Take a term out of the row: everybody behind it refuses with the key that brings the term."""
-    monkeypatch.setitem(supported_terms.SUPPORTED, who, supported_terms.SUPPORTED[who] - {"plate_by_slip"})
-    values = {"converter.coupling": 2.0}
-    if who == "event_driven":
-        values["friction.law"] = "set_valued"
-    if who == "pure slip":
-        values["friction.kinetic_coefficient"] = 0.3
-    with pytest.raises(InputError, match=r"does not (know|solve) .*converter\.coupling"):
-        ask(replace(BASE, values))
-
-
