@@ -206,10 +206,6 @@ def test_the_coefficients_are_at_most_a_factor_of_twenty_apart(static: float, ki
         replace(System(), dict(zip(keys, (further, kinetic))))
 
 
-def test_the_mean_saturation_torque_of_figure_2_is_500() -> None:
-    assert System().saturation_mean == pytest.approx(500.0, rel=1e-12)
-
-
 def test_a_curve_is_its_constant_and_exponentials_as_far_as_they_last():
     curve, v = FrictionCurve(0.2, (0.05, -0.04), (3.0, 0.4)), np.array([-2.0, 0.0, 0.3, 5.0])
     size = np.abs(v)
@@ -226,12 +222,12 @@ def test_a_curve_is_its_constant_and_exponentials_as_far_as_they_last():
         assert np.ptp(np.diff(np.log(speeds[1:]))) < 1e-9
 
 
-def test_a_poor_fit_is_doubted_in_one_sentence():
+def test_a_poor_fit_is_doubted_with_its_error_and_place():
     mu = tuple(0.13 + 0.02 * np.exp(-(((V - 8.0) / 6.0) ** 2)))
     doubt, = Friction(slip_speeds=tuple(V), coefficients=mu).doubts
     curve = fit_curve(tuple(V), mu)
-    assert doubt == (f"the fit of the friction table is {curve.error:.1%} of its largest coefficient off at "
-                     f"{curve.worst:g} rad/s, more than 2%: smooth the table, or give more points where it bends")
+    assert f"{curve.error:.1%}" in doubt
+    assert f"{curve.worst:g} rad/s" in doubt
     for shape in ("falling", "line"):
         assert Friction(slip_speeds=tuple(V), coefficients=tuple(SHAPES[shape][0])).doubts == []
     lone = Friction(slip_speeds=(0.0, 1.0, 2.0), coefficients=(0.2, 0.2, 0.2))
@@ -239,27 +235,3 @@ def test_a_poor_fit_is_doubted_in_one_sentence():
     for tables in ({"slip_speeds": (0.0, 1.0, 2.0)}, {"coefficients": (0.1, 0.2, 0.2)}):
         with pytest.raises(InputError, match="it must have as many as"):
             Friction(**tables)
-
-
-def test_fits_scale_with_their_tables_and_know_their_limits():
-    """1000 points at most; three points have one exponential; rates are 0.3 over the last speed to 5 over the first."""
-    mu = SHAPES["dip"][0]
-    one, other = fit("dip"), fit_curve(tuple(V), tuple(0.5 * mu))
-    assert other.rates == one.rates
-    assert (other.constant, *other.amplitudes) == pytest.approx((0.5 * one.constant,
-        *(0.5 * c for c in one.amplitudes)))
-    assert (other.error, other.worst, other.fastest) == (one.error, one.worst, 60.0)
-    three = fit_curve((0.0, 1.0, 4.0), (0.3, 0.2, 0.19))
-    assert len(three.rates) == 1
-    for count in (1000, 1001):
-        given = tuple(np.linspace(0.0, 10.0, count)), (0.2,) * count
-        if count == 1000:
-            assert fit_curve(*given).constant == pytest.approx(0.2)
-            continue
-        with pytest.raises(InputError, match=r"^friction.slip_speeds has 1001 values; a friction table needs 3 to "
-                           r"1000$"):
-            fit_curve(*given)
-    slow = fit_curve(tuple(V), tuple(0.1 + 0.02 * (1.0 - np.exp(-1e-3 * V))))
-    assert min(slow.rates, default=1.0) >= 0.3 / 60.0 * (1.0 - 1e-9)
-    fast = fit_curve((0.0, 1.0, 2.0, 3.0, 4.0), (0.3, 0.2, 0.2, 0.2, 0.2))
-    assert fast.rates == (pytest.approx(5.0, rel=1e-3),)

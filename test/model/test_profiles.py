@@ -209,15 +209,6 @@ def test_profiles_of_a_command_line():
             parse_profiles(words)
 
 
-def test_who_cannot_says_who_can():
-    from tcc_sim.model.pure_stick import stick_margin
-    from tcc_sim.study.continuation.driveline import DrivelineMap
-
-    for work in (lambda: DrivelineMap(VARYING, ()), lambda: stick_margin(VARYING)):
-        with pytest.raises(InputError, match=r"engine\.frequency_times, pressure\.mean_times; simulate and the drive"):
-            work()
-
-
 HARMONICS = replace(System(), {"engine.harmonic_amplitudes": [60.0, 0.0, 20.0],
                                "engine.harmonic_phases": [0.3, 0.0, 1.0]})
 

@@ -2,26 +2,12 @@
 
 import math
 from fractions import Fraction
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from plain import plain
 
-from tcc_sim.polynomials import bernstein, polynomial
-from tcc_sim.polynomials.bernstein import (
-    BERNSTEIN,
-    DEGREE_MAXIMUM,
-    HIGH,
-    LEFT,
-    LOW,
-    NOISE,
-    WIDTH,
-    later_part,
-    search_on,
-    slope_changes,
-    to_bernstein,
-)
+from tcc_sim.polynomials import polynomial
+from tcc_sim.polynomials.bernstein import DEGREE_MAXIMUM, to_bernstein
 
 WORKSPACE = np.zeros(polynomial.WORKSPACE)
 GRID = np.linspace(0, 1, 4097, dtype=np.longdouble)
@@ -96,69 +82,6 @@ def test_values_and_slopes():
                 assert got == pytest.approx(float(exact(row, x)), abs=2e-15 * max(size, 1.0))
 
 
-@pytest.mark.parametrize("degree", [1, 4, 9])
-def test_a_later_part_goes_from_the_cut_to_the_end_within_its_hull(degree):
-    a = np.arange(1.0, degree + 2.0)   # It rises, so that its ends are its least and largest value.
-    c, _ = row_of(a)
-    to_bernstein(c, 1, degree, 2.0, WORKSPACE)
-    later_part(WORKSPACE, BERNSTEIN, degree, 0.25)
-    row, (begin, end) = WORKSPACE[BERNSTEIN], (float(exact(a, x)) for x in (0.5, 2.0))
-    assert row[[0, LOW, degree, HIGH]].tolist() == pytest.approx([begin, begin, end, end])
-    assert row[[LEFT, WIDTH]].tolist() == [0.5, 1.5]
-
-
-def test_a_stack_of_halves_ends_at_a_short_interval_or_a_full_stack():
-    """Each half has the values of the polynomial, by de Casteljau in rational numbers, and a wider error bound."""
-    rows = [Fraction(x) for x in (1, -3, 5, 2, 4)]
-    left, right = [], []
-    while rows:
-        left, right = [*left, rows[0]], [rows[-1], *right]
-        rows = [(a + b) / 2 for a, b in pairwise(rows)]
-    for changes, width, row, top in ((1, 2.0, 3, 2), (2, 2.0, 3, 4), (2, 0.5, 3, 2), (2, 0.51, 3, 4), (2, 2.0, 41, 42),
-                                     (2, 2.0, 42, 41)):
-        work = np.zeros(polynomial.WORKSPACE)
-        work[row, :5], work[row, [LEFT, WIDTH, NOISE]] = [1.0, -3.0, 5.0, 2.0, 4.0], (7.0, width, 1e-16)
-        before = work.copy()
-        assert search_on(work, row, 4, changes, 0.5) == top
-        if top < row:
-            np.testing.assert_array_equal(work, before)
-            continue
-        np.testing.assert_array_equal(work[row + 1, :5], np.array(left, dtype=float))
-        np.testing.assert_array_equal(work[row, :5], np.array(right, dtype=float))
-        for place, start in ((row + 1, 7.0), (row, 7.0 + 0.5 * width)):
-            assert work[place, [LEFT, WIDTH]].tolist() == [start, 0.5 * width]
-            assert work[place, NOISE] == pytest.approx(1e-16 + 4 * 1.12e-16 * 4.0, rel=1e-14, abs=0.0)
-
-
-def test_the_error_of_coefficients_is_bounded_by_units_of_rounding():
-    """(2 n + 8) of the sum of |c_k| x^k, 3 n more of the largest coefficient behind a cut, and of a level two."""
-    unit, work = 1.12e-16, np.zeros(polynomial.WORKSPACE)
-
-    def near(value):
-        return pytest.approx(value, rel=1e-12, abs=0.0)
-
-    for form in (to_bernstein, plain(to_bernstein)):
-        for degree in (2, 15, 16, 23, 24, 31):
-            c, _ = row_of([1.0, -3.0, 2.0, *[0.0] * (degree - 2)])
-            form(c, 1, degree, 0.5, work)
-            assert work[0, [LEFT, WIDTH, NOISE]].tolist() == [0.0, 0.5, near(3.0 * (2 * degree + 8) * unit)]
-            assert work[0, [0, degree, LOW, HIGH]].tolist() == pytest.approx([1.0, 0.0, min(work[0, :degree + 1]), 1.0])
-            noise = work[0, NOISE]
-            later_part(work, BERNSTEIN, degree, 0.75)
-            largest = np.abs(work[0, :degree + 1]).max()
-            assert work[0, NOISE] == near(noise + 3 * degree * unit * largest)
-    fall_from = plain(polynomial.fall_from)
-    c, _ = row_of([1.0, 0.5, -2.0])
-    for sign, level, rest in ((1.0, 0.25, [0.75, 1.0, -0.75]), (-1.0, -2.5, [1.5, 1.25, 3.0])):
-        work[1, :3], work[1, [LEFT, WIDTH, NOISE]] = [1.0, 1.25, -0.5], (0.0, 1.0, 1e-15)
-        fall_from(c, 1, 2, 0.0, 1.0, sign, level, 1e-14, work)
-        assert (work[1, :3].tolist(), work[1, NOISE]) == (rest, 1e-15 + 2.0 * unit * abs(level))
-    # From a start at the level the quotient by x counts, 0.5 - 2 x.
-    work[1, :3], work[1, [LEFT, WIDTH, NOISE]] = [1.0, 1.25, -0.5], (0.0, 1.0, 1e-15)
-    assert fall_from(c, 1, 2, 0.0, 1.0, 1.0, 1.0, 1e-14, work) == pytest.approx(0.25)
-    assert (work[1, :2].tolist(), work[1, NOISE]) == ([0.5, -1.5], 4.0 * (1e-15 + 2.0 * unit))
-
-
 def test_a_dip_counts_from_half_of_the_accuracy_on():
     for depth, found in ((0.49, False), (0.51, True), (1.0, True)):
         for sign in (1.0, -1.0):
@@ -166,68 +89,10 @@ def test_a_dip_counts_from_half_of_the_accuracy_on():
             assert x == (pytest.approx(0.5 - 1e-3 * math.sqrt(depth), abs=5e-4) if found else math.inf)
 
 
-def test_newtons_next_place_is_within_the_interval_or_its_middle():
-    for f, slope, following in ((1.0, 2.0, 1.5), (1.0, 1.0, 1.0), (2.0, 1.0, 2.5), (-2.0, 1.0, 4.0), (-2.1, 1.0, 2.5),
-                                (1.0, 0.0, 2.5)):
-        assert polynomial.newton_within(1.0, 4.0, 2.0, f, slope) == following
-
-
-@pytest.mark.parametrize(("coefficients", "noise", "monotone"), [
-    ([0.0, 1.0, 2.0], 0.0, True), ([2.0, 1.0, 0.0], 0.0, True), ([0.0, 1.0, 0.5], 0.5, True),
-    ([0.0, 1.0, 0.5], 0.4, False), ([1.0, 0.0, 1.0], 1.0, True), ([1.0, 0.0, 1.0], 0.9, False), ([1.0, 1.0], 0.0, True),
-    ([0.0, 1.0, 0.0, 5.0], 0.0, False), ([3.0], 0.0, True)])
-def test_a_polynomial_is_monotone_if_its_coefficients_are(coefficients, noise, monotone):
-    WORKSPACE[BERNSTEIN, :6] = [*coefficients, *[9.0, -9.0] * 3][:6]
-    assert polynomial.one_way(len(coefficients) - 1, noise, WORKSPACE) == monotone
-
-
-def test_few_iterations_and_halvings_are_enough(monkeypatch):
-    """Of a hundred polynomials a crossing, that of the first value, one that the hull rules out, and the extremes;
-    Newton's method starts at a guess from the coefficients.
-    """
-    counts = dict.fromkeys(("value_and_slope", "slope_and_curvature", "isolate", "search_on", "fall_from"), 0)
-    for caller, name, counted in ((polynomial.fall_within, "value_and_slope", "value_and_slope"),
-                                  (polynomial.turning, "slope_and_curvature", "slope_and_curvature"),
-                                  (bernstein.isolate, "halve", "isolate"), (search_on, "halve", "search_on"),
-                                  (polynomial.crossing_of, "fall_from", "fall_from")):
-        names = plain(caller).__globals__
-
-        def noted(*arguments, of=names[name], counted=counted):
-            counts[counted] += 1
-            return of(*arguments)
-
-        monkeypatch.setitem(names, name, noted)
-    random, crossing = np.random.default_rng(0), plain(polynomial.first_crossing)
-    for _ in range(100):
-        a = random.normal(size=int(random.integers(1, 24)) + 1)
-        a *= 0.8 ** np.arange(len(a))
-        c, degree = row_of(a)
-        level = float(np.polynomial.polynomial.polyval(random.uniform(0.0, 1.2), a))
-        sign = 1.0 if a[0] > level else -1.0
-        assert crossing(c, 1, degree, 1.2, sign, sign * level, 1e-14, WORKSPACE) <= 1.2
-        crossing(c, 1, degree, 1.2, math.copysign(1.0, a[1]), math.copysign(a[0], a[0] * a[1]), 1e-14, WORKSPACE)
-        low = WORKSPACE[BERNSTEIN, LOW]
-        assert crossing(c, 1, degree, 1.2, 1.0, low - 1e-9, 1e-14, WORKSPACE) == math.inf
-        plain(to_bernstein)(c, 1, degree, 1.2, WORKSPACE)
-        plain(polynomial.extremes_of)(c, 1, degree, 1.2, a[0], a[0], WORKSPACE)
-    most = {"value_and_slope": 574, "slope_and_curvature": 206, "isolate": 74, "search_on": 14, "fall_from": 134}
-    # Rounding of NumPy's random numbers and sums moves a few in a thousand.
-    assert {name: count for name, count in counts.items() if count > 1.01 * most[name]} == {}
-
-
-def test_steps_between_coefficients_within_their_rounding_are_no_changes_of_the_slope():
-    WORKSPACE[1, :7] = np.cumsum([0.0, 1.0, -0.75, 0.5, 0.125, -1.0, 1.0])
-    for noise, changes, last, place in ((0.0, 4, 1.0, 4.5 / 5.0), (0.2, 4, 1.0, 4.5 / 5.0), (0.3, 2, 1.0, 4.5 / 5.0),
-                                        (0.5, 0, 0.0, 0.0)):
-        WORKSPACE[1, NOISE] = noise
-        assert slope_changes(WORKSPACE, 1, 6) == (changes, pytest.approx(place), last)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_the_first_crossing_of_random_polynomials(seed):
+def test_the_first_crossing_of_random_polynomials():
     """It is a root, and in long arithmetic the polynomial is above the level on a grid and between its roots before."""
-    random = np.random.default_rng(seed)
-    for _ in range(100):
+    random = np.random.default_rng(0)
+    for _ in range(200):
         degree = int(random.integers(1, 29))
         end, sign, level = 10.0 ** random.uniform(-3, 3), random.choice([-1.0, 1.0]), random.normal()
         roots = random.uniform(-0.3, 1.3, int(random.integers(0, min(degree, 6) + 1)))
@@ -267,19 +132,6 @@ def test_near_grazing_dips_are_found_and_near_misses_are_not(depth):
                 assert x == math.inf
 
 
-def test_double_roots_end():
-    """A double root is a graze: no crossing, or one at the root; never somewhere else, and never without end."""
-    random = np.random.default_rng(6)
-    for _ in range(40):
-        at = random.choice([0.5, 0.25, random.uniform(0.0, 1.0)])
-        a = product([at * at, -2.0 * at, 1.0], *positive(random, int(random.integers(0, 26))))
-        x = first(a)
-        assert x == math.inf or x == pytest.approx(at, abs=1e-4)
-        four = product(*[[at * at, -2.0 * at, 1.0]] * 2, *positive(random, int(random.integers(0, 20))))
-        x = first(four)
-        assert x == math.inf or x == pytest.approx(at, abs=5e-3)
-
-
 def test_roots_at_the_ends():
     assert first(product([1.0, -1.0], [2.0, 1.0])) in (pytest.approx(1.0, abs=1e-14), math.inf)
     assert first([1.0 - 1e-9, -1.0]) == pytest.approx(1.0 - 1e-9, abs=1e-15)
@@ -303,19 +155,9 @@ def test_starts_within_the_accuracy_are_at_the_level():
         assert first([start, 1.0, 0.5], accuracy=1e-12) == math.inf
 
 
-def test_after_the_first_row_is_there_other_levels_cost_no_conversion():
-    a = product([0.3, -1.0], [0.9, -1.0], [1.0, 0.0, 1.0])
-    c, degree = row_of(a)
-    polynomial.to_bernstein(c, 1, degree, 1.0, WORKSPACE)
-    for sign, level in ((1.0, 0.0), (1.0, 0.1), (-1.0, 0.01), (-1.0, -0.1)):
-        result = polynomial.crossing_of(c, 1, degree, 1.0, sign, level, 1e-15, WORKSPACE)
-        assert result == first(a, level, sign, accuracy=1e-15)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_extremes(seed):
-    random = np.random.default_rng(100 + seed)
-    for _ in range(60):
+def test_extremes():
+    random = np.random.default_rng(100)
+    for _ in range(150):
         degree = int(random.integers(1, 29))
         a = random.normal(size=degree + 1) * 0.8 ** np.arange(degree + 1)
         c, _ = row_of(a)
@@ -339,11 +181,6 @@ def test_an_extreme_after_a_start_without_slope(slope):
         highest, lowest = extremes(c, 1, degree, 1.2, 0.0, 0.0)
         result = highest if c[1, 2] > 0.0 else lowest
         assert result == pytest.approx(math.copysign(400.0 / 441.0, c[1, 2]), abs=1e-14)
-
-
-def test_the_extremes_of_what_does_not_move():
-    c, degree = row_of([2.0, 0.0, 0.0])
-    assert extremes(c, 1, degree, 1.0, 2.0, 2.0) == (2.0, 2.0)
 
 
 @pytest.mark.parametrize("mode", [-1, 0, 1])
@@ -373,38 +210,10 @@ def test_leaving_a_mode(mode):
     assert met > 5
 
 
-def test_a_mode_entered_at_its_edge_is_not_left_at_once():
-    a = product([0.2, -1.0], [0.6, -1.0], [1.5, 1.0])
-    c, degree = row_of(a)
-    level, start, mode, marks = 0.01, 0.0, 1, []
-    polynomial.to_bernstein(c, 1, degree, 1.0, WORKSPACE)
-    while True:
-        start = polynomial.stick_crossing(c, 1, degree, start, 1.0, mode, level, WORKSPACE)
-        if start > 1.0:
-            break
-        v = float(exact(a, start))
-        assert abs(abs(v) - level) < 1e-12
-        mode = 0 if mode else int(np.sign(v))
-        marks.append(mode)
-    assert marks == [0, -1, 0, 1]
-
-
-@pytest.mark.parametrize("degree", range(1, DEGREE_MAXIMUM + 1))
-def test_nothing_is_written_beyond_the_workspace(degree):
-    """Its last row is filled by groups of four, at every degree."""
-    height, width = polynomial.WORKSPACE
-    memory = np.full((height + 1, width), 7.0)
-    c, _ = row_of(np.ones(degree + 1))
-    polynomial.to_bernstein(c, 1, degree, 1.0, memory[:height])
-    assert (memory[height] == 7.0).all()
-    assert memory[0, degree] == pytest.approx(degree + 1.0)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_from_a_start_at_the_level_the_next_fall_is_the_first_root(seed):
+def test_from_a_start_at_the_level_the_next_fall_is_the_first_root():
     """x times factors with known roots: it rises from its start, exactly at the level or within the accuracy of it."""
-    random = np.random.default_rng(seed)
-    for _ in range(200):
+    random = np.random.default_rng(1)
+    for _ in range(300):
         roots = np.sort(random.uniform(0.05, 1.3, int(random.integers(1, 6))))
         if len(roots) > 1 and roots[1] - roots[0] < 1e-3:
             continue
