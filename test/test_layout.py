@@ -31,8 +31,7 @@ the study.
 """
 
 ROS = ["nodes", "testing"]
-DRAWINGS = ["views", "study.views", "study.paper.drawings", "study.paper.branch_panels", "study.paper.histories",
-            "study.benchmarks.report_drawings"]
+DRAWINGS = ["views", "study.views", "study.paper.drawings", "study.benchmarks.report_drawings"]
 ROOMS = {
     "numba": ["compiling"], "llvmlite": ["compiling"],
     "scipy": ["tables", "solvers", "analysis", "sweeps", "estimation", "study", "model.friction_curve"],

@@ -24,9 +24,8 @@ from tcc_sim.output.terminal import say
 from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.basins.proximity import RUNAWAY, UNDECIDED
 from tcc_sim.study.basins.results import Axis, Basins
-from tcc_sim.study.paper.branch_panels import UNNAMED, UNSEEN, behind
 from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, FigureOptions, paper_system
-from tcc_sim.study.paper.drawings import draw
+from tcc_sim.study.paper.drawings import UNNAMED, UNSEEN, behind, draw
 from tcc_sim.study.paper.figure_results import Figure
 from tcc_sim.study.paper.figures import figure_data, figure_system
 from tcc_sim.study.views.basin_map import draw_basins

@@ -189,8 +189,7 @@ def _alternated(node: DrivelineNode, rate: float, duration: float, progress: Cal
     return node_side, bare_side
 
 
-def _trial(rate: float, length: float, name: str, settings: Settings, timer_slack_ns: int,
-           lead: float) -> Trial:
+def _trial(rate: float, length: float, name: str, settings: Settings, timer_slack_ns: int, lead: float) -> Trial:
     """Return the bare loop's figures with some settings, and the refused ones."""
     pacer = Pacer(1.0 / rate, int(length * rate * 1.5) + 100, lead=lead)
     stretches, refused = Stretches(), list[str]()

@@ -190,8 +190,7 @@ class Case:
         """Return the case with a horizon that begins after SETTLING cycles, by the engine at its tightest tolerance."""
         engine, rtol = TIGHTEST[self.system.friction.law]
         run = solve(self.system, cycles=SETTLING, solver=engine, rtol=rtol)
-        return replace(self, system=State.of(run.solved_cycles.section[-1]).starting(self.system),
-                                   scene=self.system)
+        return replace(self, system=State.of(run.solved_cycles.section[-1]).starting(self.system), scene=self.system)
 
 
 @dataclass(frozen=True)
@@ -257,8 +256,7 @@ def cases(effort: Effort) -> list[Case]:
         raise InputError(f"scenes has {sorted(unknown)[0]!r}; the scenes of the report are: {names}")
     wanted = [case for case in every if not effort.scenes or case.name in effort.scenes]
     settled = [case.settled() for case in wanted]
-    return [*settled, *(replace(case, name=f"{case.name}{FROM_START}") for case in wanted[:1]
-                        if not effort.scenes)]
+    return [*settled, *(replace(case, name=f"{case.name}{FROM_START}") for case in wanted[:1] if not effort.scenes)]
 
 
 def precision_study(effort: Effort, done: Callable[[int, int, str], None]) -> Iterator[StudiedScene]:

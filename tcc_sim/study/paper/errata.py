@@ -183,7 +183,6 @@ class Erratum:
     printed: str
     right: str
     why: str
-    code: str = ""
     numbers: Callable[[], Numbers] = dict
 
 
@@ -195,21 +194,14 @@ OPEN: dict[str, str] = _TEXTS["open"]
 """Values that the paper leaves open, and those taken here."""
 
 
-def listed_numbers(values: Mapping[str, Any]) -> list[str]:
-    """Return numbers as a list, with an empty line before it if there are any."""
-    return [""] * bool(values) + [f"- {escape(name)}: {escape(text(value))}" for name, value in values.items()]
-
-
 def errata_page() -> str:
     """Return the page of the errata with their numbers, of the right equations, and of the values left open."""
-    lines = ["# The paper's errata", "", _TEXTS["page"].format(errata=len(ERRATA), open=len(OPEN)),
-             *markdown_table(["where", "printed", "right", "in the code"], [
-                 [escape(e.where), escape(e.printed), escape(e.right), f"`{e.code}`" if e.code else ""]
-                 for e in ERRATA])]
-    for e in ERRATA:
-        lines += ["", f"## {escape(e.where)}: {escape(e.printed)}", "", f"{escape(e.why[0].upper() + e.why[1:])}."]
-        lines += listed_numbers(e.numbers())
-    return "\n".join([*lines, "", "## Derived again and found as printed", "", f"{escape(_TEXTS['right'])}.", "",
-                      "## Left open by the paper", "",
-                      *markdown_table(["what", "here"], [list(map(escape, pair)) for pair in OPEN.items()]),
-                      *listed_numbers(engine_speeds())]) + "\n"
+    numbers: list[tuple[str, Any]] = [(f"{e.where}, {name}", x) for e in ERRATA for name, x in e.numbers().items()]
+    numbers += [("Figs. 4 to 18, " + name, value) for name, value in engine_speeds().items()]
+    return "\n".join([
+        "# The paper's errata", "", _TEXTS["page"].format(errata=len(ERRATA), open=len(OPEN)),
+        *markdown_table(["where", "printed", "right", "why"], [
+            list(map(escape, (e.where, e.printed, e.right, e.why))) for e in ERRATA]),
+        "", f"Derived again and found as printed: {escape(_TEXTS['right'])}.", "", "## Left open by the paper", "",
+        *markdown_table(["what", "here"], [list(map(escape, pair)) for pair in OPEN.items()]),
+        "", "## Numbers", "", *(f"- {escape(name)}: {escape(text(value))}" for name, value in numbers)]) + "\n"
