@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from documents import valid
-from given import Given, record
+from given import Given, record, rows
 from scipy.integrate import solve_ivp
 
 from tcc_sim.cli import main
@@ -82,6 +82,30 @@ def test_creep_and_slip_of_stick_and_of_positive_trend(cheap: dict[str, Finding]
     assert cheap["smoothed_stick_creeps"].verdict == CONFIRMED
     assert cheap["pure_slip_guaranteed"].verdict == DEPENDS
     assert 35.0 < next(v for k, v in cheap["pure_slip_guaranteed"].values.items() if "for ever" in k) < 35.2
+
+
+def leaves(value: Any) -> list[Any]:
+    """The numbers and words of nested results, in order."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    return [x for part in value for x in leaves(part)] if isinstance(value, (list, tuple)) else [value]
+
+
+@pytest.mark.parametrize(("name", "verdict", "numbers"), [
+    ("period_is_denominator", CONFIRMED, [n for _, n in measures.COPRIME]),
+    ("as_dual_excitation", CONFIRMED, [2, 2, 1, 1, 3, 3, 3, 3]), ("three_motions", CONFIRMED, [1, 2, 0]),
+    ("smoothing_is_uncertain", CONFIRMED, [1, 36.297, 1, None, 2, 63.657, 2, 63.742]),
+    ("series_balance", NOT_CONFIRMED, [None, None, 300.0, None] * 4), ("balance_unsuitable", NOT_CONFIRMED, []),
+    ("discontinuous_is_slow", NOT_CONFIRMED, [False]), ("classical_differs", DEPENDS, []),
+    ("delay", CONFIRMED, [1.0, None, None, 0.0]), ("section_varies_less", NOT_CONFIRMED, [])])
+def test_a_claim_has_the_numbers_of_the_text_or_of_an_independent_program(
+        name: str, verdict: str, numbers: list[Any], evidence: StableMotions) -> None:
+    """Periods by (35), motions of Figs. 2 and 7 by SciPy, the mean torque that balances Tm, the halves of Fig. 9."""
+    result = rows[name](evidence)
+    assert result.verdict == verdict
+    found = leaves(result.values)
+    for value, expected in zip(found, numbers):
+        assert expected is None or value == pytest.approx(expected, abs=2e-3), (found, numbers)
 
 
 def test_a_difference_over_a_cycle_is_that_of_an_independent_solution() -> None:

@@ -165,6 +165,7 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
         (Given(slips_to(lambda row: 0.4 + 0.2 * (1.0 - ratio_of(row)))), NO)],
     "jump_doubles_period": [(Given(period_at(lambda row, x: 1 + (x > 0.205)), lambda row: [0.205]), YES),
         (Given(period_at(lambda row, x: 1), lambda row: [0.205]), NO),
+        (Given(period_at(lambda row, x: 1 + (x > 0.205) * (ratio_of(row) == 0.83)), lambda row: [0.205]), YES),
         (Given(period_at(lambda row, x: 1 + (x > 0.25)), lambda row: [0.25]), NO),
         (Given(period_at(lambda row, x: 1 + (x > 0.205)), lambda row: [0.205, 0.3]), YES, [[1, 2]])],
     "doubling_to_chaos": [
