@@ -45,7 +45,7 @@ class Entry:
         return not unsupported(self.name, system)
 
 
-SCIPY = "comparison.scipy_methods"
+SCIPY = "scipy_methods"
 SHORTEST = 1e-8
 """Least duration, in engine cycles: a multiple of the engines' tolerance at the end of a cycle."""
 
@@ -60,7 +60,7 @@ SOLVERS: dict[str, Entry] = {row.name: row for row in (
     Entry("radau", SCIPY, "radau", "SciPy, Radau IIA of order 5", "rtol", 1e-6),
     Entry("bdf", SCIPY, "bdf", "SciPy, backward differentiation (Gear's method)", "rtol", 1e-6),
     Entry("lsoda", SCIPY, "lsoda", "SciPy, LSODA of ODEPACK", "rtol", 1e-6),
-    Entry("rk4", "comparison.runge_kutta", "rk4", "classical Runge-Kutta of order 4, fixed step", "step", 1e-6),
+    Entry("rk4", SCIPY, "rk4", "classical Runge-Kutta of order 4, fixed step", "step", 1e-6),
 )}
 
 

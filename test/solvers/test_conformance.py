@@ -33,7 +33,7 @@ solvers = pytest.mark.parametrize("name", SOLVERS)
 
 def compared(name: str) -> bool:
     """Return whether the solver is one for comparison: looser, since some of these methods are slow."""
-    return SOLVERS[name].module.startswith("comparison.")
+    return SOLVERS[name].module == "scipy_methods"
 
 
 def tight(name: str, factor: float = 1.0) -> dict[str, float]:

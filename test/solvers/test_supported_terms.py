@@ -120,7 +120,7 @@ def test_solvers(name, solver) -> None:
         return
     options = {"step": 2e-6 if solver == "rk4" else 2e-5} if SOLVERS[solver].setting == "step" else {"rtol": 1e-8}
     # The corner of an input is in the second cycle; these methods are slow.
-    cycles = 1 if SOLVERS[solver].module.startswith("comparison.") and system.profile is None else CYCLES
+    cycles = 1 if SOLVERS[solver].module == "scipy_methods" and system.profile is None else CYCLES
     result = states(solve(system, cycles=cycles, samples_per_cycle=10, solver=solver, **options).raise_for_status())
     exact = truth(name, law)[:10 * cycles + 1, :3]
     tolerance = 1e-5 if solver == "fixed_step" else 2e-6

@@ -26,7 +26,7 @@ from tcc_sim.model.parameters import DEFAULTS, System, replace
 from tcc_sim.output.tables import markdown_table
 from tcc_sim.result import reported
 from tcc_sim.solvers import SOLVERS, Status, solve
-from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
+from tcc_sim.solvers.explicit import rk4_limit
 from tcc_sim.solvers.fixed_step import advance
 from tcc_sim.solvers.terms import peak_load, substeps, terms_of
 from tcc_sim.study.benchmarks.references import Floats, Reference, Unfinished, errors, final_state, reference

@@ -11,7 +11,7 @@ from pictures import check, shows
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.comparison.runge_kutta import rk4_limit
+from tcc_sim.solvers.explicit import rk4_limit
 from tcc_sim.study.benchmarks import stability
 from tcc_sim.study.benchmarks.references import smoothed_states
 from tcc_sim.trajectory import Trajectory

@@ -1,1 +1,0 @@
-"""Methods for comparison: SciPy's, and classical Runge-Kutta."""
