@@ -19,8 +19,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.multipliers import multipliers_of
+from tcc_sim.study.continuation.newton import NEWTON_PARTS
 from tcc_sim.study.continuation.problem import FAILURES, MARGINS, Floats, Margin, Margins, differ
 from tcc_sim.study.continuation.shooting import Linearised, Shooting, layout
+
+LOCATED = 1e-8  # last Newton step of a bifurcation
+BORDER = 1e-12  # margin, relative to its natural size, of a solution
+BORDER_RESIDUAL = 1e-11  # residual of the orbit there
+BORDER_HALVINGS = (24, 20, 0)  # bisections before Newton's method; further ones after it fails
+BORDER_ITERATIONS = 40  # most steps of Newton's method on a bordered system
+BORDER_LEFT = 0.1  # share of the margin that a Newton step leaves, to stay on the side that has one
+# Distance from the border below which it is not resolved because the margin changes very fast, on canards; the
+# distance is the residual then.
+BORDER_FINEST = 1e-12
+CURVE_STEP = 0.03  # longest step, for pictures
+CURVE_REGROWTH = 2.0  # `regrowth` along a curve
+CURVE_TOLERANCE = 1e-8  # last step and residual of a point
+# Step along null vectors of length one for first derivatives of the Jacobian. Beside canards motions bend within
+# 1e-7, and the Jacobian's noise is some 1e-14: by halving, the derivative is good to four digits in both cases.
+DIFFERENCE = 1e-8
 
 Vectors = NDArray[Any]
 """Real or complex, (m, n): one for every segment."""
@@ -47,27 +64,27 @@ class Bordered:
 
         The method returns None if Newton's method fails or goes further than `reach`.
         """
-        settings, size, start = self.shooting.settings, self.shooting.size, u
+        size, start = self.shooting.size, u
         try:
             linearised = self.linearise(u)
-            for _ in range(settings.border_iterations):
+            for _ in range(BORDER_ITERATIONS):
                 value = float(np.abs(linearised.residual[size:]).max())
-                if value <= settings.border and float(np.abs(linearised.residual).max()) <= settings.border_residual:
+                if value <= BORDER and float(np.abs(linearised.residual).max()) <= BORDER_RESIDUAL:
                     return u, linearised, value
                 aim = -linearised.residual
-                if value > settings.border:
+                if value > BORDER:
                     aim[size:] *= 1.0 - self.left
                 step: Any = np.linalg.solve(linearised.jacobian, aim)
                 length = float(np.linalg.norm(step))
-                if length <= self.finest and value > settings.border:
+                if length <= self.finest and value > BORDER:
                     return u + step, linearised, length
                 new = None
-                for part in settings.newton_parts:
+                for part in NEWTON_PARTS:
                     try:
                         new = self.linearise(u + part * step)
                     except FAILURES:
                         continue
-                    if float(np.abs(new.residual[size:]).max()) <= 2.0 * value + settings.border:
+                    if float(np.abs(new.residual[size:]).max()) <= 2.0 * value + BORDER:
                         break
                 else:
                     return None
@@ -112,14 +129,14 @@ class MinimallyAugmented(Bordered):
         self.kind, self.shooting = kind, shooting
         # Differences leave a larger residual of g than of the orbit, and so does rounding on a canard.
         given = shooting.settings
-        self.settings = replace(given, correct_tolerance=given.curve_tolerance, residual=given.curve_tolerance,
-                                regrowth=given.curve_regrowth, largest_step=min(given.largest_step, given.curve_step))
+        self.settings = replace(given, correct_tolerance=CURVE_TOLERANCE, residual=CURVE_TOLERANCE,
+                                regrowth=CURVE_REGROWTH, largest_step=min(given.largest_step, CURVE_STEP))
         self.ranges, self.size, self.coarse = shooting.ranges, shooting.size, self
         self.outer = shooting.outer
         self.turning, self.unknowns = kind == "neimark_sacker", shooting.size + len(shooting.ranges)
         # The period of a fold may halve, in a generalised doubling.
         self.doubled = kind == "fold" and shooting.period % (2 * shooting.map.forcing_period) == 0
-        self.finest, self.bend = given.located, 0.0
+        self.finest, self.bend = LOCATED, 0.0
         """Last Newton step of a solution, and by how much the segments' derivatives change along the null vector."""
         linearised = shooting.linearise(z)
         self.start = z
@@ -181,7 +198,7 @@ class MinimallyAugmented(Bordered):
 
     def _along(self, z: Floats, linearised: Linearised, direction: Floats, w: Vectors, longer: float) -> Vectors:
         """w . (derivative of the Jacobian along a change of the nodes), by the nodes and the parameters."""
-        size, step = self.shooting.size, longer * self.settings.difference
+        size, step = self.shooting.size, longer * DIFFERENCE
         away = np.zeros(len(z))
         away[:size] = step * direction.ravel()
         try:
@@ -198,13 +215,13 @@ class BranchPoint(Bordered):
     """A point where two branches cross: G + beta b = 0 and two scalars, as the Jacobian has one rank less there."""
 
     def __init__(self, shooting: Shooting, z: Floats) -> None:
-        self.shooting, self.finest, self.start = shooting, shooting.settings.located, np.append(z, 0.0)
+        self.shooting, self.finest, self.start = shooting, LOCATED, np.append(z, 0.0)
         left, _, right = np.linalg.svd(shooting.linearise(z).jacobian)
         self.b, self.c = left[:, -1], right[-2:]
 
     def linearise(self, u: Floats) -> Linearised:
         """The equations in the orbit's unknowns and beta; their derivatives by differences."""
-        linearised, step = self.shooting.linearise(u[:-1]), self.shooting.settings.difference
+        linearised, step = self.shooting.linearise(u[:-1]), DIFFERENCE
         v, w, g = bordered(linearised.jacobian, self.b, self.c)
         changes = [(self.shooting.linearise(u[:-1] + step * x).jacobian - linearised.jacobian) / step for x in v]
         rows = np.array([-w @ change for change in changes])
@@ -220,9 +237,8 @@ class VanishingMargin(Bordered):
 
     def __init__(self, shooting: Shooting, kind: str) -> None:
         self.shooting, self.name, self.events = shooting, MARGINS[kind], ""
-        settings = shooting.settings
-        self.left = 0.0 if self.name == "arrival" else settings.border_left
-        self.finest = settings.border_finest
+        self.left = 0.0 if self.name == "arrival" else BORDER_LEFT
+        self.finest = BORDER_FINEST
 
     def linearise(self, z: Floats) -> Linearised:
         """The orbit's equations and the margin; ArithmeticError beyond the border."""

@@ -16,7 +16,13 @@ from tcc_sim.errors import NumericalFailure
 from tcc_sim.result import Described
 from tcc_sim.study.continuation.palc import FLAT, Equations, Solution, corrector, oriented
 from tcc_sim.study.continuation.problem import Floats
-from tcc_sim.study.continuation.settings import DEFAULTS
+
+ROOT = 1e-13  # width of a bracket, relative to the step, of a root
+ENOUGH = 1e-11  # residual of a root, however wide the bracket is
+NOISE = 1e-6  # part of the larger end value below which a test may be rounding
+IDLE = 2  # evaluations in a row that may then fail to halve the least one: a narrower bracket is noise
+FORWARD = 0.1  # least cosine between tangent and chord of a cubic through the ends of a bracket
+OPPOSITE = 0.8  # cosine, but for its sign, above which the halves of two orbits are opposite
 
 
 @dataclass(frozen=True, repr=False)
@@ -83,7 +89,7 @@ class Bracket(Generic[P]):
         for point in (known[low], known[high]):
             tangent = point.solution.tangent
             along = float(row @ tangent + weights @ (point.solution.linearised.amplitude_gradient @ tangent))
-            if not along > self.a.equations.settings.forward * float(np.sqrt(1.0 + weights @ weights)):
+            if not along > FORWARD * float(np.sqrt(1.0 + weights @ weights)):
                 return None
             slopes.append(tangent * (whole / along * (high - low)))
         return _hermite(known[low].solution.z, known[high].solution.z, slopes[0], slopes[1],
@@ -99,7 +105,7 @@ class Bracket(Generic[P]):
             point = self.at(part)
             if point is None:
                 raise NumericalFailure("the branch is lost between two of its points")
-            return 0.0 if residual is not None and residual(point) <= self.a.equations.settings.enough else test(point)
+            return 0.0 if residual is not None and residual(point) <= ENOUGH else test(point)
 
         try:
             return self.at(chandrupatla(value, 0.0, 1.0))
@@ -119,7 +125,7 @@ class SameSign(ArithmeticError):
     """A function has the same sign at both ends of a bracket."""
 
 
-def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: float = DEFAULTS.root) -> float:
+def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: float = ROOT) -> float:
     """A root of `f` between `a` and `b`, where its signs differ: the argument at which it was least.
 
     The search ends where the bracket is as narrow as `tolerance`, or where `f` is only rounding.
@@ -135,7 +141,7 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
     if (fa > 0.0) == (fb > 0.0):
         raise SameSign("no change of sign")
     c, fc, part = a, fa, 0.5
-    noise, idle = DEFAULTS.noise * max(abs(fa), abs(fb)), 0
+    noise, idle = NOISE * max(abs(fa), abs(fb)), 0
     best, least = (a, abs(fa)) if abs(fa) < abs(fb) else (b, abs(fb))
     for _ in range(100):
         t = a + part * (b - a)
@@ -149,7 +155,7 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
             c, b, fc, fb = b, a, fb, fa
         a, fa = t, ft
         width = tolerance / max(abs(b - c), 1e-300)
-        if fa == 0.0 or width > 0.5 or abs(b - a) <= tolerance or idle >= DEFAULTS.idle:
+        if fa == 0.0 or width > 0.5 or abs(b - a) <= tolerance or idle >= IDLE:
             return best
         xi, phi = (a - b) / (c - b), (fa - fb) / (fc - fb)
         if phi**2 < xi and (1.0 - phi) ** 2 < 1.0 - xi:

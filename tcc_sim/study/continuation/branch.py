@@ -12,11 +12,10 @@ import numpy as np
 
 from tcc_sim.result import Described, reported, reporting
 from tcc_sim.study.continuation.bracket import Bracket, CurvePoint
-from tcc_sim.study.continuation.follow import Continuation, End, StopReason
-from tcc_sim.study.continuation.newton import Orbit, OrbitFigures, newton, shifts
+from tcc_sim.study.continuation.follow import FLAT_STEP, Continuation, End, StopReason
+from tcc_sim.study.continuation.newton import SAME, Orbit, OrbitFigures, newton, shifts
 from tcc_sim.study.continuation.palc import corrector, null_direction, oriented, solution_at, tangent_of
 from tcc_sim.study.continuation.problem import FAILURES, Floats, differ
-from tcc_sim.study.continuation.settings import DEFAULTS
 from tcc_sim.study.continuation.shooting import Linearised, Shooting
 from tcc_sim.study.continuation.special_points import (
     Bifurcation,
@@ -25,6 +24,12 @@ from tcc_sim.study.continuation.special_points import (
     point_at,
     special_points_between,
 )
+
+FAMILY = 1e-7  # distance of a multiplier from 1, and slope of the parameter, in a family at one value
+FAMILY_LENGTH = 1e-2  # length of a branch in a family before it ends
+SAME_END = 1e-6  # distance, relative to the range, at which a fold is the doubling where its branch ends
+CORNER_STEP = 1e-10  # smallest step beyond a corner
+CORNER_DISTANCES = (1e-8, 1e-7, 1e-6, 1e-5)  # distances at which the other side of a corner is tried
 
 Tick = Callable[[ContinuationPoint], None]
 """Callback for every point."""
@@ -118,7 +123,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
 
     def special_between(self, new: ContinuationPoint) -> list[Bifurcation] | None:
         """The bifurcations up to `new`; None where the step has skipped a piece of the branch."""
-        return special_points_between(self.here, new) if self.settings.detect else []
+        return special_points_between(self.here, new)
 
     def ended_by(self, new: ContinuationPoint, special: list[Bifurcation],
                  stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
@@ -128,7 +133,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
             # Beyond it the branch is its own shift: the multiplier of 1 there is no fold and no branch point.
             special, span = [f for f in special if f.kind not in ("branch_point", "fold")], shorter.shooting.ranges[0]
             while not special and self.special and self.special[-1][1].kind in ("branch_point", "fold") and abs(
-                    span.scaled(self.special[-1][1].value) - span.scaled(shorter.value)) < self.settings.same_end:
+                    span.scaled(self.special[-1][1].value) - span.scaled(shorter.value)) < SAME_END:
                 self.special.pop()
             return shorter, special, stop or self.end(StopReason.DOUBLING, shorter)
         return super().ended_by(new, special, stop)
@@ -137,12 +142,12 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         """The end where some length of the branch has motions with a multiplier of 1 at one parameter."""
         # Two points do not show it: beside a doubling, where the parameter grows as the square of the length, it hardly
         # changes and a multiplier is 1 as well.
-        last, settings = self.here, self.settings
+        last = self.here
         for point in reversed(self.points):
-            if abs(point.slope) > settings.family or np.abs(point.orbit.multipliers - 1.0).min() > settings.family:
+            if abs(point.slope) > FAMILY or np.abs(point.orbit.multipliers - 1.0).min() > FAMILY:
                 return None
             away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
-            if float(np.linalg.norm(away)) >= settings.family_length:
+            if float(np.linalg.norm(away)) >= FAMILY_LENGTH:
                 return self.end(StopReason.FAMILY)
         return None
 
@@ -164,7 +169,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         self.cut_at = len(self.points)
         if not self._remesh(anew=True):
             return False
-        self.length = self.settings.flat_step
+        self.length = FLAT_STEP
         return True
 
     def _remesh(self, anew: bool = False) -> bool:
@@ -195,7 +200,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         here, shooting = self.here, self.here.shooting
         if not shooting.map.piecewise:
             return None
-        for distance in self.settings.corner_distances:
+        for distance in CORNER_DISTANCES:
             try:
                 linearised = shooting.linearise(here.solution.z + distance * here.solution.tangent)
                 along = oriented(solution_at(here.solution.z, linearised, null_direction(linearised)),
@@ -214,7 +219,7 @@ class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
         # linearised : derivative at a distance from the corner; where it belongs to neither piece, the one along the
         # other piece
         here, shooting, z = self.here, self.here.shooting, self.here.solution.z
-        settings = replace(shooting.settings, first_step=distance, smallest_step=self.settings.corner_step)
+        settings = replace(shooting.settings, first_step=distance, smallest_step=CORNER_STEP)
         for known in (linearised, None):
             try:
                 start = known or shooting.linearise(z + distance * along)
@@ -312,7 +317,7 @@ def _at(near: ContinuationPoint, value: float) -> Orbit | None:
     shooting, z, tangent = near.shooting, near.solution.z, near.solution.tangent
     row, size = np.zeros(len(z)), near.shooting.size
     row[size], away = 1.0, shooting.ranges[0].scaled(value) - float(z[size])
-    guess = z + (tangent * (away / near.slope) if abs(away) > DEFAULTS.same and near.slope else row * away)
+    guess = z + (tangent * (away / near.slope) if abs(away) > SAME and near.slope else row * away)
     guess[size] = shooting.ranges[0].scaled(value)
     corrected = corrector(shooting, guess, row)
     if corrected is None:

@@ -17,9 +17,17 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.multipliers import multipliers_of
 from tcc_sim.result import reported
 from tcc_sim.shown_units import key_unit
-from tcc_sim.study.continuation.bordered import MinimallyAugmented, cyclic, nearest_margins
+from tcc_sim.study.continuation.bordered import BORDER_HALVINGS, MinimallyAugmented, cyclic, nearest_margins
 from tcc_sim.study.continuation.bracket import Bracket, CurvePoint, chandrupatla
 from tcc_sim.study.continuation.problem import FAILURES, Floats, differ, kind_of_change
+
+CURVE_ROOT = 1e-9  # width of the bracket of a point of codimension two, relative to the step
+CURVE_SLOPE = 1e-2  # distance from it of the slope of its test, relative to the bracket
+RESOLVED = 3.0  # least value of a test on both sides, relative to its changes by steps of differences
+CURVE_EXACT = 1e-11  # least error of a point of codimension two, relative to the ranges
+SINGULAR_APART = 0.05  # least distance from a singular end of a curve in its extrapolation
+CURVE_JUMP = 1e-2  # part of the larger end value above which a test jumps
+BEND = 8e-3  # the same for second derivatives, relative to the length in which the Jacobian changes by one
 
 
 @dataclass(frozen=True, repr=False)
@@ -115,7 +123,7 @@ def _cubic(equations: MinimallyAugmented, u: Floats, q: Floats, p: Floats, longe
     """The normal form's coefficient of third order at a doubling times p . E q; its sign tells the stability."""
     # p . (C(q, q, q) + 3 B(q, h))/2 with L(1) h = -B(q, q) (Kuznetsov, Section 5.4.2); E q is the factor of mu in L.
     # The second difference needs all three Jacobians at u.
-    shooting, step = equations.shooting, (longer or 1.0) * equations.settings.bend / max(equations.bend, 1.0)
+    shooting, step = equations.shooting, (longer or 1.0) * BEND / max(equations.bend, 1.0)
     z, unit = u[:equations.unknowns], np.pad(q.ravel(), (0, equations.unknowns - q.size))
     blocks = shooting.linearise(z).blocks
 
@@ -149,7 +157,7 @@ def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -
     """The special point between two points at which a test has different signs: a root, or the narrowest bracket."""
     if a.equations is not b.equations:
         return midway(kind, a, b, False)
-    bracket, values, settings = Bracket(a, b, False), dict[float, float](), a.equations.settings
+    bracket, values = Bracket(a, b, False), dict[float, float]()
 
     def value(part: float) -> float:
         point = bracket.at(part)
@@ -159,16 +167,16 @@ def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -
         return values[part]
 
     try:
-        part = chandrupatla(value, 0.0, 1.0, settings.curve_root)
-        low, high = max(part - settings.curve_slope, 0.0), min(part + settings.curve_slope, 1.0)
+        part = chandrupatla(value, 0.0, 1.0, CURVE_ROOT)
+        low, high = max(part - CURVE_SLOPE, 0.0), min(part + CURVE_SLOPE, 1.0)
         slope, root = (value(high) - value(low)) / (high - low), bracket.at(part)
         assert root is not None
         _, noise, step = measured(root, test)
-        error = settings.resolved * (noise + abs(values[part])) / abs(slope) + settings.curve_root
-        if error < 1.0 and abs(values[part]) <= settings.curve_jump * max(abs(values[0.0]), abs(values[1.0])):
+        error = RESOLVED * (noise + abs(values[part])) / abs(slope) + CURVE_ROOT
+        if error < 1.0 and abs(values[part]) <= CURVE_JUMP * max(abs(values[0.0]), abs(values[1.0])):
             chord, tangent = b.solution.z - a.solution.z, root.solution.tangent
             along = np.abs(parameters(root, tangent)) * float(chord @ chord) / abs(float(chord @ tangent))
-            return Special.of(kind, root, error * along + settings.resolved * step + settings.curve_exact)
+            return Special.of(kind, root, error * along + RESOLVED * step + CURVE_EXACT)
     except (*FAILURES, KeyError):
         pass
     first = values.get(0.0, 0.0)
@@ -188,13 +196,13 @@ def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable
     beyond : the first point with a distance below 0, if there is one; else None is returned without four points
     """
     last = points[-1] if beyond is None else beyond
-    settings, alike = last.equations.settings, [s for s in points if s.equations is last.equations]
+    alike = [s for s in points if s.equations is last.equations]
     # Nearer to the end the equations are so close to singular that rounding changes the parameters.
-    apart = [s for s in alike if distance(s) > settings.singular_apart]
+    apart = [s for s in alike if distance(s) > SINGULAR_APART]
     nodes = (apart if len(apart) >= 4 else alike)[-4:]
     if beyond is not None:
         a = next((s for s in reversed(points) if s.equations is beyond.equations
-                  and distance(s) > settings.singular_apart), nodes[0] if nodes else points[-1])
+                  and distance(s) > SINGULAR_APART), nodes[0] if nodes else points[-1])
         bracket, start, nodes = Bracket(a, beyond, False), distance(a), [a]
         for part in (0.7, 0.45, 0.25) if a.equations is beyond.equations else ():
             located = bracket.locate(lambda s, at=part * start: distance(s) - at)  # type: ignore[misc]
@@ -209,11 +217,11 @@ def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable
     at: NDArray[np.floating[Any]] = at_end(x, 0)
     error: NDArray[np.floating[Any]] = np.abs(at - at_end(x, 1))
     even = at_end(x**2, 0)
-    if (np.abs(even - at) <= 10.0 * error + settings.curve_exact).all():
+    if (np.abs(even - at) <= 10.0 * error + CURVE_EXACT).all():
         at, error = even, np.abs(even - at_end(x**2, 1))
     z = last.solution.z.copy()
     parameters(last, z)[:] = at
-    error = error + settings.resolved * last.equations.rounding
+    error = error + RESOLVED * last.equations.rounding
     return Special.of(kind, last.moved(last.solution._replace(z=z)), error)
 
 
@@ -221,7 +229,7 @@ def midway(kind: str, a: AugmentedPoint, b: AugmentedPoint, is_located: bool) ->
     """The special point in the middle between two points; its error is half of their distance."""
     z, way = b.solution.z.copy(), parameters(b, b.solution.z) - parameters(a, a.solution.z)
     parameters(b, z)[:] -= 0.5 * way
-    error = 0.5 * np.abs(way) + b.equations.settings.curve_exact
+    error = 0.5 * np.abs(way) + CURVE_EXACT
     return Special.of(kind, b.moved(b.solution._replace(z=z)), error, is_located)
 
 
@@ -242,7 +250,7 @@ def change_of_events(a: AugmentedPoint, b: AugmentedPoint) -> Special:
     """The change of the event sequence between two points, by bisection."""
     equations = a.equations
     bracket, ends, parts = Bracket(a, b, False), [a, b], [0.0, 1.0]
-    for _ in range(equations.settings.border_halvings[0]):
+    for _ in range(BORDER_HALVINGS[0]):
         middle = 0.5 * (parts[0] + parts[1])
         point = bracket.at(middle)
         if point is None:

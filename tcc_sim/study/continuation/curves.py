@@ -13,9 +13,10 @@ import numpy as np
 
 from tcc_sim.result import Described, reported, reporting
 from tcc_sim.study.continuation.bordered import MinimallyAugmented
-from tcc_sim.study.continuation.bracket import CurvePoint, P, turned_round
+from tcc_sim.study.continuation.bracket import OPPOSITE, CurvePoint, P, turned_round
 from tcc_sim.study.continuation.codim2_points import (
     ENDING,
+    RESOLVED,
     AugmentedPoint,
     Special,
     change_of_events,
@@ -26,12 +27,18 @@ from tcc_sim.study.continuation.codim2_points import (
     special_point,
     values_of_tests,
 )
-from tcc_sim.study.continuation.follow import Continuation, End, StopReason
+from tcc_sim.study.continuation.follow import FLAT_STEP, Continuation, End, StopReason
 from tcc_sim.study.continuation.palc import corrector, null_direction, solution_at
 from tcc_sim.study.continuation.problem import FAILURES, Floats, ParameterMap, differ
 from tcc_sim.study.continuation.settings import DEFAULTS, Settings
 from tcc_sim.study.continuation.shooting import Linearised, ParameterRange
 from tcc_sim.study.continuation.special_points import Bifurcation
+
+# Distance between the halves of a fold's orbit at which a curve that ends has reached a generalised doubling, whose
+# parameters are then known to its square.
+HALVES_MET = 1e-2
+FINER_GROWTHS = (10.0, 3.0)  # growths over a segment of thorough cuts after failed steps
+MARGIN_STEP = 1e-6  # step of differences of a margin by the two parameters
 
 TRACED = ("fold", "period_doubling", "neimark_sacker")
 """Kinds that have a minimally augmented system."""
@@ -108,7 +115,7 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
         def test(point: AugmentedPoint, longer: float) -> float:
             return values_of_tests(point, longer)[name]
 
-        known, factor, before = self.signs[name], self.settings.resolved, 0.0
+        known, factor, before = self.signs[name], RESOLVED, 0.0
         value, noise, _ = measured(new, test)
         if not abs(value) > factor * noise:
             return []
@@ -132,7 +139,7 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
         last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
         if equations.doubled:
             halves = equations.between_halves(self.here.solution.z)
-            if turned_round(halves, equations.between_halves(new.solution.z), equations.settings.opposite):
+            if turned_round(halves, equations.between_halves(new.solution.z), OPPOSITE):
                 last = singular_end("generalised_doubling", self.points, self._apart(), new)
                 special = [*special, *([] if last is None else [last])]
         if last is None:
@@ -144,7 +151,7 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
         # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
         # doublings of the halves, so that the equations are singular.
         last = None
-        if self.here.equations.doubled and (apart := self._apart())(self.here) <= self.settings.halves_met:
+        if self.here.equations.doubled and (apart := self._apart())(self.here) <= HALVES_MET:
             last = singular_end("generalised_doubling", self.points, apart)
         return super().lost() if last is None else ([last], self.end(StopReason.SPECIAL, last.point, what=last.kind))
 
@@ -168,11 +175,11 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
         # but changes within 1e-5, and its error is the state's over that length. Curves pass cusps only in segments
         # over which disturbances grow by about 10.
         equations = self.here.equations
-        for growth in equations.settings.finer_growths:
+        for growth in FINER_GROWTHS:
             if growth <= equations.shooting.settings.growth and growth < self.cut_to:
                 self.cut_to = growth
                 if self._remesh(growth):
-                    self.length = self.settings.flat_step
+                    self.length = FLAT_STEP
                     return True
         return False
 
@@ -238,7 +245,7 @@ class Border:
         def at(p: Floats) -> float:
             return self.margin(self.ranges[0].value(float(p[0])), self.ranges[1].value(float(p[1])))
 
-        gradient, step = np.empty((1, 2)), self.settings.margin_step
+        gradient, step = np.empty((1, 2)), MARGIN_STEP
         for k, away in enumerate(step * np.eye(2)):
             try:
                 gradient[0, k] = (at(z + away) - at(z - away)) / (2.0 * step)

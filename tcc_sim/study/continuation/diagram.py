@@ -23,6 +23,15 @@ from tcc_sim.study.continuation.settings import DEFAULTS, Settings
 from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.study.continuation.special_points import Bifurcation, ContinuationPoint, point_at
 
+MERGED = 1e-5  # distance, relative to the range, at which two ends of branches are one doubling
+# Distances from a doubling at which its branch is tried; beside a canard, where the map bends within 1e-5, only the
+# smallest ones lie on it.
+AMPLITUDES = (3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6)
+ALIKE = 0.01  # difference of two amplitudes of one motion, relative to the largest of a sweep
+NEXT_TO_NOTHING = 1e-3  # part of a sweep's largest size below which its periodic motions are no measure
+OFF_CHORD = 0.3  # distance of a motion from the chord between two points, relative to its rise
+ON_CHORD = 1e-3  # the same where the chord does not rise
+
 SWEPT = Settings(max_points=200, largest_step=0.3)
 """Settings for pictures: steps of about a hundredth of their width, and bounded branches."""
 
@@ -109,7 +118,7 @@ class BranchPiece(NamedTuple):
         """Distance of a motion's amplitude from the piece; inf where too far for a largest amplitude of `size`."""
         low, high = self.a.orbit.seen.largest, self.b.orbit.seen.largest
         away = abs(low + self.part * (high - low) - seen.amplitude)
-        return away if away <= DEFAULTS.alike * size + DEFAULTS.off_chord * abs(high - low) else math.inf
+        return away if away <= ALIKE * size + OFF_CHORD * abs(high - low) else math.inf
 
 
 def pieces_at(branch: Branch, value: float) -> list[BranchPiece]:
@@ -150,7 +159,7 @@ def passes_through(branch: Branch, point: ContinuationPoint) -> bool:
     for piece in pieces_at(branch, point.value):
         chord = piece.b.orbit.section - piece.a.orbit.section
         away = np.abs((piece.a.orbit.section + piece.part * chord - sections) / of.scales).max(axis=1)
-        if away.min() <= DEFAULTS.on_chord + DEFAULTS.off_chord * np.abs(chord / of.scales).max():
+        if away.min() <= ON_CHORD + OFF_CHORD * np.abs(chord / of.scales).max():
             return True
     return False
 
@@ -159,7 +168,7 @@ def amplitude_of(seen: Sequence[SettledMotion]) -> float:
     """The largest size of the periodic motions of a sweep; of all motions where these are too small."""
     most = max((s.amplitude for s in seen), default=0.0)
     periodic = max((s.amplitude for s in seen if s.period), default=0.0)
-    return periodic if periodic > DEFAULTS.next_to_nothing * most else most
+    return periodic if periodic > NEXT_TO_NOTHING * most else most
 
 
 def point_of(of: ParameterMap, span: ParameterRange, seen: SettledMotion,
@@ -203,7 +212,7 @@ def doubled(bifurcation: Bifurcation) -> ContinuationPoint | None:
     start = shooting.unknowns(x, point.orbit.values)
     direction, row = np.zeros(len(start)), np.zeros(len(start))
     direction[:-1], row[:len(phi)] = directions.ravel(), phi
-    for amplitude in single.settings.amplitudes:
+    for amplitude in AMPLITUDES:
         for sign in (1.0, -1.0):
             got = corrector(shooting, start + sign * amplitude * direction, row)
             if got is None or not 0.0 <= got.z[-1] <= 1.0:
@@ -234,7 +243,7 @@ def switch(branches: list[Branch], depth: int, longest: int | None = None, most:
                     continue
                 if most is not None and len(branches) >= most:
                     continue
-                scaled, merged = bifurcation.point.shooting.ranges[0].scaled, bifurcation.point.shooting.settings.merged
+                scaled, merged = bifurcation.point.shooting.ranges[0].scaled, MERGED
                 if any(abs(scaled(bifurcation.value) - scaled(end.value)) < merged for b in branches
                        if b.period == 2 * parent.period for end in (b.points[0], b.points[-1])):
                     continue

@@ -23,15 +23,23 @@ from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers.engine import GRADIENT, GROWS, SCALES, VALUE
 from tcc_sim.solvers.event_driven.margins import ARRIVAL, GRAZING, STUCK
 from tcc_sim.solvers.stroboscopic import Prepared
-from tcc_sim.study.continuation.branch import Branch, BranchOrigin
+from tcc_sim.study.continuation.branch import FAMILY, Branch, BranchOrigin
 from tcc_sim.study.continuation.diagram import SettledMotion, passes_through, point_of
 from tcc_sim.study.continuation.newton import find_orbit
 from tcc_sim.study.continuation.problem import FAILURES, Floats, Image, Margin, Margins, Observation, Values
-from tcc_sim.study.continuation.settings import DEFAULTS
 from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.study.continuation.special_points import ContinuationPoint
 from tcc_sim.sweeps.steady_state import settled_from_start
 from tcc_sim.trajectory import Cycles
+
+# A step of the map leaves some 1e-13, and its derivatives are good to 2e-7.
+SOLVER_TOLERANCE = 1e-12  # relative tolerance of the map
+COARSE_TOLERANCE = 1e-9  # the same for the first step of a corrector that has far to go
+STICKING = 1e-12  # slip speed, rad/s, below which the set-valued law sticks
+SETTLING = 4800  # engine cycles after which a motion that does not repeat is aperiodic
+SETTLING_ELSEWHERE = 300  # the same at other values of the range
+GUESSES = 8  # section points from which a first orbit is tried
+ELSEWHERE = 9  # values of the range at which a motion is tried where the scene's own does not settle
 
 
 class DrivelineMap:
@@ -45,7 +53,7 @@ class DrivelineMap:
 
     dimension, scales, amplitude_scale, divisible = 3, SCALES, 10.0, True
 
-    def __init__(self, system: System, keys: Sequence[str], tolerance: float = DEFAULTS.solver_tolerance) -> None:
+    def __init__(self, system: System, keys: Sequence[str], tolerance: float = SOLVER_TOLERANCE) -> None:
         system.check_repeats("a map of the section")
         for key in keys:
             _check_key(system, key, keys)
@@ -65,7 +73,7 @@ class DrivelineMap:
     @cached_property
     def coarse(self) -> DrivelineMap:
         """The map at the tolerance of guesses."""
-        return DrivelineMap(self.system, self.keys, DEFAULTS.coarse_tolerance)
+        return DrivelineMap(self.system, self.keys, COARSE_TOLERANCE)
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""
@@ -120,7 +128,7 @@ class DrivelineMap:
 
     def _settled(self, x: Floats) -> Floats:
         """`x`, where the set-valued law sets a slip speed of rounding to 0."""
-        if self.piecewise and abs(x[0]) < DEFAULTS.stuck:
+        if self.piecewise and abs(x[0]) < STICKING:
             x = x.copy()
             x[0] = 0.0
         return x
@@ -175,7 +183,7 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
         None was found; the message names a value of the range at which motions settle.
     """
     base = map_.forcing_period
-    cycles, summary = map_.settled((value,), DEFAULTS.settling)
+    cycles, summary = map_.settled((value,), SETTLING)
     starts = range(len(cycles.section) - 1 - (len(cycles.section) - 1) % base, len(cycles.section) // 2, -base)
     wanted = [period] if period is not None else [summary] if summary else [base * k for k in (1, 2, 3, 4)]
     for count in [] if slip_grows(cycles) else wanted:
@@ -184,7 +192,7 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
         # The section points that return closest, nearest first, and their mean.
         kept = [k for k in starts if k >= count]
         away = [float(np.abs((cycles.section[k] - cycles.section[k - count]) / map_.scales).max()) for k in kept]
-        guesses = [cycles.section[kept[i] - count] for i in np.argsort(away, kind="stable")[:DEFAULTS.guesses]]
+        guesses = [cycles.section[kept[i] - count] for i in np.argsort(away, kind="stable")[:GUESSES]]
         guesses.append(np.mean(guesses, axis=0))
         known = []  # An orbit of the shortest period, which the search for a longer one deflates.
         if count != base:
@@ -205,20 +213,20 @@ def _no_motion(map_: DrivelineMap, span: ParameterRange, value: float, cycles: C
         why = f"slip grows without end at {span.name} = {value:.9g}: {runaway_cause(map_.system_at((value,)))}"
     else:
         named = f"of period {period}" if period is not None else f"up to period {wanted[-1]}"
-        why = (f"no motion {named} was found near the settled one, from the {DEFAULTS.guesses} of its section points "
+        why = (f"no motion {named} was found near the settled one, from the {GUESSES} of its section points "
                "that come back closest")
-    for other in sorted(np.linspace(span.low, span.high, DEFAULTS.elsewhere).tolist(), key=lambda x: abs(x - value)):
+    for other in sorted(np.linspace(span.low, span.high, ELSEWHERE).tolist(), key=lambda x: abs(x - value)):
         try:
-            settled, summary = map_.settled((other,), DEFAULTS.settling_elsewhere)
+            settled, summary = map_.settled((other,), SETTLING_ELSEWHERE)
         except FAILURES:
             continue
         if summary and (period is None or summary == period):
             return f"{why}; begin at --set {span.name}={other:.9g}, where the motion settles in period {summary}"
         away &= slip_grows(settled)
     if away:
-        return (f"{why}; it grows at {DEFAULTS.elsewhere} values of the range too: give another pressure.mean or "
+        return (f"{why}; it grows at {ELSEWHERE} values of the range too: give another pressure.mean or "
                 "engine.mean_torque")
-    return (f"{why}; nor does it settle in a period at {DEFAULTS.elsewhere} values of the range: begin with another "
+    return (f"{why}; nor does it settle in a period at {ELSEWHERE} values of the range: begin with another "
             "--period, or with --seeds of basins")
 
 
@@ -282,7 +290,7 @@ def seeds_in(document: Mapping[str, Any], system: System, over: str, low: float,
 def refuse_family(first: ContinuationPoint, system: System) -> None:
     """Raise InputError for a motion of a family in pure slip."""
     events = first.orbit.seen.events
-    if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < DEFAULTS.family:
+    if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < FAMILY:
         raise InputError("the settled motion is pure slip, with friction that does not depend on slip speed and "
                          f"carries the mean engine torque exactly ({system.engine.mean_torque:g} N m): a family of "
                          "motions with a multiplier of exactly 1, through which no single branch leads")

@@ -18,6 +18,7 @@ import numpy as np
 from tcc_sim.result import KEY_UNITS
 from tcc_sim.shown_units import key_unit
 from tcc_sim.study.continuation.bracket import Bracket, P
+from tcc_sim.study.continuation.newton import SAME
 from tcc_sim.study.continuation.palc import (
     FLAT,
     Equations,
@@ -32,6 +33,22 @@ from tcc_sim.study.continuation.palc import (
 )
 from tcc_sim.study.continuation.problem import FAILURES, Floats
 from tcc_sim.study.continuation.settings import Settings
+
+MISSED = 1e-8  # error of a predictor above which the next corrector begins with a coarse step
+GROWN = 10.0  # growth of a residual by the last step above which it has left the curve
+NOTHING = 1e-12  # least residual in that comparison
+CONTRACTION = 0.15  # second step over first step that is aimed at: four steps then reach rounding
+FLAT_STEP = 1e-3  # first step without the amplitudes among the coordinates of the arclength
+WANTED = 2e-3  # distance between predictor and corrector that is aimed at
+FARTHEST = 0.3  # the largest one, relative to the step
+SHORTER = 0.5  # least factor of the step
+LONGER = 2.0  # largest factor of the step
+LONGER_AFTER_REFUSED = 1.2  # the same after a longer step has failed
+TURN = 0.9  # least cosine between neighbouring tangents
+BRANCHING = 1e-4  # longest step in which the determinant may change its sign
+NODES = 3  # points before the last one that the predictor uses
+PASSING = 0.2  # distance from the first point, relative to the step, of a chord that may close a branch
+PASSED = 0.02  # the same of a point on the branch that closes it
 
 
 class StopReason(Enum):
@@ -174,7 +191,7 @@ class Continuation(Generic[P, S]):
             if not by_amplitude:
                 if not len(self.here.solution.linearised.amplitudes):
                     return None
-                self.length = min(self.settings.flat_step, self.longest)
+                self.length = min(FLAT_STEP, self.longest)
             try:
                 moved = self.step(by_amplitude)
                 if moved is not None:
@@ -195,39 +212,39 @@ class Continuation(Generic[P, S]):
         used = by_amplitude and len(here.linearised.amplitudes) > 0
         slopes = here.linearised.amplitude_gradient @ here.tangent if used else FLAT[0]
         reach = float(np.sqrt(1.0 + slopes @ slopes))
-        known, most = predictor_nodes(here, self.before, slopes, settings.nodes), settings.longer
+        known, most = predictor_nodes(here, self.before, slopes, NODES), LONGER
         while self.length >= settings.smallest_step:
             ahead = predictor(known, self.length * reach)
             guess = here.z + ahead[:len(here.z)]
             amplitudes = here.linearised.amplitudes[:len(slopes)] + ahead[len(here.z):]
             self.tried += 1
             corrected = corrector(equations, guess, here.tangent, (slopes, amplitudes),
-                                  farthest=settings.farthest * self.length, first=self.first_equations)
+                                  farthest=FARTHEST * self.length, first=self.first_equations)
             if corrected is not None:
                 along = float(corrected.tangent @ here.tangent + corrected.slopes @ slopes)
                 new = solution_at(corrected.z, corrected.linearised, corrected.tangent if along > 0.0
                                   else -corrected.tangent)
                 if over_border(here, new):
                     new = oriented(new, here.sign)
-                turned = abs(along) < settings.turn * reach * float(np.sqrt(1.0 + corrected.slopes @ corrected.slopes))
-                jumped = new.sign != here.sign and self.length > settings.branching
-                astray = cosine_between(here, new, len(slopes) > 0) < settings.turn
-                if corrected.distance <= settings.farthest * self.length and not (turned or jumped or astray
+                turned = abs(along) < TURN * reach * float(np.sqrt(1.0 + corrected.slopes @ corrected.slopes))
+                jumped = new.sign != here.sign and self.length > BRANCHING
+                astray = cosine_between(here, new, len(slopes) > 0) < TURN
+                if corrected.distance <= FARTHEST * self.length and not (turned or jumped or astray
                                                                                   or self.astray_beyond(new)):
                     # The corrector's distance grows as the third power of the length.
-                    ways = corrected.distance / settings.wanted, corrected.contraction / settings.contraction
+                    ways = corrected.distance / WANTED, corrected.contraction / CONTRACTION
                     factor = float(max(*ways, 1e-9) ** (-1.0 / 3.0))
-                    self.length = min(self.length * min(max(factor, settings.shorter), most), settings.largest_step)
+                    self.length = min(self.length * min(max(factor, SHORTER), most), settings.largest_step)
                     self.missed = corrected.distance
                     return new
-            self.length *= settings.shorter
-            most, known = settings.longer_after_refused, known[:max(len(known) - 2, 2)]
+            self.length *= SHORTER
+            most, known = LONGER_AFTER_REFUSED, known[:max(len(known) - 2, 2)]
         return None
 
     @property
     def first_equations(self) -> Equations | None:
         """Cheaper equations for the first step of the corrector where the predictor is far off."""
-        return self.here.equations.coarse if self.missed > self.settings.missed else None
+        return self.here.equations.coarse if self.missed > MISSED else None
 
     def astray_beyond(self, new: Solution) -> bool:
         """Whether a step over a change of the event sequence has not reached a solution."""
@@ -239,7 +256,7 @@ class Continuation(Generic[P, S]):
             left = float(np.abs(self.here.equations.linearise(new.z).residual).max())
         except FAILURES:
             return True
-        return left > self.settings.grown * max(float(np.abs(new.linearised.residual).max()), self.settings.nothing)
+        return left > GROWN * max(float(np.abs(new.linearised.residual).max()), NOTHING)
 
     def at_a_bound(self) -> tuple[P, int] | None:
         """The point on a bound that the next step would pass, and the parameter's number; None where it passes none.
@@ -257,18 +274,18 @@ class Continuation(Generic[P, S]):
                     return here, number
                 row = np.zeros(len(solution.z))
                 row[k] = 1.0
-                nodes, way = predictor_nodes(solution, self.before, FLAT[0], settings.nodes), room / slope
+                nodes, way = predictor_nodes(solution, self.before, FLAT[0], NODES), room / slope
                 for _ in range(2):
                     way += (room - float(predictor(nodes, way)[k])) / slope
                 guess = solution.z + predictor(nodes, way)
                 guess[k] = bound
-                farthest = settings.farthest * self.length
+                farthest = FARTHEST * self.length
                 corrected = corrector(here.equations, guess, row, farthest=farthest, first=self.first_equations)
                 if corrected is not None and corrected.distance <= farthest:
                     new = corrected.facing(solution.tangent)
-                    if float(new.tangent @ solution.tangent) > settings.turn and new.sign == solution.sign:
+                    if float(new.tangent @ solution.tangent) > TURN and new.sign == solution.sign:
                         return here.moved(new), number
-                self.length *= settings.shorter
+                self.length *= SHORTER
         return None
 
     def passes_start(self, new: P) -> bool:
@@ -279,11 +296,11 @@ class Continuation(Generic[P, S]):
             ahead, behind = float(tangent @ (q - z)), float(tangent @ (p - z))
             part = -behind / max(ahead - behind, 1e-300)
             if not (behind < 0.0 <= ahead and float((q - p) @ tangent) > 0.0) or not (
-                    np.linalg.norm(p + part * (q - p) - z) <= self.settings.passing * length):
+                    np.linalg.norm(p + part * (q - p) - z) <= PASSING * length):
                 continue
             middle = Bracket(self.here, new).at(part)
             if middle is not None and np.linalg.norm(middle.equations.outer(middle.solution.z) - z) <= max(
-                    self.settings.passed * length, self.settings.same):
+                    PASSED * length, SAME):
                 return True
         return False
 
@@ -316,7 +333,7 @@ class Continuation(Generic[P, S]):
 
     def went_on(self, before: P, corner: bool) -> None:
         """Update the predictor for a new last point; `corner`: the curve is not smooth between it and `before`."""
-        self.before = [] if corner else [*self.before[1 - self.settings.nodes:], before.solution]
+        self.before = [] if corner else [*self.before[1 - NODES:], before.solution]
 
     def cut_anew(self) -> bool:
         """Cut the orbit into other segments where no step succeeds; return whether there are any."""

@@ -14,10 +14,13 @@ import numpy as np
 
 from tcc_sim.result import reported
 from tcc_sim.study.continuation.branch import Branch
-from tcc_sim.study.continuation.diagram import SettledMotion, amplitude_of, doubled, pieces_at, place_of
+from tcc_sim.study.continuation.diagram import ALIKE, MERGED, SettledMotion, amplitude_of, doubled, pieces_at, place_of
 from tcc_sim.study.continuation.follow import StopReason
-from tcc_sim.study.continuation.settings import DEFAULTS
 from tcc_sim.study.continuation.special_points import Bifurcation, ContinuationPoint
+
+NEAR_END = 0.05  # distance of a bifurcation from a loss of stability, parts of range and largest size
+SAME_SEGMENT = 1e-3  # relative difference of the largest sizes of one stable segment
+NARROWEST = 1e-3  # least width of a segment, relative to the range: canards have many narrower ones
 
 BASIN, STEEP, APERIODIC, NOT_FOLLOWED = "basin_boundary", "steep", "aperiodic", "not_followed"
 """Causes that are no bifurcation of a branch: a motion goes on, and the start enters another basin; one motion that
@@ -79,13 +82,13 @@ def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: f
             values, amplitudes = [s.value / unit for s in part], [s.orbit.seen.largest for s in part]
             if values[-1] < values[0]:
                 values, amplitudes, ends = values[::-1], amplitudes[::-1], ends[::-1]
-            if values[-1] - values[0] > DEFAULTS.narrowest * (high - low) / unit:
+            if values[-1] - values[0] > NARROWEST * (high - low) / unit:
                 out.append(StableSegment(branch.period, ends[0], ends[1], tuple(values), tuple(amplitudes), number))
     kept: list[StableSegment] = []  # Those that are not part of another one.
     for segment in sorted(out, key=lambda s: s.low.value - s.high.value):
         middle = 0.5 * (segment.low.value + segment.high.value)
         amplitude = segment.amplitude(middle)
-        near = DEFAULTS.same_segment * amplitude
+        near = SAME_SEGMENT * amplitude
         if not any(s.period == segment.period and abs(s.amplitude(middle) - amplitude) <= near for s in kept):
             kept.append(segment)
     return sorted(kept, key=lambda s: (s.low.value, s.period))
@@ -116,7 +119,7 @@ def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, sp
     last = point + beyond if inner else point
     if bifurcation is None and last in (0, len(branch.points) - 1):
         # Where doubled motions end a multiplier is 1 to rounding, so the point may count as stable or not.
-        end, near = branch.ended[min(last, 1)], at.shooting.settings.merged * width
+        end, near = branch.ended[min(last, 1)], MERGED * width
         begun = next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
                       if f.kind == "period_doubling" and abs(f.value - end.value) <= near), None)
         if begun is not None and end.reason in (StopReason.BEGAN, StopReason.DOUBLING):
@@ -137,7 +140,7 @@ def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float,
     """The number of the segment of a motion of a sweep, by its period and largest size; None where there is none."""
     away = {k: abs(s.amplitude(seen.value) - seen.amplitude) for k, s in enumerate(among)
             if seen.has_period(s.period, base)}
-    near = {k: a for k, a in away.items() if a <= 2.0 * DEFAULTS.alike * size}
+    near = {k: a for k, a in away.items() if a <= 2.0 * ALIKE * size}
     return min(near, key=lambda k: near[k]) if near else None
 
 
@@ -249,7 +252,7 @@ def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -
                 + _beyond(bifurcation.point.orbit.seen.largest, amplitudes) / max(size, 1e-300))
 
     best = min(branch.bifurcations, key=away, default=None)
-    return best if best is not None and away(best) <= DEFAULTS.near_end else None
+    return best if best is not None and away(best) <= NEAR_END else None
 
 
 def _beyond(x: float, among: Sequence[float]) -> float:

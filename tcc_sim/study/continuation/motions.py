@@ -18,10 +18,12 @@ from tcc_sim.study.continuation.curves import KINDS, BifurcationCurve, bifurcati
 from tcc_sim.study.continuation.diagram import switch
 from tcc_sim.study.continuation.driveline import DrivelineMap, Seed, refuse_family, seeded, start_orbit
 from tcc_sim.study.continuation.newton import OrbitFigures
-from tcc_sim.study.continuation.settings import DEFAULTS
 from tcc_sim.study.continuation.shooting import ParameterRange
 from tcc_sim.study.continuation.special_points import Bifurcation, ContinuationPoint
 from tcc_sim.sweeps.progress import point_bar
+
+LONGEST_START = 16  # longest first period that may be asked for, engine cycles
+DEEPEST_SWITCH = 8  # most generations of doubled branches that may be asked for
 
 
 @dataclass(frozen=True)
@@ -65,11 +67,11 @@ class ContinuationPlan:
     def __post_init__(self) -> None:
         if not self.low < self.high:
             raise InputError(f"--over has a range from {self.low:g} to {self.high:g}; the two must differ")
-        if self.period is not None and not 1 <= self.period <= DEFAULTS.longest_start:
-            raise InputError(f"--period is {self.period}; it must be 1 to {DEFAULTS.longest_start} periods of "
+        if self.period is not None and not 1 <= self.period <= LONGEST_START:
+            raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_START} periods of "
                              "excitation")
-        if not 0 <= self.switch <= DEFAULTS.deepest_switch:
-            raise InputError(f"--switch is {self.switch}; it must be 0 to {DEFAULTS.deepest_switch}")
+        if not 0 <= self.switch <= DEEPEST_SWITCH:
+            raise InputError(f"--switch is {self.switch}; it must be 0 to {DEEPEST_SWITCH}")
         for seed in self.seeds:
             if not self.low <= seed.value <= self.high:
                 raise InputError(f"a seed is at {self.over} = {seed.value:g}; it must be within the range of --over, "

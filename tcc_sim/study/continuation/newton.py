@@ -17,8 +17,17 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.multipliers import multipliers_of
 from tcc_sim.result import Described, reported
 from tcc_sim.study.continuation.problem import FAILURES, Floats, Observation, ParameterMap, Values
-from tcc_sim.study.continuation.settings import DEFAULTS
 from tcc_sim.study.continuation.shooting import Linearised, Shooting
+
+NEWTON_TOLERANCE = 1e-10  # last step of an orbit
+NEWTON_ITERATIONS = 25  # most steps
+NEWTON_ROUNDING = 1e-12  # residual below which no further step helps
+NEWTON_STEP = 2.0  # longest step; a longer one is scaled to it
+# Parts of a step that are tried in order until the residual falls or the event sequence is unchanged.
+NEWTON_PARTS = (1.0, 0.5, 0.25, 0.1, 0.03)
+SINGULAR = 1e-12  # singular value, relative to the largest one, below which a Jacobian is singular
+SAME = 1e-6  # distance below which two orbits are the same
+NEUTRAL = 1e-9  # distance from the unit circle that may be rounding: neither stable nor a change of sign
 
 
 @dataclass(frozen=True)
@@ -72,7 +81,7 @@ class Orbit:
     @property
     def stable(self) -> bool:
         """Whether every multiplier lies inside the unit circle by more than rounding."""
-        return bool(abs(self.multipliers[0]) < 1.0 - DEFAULTS.neutral)
+        return bool(abs(self.multipliers[0]) < 1.0 - NEUTRAL)
 
     @property
     def state(self) -> OrbitState:
@@ -101,8 +110,8 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
     z, size, settings = z.copy(), shooting.size, shooting.settings
     try:
         linearised = shooting.linearise(z)
-        for _ in range(settings.newton_iterations):
-            step = _newton_step(linearised.jacobian[:, :size], linearised.residual, settings.singular)
+        for _ in range(NEWTON_ITERATIONS):
+            step = _newton_step(linearised.jacobian[:, :size], linearised.residual, SINGULAR)
             turn = sum(_slope(z[:size] - k[:size], step) for k in known)
             if turn:
                 step = step / (1.0 - turn)
@@ -110,12 +119,12 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
             if not np.isfinite(length):
                 return None
             left = float(np.abs(linearised.residual).max())
-            if left < settings.newton_rounding or (length < settings.newton_tolerance and left <= settings.residual):
+            if left < NEWTON_ROUNDING or (length < NEWTON_TOLERANCE and left <= settings.residual):
                 z[:size] += step
-                return z if all(np.abs(z[:size] - k[:size]).max() > settings.same for k in known) else None
-            step *= min(1.0, settings.newton_step / length)
+                return z if all(np.abs(z[:size] - k[:size]).max() > SAME for k in known) else None
+            step *= min(1.0, NEWTON_STEP / length)
             before = _weight(z, known, size) * float(np.linalg.norm(linearised.residual))
-            for part in settings.newton_parts:
+            for part in NEWTON_PARTS:
                 trial = z.copy()
                 trial[:size] += part * step
                 try:
@@ -160,7 +169,7 @@ def shifts(of: ParameterMap, x: Floats, values: Values, period: int) -> list[Flo
     return points
 
 
-def minimal_period(of: ParameterMap, x: Floats, values: Values, period: int, same: float = DEFAULTS.same) -> int:
+def minimal_period(of: ParameterMap, x: Floats, values: Values, period: int, same: float = SAME) -> int:
     """The smallest number of cycles after which an orbit of `period` cycles repeats, to `same` natural sizes."""
     points = shifts(of, x, values, period)
     for k in range(1, len(points)):

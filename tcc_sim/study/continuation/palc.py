@@ -19,6 +19,11 @@ from tcc_sim.study.continuation.problem import FAILURES, Floats
 from tcc_sim.study.continuation.settings import Settings
 from tcc_sim.study.continuation.shooting import Linearised, ParameterRange
 
+CORRECT_ITERATIONS = 8  # most steps
+CORRECT_STEP = 10.0  # step above which the corrector fails
+SQUARED = 1e-5  # step below which the error is its square, so that the residual before it decides too
+SLOWEST = 0.7  # share of the last step above which the corrector fails: a shorter predictor costs less
+
 
 class Equations(Protocol):
     """d equations in d + 1 scaled unknowns; below a residual of `rounding` no Newton step helps."""
@@ -99,7 +104,7 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
     sides[-1, 1] = 1.0
     now, short = first or equations, 1.0
-    for _ in range(settings.correct_iterations):
+    for _ in range(CORRECT_ITERATIONS):
         try:
             linearised = now.linearise(z)
             matrix[:-1], matrix[-1] = linearised.jacobian, row
@@ -116,17 +121,17 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
             return None
         step = solved[:, 0]
         length, left = (float(np.maximum.reduce(np.abs(x))) for x in (step, linearised.residual))
-        if not length < min(farthest, settings.correct_step):
+        if not length < min(farthest, CORRECT_STEP):
             return None
         z = z + step
         if now is equations and ((length <= settings.correct_tolerance and left <= settings.residual) or (
-                length <= settings.squared and left <= equations.rounding)):
+                length <= SQUARED and left <= equations.rounding)):
             tangent: Floats = np.ascontiguousarray(solved[:, 1])
             tangent = tangent / math.sqrt(tangent @ tangent)
             slopes = linearised.amplitude_gradient @ tangent if by_amplitude else weights
             way = z - guess
             return Corrected(z, linearised, tangent, float(np.hypot(math.sqrt(way @ way), away)), slopes, contraction)
-        if length > (settings.slowest if length > settings.squared else short) * last:
+        if length > (SLOWEST if length > SQUARED else short) * last:
             return None
         contraction = contraction or (length / last if last < np.inf else 0.0)
         # The step after one by the first equations corrects their error, so it may be longer.

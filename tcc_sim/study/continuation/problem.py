@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import OutOfRange
-from tcc_sim.study.continuation.settings import DEFAULTS
+
+REPEATS = 8  # most changes of one kind at once (a symmetric motion has pairs of them)
 
 Floats = NDArray[np.float64]
 Values = tuple[float, ...]
@@ -142,7 +143,7 @@ RULES: dict[str, tuple[tuple[str, str], ...]] = {
 def _reduced(longer: str, rules: tuple[tuple[str, str], ...], shorter: str) -> bool:
     """Whether replacing parts of the ring `longer`, once or more, gives the ring `shorter`."""
     texts = {longer}
-    for _ in range(DEFAULTS.repeats):
+    for _ in range(REPEATS):
         texts = {new for text in texts for pattern, by in rules for new in _replaced(text, pattern, by)}
         if shorter in texts:
             return True

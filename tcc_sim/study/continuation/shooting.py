@@ -21,6 +21,9 @@ from tcc_sim.errors import InputError
 from tcc_sim.study.continuation.problem import UNSEEN, Floats, Image, Observation, ParameterMap, Values
 from tcc_sim.study.continuation.settings import DEFAULTS, Settings
 
+PARTS = 16  # parts of a cycle, or of a part of it, over which growth is measured
+FINEST = 1.0 / PARTS**3  # shortest part of a segment, cycles
+
 
 @dataclass(frozen=True)
 class ParameterRange:
@@ -186,11 +189,11 @@ class Shooting:
     def _pieces(self, x: Floats, values: Values, first: float,
                 length: float) -> tuple[list[tuple[float, Floats, Floats]], Floats]:
         """Length, start and scaled derivative of pieces with bounded growth, and the end of the last one."""
-        scales, parts = self.map.scales, self.settings.parts
+        scales, parts = self.map.scales, PARTS
         whole: Image = self.map.evaluate(x, values, first if self.map.divisible else round(first),
                                          length if self.map.divisible else round(length))
         block = whole.jacobian * scales / scales[:, None]
-        if not self.map.divisible or length <= 1.5 * self.settings.finest:
+        if not self.map.divisible or length <= 1.5 * FINEST:
             return [(length, x, block)], whole.value
         steady = not self.settings.thorough or len(whole.seen.events) < 2
         if length <= 1.0 / parts and steady and float(np.abs(block).max()) < self.settings.growth**0.5:

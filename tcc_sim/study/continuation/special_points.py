@@ -18,17 +18,25 @@ from numpy.typing import NDArray
 
 from tcc_sim.result import Described, reported, reporting
 from tcc_sim.study.continuation.bordered import (
+    BORDER_HALVINGS,
     BranchPoint,
     MinimallyAugmented,
     VanishingMargin,
     nearest_margins,
 )
-from tcc_sim.study.continuation.bracket import Bracket, CurvePoint, turned_round
-from tcc_sim.study.continuation.newton import Orbit, OrbitState, orbit_at
+from tcc_sim.study.continuation.bracket import OPPOSITE, Bracket, CurvePoint, turned_round
+from tcc_sim.study.continuation.newton import NEUTRAL, SAME, Orbit, OrbitState, orbit_at
 from tcc_sim.study.continuation.palc import Solution, solution_at, tangent_of
 from tcc_sim.study.continuation.problem import FAILURES, MARGINS, Margins, differ, kind_of_change, margin_residual, ring
-from tcc_sim.study.continuation.settings import DEFAULTS
 from tcc_sim.study.continuation.shooting import Shooting
+
+SPURIOUS = 1e-2  # residual above which a change of sign is rounding
+COMPLEX_PAIR = 1e-6  # argument, rad, above which a pair of multipliers is complex
+BRANCH_POINT_REACH = 1e-2  # largest distance of a branch point from where Newton's method begins
+BRANCH_POINT_DEFECT = 1e-6  # largest defect of its equations
+HALVES_REACH = 0.1  # largest distance of the doubling from the orbit whose halves are alike
+MOST_BORDERS = 6  # most changes in one step
+BORDER_ASTRAY = 10.0  # distance, in lengths of the bracket, beyond which another border has been found
 
 SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
 """Kinds without a change of the event sequence."""
@@ -112,7 +120,7 @@ def torus(m: NDArray[np.complex128]) -> float:
 
 def _opposite(one: float, two: float, factors: Iterable[float]) -> bool:
     """Whether a test function, the product of `factors`, has changed its sign by more than rounding of one factor."""
-    return one * two < 0.0 and max(abs(one), abs(two)) > DEFAULTS.neutral * math.prod(factors)
+    return one * two < 0.0 and max(abs(one), abs(two)) > NEUTRAL * math.prod(factors)
 
 
 def smooth_bifurcations(bracket: Bracket[ContinuationPoint]) -> list[Bifurcation]:
@@ -137,7 +145,7 @@ def smooth_bifurcations(bracket: Bracket[ContinuationPoint]) -> list[Bifurcation
         if point is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(point))):
             continue
         left = max(residual(point), point.orbit.residual)
-        if left < a.shooting.settings.spurious:
+        if left < SPURIOUS:
             out.append(Bifurcation(kind, point, left))
     along = b.solution.z - a.solution.z
     return sorted(out, key=lambda f: float(along @ f.point.solution.z))
@@ -145,11 +153,11 @@ def smooth_bifurcations(bracket: Bracket[ContinuationPoint]) -> list[Bifurcation
 
 def branch_point(near: ContinuationPoint) -> ContinuationPoint | None:
     """The point where two branches cross; None where there is none."""
-    shooting, settings = near.shooting, near.shooting.settings
+    shooting = near.shooting
     try:
         system = BranchPoint(shooting, near.solution.z)
-        solved = system.solved(system.start, settings.branch_point_reach)
-        if solved is None or abs(solved[0][-1]) > settings.branch_point_defect:
+        solved = system.solved(system.start, BRANCH_POINT_REACH)
+        if solved is None or abs(solved[0][-1]) > BRANCH_POINT_DEFECT:
             return None
         z = solved[0][:-1]
         return point_at(shooting, solution_at(z, shooting.linearise(z), near.solution.tangent))
@@ -159,9 +167,8 @@ def branch_point(near: ContinuationPoint) -> ContinuationPoint | None:
 
 def _from_circle(point: ContinuationPoint) -> float:
     """Distance of the nearest complex pair from the unit circle; inf where there is none (a neutral saddle)."""
-    settings = point.shooting.settings
-    pairs = [abs(abs(x) ** 2 - 1.0) for x in point.orbit.multipliers if abs(np.angle(x)) > settings.complex_pair
-             and abs(np.angle(x)) < np.pi - settings.complex_pair]
+    pairs = [abs(abs(x) ** 2 - 1.0) for x in point.orbit.multipliers if abs(np.angle(x)) > COMPLEX_PAIR
+             and abs(np.angle(x)) < np.pi - COMPLEX_PAIR]
     return float(min(pairs, default=np.inf))
 
 
@@ -172,9 +179,9 @@ def sliding_bifurcation(
     None in place of the bifurcation where friction is not the cause (the pressure reaches 0), or no margin vanishes.
     """
     low, high = 0.0, 1.0
-    left, right, settings = bracket.a, bracket.b, bracket.a.shooting.settings
+    left, right = bracket.a, bracket.b
     best: tuple[ContinuationPoint, ContinuationPoint, Bifurcation] | None = None
-    for count in settings.border_halvings:
+    for count in BORDER_HALVINGS:
         if not count:
             left, right = bracket.a, bracket.b
         for _ in range(count):
@@ -206,7 +213,7 @@ def sliding_bifurcation(
             best = left, right, Bifurcation(kind, at, residual)
     assert best is not None
     # Slip that begins at phase 0 to rounding changes the sequence too, but no margin vanishes there.
-    return best if best[2].residual < settings.spurious else (best[0], best[1], None)
+    return best if best[2].residual < SPURIOUS else (best[0], best[1], None)
 
 
 def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
@@ -220,7 +227,7 @@ def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
     start, _ = min(sides, key=lambda side: (len(ring(side[0].orbit.seen.events)), abs(side[1].value)))
     shooting, size = start.shooting, start.shooting.size
     apart = max(float(np.linalg.norm(right.solution.z - left.solution.z)), 1e-9)
-    solved = VanishingMargin(shooting, kind).solved(start.solution.z, shooting.settings.border_astray * apart)
+    solved = VanishingMargin(shooting, kind).solved(start.solution.z, BORDER_ASTRAY * apart)
     if solved is None:
         return None
     z, linearised, error = solved
@@ -235,9 +242,9 @@ def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[B
     if not (a.shooting.map.piecewise and differ(a.orbit.seen.events, b.orbit.seen.events)):
         return smooth_bifurcations(bracket)
     out: list[Bifurcation] = []
-    for _ in range(a.shooting.settings.most_borders):
+    for _ in range(MOST_BORDERS):
         left, right, points = sliding_bifurcation(bracket)
-        if float(np.linalg.norm(right.solution.z - left.solution.z)) > a.shooting.settings.same:
+        if float(np.linalg.norm(right.solution.z - left.solution.z)) > SAME:
             return None
         out += smooth_bifurcations(Bracket(bracket.a, left, b.by_amplitude))
         if points is not None:
@@ -259,13 +266,13 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
             continue
         one, two = ((of.evaluate(p.orbit.section, p.orbit.values, 0, shorter).value - p.orbit.section) / of.scales
                     for p in (here, new))
-        if turned_round(one, two, shooting.settings.opposite):
+        if turned_round(one, two, OPPOSITE):
             simple = Shooting.single(of, shorter, *shooting.ranges, settings=shooting.settings)
             near = simple.unknowns((here.orbit.section + 0.5 * one * of.scales)[None], here.orbit.values)
             whole = Shooting.single(of, period, *shooting.ranges, settings=shooting.settings)
             try:
                 solved = MinimallyAugmented("period_doubling", simple, near).solved(near)
-                if solved is None or not np.abs(solved[0] - near).max() < shooting.settings.halves_reach:
+                if solved is None or not np.abs(solved[0] - near).max() < HALVES_REACH:
                     return here
                 linearised = whole.linearise(solved[0])
             except FAILURES:

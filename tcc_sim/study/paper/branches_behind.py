@@ -27,11 +27,11 @@ from tcc_sim.study.basins.compute import halton
 from tcc_sim.study.basins.driveline import DrivelineMotion
 from tcc_sim.study.continuation import diagram
 from tcc_sim.study.continuation.branch import Branch
-from tcc_sim.study.continuation.diagram import SWEPT, SettledMotion, point_of
+from tcc_sim.study.continuation.diagram import ALIKE, SWEPT, SettledMotion, point_of
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.loss_of_stability import StableSegment, jumps_of, segment_of, stable_segments
 from tcc_sim.study.continuation.newton import shifts
-from tcc_sim.study.continuation.settings import DEFAULTS, Settings
+from tcc_sim.study.continuation.settings import Settings
 from tcc_sim.study.continuation.shooting import ParameterRange
 from tcc_sim.study.continuation.special_points import SMOOTH, Bifurcation
 from tcc_sim.study.paper.catalogue import NORMALISED
@@ -118,7 +118,7 @@ def still_higher(sweep: Sweep, seen: Sequence[SettledMotion]) -> int:
     amplitudes = {s.value: s.amplitude for s in seen if s.period}
     shown = ((p.summary.max_slip_speed, amplitudes.get(v)) for v, p in zip(sweep.curve.values, sweep.points)
              if p is not None and p.summary is not None)
-    return sum(h is not None and top > (1.0 + DEFAULTS.alike) * h for top, h in shown)
+    return sum(h is not None and top > (1.0 + ALIKE) * h for top, h in shown)
 
 
 def surveyed(curve: Curve, seen: Sequence[SettledMotion], progress: bool = False,
