@@ -16,17 +16,31 @@ from scipy.spatial import cKDTree
 
 from tcc_sim.analysis.multipliers import multipliers_of
 from tcc_sim.study.basins.proximity import (
+    DEFAULTS,
     UNDECIDED,
     Attractor,
     DynamicalSystem,
     ProximityMapper,
+    Settings,
     labelled,
     section_points,
 )
-from tcc_sim.study.basins.settings import DEFAULTS, Settings
 from tcc_sim.study.continuation.newton import minimal_period, newton
 from tcc_sim.study.continuation.problem import Floats
 from tcc_sim.study.continuation.shooting import Shooting
+
+LONGEST_PERIOD = 16  # longest period of an attractor, cycles
+NEAR = 0.3  # distance of two points a period apart below which Newton's method starts
+RETURNED = 1e-3  # the same for a motion that starts near a cloud
+MOST_CLOUDS = 32  # largest number of additions of as many points while new ones lie off the cloud
+NEW_POINTS = 0.05  # fraction of new points that may lie off a complete cloud
+SAME_ORBIT = 1e-6  # distance at which two orbits are one
+SAME_CLOUD = 1e-3  # distance at which two clouds' points are one
+SHARED = 0.9  # share of a cloud's points that must be that near
+GOES_ON = 0.5  # largest distance between an attractor and its continuation at the next value
+LARGEST_RADIUS, SMALLEST_RADIUS = 0.2, 1e-4  # largest capture radius, and bound below which none is halved further
+APART = 0.4  # largest capture radius, relative to the distance of the nearest other attractor
+PROBES = 24  # motions from the capture sphere that validate the radius
 
 
 def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequence[Attractor] = (),
@@ -44,7 +58,7 @@ def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequenc
         if label != UNDECIDED:
             continue
         attractor = _settle(of, seed, transients, settings)
-        if attractor is not None and not any(_same(attractor, other, scales, settings) for other in attractors):
+        if attractor is not None and not any(_same(attractor, other, scales) for other in attractors):
             attractors.append(attractor)
             attractors = _validated(of, attractors, settings)
     return attractors
@@ -64,14 +78,14 @@ def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], sett
         if len(points) < length + 1 or of.runs_away(points[-1:])[0]:
             return None
         x, cycle = points[-1], cycle + length
-        orbit = _repeating(of, points[-2 * settings.longest_period:], cycle, settings)
+        orbit = _repeating(of, points[-2 * LONGEST_PERIOD:], cycle)
         if orbit is not None:
             return orbit
         length = min(2 * length, settings.longest)
     cloud = _cloud(of, x, cycle, settings)
     if cloud is None:
         return None
-    if any(_same(cloud, other, of.map.scales, settings) for other in transients):
+    if any(_same(cloud, other, of.map.scales) for other in transients):
         return None
     left, orbit = _left(of, cloud, settings)
     if left:
@@ -85,12 +99,12 @@ def _cloud(of: DynamicalSystem, x: Floats, cycle: int, settings: Settings) -> At
     # Near a resonance a quasi-periodic motion stays on a few arcs of its curve for thousands of cycles, and on other
     # arcs from another initial state.
     points = section_points(of, x, cycle, settings.cloud)
-    for k in range(1, settings.most_clouds + 1):
+    for k in range(1, MOST_CLOUDS + 1):
         if len(points) < k * settings.cloud + 1 or of.runs_away(points[-1:])[0]:
             return None
         more = section_points(of, points[-1], cycle + k * settings.cloud, settings.cloud)[1:]
         tree = cKDTree(points / of.map.scales)
-        if len(more) == settings.cloud and np.mean(tree.query(more / of.map.scales)[0] > _spread(tree)) <= settings.new:
+        if len(more) == settings.cloud and np.mean(tree.query(more / of.map.scales)[0] > _spread(tree)) <= NEW_POINTS:
             break
         points = np.concatenate([points, more])
     phases = (cycle + np.arange(len(points))) % of.map.forcing_period
@@ -114,23 +128,23 @@ def _left(of: DynamicalSystem, cloud: Attractor, settings: Settings) -> tuple[bo
         if not np.isfinite(points).all() or of.runs_away(points[:, -1]).any():
             return True, None
         x, cycle = points[:, -1], cycle + settings.settling
-        last = points[:, -2 * settings.longest_period - 1:] / scales
-        for period in range(of.map.forcing_period, settings.longest_period + 1, of.map.forcing_period):
+        last = points[:, -2 * LONGEST_PERIOD - 1:] / scales
+        for period in range(of.map.forcing_period, LONGEST_PERIOD + 1, of.map.forcing_period):
             apart = np.abs(last[:, period:] - last[:, :-period]).max(axis=(1, 2))
-            for row in np.flatnonzero(apart < settings.returned):
-                orbit = _repeating(of, points[row, -2 * settings.longest_period:], cycle, settings)
+            for row in np.flatnonzero(apart < RETURNED):
+                orbit = _repeating(of, points[row, -2 * LONGEST_PERIOD:], cycle)
                 if orbit is not None:
                     return True, orbit
     return False, None
 
 
-def _repeating(of: DynamicalSystem, points: Floats, cycle: int, settings: Settings) -> Attractor | None:
+def _repeating(of: DynamicalSystem, points: Floats, cycle: int) -> Attractor | None:
     """Return the stable orbit near the last points, the last of which is at `cycle`; None without one."""
     scales, forcing = of.map.scales, of.map.forcing_period
     back = cycle % forcing
     last = len(points) - 1 - back
-    for period in range(forcing, settings.longest_period + 1, forcing):
-        if last - period < 0 or np.linalg.norm((points[last] - points[last - period]) / scales) > settings.near:
+    for period in range(forcing, LONGEST_PERIOD + 1, forcing):
+        if last - period < 0 or np.linalg.norm((points[last] - points[last - period]) / scales) > NEAR:
             continue
         shooting = Shooting.single(of.map, period)
         z = newton(shooting, shooting.unknowns(points[last][None], ()))
@@ -139,7 +153,7 @@ def _repeating(of: DynamicalSystem, points: Floats, cycle: int, settings: Settin
         x = shooting.nodes(z)[0]
         true_period = minimal_period(of.map, x, (), period)
         multipliers = multipliers_of(of.map.evaluate(x, (), 0, true_period).jacobian)
-        if abs(multipliers[0]) >= 1.0 or np.linalg.norm((x - points[last]) / scales) > 4.0 * settings.near:
+        if abs(multipliers[0]) >= 1.0 or np.linalg.norm((x - points[last]) / scales) > 4.0 * NEAR:
             continue
         section = section_points(of, x, 0, true_period)[:-1]
         return Attractor(true_period, section, np.arange(true_period) % forcing, multipliers,
@@ -157,20 +171,20 @@ def _distance(one: Attractor, other: Attractor, scales: Floats) -> float:
     return best
 
 
-def _same(one: Attractor, other: Attractor, scales: Floats, settings: Settings) -> bool:
+def _same(one: Attractor, other: Attractor, scales: Floats) -> bool:
     """Return whether two attractors are the same orbit, or two clouds that cover each other."""
     if one.period != other.period:
         return False
     if one.period:
-        return _distance(one, other, scales) < settings.same
+        return _distance(one, other, scales) < SAME_ORBIT
     tree, other_tree = cKDTree(one.section / scales), cKDTree(other.section / scales)
     return bool(np.mean(other_tree.query(tree.data)[0] <= max(_spread(other_tree),
-                                                              settings.same_cloud)) > settings.shared)
+                                                              SAME_CLOUD)) > SHARED)
 
 
-def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], attractors: Sequence[Attractor],
-             settings: Settings = DEFAULTS) -> tuple[Attractor, ...]:
-    """Number the attractors `found`; an attractor that continues from the last value of the key has the same number.
+def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]],
+             attractors: Sequence[Attractor]) -> tuple[Attractor, ...]:
+    """Number the attractors; an attractor that continues from the last value of the key has the same number.
 
     An orbit continues in the attractor that Newton's method reaches from it, otherwise in the nearest one, possibly
     with another period. The nearest pairs are matched first.
@@ -184,7 +198,7 @@ def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]], attract
             old, section=section_points(of, shooting.nodes(z)[0], 0, old.period)[:-1])
         pairs += [(_distance(moved, new, scales), k, old.number) for k, new in enumerate(attractors)]
     for distance, k, number in sorted(pairs):
-        if distance <= settings.goes_on and k not in numbers and number not in numbers.values():
+        if distance <= GOES_ON and k not in numbers and number not in numbers.values():
             numbers[k] = number
     for k in range(len(attractors)):
         if k not in numbers:
@@ -199,14 +213,14 @@ def _validated(of: DynamicalSystem, attractors: Sequence[Attractor], settings: S
     for k, attractor in enumerate(attractors):
         others = [other for i, other in enumerate(attractors) if i != k]
         gap = min((_distance(attractor, other, of.map.scales) for other in others), default=np.inf)
-        radius = min(settings.radius, settings.apart * gap)
+        radius = min(LARGEST_RADIUS, APART * gap)
         if attractor.period == 0:
             tree = cKDTree(attractor.section / of.map.scales)
             radius = min(radius, float(np.quantile(tree.query(tree.data, k=2)[0][:, 1], 0.95)))
         if attractor.radius and attractor.radius <= radius:
             radius, validated = attractor.radius, attractor.validated
         else:
-            while not (validated := _captures(of, attractor, radius, settings)) and radius > settings.smallest_radius:
+            while not (validated := _captures(of, attractor, radius, settings)) and radius > SMALLEST_RADIUS:
                 radius *= 0.5
         out.append(replace(attractor, radius=radius, validated=validated))
     return out
@@ -217,16 +231,16 @@ def _captures(of: DynamicalSystem, attractor: Attractor, radius: float, settings
     random = np.random.default_rng(1)
     tree = cKDTree(attractor.section / of.map.scales)
     within = 0.05 * radius if attractor.period else radius
-    for probe in range(settings.probes):
+    for probe in range(PROBES):
         k = probe % len(attractor.section) if attractor.period else int(random.integers(len(attractor.section)))
         away = random.normal(size=of.map.dimension)
         start = attractor.section[k] + radius * away / np.linalg.norm(away) * of.map.scales
         first = k if attractor.period else int(attractor.phases[k])
-        for cycle in range(first, first + settings.probe_cycles, 4 * settings.longest_period):
-            points = section_points(of, start, cycle, 4 * settings.longest_period)
-            if len(points) < 4 * settings.longest_period + 1:
+        for cycle in range(first, first + settings.probe_cycles, 4 * LONGEST_PERIOD):
+            points = section_points(of, start, cycle, 4 * LONGEST_PERIOD)
+            if len(points) < 4 * LONGEST_PERIOD + 1:
                 return False
-            if tree.query(points[-settings.longest_period:] / of.map.scales)[0].max() <= max(within, settings.same):
+            if tree.query(points[-LONGEST_PERIOD:] / of.map.scales)[0].max() <= max(within, SAME_ORBIT):
                 break
             start = points[-1]
         else:

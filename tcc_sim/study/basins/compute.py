@@ -29,12 +29,22 @@ from tcc_sim.study.basins.attractors import find_attractors, numbered
 from tcc_sim.study.basins.driveline import DrivelineMotion
 from tcc_sim.study.basins.proximity import UNDECIDED, Attractor, ProximityMapper, labelled
 from tcc_sim.study.basins.results import Axis, Basins
-from tcc_sim.study.basins.settings import DEFAULTS
 from tcc_sim.study.continuation.problem import Floats
 from tcc_sim.sweeps.executors import AHEAD, Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.trajectory import State
+
+CELL_CYCLES = 600  # longest time that a cell is followed, cycles
+CELLS_TOGETHER = 128  # most cells of a task with several rows
+SEEDS = 48  # cells from which the search starts, beside the corners and the middle
+ROUNDS, SEARCHED = 3, 24  # number of further searches from undecided cells, and number of these cells
+MOST_CELLS = 4_000_000  # largest number of cells of a plane
+# Relative tolerance of the motions that label cells. It moves edges of basins by 1e-5 rad/s (median of 195 of two
+# scenes, with either law; at most 1e-4); one of 117 000 cells of seven scenes has another label than at 1e-9.
+# Attractors need a smaller one: with this tolerance a motion leaves the chaotic attractor of omega/omega_n = 0.36,
+# mu_k = 0.7 mu_s for one of period 2.
+CELL_RTOL = 3e-5
 
 PLANE_KEYS = ("initial.slip_speed", "initial.plate_angle", "initial.plate_speed")
 FORMAT = "tcc_sim basin_rows 1"
@@ -70,8 +80,8 @@ def check_plane(given: Sequence[Axis | tuple[str, Sequence[float]]]) -> tuple[Ax
     if plane[0].key == plane[1].key:
         raise InputError(f"{plane[0].key} is given twice; a plane is made of two keys")
     cells = len(plane[0].values) * len(plane[1].values)
-    if not 1 <= cells <= DEFAULTS.most_cells:
-        raise InputError(f"the plane has {cells} cells; it must have 1 to {DEFAULTS.most_cells}")
+    if not 1 <= cells <= MOST_CELLS:
+        raise InputError(f"the plane has {cells} cells; it must have 1 to {MOST_CELLS}")
     return plane[0], plane[1]
 
 
@@ -86,7 +96,7 @@ def starts(system: System, plane: tuple[Axis, Axis], row: int) -> Floats:
 def seeds_of(system: System, plane: tuple[Axis, Axis]) -> Floats:
     """Return (seeds + 6, 3) initial states of the search: the scene's own, corners, middle, a Halton set."""
     edges = [[0.5, 0.5], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]
-    unit = np.concatenate([edges, halton(DEFAULTS.seeds, 2)])
+    unit = np.concatenate([edges, halton(SEEDS, 2)])
     out = np.tile(State.at_start(system).numbers, (len(unit) + 1, 1))
     for axis, part in zip(plane, unit.T):
         low, high = min(axis.values), max(axis.values)
@@ -104,7 +114,7 @@ def halton(count: int, dimensions: int) -> Floats:
 def solve_rows(system: System, plane: tuple[Axis, Axis], rows: Sequence[int], attractors: Sequence[Attractor],
                most: int) -> list[Row]:
     """Return labels and cycles of rows of cells, which are solved and judged together; called in a worker."""
-    motion = DrivelineMotion(system, DEFAULTS.rtol_cells)
+    motion = DrivelineMotion(system, CELL_RTOL)
     mapper = ProximityMapper(attractors, motion.map.scales, motion.map.forcing_period)
     labels, cycles = labelled(motion, mapper, np.concatenate([starts(system, plane, row) for row in rows]), most)
     return list(zip(labels.reshape(len(rows), -1).tolist(), cycles.reshape(len(rows), -1).tolist()))
@@ -112,11 +122,11 @@ def solve_rows(system: System, plane: tuple[Axis, Axis], rows: Sequence[int], at
 
 def rows_together(cells: int, rows: int, threads: int) -> int:
     """Return the number of rows in a task: short ones share its cost, and every thread has several tasks."""
-    return max(1, min(DEFAULTS.cells_together // cells, rows // (AHEAD * max(threads, 1))))
+    return max(1, min(CELLS_TOGETHER // cells, rows // (AHEAD * max(threads, 1))))
 
 
 def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequence[float]]], *,
-           cycles: int = DEFAULTS.cycles, over: Axis | tuple[str, Sequence[float]] | None = None,
+           cycles: int = CELL_CYCLES, over: Axis | tuple[str, Sequence[float]] | None = None,
            jobs: int | None = None, dask: str | None = None, part: Path | None = None, progress: bool = False,
            head: Mapping[str, Any] | None = None) -> list[Basins]:
     """Compute attractors and their basins in a plane of two initial conditions, for every value of `over`.
@@ -206,11 +216,11 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
     for row in solved(missing):
         keep(row, {"attractors": len(attractors), "labels": labels[row].tolist(), "cycles": cycles[row].tolist()})
         tick()
-    for _ in range(DEFAULTS.rounds):
+    for _ in range(ROUNDS):
         lost = np.argwhere(labels == UNDECIDED)
         if not len(lost):
             break
-        chosen = lost[np.unique(np.linspace(0, len(lost) - 1, DEFAULTS.searched).astype(int))]
+        chosen = lost[np.unique(np.linspace(0, len(lost) - 1, SEARCHED).astype(int))]
         seeds = [starts(system, plane, int(j))[int(i)] for j, i in chosen]
         more = find_attractors(motion, seeds, attractors)
         if len(more) == len(attractors):

@@ -10,10 +10,12 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import sections
 from tcc_sim.solvers.terms import peak_load, terms_of
-from tcc_sim.study.basins.settings import DEFAULTS
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.problem import Floats, ParameterMap
 from tcc_sim.trajectory import NO_ORBITS, Orbits, State
+
+ATTRACTOR_RTOL = 1e-8  # relative tolerance of the motions that find attractors
+CONSTANT_FROM = 40.0  # times 1/alpha, a slip speed with the law's exponential below 1e-17 of the rest
 
 
 class DrivelineMotion:
@@ -23,12 +25,12 @@ class DrivelineMotion:
     tolerance of its sections.
     """
 
-    def __init__(self, system: System, rtol: float = DEFAULTS.rtol) -> None:
+    def __init__(self, system: System, rtol: float = ATTRACTOR_RTOL) -> None:
         self.system, self._rtol = system, rtol
         self.map: ParameterMap = DrivelineMap(system, ())
         terms = terms_of(system)
         slowest = min([rate for _, rate in exponentials(terms.stribeck)], default=0.0)
-        self._constant = DEFAULTS.constant / slowest if slowest > 0.0 else 0.0
+        self._constant = CONSTANT_FROM / slowest if slowest > 0.0 else 0.0
         # A torque that grows with slip ends any growth.
         self._drift = 0.0 if terms.linear.flywheel_by_slip else terms.mean_torque
         self._drag = mean_load(system) * (system.friction_ratio if terms.stribeck and slowest == 0.0 else 1.0)

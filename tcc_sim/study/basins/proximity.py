@@ -11,9 +11,23 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tcc_sim.result import Described
-from tcc_sim.study.basins.settings import DEFAULTS, Settings
 from tcc_sim.study.continuation.problem import Floats, ParameterMap
 from tcc_sim.trajectory import NO_ORBITS, Orbits
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Lengths of the search for attractors, in cycles."""
+
+    settling: int = 256  # before the first test of whether a motion repeats; doubled up to `longest`
+    longest: int = 4096  # after which a motion that has not repeated has no period
+    cloud: int = 2048  # section points in the cloud of a motion without a period
+    witnesses: int = 16  # motions from near a cloud, followed for `longest`; it is a transient if one leaves
+    probe_cycles: int = 600  # longest time of a probe
+    chunk: int = 4  # after which motions are first compared with attractors
+
+
+DEFAULTS = Settings()
 
 UNDECIDED, RUNAWAY = -1, -2
 """Labels of a motion that reached no attractor."""

@@ -18,7 +18,10 @@ from tcc_sim.output.table_files import write_result
 from tcc_sim.result import Described, Result, as_lists, reported, reporting
 from tcc_sim.shown_units import speed
 from tcc_sim.study.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Counts, Labels
-from tcc_sim.study.basins.settings import DEFAULTS
+
+ATTRACTORS_SHOWN = 12  # attractors in the text of a result
+# Distances, cells, over which final states are compared (C. Grebogi et al., Phys. Lett. A 99, 1983).
+DISTANCES = (1, 2, 4, 8, 16)
 
 
 @dataclass(frozen=True)
@@ -122,7 +125,7 @@ class Basins(Result):
                 "label": self.labels.ravel(), "cycles": self.cycles.ravel()}
 
     def _text(self) -> str:
-        return "\n".join(self.lines(DEFAULTS.attractors_shown))
+        return "\n".join(self.lines(ATTRACTORS_SHOWN))
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(repr(self))}</pre>"
@@ -184,7 +187,7 @@ class Planes(Described):
 def boundary_of(labels: Labels) -> Boundary | None:
     """Return the uncertainty exponent of a map of labels, from differences between decided cells along either axis."""
     sizes, parts = [], []
-    for k in DEFAULTS.distances:
+    for k in DISTANCES:
         if k >= min(labels.shape):
             break
         pairs = (labels[:, k:], labels[:, :-k]), (labels[k:], labels[:-k])

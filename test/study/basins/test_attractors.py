@@ -10,8 +10,7 @@ from test_basins import Iterated
 from textbook_maps import TextbookMap
 
 from tcc_sim.study.basins.attractors import find_attractors, numbered
-from tcc_sim.study.basins.proximity import Attractor
-from tcc_sim.study.basins.settings import Settings
+from tcc_sim.study.basins.proximity import Attractor, Settings
 from tcc_sim.study.continuation.problem import Image
 
 

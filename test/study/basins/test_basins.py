@@ -16,11 +16,18 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.study.basins.attractors import find_attractors, numbered
-from tcc_sim.study.basins.compute import basins, halton
+from tcc_sim.study.basins.compute import CELL_CYCLES, CELL_RTOL, basins, halton
 from tcc_sim.study.basins.driveline import DrivelineMotion, mean_load
-from tcc_sim.study.basins.proximity import RUNAWAY, UNDECIDED, ProximityMapper, labelled, section_points
+from tcc_sim.study.basins.proximity import (
+    DEFAULTS,
+    RUNAWAY,
+    UNDECIDED,
+    ProximityMapper,
+    Settings,
+    labelled,
+    section_points,
+)
 from tcc_sim.study.basins.results import Axis, Basins
-from tcc_sim.study.basins.settings import DEFAULTS, Settings
 from tcc_sim.trajectory import State
 
 COEXISTENCE = replace(System(), {"pressure.mean": 225e3, "pressure.amplitude": 0.0,
@@ -103,7 +110,7 @@ def test_newtons_method_for_cube_roots_has_three_attractors_and_the_labels_of_it
     assert all(a.period == 1 and abs(a.multipliers[0]) < 1e-8 for a in result)
     mapper = ProximityMapper(result, of.map.scales, 1)
     cells = 4.0 * halton(60, 2) - 2.0
-    for cell, k in zip(cells, labelled(of, mapper, cells, DEFAULTS.cycles)[0]):
+    for cell, k in zip(cells, labelled(of, mapper, cells, CELL_CYCLES)[0]):
         assert abs(complex(*section_points(of, cell, 0, 100)[-1]) - ours[k]) < 1e-9
 
 
@@ -113,7 +120,7 @@ def test_two_fixed_points_and_what_runs_away():
     assert sorted(float(a.section[0, 0]) for a in result) == pytest.approx([-1.0, 1.0])
     mapper = ProximityMapper(result, of.map.scales, 1)
     cells = np.array([-2.0, -0.7, -1e-3, 1e-3, 0.6, 2.1, 2.4, 0.0])[:, None]
-    *labels, fast, middle = labelled(of, mapper, cells, DEFAULTS.cycles)[0]
+    *labels, fast, middle = labelled(of, mapper, cells, CELL_CYCLES)[0]
     for x, k in zip(cells[:, 0], labels):
         assert result[k].section[0, 0] == pytest.approx(section_points(of, [x], 0, 300)[-1, 0])
     assert (fast, middle) == (RUNAWAY, UNDECIDED)
@@ -127,7 +134,7 @@ def test_a_strange_attractor_is_one_cloud():
     wide.map.scales = 7.0 * of.map.scales  # Points of the cloud lie as near to each other in any unit.
     assert len(result[0].section) == len(find_attractors(wide, [np.array([0.1, 0.1])])[0].section) < 2 * DEFAULTS.cloud
     mapper = ProximityMapper(result, of.map.scales, 1)
-    assert labelled(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), DEFAULTS.cycles)[0].tolist() == [0, RUNAWAY]
+    assert labelled(of, mapper, np.array([[0.2, 0.1], [3.0, 0.0]]), CELL_CYCLES)[0].tolist() == [0, RUNAWAY]
 
 
 C, S = (f(2.0 * np.pi * (1.0 / 7.0 + 4e-5)) for f in (math.cos, math.sin))
@@ -200,7 +207,7 @@ def test_cells_of_the_driveline_are_labelled_as_brute_force_does():
 def test_basins_end_where_they_do_for_motions_solved_finely(law):
     """To 1e-4 of a cell: a tolerance a hundred times as large moves an edge by ten times that."""
     system = replace(COEXISTENCE, {"friction.law": law})
-    coarse, fine = DrivelineMotion(system, DEFAULTS.rtol_cells), DrivelineMotion(system, 1e-10)
+    coarse, fine = DrivelineMotion(system, CELL_RTOL), DrivelineMotion(system, 1e-10)
     mapper = ProximityMapper(find_attractors(fine, [[0.0, 0.0, 0.0], [60.0, 0.1, 0.0]]), fine.map.scales, 1)
     v, angle = np.meshgrid(np.linspace(0.0, 120.0, 9), np.linspace(-0.1, 0.3, 4))
     cells = np.stack([v, angle, np.zeros_like(v)], axis=-1)
