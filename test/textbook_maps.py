@@ -9,8 +9,7 @@ import numpy as np
 from tcc_sim.study.continuation.branch import Branch, branch_through, first_point
 from tcc_sim.study.continuation.newton import find_orbit
 from tcc_sim.study.continuation.problem import Floats, Image, Margins, Observation, Values
-from tcc_sim.study.continuation.settings import DEFAULTS, Settings
-from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.study.continuation.shooting import DEFAULTS, ParameterRange, Settings, Shooting
 from tcc_sim.study.continuation.special_points import Bifurcation
 
 Step = Callable[[Floats, Values], tuple[Floats, Floats, Floats]]

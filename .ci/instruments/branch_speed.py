@@ -30,8 +30,7 @@ from tcc_sim.study.benchmarks.peers import repeated
 from tcc_sim.study.continuation.branch import branch_through, first_point
 from tcc_sim.study.continuation.driveline import start_orbit
 from tcc_sim.study.continuation.motions import ContinuationPlan, check
-from tcc_sim.study.continuation.settings import Settings
-from tcc_sim.study.continuation.shooting import ParameterRange
+from tcc_sim.study.continuation.shooting import ParameterRange, Settings
 from tcc_sim.trajectory import State
 
 AUTO = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))

@@ -11,10 +11,17 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.result import Described, reported, reporting
-from tcc_sim.study.continuation.bracket import Bracket, CurvePoint
 from tcc_sim.study.continuation.follow import FLAT_STEP, Continuation, End, StopReason
 from tcc_sim.study.continuation.newton import SAME, Orbit, OrbitFigures, newton, shifts
-from tcc_sim.study.continuation.palc import corrector, null_direction, oriented, solution_at, tangent_of
+from tcc_sim.study.continuation.palc import (
+    Bracket,
+    CurvePoint,
+    corrector,
+    null_direction,
+    oriented,
+    solution_at,
+    tangent_of,
+)
 from tcc_sim.study.continuation.problem import FAILURES, Floats, differ
 from tcc_sim.study.continuation.shooting import Linearised, Shooting
 from tcc_sim.study.continuation.special_points import (

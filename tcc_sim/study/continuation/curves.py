@@ -1,38 +1,281 @@
-"""Curves of bifurcations in two keys, with points of codimension two: folds, doublings, Neimark-Sacker, stick border.
+"""Curves of bifurcations in two keys, and their points of codimension two, each with its error.
+
+Curves are those of folds, doublings, Neimark-Sacker bifurcations and the border of stick. Points of codimension two are
+roots of test functions: cusp, generalised doubling, fold-flip and the strong resonances 1:1 to 1:4 (Yu. A. Kuznetsov,
+Elements of Applied Bifurcation Theory, chapter 9). The event sequence may change too.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tcc_sim.analysis.multipliers import multipliers_of
 from tcc_sim.result import Described, reported, reporting
-from tcc_sim.study.continuation.bordered import MinimallyAugmented
-from tcc_sim.study.continuation.bracket import OPPOSITE, CurvePoint, P, turned_round
-from tcc_sim.study.continuation.codim2_points import (
-    ENDING,
-    RESOLVED,
-    AugmentedPoint,
-    Special,
-    change_of_events,
-    measured,
-    parameter_values,
-    parameters,
-    singular_end,
-    special_point,
-    values_of_tests,
-)
+from tcc_sim.shown_units import key_unit
+from tcc_sim.study.continuation.bordered import BORDER_HALVINGS, MinimallyAugmented, cyclic, nearest_margins
 from tcc_sim.study.continuation.follow import FLAT_STEP, Continuation, End, StopReason
-from tcc_sim.study.continuation.palc import corrector, null_direction, solution_at
-from tcc_sim.study.continuation.problem import FAILURES, Floats, ParameterMap, differ
-from tcc_sim.study.continuation.settings import DEFAULTS, Settings
-from tcc_sim.study.continuation.shooting import Linearised, ParameterRange
+from tcc_sim.study.continuation.palc import (
+    OPPOSITE,
+    Bracket,
+    CurvePoint,
+    P,
+    chandrupatla,
+    corrector,
+    null_direction,
+    solution_at,
+    turned_round,
+)
+from tcc_sim.study.continuation.problem import FAILURES, Floats, ParameterMap, differ, kind_of_change
+from tcc_sim.study.continuation.shooting import DEFAULTS, Linearised, ParameterRange, Settings
 from tcc_sim.study.continuation.special_points import Bifurcation
+
+CURVE_ROOT = 1e-9  # width of the bracket of a point of codimension two, relative to the step
+CURVE_SLOPE = 1e-2  # distance from it of the slope of its test, relative to the bracket
+RESOLVED = 3.0  # least value of a test on both sides, relative to its changes by steps of differences
+CURVE_EXACT = 1e-11  # least error of a point of codimension two, relative to the ranges
+SINGULAR_APART = 0.05  # least distance from a singular end of a curve in its extrapolation
+CURVE_JUMP = 1e-2  # part of the larger end value above which a test jumps
+BEND = 8e-3  # the same for second derivatives, relative to the length in which the Jacobian changes by one
+
+
+@dataclass(frozen=True, repr=False)
+class AugmentedPoint(CurvePoint):
+    """A point of a curve of bifurcations."""
+
+    equations: MinimallyAugmented
+
+    @property
+    def events(self) -> str:
+        """Event sequence of the motion."""
+        return self.solution.linearised.seen.events
+
+
+@dataclass(frozen=True)
+class Special:
+    """A point of codimension two: its kind and both parameters, each with its error, and the point of the curve."""
+
+    kind: str = field(metadata=reported(
+        "cusp, generalised_doubling, fold_flip, resonance_1_1 to 1_4, or the border that it meets"))
+    value: float = field(metadata=reported("value of the key of --over", "{over}"))
+    second: float = field(metadata=reported("value of the key of --second", "{second_over}"))
+    error: float = field(metadata=reported("error of `value`", "{over}"))
+    second_error: float = field(metadata=reported("error of `second`", "{second_over}"))
+    located: bool = field(default=True, metadata=reported(
+        "whether it was found; else a test has two signs, each larger than its noise, within the errors"))
+    point: AugmentedPoint = field(kw_only=True, repr=False)
+
+    @staticmethod
+    def of(kind: str, point: AugmentedPoint, error: NDArray[np.floating[Any]], located: bool = True) -> Special:
+        """The special point at a point with an error (P,) of the scaled parameters."""
+        one, two = (w.width * float(e) for w, e in zip(point.equations.ranges, error))
+        return Special(kind, *parameter_values(point), one, two, located, point=point)
+
+    def described(self, over: str, second: str) -> str:
+        """The point in words, for the keys of its values, in the selected units."""
+        values = []
+        for key, value, error in ((over, self.value, self.error), (second, self.second, self.second_error)):
+            unit, factor = key_unit(key)
+            values.append(f"{key} {with_error(value * factor, error * factor)} {unit}".rstrip())
+        where = "" if self.located else "  not located: its test changes sign in between"
+        return f"{self.kind:>22}  {'  '.join(values)}{where}"
+
+
+def with_error(value: float, error: float) -> str:
+    """A number and its error, with no more digits than the error allows."""
+    digits = max(0, min(12, 1 - int(np.floor(np.log10(max(error, 1e-12))))))
+    return f"{value:.{digits}f} +- {error:.1g}"
+
+
+ENDING: dict[tuple[str, str], Callable[[AugmentedPoint], float]] = {
+    ("neimark_sacker", "resonance_1_1"): lambda s: float(s.solution.z[-1]),
+    ("neimark_sacker", "resonance_1_2"): lambda s: math.pi - float(s.solution.z[-1])}
+"""Kinds of curves and special points in which they end because a pair of multipliers becomes real, with the distance of
+the pair's angle from there.
+"""
+
+
+def values_of_tests(point: AugmentedPoint, longer: float = 0.0) -> dict[str, float]:
+    """The test functions that have a value at a point, by the special point at which each has a simple root.
+
+    None has a pole: the normal form's coefficient of a doubling is multiplied by the tests of fold-flip and of 1:2, at
+    each of which it has one.
+
+    longer : step of differences at the point relative to the usual one, to fourth order; 0 takes the linearisation of
+        the point and second order
+    """
+    equations, u = point.equations, point.solution.z
+    out: dict[str, float] = {}
+    try:
+        linearised = equations.linearise(u, longer) if longer else point.solution.linearised
+        if equations.turning:
+            angle = float(u[-1])
+            return {"resonance_1_1": math.sin(angle) if angle < 0.5 * np.pi else 1.0,
+                    "resonance_1_2": math.sin(angle) if angle > 0.5 * np.pi else 1.0,
+                    "resonance_1_3": angle - 2.0 * np.pi / 3.0, "resonance_1_4": angle - 0.5 * np.pi}
+        mu = equations.multiplier(u).real
+        v, w, _ = equations.null_vectors(linearised.blocks, mu)
+        q, p, m = v / np.linalg.norm(v), w / np.linalg.norm(w), multipliers_of(*linearised.blocks)
+        others = m[np.argsort(np.abs(m - mu))[1:]]
+        simple, flip = float(p[-1] @ q[0]), float(np.prod((others + mu) / (1.0 + np.abs(others))).real)
+        if equations.kind == "fold":
+            bend = float(linearised.jacobian[-1, :equations.shooting.size] @ v.ravel()) / float(np.linalg.norm(v))
+            return {"cusp": bend, "resonance_1_1": simple, "fold_flip": flip}
+        out |= {"resonance_1_2": simple, "fold_flip": flip}
+        out["generalised_doubling"] = flip * _cubic(equations, u, q, p, longer)
+    except FAILURES:
+        pass
+    return out
+
+
+def _cubic(equations: MinimallyAugmented, u: Floats, q: Floats, p: Floats, longer: float) -> float:
+    """The normal form's coefficient of third order at a doubling times p . E q; its sign tells the stability."""
+    # p . (C(q, q, q) + 3 B(q, h))/2 with L(1) h = -B(q, q) (Kuznetsov, Section 5.4.2); E q is the factor of mu in L.
+    # The second difference needs all three Jacobians at u.
+    shooting, step = equations.shooting, (longer or 1.0) * BEND / max(equations.bend, 1.0)
+    z, unit = u[:equations.unknowns], np.pad(q.ravel(), (0, equations.unknowns - q.size))
+    blocks = shooting.linearise(z).blocks
+
+    def differences(step: float) -> Floats:
+        ahead, behind = (shooting.linearise(z + s * step * unit).blocks for s in (1.0, -1.0))
+        return np.array([(ahead - behind) / (2.0 * step), (ahead - 2.0 * blocks + behind) / step**2])
+
+    first, second = (4.0 * differences(step) - differences(2.0 * step)) / 3.0 if longer else differences(step)
+    b, c = (np.einsum("kij,kj->ki", x, q) for x in (first, second))
+    h = np.linalg.solve(cyclic(blocks, 1.0), -b.ravel()).reshape(q.shape)
+    return float(0.5 * np.sum(p * (c + 3.0 * np.einsum("kij,kj->ki", first, h))))
+
+
+Test = Callable[[AugmentedPoint, float], float]
+"""Test function of a point and of the step of its differences relative to the usual one."""
+
+
+def measured(point: AugmentedPoint, test: Test) -> tuple[float, float, Floats]:
+    """A test at a point, its change by other difference steps and one more Newton step, and the parameters' change."""
+    try:
+        linearised, value = point.equations.linearise(point.solution.z), test(point, 1.0)
+        step = np.linalg.lstsq(linearised.jacobian, -linearised.residual, rcond=None)[0]
+        polished = point.moved(point.solution._replace(z=point.solution.z + step))
+        changes = [abs(test(s, longer) - value) for s, longer in ((point, 0.5), (polished, 2.0))]
+        return value, max(changes), np.abs(parameters(point, step))
+    except (*FAILURES, KeyError):
+        return 0.0, math.inf, np.full(2, math.inf)
+
+
+def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -> Special:
+    """The special point between two points at which a test has different signs: a root, or the narrowest bracket."""
+    if a.equations is not b.equations:
+        return midway(kind, a, b, False)
+    bracket, values = Bracket(a, b, False), dict[float, float]()
+
+    def value(part: float) -> float:
+        point = bracket.at(part)
+        if point is None:
+            raise ArithmeticError("the curve is lost between two of its points")
+        values[part] = test(point, 1.0)
+        return values[part]
+
+    try:
+        part = chandrupatla(value, 0.0, 1.0, CURVE_ROOT)
+        low, high = max(part - CURVE_SLOPE, 0.0), min(part + CURVE_SLOPE, 1.0)
+        slope, root = (value(high) - value(low)) / (high - low), bracket.at(part)
+        assert root is not None
+        _, noise, step = measured(root, test)
+        error = RESOLVED * (noise + abs(values[part])) / abs(slope) + CURVE_ROOT
+        if error < 1.0 and abs(values[part]) <= CURVE_JUMP * max(abs(values[0.0]), abs(values[1.0])):
+            chord, tangent = b.solution.z - a.solution.z, root.solution.tangent
+            along = np.abs(parameters(root, tangent)) * float(chord @ chord) / abs(float(chord @ tangent))
+            return Special.of(kind, root, error * along + RESOLVED * step + CURVE_EXACT)
+    except (*FAILURES, KeyError):
+        pass
+    first = values.get(0.0, 0.0)
+    low = max((k for k in values if values[k] * first > 0.0 and k < 1.0), default=0.0)
+    high = min((k for k in values if values[k] * first < 0.0 and k > low), default=1.0)
+    return midway(kind, bracket.at(low) or a, bracket.at(high) or b, False)
+
+
+def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable[[AugmentedPoint], float],
+                 beyond: AugmentedPoint | None = None) -> Special | None:
+    """The special point in which a curve ends behind some `points`, where its equations are singular.
+
+    These are the resonances 1:1 and 1:2 of Neimark-Sacker curves and generalised doublings of folds of doubled motions.
+    The parameters, usually even functions of the `distance` from the end (of an angle from 0 or pi, of the halves of an
+    orbit from each other), are extrapolated through four points at larger distances.
+
+    beyond : the first point with a distance below 0, if there is one; else None is returned without four points
+    """
+    last = points[-1] if beyond is None else beyond
+    alike = [s for s in points if s.equations is last.equations]
+    # Nearer to the end the equations are so close to singular that rounding changes the parameters.
+    apart = [s for s in alike if distance(s) > SINGULAR_APART]
+    nodes = (apart if len(apart) >= 4 else alike)[-4:]
+    if beyond is not None:
+        a = next((s for s in reversed(points) if s.equations is beyond.equations
+                  and distance(s) > SINGULAR_APART), nodes[0] if nodes else points[-1])
+        bracket, start, nodes = Bracket(a, beyond, False), distance(a), [a]
+        for part in (0.7, 0.45, 0.25) if a.equations is beyond.equations else ():
+            located = bracket.locate(lambda s, at=part * start: distance(s) - at)  # type: ignore[misc]
+            nodes += [] if located is None else [located]
+    if len(nodes) < 4:
+        return None if beyond is None else midway(kind, points[-1], beyond, False)
+    x, places = np.array([distance(s) for s in nodes]), np.array([parameters(s, s.solution.z) for s in nodes])
+
+    def at_end(x: Floats, k: int) -> Floats:
+        return np.array(np.linalg.solve(np.vander(x[k:], increasing=True), places[k:])[0], np.float64)
+
+    at: NDArray[np.floating[Any]] = at_end(x, 0)
+    error: NDArray[np.floating[Any]] = np.abs(at - at_end(x, 1))
+    even = at_end(x**2, 0)
+    if (np.abs(even - at) <= 10.0 * error + CURVE_EXACT).all():
+        at, error = even, np.abs(even - at_end(x**2, 1))
+    z = last.solution.z.copy()
+    parameters(last, z)[:] = at
+    error = error + RESOLVED * last.equations.rounding
+    return Special.of(kind, last.moved(last.solution._replace(z=z)), error)
+
+
+def midway(kind: str, a: AugmentedPoint, b: AugmentedPoint, is_located: bool) -> Special:
+    """The special point in the middle between two points; its error is half of their distance."""
+    z, way = b.solution.z.copy(), parameters(b, b.solution.z) - parameters(a, a.solution.z)
+    parameters(b, z)[:] -= 0.5 * way
+    error = 0.5 * np.abs(way) + CURVE_EXACT
+    return Special.of(kind, b.moved(b.solution._replace(z=z)), error, is_located)
+
+
+def parameters(point: CurvePoint, vector: NDArray[np.floating[Any]]) -> Floats:
+    """The two parameters in a vector of unknowns."""
+    first = point.equations.size
+    out: Any = vector[first:first + 2]
+    return out  # type: ignore[no-any-return]
+
+
+def parameter_values(point: CurvePoint) -> tuple[float, float]:
+    """Both parameters at a point of a curve."""
+    one, two = (w.value(float(u)) for w, u in zip(point.equations.ranges, parameters(point, point.solution.z)))
+    return one, two
+
+
+def change_of_events(a: AugmentedPoint, b: AugmentedPoint) -> Special:
+    """The change of the event sequence between two points, by bisection."""
+    equations = a.equations
+    bracket, ends, parts = Bracket(a, b, False), [a, b], [0.0, 1.0]
+    for _ in range(BORDER_HALVINGS[0]):
+        middle = 0.5 * (parts[0] + parts[1])
+        point = bracket.at(middle)
+        if point is None:
+            break
+        side = int(differ(point.events, a.events))
+        ends[side], parts[side] = point, middle
+    one, two = (nearest_margins(equations.shooting, s.solution.z[:equations.unknowns]) for s in ends)
+    kind = kind_of_change(ends[0].events, ends[1].events, (one, two))
+    return midway(kind, ends[0], ends[1], True)
+
 
 # Distance between the halves of a fold's orbit at which a curve that ends has reached a generalised doubling, whose
 # parameters are then known to its square.

@@ -19,8 +19,7 @@ from tcc_sim.study.continuation.follow import End, StopReason
 from tcc_sim.study.continuation.newton import find_orbit, minimal_period, shifts
 from tcc_sim.study.continuation.palc import corrector
 from tcc_sim.study.continuation.problem import FAILURES, Floats, ParameterMap
-from tcc_sim.study.continuation.settings import DEFAULTS, Settings
-from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.study.continuation.shooting import DEFAULTS, ParameterRange, Settings, Shooting
 from tcc_sim.study.continuation.special_points import Bifurcation, ContinuationPoint, point_at
 
 MERGED = 1e-5  # distance, relative to the range, at which two ends of branches are one doubling

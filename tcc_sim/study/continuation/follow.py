@@ -17,11 +17,12 @@ import numpy as np
 
 from tcc_sim.result import KEY_UNITS
 from tcc_sim.shown_units import key_unit
-from tcc_sim.study.continuation.bracket import Bracket, P
 from tcc_sim.study.continuation.newton import SAME
 from tcc_sim.study.continuation.palc import (
     FLAT,
+    Bracket,
     Equations,
+    P,
     Solution,
     corrector,
     cosine_between,
@@ -32,7 +33,7 @@ from tcc_sim.study.continuation.palc import (
     solution_at,
 )
 from tcc_sim.study.continuation.problem import FAILURES, Floats
-from tcc_sim.study.continuation.settings import Settings
+from tcc_sim.study.continuation.shooting import Settings
 
 MISSED = 1e-8  # error of a predictor above which the next corrector begins with a coarse step
 GROWN = 10.0  # growth of a residual by the last step above which it has left the curve

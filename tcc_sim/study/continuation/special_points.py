@@ -24,9 +24,16 @@ from tcc_sim.study.continuation.bordered import (
     VanishingMargin,
     nearest_margins,
 )
-from tcc_sim.study.continuation.bracket import OPPOSITE, Bracket, CurvePoint, turned_round
 from tcc_sim.study.continuation.newton import NEUTRAL, SAME, Orbit, OrbitState, orbit_at
-from tcc_sim.study.continuation.palc import Solution, solution_at, tangent_of
+from tcc_sim.study.continuation.palc import (
+    OPPOSITE,
+    Bracket,
+    CurvePoint,
+    Solution,
+    solution_at,
+    tangent_of,
+    turned_round,
+)
 from tcc_sim.study.continuation.problem import FAILURES, MARGINS, Margins, differ, kind_of_change, margin_residual, ring
 from tcc_sim.study.continuation.shooting import Shooting
 

@@ -31,8 +31,7 @@ from tcc_sim.study.continuation.diagram import ALIKE, SWEPT, SettledMotion, poin
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.loss_of_stability import StableSegment, jumps_of, segment_of, stable_segments
 from tcc_sim.study.continuation.newton import shifts
-from tcc_sim.study.continuation.settings import Settings
-from tcc_sim.study.continuation.shooting import ParameterRange
+from tcc_sim.study.continuation.shooting import ParameterRange, Settings
 from tcc_sim.study.continuation.special_points import SMOOTH, Bifurcation
 from tcc_sim.study.paper.catalogue import NORMALISED
 from tcc_sim.study.paper.evidence import CYCLES, FREQUENCY, JUMP, LATER, Evidence, Values, later, share_where

@@ -14,8 +14,7 @@ from tcc_sim.study.continuation.branch import Branch, BranchOrigin, branch_throu
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.study.continuation.newton import newton
-from tcc_sim.study.continuation.settings import Settings
-from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.study.continuation.shooting import ParameterRange, Settings, Shooting
 from tcc_sim.trajectory import State
 
 MU_K, OMEGA = "friction.kinetic_coefficient", "engine.frequency"

@@ -17,8 +17,7 @@ from tcc_sim.study.continuation.driveline import DrivelineMap, Seed, start_orbit
 from tcc_sim.study.continuation.follow import StopReason
 from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
 from tcc_sim.study.continuation.newton import newton, orbit_at
-from tcc_sim.study.continuation.settings import Settings
-from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.study.continuation.shooting import ParameterRange, Settings, Shooting
 
 CONSTANT_LOAD = {"pressure.amplitude": 0.0, "pressure.mean": 225e3}
 MU_K = "friction.kinetic_coefficient"

@@ -31,8 +31,7 @@ from tcc_sim.study.continuation.branch import Branch, BranchOrigin, branch_throu
 from tcc_sim.study.continuation.diagram import switch
 from tcc_sim.study.continuation.follow import StopReason
 from tcc_sim.study.continuation.newton import find_orbit, minimal_period, newton, orbit_at, shifts
-from tcc_sim.study.continuation.settings import DEFAULTS, Settings
-from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.study.continuation.shooting import DEFAULTS, ParameterRange, Settings, Shooting
 
 
 def saddle(x, p):

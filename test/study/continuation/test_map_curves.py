@@ -13,8 +13,7 @@ from textbook_maps import Step, TextbookMap, at_second, branch_of, henon, mirror
 from tcc_sim.study.continuation.curves import BifurcationCurve, bifurcation_curve
 from tcc_sim.study.continuation.follow import StopReason
 from tcc_sim.study.continuation.palc import solution_at
-from tcc_sim.study.continuation.settings import DEFAULTS, Settings
-from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
+from tcc_sim.study.continuation.shooting import DEFAULTS, ParameterRange, Settings, Shooting
 from tcc_sim.study.continuation.special_points import Bifurcation, point_at
 
 P, Q, UNIT = (-1.2, 5.0), (-1.5, 1.5), (-0.5, 0.5)

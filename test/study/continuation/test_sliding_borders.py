@@ -14,7 +14,7 @@ from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.study.continuation.palc import corrector
 from tcc_sim.study.continuation.problem import differ
-from tcc_sim.study.continuation.settings import Settings
+from tcc_sim.study.continuation.shooting import Settings
 from tcc_sim.study.continuation.special_points import special_points_between
 
 MU_K, OMEGA, PSI = "friction.kinetic_coefficient", "engine.frequency", "pressure.phase"
