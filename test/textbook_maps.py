@@ -20,7 +20,6 @@ class TextbookMap:
 
     size : the size of a state, its derivative by the state, and its natural size; by default the largest coordinate,
         without a derivative
-    guesses : a map in its place for first guesses
     """
 
     forcing_period = 1
@@ -28,9 +27,9 @@ class TextbookMap:
     divisible = False
 
     def __init__(self, step: Step, dimension: int, scales: Sequence[float] = (), amplitude_scale: float = 1.0,
-                 size: Callable[[Floats], tuple[float, Floats]] | None = None, guesses: TextbookMap | None = None):
+                 size: Callable[[Floats], tuple[float, Floats]] | None = None) -> None:
         self.step, self.dimension, self.amplitude_scale, self.size = step, dimension, amplitude_scale, size
-        self.scales, self.guesses = np.array(scales or [1.0] * dimension), guesses
+        self.scales = np.array(scales or [1.0] * dimension)
 
     def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
         slopes, sizes, rows = np.eye(self.dimension, self.dimension + len(values)), [], []
@@ -44,10 +43,6 @@ class TextbookMap:
         if not np.isfinite(x).all():
             raise ArithmeticError("not finite")
         return Image(x, slopes, Observation(max(sizes), 0.0, "", tuple(sizes)), np.array(rows) if rows else None)
-
-    @property
-    def coarse(self) -> TextbookMap:
-        return self.guesses or self
 
     def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
                       cycles: Sequence[float]) -> list[Image]:
@@ -86,15 +81,6 @@ def resized(step: Step, sizes: Sequence[float]) -> Step:
     def other(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:
         value, by_state, by = step(x / c, p)
         return c * value, by_state * c[:, None] / c, by * c[:, None]
-
-    return other
-
-
-def nearly(step: Step, size: float) -> Step:
-    """The map, off by a size."""
-    def other(x: Floats, p: Values) -> tuple[Floats, Floats, Floats]:
-        value, by_state, by = step(x, p)
-        return value + 0.1 * size, (1.0 + size) * by_state, by
 
     return other
 

@@ -131,7 +131,7 @@ class MinimallyAugmented(Bordered):
         given = shooting.settings
         self.settings = replace(given, correct_tolerance=CURVE_TOLERANCE, residual=CURVE_TOLERANCE,
                                 regrowth=CURVE_REGROWTH, largest_step=min(given.largest_step, CURVE_STEP))
-        self.ranges, self.size, self.coarse = shooting.ranges, shooting.size, self
+        self.ranges, self.size = shooting.ranges, shooting.size
         self.outer = shooting.outer
         self.turning, self.unknowns = kind == "neimark_sacker", shooting.size + len(shooting.ranges)
         # The period of a fold may halve, in a generalised doubling.

@@ -477,7 +477,7 @@ class Border:
     size: ClassVar[int] = 0
 
     def __init__(self, margin: Callable[[float, float], float], ranges: Ranges) -> None:
-        self.margin, self.ranges, self.coarse = margin, ranges, self
+        self.margin, self.ranges = margin, ranges
 
     def outer(self, vector: Floats) -> Floats:
         """All unknowns; there are no segments."""

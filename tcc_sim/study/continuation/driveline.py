@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -34,7 +33,6 @@ from tcc_sim.trajectory import Cycles
 
 # A step of the map leaves some 1e-13, and its derivatives are good to 2e-7.
 SOLVER_TOLERANCE = 1e-12  # relative tolerance of the map
-COARSE_TOLERANCE = 1e-9  # the same for the first step of a corrector that has far to go
 STICKING = 1e-12  # slip speed, rad/s, below which the set-valued law sticks
 SETTLING = 4800  # engine cycles after which a motion that does not repeat is aperiodic
 SETTLING_ELSEWHERE = 300  # the same at other values of the range
@@ -69,11 +67,6 @@ class DrivelineMap:
         if self.piecewise:
             # A scene without derivatives is refused here.
             Prepared(system, self.keys, tolerance)
-
-    @cached_property
-    def coarse(self) -> DrivelineMap:
-        """The map at the tolerance of guesses."""
-        return DrivelineMap(self.system, self.keys, COARSE_TOLERANCE)
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""

@@ -21,7 +21,6 @@ from tcc_sim.study.continuation.newton import SAME
 from tcc_sim.study.continuation.palc import (
     FLAT,
     Bracket,
-    Equations,
     P,
     Solution,
     corrector,
@@ -35,7 +34,6 @@ from tcc_sim.study.continuation.palc import (
 from tcc_sim.study.continuation.problem import FAILURES, Floats
 from tcc_sim.study.continuation.shooting import Settings
 
-MISSED = 1e-8  # error of a predictor above which the next corrector begins with a coarse step
 GROWN = 10.0  # growth of a residual by the last step above which it has left the curve
 NOTHING = 1e-12  # least residual in that comparison
 CONTRACTION = 0.15  # second step over first step that is aimed at: four steps then reach rounding
@@ -110,7 +108,6 @@ class Continuation(Generic[P, S]):
     length : of the next step
     longest : longest next step, after one that has left the range or skipped a piece of the curve
     tried : number of steps tried
-    missed : distance of the last step's predictor from the curve
     """
 
     def __init__(self, first: P) -> None:
@@ -119,7 +116,7 @@ class Continuation(Generic[P, S]):
         self.stop: End | None = None
         self.settings: Settings = first.equations.settings
         self.before: list[Solution] = []
-        self.length, self.longest, self.tried, self.missed = self.settings.first_step, math.inf, 0, 0.0
+        self.length, self.longest, self.tried = self.settings.first_step, math.inf, 0
         self.starts = self.first_again()
 
     @property
@@ -220,7 +217,7 @@ class Continuation(Generic[P, S]):
             amplitudes = here.linearised.amplitudes[:len(slopes)] + ahead[len(here.z):]
             self.tried += 1
             corrected = corrector(equations, guess, here.tangent, (slopes, amplitudes),
-                                  farthest=FARTHEST * self.length, first=self.first_equations)
+                                  farthest=FARTHEST * self.length)
             if corrected is not None:
                 along = float(corrected.tangent @ here.tangent + corrected.slopes @ slopes)
                 new = solution_at(corrected.z, corrected.linearised, corrected.tangent if along > 0.0
@@ -236,16 +233,10 @@ class Continuation(Generic[P, S]):
                     ways = corrected.distance / WANTED, corrected.contraction / CONTRACTION
                     factor = float(max(*ways, 1e-9) ** (-1.0 / 3.0))
                     self.length = min(self.length * min(max(factor, SHORTER), most), settings.largest_step)
-                    self.missed = corrected.distance
                     return new
             self.length *= SHORTER
             most, known = LONGER_AFTER_REFUSED, known[:max(len(known) - 2, 2)]
         return None
-
-    @property
-    def first_equations(self) -> Equations | None:
-        """Cheaper equations for the first step of the corrector where the predictor is far off."""
-        return self.here.equations.coarse if self.missed > MISSED else None
 
     def astray_beyond(self, new: Solution) -> bool:
         """Whether a step over a change of the event sequence has not reached a solution."""
@@ -281,7 +272,7 @@ class Continuation(Generic[P, S]):
                 guess = solution.z + predictor(nodes, way)
                 guess[k] = bound
                 farthest = FARTHEST * self.length
-                corrected = corrector(here.equations, guess, row, farthest=farthest, first=self.first_equations)
+                corrected = corrector(here.equations, guess, row, farthest=farthest)
                 if corrected is not None and corrected.distance <= farthest:
                     new = corrected.facing(solution.tangent)
                     if float(new.tangent @ solution.tangent) > TURN and new.sign == solution.sign:

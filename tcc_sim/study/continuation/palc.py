@@ -37,10 +37,6 @@ class Equations(Protocol):
         """Tolerances of the corrector."""
 
     @property
-    def coarse(self) -> Equations:
-        """Cheaper equations for a first step, or these equations."""
-
-    @property
     def ranges(self) -> tuple[ParameterRange, ...]:
         """The free parameters."""
 
@@ -90,12 +86,10 @@ FLAT = (np.empty(0), np.empty(0))
 
 
 def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Floats, Floats] = FLAT,
-              start: Floats | None = None, farthest: float = math.inf,
-              first: Equations | None = None) -> Corrected | None:
+              start: Floats | None = None, farthest: float = math.inf) -> Corrected | None:
     """Newton to the solution with row . (z - guess) + weights . (amplitudes - those at the guess) = 0, from `start`.
 
-    It starts at the guess by default, and takes its first step by the equations `first` if they are given. None where
-    it does not converge or a step is longer than `farthest`.
+    It starts at the guess by default. None where it does not converge or a step is longer than `farthest`.
 
     plane : weights (N,) of the amplitudes, and their values (N,) at the guess
     """
@@ -105,10 +99,9 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
     size, by_amplitude = len(guess), len(weights) > 0
     matrix, sides = np.empty((size, size)), np.zeros((size, 2))
     sides[-1, 1] = 1.0
-    now, short = first or equations, 1.0
     for _ in range(CORRECT_ITERATIONS):
         try:
-            linearised = now.linearise(z)
+            linearised = equations.linearise(z)
             matrix[:-1], matrix[-1] = linearised.jacobian, row
             sides[:-1, 0], sides[-1, 0] = -linearised.residual, -float(row @ (z - guess))
             if by_amplitude:
@@ -126,18 +119,17 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
         if not length < min(farthest, CORRECT_STEP):
             return None
         z = z + step
-        if now is equations and ((length <= settings.correct_tolerance and left <= settings.residual) or (
-                length <= SQUARED and left <= equations.rounding)):
+        if (length <= settings.correct_tolerance and left <= settings.residual) or (
+                length <= SQUARED and left <= equations.rounding):
             tangent: Floats = np.ascontiguousarray(solved[:, 1])
             tangent = tangent / math.sqrt(tangent @ tangent)
             slopes = linearised.amplitude_gradient @ tangent if by_amplitude else weights
             way = z - guess
             return Corrected(z, linearised, tangent, float(np.hypot(math.sqrt(way @ way), away)), slopes, contraction)
-        if length > (SLOWEST if length > SQUARED else short) * last:
+        if length > (SLOWEST if length > SQUARED else 1.0) * last:
             return None
         contraction = contraction or (length / last if last < np.inf else 0.0)
-        # The step after one by the first equations corrects their error, so it may be longer.
-        last, short, now = length, 1.0 if now is equations else math.inf, equations
+        last = length
     return None
 
 

@@ -93,7 +93,6 @@ class ParameterMap(Protocol):
     forcing_period : cycles after which the map repeats (1 where it is the same in every cycle)
     piecewise : whether the event sequence changes the map (set-valued friction)
     divisible : whether `first` and `cycles` of `evaluate` may be parts of cycles
-    coarse : cheaper and nearly the same map, for guesses; or the map itself
 
     `evaluate` raises ArithmeticError where the system cannot be solved and ValueError outside its range.
     """
@@ -104,10 +103,6 @@ class ParameterMap(Protocol):
     forcing_period: int
     piecewise: bool
     divisible: bool
-
-    @property
-    def coarse(self) -> ParameterMap:
-        """Nearly the same map, cheaper."""
 
     def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
         """The state after `cycles` cycles from `x` at the start of cycle `first`, with derivatives."""

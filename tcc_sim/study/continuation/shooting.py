@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from itertools import groupby
 from typing import ClassVar, NamedTuple
 
@@ -118,13 +118,6 @@ class Shooting:
             raise InputError(f"the period is {period} cycles; it must be a multiple of {of.forcing_period}, after "
                              "which the excitation repeats")
         return Shooting(of, period, ranges, (period,), settings)
-
-    @cached_property
-    def coarse(self) -> Shooting:
-        """The equations of the coarse map; these equations for unstable motions in several segments."""
-        if len(self.segments) > 1 or self.map.coarse is self.map:
-            return self
-        return replace(self, map=self.map.coarse)
 
     @property
     def size(self) -> int:

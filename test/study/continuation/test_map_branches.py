@@ -21,7 +21,6 @@ from textbook_maps import (
     isola,
     logistic,
     mirrored,
-    nearly,
     of_kind,
     resized,
 )
@@ -123,9 +122,6 @@ def clothed(known: Known, how: str) -> tuple[TextbookMap, Settings, float, np.nd
             return 7.0 * (x[0] / 40.0) ** 2, np.array([14.0 * x[0] / 1600.0, 0.0])[:dimension]
 
         return TextbookMap(resized(known.step, sizes), dimension, tuple(sizes), 7.0, size), DEFAULTS, 1.0, sizes
-    if how == "guessed":
-        return (TextbookMap(known.step, dimension, guesses=TextbookMap(nearly(known.step, 1e-8), dimension)), DEFAULTS,
-                1.0, np.ones(dimension))
     return (TextbookMap(known.step, dimension), Settings(growth=0.05) if how == "cut" else DEFAULTS, 1.0,
             np.ones(dimension))
 
@@ -161,7 +157,7 @@ def check(branch: Branch, known: Known, sign: float, sizes: np.ndarray) -> None:
         assert f.changes_stability == (branch.points[f.after].orbit.stable != branch.points[f.after + 1].orbit.stable)
 
 
-CASES = [(name, how) for name in KNOWN for how in ("plain", "mirrored", "sized", "guessed", "cut")
+CASES = [(name, how) for name in KNOWN for how in ("plain", "mirrored", "sized", "cut")
          if (name, how) != ("close", "sized")]  # Along x^2 its neighbours are nearer than a step.
 
 
