@@ -8,7 +8,7 @@ import numpy as np
 
 from tcc_sim.study.continuation.branch import Branch, branch_through, first_point
 from tcc_sim.study.continuation.newton import find_orbit
-from tcc_sim.study.continuation.problem import Floats, Image, Margins, Observation, Values
+from tcc_sim.study.continuation.problem import Floats, Image, Margin, Margins, Observation, Values
 from tcc_sim.study.continuation.shooting import DEFAULTS, ParameterRange, Settings, Shooting
 from tcc_sim.study.continuation.special_points import Bifurcation
 
@@ -50,6 +50,35 @@ class TextbookMap:
 
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
         return {}
+
+
+BORDERS = {"stick_border": ("S", "S+S", "stick"), "adding_sliding": ("+S", "+S+S", "stick"),
+           "grazing_sliding": ("+", "+S+", "grazing"), "crossing_sliding": ("S+-S", "S+S-S", "arrival"),
+           "switching_sliding": ("S+S", "S+-S", "arrival")}
+"""Kinds of borders: events on the side with fewer of them and on the other one, and the margin that vanishes."""
+
+
+class Edged(TextbookMap):
+    """A map whose events change where the first coordinate passes an edge at the start of a motion; below it a margin
+    is the distance from there, and two others are large.
+    """
+
+    piecewise = True
+
+    def __init__(self, step: Step, dimension: int, kind: str, edge: float, scales: Sequence[float] = ()) -> None:
+        super().__init__(step, dimension, scales)
+        self.edge, (self.below, self.above, self.margin) = edge, BORDERS[kind]
+
+    def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
+        image = super().evaluate(x, values, first, cycles)
+        return image._replace(seen=image.seen._replace(events=self.above if x[0] > self.edge else self.below))
+
+    def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
+        slopes = np.zeros(self.dimension + len(values))
+        out = {name: Margin(0.5, slopes) for name in ("grazing", "arrival", "stick") if name != self.margin}
+        slopes = slopes.copy()
+        slopes[0] = -1.0
+        return out if x[0] > self.edge else {**out, self.margin: Margin(self.edge - float(x[0]), slopes)}
 
 
 def branch_of(of: TextbookMap, low: float, high: float, value: float, guess: Sequence[float], period: int = 1,

@@ -12,6 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from textbook_maps import (
+    BORDERS,
+    Edged,
     Step,
     TextbookMap,
     branch_of,
@@ -168,6 +170,22 @@ def test_a_branch_is_the_one_of_the_textbook(name: str, how: str) -> None:
     low, high = sorted(sign * p for p in known.span)
     guess = (sizes * np.array(known.start[1])).tolist()
     check(branch_of(of, low, high, sign * known.start[0], guess, known.period, how_followed), known, sign, sizes)
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 1.0), (40.0, 0.003)])
+@pytest.mark.parametrize(("kind", "edge"), [*((kind, 0.2) for kind in BORDERS), ("stick_border", -0.1),
+                                            ("stick_border", -1.2)])
+def test_a_change_of_events_is_a_border_where_its_margin_vanishes(kind: str, edge: float,
+                                                                  sizes: tuple[float, float]) -> None:
+    """On x' = a - x^2 + 0.3 y the fixed point is at the edge where a = x^2 + 0.7 x."""
+    of = Edged(resized(henon, sizes), 2, kind, edge * sizes[0], sizes)
+    branch = branch_of(of, -1.0, 1.5, 0.1, [0.1 * size for size in sizes])
+    others = {f.kind: f.value for f in branch.bifurcations}
+    assert len(others) == len(branch.bifurcations) == 3
+    assert others == pytest.approx({"fold": -0.1225, "period_doubling": 0.3675, kind: edge * edge + 0.7 * edge},
+                                   abs=1e-9)
+    assert max(f.residual for f in branch.bifurcations) < 1e-8
+    assert {end.reason for end in branch.ended} == {StopReason.RANGE}
 
 
 @settings(max_examples=12, deadline=None, derandomize=True)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from textbook_maps import Step, TextbookMap, at_second, branch_of, henon, mirrored, of_kind, resized
+from textbook_maps import BORDERS, Edged, Step, TextbookMap, at_second, branch_of, henon, mirrored, of_kind, resized
 
 from tcc_sim.study.continuation.curves import BifurcationCurve, bifurcation_curve
 from tcc_sim.study.continuation.follow import StopReason
@@ -175,6 +175,17 @@ def test_a_curve_is_the_one_of_the_textbook(name: str, how: str) -> None:
         assert each.located
         assert abs(sign * each.value - p) <= each.error < known.most
         assert abs(each.second - q) <= each.second_error < known.most
+
+
+@pytest.mark.parametrize(("kind", "edge", "b"), [*((kind, -0.2, 0.6) for kind in BORDERS),
+                                                 ("stick_border", -0.6, -0.2)])
+def test_a_curve_lists_the_change_of_events_that_it_meets(kind: str, edge: float, b: float) -> None:
+    """Folds of the Henon map lie at x = -(1 - b)/2, a = -(1 - b)^2/4."""
+    curve = curve_of(Edged(henon, 2, kind, edge), KNOWN["fold of henon"])
+    (item,) = [s for s in curve.special if s.kind == kind]
+    assert item.located
+    assert abs(item.second - b) <= item.second_error < 1e-6
+    assert abs(item.value + 0.25 * (1.0 - b) ** 2) <= item.error < 1e-6
 
 
 @pytest.mark.parametrize(("low", "high"), [(-9.0, 9.0), (0.3001, 9.0), (-9.0, 0.2999)])
