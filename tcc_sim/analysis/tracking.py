@@ -446,6 +446,8 @@ class Loop:
         best, values = (math.inf, math.nan, math.nan), course.mean
         cycle = float(np.median(course.ends - course.starts))
         kept = course.starts >= course.starts[0] + 0.25 * whole
+        if np.count_nonzero(kept) < DEFAULTS.settled_cycles:
+            return math.nan, math.nan
         for delay in np.linspace(-cycle, 0.25 * whole, DEFAULTS.lags):
             late = mean_between(self.reference, course.starts - delay, course.ends - delay)[kept]
             about = late - late.mean()

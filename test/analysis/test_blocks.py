@@ -14,7 +14,7 @@ from tcc_sim.analysis.summary import summarise_cycles
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import system_of
 from tcc_sim.sweeps.simulation import Plan
-from tcc_sim.sweeps.sweep import Curve, _batch, _tasks, solve_point, solve_points
+from tcc_sim.sweeps.sweep import solve_point, solve_points
 from tcc_sim.trajectory import Cycles, Loads, Runs
 
 N = 100
@@ -94,19 +94,3 @@ def test_points_in_a_row_are_those_solved_alone(law, plan):
         for part in (record, record.get("summary") or {}):
             part.pop("elapsed_s", None)
     assert repr(together) == repr(alone)
-
-
-@pytest.mark.parametrize(("points", "threads", "cycles", "size"), [
-    (40_000, 2, 150, 32), (40_000, 2, 2000, 2), (40_000, 2, 1_000_000, 1), (131, 2, 150, 21), (4, 2, 150, 1)])
-def test_a_batch_leaves_every_thread_several(points, threads, cycles, size):
-    assert _batch(Plan(cycles=cycles), points, threads) == size
-    assert _batch(Plan(cycles=cycles, direction="up"), points, threads) == 1
-
-
-def test_a_block_has_points_of_many_curves_of_one_law():
-    """A scatter has a curve of one value for every sample; points that were solved before are left out."""
-    scenes = [replace(system_of("chaos"), {"friction.law": law}) for law in ["smoothed"] * 5 + ["set_valued"] * 2]
-    curves = [Curve(scene, "engine.frequency", (100.0,)) for scene in scenes]
-    tasks = list(_tasks(curves, Plan(), 3, [[None], [object()], *([None] for _ in range(5))]))
-    assert tasks == [([(0, 0), (2, 0), (3, 0)], None), ([(4, 0)], None), ([(5, 0), (6, 0)], None)]
-    assert [len(places) for places, _ in _tasks(curves, Plan(direction="up"), 3, [[None]] * 7)] == [1] * 7

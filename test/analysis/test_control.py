@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.control import Control, CycleMeans, Steps, joined_means
+from tcc_sim.analysis.control import CycleMeans, joined_means
 from tcc_sim.analysis.engine_clock import Tracked, Uniform
 from tcc_sim.analysis.tracking import LoopReader
 
@@ -87,13 +87,3 @@ def test_slices_of_time_have_no_means():
     reader = LoopReader(Uniform(0.1, identified=False))
     reader.feed(np.arange(1000) * 1e-3, np.full(1000, 2.0))
     assert len(reader.course().mean) == 0
-
-
-def test_steps_go_on_to_the_end_of_a_picture():
-    steps, none = Steps(np.array([0.0, 1.0]), np.array([3.0, 4.0])), Steps.none()
-    assert [x.tolist() for x in vars(steps.until(2.5)).values()] == [[0.0, 1.0, 2.5], [3.0, 4.0, 4.0]]
-    assert steps.until(1.0) is steps.until(0.5) is steps
-    assert none.until(1.0) is none
-    empty = np.empty(0)
-    assert [Control(empty, empty, *rest).controlled for rest in (
-        (none, none, none), (steps, none, none), (none, steps, none), (none, none, steps))] == [False, True, True, True]

@@ -2,19 +2,17 @@
 
 import math
 from dataclasses import replace as with_field
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tcc_sim.analysis import damping as damping_module
 from tcc_sim.analysis.damping import damping_of_cycles, slope_of_friction
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.study.benchmarks.references import Piecewise, coefficient_and_slope, equations
-from tcc_sim.trajectory import Cycles, Status
+from tcc_sim.trajectory import Cycles
 
 LOADED = {"friction.kinetic_coefficient": 0.24, "pressure.mean": 260e3, "pressure.amplitude": 52e3,
           "pressure.frequency_ratio": 0.5, "pressure.phase": 0.3}
@@ -130,20 +128,3 @@ def test_the_last_sixteen_cycles_in_whole_periods_count(period, count):
     assert damping == damping_of_cycles(system, cycles[40 - count:], 40 - count, period)
     assert damping != damping_of_cycles(system, cycles[39 - count:], 39 - count, 1000)
     assert damping != damping_of_cycles(system, cycles[41 - count:], 41 - count, 1000)
-
-
-def test_samples_are_as_dense_as_slip_grows_on_the_falling_law(monkeypatch):
-    """By 7 % from one to the next, at a fall of 0.5 s/rad; a cycle that cannot be solved leaves nothing."""
-    asked = []
-    monkeypatch.setattr(damping_module, "solve", lambda _, **options: (
-        asked.append(options["samples_per_cycle"]) or SimpleNamespace(status=Status.STEP_LIMIT)))
-    cycles = Cycles(np.zeros((2, 3)), np.ones(1), np.ones(1), np.zeros(1))
-    for pressure, plate, expected in ((1e3, 0.02, 1024), (260e3, 0.02, None), (1e7, 1e-4, 131072)):
-        system = replace(System(), {"friction.law": "set_valued", "pressure.mean": pressure, "pressure.amplitude": 0.0,
-                                    "driveline.plate_inertia": plate, "converter.coupling": 0.25})
-        result = damping_of_cycles(system, cycles, 0, 1)
-        growth = system.cycle * (5.0 + 1.0 / plate) * 0.24 * 0.008 * pressure * 0.5
-        assert asked == [expected or math.ceil(growth / 0.07)]
-        asked.clear()
-        assert [math.isnan(x) for x in (result.weighted, result.negative_mean)] == [True, True]
-        assert result.threshold == -0.85

@@ -10,7 +10,6 @@ from tcc_sim.analysis.engine_clock import (
     Scheduled,
     Tracked,
     Uniform,
-    _steady,
     clock_of_scene,
     cycles_between,
     trim,
@@ -95,21 +94,3 @@ def test_stretches_of_a_drifting_frequency_are_followed_by_parabolas():
     assert (found.numbers - shift).tolist() == numbers.tolist()
     assert found.starts == pytest.approx(starts[numbers], abs=1e-9)
     assert (found.low, found.high) == pytest.approx((100.0 + 20.0 * times[0][0], 100.0 + 20.0 * times[1][-1]))
-
-
-def test_a_frequency_is_constant_within_the_noise_of_its_phases():
-    t = np.arange(5.0)
-    assert _steady(t[:2], np.array([0.0, 9.0]))
-    bent = np.array([2.0, -1.0, -2.0, -1.0, 2.0]) / math.sqrt(2.8)   # Of rms 1, without a mean or a slope.
-    for size, steady in ((0.0199, True), (0.0201, False)):
-        assert _steady(t, 3.0 + 100.0 * t + size * bent) is steady
-    n = np.arange(8.0)
-    noise = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])   # Third differences of 8: noise of 8/sqrt(20).
-    bow = (n - 3.5) ** 2 - 5.25
-    bow /= math.sqrt(np.mean(bow**2))
-    for size, steady in ((0.0, True), (4.5, True), (6.0, False)):
-        assert _steady(n, 100.0 * n + 0.01 * noise + 0.01 * size * bow) is steady
-    for size, steady in ((0.4, True), (0.6, False)):   # The noise counts up to 0.17 rad.
-        assert _steady(n, 100.0 * n + 0.15 * noise + size * bow) is steady
-    assert _steady(n, 100.0 * n + 0.9e-6 * bow)
-    assert not _steady(n, 100.0 * n + 1.1e-6 * bow)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.manoeuvre import _largest_at, judder_of, orders_at_speeds
+from tcc_sim.analysis.manoeuvre import judder_of, orders_at_speeds
 from tcc_sim.analysis.orders import orders_of
 from tcc_sim.errors import InputError
 from tcc_sim.scene import load_scene
@@ -69,12 +69,3 @@ def test_a_constant_frequency_has_its_own_speed_alone():
     assert found.slip_speed[0, 0] == pytest.approx(2.0, rel=1e-3)
     given = orders_at_speeds(run, (100.0 * (1.0 + 0.9e-6), 100.0 * (1.0 + 1.2e-6)), 0.0).slip_speed[:, 0]
     assert (given[0], math.isnan(given[1])) == (pytest.approx(2.0, rel=1e-3), True)
-
-
-def test_an_amplitude_is_interpolated_and_the_largest_of_several_passes():
-    orders = replace(orders_of(UP), frequency=np.array([10.0, 14.0, 14.0, 11.0, 13.0]))
-    amplitude = np.array([1.0, 3.0, 9.0, 6.0, 8.0])
-    for speed, largest in ((11.0, 6.0), (12.0, 7.0), (13.5, 8.5), (14.0, 9.0), (10.0, 1.0), (9.9, math.nan),
-                           (14.1, math.nan)):
-        assert _largest_at(orders, speed, amplitude, False) == pytest.approx(largest, nan_ok=True)
-        assert _largest_at(orders, 10.0, amplitude, True) == 9.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.measured_phase import _continuous, _spans, _stuck, long_holes, measured_phase, plausible_speed
+from tcc_sim.analysis.measured_phase import long_holes, measured_phase, plausible_speed
 from tcc_sim.analysis.measured_signals import signals_in
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
@@ -11,12 +11,6 @@ from tcc_sim.tables.measured_table import MeasuredTable
 
 T = 0.01 * np.arange(401)
 TURN = 2.0 * np.pi
-
-
-def test_marked_rows_are_stretches_of_time():
-    bad = np.array([True, True, False, False, True, False, True, True, True])
-    assert _spans(0.5 * np.arange(9), bad).tolist() == [[0.0, 0.5], [2.0, 2.0], [3.0, 4.0]]
-    assert _spans(T, T < 0.0).tolist() == []
 
 
 @pytest.mark.parametrize(("begin", "end", "is_long"), [(1.0, 1.06, False), (1.0, 1.065, True), (-0.1, -0.05, True),
@@ -31,36 +25,6 @@ def changed(*stretches):
     for rows, value in stretches:
         speed[rows] = value
     return speed
-
-
-@pytest.mark.parametrize(("speed", "left_out"), [
-    (changed(), []), (changed((slice(100, 103), 5.0)), range(100, 103)), (changed((slice(0, 20), 300.0)), range(20)),
-    (changed((slice(390, 401), 10.0)), range(390, 401)), (changed((slice(100, 103), -5.0)), range(100, 103)),
-    # exp(0.2) is 1.221: a jump of 1.2 is none; after 0.5 s without a speed, one of exp(0.4) is none either.
-    (changed((slice(200, 401), 1.2 * (100.0 + 10.0 * T[200:]))), []),
-    (changed((slice(200, 401), 1.25 * (100.0 + 10.0 * T[200:]))), range(200)),
-    (np.where((T >= 2.0) & (T < 2.5), 1.0, np.where(T < 2.0, 100.0, 145.0)), range(200, 250)),
-    (np.where((T >= 2.0) & (T < 2.1), 1.0, np.where(T < 2.0, 100.0, 145.0)), range(200, 401)),
-    (np.where((T >= 2.0) & (T < 2.5), 1.0, np.where(T < 2.0, 100.0, 155.0)), range(200, 401))])
-def test_rows_go_on_from_the_longest_stretch_without_a_jump(speed, left_out):
-    bad = np.flatnonzero(~_continuous(T, speed)).tolist()
-    assert bad == list(left_out)
-    assert np.flatnonzero(~_continuous(T, 0.01 * speed)).tolist() == bad
-
-
-@pytest.mark.parametrize(("lasts", "rise", "stuck"), [(0.5, 8.0, True), (1.0, 8.0, True), (1.0, 1.1, False),
-                                                      (1.0, 1.4, True), (0.1, 90.0, False)])
-def test_a_speed_that_stands_still_and_jumps_is_stuck_if_it_costs_a_tenth_of_a_period(lasts, rise, stuck):
-    """Half of rise times time is more than 0.1 x 2 pi rad."""
-    speed = 100.0 + np.cumsum(0.01 * (1.0 + np.arange(401) % 7))
-    still = np.abs(T - 0.999 - 0.5 * lasts) < 0.5 * lasts
-    speed = np.where(still, speed[100], np.where(T < 0.999, speed, speed + rise - (
-        speed[np.flatnonzero(still)[-1] + 1] - speed[100])))
-    rows = np.flatnonzero(_stuck(T, speed, 1.0))
-    assert rows.tolist() == (list(range(101, 100 + round(100 * lasts))) if stuck else [])
-    if stuck:
-        assert not _stuck(T, speed, 0.01).any()
-    assert not _stuck(T[:10], np.full(10, 100.0), 1.0).any()
 
 
 def test_rows_left_out_are_named_and_bridged_where_the_phase_is_certain():

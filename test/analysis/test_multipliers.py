@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.multipliers import Lyapunov, largest_first, multipliers_of, product_of
+from tcc_sim.analysis.multipliers import largest_first, multipliers_of, product_of
 
 BLOCKS = np.random.default_rng(2).normal(size=(4, 3, 3))
 
@@ -37,7 +37,3 @@ def test_multipliers_that_the_pencil_loses_are_those_of_the_product():
         assert multipliers_of(*blocks).real == pytest.approx([3.0 * large, 0.5, 0.25], rel=1e-6)
     blocks = [np.diag([1e5, 1e5, 1e9]), np.diag([1e5, 0.25, 3.0])]
     assert multipliers_of(*blocks).real == pytest.approx([1e10, 3e9, 2.5e4], rel=1e-6)
-
-
-def test_the_sentence_of_an_exponent():
-    assert repr(Lyapunov(1.23456789, 1.0, 2.0, 0.95, 10, "chaotic")) == "<Lyapunov 1.23457 1/s (1 to 2): chaotic>"

@@ -12,7 +12,6 @@ from tcc_sim.analysis.summary import (
     Summary,
     cycle_parts_of,
     cycles_of,
-    default_discard,
     dropped_of,
     error_of_thirds,
     first_cycle_of,
@@ -109,16 +108,6 @@ def test_regimes_and_stick_fractions_end_at_their_bounds():
     assert summarise(trajectory_of(*sine(30.0, 20.0, 0.0), 10), 2).regime == "slip"
 
 
-def test_sums_over_no_time_or_without_loads():
-    assert sums_from(3.0, -4.0, 0.5, 0.0, None) == {
-        "max_slip_speed": 4.0, "min_slip_speed": -4.0, "stick_fraction": 0.0, "regime": "slip"}
-    sums = sums_from(5.0, -4.0, 0.5, 0.0, (7.0, 8.0, 9.0, -2.0, math.nan, 6.0))
-    assert math.isnan(sums.pop("mean_power"))
-    assert sums == {"max_slip_speed": 5.0, "min_slip_speed": -4.0, "stick_fraction": 0.0, "regime": "slip",
-                    "clutch_energy": 7.0, "peak_power": 8.0, "max_shaft_torque": 9.0, "min_shaft_torque": -2.0,
-                    "breakaways": None, "coupling_energy": 6.0}
-
-
 def numbered(count, first=0):
     """Cycles of a motion of period two from this number on, with figures that tell them apart."""
     n = first + np.arange(count)
@@ -175,16 +164,6 @@ def test_a_section_begins_at_a_multiple_of_its_period(first, count, period, rows
     points = np.arange(3.0 * count).reshape(count, 3)
     assert section_of(points, first, period).tolist() == points[rows].tolist()
     assert not period or (first + rows[0] + 1) % period == 0
-
-
-def test_the_sentence_of_a_summary():
-    row = {"max_slip_speed": 62.1, "min_slip_speed": -1.0, "section": [], "stick_fraction": 0.7, "regime": "stick-slip",
-           "cycles": 150, "discarded": 50, "section_change": 0.0, "solver": "auto", "elapsed_s": 0.1}
-    for period, settled, runaway, said in (
-            (2, True, False, "period 2, settled"), (2, False, False, "period 2, settling"),
-            (0, False, False, "no period"), (0, False, True, "runaway")):
-        assert repr(Summary(**row, period=period, settled=settled, runaway=runaway)) == (
-            f"<Summary by auto: 150 cycles, {said}, stick-slip; largest |slip speed| 62.1 rad/s>")
 
 
 @pytest.mark.parametrize(("torque", "sentence"), [
@@ -295,10 +274,6 @@ def test_parts_of_cycles_count_at_the_end_and_where_nothing_is_dropped_at_the_st
         assert (summary.max_slip_speed, summary.cycles) == (pytest.approx(largest), 8)
 
 
-def test_the_paper_drops_fifty_cycles():
-    assert [default_discard(n) for n in (0, 1, 20, 99, 100, 150, 1000)] == [0, 0, 10, 49, 50, 50, 50]
-
-
 def test_the_results_of_the_solver_come_first():
     cycles_given = Cycles(np.ones((4, 3)), np.full(3, 7.0), np.full(3, -9.0), np.zeros(3))
     summary = summarise(with_field(trajectory_of(*sine(5.0, 20.0, 0.3), 3), cycles=cycles_given), 0)
@@ -403,16 +378,6 @@ def test_growth_above_the_scatter_is_found(sign: float) -> None:
     for clean in (30.0 + 0.02 * n, 30.0 + 0.1 * np.exp(0.05 * n), 30.0 + 0.03 * n + np.sin(2.1 * n)):
         found = sum(slip_grows(speeds(sign * (clean + 0.1 * random.normal(size=90)), sign * 5.0)) for _ in range(50))
         assert found >= 48
-
-
-def test_the_error_of_a_third_is_that_of_its_mean_in_noise() -> None:
-    """Beside the standard deviation of many means, for each number of batches; a trend counts for nothing."""
-    random = np.random.default_rng(10)
-    for width, trend in ((1, 2.0), (2, -3.0), (3, 1.0), (4, 0.5), (9, 0.2), (40, 0.0)):
-        thirds = random.normal(size=(4000, 3, width)) + trend * np.arange(3.0 * width).reshape(3, width)
-        square = np.mean([error_of_thirds(own)**2 for own in thirds])
-        used = width // min(4, width) * min(4, width)
-        assert square == pytest.approx(1.0 / used, rel=0.1)
 
 
 RISING = {"friction.static_coefficient": 0.1, "friction.kinetic_coefficient": 0.13, "friction.decay": 0.05,

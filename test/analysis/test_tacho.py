@@ -3,17 +3,8 @@
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.tacho import _check_sampled, _counted, _edges, _regular, _wheel, edges_in, pulses_of
+from tcc_sim.analysis.tacho import edges_in, pulses_of
 from tcc_sim.errors import InputError
-
-
-@pytest.mark.parametrize(("x", "edges"), [
-    ([-1.0, -0.1, 0.1, 1.0, -1.0, 1.0], [1.5, 4.5]), ([-1.0, -0.1, 0.1, -0.1, 0.3, 1.0], [3.25]),
-    ([-1.0, -0.15, 0.05, 0.19, -0.3, 0.0, 0.5], [5.0]), ([0.5, -0.5, 0.3], [1.625]), ([1.0, 2.0], []),
-    ([-0.19, 0.9, -0.3, 0.21], [2.0 + 10.0 / 17.0]), ([-0.21, 0.0, 0.2, 0.19], [])])
-def test_edges_rise_through_0_from_below_a_band_to_above_it(x, edges):
-    assert _edges(np.arange(float(len(x))), np.array(x)) == pytest.approx(edges)
-    assert _edges(3.0 + 0.5 * np.arange(len(x)), np.array(x)) == pytest.approx(3.0 + 0.5 * np.array(edges))
 
 
 def test_edges_lie_at_the_middle_of_the_signals_range():
@@ -34,72 +25,6 @@ def test_edges_follow_an_offset_that_drifts_by_more_than_the_signal(way):
     near = edges[(edges > 5.0) & (edges < 35.0)]
     assert np.abs(near / 0.4 - np.rint(near / 0.4)).max() < 0.05
     assert np.diff(near) == pytest.approx(0.4, abs=0.03)
-
-
-def test_regular_edges_have_intervals_like_the_one_before():
-    assert _regular(np.arange(9.0)) == 1.0
-    assert _regular(np.array([0.0, 1.0, 2.0, 4.0, 5.0])) == pytest.approx(1.0 / 3.0)
-    ratio = np.exp([0.0, 0.24, 0.24 + 0.26])
-    assert _regular(np.cumsum(np.append(0.0, ratio))) == 0.5
-    assert _regular(np.array([0.0, 1.0, 2.0])) == 0.0
-    assert _regular(np.array([0.0, 1.0, 2.0, 3.0])) == 1.0
-
-
-def without(*left_out, extra=(), count=21):
-    return np.sort(np.append(np.delete(np.arange(float(count)), left_out), extra))
-
-
-@pytest.mark.parametrize(("edges", "kept", "steps", "extra"), [
-    (without(), 21, {}, 0), (without(10), 20, {9: 2.0}, 0), (without(10, 11), 19, {9: 3.0}, 0),
-    (without(extra=[9.5]), 21, {}, 1), (without(extra=[9.2, 9.4]), 21, {}, 2),
-    (without(6, extra=[12.6]), 20, {5: 2.0}, 1),
-    (np.append(np.arange(10.0), np.arange(10.0) + 10.6), 20, {9: np.nan}, 0),
-    (np.append(np.arange(10.0), np.arange(10.0) + 10.2), 20, {}, 0),
-    (np.append(np.arange(10.0), np.arange(10.0) + 11.2), 20, {9: 2.0}, 0),
-    (np.append(np.arange(10.0), np.arange(10.0) + 11.3), 20, {9: np.nan}, 0)])
-def test_intervals_are_counted_in_teeth(edges, kept, steps, extra):
-    result, counts, left_out = _counted(3.0 + 0.2 * edges)
-    expected = np.ones(kept - 1)
-    expected[list(steps)] = list(steps.values())
-    assert (len(result), left_out) == (kept, extra)
-    np.testing.assert_array_equal(counts, expected)
-    assert not np.isin((result - 3.0) / 0.2, [9.2, 9.4, 9.5, 12.6]).any()
-
-
-def revolutions(teeth, missing, count, *more):
-    """Steps between the edges of a wheel with a gap."""
-    return np.array([*([1.0] * (teeth - missing - 1) + [missing + 1.0]) * count, *more])
-
-
-@pytest.mark.parametrize(("steps", "pulses", "teeth"), [
-    (np.ones(40), 7, 7), (revolutions(6, 1, 2), 6, 6), (revolutions(6, 1, 2, 1.0, 1.0), 4, 4)])
-def test_steps_of_one_or_few_gaps_are_no_wheel(steps, pulses, teeth):
-    assert _wheel(steps, pulses, "t.csv") == (teeth, [])
-
-
-@pytest.mark.parametrize("missing", [1, 2])
-def test_a_wheel_is_known_by_its_gaps(missing):
-    steps, said = revolutions(12, missing, 5), (
-        f"the tacho shows a wheel of 12 teeth of which {missing} are missing; they were inserted")
-    for pulses in (12, 12 - missing):
-        assert _wheel(steps, pulses, "t.csv") == (12, [said])
-    with pytest.raises(InputError) as refusal:
-        _wheel(steps, 11 if missing == 2 else 10, "t.csv")
-    assert str(refusal.value) == (f"t.csv: the tacho shows a wheel of 12 teeth of which {missing} are missing, and "
-                                  f"--pulses is {11 if missing == 2 else 10}; give --pulses 12")
-    broken = revolutions(12, missing, 10)
-    broken[np.flatnonzero(broken > 1.0)[[3, 6]]] = np.nan   # Two of ten gaps are unknown: not once in a revolution.
-    assert _wheel(broken, 5, "t.csv") == (5, [])
-
-
-def test_pulses_faster_than_the_samples_are_refused():
-    t = 0.01 * np.arange(1000)
-    _check_sampled(t, np.arange(40) * 0.0351, "t.csv")
-    slow = np.cumsum(np.concatenate([[0.0], np.full(39, 0.08), np.full(20, 0.0349), np.full(9, 0.08)]))
-    with pytest.raises(InputError) as refusal:
-        _check_sampled(t, slow, "t.csv")
-    assert str(refusal.value) == ("t.csv: the tacho has a pulse every 3.49 samples at 3.12 s; at least 3.5 are needed, "
-                                  "so it was sampled too slowly for its pulses")
 
 
 T = 0.005 * np.arange(4001)

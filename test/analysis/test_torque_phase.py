@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.torque_phase import PhaseTracker, _fit, _fitted, _line, _strongest, clock_of
+from tcc_sim.analysis.torque_phase import PhaseTracker, clock_of
 
 STEP = 1_000_000
 TURN = 2.0 * math.pi
@@ -38,11 +38,6 @@ def test_a_sine_is_found_to_many_digits(frequency):
     # The phase at t = 0 is that of cycle 0, which began before the first sample.
     assert phase.numbers[0] == 1
     assert len(phase.starts) in {int((frequency * 9.999 + 0.4) / TURN), int((frequency * 9.999 + 0.4) / TURN) + 1}
-
-
-def test_a_small_torque_is_found_as_a_large_one_is():
-    phase = phase_of(lambda t: 3e-6 + 2.5e-6 * np.sin(150.0 * t + 0.4), seconds=4.0)
-    assert phase.low == phase.high == pytest.approx(150.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("seconds", [0.1, 0.12, 0.2, 0.3, 0.5])
@@ -100,12 +95,6 @@ def test_a_slow_drift_is_followed_where_one_frequency_fits_almost_as_well():
     assert largest_error(phase_of(lambda t: 300.0 + 250.0 * np.sin(phase(t)), seconds=1.5), phase) < 2e-3
 
 
-def test_a_sine_that_is_rounding_beside_the_mean_is_no_line():
-    t = np.arange(256) * 1e-3
-    assert _fit(t, 300.0 * (1.0 + 1e-10 * np.sin(150.0 * t)), 150.0 * t).share == 0.0
-    assert _fit(t, 300.0 * (1.0 + 1e-6 * np.sin(150.0 * t)), 150.0 * t).share == pytest.approx(1.0, abs=1e-6)
-
-
 def test_a_run_up_between_two_speeds_is_followed_through_its_corners():
     """100 rad/s for 3 s, 300 rad/s from 15 s on, linear between; the mean torque drifts too, and there is noise."""
     rng, rate = np.random.default_rng(3), 200.0 / 12.0
@@ -141,16 +130,6 @@ def test_what_has_no_phase_has_no_cycles_and_says_why(torque, why):
     assert clock_of({0: phase}) is None
 
 
-def test_a_few_samples_are_no_run():
-    assert len(phase_of(lambda t: np.sin(150.0 * t), seconds=0.01).starts) == 0
-    assert clock_of(PhaseTracker().runs()) is None
-
-
-def test_samples_that_are_not_finite_are_left_out():
-    phase = phase_of(lambda t: np.where(np.arange(len(t)) % 1000 == 5, math.nan, 250.0 * np.sin(150.0 * t)))
-    assert phase.low == pytest.approx(150.0, rel=1e-6)
-
-
 @pytest.mark.parametrize("lengths", [(3000, 20000), (20000, 3000)])
 def test_every_run_has_a_phase_of_its_own(lengths):
     tracker = PhaseTracker()
@@ -166,69 +145,6 @@ def test_a_drift_that_is_larger_than_the_line_is_not_taken_for_it():
     phase = phase_of(lambda t: 300.0 + 80.0 * np.cos(math.pi * t / 16.384) + 50.0 * np.sin(150.0 * t), seconds=16.384)
     assert [phase.low, phase.high] == pytest.approx([150.0, 150.0], rel=1e-4)
     assert largest_error(phase, lambda t: 150.0 * t) < 1e-3
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_a_fit_is_the_least_squares_solution_of_all_unknowns(seed):
-    """Mean, drift, sine and cosine solved together by NumPy, far from time 0, and with a phase that does not move."""
-    g = np.random.default_rng(seed)
-    count = int(g.integers(8, 200))
-    t = 1e3 * seed + np.sort(g.uniform(0.0, 0.3, count))
-    phase = (g.uniform(40.0, 400.0) if seed else 0.0) * (t - t[0]) + 1.0
-    torque = 300.0 - 40.0 * (t - t[0]) + g.uniform(10.0, 200.0) * np.sin(phase + 0.7) + g.normal(size=count)
-    design = np.stack([np.ones(count), t - t[0], np.sin(phase), np.cos(phase)], axis=1)
-    factors, line = (np.linalg.lstsq(columns, torque, rcond=None)[0] for columns in (design, design[:, :2]))
-    left, without = torque - design @ factors, torque - design[:, :2] @ line
-    result = _fit(t, torque, phase)
-    assert result.share == pytest.approx(1.0 - left @ left / (without @ without), abs=1e-12)
-    assert result.ahead == pytest.approx(math.atan2(factors[3], factors[2]), abs=1e-10)
-    assert result.amplitude == pytest.approx(math.hypot(factors[2], factors[3]), rel=1e-10)
-
-
-MS = np.arange(1000) * 1e-3
-
-
-@pytest.mark.parametrize("frequency", [60.0, 150.0, 151.3])
-@pytest.mark.parametrize("kept", [slice(None), np.r_[0:300:2, 300:1000]], ids=["even", "uneven"])
-def test_the_peak_of_a_spectrum_is_the_line(frequency, kept):
-    """Of Hann's window, whose sum is the height of a line of amplitude 2; uneven samples are joined by lines."""
-    t = MS[kept]
-    height, found = _strongest(t, 300.0 + 40.0 * np.sin(frequency * t + 0.3))
-    assert found == pytest.approx(frequency, rel=5e-5)
-    assert height == pytest.approx(20.0 * np.hanning(len(t)).sum(), rel=0.01)
-
-
-def test_few_or_equal_samples_have_no_line():
-    assert _strongest(MS[:15], np.sin(900.0 * MS[:15])) == (0.0, 0.0)
-    assert _strongest(MS[:16], np.sin(900.0 * MS[:16]))[1] > 0.0
-    assert _strongest(MS, np.full(1000, 300.0)) == (0.0, 0.0)
-    assert _strongest(MS, 0.0 * MS) == (0.0, 0.0)
-    assert _fitted(MS, 0.0 * MS) is None
-
-
-@pytest.mark.parametrize("rate", [0.0, 9.0, -9.0])
-def test_the_line_of_an_opening_has_a_frequency_at_its_start_and_a_drift(rate):
-    frequency, drift = _line(MS, 300.0 + 40.0 * np.sin(150.0 * MS + 0.5 * rate * MS**2))
-    assert frequency == pytest.approx(150.0, rel=1.1e-3)
-    assert drift == pytest.approx(rate / 150.0, abs=1e-9)
-
-
-def test_the_line_of_an_opening_needs_six_cycles_and_a_fifth_of_the_variance():
-    t = MS[:256]
-    for cycles, found in ((5.95, False), (6.05, True)):
-        assert (_line(t, 300.0 + 40.0 * np.sin(TURN * cycles / 0.255 * t + 0.4)) is not None) == found
-    others = sum(np.sin(w * MS + w) for w in (230.0, 330.0, 450.0, 580.0, 720.0, 870.0))
-    for share, found in ((0.19, False), (0.21, True)):
-        torque = np.sin(150.0 * MS) + math.sqrt((1.0 / share - 1.0) / 6.0) * others
-        assert (_line(MS, torque) is not None) == found
-        assert (_fitted(MS, torque) is not None) == found
-
-
-def test_few_cycles_are_fitted_from_end_to_end():
-    first, last = _fitted(MS[:90], 300.0 + 40.0 * np.sin(150.0 * MS[:90] + 0.4))
-    for block, at in ((first, 0.0), (last, 0.089)):
-        assert (block.t, block.begin, block.end) == (at, 0.0, 0.089)
-        assert (block.phase, block.amplitude, block.share) == pytest.approx((0.4 + 150.0 * at, 40.0, 1.0), abs=1e-6)
 
 
 @pytest.mark.parametrize(("seconds", "batch"), [(1.0, 1), (2.0, 37), (2.03, 37), (2.03, 5000), (2.06, 37)])
