@@ -145,7 +145,7 @@ def test_summaries_and_tables_of_rows_by_hand():
 def folder(tmp_path_factory):
     """The quick report."""
     folder = tmp_path_factory.mktemp("report") / "out"
-    assert main(["stability", "--quick", "--width", "column", "--out", str(folder)]) == 0
+    assert main(["stability", "--quick", "--out", str(folder)]) == 0
     return folder
 
 
@@ -161,7 +161,7 @@ def test_the_command_writes_what_it_promises(folder, tmp_path, pictures):
     for chart in document["charts"]:
         assert np.shape(chart["errors"]) == (len(chart["values"]), len(chart["steps"]))
     for _ in range(2):
-        words = ["plot", str(folder / "stability.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
+        words = ["plot", str(folder / "stability.json"), "--plot", str(tmp_path / "again.png")]
         assert main([*words, "--force"]) == 0
     assert len(same_pictures(pictures, pictures[0].get_figwidth())) > 4
     shares = 100.0 * (np.arange(len(rows)) + 0.5) / len(rows)
