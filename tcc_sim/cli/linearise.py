@@ -74,9 +74,6 @@ def _lines(result: Linearisation) -> Iterator[str]:
                f"{math.degrees(result.phase[k]):8.2f} deg")
     if result.controller is not None:
         yield from _loop_lines(result.controller)
-    for point in result.checked:
-        yield (f"simulated at {frequency(point.frequency, 4)}  {_decibels(point.gain)}  "
-               f"{math.degrees(point.phase):8.2f} deg")
 
 
 def _loop_lines(loop: SlipLoop) -> Iterator[str]:

@@ -23,7 +23,7 @@ from tcc_sim.estimation.multiple_shooting import Fit
 from tcc_sim.estimation.residuals import Whiteness, judge_residuals
 from tcc_sim.estimation.search import Likelihood, Search, profile_likelihood
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
-from tcc_sim.estimation.verdicts import Parameter, check_sampling, check_units, judged, why_no_noise, why_not
+from tcc_sim.estimation.verdicts import Parameter, check_sampling, judged, why_no_noise, why_not
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.model.supported_terms import check_supported
@@ -135,7 +135,6 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     starts = _starts(scene, free, measured, likelihood)
     levels, begin = _noise(measured, noise), np.array(list(starts.values()))
     models = [Model(scene.system, tuple(starts), replace(measured, hold=each)) for each in _holds(measured, hold)]
-    check_units(models[0], begin, settings)
     with progress_bar("iteration", shown=progress) as bar:
         search = Search(begin, levels, not set(noise or ()) >= set(levels), len(measured.t) * len(levels), settings,
                         gates, bar.update)

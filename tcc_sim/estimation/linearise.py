@@ -41,7 +41,6 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.result import Result, reported, reporting
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.trajectory import Floats
 
 Complex = NDArray[np.complex128]
@@ -51,15 +50,6 @@ UNEXCITED = {"engine.torque_amplitude": 0.0, "engine.harmonic_amplitudes": (), "
              "pressure.amplitude": 0.0}
 OUTPUTS = {"slip_speed": "rad/s", "friction_torque": "N m", "shaft_torque": "N m"}
 """Outputs with their units."""
-
-
-@dataclass(frozen=True)
-class Simulated:
-    """A point of the frequency response by simulation."""
-
-    frequency: float = field(metadata=reported("frequency", "rad/s"))
-    gain: float = field(metadata=reported("amplitude of the output over that of the input", "({output})/({input})"))
-    phase: float = field(metadata=reported("phase by which the output leads", "rad"))
 
 
 @dataclass(frozen=True)
@@ -98,7 +88,6 @@ class Linearisation(Result):
     frequencies: Floats = field(metadata=reported("frequencies of the response", "rad/s"))
     response: Complex
     system: System
-    checked: tuple[Simulated, ...] = field(default=(), metadata=reported("points of the response found by simulation"))
     controller: SlipLoop | None = field(default=None, metadata=reported(
         "closed loop with the slip controller, with --controller", optional=True))
 
@@ -137,7 +126,7 @@ class Linearisation(Result):
 
 def linearise(scene: SceneLike, *, input: Literal["actuation_pressure", "engine_torque"] = "actuation_pressure",
               output: Literal["slip_speed", "friction_torque", "shaft_torque"] = "slip_speed",
-              slip: float | None = None, frequencies: Sequence[float] | None = None, check: int = 0, mean: bool = False,
+              slip: float | None = None, frequencies: Sequence[float] | None = None, mean: bool = False,
               controller: tuple[float, float] | None = None, progress: bool = False) -> Linearisation:
     """Compute the transfer function from an input to an output about a settled motion.
 
@@ -149,11 +138,10 @@ def linearise(scene: SceneLike, *, input: Literal["actuation_pressure", "engine_
     frequencies : rad/s, above 0, on a command line spaced evenly in logarithm (default: 240 from 2 to three times the
         slipping mode, 3 sqrt(K23/I2))
     mean : replace torque and pressure by their means; A, B, C, D are then continuous
-    check : add the simulated response at so many of the frequencies
     controller : add stability, margins, largest delay and smallest stable slip of the loop with the package's slip
         controller, which commands the pressure at the scene's rate: its proportional (N m s/rad) and integral gain
         (N m/rad)
-    progress : show tried slip speeds and simulated points on a terminal or in a notebook, elsewhere a line a minute
+    progress : show tried slip speeds on a terminal or in a notebook, elsewhere a line a minute
 
     Raises
     ------
@@ -181,8 +169,6 @@ def linearise(scene: SceneLike, *, input: Literal["actuation_pressure", "engine_
     if mean:
         system = replace(system, UNEXCITED)
     requested = _frequencies(system, frequencies)
-    if not 0 <= check <= len(requested):
-        raise InputError(f"check is {check}; it must be 0 to the number of frequencies, {len(requested)}")
     motion = operating_point(system, slip)
 
     def about(omegas: Floats, inputs: str = "actuation_pressure", output: str = "slip_speed") -> Linearisation:
@@ -198,23 +184,7 @@ def linearise(scene: SceneLike, *, input: Literal["actuation_pressure", "engine_
     if controller is not None:
         result = dataclasses.replace(result, controller=slip_loop(
             motion, controller, scene.operation.rate, lambda omegas: about(omegas).response, progress))
-    if check == 0:
-        return result
-    places = np.unique(np.round(np.linspace(0, len(requested) - 1, check)).astype(int)).tolist()
-    with progress_bar("point", len(places), shown=progress) as bar:
-        points = [_simulated(motion, result, place, bar) for place in places]
-    return dataclasses.replace(result, checked=tuple(points))
-
-
-def _simulated(motion: Constant | Periodic, linear: Linearisation, place: int, bar: Any) -> Simulated:
-    """Return one of the frequencies with its response by simulation, in the turn of the computed phase."""
-    from tcc_sim.estimation.lock_in import simulated
-
-    omega = float(linear.frequencies[place])
-    value = simulated(motion, linear.input, linear.output, omega)
-    turns = np.round((linear.phase[place] - np.angle(value)) / (2.0 * math.pi))
-    bar.update()
-    return Simulated(omega, abs(value), float(np.angle(value) + 2.0 * math.pi * turns))
+    return result
 
 
 def _frequencies(system: System, requested: Sequence[float] | None) -> Floats:

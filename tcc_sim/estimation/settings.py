@@ -28,13 +28,6 @@ class Settings:
     lowest: float = quantity(2.0, "lowest default frequency", "rad/s")
     count: int = quantity(240, "default number of frequencies, to three times the slipping mode, evenly in logarithm")
     most_frequencies: int = quantity(100_000, "largest number of frequencies")
-    amplitude: float = quantity(2e-3, "amplitude of the simulated sine, relative to the mean of the input")
-    rate: float = quantity(4000.0, "least tick rate of its simulation", "Hz")
-    ticks_per_cycle: int = quantity(64, "least ticks in a cycle of the sine and of the engine")
-    settling: int = quantity(12, "time before the fit of a sine", "periods of excitation")
-    periods: int = quantity(4, "shortest fit of a sine", "periods of it")
-    longest: int = quantity(2_000_000, "longest simulation of a sine", "ticks")
-    bands: int = quantity(12, "multiples of the motion's frequency whose side bands are fitted")
     even: float = quantity(1e-3, "largest deviation of a step between samples from the others, relative")
     fewest: int = quantity(50, "shortest measurement", "samples")
     most: int = quantity(1_000_000, "longest measurement", "samples")
@@ -47,11 +40,8 @@ class Settings:
     lags: int = quantity(20, "correlations of the residuals of the autoregression in one test", "samples")
     lines: int = quantity(12, "multiples of the engine's frequency that are tested in them")
     shown: float = quantity(4.0, "shortest measurement for this test", "periods of excitation")
-    explained: float = quantity(0.02, "mean square of short windows' residuals, over that of the signals, up to which "
-                                "a scene explains the motion")
     unseen: float = quantity(4.0, "standard errors up to which residuals do not show an error of a fixed key")
     moved: float = quantity(2.0, "standard errors by which such a key must move a free one to be named")
-    looked_at: int = quantity(2000, "samples tested for wrong units")
     spare: float = quantity(1.25, "sub-steps relative to those that the values need")
 
 

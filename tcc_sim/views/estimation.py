@@ -18,9 +18,6 @@ from tcc_sim.views.stored import Record
 from tcc_sim.views.sweeps import numbers
 
 UNITS = INPUTS | OUTPUTS
-SIMULATED: dict[str, Any] = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "color": style.RED,
-                             "markersize": 5.0}
-"""Look of simulated points."""
 SHOWN = 400
 """Number of samples of measured and fitted speeds in the picture."""
 
@@ -32,9 +29,6 @@ def bode(path: Path, document: Any, title: str = "", width: float = style.PAGE) 
         gain, phase = drawn.subplots(2, 1, sharex=True)
         draw_gain(gain, values)
         phase.semilogx(values["frequencies"], np.degrees(numbers(values["phase"])))
-        if values["checked"]:
-            phase.plot([p["frequency"] for p in values["checked"]],
-                       [np.degrees(p["phase"]) for p in values["checked"]], **SIMULATED)
         gain.set_xlabel("")
         phase.set(ylabel="phase (degrees)", xlabel="angular frequency (rad/s)")
         parts = [f"{values['output']} by {values['input']}".replace("_", " "),
@@ -50,9 +44,6 @@ def draw_gain(axis: Any, document: Any) -> None:
     frequencies, gain = numbers(values["frequencies"]), numbers(values["gain"])
     inside = gain > 0.0
     axis.semilogx(frequencies[inside], 20.0 * np.log10(gain[inside]), label=_name(values))
-    if values["checked"]:
-        axis.plot([p["frequency"] for p in values["checked"]],
-                  [20.0 * np.log10(p["gain"]) for p in values["checked"]], label="simulated", **SIMULATED)
     axis.set(xlabel="angular frequency (rad/s)",
              ylabel=f"gain (dB re 1 ({UNITS[values['output']]})/({UNITS[values['input']]}))")
 

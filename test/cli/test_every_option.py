@@ -52,7 +52,7 @@ OPTIONS = {
                 "--scatter pressure.mean=22e4:26e4 --samples 2")],
     "linearise slip --frequencies 10:20:2": [
         "--set engine.mean_torque=290", "--slip 20", "--mean", "--input engine_torque", "--output shaft_torque",
-        "--frequencies 10:30:2", "--controller 1e5,1e6", "--check 1", *SHOWN],
+        "--frequencies 10:30:2", "--controller 1e5,1e6", *SHOWN],
     "analyse R": [
         "--scene slip", "--frequency 75", "--run 2", "--from 0.2", "--to 0.5", "--columns slip_speed=x", "--discard 9",
         "--target 8", "--band 30 | --target 8", "--limits 0:1e5 | --target 8", "--verify", "--damping", "--orders",

@@ -13,8 +13,8 @@ from tcc_sim.errors import InputError
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import Fit
 from tcc_sim.estimation.residuals import Explanation, Whiteness
-from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
-from tcc_sim.estimation.verdicts import _drift, check_sampling, check_units, judged, why_no_noise, why_not
+from tcc_sim.estimation.settings import DEFAULTS, Gates
+from tcc_sim.estimation.verdicts import check_sampling, judged, why_no_noise, why_not
 from tcc_sim.estimation.windows import Model
 
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
@@ -199,34 +199,6 @@ def test_a_fit_is_refused_by_its_chi_square_or_its_gaps() -> None:
     assert why_not(fitted, of, start, noise, 1.2, 1.2, Gates()).startswith("chi-square")
 
 
-def test_the_phase_drifts_by_what_the_engine_turned_more() -> None:
-    """Quarters of whole engine cycles whose centres are known: the turn is (149 - 150) rad/s times their distance."""
-    t = 1.0 + np.arange(0.0, 2.0, 1e-3)
-    cycle = 2.0 * math.pi / 150.0
-    quarter = round(int(500 * 1e-3 / cycle) * cycle / 1e-3)
-    span = (len(t) - quarter) * 1e-3
-    for omega in (149.0, 150.5):
-        wave = 300.0 + 250.0 * np.sin(omega * t)
-        words = _drift(Measurement(t, {"slip_speed": np.sin(t)}, {"engine_torque": wave}), FIG02.system, Gates())
-        assert words == (f" The measured torque's phase drifts by {(omega - 150.0) * span:.3g} rad within {span:.3g} "
-                         f"s: the engine ran at about {omega:.6g} rad/s, the scene says 150 rad/s.")
-        words = _drift(Measurement(t, {"slip_speed": np.sin(t), "plate_speed": wave}), FIG02.system, Gates())
-        assert words == (f" The motion's phase drifts by {(omega - 150.0) * span:.3g} rad against engine.frequency, "
-                         f"150 rad/s, within {span:.3g} s: the engine ran at another speed, the clocks differ, or the "
-                         "motion had not settled.")
-    nearly = 300.0 + 250.0 * np.sin(150.09 * t)
-    data = Measurement(t, {"slip_speed": nearly})
-    turned = 0.09 * span
-    assert _drift(data, FIG02.system, Gates(drift=1.05 * turned)) == ""
-    assert _drift(data, FIG02.system, Gates(drift=0.95 * turned)) != ""
-    weak = Measurement(t, {"slip_speed": 250.0 * np.sin(149.0 * t) + 1500.0 * np.sin(400.0 * t)})
-    assert _drift(weak, FIG02.system, Gates()) == ""
-    for cycles, said in ((7.9, False), (8.1, True)):
-        short = 1.0 + np.arange(0.0, cycles * cycle, 1e-3)
-        data = Measurement(short, {"slip_speed": np.sin(140.0 * short)})
-        assert (_drift(data, FIG02.system, Gates()) != "") == said
-
-
 def test_samples_that_are_many_oscillations_apart_have_other_units() -> None:
     """Five of the slipping mode, 2 pi/387 s, are 81 ms."""
     for step, refused in ((0.0811, False), (0.0812, True)):
@@ -237,25 +209,3 @@ def test_samples_that_are_many_oscillations_apart_have_other_units() -> None:
         with pytest.raises(InputError, match=r"^the measurement has a sample every 0.0812 s, in which the driveline "
                            r"oscillates 5 times; if its times are in ms, say so with --columns t=COLUMN:ms$"):
             check_sampling(data, FIG02.system)
-
-
-@pytest.mark.parametrize(("factors", "words"), [
-    ({"slip_speed": 30.0 / math.pi}, "slip_speed looks as if in rpm: times 0.10472"),
-    ({"plate_speed": 180.0 / math.pi}, "plate_speed looks as if in degrees/s: times 0.0174533"),
-    ({"slip_speed": 30.0 / math.pi, "plate_speed": 30.0 / math.pi}, "slip_speed and plate_speed look as if in rpm: "
-     "times 0.10472"),
-    ({"actuation_pressure": 1e-6}, "actuation_pressure looks as if in MPa: times 1e\\+06")])
-def test_units_that_explain_the_motion_are_named(factors: dict[str, float], words: str) -> None:
-    """Also where the last samples fill no window."""
-    data, _ = measured(7, 0.1)
-    pressure = FIG02.system.pressure
-    inputs = {"actuation_pressure": pressure.mean + pressure.amplitude * np.sin(150.0 * data.t)}
-    columns = {name: column * factors.get(name, 1.0) for name, column in {**data.channels, **inputs}.items()}
-    for count in (len(data.t), len(data.t) - 1):
-        given = replace(data, t=data.t[:count], channels={name: columns[name][:count] for name in data.channels},
-                        inputs={name: columns[name][:count] for name in inputs}, hold="linear")
-        of, start = Model(FIG02.system, ("driveline.stiffness",), given), np.array([3100.0])
-        with pytest.raises(InputError, match=f"^the measurement: {words} the scene explains the motion from sample to "
-                           "sample, otherwise it does not; convert to SI$"):
-            check_units(of, start, FitSettings())
-    check_units(replace(of, measured=replace(data, inputs=inputs, hold="linear")), start, FitSettings())

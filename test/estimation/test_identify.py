@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import json
-import math
 
 import numpy as np
 import pytest
-from documents import same_pictures, valid
+from documents import valid
 from fig02_measured import FIG02, KEYS, ONCE, measured, moved
 
 from tcc_sim import cli
-from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import given, identify
 from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of
-from tcc_sim.estimation.multiple_shooting import INDEX, Fit, fit
+from tcc_sim.estimation.multiple_shooting import INDEX
 from tcc_sim.estimation.settings import Gates
-from tcc_sim.estimation.verdicts import _drift
-from tcc_sim.estimation.windows import Model
 from tcc_sim.output.samples import write_samples
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.tables.measured_table import table_in
-from tcc_sim.views import style
 
 
 def starts(seed: int) -> dict[str, float]:
@@ -70,15 +66,6 @@ def test_how_an_input_holds_is_found(hold: str) -> None:
             identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, hold="cubic")
 
 
-def test_wrong_units_are_said_before_anything_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Sentences on all units are in test_fit_verdicts."""
-    data, _ = measured(7, 0.1)
-    columns = {**data.channels, "plate_angle": moved(0.1)[1][:, 1] * 180.0 / math.pi}
-    monkeypatch.setattr("tcc_sim.estimation.search.fit", None)
-    with pytest.raises(InputError, match=r"plate_angle looks as if in degrees: times 0\.0174533 "):
-        identify(Measurement(data.t, columns), starts(1), scene=FIG02)
-
-
 def test_a_refused_fit_tries_no_more_starts_than_it_has_work_for() -> None:
     data, noise = measured(0, 0.1)
     wrong = FIG02.with_values({"engine.torque_amplitude": 200.0})
@@ -121,23 +108,6 @@ def test_a_wrong_measurement_is_refused_with_the_reason() -> None:
     assert result.scene.text() == FIG02.text()
 
 
-@pytest.mark.parametrize(("speed", "seconds", "torque", "values", "words"), [
-    (149.0, 2.0, False, {}, "The motion's phase drifts by -1.5"), (150.0, 2.0, False, {}, ""),
-    (149.0, 2.0, True, {}, "the engine ran at about 149"), (149.0, 0.3, True, {}, ""),
-    (149.0, 2.0, False, {"engine.torque_amplitude": 0.0}, ""), (149.0, 2.0, False, {"engine.source": "topic"}, ""),
-    (130.0, 2.0, True, {}, "")])
-def test_a_drift_of_phase_is_stated_for_the_torque_or_else_for_the_motion(
-        speed: float, seconds: float, torque: bool, values: dict[str, object], words: str) -> None:
-    """A line that turns through whole turns within a quarter is no longer the engine's."""
-    t = np.arange(0.0, seconds, 1e-3)
-    wave = 300.0 + 250.0 * np.sin(speed * t)
-    data = Measurement(t, {"slip_speed": np.sin(t) if torque else wave}, {"engine_torque": wave} if torque else {})
-    said = _drift(data, FIG02.with_values(values).system, Gates())
-    assert words in said
-    assert bool(said) == bool(words)
-    assert ("ran at about" in said) == (torque and bool(words))
-
-
 @pytest.mark.parametrize("suffix", [".mcap", ".csv"])
 @pytest.mark.parametrize(("cycles", "left_out"), [(2.0, 0), (2.005, 1)])
 def test_a_short_last_step_is_left_out(tmp_path, suffix: str, cycles: float, left_out: int) -> None:
@@ -171,26 +141,7 @@ def test_the_profile_of_a_key_that_is_free_alone_is_a_parabola() -> None:
     assert found.likelihood.excess == pytest.approx((0.5 * np.arange(-6.0, 7.0)) ** 2, rel=0.2, abs=0.1)
 
 
-def test_a_start_that_leads_nowhere_is_followed_by_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first two fits fail; the third one begins elsewhere, within the spread, and is taken."""
-    data, noise = measured(2)
-    begun: list[float] = []
-
-    def failing(model: Model, levels: dict[str, float], values: np.ndarray, *rest: object, **named: object) -> Fit:
-        begun.append(float(values[0]))
-        if len(begun) < 3:
-            raise NumericalFailure("nowhere")
-        return fit(model, levels, values, *rest, **named)
-
-    monkeypatch.setattr("tcc_sim.estimation.search.fit", failing)
-    result = identify(data, {"driveline.stiffness": 3100.0}, scene=FIG02, noise=noise)
-    assert (result.accepted, result.starts) == (True, 3)
-    assert begun[0] == 3100.0
-    assert len(set(begun)) == 3
-    assert all(abs(value / 3100.0 - 1.0) <= Gates().spread for value in begun)
-
-
-def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys, figures) -> None:
+def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys) -> None:
     t, states, _ = moved(0.1)
     table, out = tmp_path / "data.csv", tmp_path / "mine.yaml"
     noise = 0.1 * np.random.default_rng(8).standard_normal((len(t), 2))
@@ -210,17 +161,6 @@ def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys, figures) -
     # One parameter's profile is a parabola: 1.96 standard errors from the best value it rises by 3.84.
     rise = np.interp(stiffness["high"], profile["values"], profile["excess"])
     assert rise == pytest.approx(3.84, rel=0.3)
-    again = ["plot", str(tmp_path / "found.json"), "--plot", str(tmp_path / "again.png"), "--force"]
-    assert cli.main(again) == 0
-    assert "the fit is made again" in capsys.readouterr().out
-    assert len(same_pictures(figures, style.PAGE)) > 4
-    table.rename(tmp_path / "elsewhere.csv")
-    assert cli.main(again) == 0
-    assert "the measurements are not there" in capsys.readouterr().out
-    assert len(figures[-1].axes) < len(figures[0].axes)
-    table.write_text("".join((tmp_path / "elsewhere.csv").read_text().splitlines(keepends=True)[:-20]))
-    assert cli.main(again) == 2
-    assert "has changed" in capsys.readouterr().err
     assert cli.main(words) == 2
     assert cli.main(["identify", str(table), "--free", "driveline.stiffness"]) == 2
     assert "--scene" in capsys.readouterr().err

@@ -57,12 +57,6 @@ def record(name: str) -> Measurement:
                         "actuation_pressure": 0.0 * t + pressure}, hold="smooth")
 
 
-@pytest.fixture(autouse=True)
-def _of_known_units(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A plate that hardly moves shows no units, so that all others would be tried, for most of the time."""
-    monkeypatch.setattr("tcc_sim.estimation.identify.check_units", lambda *given: None)
-
-
 @pytest.mark.parametrize("name", ["stuck", "fast"])
 @pytest.mark.parametrize("key", FREE)
 def test_what_a_record_holds_nothing_about_keeps_its_start_and_the_others_are_found(name: str, key: str) -> None:

@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from dataclasses_of import changeable
 from fig02_measured import FIG02
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation import identify as identification
-from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of, read_recording
+from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of
 from tcc_sim.estimation.multiple_shooting import Fit
-from tcc_sim.estimation.search import Search, profile_likelihood
-from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
-from tcc_sim.estimation.verdicts import _beginning
+from tcc_sim.estimation.search import Search
+from tcc_sim.estimation.settings import FitSettings, Gates
 from tcc_sim.estimation.windows import (
     LOAD_AMPLITUDE,
     LOG_LOAD,
@@ -188,36 +183,6 @@ def test_what_cannot_be_fitted_is_refused(free: object, how: dict[str, object], 
         identification.identify(measured(), free, **{"scene": FIG02, **how})
 
 
-def test_starts_are_those_of_the_scene_unless_given() -> None:
-    found = identification._starts(FIG02, {"engine_torque.offset": None, "actuation_pressure.offset": -5.0,
-                                           "driveline.damping": None,
-                                           "driveline.stiffness": 2}, measured(), None)
-    assert found == {"engine_torque.offset": 0.0, "actuation_pressure.offset": -5.0, "driveline.damping": 0.6,
-                     "driveline.stiffness": 2.0}
-    for given, start in ((0.24, 0.24 * DEFAULTS.least_ratio), (0.2, 0.2), (0.3, 0.3), (0.2399999,
-        0.24 / DEFAULTS.least_ratio)):
-        assert identification._starts(FIG02, {STATIC: given}, measured(), None) == {STATIC: pytest.approx(start,
-            rel=1e-12)}
-    both = identification._starts(FIG02, {KINETIC: 0.31, STATIC: 0.3100001}, measured(), None)
-    assert both == {KINETIC: 0.31, STATIC: pytest.approx(0.31 * DEFAULTS.least_ratio)}
-    levels = identification._noise(measured(channels={"slip_speed": SLIP, "plate_speed": T**5}), {"slip_speed": 0.2})
-    assert levels == {"slip_speed": 0.2, "plate_speed": pytest.approx(1e-4 * T[-1]**5)}
-    smooth, rough = {"engine_torque": SLIP}, {"engine_torque": SLIP, "actuation_pressure": PRESSURE}
-    for of, hold, holds in ((measured(), None, (None,)), (measured(), "next", (None,)), (measured(inputs=rough),
-        "next", ("next",)),
-                            (measured(inputs=rough, hold="linear"), None, ("linear",)),
-                            (measured(inputs=rough, hold="linear"), "next", ("next",)),
-                            (measured(inputs=rough), None, ("previous", "linear", "smooth", "next")),
-                            (measured(inputs=smooth), None, ("smooth", "previous", "linear", "next"))):
-        assert identification._holds(of, hold) == holds
-    fitted = Fit(np.empty(0), np.empty((0, 3)), {"slip_speed": np.array([3.0, -4.0])}, 1.0, 0.0, 9)
-    assert identification._noise_of_residuals(measured(), fitted) == ({"slip_speed": pytest.approx(math.sqrt(12.5))},
-                                                                      False)
-    tiny = replace(fitted, residuals={"slip_speed": np.array([1e-6, 1e-6])})
-    least = {"slip_speed": pytest.approx(1e-4 * np.abs(SLIP).max())}
-    assert identification._noise_of_residuals(measured(), tiny) == (least, True)
-
-
 def test_keys_have_sides_and_errors_beyond_which_nothing_is_known() -> None:
     for value, other, falls, found in ((0.3, 0.2, None, 0.3), (0.201, 0.2, None, 0.22), (0.2, 0.2, None, 0.22),
                                        (0.199, 0.2, None, 0.2 / 1.1), (0.1, 0.2, None, 0.1), (0.3, 0.2, False,
@@ -297,142 +262,3 @@ def test_a_fit_is_accepted_within_four_standard_deviations_of_its_chi_square() -
     assert search([1.0]).limit(fitted(1.0)) == pytest.approx(1.0 + 4.0 * math.sqrt(2.0 / 50.0))
     assert search([1.0], True).limit(fitted(1.0)) == pytest.approx(1.0 + 4.0 * math.sqrt(2.0 / 50.0 + 3.5**2 / 100.0))
     assert [search([1.0]).joins(fitted(1.0, gap)) for gap in (4.0, 4.001)] == [True, False]
-
-
-def test_starts_surround_the_given_one() -> None:
-    """Within 15 %; offsets stay, shares of a curve shrink, and mu_s keeps its side of mu_k."""
-    keys = (STATIC, KINETIC, "engine_torque.offset", "friction.curve.share_1")
-    given = np.array([0.3, 0.24, 5.0, 0.4])
-    starts = np.array(list(search(given.tolist())._around(keys)))
-    assert starts.shape == (5, 4)
-    assert starts[0].tolist() == given.tolist()
-    assert (np.abs(starts[:, 1] / 0.24 - 1.0) <= 0.15).all()
-    assert (starts[:, 2] == 5.0).all()
-    assert ((starts[1:, 3] > 0.0) & (starts[1:, 3] < 0.4)).all()
-    assert (starts[:, 0] >= 1.02 * starts[:, 1] * (1.0 - 1e-12)).all()
-    rising = np.array(list(search([0.24, 0.3], starts=8)._around(keys[:2])))
-    assert (rising[1:, 0] <= rising[1:, 1] / 1.02 * (1.0 + 1e-12)).all()
-    assert (len(rising), len(set(rising[:, 1])), len(list(search([1.0], starts=1)._around(("a",))))) == (8, 8, 1)
-
-
-@pytest.mark.parametrize(("results", "tried", "taken"), [
-    ([fitted(1.85), fitted(1.2)], 2, 1), ([fitted(1.9), NumericalFailure(), fitted(1.85), fitted(1.95), fitted(1.9)],
-                                         5, 2),
-    ([RuntimeError(), fitted(1.0)], 2, 1), ([fitted(1.0, 9.0), fitted(1.9), fitted(1.8, 9.0), fitted(1.95),
-        fitted(1.99)], 5, 1),
-    ([fitted(1.9, 0.0, 1e8), fitted(1.8, 0.0, 0.5e8), fitted(1.7, 0.0, 1.0), fitted(1.0)], 3, 2)])
-def test_the_first_fit_that_is_acceptable_is_taken_or_else_the_best(results, tried, taken, monkeypatch) -> None:
-    """A fit whose windows join is better than one whose windows do not; 150 million sub-steps are enough."""
-    left = iter(results)
-
-    def made(*given: object, **named: object) -> Fit:
-        if isinstance(each := next(left), Exception):
-            raise each
-        return each
-
-    monkeypatch.setattr("tcc_sim.estimation.search.fit", made)
-    of = Model(FIG02.system, ("driveline.damping",), measured())
-    found, model, count = search([0.6]).best([of])
-    assert (found is results[taken], model is of, count) == (True, True, tried)
-
-
-def test_another_hold_is_fitted_from_the_first_and_taken_if_it_is_better(monkeypatch) -> None:
-    calls: list[tuple[object, ...]] = []
-
-    def made(model: object, noise: object, values: object, settings: object, *more: object, **named: object) -> Fit:
-        calls.append((model, *more))
-        if isinstance(results[len(calls) - 1], Exception):
-            raise results[len(calls) - 1]
-        return results[len(calls) - 1]
-
-    monkeypatch.setattr("tcc_sim.estimation.search.fit", made)
-    models = [Model(FIG02.system, ("driveline.damping",), measured(hold=hold)) for hold in ("previous", "linear",
-        "smooth", "next")]
-    results = [fitted(1.0), fitted(1.1), fitted(0.9), RuntimeError()]
-    best, of, tried = search([0.6]).best(models)
-    assert (best is results[2], of is models[2], tried) == (True, True, 1)
-    assert [each[0] for each in calls] == models
-    assert [len(each) for each in calls] == [1, 4, 4, 4]   # The last stage alone, from the first fit.
-    calls.clear()
-    results = [fitted(1.0, 9.0)] * 5 + [fitted(1.1), fitted(0.9, 9.0), RuntimeError()]
-    best, of, tried = search([0.6]).best(models)
-    assert (best is results[5], of is models[1], tried) == (True, True, 5)
-    assert {len(each) for each in calls} == {1}
-    calls.clear()
-    results = [NumericalFailure()] * 5
-    with pytest.raises(InputError, match=r"^the scene cannot be solved from the measurement; is it the right"):
-        search([0.6]).best(models)
-
-
-def test_a_profile_holds_a_key_at_thirteen_values(monkeypatch) -> None:
-    """An offset of an input that is not measured, and fits that fail, have none."""
-    data = measured(inputs={"engine_torque": 300.0 + SLIP})
-    held: list[Model] = []
-
-    def made(model: Model, noise: object, values: np.ndarray, *more: object) -> Fit:
-        held.append(model)
-        if len(held) == 5:
-            raise NumericalFailure("nowhere")
-        return fitted(2.0)
-
-    monkeypatch.setattr("tcc_sim.estimation.search.fit", made)
-    best = replace(fitted(1.0), values=np.array([0.6, 4.0]), residuals={"slip_speed": SLIP, "plate_speed": SLIP})
-    keys = ("driveline.damping", "engine_torque.offset")
-    for i, key in enumerate(keys):
-        held.clear()
-        found = profile_likelihood(Model(FIG02.system, keys, data), {}, FitSettings(), best, key, np.array([0.1, 2.0]))
-        assert found.values == pytest.approx(best.values[i] + [0.1, 2.0][i] * np.linspace(-3.0, 3.0, 13))
-        assert np.flatnonzero(np.isnan(found.excess)).tolist() == [4]
-        assert np.delete(found.excess, 4) == pytest.approx(2.0 * (120 - 1 - 3) - 1.0 * (120 - 2 - 3))
-        assert {each.keys for each in held} == {keys[1 - i:2 - i]}
-        for each, value in zip(held, found.values):
-            if key == keys[0]:
-                assert each.system.driveline.damping == pytest.approx(value)
-            else:
-                assert each.measured.inputs["engine_torque"] == pytest.approx(300.0 + SLIP - value)
-    absent = profile_likelihood(Model(FIG02.system, ("actuation_pressure.offset",), data), {}, FitSettings(), best,
-                                "actuation_pressure.offset", np.array([1.0]))
-    assert np.isnan(absent.excess).all()
-
-
-@pytest.mark.parametrize(("scenes", "given", "why"), [
-    ([], None, "run holds no scene; name the scene of the recorded driveline with --scene"),
-    (["a", "b"], FIG02, "run: the scene changed while it ran; identification needs one scene")])
-def test_a_recording_has_one_scene(scenes, given, why, monkeypatch) -> None:
-    monkeypatch.setattr("tcc_sim.recording.reader.open_run", lambda path, **which: SimpleNamespace(
-        scene_text=None, scenes=[SimpleNamespace(text=text) for text in scenes]))
-    with pytest.raises(InputError, match=f"^{why}$"):
-        read_recording(Path("run"), given)
-
-
-def test_units_are_looked_for_in_the_first_samples_of_what_moves() -> None:
-    t = np.arange(2100) * 1e-3
-    moving, late = np.sin(40.0 * t), np.where(t < 2.0, 0.0, np.sin(t))
-    first = _beginning(Measurement(t, {"slip_speed": moving, "plate_speed": late}, {"engine_torque": late}))
-    assert (len(first.t), list(first.channels), len(first.inputs["engine_torque"])) == (2000, ["slip_speed"], 2000)
-    assert len(_beginning(Measurement(t[:60], {"slip_speed": moving[:60]})).t) == 60
-    still = Measurement(t, {"slip_speed": late, "plate_speed": moving})
-    assert _beginning(still) is still
-
-
-def test_values_of_the_room_do_not_change() -> None:
-    assert changeable("estimation") == []
-
-
-@pytest.mark.parametrize(("noise", "guessed"), [
-    (None, True), ({"slip_speed": 0.1}, True), ({"slip_speed": 0.1, "plate_speed": 0.2}, False),
-    ({"slip_speed": 0.1, "plate_speed": 0.2, "plate_angle": 1e-4}, False)])
-def test_noise_is_guessed_unless_every_channel_has_its_own(noise, guessed, monkeypatch) -> None:
-    given: list[object] = []
-
-    def stop(*what: object) -> None:
-        given.extend(what)
-        raise InputError("enough")
-
-    monkeypatch.setattr(identification, "Search", stop)
-    monkeypatch.setattr(identification, "check_units", lambda *what: None)
-    data = measured(channels={"slip_speed": SLIP, "plate_speed": 2.0 * SLIP})
-    with pytest.raises(InputError, match="enough"):
-        identification.identify(data, {"driveline.damping": 0.7}, scene=FIG02, noise=noise)
-    assert given[0].tolist() == [0.7]
-    assert given[2:4] == [guessed, 120]

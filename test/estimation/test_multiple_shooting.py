@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +12,7 @@ from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import Fit, MultipleShooting, fit
 from tcc_sim.estimation.normal_equations import Normal
 from tcc_sim.estimation.settings import FitSettings, Stage
-from tcc_sim.estimation.windows import Model, sensitivities, states_of
+from tcc_sim.estimation.windows import Model, states_of
 
 KEYS = ("friction.static_coefficient", "driveline.stiffness", "engine_torque.offset")
 VALUES = np.array([0.31, 2900.0, 4.0])
@@ -87,47 +85,6 @@ def test_a_step_is_that_of_the_dense_equations(windows: int, damping: float) -> 
     assert by_key[1] == 0.0
 
 
-@pytest.mark.parametrize(("weight", "limit"), [(2.0, math.inf), (2.0, 0.7), (999.0, 3.0), (1e3, math.inf)])
-def test_the_equations_are_those_of_the_residuals(weight: float, limit: float) -> None:
-    """By differences of all residuals, weighted as Cauchy's loss does at its present value; starts in stick are held
-    below a weight of 1000.
-    """
-    of = problem()
-    n = of.model.substeps(VALUES)
-    starts = of.first_starts(VALUES) + np.random.default_rng(2).normal(size=(of.count, 3)) * [0.3, 1e-3, 0.3]
-    starts[of.stuck, 0] = 0.01
-    assert 0 < len(of.stuck) < of.count
-
-    def rows(x: np.ndarray) -> np.ndarray:
-        moved_starts = starts + x[:3 * of.count].reshape(-1, 3) * [0.2, 1e-4, 0.1]
-        values = np.append(VALUES[:2] * np.exp(x[-3:-1]), VALUES[2] + x[-1])
-        states = states_of(of.model, moved_starts, of.width, values, n)
-        fitted = ((states[:, :-1][:, :, [0, 2]] - of.data) / [0.2, 0.1]).reshape(of.count, -1)
-        gaps = np.zeros((of.count, 3))
-        gaps[:-1] = (states[:-1, -1] - moved_starts[1:]) / [0.2, 1e-4, 0.1] * math.sqrt(weight)
-        held = np.zeros((of.count, 1))
-        if weight < 1e3:
-            fitted[of.stuck, 0], held[of.stuck, 0] = 0.0, moved_starts[of.stuck, 0] / 0.03
-        return np.concatenate([fitted, gaps, held], axis=1)
-
-    zero = np.zeros(3 * of.count + 3)
-    h = np.append(np.full(3 * of.count, 1e-3), [1e-6, 1e-6, 1e-4])
-    by = np.stack([(rows(zero + step) - rows(zero - step)) / (2.0 * step.max()) for step in np.diag(h)], axis=-1)
-    left = rows(zero)
-    states, derivatives = sensitivities(of.model, starts, of.width, VALUES, n)
-    np.testing.assert_allclose(of._rows(states, starts, weight), left, rtol=1e-9, atol=1e-9)
-    squares = np.sum(left**2, axis=1)
-    bound = limit * left.shape[1]
-    cost = squares.sum() if math.isinf(limit) else (bound * np.log(1.0 + squares / bound)).sum()
-    assert of._cost(left, limit) == pytest.approx(cost)
-    trust = np.sqrt(1.0 / (1.0 + np.mean(left**2, axis=1) / limit))[:, None]
-    matrix, right = (by * trust[..., None]).reshape(-1, len(h)), (left * trust).ravel()
-    whole, slope = dense(of._normal(left, derivatives * of._scales(VALUES), weight, limit))
-    size = np.sqrt(np.diag(whole))
-    np.testing.assert_allclose(whole / np.outer(size, size), matrix.T @ matrix / np.outer(size, size), atol=2e-5)
-    np.testing.assert_allclose(slope / size, matrix.T @ right / size, atol=2e-4 * np.abs(slope / size).max())
-
-
 @pytest.mark.parametrize("channels", [("slip_speed",), ("slip_speed", "plate_angle"), ("slip_speed", "plate_speed"),
                                       ("slip_speed", "plate_angle", "plate_speed")])
 def test_starts_come_from_the_measured_channels_and_the_rest_from_the_model(channels: tuple[str, ...]) -> None:
@@ -187,46 +144,6 @@ def test_the_result_of_a_fit_counts_its_freedom_and_its_largest_gap() -> None:
     assert found.chi2 == pytest.approx(squares / found.freedom)
     assert found.gap == pytest.approx(2.0 * np.abs((states[:-1, -1] - starts[1:]) / [0.2, 1e-4, 0.1]).max())
     assert (found.work, Fit(*[None] * 6).work) == (0.0, 0.0)
-
-
-def test_derivatives_after_the_starts_have_followed_are_those_of_the_dense_equations() -> None:
-    """By keys, by offset, scale and delay of every channel and by scale and delay of every input."""
-    of, weight = problem(), 1e4
-    n = of.model.substeps(VALUES)
-    starts = of.first_starts(VALUES)
-    residuals, total, squares, slope = of.explained(VALUES, starts, weight)
-    states, by = sensitivities(of.model, starts, of.width, VALUES, n)
-    np.testing.assert_allclose(residuals, of._fitted(states).reshape(-1, 2))
-    columns = [*(by * of._scales(VALUES)).transpose(3, 0, 1, 2)]
-    for i in (0, 2):
-        for seen in (1.0 + 0.0 * states, states, -np.gradient(states, 1e-3, axis=1)):
-            column = np.zeros_like(states)
-            column[:, :-1, i] = seen[:, :-1, i]
-            columns.append(column)
-    torque, data = of.model.measured.inputs["engine_torque"], of.model.measured
-    for change, h in ((torque, 1e-5), (-np.gradient(torque, 1e-3), 1e-8)):
-        ends = [states_of(replace(of.model, measured=replace(data,
-                          inputs={"engine_torque": torque + s * h * change})), starts,
-                          of.width, VALUES, n) for s in (1.0, -1.0)]
-        columns.append((ends[0] - ends[1]) / (2.0 * h))
-    m, size = of.count, len(columns) - 3
-    rows = np.zeros((m, of.width * 2 + 3, 3 * m + size))
-    for k in range(m):
-        for c, column in enumerate(columns):
-            at = 3 * k + c if c < 3 else 3 * m + c - 3
-            rows[k, :-3, at] = (column[k, :-1][:, [0, 2]] / [0.2, 0.1]).ravel()
-            if k < m - 1:
-                rows[k, -3:, at] = 100.0 * column[k, -1] / of.scales
-        if k < m - 1:
-            rows[k, -3:, 3 * k + 3:3 * k + 6] -= 100.0 * np.eye(3)
-    flat, left = rows.reshape(-1, 3 * m + size), of._rows(states, starts, weight)[:, :-1].ravel()
-    follow = -np.linalg.lstsq(flat[:, :3 * m], flat[:, 3 * m:], rcond=None)[0]
-    after = flat[:, 3 * m:] + flat[:, :3 * m] @ follow
-    np.testing.assert_allclose(total, after.reshape(m, -1, size)[:, :-3].reshape(total.shape),
-                               rtol=1e-3, atol=2e-3 * np.abs(total).max(axis=(0, 1)).min())
-    scale = np.sqrt(np.diag(squares))
-    np.testing.assert_allclose(squares / np.outer(scale, scale), after.T @ after / np.outer(scale, scale), atol=1e-3)
-    np.testing.assert_allclose(slope / scale, after.T @ left / scale, atol=1e-3 * np.abs(slope / scale).max())
 
 
 def test_stages_follow_each_other_and_the_work_is_counted() -> None:

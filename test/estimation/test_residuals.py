@@ -14,11 +14,6 @@ from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import fit
 from tcc_sim.estimation.residuals import (
-    _correlations,
-    _explanation,
-    _hidden,
-    _inverse_and_empty,
-    _spread,
     autoregression,
     judge_residuals,
     probability_of,
@@ -90,17 +85,6 @@ def test_misfits_are_refused_with_what_would_explain_them(what: str, given: bool
     assert result.scene.text() == FIG02.with_values(scene).text()
 
 
-@pytest.mark.parametrize(("information", "result"), [(600.0, {}), (480.0, {"a": ("b", 0.1 * 480.0**0.5)}), (300.0, {})])
-def test_a_fixed_key_hides_where_noise_covers_its_effect_and_it_moves_a_free_one(
-        information: float, result: dict[str, tuple[str, float]]) -> None:
-    """One of each with correlation 1/2: after a has followed, 20 % of b has an effect of 0.15 n with variance 0.75 n,
-    and moves a by 0.1 sqrt(n) standard errors, which must be more than 2.
-    """
-    squares = information * np.array([[1.0, 0.5], [0.5, 1.0]])
-    assert _hidden(squares, squares, ("a",), ["b"]) == {key: (name, pytest.approx(value))
-                                                        for key, (name, value) in result.items()}
-
-
 def test_a_fixed_key_that_hides_is_named() -> None:
     """The decay 20 % off: mu_s goes 20 standard errors off with it, and nothing in the residuals says so."""
     data, noise = measured(2, 0.3)
@@ -135,24 +119,6 @@ def made(count: int = 400, columns: int = 5, seed: int = 3) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=(count, columns))
 
 
-@pytest.mark.parametrize("colour", [0.0, 0.6, -0.4])
-def test_the_variance_of_a_slope_is_that_of_correlated_noise(colour: float) -> None:
-    """D^T R D with the correlations of an autoregression of first order, which are powers of its coefficient."""
-    derivatives = np.cumsum(made(300, 3), axis=0)
-    correlations = colour ** np.abs(np.subtract.outer(np.arange(300),
-        np.arange(300))).astype(float) if colour else np.eye(300)
-    noise = np.array([colour] if colour else [])
-    exact = derivatives.T @ correlations @ derivatives
-    assert _spread(derivatives, noise) == pytest.approx(exact, rel=2e-3, abs=2e-3 * np.abs(exact).max())
-    assert _spread(derivatives[:3], noise) == pytest.approx(derivatives[:3].T @ correlations[:3, :3] @ derivatives[:3])
-
-
-def test_correlations_are_those_of_the_deviations_from_the_mean() -> None:
-    series = np.array([1.0, 3.0, 2.0, 6.0])   # -2, 0, -1, 3
-    assert _correlations(series, 3).tolist() == pytest.approx([1.0, -3.0 / 14.0, 2.0 / 14.0, -6.0 / 14.0])
-    assert _correlations(np.full(5, 2.0), 2).tolist() == [0.0, 0.0, 0.0]
-
-
 def test_the_probability_of_noise_is_that_of_ljung_and_box_and_of_lines() -> None:
     """Of 20 lags, or a quarter of the samples, less those of the autoregression; lines only from four cycles on."""
     rng = np.random.default_rng(4)
@@ -173,58 +139,3 @@ def test_the_probability_of_noise_is_that_of_ljung_and_box_and_of_lines() -> Non
             expected = min(expected, float(chi2.sf(power, 2 * len(orders))))
         model = Model(FIG02.system, (), Measurement(np.arange(100) * 1e-3, {"slip_speed": np.sin(np.arange(100.0))}))
         assert probability_of(series, noise, model) == pytest.approx(expected, rel=1e-6)
-
-
-def test_a_held_quantity_explains_residuals_by_one_step_of_all_free_keys_and_itself() -> None:
-    """The one with the largest ratio to its standard error, a key by its value; without those of no effect or of the
-    same effect as free keys.
-    """
-    derivatives = made()
-    derivatives = np.column_stack([derivatives, derivatives[:, 0] + 2.0 * derivatives[:, 1], 0.0 * derivatives[:, 0]])
-    left = derivatives[:, 3] * 0.4 + np.random.default_rng(5).normal(size=400)
-    squares, slope = derivatives.T @ derivatives, derivatives.T @ left
-    spread = derivatives.T @ (derivatives * np.linspace(0.5, 2.0, 400)[:, None])
-    names = [("driveline.stiffness", "N m/rad"), ("engine_torque.offset", "N m"), ("the scale of slip_speed", "%"),
-        ("same", ""),
-             ("none", "")]
-    values = np.array([0.6, 3.0, 3000.0, 0.0])
-    found = []
-    for place in (2, 3, 4):
-        at = np.ix_(which := [0, 1, place], which)
-        inverse = np.linalg.inv(squares[at])
-        step = -inverse @ slope[which]
-        found.append((step[-1], step[-1] / np.sqrt((inverse @ spread[at] @ inverse)[-1, -1])))
-    best = _explanation(squares, slope, spread, 2, names, values)
-    amount, errors = found[1]
-    assert (best.what, best.unit, best.alike) == ("engine_torque.offset", "N m", ())
-    assert (best.amount, best.errors) == (pytest.approx(amount), pytest.approx(errors))
-    key = _explanation(squares, slope, spread, 2, names[:1], values)
-    assert (key.what, key.amount, key.errors) == ("driveline.stiffness", pytest.approx(3000.0 * found[0][0]),
-                                                  pytest.approx(
-        found[0][1]))
-    scale = _explanation(squares[np.ix_([0, 1, 4], [0, 1, 4])], slope[[0, 1, 4]], spread[np.ix_([0, 1, 4], [0, 1,
-                         4])], 2, names[2:3],
-                         values[:2])
-    assert (scale.amount, scale.errors) == (pytest.approx(found[2][0]), pytest.approx(found[2][1]))
-    twice = [0, 1, 3, 3, 2]
-    alike = _explanation(squares[np.ix_(twice, twice)], slope[twice], spread[np.ix_(twice, twice)], 2,
-                         [("a", ""), ("b", ""), ("c", "")], values[:2])
-    assert (alike.what, alike.alike) == ("a", ("b",))
-    assert _explanation(squares[5:, 5:], slope[5:], spread[5:, 5:], 1, names[4:], values[:1]) is None
-
-
-def test_keys_in_directions_without_effect_are_unknown_and_the_others_keep_their_variance() -> None:
-    derivatives = made()[:, :3]
-    squares = derivatives.T @ derivatives * np.outer([1.0, 1e6, 1e-6], [1.0, 1e6, 1e-6])
-    inverse, empty = _inverse_and_empty(squares, ("a", "b", "c"))
-    exact = np.linalg.inv(derivatives.T @ derivatives)
-    assert inverse * np.outer([1.0, 1e6, 1e-6], [1.0, 1e6, 1e-6]) == pytest.approx(exact)
-    assert empty.tolist() == [False] * 3
-    both = np.column_stack([derivatives[:, 0], derivatives[:, 1], 3.0 * derivatives[:, 0]])
-    inverse, empty = _inverse_and_empty(both.T @ both, ("a", "b", "c"))
-    assert empty.tolist() == [True, False, True]
-    assert inverse[1, 1] == pytest.approx(np.linalg.inv(derivatives[:, :2].T @ derivatives[:, :2])[1, 1], rel=1e-6)
-    curve = ("friction.curve.share_1", "b", "friction.curve.share_2")
-    inverse, empty = _inverse_and_empty(both.T @ both, curve)
-    assert empty.tolist() == [False] * 3
-    assert inverse == pytest.approx(np.linalg.pinv(both.T @ both), abs=1e-9)

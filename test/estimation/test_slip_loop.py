@@ -146,4 +146,5 @@ def test_the_command_prints_the_margins_and_refuses_other_gains(tmp_path, capsys
     document = valid("linearise", json.loads((tmp_path / "found.json").read_text()))
     assert document["controller"]["gain_margin"] is None
     assert cli.main([*words, "12"]) == 2
-    assert "--controller is '12'; it must be KP,KI, two numbers above 0" in capsys.readouterr().err
+    refused = capsys.readouterr().err
+    assert all(word in refused for word in ("--controller", "12", "above 0"))
