@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -232,6 +235,23 @@ def test_the_command_writes_json_and_a_page(tmp_path: Path, capsys: pytest.Captu
     page, printed = (tmp_path / "c.md").read_text(), capsys.readouterr().out
     assert all(escape(claim.sentence) in page and claim.sentence in printed for claim in wanted)
     assert main(words) == 2
+
+
+def test_an_interrupted_command_keeps_the_claims_so_far(tmp_path: Path) -> None:
+    """Ctrl-C once the first claim is printed; those of Fig. 4 take far longer."""
+    file, page = tmp_path / "c.json", tmp_path / "c.md"
+    words = [sys.executable, "-u", "-m", "tcc_sim", "claims", "--figures", "3", "4", "--jobs", "1", "--json", str(file),
+             "--markdown", str(page)]
+    child = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    next(line for line in child.stdout if line.startswith("Fig. 3"))
+    child.send_signal(signal.SIGINT)
+    assert child.communicate()[1].startswith("tcc-sim: interrupted")
+    assert child.returncode == 130
+    document = json.loads(file.read_text())
+    assert document["complete"] is False
+    assert 1 <= len(document["claims"]) < sum(claim.figure in ("3", "4") for claim in claims.CLAIMS)
+    assert "Interrupted" in page.read_text()
 
 
 @pytest.mark.parametrize("words", [["--figures", "99"], ["--pressures", "99"], ["--jobs", "0"]])
