@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from tcc_sim.trajectory import Trajectory
     from tcc_sim.views.plots import plot
 
-__version__ = "1.0.0"
+__version__ = "1.1.0"
 
 _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load_scene": "tcc_sim.scene",
            "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.functions",
