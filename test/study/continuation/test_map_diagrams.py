@@ -28,6 +28,7 @@ from tcc_sim.study.continuation.loss_of_stability import (
     segment_of,
     stable_segments,
 )
+from tcc_sim.study.continuation.problem import Image
 from tcc_sim.study.continuation.shooting import ParameterRange
 
 FOLD = 2.0 / (3.0 * math.sqrt(3.0))
@@ -211,13 +212,27 @@ def test_both_stretches_of_a_hysteresis_end_in_its_folds() -> None:
         assert segment_of(wrong, result, 4.0) is None
 
 
-def test_a_motion_of_a_sweep_begins_at_the_next_phase_0() -> None:
-    """With a load of period 3 its state at cycle 4 is mapped over two cycles: 2 x - p has its fixed point at p."""
-    of = TextbookMap(lambda x, p: (2.0 * x - p[0], np.array([[2.0]]), -np.ones((1, 1))), 1)
-    of.forcing_period = 3
+class Turning(TextbookMap):
+    """In turns x' = 1.5 x - x^3/2 + p, -x and -x: near 1, 1 and -1 or near -1, -1 and 1."""
+
+    forcing_period = 3
+
+    def evaluate(self, x, values, first, cycles):
+        slopes = np.array([[1.0, 0.0]])
+        for k in range(int(first), int(first) + int(cycles)):
+            slope = -1.0 if k % 3 else 1.5 - 1.5 * float(x[0]) ** 2
+            x = -x if k % 3 else 1.5 * x - 0.5 * x**3 + values[0]
+            slopes = slope * slopes + np.array([[0.0, 0.0 if k % 3 else 1.0]])
+        return Image(x, slopes)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_motion_of_a_sweep_begins_at_the_next_phase_0(side: float) -> None:
+    of = Turning(hysteresis, 1)
     for cycle in range(6):
-        point = point_of(of, UNIT, SettledMotion(0.5, np.array([0.5 + 1e-3]), cycle, 1, 1.0))
-        assert (point.orbit.period, point.orbit.section) == (3, pytest.approx([0.5]))
+        x = np.array([-side if cycle % 3 == 2 else side])
+        point = point_of(of, UNIT, SettledMotion(0.0, x, cycle, 1, 1.0))
+        assert (point.orbit.period, point.orbit.section) == (3, pytest.approx([side]))
     assert [SettledMotion(0.0, np.zeros(1), 0, n, 1.0).has_period(6, 2) for n in (0, 2, 3, 4, 6)] == [
         False, False, True, False, True]
 
