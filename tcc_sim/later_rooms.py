@@ -16,10 +16,8 @@ CALLED = {
     "draw_figure": ("tcc_sim.study.paper.drawings", "draw_stored"),
     "draw_precision": ("tcc_sim.study.benchmarks.report_drawings", "draw_stored_precision"),
     "draw_stability": ("tcc_sim.study.benchmarks.report_drawings", "draw_stored_stability"),
-    "draw_branches": ("tcc_sim.study.views.branch_diagram", "branch_diagram"),
-    "branches_into": ("tcc_sim.study.views.branch_diagram", "into"),
-    "draw_basins": ("tcc_sim.study.views.basin_map", "draw_basins"),
-    "basins_into": ("tcc_sim.study.views.basin_map", "into"),
+    "branch_panels": ("tcc_sim.study.views.branch_diagram", "branch_panels"),
+    "basin_panels": ("tcc_sim.study.views.basin_map", "basin_panels"),
 }
 """Module and function of every such call."""
 

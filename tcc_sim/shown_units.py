@@ -84,14 +84,17 @@ def _range(value: float, last: float | None, factor: float, digits: int) -> str:
     return " to ".join(f"{x * factor:.{digits}g}" for x in ((value,) if last is None else (value, last)))
 
 
-def shown_axis(label: str) -> tuple[str, float] | None:
-    """Return label and factor of an axis in the selected unit; None where the label does not end with (rad/s)."""
+def shown_axis(name: str, unit: str = "", frequency: str = "") -> tuple[str, float]:
+    """Return the label of an axis in the selected unit, and the factor to it from the SI unit of its data.
+
+    Parameters
+    ----------
+    frequency : "engine" for the frequency of the excitation, "other" for another angular frequency
+    """
     units, _ = _SHOWN.get()
-    name = label.removesuffix(f"({SPEED})")
-    if units == "rad" or name == label:
-        return None
-    engine = name.strip().startswith(_ENGINE)
-    unit, factor = UNITS["hz"] if units == "rpm" and not engine and "frequency" in name else shown_unit(engine=engine)
-    if engine:
-        name = "engine speed " if units == "rpm" else r"excitation frequency $\omega/2\pi$ "
-    return f"{name.removeprefix('angular ')}({unit})", factor
+    if unit != SPEED or units == "rad":
+        return f"{name} ({unit})" if unit else name, 1.0
+    shown, factor = UNITS["hz"] if units == "rpm" and frequency == "other" else shown_unit(engine=frequency == "engine")
+    if frequency == "engine":
+        name = "engine speed" if units == "rpm" else r"excitation frequency $\omega/2\pi$"
+    return f"{name.removeprefix('angular ')} ({shown})", factor

@@ -76,67 +76,15 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 def pictures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Every figure that is saved, laid out but not rendered; its file is empty. Skips without matplotlib."""
     figure = pytest.importorskip("matplotlib.figure")
+    from matplotlib.ticker import FixedLocator
+
     saved: list[Any] = []
 
     def keep(drawn: Any, path: Path, **_: object) -> None:
+        for side in (each for axis in drawn.axes for each in (axis.xaxis, axis.yaxis)):
+            side.set_major_locator(FixedLocator(side.get_majorticklocs()))  # A style that no longer applies has others.
         saved.append(drawn)
         Path(path).touch()
 
     monkeypatch.setattr(figure.Figure, "savefig", keep)
     return saved
-
-
-@pytest.fixture
-def figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Every figure that is saved, in its units but neither laid out nor drawn; its file is empty. Skips without
-    matplotlib.
-    """
-    result = _saved(monkeypatch, "convert_axes", engine=False)
-    monkeypatch.setattr("tcc_sim.views.style.lay_out", lambda drawn: None)
-    return result
-
-
-@pytest.fixture
-def laid_out(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """Every figure that is saved, laid out but not drawn, with the ticks that it is saved with: the number of ticks
-    depends on the style, which no longer applies. Its file is empty. Skips without matplotlib.
-    """
-    pytest.importorskip("matplotlib")
-    from matplotlib.ticker import FixedLocator
-
-    from tcc_sim.views import style
-
-    lay_out = style.lay_out
-
-    def held(drawn: Any) -> None:
-        lay_out(drawn)
-        for axis in (each for axes in drawn.axes for each in (axes.xaxis, axes.yaxis)):
-            axis.set_major_locator(FixedLocator(axis.get_majorticklocs()))
-
-    monkeypatch.setattr(style, "lay_out", held)
-    return _saved(monkeypatch, "lay_out")
-
-
-def _saved(monkeypatch: pytest.MonkeyPatch, prepare: str, engine: bool = True) -> list[Any]:
-    """Return a list that collects the figures to be saved, each after a function of `style`, with its layout engine or
-    without. Their legends are checked.
-    """
-    pytest.importorskip("matplotlib")
-    from legends import unmarked
-
-    from tcc_sim.views import style
-
-    values: list[Any] = []
-    prepared = getattr(style, prepare)
-
-    def save(drawn: Any, path: Path) -> Path:
-        prepared(drawn)
-        if not engine:
-            drawn.set_layout_engine("none")
-        assert not unmarked(drawn), f"{path.name}: entries of legends without a mark"
-        values.append(drawn)
-        path.touch()
-        return path
-
-    monkeypatch.setattr(style, "save", save)
-    return values

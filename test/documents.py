@@ -118,9 +118,9 @@ def paths_in(value: Any, names: set[str], path: str = "") -> set[str]:
     return result
 
 
-def same_pictures(figures: list[Any], width: float) -> list[Any]:
+def same_pictures(pictures: list[Any], width: float) -> list[Any]:
     """The lines of the first picture, after checks that the last one has the same and that all have one width."""
-    first, *_, last = ([line.get_xydata() for axis in drawn.axes for line in axis.lines] for drawn in figures)
+    first, *_, last = ([line.get_xydata() for axis in drawn.axes for line in axis.lines] for drawn in pictures)
     np.testing.assert_equal(last, first)
-    assert {float(drawn.get_size_inches()[0]) for drawn in figures} == {width}
+    assert {float(drawn.get_size_inches()[0]) for drawn in pictures} == {width}
     return first

@@ -15,7 +15,7 @@ UNIT = re.compile(r"\([^()]*(\([^()]*\)[^()]*)*\)|dB re 1|%")
 BARE = ("crank order", "period of excitation", "friction coefficient", "fraction of the plane", "coefficient",
         "residual", r"$\bar\mu$", "frequency ratio", "friction ratio", r"$\mu_", "error", "relative error", "tolerance",
         "log10", "share of the cases", "engine cycles", "chi-square", "period (", "mu_k", "static_coefficient",
-        "friction.")
+        "friction.", "kinetic friction coefficient")
 """Beginnings and parts of labels of quantities without a unit."""
 Curve = tuple[Any, Any]
 

@@ -103,14 +103,14 @@ def test_a_doubtful_fit_of_the_friction_table_is_in_the_text_of_a_result() -> No
 
 
 @pytest.mark.parametrize("name", RESULTS)
-def test_it_is_drawn_and_no_file_is_overwritten(name: str, figures: list[Any], tmp_path: Path) -> None:
+def test_it_is_drawn_and_no_file_is_overwritten(name: str, pictures: list[Any], tmp_path: Path) -> None:
     from matplotlib.figure import Figure
 
     from tcc_sim.views import style
 
     path = tmp_path / "it.png"
     assert tcc_sim.plot(result(name), path, width="column", title="a title") == path
-    assert all(axis.has_data() for axis in figures[0].axes)
+    assert all(axis.has_data() for axis in pictures[0].axes)
     path.write_text("mine")
     with pytest.raises(InputError, match="not overwritten"):
         tcc_sim.plot(result(name), path)

@@ -131,10 +131,9 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
 
         write_layout(recording)
     if "matplotlib" not in missing:
-        from tcc_sim.views.overview import overview
+        from tcc_sim.views.plots import plot
 
-        overview(directory / "overview.png", result.trajectory, result.cycles, result.first_cycle, result.summary,
-                 scene.name, control=result.control)
+        plot(result, directory / "overview.png", title=scene.name)
         made.append("overview.png")
     say("\n".join(result.lines()))
     say(f"{directory}/ holds {', '.join(made)}\nnext:")

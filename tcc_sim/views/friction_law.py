@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,34 +15,30 @@ from tcc_sim.scene import SceneLike, system_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
+from tcc_sim.views.panels import Panel
+from tcc_sim.views.style import AxisQuantity, quantities
 
 POINTS = 801
 
 
-def draw_friction(path: Path, scene: SceneLike, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw the coefficient over slip speed with its table, the law close to 0, and the slope of the friction torque."""
-    system, wide = system_of(scene), style.wide(width)
-    with style.figure(width, 2.7 if wide else 6.4, title) as drawn:
-        law, near, slope = drawn.subplots(*((1, 3) if wide else (3, 1)))
-        near.sharey(law)
-        draw_law(law, system)
-        _near(near, system)
-        _slope(slope, system)
-        style.legend_below(drawn, (law, near, slope))
-        style.panel_titles((law, near, slope), ["Friction law", "Close to 0", "Slope of the torque"])
-        return style.save(drawn, path)
-
-
-def draw_law(axis: Any, scene: SceneLike) -> None:
-    """Draw the sliding coefficient over slip speed into an axis, with the table that it is fitted to."""
+def friction_panels(scene: SceneLike) -> list[Panel]:
+    """Return the coefficient over slip speed with its table, the law close to 0, and the slope of the friction torque.
+    """
     system = system_of(scene)
+    return [Panel(title, partial(draw, system=system), 2.2, beside=k > 0) for k, (title, draw) in enumerate(
+        (("Friction law", _law), ("Close to 0", _near), ("Slope of the torque", _slope)))]
+
+
+def _law(axis: Any, system: System) -> None:
+    """Draw the sliding coefficient over slip speed, with the table that it is fitted to."""
     law, v = system.friction, _speeds(system)
     axis.plot(v, _sliding(system, v), color=style.BLUE, label="fit of the table" if law.curve else "sliding, (6)")
     if law.law == "smoothed":
         axis.plot(v, _smoothed(system, v), color=style.RED, linestyle=(0, (4, 2)), label="smoothed, (7)")
     if law.curve is not None:
         axis.plot(law.slip_speeds, law.coefficients, linestyle="none", marker="o", color=style.INK, label="table")
-    axis.set(xlabel="slip speed (rad/s)", ylabel="friction coefficient", ylim=(0.0, None), xlim=(0.0, v[-1]))
+    axis.set(ylim=(0.0, None), xlim=(0.0, v[-1]))
+    quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
 
 
 def _near(axis: Any, system: System) -> None:
@@ -58,7 +54,8 @@ def _near(axis: Any, system: System) -> None:
     inside = np.array(law.slip_speeds) <= far
     axis.plot(np.array(law.slip_speeds)[inside], np.array(law.coefficients)[inside], linestyle="none", marker="o",
               color=style.INK)
-    axis.set(xlabel="slip speed (rad/s)", ylabel="friction coefficient", ylim=(0.0, None), xlim=(0.0, far))
+    axis.set(ylim=(0.0, None), xlim=(0.0, far))
+    quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
 
 
 def _slope(axis: Any, system: System) -> None:
@@ -72,7 +69,8 @@ def _slope(axis: Any, system: System) -> None:
                      label="critical slope (22), mean pressure")
     if np.abs(slope).max() > 10.0 * abs(least):
         axis.set_yscale("symlog", linthresh=10.0 ** math.ceil(math.log10(max(abs(least), 1.0))))
-    axis.set(xlabel="slip speed (rad/s)", ylabel="slope (N m s/rad)", xlim=(0.0, v[-1]),
+    quantities(axis, style.SLIP, AxisQuantity("slope", "N m s/rad"))
+    axis.set(xlim=(0.0, v[-1]),
              ylim=(min(1.5 * slope.min(), 1.5 * least, -1e-3), max(1.5 * slope.max(), 0.5 * abs(least), 1e-3)))
 
 

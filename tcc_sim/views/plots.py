@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -10,8 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from tcc_sim.analysis.spectra import Spectrum
-from tcc_sim.analysis.summary import Summary, cycles_of, first_cycle_of, summarise
+from tcc_sim.analysis.summary import cycles_of, first_cycle_of, summarise
 from tcc_sim.errors import InputError, check_suffix, require
 from tcc_sim.later_rooms import from_later_room
 from tcc_sim.output.files import replaceable
@@ -19,7 +18,8 @@ from tcc_sim.result import system_behind
 from tcc_sim.shown_units import UNITS, shown_in
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
-from tcc_sim.views.overview import overview
+from tcc_sim.views.panels import Panel, compose, draw_into
+from tcc_sim.views.runs import last_cycles, manoeuvre, slip_alone
 from tcc_sim.views.stored import (
     Record,
     arguments_in,
@@ -31,7 +31,6 @@ from tcc_sim.views.stored import (
     revived,
     title_of,
 )
-from tcc_sim.views.whole_runs import manoeuvre
 
 
 @dataclass(frozen=True, repr=False)
@@ -106,7 +105,8 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     if units is not None and units not in UNITS:
         raise InputError(f"units is {units!r}; it must be {', '.join(UNITS)}")
     if ax is not None:
-        return draw_into(ax, result, title)
+        with shown_in(units, _order_of(result)):
+            return draw_into(ax, _main_panel(result), title)
     if file is None:
         with TemporaryDirectory(prefix="tcc_sim_") as folder:
             return Picture(plot(result, Path(folder) / "picture.png", width, title=title, units=units).read_bytes())
@@ -137,58 +137,66 @@ def _order_of(result: Any) -> float | None:
 
 def _drawn(result: Any, path: Path, width: str, title: str) -> Path:
     """Draw a result to a file."""
-    look = (drawer_of(kind_of(vars(result))),) if isinstance(result, Record) else look_of(result)
-    if look is not None:
-        look[0](path, result, title=title, width=style.width_of(width))
-        return path
-    run = _run_of(result)
-    if run is result:
-        return plot_run(run, path, width, title=title)
-    if all(hasattr(result, name) for name in ("cycles", "first_cycle", "control")):
-        return overview(path, run, result.cycles, result.first_cycle, result.summary, title or result.path.name,
-                        control=result.control, width=width, spectrum=result.spectrum)
-    return plot_run(run, path, width, summary=getattr(result, "summary", None), title=title,
-                    spectrum=getattr(result, "spectrum", None))
+    inches = style.width_of(width)
+    if isinstance(result, Record):
+        return drawer_of(kind_of(vars(result)))(path, result, title=title, width=inches)
+    if not title and hasattr(result, "first_cycle"):
+        title = result.path.name
+    if _class_of(result) == "Twin":
+        title = f"{title}: {result}" if title else str(result)
+    return compose(path, panels_of(result), title, inches, below=_class_of(result) in BELOW)
 
 
-LOOKS = {"Sweep": ("sweeps", "draw_sweep", "draw_maxima"), "Grid": ("sweeps", "draw_grid", "draw_largest"),
-         "Scattered": ("sweeps", "draw_scatter", "draw_scattered"),
-         "Linearisation": ("estimation", "bode", "draw_gain"),
-         "Identification": ("estimation", "identification", "draw_fit"),
-         "Orders": ("order_maps", "plot_orders", "draw_shaft_map"),
-         "OrderComparison": ("order_maps", "plot_comparison", "draw_slip_difference"),
-         "Spectrum": ("order_maps", "plot_spectrum", "draw_slip_spectrum"),
-         "Scene": ("friction_law", "draw_friction", "draw_law"),
-         "System": ("friction_law", "draw_friction", "draw_law"),
-         "Twin": ("whole_runs", "draw_twin", "draw_slip_speeds")}
-"""Module of `views`, function for a whole picture and function for an axis, by the name of a result's class. The first
-function takes a png, svg or pdf file, the result (or its JSON, for sweeps and branches), a title and a width in inches,
-and raises the errors of `style.figure` and `style.save`. `plot_run` and `overview` draw runs and results with a run.
+PANELS = {"Sweep": ("sweeps", "sweep_panels"), "Grid": ("sweeps", "grid_panels"),
+          "Scattered": ("sweeps", "scatter_panels"), "Linearisation": ("estimation", "bode"),
+          "Identification": ("estimation", "identification"), "Orders": ("order_maps", "order_panels"),
+          "OrderComparison": ("order_maps", "comparison_panels"), "Spectrum": ("order_maps", "spectrum_panels"),
+          "Scene": ("friction_law", "friction_panels"), "System": ("friction_law", "friction_panels"),
+          "Twin": ("runs", "beside_recording")}
+"""Module of `views` and function that returns the panels of a result, by the name of its class; the first panel is that
+for an axis.
 """
-STUDIED = {"Motions": ("draw_branches", "branches_into"), "Basins": ("draw_basins", "basins_into")}
-"""Both functions, by their names in `later_rooms`, for results of the study."""
-
-
+STUDIED = {"Motions": "branch_panels", "Basins": "basin_panels"}
+"""The same for results of the study, by names in `later_rooms`."""
 KINDS = {"sweep": "Sweep", "continue": "Motions", "basins": "Basins", "linearise": "Linearisation",
          "identify": "Identification"}
-"""Row of LOOKS or STUDIED that draws a kind of JSON."""
+"""Class of the result of a kind of JSON."""
+BELOW = ("Grid", "Scattered", "Scene", "System", "Motions", "Basins")
+"""Results whose panels have one legend below them."""
 
 
-def look_of(result: Any) -> tuple[Callable[..., Any], Callable[..., Any]] | None:
-    """Return both drawing functions for a result, its JSON, or a list of planes; None without a row."""
-    name = type(result[0] if isinstance(result, list) and result else result).__name__
-    if isinstance(result, Mapping):
-        name = KINDS.get(kind_of(result), "")
-        if name == "Sweep":
-            name = "Scattered" if "scatter" in result else "Grid" if result.get("second_values") else "Sweep"
+def _class_of(result: Any) -> str:
+    """Return the name in PANELS or STUDIED of a result, its JSON, or a list of planes."""
+    if not isinstance(result, Mapping):
+        return type(result[0] if isinstance(result, list) and result else result).__name__
+    name = KINDS.get(kind_of(result), "")
+    if name != "Sweep":
+        return name
+    return "Scattered" if "scatter" in result else "Grid" if result.get("second_values") else "Sweep"
+
+
+def panels_of(result: Any) -> list[Panel]:
+    """Return the panels of a result; raise InputError if it has no picture."""
+    name = _class_of(result)
     if name in STUDIED:
-        whole, main = STUDIED[name]
-        return from_later_room(whole), from_later_room(main)
-    if name not in LOOKS:
-        return None
-    module, whole, main = LOOKS[name]
-    drawings = import_module(f"tcc_sim.views.{module}")
-    return getattr(drawings, whole), getattr(drawings, main)
+        studied: list[Panel] = from_later_room(STUDIED[name])(result)
+        return studied
+    if name in PANELS:
+        module, function = PANELS[name]
+        panels: list[Panel] = getattr(import_module(f"tcc_sim.views.{module}"), function)(result)
+        return panels
+    run, summary = _run_of(result), getattr(result, "summary", None)
+    if hasattr(result, "first_cycle"):  # The replay of a recording has the end of its run only.
+        return last_cycles(run, result.cycles, result.first_cycle, result.summary, result.control, result.spectrum)
+    control = getattr(run, "control", None)  # Only runs under commands have it.
+    if len(run.t) > 2 and run.system is not None and run.system.profile is not None:
+        return manoeuvre(run, control)
+    whole = run.cycles is not None and len(run.cycles) > 0
+    if not whole and len(run.t) > 2 and run.t[-1] - run.t[0] >= run.cycle:
+        run = replace(run, cycles=cycles_of(run))
+        whole = run.cycles is not None and len(run.cycles) > 0
+    return last_cycles(run, run.cycles if run.cycles is not None else no_cycles(), first_cycle_of(run) if whole else 0,
+                       summary or summarise(run), control, getattr(result, "spectrum", None))
 
 
 def _run_of(result: Any) -> Trajectory:
@@ -201,51 +209,12 @@ def _run_of(result: Any) -> Trajectory:
     return run
 
 
-def draw_into(ax: Any, result: Any, title: str = "") -> Any:
-    """Draw the main curve of a result into an axis, with a legend of several curves or of areas.
-
-    Raises
-    ------
-    InputError
-        The result has no curve for an axis.
-    """
-    look, before, legend = look_of(result), len(style.entries(ax)[0]), ax.get_legend()
-    if look is not None:
-        look[1](ax, result)
-    else:
-        run = _run_of(result)
-        if len(run.t) < 3:
-            raise InputError(f"a {type(result).__name__} has no curve for an axis; a run needs samples, such as "
-                             "samples_per_cycle=200")
-        ax.plot(run.t, run.slip_speed, color=style.BLUE, linewidth=0.9)
-        ax.set(xlabel="time (s)", ylabel="slip speed (rad/s)")
-    named = style.entries(ax)[0]
-    if ax.get_legend() is legend and len(named) > before and (len(named) > 1 or named[0].get_gid() == style.KEY):
-        style.legend_into(ax)
-    if title:
-        ax.set_title(title, pad=style.room_for_legend(ax))
-    return ax
-
-
-def plot_run(solved: Trajectory, path: Path, width: str = "page", *, summary: Summary | None = None,
-             title: str = "", spectrum: Spectrum | None = None) -> Path:
-    """Draw the last cycles of a run, or all of a run whose scene has profiles.
-
-    Parameters
-    ----------
-    solved : a run with samples; one with per-cycle results alone has no panels over time
-    summary : summary of its steady state; computed by default
-    spectrum : spectrum of its steady state, if requested
-    """
-    control = getattr(solved, "control", None)  # Only runs under commands have it.
-    if len(solved.t) > 2 and solved.system is not None and solved.system.profile is not None:
-        return manoeuvre(path, solved, style.width_of(width), title, control)
-    whole = solved.cycles is not None and len(solved.cycles) > 0
-    if not whole and len(solved.t) > 2 and solved.t[-1] - solved.t[0] >= solved.cycle:
-        solved = replace(solved, cycles=cycles_of(solved))
-        whole = solved.cycles is not None and len(solved.cycles) > 0
-    if summary is None:
-        summary = summarise(solved)
-    cycles = solved.cycles if solved.cycles is not None else no_cycles()
-    return overview(path, solved, cycles, first_cycle_of(solved) if whole else 0, summary, title,
-                    control=control, width=width, spectrum=spectrum)
+def _main_panel(result: Any) -> Panel:
+    """Return the panel of a result for an axis: the slip speed of a run, else the first."""
+    if _class_of(result) in (*PANELS, *STUDIED):
+        return panels_of(result)[0]
+    run = _run_of(result)
+    if len(run.t) < 3:
+        raise InputError(f"a {type(result).__name__} has no curve for an axis; a run needs samples, such as "
+                         "samples_per_cycle=200")
+    return slip_alone(run)

@@ -1,15 +1,14 @@
-"""Style of every picture: sizes, fonts, colours, labels and units of axes, legends, and files."""
+"""Style of every picture: sizes, fonts, colours, quantities along axes, legends, and files."""
 
 from __future__ import annotations
 
 import math
-import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -66,8 +65,24 @@ _SETTINGS: dict[str, Any] = {
 
 
 _CHOSEN: ContextVar[Mapping[str, Any] | None] = ContextVar("chosen", default=None)
-KEY = "key of a legend"
-"""Matplotlib gid of artists that only stand in a legend."""
+KEY, ABOVE = "key of a legend", "legend above the axes"
+"""Matplotlib gids of artists that only stand in a legend, and of legends that are placed again in the saved picture."""
+
+
+class AxisQuantity(NamedTuple):
+    """AxisQuantity along an axis: its name, SI unit, and `frequency` as for `shown_units.shown_axis`."""
+
+    name: str
+    unit: str = ""
+    frequency: str = ""
+
+
+TIME, PERIOD = AxisQuantity("time", "s"), AxisQuantity("period of excitation")
+SLIP, MAX_SLIP = AxisQuantity("slip speed", "rad/s"), AxisQuantity("max |slip speed|", "rad/s")
+PLATE_SPEED, ANGLE = AxisQuantity("plate speed", "rad/s"), AxisQuantity("plate angle", "rad")
+TORQUE, HEAT = AxisQuantity("torque", "N m"), AxisQuantity("heat", "kJ")
+FREQUENCY = AxisQuantity("angular frequency", "rad/s", "other")
+ENGINE = AxisQuantity("engine frequency", "rad/s", "engine")
 
 
 def use_file(path: Path | None) -> None:
@@ -134,9 +149,8 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
         drawn = Figure(figsize=(width, height), dpi=DOTS, layout="constrained")
         FigureCanvasAgg(drawn)
         if title:
-            # A bold letter of ten points is about 0.085 inch wide.
-            drawn.suptitle(textwrap.fill(title, max(int(width / 0.085), 20)), x=0.01, ha="left", fontsize=10.0,
-                           fontweight="bold", parse_math=False)  # It has names of files.
+            drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold", wrap=True,
+                           parse_math=False)  # It has names of files.
         yield drawn
 
 
@@ -164,33 +178,40 @@ def wide(width: float) -> bool:
     return width > 0.5 * (COLUMN + PAGE)
 
 
-def save(drawn: Any, path: Path) -> Path:
-    """Write a picture in the format of the suffix of `path`; the same picture gives the same bytes.
-
-    Raises
-    ------
-    InputError
-        Another suffix than those of SUFFIXES.
-    """
-    check_suffix(path, SUFFIXES)
-    convert_axes(drawn)
-    lay_out(drawn)
-    drawn.savefig(path, metadata=SUFFIXES[path.suffix])
-    return path
+def colour_of(period: int) -> str:
+    """Return the colour of motions of a period, the same in every picture; dark without a period."""
+    return MANY[(period - 1) % len(MANY)] if period else INK
 
 
-def convert_axes(drawn: Any) -> None:
-    """Convert the axes of a figure whose labels end with (rad/s) to the selected unit; the data stay in SI."""
-    for axes in (*drawn.axes, *(child for a in drawn.axes for child in a.child_axes)):
-        for axis in (axes.xaxis, axes.yaxis):
-            if (shown := shown_axis(axis.get_label_text())) is not None:
-                axis.set_label_text(shown[0])
-                _rescale(axis, shown[1])
+def tint(colour: Any, share: float = 0.35) -> tuple[float, float, float]:
+    """Return a light version of a colour, of which it has this share."""
+    from matplotlib.colors import to_rgb
+
+    red, green, blue = (1.0 - share * (1.0 - part) for part in to_rgb(colour))
+    return red, green, blue
+
+
+def quantity_of(key: str) -> AxisQuantity:
+    """Return the quantity of a scene key, such as "mean pressure $P_m$" in Pa."""
+    meant = {**QUANTITIES, **DERIVED}.get(list_of(key))
+    if meant is None:
+        return AxisQuantity(key)
+    return AxisQuantity(meant.label or key, meant.unit, "engine" if key == "engine.frequency" else "")
+
+
+def quantities(axis: Any, x: AxisQuantity | None = None, y: AxisQuantity | None = None) -> None:
+    """Name the quantities along axes in the selected unit, with ticks at its round numbers; the data stay in SI."""
+    for side, quantity in ((axis.xaxis, x), (axis.yaxis, y)):
+        if quantity is not None:
+            label, factor = shown_axis(*quantity)
+            side.set_label_text(label)
+            if factor != 1.0:
+                _rescale(side, factor)
 
 
 def _rescale(axis: Any, factor: float) -> None:
     """Place the ticks of an axis at round numbers of another unit."""
-    from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
     class Round(MaxNLocator):
         """Ticks at round numbers of the other unit."""
@@ -199,18 +220,27 @@ def _rescale(axis: Any, factor: float) -> None:
             """Return the ticks in the unit of the data."""
             return np.asarray(super().tick_values(low * factor, high * factor)) / factor
 
+    class Powers(LogLocator):
+        """Ticks at powers of ten of the other unit, or between them where there are fewer than two."""
+
+        def tick_values(self, low: float, high: float) -> Any:
+            """Return the ticks in the unit of the data."""
+            low, high = low * factor, high * factor
+            powers = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1.0)
+            few = np.count_nonzero((powers >= low) & (powers <= high)) < 2
+            return np.outer([1.0, 2.0, 3.0, 5.0] if few else [1.0], powers).ravel() / factor
+
+    def text(x: float, _: int | None = None) -> str:
+        shown, power = x * factor, math.log10(max(x * factor, 1e-300))
+        log = axis.get_scale() == "log" and abs(power - round(power)) < 1e-9
+        return f"$10^{{{round(power)}}}$" if log else f"{shown:.6g}"
+
     if axis.get_scale() == "log":
-        low, high = sorted(x * factor for x in axis.get_view_interval())
-        powers = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1.0)
-        few = np.count_nonzero((powers >= low) & (powers <= high)) < 2
-        ticks = np.outer([1.0, 2.0, 3.0, 5.0] if few else [1.0], powers) / factor
-        axis.set_major_locator(FixedLocator(ticks.ravel().tolist()))
+        axis.set_major_locator(Powers())
         axis.set_minor_locator(NullLocator())
-        axis.set_major_formatter(FuncFormatter(
-            lambda x, _: f"{x * factor:.3g}" if few else f"$10^{{{round(math.log10(x * factor))}}}$"))
     else:
         axis.set_major_locator(Round(nbins=6, steps=[1, 2, 2.5, 5, 10]))
-        axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x * factor:.6g}"))
+    axis.set_major_formatter(FuncFormatter(text))
 
 
 def widened(limits: tuple[float, float]) -> tuple[float, float]:
@@ -220,20 +250,52 @@ def widened(limits: tuple[float, float]) -> tuple[float, float]:
     return low - 0.5 * missing, high + 0.5 * missing
 
 
-def label_of(key: str) -> str:
-    """Return the label of an axis over a scene key, such as "mean pressure $P_m$ (Pa)"."""
-    meant = {**QUANTITIES, **DERIVED}.get(list_of(key))
-    return key if meant is None else f"{meant.label or key}{meant.unit and f' ({meant.unit})'}"
+def save(drawn: Any, path: Path) -> Path:
+    """Write a picture in the format of the suffix of `path`; the same picture gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        Another suffix than those of SUFFIXES.
+    """
+    check_suffix(path, SUFFIXES)
+    lay_out(drawn)
+    drawn.savefig(path, metadata=SUFFIXES[path.suffix])
+    return path
+
+
+def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
+    """Write `stem`.png and `stem`.svg with one layout, or one file if `stem` has the suffix of a picture."""
+    lay_out(drawn)
+    if stem.suffix in SUFFIXES:
+        return stem, save(drawn, stem)
+    raster = save(drawn, stem.with_name(stem.name + ".png"))
+    return raster, save(drawn, stem.with_name(stem.name + ".svg"))
 
 
 def lay_out(drawn: Any) -> None:
     """Place the axes of a figure for good, once; with a layout engine, every file would be drawn twice. The positions
     are rounded, since the engine leaves their last digits different every time.
+
+    Legends above axes, titles and labels then get the lines that the axes have room for, and the axes are placed again.
     """
-    if drawn.get_layout_engine() is None:
+    engine = drawn.get_layout_engine()
+    if engine is None:
         return
     _keep_numbers_plain(drawn)
-    drawn.get_layout_engine().execute(drawn)
+    engine.execute(drawn)
+    for axis in drawn.axes:
+        box, titles = axis.get_window_extent(), (axis.title, axis._left_title)
+        for text, size, room in ((axis.yaxis.label, axis.yaxis.label.get_window_extent().height, box.height),
+                                 *((title, title.get_window_extent().width, box.width) for title in titles)):
+            words = text.get_text()
+            if size > room and "\n" not in words:
+                text.set_text(textwrap.fill(words, max(int(0.88 * len(words) * room / size), 8)))
+    engine.execute(drawn)
+    for axis in drawn.axes:
+        if axis.get_legend() is not None and axis.get_legend().get_gid() == ABOVE:
+            legend_above(axis)
+    engine.execute(drawn)
     drawn.set_layout_engine(None)
     for axis in drawn.axes:
         axis.set_position([round(x, 5) for x in axis.get_position(original=True).bounds])
@@ -258,55 +320,10 @@ def _keep_numbers_plain(drawn: Any) -> None:
                 axis.set_major_formatter(Plain())
 
 
-def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
-    """Write `stem`.png and `stem`.svg with one layout, or one file if `stem` has the suffix of a picture."""
-    lay_out(drawn)
-    if stem.suffix in SUFFIXES:
-        return stem, save(drawn, stem)
-    raster = save(drawn, stem.with_name(stem.name + ".png"))
-    return raster, save(drawn, stem.with_name(stem.name + ".svg"))
-
-
-def panel_titles(axes: Any, titles: list[str]) -> None:
-    """Title the panels (a), (b), ...; a title that does not fit beside the legend is placed above it."""
+def panel_titles(axes: Sequence[Any], titles: Sequence[str]) -> None:
+    """Title the panels (a), (b), ..., or one panel without a letter."""
     for letter, axis, title in zip("abcdefghijklmnop", axes, titles):
-        words = f"({letter}) {title}" if len(axes) > 1 else title
-        if not wide(axis.figure.get_figwidth()) and "$" not in words:
-            words = textwrap.fill(words, 44)
-        axis.set_title(words, pad=room_for_legend(axis) if _crowded(axis, words) else None)
-
-
-def room_for_legend(axis: Any) -> float | None:
-    """Return the distance of a title from the axes that leaves room for the legend above them, points; None without."""
-    legend = axis.get_legend()
-    return None if legend is None or legend._bbox_to_anchor is None else 16.0 + 10.0 * (_rows_of(legend) - 1)
-
-
-def _rows_of(legend: Any) -> int:
-    """Return the number of lines of a legend, its title included."""
-    heading, entries, columns = str(legend.get_title().get_text()), len(legend.get_texts()), int(legend._ncols)
-    return -(-entries // columns) + (heading.count("\n") + 1 if heading else 0)
-
-
-def _crowded(axis: Any, title: str) -> bool:
-    """Estimate whether a title and the legend beside it are wider than the axes."""
-    legend, place = axis.get_legend(), axis.get_subplotspec()
-    if legend is None or place is None or legend._bbox_to_anchor is None:  # A legend within the axes.
-        return False
-    columns = place.get_gridspec().ncols / len(place.colspan)
-    room = 72.0 * axis.figure.get_figwidth() / columns - 40.0
-    entries = [_entry(text.get_text(), text.get_fontsize()) for text in legend.get_texts()]
-    return bool(5.6 * len(title) + sum(entries) > room)
-
-
-def _entry(text: str, size: float) -> float:
-    """Estimate the width of a legend entry with its line, points."""
-    return (0.58 * _letters(text) + 2.6) * size
-
-
-def _letters(text: str) -> int:
-    """Return the number of letters of a drawn text; a command of its mathematics is one letter."""
-    return len(re.sub(r"\\[A-Za-z]+ ?|[${}_]", lambda match: "x" if match[0].startswith("\\") else "", text))
+        axis.set_title(f"({letter}) {title}" if len(axes) > 1 else title)
 
 
 def key(axis: Any, label: str, *, area: bool = False, **look: Any) -> Any:
@@ -330,6 +347,8 @@ def _has_points(artist: Any) -> bool:
         parts = [artist.get_xydata()]
     elif hasattr(artist, "get_paths"):
         parts = [path.vertices for path in artist.get_paths()]
+    elif hasattr(artist, "get_children") and not hasattr(artist, "get_patch_transform"):  # Error bars.
+        return True
     else:
         parts = [artist.get_patch_transform().transform(artist.get_path().vertices)]
     return any(bool(np.isfinite(np.ma.filled(xy, np.nan)).all(axis=1).any()) for xy in parts)
@@ -341,40 +360,43 @@ def legend(axis: Any, **look: Any) -> Any:
     return axis.legend(handles, labels, **look) if handles else None
 
 
-def legend_into(axis: Any) -> None:
-    """Draw a legend within axes where it covers no line, mark or text; above them if there is no such place."""
-    drawn = legend(axis, loc="best")
-    if drawn is None:
-        return
-    axis.autoscale_view()  # Limits are stale until a picture is drawn.
-    box = drawn.get_window_extent().padded(1.0)
-    bare = {"None", "none", " ", ""}
-    for line in axis.lines:
-        path = line.get_transform().transform_path(line.get_path())
-        if path.cleaned(remove_nans=True, clip=(*box.min, *box.max), simplify=False).vertices[:-1].size and (
-                line.get_linestyle() not in bare or box.count_contains(path.vertices)):
-            legend(axis, loc="lower left", bbox_to_anchor=(0.0, 1.0), fontsize="small",
-                   ncols=1 + (len(drawn.get_texts()) > 4))
-            return
-
-
 def legend_above(axis: Any) -> None:
-    """Place the legend above the right end of the axes, in one row, or in rows that fit a column."""
-    handles, labels = entries(axis)
+    """Place the legend above the axes, in as many columns as they have room for, beside the title or below it."""
     narrow = not wide(axis.figure.get_figwidth())
     small = {"fontsize": 6.5, "handlelength": 1.1, "columnspacing": 0.8, "handletextpad": 0.4} if narrow else {}
-    columns = len(handles)
-    while narrow and columns > 1 and columns * max(_entry(name, 6.5) for name in labels) > 72.0 * COLUMN - 50.0:
-        columns -= 1
-    if handles:
-        axis.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, **small)
+    where, room = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}, axis.get_window_extent().width
+    drawn = _fitted(lambda columns: legend(axis, ncols=columns, **where, **small), len(entries(axis)[0]), room)
+    if drawn is None:
+        return
+    drawn.set_gid(ABOVE)
+    side = "left" if axis.get_title(loc="left") else "center"
+    if title := axis.get_title(loc=side):
+        box, words = drawn.get_window_extent(), axis.set_title(title, loc=side, pad=None).get_window_extent()
+        beside = box.width + words.width * (1.0 if side == "left" else 2.0) < 0.95 * room
+        above = (box.y1 - axis.get_window_extent().y1) * 72.0 / axis.figure.dpi
+        axis.set_title(title, loc=side, pad=None if beside else 4.0 + above)
 
 
 def legend_below(drawn: Any, axes: Sequence[Any]) -> None:
-    """Place one legend of all axes below the picture, whose height grows by the rows of the legend."""
+    """Place one legend of all axes below the picture, whose height grows by that of the legend."""
     handles = {name: handle for axis in axes for handle, name in zip(*entries(axis))}
-    if not handles:
-        return
-    columns = min(len(handles), max(int(72.0 * drawn.get_figwidth() / (4.3 * max(map(_letters, handles)) + 32.0)), 1))
-    drawn.set_figheight(drawn.get_figheight() + 0.17 * -(-len(handles) // columns))
-    drawn.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)
+    placed: list[Any] = []
+
+    def place(columns: int) -> Any:
+        for former in placed:
+            former.remove()
+        placed[:] = [drawn.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)]
+        return placed[0]
+
+    if fitted := _fitted(place, len(handles), 0.98 * drawn.bbox.width):
+        drawn.set_figheight(drawn.get_figheight() + fitted.get_window_extent().height / drawn.dpi)
+
+
+def _fitted(place: Any, count: int, room: float) -> Any:
+    """Return a legend of `count` entries with the largest number of columns that fit into a width, pixels, or one."""
+    drawn = None
+    for columns in range(count, 0, -1):
+        drawn = place(columns)
+        if drawn is None or drawn.get_window_extent().width <= room:
+            break
+    return drawn

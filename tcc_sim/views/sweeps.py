@@ -1,11 +1,11 @@
-"""Pictures of sweeps: maxima and orbit diagram over one key, or a map over two; for scattered keys, bands of quantiles
+"""Panels of sweeps: maxima and orbit diagram over one key, or a map over two; for scattered keys, bands of quantiles
 over another key, or every result over every scattered key.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
+from tcc_sim.views.panels import Panel
+from tcc_sim.views.style import AxisQuantity, quantities
 
 Bools = NDArray[np.bool_]
 NOT_FOUND = "#B0B0B0"
@@ -20,11 +22,11 @@ NOT_FOUND = "#B0B0B0"
 PURE_STICK, RUNAWAY = -1, -2
 """Values in a map in place of a period: for pure stick, and for runaway slip."""
 REGIMES = {"stick": style.GREY, "stick-slip": style.BLUE, "slip": style.GREEN, "runaway": style.RUNAWAY}
-RESULTS = (("max_slip_speed", "max |slip speed|\n(rad/s)", 1.0), ("stick_fraction", "stick (%)", 100.0),
-           ("clutch_energy", "clutch energy (J)", 1.0))
-"""Results drawn for scattered keys, with the labels of their axes, and factors to the units of the axes."""
-OF_MANOEUVRE = (RESULTS[0], ("max_shaft_torque", "max shaft\ntorque (N m)", 1.0), RESULTS[2],
-                ("judder_rms", "judder, rms\n(rad/s)", 1.0))
+RESULTS = (("max_slip_speed", style.MAX_SLIP, 1.0), ("stick_fraction", AxisQuantity("stick", "%"), 100.0),
+           ("clutch_energy", AxisQuantity("clutch energy", "J"), 1.0))
+"""Results drawn for scattered keys, with their quantities, and factors to the units of these."""
+OF_MANOEUVRE = (RESULTS[0], ("max_shaft_torque", AxisQuantity("max shaft torque", "N m"), 1.0), RESULTS[2],
+                ("judder_rms", AxisQuantity("judder, rms", "rad/s"), 1.0))
 """The same for scenes with profiles in time."""
 JUMP, SHARPER = 0.05, 4.0
 """A line has a gap between neighbours that differ by more than JUMP of the curve's range and more than SHARPER times
@@ -32,36 +34,29 @@ the median difference of the two pairs on either side.
 """
 
 
-def draw_sweep(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw maxima, the orbit diagram (plate angle on the section) and the time in stick over one key."""
+def sweep_panels(document: Any) -> list[Panel]:
+    """Return maxima, the orbit diagram (plate angle on the section) and the time in stick over one key."""
     values = style.json_values(document)
-    exponents = bool(values.get("lyapunov"))
-    heights = (1.2, 1.2, 0.7, *([0.9] if exponents else []))
-    with style.figure(width, 5.0 + 1.4 * exponents, title) as drawn:
-        maxima, orbit, stick, *further = drawn.subplots(len(heights), 1, sharex=True, height_ratios=heights)
-        x = numbers(values["values"])
-        draw_maxima(maxima, values)
-        maxima.set(xlabel="", ylabel="max |slip speed|\n(rad/s)")
-        if values.get("varying"):  # A manoeuvre has no orbit.
-            orbit.plot(*parted(x, numbers(values["clutch_energy"])), color=style.BLUE, marker="o",
-                       markersize=_size(len(x)), markeredgewidth=0.0, linewidth=0.9)
-            orbit.set_ylabel("clutch energy\n(J)")
-        else:
-            _orbit(orbit, x, values)
-        share = numbers(values["stick_fraction"])
-        stick.plot(*parted(x, 100.0 * share), color=style.BLUE, marker="o", markersize=_size(len(x)),
-                   markeredgewidth=0.0, linewidth=0.9)
-        stick.set(ylabel="stick (%)", ylim=(-4.0, 104.0))
-        for axis in further:
-            _exponents(axis, x, values)
-        (further or [stick])[-1].set_xlabel(style.label_of(values["over"]))
-        if len(x) > 1:
-            margin = 0.01 * np.ptp(x)  # So that no marker is cut.
-            stick.set_xlim(np.nanmin(x) - margin, np.nanmax(x) + margin)
-        style.panel_titles((maxima, orbit, stick, *further), [
-            "Maxima", "Heat" if values.get("varying") else "Orbit diagram", "Time in stick",
-            *(["Largest Lyapunov exponent"] if exponents else [])])
-        return style.save(drawn, path)
+    x, over = numbers(values["values"]), style.quantity_of(values["over"])
+
+    def curve(axis: Any, name: str, factor: float, quantity: AxisQuantity) -> None:
+        axis.plot(*parted(x, factor * numbers(values[name])), color=style.BLUE, marker="o", markersize=_size(len(x)),
+                  markeredgewidth=0.0, linewidth=0.9)
+        if name == "stick_fraction":
+            axis.set_ylim(-4.0, 104.0)
+        quantities(axis, over, quantity)
+
+    def orbit(axis: Any) -> None:
+        _orbit(axis, x, values)
+        quantities(axis, over, AxisQuantity("plate angle on section", "rad"))
+
+    exponents = [Panel("Largest Lyapunov exponent", partial(_exponents, x=x, values=values), over=True)]
+    return [Panel("Maxima", partial(_maxima, values=values), 1.9),
+            Panel("Heat", partial(curve, name="clutch_energy", factor=1.0, quantity=RESULTS[2][1]), 1.9, over=True)
+            if values.get("varying") else  # A manoeuvre has no orbit.
+            Panel("Orbit diagram", orbit, 1.9, over=True),
+            Panel("Time in stick", partial(curve, name="stick_fraction", factor=100.0, quantity=RESULTS[1][1]), 1.5,
+                  over=True), *(exponents if values.get("lyapunov") else [])]
 
 
 def _exponents(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
@@ -71,13 +66,12 @@ def _exponents(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
     axis.axhline(0.0, color=style.INK, linewidth=0.6, zorder=1)
     axis.vlines(x, low, high, color=style.SKY, linewidth=1.0)
     axis.plot(x, middle, linestyle="none", marker="o", markersize=_size(len(x)), markeredgewidth=0.0, color=style.BLUE)
-    axis.set_ylabel("exponent (1/s)")
+    quantities(axis, style.quantity_of(values["over"]), AxisQuantity("exponent", "1/s"))
 
 
-def draw_maxima(axis: Any, document: Any) -> None:
+def _maxima(axis: Any, values: Mapping[str, Any]) -> None:
     """Draw the largest slip speed over one key, coloured by regime."""
-    values = style.json_values(document)
-    axis.set(xlabel=style.label_of(values["over"]), ylabel="max |slip speed| (rad/s)")
+    quantities(axis, style.quantity_of(values["over"]), style.MAX_SLIP)
     x, largest = numbers(values["values"]), numbers(values["max_slip_speed"])
     regimes = classes(values["regime"], values.get("runaway", []))
     away = regimes["runaway"][1] if "runaway" in regimes else np.zeros(len(x), dtype=bool)
@@ -95,7 +89,9 @@ def draw_maxima(axis: Any, document: Any) -> None:
     if wrong.any():
         axis.plot(x[wrong], np.zeros(int(wrong.sum())), linestyle="none", marker="x", color=style.RED, label="failed",
                   clip_on=False)
-    style.legend_above(axis)
+    if len(x) > 1:
+        margin = 0.01 * np.ptp(x)  # So that no marker is cut.
+        axis.set_xlim(np.nanmin(x) - margin, np.nanmax(x) + margin)
     axis.set_ylim(-0.03 * top, (1.13 if away.any() else 1.05) * top)
 
 
@@ -127,40 +123,27 @@ def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
         if angles:
             axis.plot(places, angles, linestyle="none", marker="o", markersize=max(0.7 * _size(len(x)), 1.0),
                       markeredgewidth=0.0, color=colour, label=name, rasterized=len(angles) > 5000)
-    style.legend_above(axis)
-    axis.set_ylabel("plate angle (rad)\nat " + r"$t = 2\pi n/\omega$")
     axis.margins(y=0.1)
     axis.set_ylim(style.widened(axis.get_ylim()))  # A motion that stays the same is no diagram of rounding.
 
 
-def draw_grid(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw maps of the largest slip speed and of the period over two keys; the second key is vertical."""
+def grid_panels(document: Any) -> list[Panel]:
+    """Return maps of the largest slip speed and of the period over two keys; the second key is vertical."""
     values = style.json_values(document)
-    wide = style.wide(width)
-    with style.figure(width, 3.2 if wide else 5.6, title) as drawn:
-        maxima, periods = drawn.subplots(*((1, 2) if wide else (2, 1)), sharex=True, sharey=True)
-        draw_largest(maxima, values)
-        x, y = numbers(values["values"]), numbers(values["second_values"])
-        _period_map(drawn, periods, x, y, values)
-        _over_two(periods, values)
-        hatch(periods, x, y, values)
-        (periods.set_ylabel if wide else maxima.set_xlabel)("")
-        style.panel_titles((maxima, periods), ["Maxima", "Period"])
-        style.legend_below(drawn, [maxima])
-        return style.save(drawn, path)
+    return [Panel("Maxima", partial(_largest, values=values), 2.7),
+            Panel("Period", partial(_period_map, values=values), 2.7, beside=True, named=False)]
 
 
-def draw_largest(axis: Any, document: Any) -> None:
+def _largest(axis: Any, values: Mapping[str, Any]) -> None:
     """Draw a map of the largest slip speed over two keys; runaways have a separate colour, and cells are hatched that
     have not settled.
     """
-    values = style.json_values(document)
     x, y = numbers(values["values"]), numbers(values["second_values"])
     largest = np.array([numbers(row) for row in values["max_slip_speed"]])
     away = runaways(values)
     shade = axis.pcolormesh(edges(x), edges(y), np.ma.masked_where(away | ~np.isfinite(largest), largest),
                             cmap="viridis", vmin=0.0, rasterized=True)
-    axis.figure.colorbar(shade, ax=axis, label="max |slip speed| (rad/s)")
+    quantities(axis.figure.colorbar(shade, ax=axis).ax, None, style.MAX_SLIP)
     if away.any():
         draw_cells(axis, x, y, np.where(away, 0.0, np.nan), [style.RUNAWAY])
         style.key(axis, "runaway", area=True, facecolor=style.RUNAWAY, edgecolor=style.GREY)
@@ -189,57 +172,46 @@ def _over_two(axis: Any, values: Mapping[str, Any]) -> None:
     """Label the axes of a map over two keys."""
     axis.set_facecolor(NOT_FOUND)
     axis.grid(False)
-    axis.set(xlabel=style.label_of(values["over"]), ylabel=style.label_of(values["second_over"]))
+    quantities(axis, style.quantity_of(values["over"]), style.quantity_of(values["second_over"]))
 
 
-def _period_map(drawn: Any, axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> None:
+def _period_map(axis: Any, values: Mapping[str, Any]) -> None:
     """Draw a map of the periods: a colour for each, dark without a period, light for pure stick."""
+    x, y = numbers(values["values"]), numbers(values["second_values"])
     period = np.array([numbers(row) for row in values["period"]])
     period[np.array([[regime == "stick" for regime in row] for row in values["regime"]])] = PURE_STICK
     period[runaways(values)] = RUNAWAY
     periods = sorted({int(p) for p in period[np.isfinite(period)].ravel()}) or [0]
-    looks = {PURE_STICK: ("stick", style.STICK), RUNAWAY: ("runaway", style.RUNAWAY), 0: ("none", style.INK)}
-    colours = [looks[p][1] if p in looks else style.MANY[(p - 1) % len(style.MANY)] for p in periods]
+    looks = {PURE_STICK: ("stick", style.STICK), RUNAWAY: ("runaway", style.RUNAWAY), 0: ("none", style.colour_of(0))}
+    colours = [looks[p][1] if p in looks else style.colour_of(p) for p in periods]
     place = np.full(period.shape, np.nan)
     for number, p in enumerate(periods):
         place[period == p] = number
     shade = draw_cells(axis, x, y, place, colours)
-    bar = drawn.colorbar(shade, ax=axis, ticks=range(len(periods)), label="period (periods of excitation)")
+    bar = axis.figure.colorbar(shade, ax=axis, ticks=range(len(periods)), label="period (periods of excitation)")
     bar.ax.set_yticklabels([looks[p][0] if p in looks else str(p) for p in periods])
     bar.ax.minorticks_off()
+    hatch(axis, x, y, values)
+    _over_two(axis, values)
 
 
-def draw_scatter(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw bands of the outer quantiles over the swept key, or without one samples over each scattered key."""
+def scatter_panels(document: Any) -> list[Panel]:
+    """Return bands of the outer quantiles over the swept key, or without one samples over each scattered key."""
     values = style.json_values(document)
-    results = OF_MANOEUVRE if values.get("varying") else RESULTS
-    over = values.get("over", "")
-    keys = [] if over else list(values["scatter"])[:4 if style.wide(width) else 2]
-    with style.figure(width, 5.0, title) as drawn:
-        axes = drawn.subplots(len(results), max(len(keys), 1), sharex="col", sharey="row", squeeze=False)
-        for row, (name, label, scale) in zip(axes, results):
-            row[0].set_ylabel(label)
-            if over:
-                draw_band(row[0], values, name, scale)
-            else:
-                for axis, key in zip(row, keys):
-                    _samples(axis, values, name, key, scale)
-        for axis, key in zip(axes[-1], keys or [over]):
-            axis.set_xlabel(style.label_of(key))
-            axis.locator_params(axis="x", nbins=9 if len(keys) < 2 else 7 if style.wide(width) else 4)
-        style.legend_below(drawn, axes[0, :1])
-        return style.save(drawn, path)
+    over, keys = values.get("over", ""), list(values["scatter"])[:4]
+    rows = [[partial(draw_band, values=values, name=name, scale=scale)] if over else
+            [partial(_samples, values=values, name=name, key=key, scale=scale) for key in keys]
+            for name, _, scale in (OF_MANOEUVRE if values.get("varying") else RESULTS)]
 
+    def named(axis: Any, draw: Any, key: str, quantity: AxisQuantity | None) -> None:
+        draw(axis)
+        axis.locator_params(axis="x", nbins=9 if len(keys) < 2 else 4)
+        quantities(axis, style.quantity_of(key), quantity)
 
-def draw_scattered(axis: Any, document: Any) -> None:
-    """Draw the largest slip speed into an axis: its band over the swept key, or samples over the first scattered."""
-    values = style.json_values(document)
-    over, first = values.get("over", ""), next(iter(values["scatter"]))
-    if over:
-        draw_band(axis, values, "max_slip_speed")
-    else:
-        _samples(axis, values, "max_slip_speed", first, 1.0)
-    axis.set(xlabel=style.label_of(over or first), ylabel="max |slip speed| (rad/s)")
+    return [Panel(quantity.name.capitalize() if not k else "", partial(
+                named, draw=draw, key=key, quantity=quantity), 1.7, beside=k > 0, over=bool(n), named=not n and not k)
+            for n, (row, (_, quantity, _)) in enumerate(zip(rows, OF_MANOEUVRE if values.get("varying") else RESULTS))
+            for k, (draw, key) in enumerate(zip(row, [over] if over else keys))]
 
 
 def draw_band(axis: Any, values: Mapping[str, Any], name: str, scale: float = 1.0) -> None:
@@ -300,7 +272,7 @@ def numbers(values: Sequence[Any]) -> Floats:
     return np.array([np.nan if v is None else float(v) for v in values], dtype=np.float64)
 
 
-def draw_cells(axis: Any, x: Floats, y: Floats, classes: Floats, colours: Sequence[str]) -> Any:
+def draw_cells(axis: Any, x: Floats, y: Floats, classes: Floats, colours: Sequence[Any]) -> Any:
     """Draw a map in which every cell has the colour of its class.
 
     Parameters

@@ -79,7 +79,7 @@ def test_simulated_orders_are_within_a_third_of_a_decibel_of_measured_ones(align
     np.testing.assert_allclose(result["measured_orders"]["frequency"], speed, rtol=5e-3)
 
 
-def test_orders_of_a_table_alone_are_those_beside_the_simulation(tmp_path, aligned, figures, capsys):
+def test_orders_of_a_table_alone_are_those_beside_the_simulation(tmp_path, aligned, pictures, capsys):
     path, result = aligned("tacho", hold="linear")
     capsys.readouterr()
     words = ["analyse", path, "--orders", "--json", str(tmp_path / "alone.json"), "--plot", str(tmp_path / "alone.png")]

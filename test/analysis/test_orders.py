@@ -218,7 +218,7 @@ def test_a_stuck_clutch_has_the_line_of_the_closed_form(tmp_path):
     assert document["units"]["spectrum.shaft_torque"] == "N m"
 
 
-def test_a_motion_of_period_two_has_half_orders_and_sections_with_three_states(tmp_path, figures):
+def test_a_motion_of_period_two_has_half_orders_and_sections_with_three_states(tmp_path, pictures):
     out, picture, samples = tmp_path / "two.json", tmp_path / "two.png", tmp_path / "two.npz"
     words = ["simulate", "fig02", "--cycles", "600", "--discard", "500", "--set", "initial.slip_speed=300"]
     assert main([*words, "--spectrum", "--json", str(out), "--plot", str(picture), "--out", str(samples),
@@ -234,7 +234,7 @@ def test_a_motion_of_period_two_has_half_orders_and_sections_with_three_states(t
         np.testing.assert_allclose(arrays["section_states"][:, 2], arrays["plate_speed"][::4], atol=1e-6)
 
 
-def test_a_motion_without_a_period_has_densities(tmp_path, figures):
+def test_a_motion_without_a_period_has_densities(tmp_path, pictures):
     out = tmp_path / "chaos.json"
     assert main(["simulate", "chaos", "--spectrum", "--json", str(out), "--plot", str(tmp_path / "chaos.png")]) == 0
     spectrum = json.loads(out.read_text())["spectrum"]

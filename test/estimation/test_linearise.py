@@ -226,7 +226,7 @@ def test_what_cannot_be_linearised_is_refused_in_one_sentence() -> None:
         linearise("runup")
 
 
-def test_the_command_writes_what_control_tools_take(tmp_path, capsys, figures) -> None:
+def test_the_command_writes_what_control_tools_take(tmp_path, capsys, pictures) -> None:
     names = {suffix: tmp_path / f"found{suffix}" for suffix in (".json", ".npz", ".png")}
     words = ["linearise", "controlled", "--slip", "20", "--frequencies", "200:300:3", "--json",
              str(names[".json"]), "--out", str(names[".npz"]), "--plot", str(names[".png"])]

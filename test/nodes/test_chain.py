@@ -61,7 +61,7 @@ with rclpy.init():
 
 
 def test_demo_records_a_controller_of_the_users_in_lock_step_until_ctrl_c_analyses_and_draws(
-        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, figures: list[Any],
+        tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pictures: list[Any],
         capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("rerun")
     monkeypatch.chdir(tmp_path)
@@ -86,7 +86,7 @@ def test_demo_records_a_controller_of_the_users_in_lock_step_until_ctrl_c_analys
     assert "controller: " in out
     assert "stopped early" in out
     assert sorted(p.name for p in made.iterdir()) == ["analysis.json", "overview.png", "recording", "run.rrd"]
-    assert len(figures) == 1
+    assert len(pictures) == 1
     document = valid("analyse", json.loads((made / "analysis.json").read_text()))
     assert (document["lost_messages"], document["complete"], document["gaps"]) == (0, True, 0)
     assert document["messages"] > 500

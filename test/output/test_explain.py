@@ -134,10 +134,10 @@ def test_a_scene_sticks_slips_or_runs_away(name: str, changes: dict[str, object]
     assert estimates_of(load_scene(name).with_values(changes).system).expected == expected
 
 
-def test_the_friction_law_is_drawn(tmp_path: Path, figures: list[Any]) -> None:
+def test_the_friction_law_is_drawn(tmp_path: Path, pictures: list[Any]) -> None:
     """The table, its fit at its points, and the slope -alpha (mu_s - mu_k) A R Pm exp(-alpha v)."""
     assert main(["explain", "fig02", "--plot", str(tmp_path / "a.svg")]) == 0
-    law, near, slope = figures[0].axes
+    law, near, slope = pictures[0].axes
     v, values = slope.lines[0].get_data()
     assert values == pytest.approx(-250.0 * np.exp(-2.0 * v))
     assert law.lines[0].get_ydata() == pytest.approx(0.24 + 0.06 * np.exp(-2.0 * v))
@@ -147,7 +147,7 @@ def test_the_friction_law_is_drawn(tmp_path: Path, figures: list[Any]) -> None:
     table.write_text("/**:\n  ros__parameters:\n    friction:\n      slip_speeds: [0.0, 1.0, 2.0, 4.0]\n"
                      "      coefficients: [0.14, 0.12, 0.11, 0.105]\n")
     assert main(["explain", str(table), "--plot", str(tmp_path / "b.svg")]) == 0
-    assert figures[1].axes[0].lines[2].get_xydata().tolist() == [[0.0, 0.14], [1.0, 0.12], [2.0, 0.11], [4.0, 0.105]]
+    assert pictures[1].axes[0].lines[2].get_xydata().tolist() == [[0.0, 0.14], [1.0, 0.12], [2.0, 0.11], [4.0, 0.105]]
 
 
 def test_an_actuator_costs_phase_at_the_slipping_mode() -> None:

@@ -41,7 +41,7 @@ def test_a_number_is_converted_with_its_unit():
     show_in("rpm", 2.0)
     assert speed(104.71976) == "1000 rpm"
     assert frequency(2.0 * math.pi * 61.64, 4) == "61.64 Hz"  # A frequency is no speed of a shaft.
-    assert shown_axis("frequency (rad/s)") == ("frequency (Hz)", pytest.approx(0.5 / math.pi))
+    assert shown_axis("frequency", "rad/s", "other") == ("frequency (Hz)", pytest.approx(0.5 / math.pi))
     assert engine_speed(60.0, 5, 600.0) == "engine speed 286.48 to 2864.8 rpm"
     assert key_value("initial.slip_speed", 104.71976, 6) == "initial.slip_speed 1000 rpm"
     assert key_value("engine.frequency", 104.71976, 6, 209.43952) == "engine.frequency 500 to 1000 rpm"
@@ -53,11 +53,12 @@ RPM, HZ = 30.0 / math.pi, 0.5 / math.pi
 
 
 @pytest.mark.parametrize(("units", "unit", "other", "engine", "slip_axis", "engine_axis", "frequency_axis"), [
-    ("rad", ("rad/s", 1.0), "2 rad/s", "engine frequency 2 to 4 rad/s", None, None, None),
+    ("rad", ("rad/s", 1.0), "2 rad/s", "engine frequency 2 to 4 rad/s", ("slip speed (rad/s)", 1.0),
+     ("engine frequency (rad/s)", 1.0), ("angular frequency (rad/s)", 1.0)),
     ("rpm", ("rpm", RPM), "0.31831 Hz", "engine speed 9.5493 to 19.0986 rpm", ("slip speed (rpm)", RPM),
-     ("engine speed (rpm)", RPM / 2.0), ("angular frequency (Hz)", HZ)),
+     ("engine speed (rpm)", RPM / 2.0), ("frequency (Hz)", HZ)),
     ("hz", ("Hz", HZ), "0.31831 Hz", "engine frequency 0.31831 to 0.63662 Hz", ("slip speed (Hz)", HZ),
-     (r"excitation frequency $\omega/2\pi$ (Hz)", HZ), ("angular frequency (Hz)", HZ))])
+     (r"excitation frequency $\omega/2\pi$ (Hz)", HZ), ("frequency (Hz)", HZ))])
 def test_every_kind_of_speed_in_every_unit(units, unit, other, engine, slip_axis, engine_axis, frequency_axis):
     with shown_in(units, 2.0):
         assert shown_unit() == unit
@@ -67,10 +68,12 @@ def test_every_kind_of_speed_in_every_unit(units, unit, other, engine, slip_axis
         assert key_unit("initial.slip_speed") == unit
         assert key_unit("engine.frequency") == shown_unit(engine=True)
         assert key_unit("no.key") == ("", 1.0)
-        for label, shown in (("slip speed (rad/s)", slip_axis), ("engine frequency (rad/s)", engine_axis),
-                             ("angular frequency (rad/s)", frequency_axis), ("torque (N m)", None),
-                             ("slip speed (rad/s)\n", None)):
-            assert shown_axis(label) == shown
+        for quantity, shown in ((("slip speed", "rad/s"), slip_axis), (("any name", "rad/s", "engine"), engine_axis),
+                                (("angular frequency", "rad/s", "other"), frequency_axis),
+                                (("torque", "N m"), ("torque (N m)", 1.0)), (("crank order",), ("crank order", 1.0))):
+            label, factor = shown_axis(*quantity)
+            assert factor == shown[1]
+            assert label == shown[0].replace("engine frequency", "any name")
         show_in()  # Changes nothing.
         assert shown_unit(engine=True)[1] == pytest.approx(unit[1] / (2.0 if units == "rpm" else 1.0))
         show_in(order=4.0)
@@ -89,7 +92,7 @@ def test_the_units_and_the_style_of_a_command_end_with_it(units, words, status, 
     monkeypatch.chdir(tmp_path)
     with shown_in("hz", 3.0):
         assert main([*words, "--units", units]) == status
-        assert (speed(2.0 * math.pi), shown_axis("engine frequency (rad/s)")[1]) == ("1 Hz", 0.5 / math.pi)
+        assert (speed(2.0 * math.pi), shown_axis("", "rad/s", "engine")[1]) == ("1 Hz", 0.5 / math.pi)
     assert (speed(1.0), engine_speed(1.0)) == ("1 rad/s", "engine frequency 1 rad/s")
     import matplotlib
 
@@ -102,13 +105,12 @@ def test_axes_keep_their_data_and_change_their_ticks():
     with style.figure() as drawn:
         one, other = drawn.subplots(2, 1)
         one.plot([100.0, 600.0], [0.0, 100.0])
-        one.set(xlabel="engine frequency (rad/s)", ylabel="slip speed (rad/s)")
+        style.quantities(one, style.ENGINE, style.SLIP)
         other.plot([0.0, 1.0], [0.0, 1.0])
-        other.set(xlabel="time (s)", ylabel="slip speed, dB re 1 rad/s")
-        style.convert_axes(drawn)
+        style.quantities(other, style.TIME, style.AxisQuantity("slip speed", "dB re 1 rad/s"))
         drawn.canvas.draw()
         assert (one.get_xlabel(), one.get_ylabel()) == ("engine speed (rpm)", "slip speed (rpm)")
-        assert (other.get_xlabel(), other.get_ylabel()) == ("time (s)", "slip speed, dB re 1 rad/s")
+        assert (other.get_xlabel(), other.get_ylabel()) == ("time (s)", "slip speed (dB re 1 rad/s)")
         np.testing.assert_array_equal(one.lines[0].get_xdata(), [100.0, 600.0])
         for axis, factor in ((one.xaxis, 30.0 / math.pi / 2.0), (one.yaxis, 30.0 / math.pi)):
             places, labels = axis.get_majorticklocs(), [label.get_text() for label in axis.get_majorticklabels()]
@@ -123,8 +125,8 @@ def test_logarithmic_axes_have_labels_within_a_decade_too(values, labels):
     with style.figure() as drawn:
         axes = drawn.subplots()
         axes.plot([0.0, 1.0], values)
-        axes.set(yscale="log", ylabel="slip speed (rad/s)", ylim=values)
-        style.convert_axes(drawn)
+        axes.set(yscale="log", ylim=values)
+        style.quantities(axes, None, style.SLIP)
         drawn.canvas.draw()
         shown = [tick for tick in axes.yaxis.get_major_ticks() if values[0] <= tick.get_loc() <= values[1]]
         assert [tick.label1.get_text() for tick in shown] == labels
@@ -157,7 +159,7 @@ def test_a_sweep_prints_engine_speeds_of_the_crankshaft(capsys):
         assert other[2:] == one[2:]
 
 
-def test_a_four_cylinder_scene_comes_to_three_pictures_by_the_page_alone(tmp_path, monkeypatch, figures):
+def test_a_four_cylinder_scene_comes_to_three_pictures_by_the_page_alone(tmp_path, monkeypatch, pictures):
     """The scene and the commands are those of the page."""
     text = (Path(__file__).parents[2] / ".github" / "guide" / "manoeuvres.md").read_text()
     part = text[text.index("## In rpm and crank orders"):text.index("## Spectra of steady states")]

@@ -80,14 +80,14 @@ def test_a_recording_has_runs_segments_and_every_sample(recorded, rows):
     assert second.system.engine.mean_torque == 250.0
 
 
-def test_a_stretch_of_it_is_analysed_and_drawn_as_a_solution_is(recorded, tmp_path, figures):
+def test_a_stretch_of_it_is_analysed_and_drawn_as_a_solution_is(recorded, tmp_path, pictures):
     run = tcc_sim.read(recorded).trajectory(1, 0.5, 1.5)
     assert (run.t[0], run.t[-1], len(run.t)) == (0.5, 1.5, 1001)
     assert summarise(run, 3).cycles == len(run.cycles) == int(1.5 * 150 / (2 * math.pi)) - math.ceil(75 / (2 * math.pi))
     starts = run.cycles.starts
     assert starts[:2] == pytest.approx(np.array([12, 13]) * 2.0 * math.pi / 150.0, rel=1e-12)
     plot(run, tmp_path / "run.png")
-    assert len(figures) == 1
+    assert len(pictures) == 1
 
 
 @pytest.mark.parametrize(("window", "words"), [
@@ -172,7 +172,7 @@ def test_a_table_carries_units_and_scene(recorded, monkeypatch):
 FOUND = {"friction.kinetic_coefficient": 0.25, "driveline.stiffness": 3150.0}
 
 
-def test_a_recording_becomes_a_scene_that_follows_it(tmp_path: Path, capsys, figures) -> None:
+def test_a_recording_becomes_a_scene_that_follows_it(tmp_path: Path, capsys, pictures) -> None:
     """A driveline that differs from its scene, under commands of torque and pressure."""
     scene = load_scene("commands")
     rows = ticked(scene.with_values(FOUND), 401, torque=lambda k: 250.0 + 200.0 * math.sin(0.14 * k),
@@ -185,7 +185,7 @@ def test_a_recording_becomes_a_scene_that_follows_it(tmp_path: Path, capsys, fig
     assert system.friction.kinetic_coefficient == pytest.approx(0.25, rel=1e-4)
     assert cli.main(["simulate", str(mine), "--inputs", run, "--plot", str(tmp_path / "twin.png")]) == 0
     assert "slip speed beside run: " in capsys.readouterr().out
-    assert len(figures) == 1
+    assert len(pictures) == 1
 
 
 def test_the_difference_is_that_of_the_two_speeds(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from driveline_bags import START, bag, by_hand, ticked
 from interpreter import python, rerun_rows
 
+from tcc_sim import plot
 from tcc_sim.errors import InputError
 from tcc_sim.recording.reader import BYTES_A_STATE
 from tcc_sim.recording.window import Window
@@ -111,7 +112,7 @@ def test_the_longest_of_several_runs_counts(tmp_path):
     assert result.trajectory.slip_speed.min() > 100.0
 
 
-def test_the_end_of_the_run_is_kept_for_a_picture(tmp_path, figures):
+def test_the_end_of_the_run_is_kept_for_a_picture(tmp_path, pictures):
     result = replay(bag(tmp_path / "run", slip(3.0), "slip"))
     end, cycle = result.trajectory, 2.0 * math.pi / OMEGA
     assert end.t[-1] == 3.0
@@ -120,9 +121,8 @@ def test_the_end_of_the_run_is_kept_for_a_picture(tmp_path, figures):
     assert np.allclose(end.saturation_torque, LOAD)
     assert np.all(end.state == 1)
     assert (len(result.cycles), result.first_cycle) == (71, 0)
-    pictures = pytest.importorskip("tcc_sim.views.overview")
-    pictures.overview(tmp_path / "o.png", end, result.cycles, result.first_cycle, result.summary)
-    assert len(figures) == 1
+    plot(result, tmp_path / "o.png")
+    assert len(pictures) == 1
 
 
 def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
@@ -281,7 +281,7 @@ def test_a_commanded_run_up_is_followed_through_single_lost_states(tmp_path, run
     assert result.summary.clutch_energy == pytest.approx(whole.summary.clutch_energy * (1.0 - 2.0 / 47.0), rel=0.01)
 
 
-def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_up, figures):
+def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_up, pictures):
     """A torque that jumps at random gives extremes and stick, a picture, and one line."""
     scene, _ = run_up
     random = np.random.default_rng(4).uniform(0.0, 600.0, 200)
@@ -296,4 +296,4 @@ def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_u
     from tcc_sim.views.plots import plot
 
     plot(result, tmp_path / "o.png")
-    assert len(figures) == 1
+    assert len(pictures) == 1

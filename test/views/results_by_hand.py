@@ -50,7 +50,6 @@ CELLS = {**PLANE, "attractors": [ORBIT, FAR], "labels": np.array([[0, 0], [0, -1
 OVER = {"plane": PLANE["plane"], "over": PRESSURE, "values": [1.0, 2.0], "attractors": [[ORBIT, FAR], [ORBIT]],
         "undecided": [0.25, 0.25], "runaway": [0.0, 0.0]}
 QUIET = replace(ORDERS, shaft_torque=np.where(ORDERS.order == 2.0, 1e-9, ORDERS.shaft_torque))
-CHECKED = {**RESPONSE, "checked": [{"frequency": 5.0, "gain": 2e-3, "phase": 1.0}]}
 PARAMETER = {"key": "driveline.stiffness", "start": 3000.0, "value": 3030.0, "high": 3060.0}
 CURVE = {"slip_speeds": [0.0, 1.0, 2.0], "coefficient": [0.2] * 3, "low": [0.1] * 3, "high": [0.3] * 3,
          "scene": [0.25] * 3, "visited": [True, True, False]}

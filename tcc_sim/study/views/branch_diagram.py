@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tcc_sim.views import style
+from tcc_sim.views.panels import Panel
+from tcc_sim.views.style import quantities
 
 MARKS = {"fold": ("o", "fold"), "period_doubling": ("s", "period doubling"), "neimark_sacker": ("D", "Neimark-Sacker"),
          "branch_point": ("X", "branch point"), "grazing_sliding": ("^", "grazing-sliding"),
@@ -21,18 +23,14 @@ UNSTABLE = (0, (3, 1.5))
 """Dashes of unstable motions."""
 
 
-def branch_diagram(path: Path, document: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw the branches of `continue --json`: solid where stable, dashed where not, one colour per period."""
+def branch_panels(document: Any) -> list[Panel]:
+    """Return the branches of `continue --json`: solid where stable, dashed where not, one colour per period; and the
+    curves of bifurcations in the plane of both keys.
+    """
     values = style.json_values(document)
-    curves = values.get("curves", [])
-    with style.figure(width, 3.1 if not curves else 5.7, title) as drawn:
-        axes = drawn.subplots(2 if curves else 1, 1, squeeze=False)[:, 0]
-        into(axes[0], values)
-        if curves:
-            _curves(axes[1], values)
-            style.panel_titles(axes, ["Branches", "Curves of bifurcations"])
-        style.legend_below(drawn, axes)
-        return style.save(drawn, path)
+    return [Panel("Branches", partial(_branches, document=values), 2.9),
+            *([Panel("Curves of bifurcations", partial(_curves, document=values), 2.6)] if values.get("curves")
+              else [])]
 
 
 def stable_and_unstable(document: Mapping[str, Any], number: int) -> list[tuple[Any, Any]]:
@@ -60,14 +58,12 @@ def stable_and_unstable(document: Mapping[str, Any], number: int) -> list[tuple[
     return [(xy[:, 0], xy[:, 1]) for xy in lines]
 
 
-def into(axis: Any, document: Any) -> None:
-    """Draw lines of the branches and marks of their bifurcations into an axis."""
-    document = style.json_values(document)
-    axis.set(xlabel=style.label_of(document["over"]), ylabel="max |slip speed| (rad/s)")
-    periods = sorted({b["period"] for b in document["branches"]})
+def _branches(axis: Any, document: Mapping[str, Any]) -> None:
+    """Draw lines of the branches and marks of their bifurcations."""
+    quantities(axis, style.quantity_of(document["over"]), style.MAX_SLIP)
     named: set[str] = set()
     for number, branch in enumerate(document["branches"]):
-        colour = style.CYCLE[periods.index(branch["period"]) % len(style.CYCLE)]
+        colour = style.colour_of(branch["period"])
         for (x, y), dashes, word in zip(stable_and_unstable(document, number), ("-", UNSTABLE), ("stable", "unstable")):
             if len(x):
                 name = f"period {branch['period']}, {word}"
@@ -82,10 +78,10 @@ def into(axis: Any, document: Any) -> None:
 
 def _curves(axis: Any, document: Mapping[str, Any]) -> None:
     """Draw the curves of bifurcations in the plane of both keys."""
-    kinds = list(dict.fromkeys(c["kind"] for c in document["curves"]))
+    kinds = list(MARKS)
     named: set[str] = set()
     for curve in document["curves"]:
-        name = MARKS[curve["kind"]][1]
+        name = f"curve of {MARKS[curve['kind']][1]}"
         axis.plot(curve["value"], curve["second"], color=style.CYCLE[kinds.index(curve["kind"]) % len(style.CYCLE)],
                   label=None if name in named else name)
         named.add(name)
@@ -94,4 +90,4 @@ def _curves(axis: Any, document: Mapping[str, Any]) -> None:
                       color=style.INK)
             axis.annotate(point["kind"].replace("_", " "), (point["value"], point["second"]), (5.0, -10.0),
                           textcoords="offset points", fontsize=6.5)
-    axis.set(xlabel=style.label_of(document["over"]), ylabel=style.label_of(document["second_over"]))
+    quantities(axis, style.quantity_of(document["over"]), style.quantity_of(document["second_over"]))

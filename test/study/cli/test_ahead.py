@@ -133,7 +133,7 @@ def test_every_command_on_the_pages_meets_kernels_that_are_compiled_ahead(shippe
     "basins chaos --set friction.kinetic_coefficient=0.29 --plane initial.slip_speed=-1:1:2 "
     "--plane initial.plate_angle=0:0.1:2",
     "linearise controlled --slip 20", "figure 2 --quick"])
-def test_a_verb_calls_only_kernels_that_are_compiled_ahead(shipped, line, tmp_path, monkeypatch, figures):
+def test_a_verb_calls_only_kernels_that_are_compiled_ahead(shipped, line, tmp_path, monkeypatch, pictures):
     monkeypatch.chdir(tmp_path)
     with called() as names:
         assert main(line.split()) == 0

@@ -1,0 +1,105 @@
+"""Pictures as tables of panels, and one composer of a page and of an axis of somebody else's figure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tcc_sim.views import style
+
+
+class Panel(NamedTuple):
+    """A panel of a picture.
+
+    title : above it
+    draw : function that draws into an axis
+    height : inch
+    beside : whether it stands beside the panel before it where the picture covers a page
+    over : whether it shares the horizontal axis of the panel above it
+    alone : function that draws into an axis of another figure, if it differs
+    named : whether its curves have a legend
+    """
+
+    title: str
+    draw: Callable[[Any], object]
+    height: float = 1.6
+    beside: bool = False
+    over: bool = False
+    alone: Callable[[Any], object] | None = None
+    named: bool = True
+
+
+def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float = style.PAGE, *,
+            below: bool = False) -> Path:
+    """Draw panels with letters below each other, or beside each other where a page has room, to a file.
+
+    Parameters
+    ----------
+    below : whether one legend of all panels stands below them, in place of legends above each
+
+    Raises
+    ------
+    MissingPackage
+        matplotlib is not installed.
+    InputError
+        Another suffix.
+    """
+    rows = list(_rows(panels, style.wide(width)))
+    heights = [max(panel.height for panel in row) for row in rows]
+    columns = min(max(map(len, rows)), 2)  # Of more, each row has its own: all need room for labels and colour bars.
+    with style.figure(width, sum(heights) + 0.3 * bool(title), title) as drawn:
+        grid = drawn.add_gridspec(len(rows), columns, height_ratios=heights)
+        axes: list[Any] = []
+        above: list[Any] = []
+        for k, row in enumerate(rows):
+            places = ([grid[k, :]] if len(row) == 1 else [grid[k, n] for n in range(2)] if len(row) == 2 else
+                      list(grid[k, :].subgridspec(1, len(row))))
+            placed = []
+            for n, (panel, place) in enumerate(zip(row, places)):
+                shared = above[n] if panel.over and n < len(above) else None
+                axis = drawn.add_subplot(place, sharex=shared)
+                panel.draw(axis)
+                if shared is not None:
+                    shared.set_xlabel("")
+                    shared.tick_params(labelbottom=False)
+                placed.append(axis)
+                axes.append(axis)
+            above = placed
+        titled = [(axis, panel.title) for axis, panel in zip(axes, panels) if panel.title]
+        style.panel_titles([axis for axis, _ in titled], [words for _, words in titled])
+        named = [axis for axis, panel in zip(axes, panels) if panel.named]
+        if below:
+            style.legend_below(drawn, named)
+        else:
+            for axis in named:
+                style.legend_above(axis)
+        return style.save(drawn, path)
+
+
+def _rows(panels: Sequence[Panel], wide: bool) -> Iterator[list[Panel]]:
+    """Yield the panels that stand beside each other."""
+    row: list[Panel] = []
+    for panel in panels:
+        if row and not (wide and panel.beside):
+            yield row
+            row = []
+        row.append(panel)
+    yield row
+
+
+def draw_into(axis: Any, panel: Panel, title: str = "") -> Any:
+    """Draw a panel into an axis with a legend of several curves or of areas, and return the axis."""
+    before, legend = len(style.entries(axis)[0]), axis.get_legend()
+    (panel.alone or panel.draw)(axis)
+    if title:
+        axis.set_title(title)
+    named = style.entries(axis)[0]
+    if axis.get_legend() is legend and len(named) > before and (len(named) > 1 or named[0].get_gid() == style.KEY):
+        style.legend_above(axis)
+    return axis
+
+
+def nothing(axis: Any, words: str = "not measured") -> None:
+    """Write into an axis that nothing is drawn."""
+    axis.text(0.5, 0.5, words, transform=axis.transAxes, ha="center", va="center")

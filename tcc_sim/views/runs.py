@@ -1,0 +1,300 @@
+"""Panels of a run: its last cycles or all of a manoeuvre, the maxima of its cycles, a controller, and a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.analysis.control import Control, Event
+from tcc_sim.analysis.spectra import Spectrum
+from tcc_sim.analysis.summary import Summary
+from tcc_sim.shown_units import speed
+from tcc_sim.trajectory import Cycles, Floats, Trajectory
+from tcc_sim.views import style
+from tcc_sim.views.dense import between, sliced, stuck_in, with_gaps
+from tcc_sim.views.order_maps import spectrum_panels
+from tcc_sim.views.panels import Panel
+from tcc_sim.views.style import AxisQuantity, quantities
+
+HISTORY_CYCLES = 6
+"""Engine cycles shown in the time histories."""
+VARYING = 1e-3
+"""Smallest relative difference between lengths of cycles for which maxima are drawn over time."""
+ORBIT_CYCLES = 12
+"""Engine cycles drawn in the phase portrait of a motion without period."""
+FLAT = 0.02
+"""Fraction of the largest slip speed below which a section point counts as stick."""
+MOST_INTERVALS, COLUMNS = 80, 480
+"""Largest number of intervals in stick that are shaded one by one, and number of columns that are shaded otherwise."""
+MOST_LABELS, LONGEST_LABEL = 6, 42
+"""Largest number of events that are drawn with their texts, and longest text."""
+SHARP = 20_000
+"""Largest number of points of a line in a vector picture; longer lines are rasterized."""
+TWIN_CYCLES = 8
+"""Engine cycles of the start and of the end that a picture beside a recording shows."""
+DASHED, DOTTED = (0, (4, 2)), (0, (1, 1.5))
+
+
+def last_cycles(tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Summary, control: Control | None = None,
+                spectrum: Spectrum | None = None) -> list[Panel]:
+    """Return the panels of a steady state: torques and slip speed over time with stick shaded, phase portrait with
+    section, maxima per cycle.
+
+    If a pressure or a target was recorded, panels of cycle means with the target and of pressures over the whole run
+    come in the middle. A run without samples has no panels over time and no orbit in its portrait. Samples that are too
+    far apart for a curve get points in between (`views.dense`).
+
+    Parameters
+    ----------
+    tail : the end of the run
+    cycles : every cycle of the run, NaN for one that was not observed
+    first_cycle : number of the first of them
+    control : target, pressures and events of the run
+    spectrum : of slip speed and shaft torque, below the rest
+    """
+    orbit = max(summary.period, HISTORY_CYCLES) if summary.period else ORBIT_CYCLES
+    sampled, end = len(tail.t) > 2, float(tail.t[-1])
+    tail = between(sliced(tail, _last(tail, orbit)))
+    shown = sliced(tail, _last(tail, HISTORY_CYCLES))
+    controlled = control is not None and control.controlled
+    marked = control.events if control is not None and not controlled else ()
+    return [
+        *([Panel("Torques", partial(_torques, run=shown)),
+           Panel("Slip speed", partial(_slip, run=shown, control=control), over=True)] if sampled else []),
+        *(_control(control, end) if control is not None and controlled else []),
+        Panel("Phase portrait", partial(_portrait, tail=tail, summary=summary, sampled=sampled), 2.2),
+        Panel("Maxima", partial(_maxima, cycles=cycles, first=first_cycle, summary=summary, cycle=tail.cycle,
+                                events=marked, end=end), 2.2, beside=True),
+        *([] if spectrum is None else spectrum_panels(spectrum))]
+
+
+def manoeuvre(run: Trajectory, control: Control | None = None) -> list[Panel]:
+    """Return the panels of a whole run: torques, slip speed, shaft torque and clutch heat over time; for a run under
+    commands also the cycle mean of the slip speed with the target, and both pressures.
+    """
+    run, end = with_gaps(run), float(run.t[-1])
+    assert run.system is not None
+    driveline, (twist, twisting) = run.system.driveline, run.shaft_twist
+    power = run.friction_torque * run.slip_speed
+    warmed = 0.5 * (power[1:] + power[:-1]) * np.diff(run.t)
+    heat = np.append(0.0, np.cumsum(np.where(np.isfinite(warmed), warmed, 0.0)))
+    heat[~np.isfinite(power)] = np.nan
+    shaft = driveline.damping * twisting + driveline.stiffness * twist
+
+    def over_time(axis: Any, values: Floats, colour: str, quantity: AxisQuantity) -> None:
+        _line(axis, run, values, colour)
+        quantities(axis, style.TIME, quantity)
+
+    return [Panel("Torques", partial(_torques, run=run), 1.9),
+            Panel("Slip speed", partial(_slip, run=run, control=None), 1.9, over=True),
+            *(_control(control, end, over=True) if control is not None and control.controlled else []),
+            Panel("Shaft torque", partial(over_time, values=shaft, colour=style.BLUE, quantity=style.TORQUE),
+                  over=True),
+            Panel("Cumulative heat in the clutch",
+                  partial(over_time, values=1e-3 * heat, colour=style.RED, quantity=style.HEAT), 1.3, over=True)]
+
+
+def beside_recording(twin: Any) -> list[Panel]:
+    """Return the panels of a simulation beside a recording (`replay.given_inputs.Twin`): start, end, and the difference
+    over the whole time.
+    """
+    span, (begin, end) = TWIN_CYCLES * twin.trajectory.cycle, twin.t[[0, -1]]
+
+    def both(axis: Any, low: float = -np.inf, high: float = np.inf) -> None:
+        run = twin.trajectory
+        for t, slip, look in ((twin.t, twin.slip_speed, {"color": style.GREY, "linewidth": 2.4, "label": "recorded"}),
+                              (run.t, run.slip_speed, {"color": style.BLUE, "linewidth": 0.9, "label": "simulated"})):
+            shown = (t >= low) & (t <= high)
+            axis.plot(t[shown], slip[shown], **look)
+        quantities(axis, style.TIME, style.SLIP)
+
+    def difference(axis: Any) -> None:
+        axis.plot(twin.t, twin.difference, color=style.RED, linewidth=0.7)
+        axis.set_xlim(begin, end)
+        quantities(axis, style.TIME, AxisQuantity("difference", "rad/s"))
+
+    return [Panel("Start", partial(both, low=begin, high=min(begin + span, end)), alone=both),
+            Panel("End", partial(both, low=max(end - span, begin), high=end), named=False),
+            Panel("Simulated less recorded", difference)]
+
+
+def slip_alone(run: Trajectory) -> Panel:
+    """Return the slip speed of a run over time."""
+    def draw(axis: Any) -> None:
+        shown = with_gaps(run)
+        axis.plot(shown.t, shown.slip_speed, color=style.BLUE, linewidth=0.9)
+        quantities(axis, style.TIME, style.SLIP)
+
+    return Panel("Slip speed", draw)
+
+
+def _control(control: Control, end: float, over: bool = False) -> list[Panel]:
+    """Return the panels of a controller up to the end of the run, s."""
+    return [Panel("Cycle mean of the slip speed", partial(_means, control=control, end=end), 1.45, over=over),
+            Panel("Actuation pressure", partial(_pressures, control=control, end=end), 1.45, over=True)]
+
+
+def _last(tail: Trajectory, cycles: int) -> slice:
+    """Return the samples of the last whole engine cycles, at most `cycles` of them."""
+    end = np.floor(tail.t[-1] / tail.cycle + 1e-9) * tail.cycle
+    if end <= tail.t[0]:
+        return slice(0, len(tail.t))
+    start, slack = max(end - cycles * tail.cycle, tail.t[0]), 1e-9 * tail.cycle
+    first = int(np.searchsorted(tail.t, start + slack, side="right")) - 1
+    return slice(max(first, 0), int(np.searchsorted(tail.t, end - slack)) + 1)
+
+
+def _line(axis: Any, run: Trajectory, values: Floats, colour: str, label: str | None = None, **look: Any) -> None:
+    """Draw a column over time."""
+    axis.plot(run.t, values, color=colour, label=label, rasterized=len(run.t) > SHARP,
+              **{"linewidth": 0.9, **look})
+
+
+def _torques(axis: Any, run: Trajectory) -> None:
+    """Draw the torques over time, with the bounds of the friction torque where they are known."""
+    _line(axis, run, run.engine_torque, style.ORANGE, "engine")
+    _line(axis, run, run.friction_torque, style.BLUE, "friction")
+    load = run.saturation_torque
+    if np.isfinite(load).any():
+        ratio = run.system.friction_ratio if run.system is not None else 1.0
+        _line(axis, run, load, style.GREY, r"$\mu_k N R$", linestyle=DASHED)
+        if ratio != 1.0:
+            _line(axis, run, ratio * load, style.GREY, r"$\mu_s N R$", linestyle=DOTTED)
+    quantities(axis, style.TIME, style.TORQUE)
+    axis.set_xlim(run.t[0], run.t[-1])
+
+
+def _slip(axis: Any, run: Trajectory, control: Control | None) -> None:
+    """Draw the slip speed over time with stick shaded, and the target."""
+    _line(axis, run, run.slip_speed, style.BLUE, "slip speed")
+    shade_stick(axis, run.t, stuck_in(run))
+    target, end = control.target if control is not None else None, float(run.t[-1])
+    if target is not None and len(target.t) and target.t[0] <= end:
+        held = target.until(end)
+        axis.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=DASHED, label="target")
+    quantities(axis, style.TIME, style.SLIP)
+    axis.set_xlim(run.t[0], run.t[-1])
+
+
+def shade_stick(axis: Any, t: Floats, stuck: NDArray[np.bool_]) -> None:
+    """Shade the intervals in stick, between successive samples that stick.
+
+    Where there are more of them than a picture can resolve, each of COLUMNS columns is shaded by its share of stick.
+    """
+    edges = np.diff(np.concatenate([[0], stuck.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    if len(starts) > MOST_INTERVALS:
+        _shade_shares(axis, np.linspace(t[0], t[-1], COLUMNS + 1), t, stuck)
+        return
+    for number, (start, end) in enumerate(zip(starts.tolist(), ends.tolist())):
+        axis.axvspan(t[start], t[end], facecolor=style.STICK, edgecolor="none", zorder=0,
+                     label="stick" if number == 0 else None)
+
+
+def _shade_shares(axis: Any, edges: Floats, t: Floats, stuck: NDArray[np.bool_]) -> None:
+    """Shade the columns between edges, s, by the share of the samples' intervals in stick."""
+    from matplotlib.collections import QuadMesh
+    from matplotlib.colors import LinearSegmentedColormap
+
+    since = np.concatenate([[0.0], np.cumsum(np.diff(t) * (stuck[:-1] & stuck[1:]))])
+    share = np.diff(np.interp(edges, t, since)) / np.diff(edges)
+    corners = np.stack(np.meshgrid(edges, [0.0, 1.0]), axis=-1)
+    shades = LinearSegmentedColormap.from_list("stick", ["white", style.STICK_SHARE])
+    mesh = QuadMesh(corners, array=share[None, :], cmap=shades, rasterized=True, zorder=0,
+                    transform=axis.get_xaxis_transform())
+    mesh.set_clim(0.0, 1.0)
+    axis.add_collection(mesh, autolim=False)
+    style.key(axis, "stick (shade: share)", linestyle="none", marker="s", markersize=6.0, markeredgewidth=0.0,
+              color=style.STICK_SHARE)
+
+
+def _portrait(axis: Any, tail: Trajectory, summary: Summary, sampled: bool) -> None:
+    """Draw slip speed over plate angle for the last period or some cycles, with the section.
+
+    If most section points are in stick, they would lie on a line; then the plate speed replaces the slip speed.
+    """
+    part = _last(tail, summary.period or ORBIT_CYCLES)
+    points = np.array(summary.section_states or []).reshape(-1, 3)
+    flat = len(points) > 2 and bool(np.mean(np.abs(points[:, 1]) < FLAT * summary.max_slip_speed) > 0.5)
+    height = tail.plate_speed if flat else tail.slip_speed
+    if sampled:
+        axis.plot(tail.plate_angle[part], height[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5)
+    if len(points):
+        axis.plot(points[:, 0], points[:, 2 if flat else 1], linestyle="none", marker="o", color=style.RED,
+                  markeredgewidth=0.0, markersize=5.0 if summary.period else 2.5, zorder=4,
+                  label=f"section, period {summary.period}" if summary.period else "section, no period found")
+    axis.margins(0.06)
+    axis.set_xlim(style.widened(axis.get_xlim()))
+    axis.locator_params(axis="x", nbins=6)
+    quantities(axis, style.ANGLE, style.PLATE_SPEED if flat else style.SLIP)
+
+
+def _maxima(axis: Any, cycles: Cycles, first: int, summary: Summary, cycle: float, events: Sequence[Event],
+            end: float) -> None:
+    """Draw the largest slip speed of each cycle, and events; cycles that the summary drops are grey."""
+    number: NDArray[Any] = first + np.arange(len(cycles))
+    largest = cycles.largest
+    dropped = number < first + summary.discarded
+    over_time = cycles.starts is not None and (not summary.cycles or np.ptp(np.diff(cycles.starts)) > VARYING * float(
+        np.nanmedian(np.diff(cycles.starts))))
+    if over_time and cycles.starts is not None:
+        number = cycles.starts[:-1]
+    size = 3.0 if len(cycles) <= 300 else 1.5
+    known = largest[~dropped & np.isfinite(largest)]
+    top = 1.6 * float(known.max()) if len(known) and known.max() > 0.0 else max(1.6 * summary.max_slip_speed, 1e-6)
+    for chosen, colour, name in ((dropped, style.GREY, "dropped"), (~dropped, style.BLUE, "kept")):
+        if chosen.any():
+            above = int(np.count_nonzero(largest[chosen] > top))
+            axis.plot(number[chosen], largest[chosen], linestyle="none", marker="o", markersize=size,
+                      markeredgewidth=0.0, color=colour, label=f"{name} ({above} off scale)" if above else name)
+    axis.axhline(summary.max_slip_speed, color=style.RED, linewidth=0.8, linestyle=DASHED, zorder=1.5)
+    axis.annotate(speed(summary.max_slip_speed, 5), (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED,
+                  ha="right", xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5)
+    axis.set_ylim(0.0, top)
+    mark_events(axis, events, end, 1.0 if over_time else cycle)
+    quantities(axis, style.TIME if over_time else style.PERIOD, style.MAX_SLIP)
+
+
+def _means(axis: Any, control: Control, end: float) -> None:
+    """Draw the mean slip speed of every engine cycle, and the target."""
+    axis.plot(control.t, control.mean_slip, color=style.BLUE, linewidth=0.9, marker="o", markersize=2.0,
+              markeredgewidth=0.0, label="cycle mean")
+    if len(control.target.t):
+        held = control.target.until(end)
+        axis.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=DASHED, label="target")
+    axis.set_ylim(style.widened(axis.get_ylim()))
+    mark_events(axis, control.events, end)
+    quantities(axis, style.TIME, style.SLIP)
+
+
+def _pressures(axis: Any, control: Control, end: float) -> None:
+    """Draw commanded and applied pressure, kPa."""
+    for steps, colour, width, name in ((control.applied, style.GREEN, 1.6, "applied"),
+                                       (control.command, style.ORANGE, 0.8, "commanded")):
+        if len(steps.t):
+            held = steps.until(end)
+            axis.step(held.t, 1e-3 * held.values, where="post", color=colour, linewidth=width, label=name)
+    mark_events(axis, control.events, end, labelled=False)
+    axis.set_ylim(style.widened(axis.get_ylim()))
+    begin = min([float(steps.t[0]) for steps in (control.command, control.applied) if len(steps.t)], default=0.0)
+    if end > begin:
+        axis.set_xlim(begin, end)
+    quantities(axis, style.TIME, AxisQuantity("pressure", "kPa"))
+
+
+def mark_events(axis: Any, events: Sequence[Event], end: float, unit: float = 1.0, labelled: bool = True) -> None:
+    """Draw a line at every event, with its text; `end` of the run, s; `unit` of the axis, s."""
+    for number, event in enumerate(events):
+        axis.axvline(event.t / unit, color=style.RED, linewidth=0.8, linestyle=(0, (2, 2)), zorder=0.8,
+                     label="event" if number == 0 and len(events) > MOST_LABELS else None)
+        if labelled and len(events) <= MOST_LABELS:
+            text = event.text if len(event.text) <= LONGEST_LABEL else event.text[:LONGEST_LABEL - 3] + "..."
+            late = event.t > 0.5 * end
+            axis.annotate(text, (event.t / unit, 0.97 - 0.15 * (number % 3)), (-3.0 if late else 3.0, 0.0),
+                          fontsize=6.5, xycoords=("data", "axes fraction"), textcoords="offset points", va="top",
+                          color=style.RED, ha="right" if late else "left",
+                          bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6})
