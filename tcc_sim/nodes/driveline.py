@@ -21,9 +21,10 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.background import begun
@@ -38,6 +39,7 @@ from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.options import TEXT
 from tcc_sim.nodes.process import Spinner, Throttle, deliver, log, run_node, warn
 from tcc_sim.nodes.waiting import Waiting
+from tcc_sim.plant.closed_loop import doubt_of
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.recording.commands import LATE_SHARE
 from tcc_sim.scene import Scene
@@ -78,6 +80,7 @@ class DrivelineNode(Node):
             lambda request: loop.pause(request.data), lambda _: "paused" if loop.paused else "running"))
         self.create_service(Trigger, "~/step", self._does(
             lambda _: loop.single_step(), lambda outcome: f"at tick {stepper.tick}" if outcome else "not paused"))
+        self.create_service(SetParametersAtomically, "~/command", self._on_command)
         self.waiting = Waiting(self, self.loop)
         self.diagnostics = (Diagnostics(self, self.loop, self.waiting) if self.scene.operation.publish_diagnostics
                             else None)
@@ -193,6 +196,28 @@ class DrivelineNode(Node):
         text = self.scene.text()
         if text != self.get_parameter(TEXT).value:
             self.set_parameters([Parameter(TEXT, value=text)])
+
+    def _on_command(self, request: Any, response: Any) -> Any:
+        """Hold commanded values, parameters with the names of the inputs, and answer with how long they hold."""
+        values = {item.name: parameter_value_to_python(item.value) for item in request.parameters}
+        for name, value in values.items():
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                response.result.reason = f"{name} command {value!r} refused; it must be a number"
+                return response
+        outcome = self.loop.request(lambda: self.loop.command(values))
+        timeout = self.scene.operation.command_timeout
+        held = f"held for {timeout:g} s of simulated time (command_timeout)" if timeout else (
+            "held until the next command")
+        notes = [f"{held}, once the driveline goes on: it is paused" if self.loop.paused else held]
+        for command in self.loop.commands:
+            if command.name in values:
+                others = command.subscription.get_publisher_count()
+                notes += [f"{counted(others, 'publisher')} on {command.subscription.topic_name}: the newest command "
+                          "counts"] * (others > 0)
+                notes += [doubt.partition("; ")[2] for doubt in [doubt_of(command.name, values[command.name])] if doubt]
+        response.result.successful = outcome.done
+        response.result.reason = "; ".join(notes) if outcome else one_line(outcome.why)
+        return response
 
     def _take(self, scene: Scene, text: str) -> None:
         """Apply `scene` from the next tick on, and publish it before that tick's state; called in the loop."""

@@ -11,13 +11,14 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, TimeoutError
 from contextlib import ExitStack
 from typing import NamedTuple
 
 from rclpy.node import Node
 
+from tcc_sim.errors import InputError
 from tcc_sim.nodes.input_report import InputReport
 from tcc_sim.nodes.loop_topics import CommandedInput, Outputs, target_input
 from tcc_sim.nodes.middleware import await_peer
@@ -225,6 +226,27 @@ class RealTimeLoop:
         """Make one tick with the commands that have arrived."""
         self._poll()
         self._tick()
+
+    def command(self, values: Mapping[str, float]) -> None:
+        """Hold commanded values from the next tick on, by the topic of each input; none if one of them is refused.
+
+        Raises
+        ------
+        InputError
+            An input follows the scene or does not exist, or a value is out of its range or cannot be computed.
+        """
+        inputs = {command.name: command for command in self.commands}
+        for name, value in values.items():
+            if name not in inputs:
+                raise InputError(f"{name}: the driveline takes {' and '.join(inputs) or 'no input'} from commands; set "
+                                 "engine.source or pressure.source to topic at its start")
+            inputs[name].check(value)
+        tick = self.plant.stepper.tick
+        if self.scene.operation.pacing == "lockstep":
+            self._answered(tick)
+        for name, value in values.items():
+            inputs[name].hold(value, tick)
+        self._unanswered = self._unanswered and [c for c in self._unanswered if c.name not in values]
 
     def use(self, scene: Scene) -> None:
         """Apply changed parameters together from the next tick on; raise InputError if they cannot be computed."""

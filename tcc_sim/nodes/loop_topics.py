@@ -196,17 +196,24 @@ class CommandedInput:
                          f"{answers * 1e-9:.9g} s")
             return False
         try:
-            check_command(self.name, value, self._admit)
+            self.check(value)
         except InputError as error:
             return self._refuse(str(error))
+        self.hold(value, tick, self._sender, stamp if stamp or (self._stamped and not tick) else math.nan)
+        return True
+
+    def check(self, value: float) -> None:
+        """Raise InputError if a value must be refused."""
+        check_command(self.name, value, self._admit)
+
+    def hold(self, value: float, tick: int, sender: int = 0, stamp_ns: float = math.nan) -> None:
+        """Hold a checked value from tick `tick` on; its sender is 0 and its stamp NaN where they are not known."""
         self._largest = max(self._largest, abs(value))
         self._first_tick = tick if not self.received else self._first_tick
         self.value, self._last_tick = value, tick
         self.received += 1
         self.superseded += self._fresh
-        self._fresh, self.acts, self._who = True, tick + 1, self._sender
-        self._stamp_ns = stamp if stamp or (self._stamped and not tick) else math.nan
-        return True
+        self._fresh, self.acts, self._who, self._stamp_ns = True, tick + 1, sender, stamp_ns
 
     def _refuse(self, sentence: str) -> bool:
         """Count a refused command; the value before it holds."""

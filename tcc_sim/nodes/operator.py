@@ -6,6 +6,7 @@ are installed.
 
 from __future__ import annotations
 
+import itertools
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -13,40 +14,23 @@ from contextlib import contextmanager
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import SetBool, Trigger
 
-from tcc_sim.errors import InputError, TccError, counted
-from tcc_sim.messages import cdr
+from tcc_sim.errors import InputError, TccError
 from tcc_sim.model.elements import index_of, list_of, with_whole_lists
 from tcc_sim.model.parameters import QUANTITIES, coerce
-from tcc_sim.nodes.middleware import COMMANDS, DIAGNOSTICS, message_class, poll, subscribe
 from tcc_sim.nodes.parameters import without_arrays
 from tcc_sim.nodes.process import Spinner, node_of_command
-from tcc_sim.plant.closed_loop import doubt_of
 from tcc_sim.scene import Operation, meaning_of
-from tcc_sim.topics import FLUID_PRESSURE, topic
+from tcc_sim.topics import topic
 
 DISCOVERY_LIMIT = 4.0
 """Longest real time to find a driveline, and for its answer, s."""
-HEARD_WITHIN = 1.5
-"""Longest real time to see a command applied or refused if diagnostics do not count it, s."""
 NAMED_WITHIN = 0.3
 """Real time for discovering other drivelines of the domain, s."""
-COUNTED_WITHIN = 30.0
-"""Longest real time until the diagnostics of a driveline on a busy machine count a command, s."""
-LISTENED_FOR = 0.5
-"""Longest real time to wait for a state, s; a paused driveline sends none."""
-SETTLED = 1.0
-"""Real time without a new subscriber after which the subscribers count as complete, s."""
-MET_WITHIN = 10.0
-"""Longest real time to connect to the known subscribers, s."""
 COMMANDS_OF = {"torque": "engine_torque", "pressure": "actuation_pressure"}
 
 
@@ -118,7 +102,7 @@ class Operator:
         return out
 
     def command(self, what: str, value: float, rate: float = 0.0, tell: Callable[[str], Any] = str) -> str:
-        """Send a command, once or `rate` times a second until interrupted, and return its effect as text.
+        """Let the driveline hold a command, once or `rate` times a second until interrupted; return its answer as text.
 
         Parameters
         ----------
@@ -127,109 +111,23 @@ class Operator:
         Raises
         ------
         InputError
-            The driveline refuses the command (the message is the driveline's), or takes this input from its scene.
+            The driveline refuses the command; the message is the driveline's.
         TccError
             No driveline answers.
         """
         row = topic(COMMANDS_OF[what])
-        unit = QUANTITIES[row.key].unit
-        source = f"{row.key.partition('.')[0]}.source"
-        heard = self._refusals(row.name)
-        publisher = self._node.create_publisher(message_class(row.type), row.name, COMMANDS)
-        options = self.values([source, "publish_diagnostics", "command_timeout"])
-        if options[source] != "topic":
-            raise InputError(f"{row.name}: the driveline takes this input from its scene ({source}: harmonic)")
-        if not self._until(lambda: publisher.get_subscription_count() > 0, DISCOVERY_LIMIT):
-            raise TccError(f"the driveline runs, but nothing subscribes to {publisher.topic_name}")
-        data = cdr.fluid_pressure(0, value) if row.type == FLUID_PRESSURE else cdr.float64(value)
-        applied = self._applied(row.type)
-        self._until(lambda: applied() is not None, LISTENED_FOR)
-        status = self._statuses(options["publish_diagnostics"])
-        known = int(status[-1].get(f"{row.name} listeners", 0)) if status else 0
-        self._until(all_met(lambda: (publisher.get_subscription_count(),
-                                     max(self._node.count_subscribers(row.name), known))), MET_WITHIN)
-        others = self._node.count_publishers(row.name) - 1
-        said = len(status)
-        publisher.publish(data)
-        answer = self._until(
-            lambda: "refused" if heard else "applied" if applied() == value else self._counted(row.name, status, said)
-            if not others else "", HEARD_WITHIN if others or not status else COUNTED_WITHIN)
-        if answer == "refused" and not heard:
-            heard.append(status[-1][f"{row.name} last refusal"])
-        if not answer and status and not others:
-            raise TccError(f"{self._driveline} has not taken the command within {COUNTED_WITHIN:g} s")
-        # A recorder may get the command later than the driveline.
-        publisher.wait_for_all_acked(Duration(seconds=HEARD_WITHIN))
-        if rate > 0.0 and not heard:
-            tell(f"sending {row.name} {value:g} {unit} {rate:g} times a second; Ctrl-C ends it")
-        while rate > 0.0 and not heard:
-            publisher.publish(data)
-            self._until(lambda: bool(heard), 1.0 / rate)
-        if heard:
-            raise InputError(heard[0])
-        timeout = options["command_timeout"]
-        end = f"for {timeout:g} s of simulated time (command_timeout)" if timeout else "until the next command"
-        held = f"held {end}"
-        notes = [f"{held}, once the driveline goes on: it is {status[-1]['regime']}" if answer == "waits" else held]
-        if not answer:
-            notes.append(f"not seen applied within {HEARD_WITHIN:g} s")
-        if others > 0:
-            notes.append(f"{counted(others, 'other publisher')} on {publisher.topic_name}: the newest command counts")
-        if doubt := doubt_of(row.name, value):
-            notes.append(doubt.partition("; ")[2])
-        return f"{row.name} {value:g} {unit}, {'; '.join(notes)}{self._namesakes()}"
-
-    @staticmethod
-    def _counted(name: str, statuses: Sequence[Mapping[str, str]], before: int) -> str:
-        """Return the effect of the command sent after `before` statuses by the driveline's counts; empty if unknown."""
-        was, now = statuses[before - 1 if before else 0:][:1], statuses[before:][-1:]
-        for old, new in zip(was, now):
-            for count, word in (("refused", "refused"), ("received", "applied")):
-                if new[f"{name} {count}"] != old[f"{name} {count}"]:
-                    return word
-        # The first status may date from before the command.
-        still = len(statuses) > before + 1 and statuses[-1]["regime"] in ("paused", "waiting")
-        return "waits" if still else ""
-
-    def _refusals(self, name: str) -> list[str]:
-        """Return a list that collects the driveline's log lines for commands on a topic refused from now on."""
-        heard: list[str] = []
-        began, logger = time.time_ns(), self._driveline.strip("/").replace("/", ".")
-
-        def listen(message: Log) -> None:
-            sent = message.stamp.sec * 1_000_000_000 + message.stamp.nanosec
-            if sent >= began and message.msg.startswith(f"{name} command") and message.name == logger:
-                heard.append(message.msg.rpartition(" (")[0])  # Without the log's count.
-
-        self._node.create_subscription(Log, "/rosout", listen,
-                                       QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL))
-        return heard
-
-    def _applied(self, command_type: str) -> Callable[[], float | None]:
-        """Return a function that gives the input applied in the newest state, None without a new state."""
-        row = topic("applied_pressure" if command_type == FLUID_PRESSURE else "joint_states")
-        field = "fluid_pressure" if row.type == FLUID_PRESSURE else "engine_torque"
-        subscription = subscribe(self._node, message_class(row.type), row.name, QoSProfile(depth=10))
-
-        def newest() -> float | None:
-            rows, _ = cdr.own_records([data for data, _ in poll(subscription)], row.type)
-            return float(rows[field][-1]) if len(rows) else None
-
-        return newest
-
-    def _statuses(self, published: bool) -> list[dict[str, str]]:
-        """Return a list that collects the driveline's diagnostics, after waiting for the first if they are published.
-        """
-        statuses: list[dict[str, str]] = []
-
-        def take(message: DiagnosticArray) -> None:
-            mine = (status for status in message.status if status.name == f"{self._driveline}: driveline")
-            statuses.extend({pair.key: pair.value for pair in status.values} for status in mine)
-
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", take, DIAGNOSTICS)
-        if published:
-            self._until(lambda: statuses, DISCOVERY_LIMIT)
-        return statuses
+        text = f"{row.name} {value:g} {QUANTITIES[row.key].unit}"
+        request = SetParametersAtomically.Request(parameters=[Parameter(row.name, value=value).to_parameter_msg()])
+        for number in itertools.count():
+            result = self._call(SetParametersAtomically, "command", request).result
+            if not result.successful:
+                raise InputError(result.reason)
+            if rate <= 0.0:
+                break
+            if not number:
+                tell(f"sending {text} {rate:g} times a second; Ctrl-C ends it")
+            self._until(lambda: False, 1.0 / rate)
+        return f"{text}, {result.reason}{self._namesakes()}"
 
     def _namesakes(self) -> str:
         """Return a note that names the driveline, if there are others or several with the same name."""
@@ -273,28 +171,6 @@ class Operator:
                 return False
             self._spinner.once(min(0.05, max(0.0, end - time.monotonic())))
         return outcome
-
-
-def all_met(count: Callable[[], tuple[int, int]], clock: Callable[[], float] = time.monotonic) -> Callable[[], bool]:
-    """Return a function that tells whether all known subscribers are connected and no new one came for SETTLED seconds.
-
-    A recorder that is not connected when the sender ends would miss the command.
-
-    Parameters
-    ----------
-    count : function that returns the numbers of connected and of known subscribers
-    clock : function that returns real time, s
-    """
-    seen, since = -1, clock()
-
-    def complete() -> bool:
-        nonlocal seen, since
-        connected, known = count()
-        if connected != seen:
-            seen, since = connected, clock()
-        return connected >= known and clock() - since >= SETTLED
-
-    return complete
 
 
 def _parameter(key: str, value: object) -> Parameter[Any]:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 from tcc_sim.analysis.control import CycleMeans, Event, joined_means
 from tcc_sim.analysis.engine_clock import Uniform
@@ -20,28 +19,18 @@ from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr, held
 from tcc_sim.nodes import signals
-from tcc_sim.nodes.middleware import (
-    CHANGES,
-    COMMANDS,
-    LATCHED,
-    SequenceNumbers,
-    message_class,
-    poll,
-    publisher_of,
-    states,
-    subscribe,
-)
+from tcc_sim.nodes.middleware import publisher_of
 from tcc_sim.nodes.process import node_of_command
+from tcc_sim.nodes.track import Track
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.topics import FLOAT64, JOINT_STATE, shown, topic
+from tcc_sim.topics import FLUID_PRESSURE, HELD_INPUTS, JOINT_STATE, OUTPUT_JOINT, shown, topic
 from tcc_sim.trajectory import Floats, modes_of
 from tcc_sim.views.rerun_stream import RerunStream
 
-DEPTH = 20_000
-"""Depth of the queue of states; Fast DDS stores 5000, 1 s at 5 kHz."""
-DRAIN_PERIOD = 0.1
+DRAIN_PERIOD, LOOK = 0.1, 1.0
+"""Real time between two times of taking messages, and between two looks at their publishers, s."""
 FILE_PERIOD = 2.0
 """Real time between two writes to a file, s. Rerun stores an index of each write: 0.4 MB a minute with this value at
 1 kHz, 7 MB with 0.1 s.
@@ -59,115 +48,57 @@ RECENT_CYCLES = 100
 """Largest number of engine cycles that a summary covers."""
 SILENCE = 3.0
 """Real time without states after which the watcher reports it, s."""
-MOST_WAITING = 20_000
-"""Largest number of messages of a topic that wait for the next states."""
 Signal = tuple[NDArray[np.int64], Floats]
+WATCHED = "scene", "joint_states", "applied_pressure", "held", "output_state"
+"""Topics from which everything is shown: what the inputs held, and since when, is on `held`."""
 
 
-Reader = Callable[[bytes], tuple[int | None, Any]]
-"""Function that returns stamp (ns, or None) and content of a message."""
+class Inputs:
+    """Commands, target, pressure and shaft torque from messages that state their simulation times, as changes."""
 
+    def __init__(self) -> None:
+        self._last: dict[str, float] = {}
+        self._run = self._sources = ""
+        self._far_end = cdr.OUTPUT_STATE
 
-def readers() -> dict[str, tuple[QoSProfile, Reader]]:
-    """Return the watched topics with their quality of service and reader: those that a viewer shows by themselves, and
-    the sources of the inputs.
-    """
-    out: dict[str, tuple[QoSProfile, Reader]] = {"held": (CHANGES, _read_sources)}
-    for row in shown():
-        command = row.direction == "in"
-        profile = COMMANDS if command else LATCHED if row.latched else states(MOST_WAITING)
-        read: Reader = _read_number if row.type == FLOAT64 else _read_command if command else cdr.read_fluid_pressure
-        out[row.name] = profile, read
-    return out
-
-
-def _read_sources(data: bytes) -> tuple[int, str]:
-    """Read the sources of the inputs."""
-    values = held.read_held(data)[1]
-    return int(values[held.TIME]), held.sources_in_words(values.tolist())
-
-
-def _read_number(data: bytes) -> tuple[None, float]:
-    """Read a number, which has no stamp."""
-    return None, cdr.read_float64(data)
-
-
-def _read_command(data: bytes) -> tuple[None, float]:
-    """Read a commanded pressure; its stamp is that of the state that it answers."""
-    return None, cdr.read_fluid_pressure(data)[1]
-
-
-def _subscribed(node: Node, name: str, profile: QoSProfile) -> Any:
-    """Create a polled subscription."""
-    return subscribe(node, message_class(topic(name).type), name, profile)
-
-
-class ControlWatch:
-    """Watcher of commands, target, applied pressure and sources of the inputs, which assigns them to states.
-
-    Parameters
-    ----------
-    node : node in the driveline's namespace
-    cycle : engine cycle over which the slip speed is averaged, s
-    """
-
-    def __init__(self, node: Node, cycle: float) -> None:
-        self._readers = {name: read for name, (_, read) in readers().items()}
-        self._subscriptions = {name: _subscribed(node, name, profile)
-                               for name, (profile, _) in readers().items()}
-        self._waiting: dict[str, deque[tuple[int, int | None, Any]]] = {
-            name: deque(maxlen=MOST_WAITING) for name in self._readers}
-        self._means = CycleMeans(Uniform(cycle))
-        self._applied, self._sources = math.nan, ""
-
-    def poll(self) -> None:
-        """Take the messages that have arrived; ignore messages that cannot be read."""
-        for name, subscription in self._subscriptions.items():
-            for data, info in poll(subscription, MOST_WAITING):
-                with suppress(ValueError):
-                    self._waiting[name].append((info["received_timestamp"] or time.time_ns(),
-                                                *self._readers[name](data)))
-
-    def aligned(self, stamp_ns: NDArray[np.int64], received_ns: NDArray[np.int64], slip_speed: Floats, *,
-                new_run: bool, zeros: NDArray[np.int64]) -> tuple[dict[str, Signal], list[Event]]:
-        """Return the signals (name -> stamps in ns, values) and events received up to the last of the next states.
-
-        A message without simulation time gets the stamp of the first state received after it.
+    def signals(self, taken: Mapping[str, Sequence[bytes]], zeros: NDArray[np.int64]
+                ) -> tuple[dict[str, Signal], list[Event]]:
+        """Return the signals (name -> stamps in ns, values) and the changes of sources in serialised messages by topic.
 
         Parameters
         ----------
-        stamp_ns, received_ns, slip_speed : (n,) arrays of the states, all of one run: simulation time and time of
-            receipt, ns, and slip speed, rad/s
-        new_run : whether simulation time has started again
         zeros : stamps of simulation time 0, as in `simulation_ns`
         """
-        signals: dict[str, Signal] = {}
-        events: list[Event] = []
-        for name, waiting in self._waiting.items():
-            stamps, values = [], []
-            while waiting and waiting[0][0] <= received_ns[-1]:
-                received, stamp, value = waiting.popleft()
-                if new_run and received < received_ns[0] and topic(name).fields:
-                    continue  # It is sent after its state, so this one belongs to the run that has ended.
-                place = int(np.searchsorted(received_ns, received))
-                stamps.append(int(stamp_ns[place]) if stamp is None else stamp)
-                values.append(value)
-            times = simulation_ns(np.array(stamps, dtype=np.int64), zeros)
-            if name == "held":
-                for time, text in zip(times.tolist(), values):
-                    events += [Event(time * 1e-9, text)] * (text not in ("", self._sources))
-                    self._sources = text
-            elif values:
-                signals[name] = times, np.array(values)
-        if "applied_pressure" in signals:
-            stamps_of, pressure = signals["applied_pressure"]
-            changed = np.diff(pressure, prepend=self._applied) != 0.0
-            self._applied = float(pressure[-1])
-            signals["applied_pressure"] = stamps_of[changed], pressure[changed]
-        if new_run:
-            self._means.restart()
-        signals["mean_slip"] = joined_means(self._means.feed(stamp_ns.astype(np.float64) * 1e-9, slip_speed))
-        return signals, events
+        reports, events, signals = [], list[Event](), dict[str, Signal]()
+        read = []
+        for data in taken["held"]:
+            with suppress(ValueError):
+                read.append(held.read_held(data))
+        for run, values in read:
+            if run in (self._run, read[-1][0]):  # At first the latched ones of earlier runs come too.
+                reports.append(values)
+                text = held.sources_in_words(values.tolist())
+                events += [Event(values[held.TIME] * 1e-9, text)] * (text not in ("", self._sources))
+                self._sources = text
+                self._far_end = cdr.joint_state_layout((OUTPUT_JOINT,), (OUTPUT_JOINT,), run,
+                                                       topic("output_state").fields)
+        if reports:
+            self._run, table = read[-1][0], np.array(reports)
+            for name in HELD_INPUTS:
+                commanded = table[:, held.index_in_held(name, "source")] == held.COMMAND
+                values = np.where(commanded, table[:, held.index_in_held(name, "value")], math.nan)
+                signals[name] = table[:, held.TIME].astype(np.int64), values
+        rows, _ = cdr.own_records(taken["applied_pressure"], FLUID_PRESSURE)
+        signals["applied_pressure"] = simulation_ns(cdr.stamps(rows), zeros), rows["fluid_pressure"].astype(np.float64)
+        rows, _ = self._far_end.records(taken["output_state"])
+        signals["shaft_torque"] = simulation_ns(cdr.stamps(rows), zeros), rows["shaft_torque"].astype(np.float64)
+        return {name: self._changes(name, *signal) for name, signal in signals.items() if len(signal[0])}, events
+
+    def _changes(self, name: str, stamps: NDArray[np.int64], values: Floats) -> Signal:
+        """Return the known values that differ from the one before."""
+        new = values != np.append(self._last.get(name, math.nan), values[:-1])
+        self._last[name] = float(values[-1])
+        return stamps[new & np.isfinite(values)], values[new & np.isfinite(values)]
 
 
 class Watcher:
@@ -183,11 +114,11 @@ class Watcher:
     def __init__(self, node: Node, say: Callable[[str], Any], period: float = 0.0) -> None:
         self._node, self._say = node, say
         self._period, self._shown = period, -math.inf
-        self._waiting: list[tuple[NDArray[np.void], NDArray[np.int64]]] = []
-        self._scenes = _subscribed(node, "scene", LATCHED)
-        self._states = _subscribed(node, "joint_states", QoSProfile(depth=DEPTH))
-        self.heard = self.states = 0
-        self.numbers = SequenceNumbers()
+        self._tracks = {name: Track(node, node.resolve_topic_name(name), topic(name).type, topic(name).latched)
+                        for name in WATCHED}
+        self._waiting: dict[str, list[bytes]] = {name: [] for name in WATCHED[1:]}
+        self._looked = -math.inf
+        self.states = 0
         self._reported, self._reported_at = 0, 0.0
         self._last_stamp = -1
         self._heard, self._silent = time.monotonic(), False
@@ -197,7 +128,12 @@ class Watcher:
         self.scene = self._await_scene()
         self._stick_speed = stick_speed_of(terms_of(self.scene.system))
         self._cycles = CycleStream(self.scene.system)
-        self._control = ControlWatch(node, self.scene.system.cycle)
+        self._inputs, self._means = Inputs(), CycleMeans(Uniform(self.scene.system.cycle))
+
+    @property
+    def lost(self) -> int:
+        """Number of states that were sent and did not arrive."""
+        return self._tracks["joint_states"].lost
 
     def _await_scene(self) -> Scene:
         """Wait for the current scene; raise TccError if no driveline publishes one."""
@@ -213,7 +149,7 @@ class Watcher:
     def _scene(self) -> Scene | None:
         """Return the newest scene since the last call, or None."""
         scene = None
-        for data, _ in poll(self._scenes):
+        for data in self._taken("scene"):
             try:
                 text = cdr.read_string(data)
                 scene = parse_scene(text, "driveline")
@@ -233,23 +169,25 @@ class Watcher:
 
     def drain(self, view: RerunStream, everything: bool = False) -> None:
         """Take the messages that have arrived, and show them if an update is due or `everything` is set."""
-        scene = self._scene()
+        scene, now = self._scene(), time.monotonic()
         if scene is not None:
             self.scene, self._stick_speed = scene, stick_speed_of(terms_of(scene.system))
-        taken, now = self._taken(), time.monotonic()
-        self._control.poll()
-        if len(taken[0]):
-            self._heard = now
-            self.heard += len(taken[0])
-            self._waiting.append(taken)
-        if self._waiting and (everything or now - self._shown >= self._period):
-            self._shown = now
-            rows, received = (np.concatenate(column) for column in zip(*self._waiting))
-            self._waiting.clear()
+        if now - self._looked >= LOOK:
+            self._looked = now
+            for name, track in self._tracks.items():
+                offered = self._node.get_publishers_info_by_topic(track.topic)
+                self._waiting.get(name, []).extend(data for data, _ in track.follow_best_effort(offered))
+        for name, waiting in self._waiting.items():
+            waiting += self._taken(name)
+        if self._waiting["joint_states"] and (everything or now - self._shown >= self._period):
+            self._shown, taken = now, self._waiting
+            self._waiting = {name: [] for name in taken}
+            rows, _ = cdr.own_records(taken["joint_states"], JOINT_STATE)
             stamps = simulation_ns(cdr.stamps(rows), self._zeros)
             cuts = 1 + np.flatnonzero(np.diff(stamps) < 0)
             for piece in np.split(np.arange(len(rows)), cuts):
-                self._show(view, stamps[piece], rows[piece], received[piece])
+                self._show(view, stamps[piece], rows[piece])
+            view.control(*self._inputs.signals(taken, self._zeros))
         if everything or now - self._summarised >= SUMMARY_PERIOD:
             self._summarised = now
             view.text(self.summary())
@@ -261,7 +199,7 @@ class Watcher:
         torque = "commanded" if system.engine.source == "topic" else f"{system.engine.mean_torque:g} N m on average"
         pressure = "commanded" if system.pressure.source == "topic" else f"{system.pressure.mean:g} Pa on average"
         lines = [f"**{self._node.resolve_topic_name('driveline')}**, {max(self._last_stamp, 0) * 1e-9:.1f} s at "
-                 f"{scene.operation.rate:g} Hz: {counted(self.states, 'state')} shown, {self.numbers.lost} missed"]
+                 f"{scene.operation.rate:g} Hz: {counted(self.states, 'state')} shown, {self.lost} missed"]
         if self._recent:
             largest, stick = np.array(self._recent).T
             lines += [f"last {counted(len(largest), 'cycle')}: largest slip speed {largest.max():.4g} rad/s, "
@@ -270,23 +208,23 @@ class Watcher:
                   scene.description or scene.name]
         return "  \n".join(lines)
 
-    def _taken(self) -> tuple[NDArray[np.void], NDArray[np.int64]]:
-        """Return the arrived states (except other layouts) and their times of receipt (ns); count lost ones."""
-        taken = poll(self._states, DEPTH)
+    def _taken(self, name: str) -> list[bytes]:
+        """Return the arrived messages of a topic, and count those that are lost."""
+        track = self._tracks[name]
+        taken = track.take()
         for _, info in taken:
             number, who = info.get("publication_sequence_number") or 0, publisher_of(info)
             if number and who:
-                self.numbers.count(who, number)
-        rows, right = cdr.own_records([data for data, _ in taken], JOINT_STATE)
-        times = np.array([info["received_timestamp"] or time.time_ns() for _, info in taken], dtype=np.int64)
-        return rows, times[right]
+                track.count(who, number)
+        if taken and name == "joint_states":
+            self._heard = time.monotonic()
+        return [data for data, _ in taken]
 
-    def _show(self, view: RerunStream, stamps: NDArray[np.int64], rows: NDArray[np.void],
-              received: NDArray[np.int64]) -> None:
+    def _show(self, view: RerunStream, stamps: NDArray[np.int64], rows: NDArray[np.void]) -> None:
         """Show states of one run."""
         fresh = np.diff(stamps, prepend=np.int64(self._last_stamp)) != 0
-        new_run = bool(stamps[0] < self._last_stamp)
-        stamps, rows, received = stamps[fresh], rows[fresh], received[fresh]
+        new_run = bool(len(stamps) and stamps[0] < self._last_stamp)
+        stamps, rows = stamps[fresh], rows[fresh]
         if not len(stamps):
             return
         self._last_stamp = int(stamps[-1])
@@ -303,8 +241,9 @@ class Watcher:
             cycles = piece.cycles
             lengths = self.scene.system.cycle if cycles.starts is None else np.diff(cycles.starts)
             self._recent.extend(zip(cycles.largest.tolist(), (cycles.stick_time / lengths).tolist()))
-        view.control(*self._control.aligned(stamps, received, slip_speed, new_run=new_run,
-                                            zeros=self._zeros))
+        if new_run:
+            self._means.restart()
+        view.control({"mean_slip": joined_means(self._means.feed(stamps.astype(np.float64) * 1e-9, slip_speed))})
         # No figures are computed at the end, so cycles are not stored.
         del self._cycles.runs[:-1]
         for run in self._cycles.runs:
@@ -313,7 +252,7 @@ class Watcher:
     def _report(self) -> None:
         """Report missed states at most once a second, and once that no states arrive."""
         now = time.monotonic()
-        missed = self.numbers.lost
+        missed = self.lost
         if missed > self._reported and now - self._reported_at >= 1.0:
             self._say(f"missed {counted(missed - self._reported, 'state')}, {missed} in all")
             self._reported, self._reported_at = missed, now
@@ -356,4 +295,4 @@ def watch(namespace: str, say: Callable[[str], Any], web: bool = False, **where:
             except KeyboardInterrupt:
                 watcher.drain(view, everything=True)
     left_out = f", {view.left_out} left out by the viewer" if view.left_out else ""
-    return f"{counted(watcher.states - view.left_out, 'state')} shown, {watcher.numbers.lost} missed{left_out}"
+    return f"{counted(watcher.states - view.left_out, 'state')} shown, {watcher.lost} missed{left_out}"

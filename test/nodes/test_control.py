@@ -1,0 +1,196 @@
+"""`tcc-sim control` and `tcc-sim watch` beside a driveline process."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from benches import joined
+from interpreter import environment, python, rerun_rows
+from waiting import until, until_or_ended
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+from rclpy.context import Context
+from std_msgs.msg import Float64
+
+import tcc_sim
+from tcc_sim.cli import main
+from tcc_sim.errors import RecordingError
+from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
+from tcc_sim.nodes.middleware import COMMANDS
+from tcc_sim.recording.reader import open_run
+
+Control = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture(scope="module")
+def context(domain: str, discovery: Callable[[str], str]) -> Iterator[Context]:
+    """A context in the domain of this module's processes, whose environment the test process has too."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in (("FASTDDS_DEFAULT_PROFILES_FILE", discovery("")), ("ROS_DOMAIN_ID", domain),
+                            ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")):
+            patch.setenv(name, value)
+        context = joined()
+        yield context
+        context.try_shutdown()
+
+
+@pytest.fixture
+def control(context: Context, capsys: pytest.CaptureFixture[str]) -> Control:
+    """Function that runs `tcc-sim control` and returns status, output and messages."""
+    def run(*words: str) -> tuple[int, str, str]:
+        status = main(["control", *words])
+        return (status, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def driveline(context: Context) -> Iterator[NodeProcess]:
+    """The driveline of all tests, which holds the last commands; ten states in a period of excitation."""
+    node = NodeProcess("driveline", {"scene": "commands", "rate": 50.0, "engine.frequency": 30.0,
+                                     "command_timeout": 0.0}, dict(os.environ))
+    node.await_line(CLOCK_STARTED)
+    yield node
+    assert node.stop() == 0
+
+
+def recorded(bag: Path) -> int:
+    """Number of states that can be read now."""
+    try:
+        return sum(map(len, open_run(bag).states()))
+    except RecordingError:
+        return 0
+
+
+def test_a_command_acts_and_the_recording_gives_the_same_run(control: Control, driveline: NodeProcess,
+                                                             tmp_path: Path) -> None:
+    recorder = NodeProcess("recorder", {"output": str(tmp_path / "run")}, dict(os.environ))
+    try:
+        until_or_ended(lambda: recorded(tmp_path / "run") > 0, recorder)
+        assert control("reset")[0] == 0
+        status, out, _ = control("pressure", "230000")
+        assert status == 0
+        assert "actuation_pressure 230000 Pa" in out
+        seen = recorded(tmp_path / "run")
+        until_or_ended(lambda: recorded(tmp_path / "run") > seen + 50, recorder)
+    finally:
+        assert recorder.stop() == 0
+    (*_, last) = open_run(tmp_path / "run").states()
+    assert set(last.applied_pressure[-40:].tolist()) == {230000.0}
+    assert tcc_sim.analyse(tmp_path / "run", verify=True, discard=0).verification.verified
+
+
+def test_services_parameters_and_commands_answer_with_what_they_did(control: Control, driveline: NodeProcess) -> None:
+    assert control("step")[0] == 1
+    assert control("pause") == (0, "paused\n", "")
+    assert control("reset")[0] == 0
+    assert control("step") == (0, "at tick 1\n", "")
+    status, out, _ = control("torque", "-60")
+    assert (status, "-60 N m" in out, "paused" in out) == (0, True, True)
+    assert control("resume") == (0, "running\n", "")
+    assert control("set", "engine.mean_torque=2.5e2", "pressure.phase=1")[0] == 0
+    status, out, _ = control("get", "scene", "engine.mean_torque", "rate", "friction.law", "pressure.phase",
+                             "engine.harmonic_amplitudes")
+    assert out.splitlines() == ["scene commands", "engine.mean_torque 250.0 N m", "rate 50.0 Hz",
+                                "friction.law smoothed", "pressure.phase 1.0 rad", "engine.harmonic_amplitudes [] N m"]
+    status, out, _ = control("pressure", "1.2")
+    assert (status, "1.2 bar would be 120000" in out) == (0, True)
+    driveline.check()
+
+
+@pytest.mark.parametrize(("words", "parts"), [
+    (["set", "friction.static_coefficient=0.01"], ["friction.kinetic_coefficient", "0.24", "0.0005 to 0.2"]),
+    (["set", "pressure.mean=.nan"], ["pressure.mean", "nan", "0 to 1e+07 Pa"]),
+    (["set", "real_time_factor=-1.5"], ["real_time_factor", "-1.5", "0 to 1000"]),
+    (["set", "friction.coefficients=x"], ["friction.coefficients", "'x'", "1e-06 to 2"]),
+    (["set", "friction.coefficients[2]=0.1"], ["friction.coefficients[2]", "empty"]),
+    (["set", "driveline.stiffness=3"], ["driveline.stiffness:=3"]),
+    (["get", "engine.harmonic_phases[1]"], ["engine.harmonic_phases[1]", "empty"]),
+    (["torque", "inf"], ["engine_torque", "inf N m", "-100000 to 100000 N m"]),
+    (["pressure", "1e7"], ["actuation_pressure", "1e+07 Pa", "sub-steps"]), (["torque", "much"], ["much"]),
+    (["set", "engine.mean_torqe=1"], ["engine.mean_torque"]), (["fly"], ["fly"]),
+    (["reset", "--namespace", "no name"], ["no name"])])
+def test_a_refusal_is_one_line_with_name_value_and_range(control: Control, driveline: NodeProcess, words: list[str],
+                                                         parts: list[str]) -> None:
+    status, out, errors = control(*words)
+    assert (status, out, errors.count("\n")) == (2, "", 1)
+    assert [part for part in parts if part not in errors] == []
+
+
+def test_an_input_of_the_scene_takes_no_command_and_lock_step_takes_one_as_the_answer(bench) -> None:
+    from tcc_sim.errors import InputError
+
+    loop = bench.driveline(scene="controlled", pacing="lockstep", command_timeout=0.0).loop
+    loop.begin()
+    with pytest.raises(InputError, match=r"engine_torque.*actuation_pressure"):
+        loop.command({"engine_torque": 1.0, "actuation_pressure": 2e5})
+    assert loop.pressure_command.received == 0
+    loop.command({"actuation_pressure": 2e5})
+    assert loop.waits_for == []
+    loop.step()
+    assert loop.plant.reading().applied_pressure == 2e5
+
+
+def test_other_publishers_and_other_drivelines_are_named(control: Control, driveline: NodeProcess,
+                                                         context: Context) -> None:
+    other = rclpy.create_node("driveline", context=context, start_parameter_services=False)
+    other.create_publisher(Float64, "engine_torque", COMMANDS)
+    status, out, _ = control("torque", "310")
+    assert status == 0
+    assert "1 publisher on /engine_torque" in out
+    assert "2 nodes have the name /driveline" in out
+    other.destroy_node()
+    status, _, errors = control("--namespace", "/left", "reset")
+    assert (status, "/left/driveline" in errors, "use --namespace" in errors) == (1, True, True)
+
+
+def test_a_command_that_is_sent_again_and_again_says_so_until_it_is_interrupted(driveline: NodeProcess) -> None:
+    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "control", "torque", "310", "--rate", "20"], text=True,
+                               stdout=subprocess.PIPE, env=environment())
+    assert process.stdout is not None
+    assert "20 times a second" in process.stdout.readline()
+    process.send_signal(signal.SIGINT)
+    assert (process.communicate(timeout=60)[0].count("\n"), process.returncode) == (1, 0)
+
+
+def test_watch_shows_states_commands_and_their_sources_until_ctrl_c(control: Control, driveline: NodeProcess,
+                                                                    tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    assert control("reset")[0] == 0  # To the scene's own pressure, which pulsates.
+    file = tmp_path / "live.rrd"
+    process = subprocess.Popen([sys.executable, "-m", "tcc_sim", "watch", "--rrd", str(file)], text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment())
+    assert process.stderr is not None
+    assert "/driveline" in process.stderr.readline()
+    for words in (("torque", "310"), ("pressure", "210000"), ("pressure", "220000")):
+        assert control(*words)[0] == 0
+    until(lambda: (file.exists() and rerun_rows(file)["/pressure/command"] >= 3) or process.poll() is not None)
+    process.send_signal(signal.SIGINT)
+    out, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    rows = rerun_rows(file)
+    shown = int(re.match(r"(\d+) states shown", out)[1])  # type: ignore[index]
+    assert rows["/slip/speed"] - 1 == shown > 10  # A row of each entity says how it looks.
+    assert rows["/pressure/command"] - 1 >= 2
+    assert rows["/torque/engine_command"] - 1 >= 1
+    assert rows["/pressure/applied"] > 10
+    assert rows["/events"] >= 2
+    assert rows["/cycles/largest"] > 1
+    assert rows["/summary"] > 1
+
+
+def test_watch_without_a_driveline_ends_with_one_line_and_no_file(tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    ended = python("-m", "tcc_sim", "watch", "--namespace", "/nobody", "--rrd", str(tmp_path / "none.rrd"))
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (1, "", 1)
+    assert "/nobody/scene" in ended.stderr
+    assert list(tmp_path.iterdir()) == []
