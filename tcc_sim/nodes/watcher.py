@@ -53,7 +53,7 @@ WATCHED = "scene", "joint_states", "applied_pressure", "held", "output_state"
 """Topics from which everything is shown: what the inputs held, and since when, is on `held`."""
 
 
-class Inputs:
+class WatchedInputs:
     """Commands, target, pressure and shaft torque from messages that state their simulation times, as changes."""
 
     def __init__(self) -> None:
@@ -128,7 +128,7 @@ class Watcher:
         self.scene = self._await_scene()
         self._stick_speed = stick_speed_of(terms_of(self.scene.system))
         self._cycles = CycleStream(self.scene.system)
-        self._inputs, self._means = Inputs(), CycleMeans(Uniform(self.scene.system.cycle))
+        self._inputs, self._means = WatchedInputs(), CycleMeans(Uniform(self.scene.system.cycle))
 
     @property
     def lost(self) -> int:
