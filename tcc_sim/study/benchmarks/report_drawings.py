@@ -54,22 +54,40 @@ def draw_precision(stem: Path, scenes: Sequence[StudiedScene], title: str = "", 
     On a page there is a column per scene and a row per group of solvers; in a column each scene has two rows of two
     groups. Set-valued runs are in the panel of their scene.
     """
-    names = list(dict.fromkeys(record.scene.removesuffix(SET_VALUED) for record in scenes))
-    rows = [[(_of(scenes, name), group) for name in names] for group in GROUPS]
-    if not style.wide(width):
+    wide, names = style.wide(width), list(dict.fromkeys(record.scene.removesuffix(SET_VALUED) for record in scenes))
+    rows = [[([r for r in scenes if r.scene.removesuffix(SET_VALUED) == name], group) for name in names]
+            for group in GROUPS]
+    if not wide:
         rows = [[rows[k + side][n] for side in range(2)] for n in range(len(names)) for k in (0, 2)]
-    _draw(stem, rows, "largest_error", title, width)
-
-
-def draw_section(stem: Path, scenes: Sequence[StudiedScene], title: str = "", width: float = style.PAGE) -> None:
-    """Draw the section error of the first scene over run time, with a panel per group of solvers."""
-    panels = [(_of(scenes, scenes[0].scene.removesuffix(SET_VALUED)), group) for group in GROUPS]
-    _draw(stem, [panels] if style.wide(width) else [panels[:2], panels[2:]], "error_section", title, width)
-
-
-def _of(scenes: Sequence[StudiedScene], name: str) -> list[StudiedScene]:
-    """Return the records of a scene with either friction law."""
-    return [record for record in scenes if record.scene.removesuffix(SET_VALUED) == name]
+    with style.figure(width, (1.75 if wide else 1.0) * len(rows) + (1.4 if wide else 1.5), title) as drawn:
+        axes = drawn.subplots(len(rows), len(rows[0]), sharex=True, sharey=True, squeeze=False)
+        handles: dict[str, Any] = {}
+        letters = iter("abcdefghijklmnopqrstuvwxyz")
+        for number, (line, panels) in enumerate(zip(axes, rows)):
+            for axis, (records, group) in zip(line, panels):
+                for record in records:
+                    _draw_curves(axis, record, handles, (*GROUPS[group], *ENGINES))
+                    law, colour = ("(7)", style.GREY) if record.law == "smoothed" else ("(6)", style.RED)
+                    handles[f"reference floor, law {law}"] = axis.axhline(
+                        record.reference.floor, color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1)
+                axis.set(xscale="log", yscale="log", ylim=(1e-15, 2.0))
+                axis.set_yticks([1e-12, 1e-8, 1e-4, 1.0])
+                if wide and not number:
+                    scene, start, _ = records[0].scene.partition(FROM_START)
+                    axis.set_title(f"({next(letters)}) {scene}", pad=34.0)
+                    axis.text(0.0, 1.03, _wrapped("; ".join(filter(None, (start.strip(), records[0].description)))),
+                              transform=axis.transAxes, fontsize=6.5, va="bottom")
+                elif not wide:
+                    axis.set_title(f"({next(letters)}) {group}", fontsize=6.5, pad=3.0)
+            line[0].set_ylabel(panels[0][1] if wide else f"error, {panels[0][0][0].scene}", fontsize=7.0)
+        for axis in axes[-1]:
+            axis.set_xlabel("run time (s)")
+        if wide:
+            drawn.supylabel("relative error", fontsize=8.0)
+        order = [n for n in LOOKS if n in handles] + [n for n in handles if n not in LOOKS]
+        drawn.legend([handles[n] for n in order], order, loc="outside lower center", ncols=5 if wide else 3,
+                     fontsize=7.0 if wide else 6.0)
+        style.save_both(drawn, stem)
 
 
 def looks_of(names: list[str]) -> dict[str, Look]:
@@ -78,64 +96,18 @@ def looks_of(names: list[str]) -> dict[str, Look]:
     return {name: LOOKS[name] if name in LOOKS else SPARE[unknown.index(name) % len(SPARE)] for name in names}
 
 
-def _draw(stem: Path, rows: Sequence[Sequence[tuple[list[StudiedScene], str]]], key: str, over: str,
-          width: float) -> None:
-    """Draw panels, each with the records of one scene and a group of solvers."""
-    wide = style.wide(width)
-    by_scene = wide and len(rows) > 1
-    with style.figure(width, (1.75 if wide else 1.0) * len(rows) + (1.4 if wide else 1.5), over) as drawn:
-        axes = drawn.subplots(len(rows), len(rows[0]), sharex=True, sharey=True, squeeze=False)
-        handles: dict[str, Any] = {}
-        letters = iter("abcdefghijklmnopqrstuvwxyz")
-        for number, (line, panels) in enumerate(zip(axes, rows)):
-            for axis, (records, group) in zip(line, panels):
-                for record in records:
-                    draw_curves(axis, record, key, handles, (*GROUPS[group], *ENGINES))
-                    law, colour = ("(7)", style.GREY) if record.law == "smoothed" else ("(6)", style.RED)
-                    handles[f"reference floor, law {law}"] = axis.axhline(
-                        record.reference.floor, color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1)
-                axis.set(xscale="log", yscale="log", ylim=(1e-15, 2.0))
-                axis.set_yticks([1e-12, 1e-8, 1e-4, 1.0])
-                if by_scene and not number:
-                    scene, start, _ = records[0].scene.partition(FROM_START)
-                    axis.set_title(f"({next(letters)}) {scene}", pad=34.0)
-                    axis.text(0.0, 1.03, _wrapped("; ".join(filter(None, (start.strip(), records[0].description)))),
-                              transform=axis.transAxes, fontsize=6.5, va="bottom")
-                elif not by_scene:
-                    axis.set_title(f"({next(letters)}) {group}", fontsize=7.5 if wide else 6.5, pad=3.0)
-            line[0].set_ylabel(panels[0][1] if by_scene else "error of the section" if key == "error_section" else
-                               f"error, {panels[0][0][0].scene}", fontsize=7.0)
-        for axis in axes[-1]:
-            axis.set_xlabel("run time (s)")
-        if by_scene:
-            drawn.supylabel("relative error", fontsize=8.0)
-        order = [n for n in LOOKS if n in handles] + [n for n in handles if n not in LOOKS]
-        drawn.legend([handles[n] for n in order], order, loc="outside lower center", ncols=5 if wide else 3,
-                     fontsize=7.0 if wide else 6.0)
-        style.save_both(drawn, stem)
-
-
-def draw_curves(axis: Any, record: StudiedScene, key: str, handles: dict[str, Any],
-                shown: Sequence[str] | None = None) -> None:
-    """Draw the results of some or all solvers in one panel; errors below the floor are faded."""
+def _draw_curves(axis: Any, record: StudiedScene, handles: dict[str, Any], shown: Sequence[str]) -> None:
+    """Draw the results of some solvers in one panel; errors below the floor, or an output's precision, are faded."""
     for name, look in looks_of(list(dict.fromkeys(row.solver for row in record.results))).items():
-        if shown is not None and name not in shown and name in LOOKS:
+        if name not in shown and name in LOOKS:
             continue
-        rows = [row for row in record.results if row.solver == name and getattr(row, key) is not None]
+        rows = [row for row in record.results if row.solver == name]
         colour, marker, line, width = look
-        seconds, errors = [row.seconds for row in rows], np.array([max(getattr(row, key), 1e-16) for row in rows])
-        floor = floor_of(record, name, key)
+        seconds, errors = [row.seconds for row in rows], np.array([max(row.largest_error, 1e-16) for row in rows])
+        floor = max(record.reference.floor, SINGLE if name.startswith("XPPAUT") else 0.0)
         drawn = {"color": colour, "marker": marker, "linestyle": line, "linewidth": width, "markersize": 3.0}
         axis.plot(seconds, errors, alpha=FADED, zorder=2, **drawn)
-        handle, = axis.plot(seconds, np.where(errors >= floor, errors, np.nan), zorder=3, **drawn)
-        if rows:
-            handles[name] = handle
-
-
-def floor_of(record: StudiedScene, solver: str, key: str) -> float:
-    """Return the error below which results are not resolved, by the references or by the solver's output precision."""
-    floor = (record.steady.closure or 0.0) if key == "error_steady" else record.reference.floor
-    return max(floor, SINGLE) if solver.startswith("XPPAUT") else floor
+        handles[name], = axis.plot(seconds, np.where(errors >= floor, errors, np.nan), zorder=3, **drawn)
 
 
 def _wrapped(text: str) -> str:

@@ -70,7 +70,7 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
     """Measure error against run time of every solver; an interrupted study writes its complete scenes."""
     from tcc_sim.scene import load_scene
     from tcc_sim.study.benchmarks import precision
-    from tcc_sim.study.benchmarks.report_drawings import draw_precision, draw_section
+    from tcc_sim.study.benchmarks.report_drawings import draw_precision
 
     effort = precision.QUICK if arguments.quick else precision.FULL
     records = []
@@ -81,11 +81,10 @@ def _precision(arguments: argparse.Namespace, folder: Path) -> int:
         return 130
     report = precision.PrecisionReport(records, precision.took_part(records), arguments.quick, running.complete)
     _write(arguments, folder, report, load_scene("fig02"), precision.precision_tables(report),
-           {"precision": partial(draw_precision, scenes=records),
-            "precision_section": partial(draw_section, scenes=records)})
+           {"precision": partial(draw_precision, scenes=records)})
     for record in records:
         say(precision.scene_line(record))
-    say(f"{folder}/precision.png, .svg, .json, .md; precision_section.png, .svg: the first scene")
+    say(f"{folder}/precision.png, .svg, .json, .md")
     return 0 if running.complete else 130
 
 
