@@ -13,6 +13,7 @@ import numpy as np
 
 from tcc_sim.errors import InputError, counted
 from tcc_sim.tables.chosen_columns import COLUMNS, DRIVING, TIME, columns_in
+from tcc_sim.tables.flaws import without_flaws
 from tcc_sim.tables.sampling import (
     HOLE,
     LEAST_JITTER,
@@ -141,6 +142,8 @@ def table_in(path: Path, needed: Sequence[str] = (), most: int = MOST_ROWS,
         raise InputError(f"{path}: column {TIME}: {ordered}")
     arrays = {name: values[ordered.rows] for name, values in arrays.items()}
     arrays[TIME] = ordered.t
+    arrays, flaws = without_flaws(arrays, ordered.t, str(path))
+    notes += flaws
     counts = {name: int(np.count_nonzero(~np.isfinite(values))) for name, values in arrays.items()}
     if any(counts.values()):
         notes.append("empty cells: " + ", ".join(f"{count} of {len(ordered.t)} in {name}"

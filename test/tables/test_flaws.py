@@ -1,0 +1,172 @@
+"""Flawed columns in every verb that reads a table: the figures are those of the clean table, or it is refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tcc_sim.cli import main
+from tcc_sim.errors import InputError
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
+from tcc_sim.tables.flaws import without_flaws
+
+T = np.arange(4000) * 1e-3
+OMEGA = 150.0
+CLEAN = {"slip_speed": 20.0 + 5.0 * np.sin(OMEGA * T + 1.0) + np.sin(2.0 * OMEGA * T),
+         "plate_speed": 3.0 * np.cos(OMEGA * T), "engine_torque": 300.0 + 120.0 * np.sin(OMEGA * T),
+         "actuation_pressure": 2e5 + 1e4 * np.sin(1.7 * T), "engine_speed": np.full(4000, OMEGA)}
+NOISY = {name: values + 1e-3 * np.ptp(values) * np.random.default_rng(k).standard_normal(4000)
+         for k, (name, values) in enumerate(CLEAN.items())}
+
+
+def with_rows(values, rows, value):
+    out = values.copy()
+    out[rows] = value
+    return out
+
+
+SCATTERED = np.arange(40, 3900, 131)
+FLAWS = {
+    "spike": (lambda x: with_rows(x, [2000], 1e5), [2000]),
+    "spikes both ways": (lambda x: with_rows(with_rows(x, [500, 900], x.mean() + 8 * np.ptp(x)), [700],
+                                             x.mean() - 8 * np.ptp(x)), [500, 700, 900]),
+    "-9999 in a row": (lambda x: with_rows(x, slice(2000, 2030), -9999.0), range(2000, 2030)),
+    "-9999 scattered": (lambda x: with_rows(x, SCATTERED, -9999.0), SCATTERED),
+    "65535 at the end": (lambda x: with_rows(x, slice(3970, 4000), 65535.0), range(3970, 4000))}
+STUCK = {"frozen": (lambda x: with_rows(x, slice(1500, 1620), x[1500]), range(1501, 1620))}
+COLUMNS = ("slip_speed", "plate_speed", "engine_torque")
+
+
+def flawed(column, flaw):
+    return without_flaws(dict(NOISY) | {column: flaw(NOISY[column])}, T, "x.csv")
+
+
+@pytest.mark.parametrize("column", COLUMNS)
+@pytest.mark.parametrize("name", [*FLAWS, *STUCK])
+def test_a_flaw_is_a_hole_and_is_named_by_its_rows(column, name):
+    flaw, rows = {**FLAWS, **STUCK}[name]
+    found, notes = flawed(column, flaw)
+    assert np.flatnonzero(np.isnan(found[column])).tolist() == list(rows)
+    assert all(not np.isnan(values).any() for other, values in found.items() if other != column)
+    (note,) = notes
+    assert column in note
+    assert f"{rows[0] + 1}" in note
+
+
+@pytest.mark.parametrize("column", COLUMNS)
+def test_a_pressure_and_too_much_of_a_column(column):
+    found, _ = without_flaws({"actuation_pressure": with_rows(np.full(4000, 2e5), [7, 8], -9999.0)}, T, "x.csv")
+    assert np.flatnonzero(np.isnan(found["actuation_pressure"])).tolist() == [7, 8]
+    with pytest.raises(InputError) as refusal:
+        flawed(column, lambda x: with_rows(x, slice(0, 1200), -9999.0))
+    assert all(word in str(refusal.value) for word in ("x.csv", column, "30 %", "25 %"))
+
+
+@pytest.mark.parametrize("rate", [100, 250])
+def test_samples_that_are_held_are_used_once(rate):
+    every = 1000 // rate
+    found, notes = flawed("slip_speed", lambda x: x[np.arange(4000) // every * every])
+    assert np.flatnonzero(np.isfinite(found["slip_speed"])).tolist() == list(range(0, 4000, every))
+    assert f"{4000 // every} samples of 4000 rows" in notes[0]
+
+
+def test_a_clipped_signal_has_holes_at_its_peaks_and_a_coarse_one_is_named():
+    for limit in (24.2, 24.7):
+        found, notes = flawed("slip_speed", lambda x, limit=limit: np.minimum(x, limit))
+        assert np.isnan(found["slip_speed"]).tolist() == (NOISY["slip_speed"] >= limit).tolist()
+        assert "clipped" in notes[0]
+    found, notes = flawed("slip_speed", lambda x: np.round(x))
+    assert np.isfinite(found["slip_speed"]).all()
+    assert "steps of 1:" in notes[-1]
+
+
+@cache
+def motions():
+    """Clean tables of many kinds of motion, sampled in many ways."""
+    random, out = np.random.default_rng(4), []
+    for scene, changes in (("fig02", {}), ("chaos", {}), ("stick", {}), ("slip", {}), ("tip_in", {}), ("runup", {}),
+                           ("apply", {}), ("fig02", {"friction.law": "set_valued"}),
+                           ("chaos", {"friction.law": "set_valued"}), ("fig02", {"engine.frequency": 90.0}),
+                           ("fig02", {"engine.torque_amplitude": 400.0}), ("controlled", {})):
+        system = load_scene(scene).with_values(changes)
+        run = solve(system, duration=1.5, samples_per_cycle=200)
+        for rate in (500.0, 1000.0, 2000.0, 5000.0):
+            begin = random.uniform(0.0, 0.5)
+            t = np.arange(begin, 1.45, 1.0 / rate)
+            columns = {name: np.interp(t, run.t, getattr(run, name)) for name in (
+                "slip_speed", "plate_speed", "plate_angle", "engine_torque")}
+            per_pressure = system.system.torque_per_pressure
+            columns["actuation_pressure"] = np.interp(t, run.t, run.saturation_torque) / per_pressure
+            for noise, digits in ((0.0, None), (1e-3, None), (1e-2, None), (0.0, 3), (0.0, 4), (1e-3, 4), (3e-2, 3),
+                                  (0.0, 5), (5e-3, 2)):
+                rows = {name: v + noise * np.std(v) * random.standard_normal(len(v)) for name, v in columns.items()}
+                if digits is not None:
+                    rows = {name: np.array([float(f"{x:.{digits}g}") for x in v[:700]]) for name, v in rows.items()}
+                out.append((f"{scene} {changes} {rate:g} Hz, noise {noise}, {digits} digits",
+                            t[:len(rows["slip_speed"])], rows))
+    return out
+
+
+def test_no_clean_motion_is_accused():
+    accused = []
+    for name, t, rows in motions():
+        found, notes = without_flaws(rows, t, "x.csv")
+        if any(np.isnan(values).any() for values in found.values()):
+            accused.append((name, notes))
+    assert not accused, accused[:5]
+    assert len(motions()) > 400
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """Function that writes a table with a flaw in a column."""
+    folder = tmp_path_factory.mktemp("flaws")
+
+    def write(column, name):
+        columns = dict(CLEAN)
+        if name:
+            columns[column] = FLAWS[name][0](columns[column])
+        path = folder / f"{column} {name}.csv"
+        np.savetxt(path, np.column_stack([T, *columns.values()]), delimiter=",", header=",".join(["t", *columns]),
+                   comments="", fmt="%.9g")
+        return str(path)
+    return write
+
+
+def run(words, tmp_path):
+    path = tmp_path / "out.json"
+    code = main([*words, "--json", str(path), "--force"])
+    return code, json.loads(path.read_text()) if code == 0 else None
+
+
+SCENE = ["--set", "pressure.amplitude=0", "--set", "initial.slip_speed=20"]
+
+
+@pytest.mark.parametrize("name", FLAWS)
+def test_orders_and_spectrum_are_those_of_the_clean_table(name, table, tmp_path):
+    code, document = run(["analyse", table("slip_speed", name), "--orders", "--spectrum"], tmp_path)
+    assert code == 0
+    order = document["orders"]["order"]
+    for at, size in ((1.0, 5.0), (2.0, 1.0)):
+        amplitudes = [row[order.index(at)] for row in document["orders"]["slip_speed"]]
+        known = [x for x in amplitudes if x is not None]
+        assert len(known) > 0.3 * len(amplitudes)
+        assert known == pytest.approx([size] * len(known), rel=0.02)
+    assert any("slip_speed" in each and "row" in each for each in document["warnings"])
+
+
+@pytest.mark.parametrize("name", FLAWS)
+def test_a_simulation_by_a_flawed_torque_is_that_by_the_clean_one_or_refused(name, table, tmp_path, capsys):
+    _, clean = run(["simulate", "fig02", *SCENE, "--inputs", table("engine_torque", "")], tmp_path)
+    code, document = run(["simulate", "fig02", *SCENE, "--inputs", table("engine_torque", name)], tmp_path)
+    if code == 2:
+        assert "hole" in capsys.readouterr().err
+        return
+    assert document["clutch_energy"] == pytest.approx(clean["clutch_energy"], rel=0.05)
+    assert any("engine_torque" in each for each in document["warnings"])
+    assert math.isfinite(document["max_slip_speed"])
