@@ -23,7 +23,7 @@ from tcc_sim.model.friction_curve import FASTEST_RATE, MOST_TERMS, SLOWEST, Fric
 from tcc_sim.model.groups import TABLE, TABULATED, Friction
 from tcc_sim.model.parameters import System
 from tcc_sim.result import reported
-from tcc_sim.solvers.law_changes import sliding_at
+from tcc_sim.solvers.law import sliding_at
 from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.trajectory import Floats
 

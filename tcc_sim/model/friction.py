@@ -2,7 +2,7 @@
 
 This is the only text of the law at given slip speeds. The functions take plain floats or arrays, and are compiled for
 the solvers (`compiling.compiled`). Code that is written on rows of nodes, and numbers that carry their derivatives, run
-the same text with functions of their own for `exp`, `tanh` and `magnitude` (`solvers.law_on`).
+the same text with functions of their own for `exp`, `tanh` and `magnitude` (`solvers.law`).
 
 `stribeck` is (c_1, a_1, c_2, a_2, ...): the ratio of the sliding coefficient to that of fast slip is 1 + sum over j of
 c_j exp(-a_j |v|). The law of the paper has one exponential, (mu_s/mu_k - 1, alpha); None means no exponential, for

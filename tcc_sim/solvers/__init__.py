@@ -52,9 +52,9 @@ SHORTEST = 1e-8
 SOLVERS: dict[str, Entry] = {row.name: row for row in (
     Entry("fixed_step", "fixed_step_solve", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
           "step", 1e-3),
-    Entry("smoothed", "smoothed.solve", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
+    Entry("smoothed", "smoothed_engine", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
           "rtol", 1e-8),
-    Entry("event_driven", "event_driven.solve", "solve", "exact: closed forms between located events", "rtol", 1e-10),
+    Entry("event_driven", "exact_engine", "solve", "exact: closed forms between located events", "rtol", 1e-10),
     Entry("rk45", SCIPY, "rk45", "Dormand and Prince 5(4) in the steps of SciPy's RK45, compiled", "rtol", 1e-6),
     Entry("dop853", SCIPY, "dop853", "SciPy, Dormand and Prince 8(5,3)", "rtol", 1e-6),
     Entry("radau", SCIPY, "radau", "SciPy, Radau IIA of order 5", "rtol", 1e-6),

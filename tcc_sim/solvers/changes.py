@@ -23,9 +23,8 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.collocation import NODES
-from tcc_sim.solvers.excitation import Pulsation
 from tcc_sim.solvers.key_derivatives import NUMBERS
-from tcc_sim.solvers.law_changes import (
+from tcc_sim.solvers.law import (
     FRICTION,
     NARROW,
     OF_SLIP,
@@ -43,6 +42,7 @@ from tcc_sim.solvers.series import (
     ROWS,
     SLIP,
     SPEED,
+    Pulsation,
     add_sine,
     product,
 )

@@ -17,10 +17,9 @@ from tcc_sim.compiling.compiled import compiled, fast
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.changes import LANES
-from tcc_sim.solvers.excitation import load_phase
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.run_output import CYCLE, DONE, FULL, GOES_ON, STATUSES, STEP_LIMIT, RunOutput, Store, full, scratch
-from tcc_sim.solvers.series import COLUMNS
+from tcc_sim.solvers.series import COLUMNS, load_phase
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import Floats, Orbits, Statistics, Trajectory
 
@@ -54,8 +53,8 @@ class Setup(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """Records that a solve changes: DRIVE of `excitation`, WORK of `stages`, COUNTERS, OUTPUT of `run_output`; `state`
-    and `control` are the engine's.
+    """Records that a solve changes: DRIVE of `series`, WORK of `collocation`, COUNTERS, OUTPUT of `run_output`;
+    `state` and `control` are the engine's.
     """
 
     state: Any
@@ -74,7 +73,7 @@ class Tangent(NamedTuple):
         derivatives (0 for none), which limits the steps even where the motion does not have that sine; and `extended`,
         whether the engine computes its further results
     peaks : (cycles, groups, LANES) changes of the largest |slip speed| of every cycle
-    margins : (3, GRADIENT + groups * LANES) `event_driven.margins`; None under the smoothed law
+    margins : (3, GRADIENT + groups * LANES) `exact_derivatives`; None under the smoothed law
     """
 
     groups: Any

@@ -2,20 +2,38 @@
 
 Scheme: SDIRK3, the L-stable, stiffly accurate, singly diagonally implicit Runge-Kutta method of order 3 in three stages
 of R. Alexander (1977), "Diagonally implicit Runge-Kutta methods for stiff O.D.E.'s", SIAM J. Numer. Anal. 14, Theorem
-5. The plate is linear, so each stage is one scalar equation for the slip speed (`scalar.py`). Nominal order 3 on smooth
-arcs; no event is located, so a step across a transition costs an error of order 2 (1 at a breakaway jump).
+5. The plate is linear, so each stage is one scalar equation for the slip speed. Nominal order 3 on smooth arcs; no
+event is located, so a step across a transition costs an error of order 2 (1 at a breakaway jump).
 
 A tick is split into n sub-steps of h: h <= 1/(2 beta Ts alpha (r - 1)) keeps the scalar root unique (the Stribeck slope
 limits the step, not the smoothing), and h max(omega_n, omega) <= RESOLUTION resolves the motion.
+
+A stage reduces to the scalar equation v + a mubar(v) = w, a >= 0. Where F(v) = v + a mubar(v) increases (always for
+mu_k = mu_s; for mu_k < mu_s while a |min d(mubar)/dv| < 1), the root is unique, has the sign of w, and lies between
+lower = max(|w|/(1 + a r sigma), |w| - a r) and |w|: mubar is at most r min(1, sigma v). Newton's method runs inside
+that bracket, which every evaluation shrinks; once NEWTON_LIMIT steps have passed the bracket is halved instead, so the
+count is at most ITERATION_BOUND whatever the input.
+
+After a small Newton step v is much nearer to the root than the step is long; a small halving proves only that the
+bracket is short. So after a halving the equation itself is checked, and halving goes on until it holds.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.compiling.compiled import Call, compiled, lost_torque, smoothed_coefficient
+from tcc_sim.compiling.compiled import (
+    Call,
+    compiled,
+    largest_ratio,
+    lost_torque,
+    smoothed_and_slope,
+    smoothed_coefficient,
+    step_after,
+    step_at,
+)
 from tcc_sim.errors import InputError
 from tcc_sim.model.actuator import approach_between
 from tcc_sim.model.equations import Linear
@@ -23,10 +41,72 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import FAR_ANGLE, FAR_SPEED
 from tcc_sim.model.supported_terms import check_supported
-from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
 from tcc_sim.solvers.terms import Terms, for_ticks, holding, same_but_means, substeps, terms_of
 from tcc_sim.solvers.torques import break_after, piece_at, pull_of_far_end, torques_now
 from tcc_sim.trajectory import Floats
+
+NEWTON_LIMIT = 20
+SATURATED = 19.1
+"""tanh(x) is 1 to the last bit beyond this."""
+ITERATION_BOUND = NEWTON_LIMIT + 60
+"""After NEWTON_LIMIT steps, 60 halvings shrink any bracket [0, |w|] below 1e-18 |w|."""
+
+ROUNDING = 1e-15
+"""Rounding of v + a mubar(v) - w over |w|: four or five operations, tanh and the exponential among them."""
+
+
+@compiled
+def scalar_root(w: float, a: float, guess: float, sigma: Any, stribeck: Stribeck) -> tuple[float, int]:
+    """The root v of v + a mubar(v) = w and the iterations that it took, at most ITERATION_BOUND.
+
+    Parameters
+    ----------
+    w : right-hand side, rad/s
+    a : step times inertia times saturation torque, rad/s, at least 0
+    guess : where to start if it lies in the bracket (the root of the stage before), rad/s
+    sigma, stribeck : the smoothed law (7), see `model.friction`
+
+    Returns
+    -------
+    (v in rad/s to within 2e-15 |w| + 1e-13 |v| where F' is at least 1/2, which sub-steps see to; iterations)
+    """
+    if w == 0.0 or a == 0.0:
+        return w, 0
+    sign = 1.0 if w > 0.0 else -1.0
+    target = abs(w)
+    ratio = largest_ratio(stribeck)
+    if stribeck is None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
+        if (target - a) * sigma > SATURATED:
+            # Slip with mu_k = mu_s: tanh is 1 to the last bit, and nothing is left to solve.
+            return sign * (target - a), 0
+    low, high = max(target / (1.0 + a * ratio * sigma), target - a * ratio), target
+    v = guess * sign
+    if not low <= v <= high:
+        v = low
+    step = step_at(v, sigma)
+    count, near = 0, False
+    while count < ITERATION_BOUND:
+        count += 1
+        value, slope = smoothed_and_slope(v, sigma, stribeck, step)
+        excess = v + a * value - target
+        if excess > 0.0:
+            high = v
+        else:
+            low = v
+        derivative = 1.0 + a * slope
+        if near and abs(excess) <= derivative * (ROUNDING * target + 1e-13 * v):
+            break
+        halving = count > NEWTON_LIMIT or derivative <= 0.0
+        following = 0.5 * (low + high) if halving else min(max(v - excess / derivative, low), high)
+        change = abs(following - v)
+        step = step_after(step, sigma, v, following)
+        v = following
+        # F''/(2 F') is at most about sigma, so the error that is left is at most sigma change^2; 4 is for safety.
+        near = 4.0 * sigma * change * change <= 1e-13 * v
+        if (near and not halving) or high - low <= 4e-16 * target:
+            break
+    return sign * v, count
+
 
 GAMMA = 0.43586652150845899942
 """The root of g^3 - 3 g^2 + 3 g/2 - 1/6 = 0 for which SDIRK3 is L-stable."""

@@ -22,7 +22,7 @@ from tcc_sim.model.profile import LOAD, TORQUE
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.changes import CHANGES, LANES, changing_linear
 from tcc_sim.solvers.fixed_step import GAMMA, plate_of, slip_over_all, stage, stages, weighted, with_means
-from tcc_sim.solvers.law_changes import FRICTION, NUMBERS_OF_ALL, OF_SLIP, mubar_at, numbers_of
+from tcc_sim.solvers.law import FRICTION, NUMBERS_OF_ALL, OF_SLIP, mubar_at, numbers_of
 from tcc_sim.solvers.series import added
 from tcc_sim.solvers.terms import Terms, for_ticks
 from tcc_sim.solvers.torques import break_after

@@ -9,10 +9,9 @@ import numpy as np
 
 from tcc_sim.compiling.compiled import timed
 from tcc_sim.errors import OutOfRange
-from tcc_sim.solvers.fixed_step import advance_ticks
+from tcc_sim.solvers.fixed_step import ITERATION_BOUND, advance_ticks
 from tcc_sim.solvers.per_cycle import STAMP, cycles_of_states, hermite
 from tcc_sim.solvers.problem import Problem, assemble, rates_along
-from tcc_sim.solvers.scalar import ITERATION_BOUND
 from tcc_sim.solvers.terms import for_ticks, substeps, terms_of
 from tcc_sim.trajectory import Statistics, Status, Trajectory, concatenated, split_cycles
 

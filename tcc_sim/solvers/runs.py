@@ -18,8 +18,7 @@ from tcc_sim.compiling.compiled import Calls
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.engine import EngineShell
-from tcc_sim.solvers.loads import LOADS, begin_loads
-from tcc_sim.solvers.run_output import CYCLE, DONE, TRANSITION, TRANSITIONS_MAXIMUM, Store, scratch
+from tcc_sim.solvers.run_output import CYCLE, DONE, LOADS, TRANSITION, TRANSITIONS_MAXIMUM, Store, begin_loads, scratch
 from tcc_sim.solvers.stroboscopic import engine_of
 from tcc_sim.trajectory import Runs, State
 

@@ -45,7 +45,7 @@ class Stroboscopic(NamedTuple):
     heights_derivatives : (N, 3 + P) of `heights`
     stick_time : s
     transitions : (time in s, mode before, mode after) of each change of mode
-    margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `event_driven.margins`: value, whether stick's margin
+    margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `exact_derivatives`: value, whether stick's margin
         grows, derivatives by the state and the keys; inf where there is no such place. None unless requested, and under
         the smoothed law
     """
@@ -201,10 +201,10 @@ def check_mapped(system: System) -> None:
 def engine_of(system: System) -> EngineShell:
     """Import the engine of a system's friction law."""
     if system.friction.law == "set_valued":
-        from tcc_sim.solvers.event_driven import solve as exact
+        from tcc_sim.solvers import exact_engine as exact
 
         return exact.ENGINE
-    from tcc_sim.solvers.smoothed import solve as smooth
+    from tcc_sim.solvers import smoothed_engine as smooth
 
     return smooth.ENGINE
 

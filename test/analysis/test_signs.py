@@ -21,7 +21,7 @@ from tcc_sim.estimation.verdicts import judged
 from tcc_sim.estimation.windows import Model
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.jumps import with_peaks
+from tcc_sim.solvers.per_cycle import with_peaks
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.trajectory import Cycles
 

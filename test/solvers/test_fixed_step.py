@@ -16,8 +16,14 @@ from tcc_sim.model import friction, pure_stick
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.fixed_step import Stepper, advance, advance_ticks, engine_and_friction
-from tcc_sim.solvers.scalar import ITERATION_BOUND, scalar_root
+from tcc_sim.solvers.fixed_step import (
+    ITERATION_BOUND,
+    Stepper,
+    advance,
+    advance_ticks,
+    engine_and_friction,
+    scalar_root,
+)
 from tcc_sim.solvers.terms import SUBSTEP_LIMIT, for_ticks, holding, substeps, terms_of
 
 TIGHT = {"solver": "radau", "rtol": 1e-10}

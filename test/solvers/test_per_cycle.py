@@ -13,8 +13,15 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.profile import Inputs
-from tcc_sim.solvers.jumps import slopes_between_jumps, with_peaks
-from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples, cycles_of_states, hermite, starts_of
+from tcc_sim.solvers.per_cycle import (
+    cycle_starts,
+    cycles_from_samples,
+    cycles_of_states,
+    hermite,
+    slopes_between_jumps,
+    starts_of,
+    with_peaks,
+)
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import FarEnd
 

@@ -1,21 +1,52 @@
-"""Derivatives of the friction law by the slip speed and by its own numbers, along a series and at single speeds.
+"""The friction law on rows of nodes, and its derivatives by the slip speed and by its own numbers.
 
-The law's own text (`model.friction`) runs on numbers that carry their derivatives (`compiling.changing`), and on series
-of such numbers, so that neither a derivative nor a series of the law is written out here.
+The law's own text (`model.friction`) runs on such rows, on numbers that carry their derivatives (`compiling.changing`),
+and on series of such numbers, so that neither a derivative nor a series of the law is written out here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 from tcc_sim.compiling.changing import Causes, Changing
-from tcc_sim.compiling.unrolled import exp, row_of
+from tcc_sim.compiling.compiled import rebound
+from tcc_sim.compiling.unrolled import exp, limited, magnitude, row_of, with_sign
+from tcc_sim.model import friction
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, LATER, SMOOTHING
-from tcc_sim.solvers.law_on import STAGED, continued, law_on
 from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, LOAD, SLIP, exponential, hyperbolic, product
+
+
+class LawText(NamedTuple):
+    """The functions of `model.friction` of these names, on other numbers than floats and arrays."""
+
+    exponentials_at: Callable[..., Any]
+    step_and_rest: Callable[..., Any]
+    with_slope: Callable[..., Any]
+    smoothed_coefficient: Callable[..., Any]
+    sliding: Callable[..., Any]
+
+
+def law_on(decaying: Callable[[Any], Any], size: Callable[[Any], Any] = magnitude,
+           tanh: Callable[[Any], Any] | None = None) -> LawText:
+    """Return the law with other functions for the exponential of -a |v|, for |v| and for tanh."""
+    exponentials_at = rebound(friction.exponentials_at, decayed=rebound(friction.decayed, exp=decaying))
+    return LawText(exponentials_at, rebound(friction.step_and_rest, exp=exp, magnitude=magnitude, with_sign=with_sign),
+               friction.with_slope,
+               rebound(friction.smoothed_coefficient, exponentials_at=exponentials_at, magnitude=size, tanh=tanh),
+               rebound(friction.sliding, exponentials_at=exponentials_at))
+
+
+def continued(x: Any) -> Any:
+    """Return e^x of a staged function for x = -a |v|, which a |v| continued through v = 0 may take above 0, up to 1."""
+    return exp(limited(x, -700.0, 1.0))
+
+
+STAGED = law_on(continued)
+"""The law on names of staged functions (`compiling.unrolled`), single or in rows, or on plain numbers."""
+
 
 FRICTION, OF_SLIP, OF_EXCESS, OF_DECAY, OF_SMOOTHING, OF_LATER = range(6)
 """Columns of `law`: Ts mubar, and its derivatives by v, c_1, a_1, sigma; the first of those by c_2, a_2, c_3, a_3."""
