@@ -37,8 +37,10 @@ one.
 """
 HELD, ALIKE = 3, 0.8
 """Least rows of a held sample, and share of the samples that last as long."""
-PLATEAU, PLATEAUS = 3, 3
-"""Least rows at an extreme that was clipped, and least number of such stretches."""
+PLATEAU, PLATEAUS, ABRUPT = 3, 3, 0.55
+"""Least rows at an extreme that was clipped, least number of such stretches, and least change into one, relative to the
+usual one.
+"""
 COARSE = 50.0
 """Number of steps of quantisation in a column's range below which a sentence names them."""
 _SHOWN = 3
@@ -185,14 +187,18 @@ def clipped(values: Floats, name: str) -> Rows:
     extremes = float(values.max()), float(values.min())
     between = ~np.isin(values, extremes)
     # A coarse signal has flat peaks too.
+    step = np.diff(values)
     fine = len(np.unique(values[between])) > 0.5 * np.count_nonzero(between)
     if name not in PULSATING or not fine or between.mean() < 0.3:
         return out
     for extreme in extremes:
         at = values == extreme
         edges = np.flatnonzero(np.diff(at.astype(np.int8), prepend=0, append=0))
-        long = edges[1::2] - edges[::2] >= PLATEAU
-        if extreme != 0.0 and np.count_nonzero(long) >= PLATEAUS:
+        begins = edges[::2][edges[1::2] - edges[::2] >= PLATEAU]
+        begins = begins[begins > 0]
+        # A peak that is rounded to a step of quantisation is reached slowly.
+        into, usual = np.abs(step[begins - 1]), float(np.median(np.abs(step[step != 0.0])))
+        if extreme != 0.0 and len(begins) >= PLATEAUS and np.median(into) > ABRUPT * usual:
             out |= at
     return out
 
