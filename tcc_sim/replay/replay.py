@@ -103,7 +103,8 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         timing = timing_of(recorded_scene, frequency, line.runs, frequency_changes(run), run.scene_text is None)
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, printable(recording.path.name), timing, recorded_scene, where,
-                     run.controlled or aim is not None, [*line.commands, *line.further]) if where else None
+                     run.controlled or aim is not None, [*line.commands, *line.further],
+                     1e-9 * sum(int(np.ptp(states.stamp_ns)) for states in line.runs)) if where else None
         result = _analysed(recording, line, timing, default_of(discard, timing, recorded_scene), damping, view, bar,
                            began, band, limits)
         if verify:
@@ -245,8 +246,10 @@ def _check_damping(scene: Scene) -> None:
 
 
 def _view(stack: ExitStack, name: str, timing: Timing, scene: Scene, where: tuple[Path | None, bool, str | None],
-          controlled: bool, topics: Sequence[str]) -> RerunStream:
-    """Return the stream to Rerun: a new file, which appears when it is complete, a viewer to start, or a URL."""
+          controlled: bool, topics: Sequence[str], length: float) -> RerunStream:
+    """Return the stream to Rerun of `length` s: a new file, which appears when it is complete, a viewer to start, or a
+    URL.
+    """
     from tcc_sim.views.rerun_stream import RerunStream
 
     rrd, spawn, connect = where
@@ -254,4 +257,4 @@ def _view(stack: ExitStack, name: str, timing: Timing, scene: Scene, where: tupl
     system = scene.system
     commanded = "topic" in (system.engine.source, system.pressure.source)
     return stack.enter_context(RerunStream(name, timing.clock.cycle, file=file, spawn=spawn, url=connect,
-                                           controlled=controlled or commanded, topics=topics))
+                                           controlled=controlled or commanded, topics=topics, length=length))

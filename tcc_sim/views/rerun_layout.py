@@ -134,18 +134,19 @@ def _ticks(low: float, high: float, intervals: int) -> list[float]:
 
 
 def blueprint(cycle: float, controlled: bool = False, least: float = 0.0,
-              further: Mapping[str, str] = MappingProxyType({})) -> Any:
+              further: Mapping[str, str] = MappingProxyType({}), length: float = math.inf) -> Any:
     """Return the blueprint: torques, slip, mode and plate on the left; portrait, maxima, events, summary on the right.
 
     In a test of a controller, its target and the pressures over more cycles replace the plate. The time series show
-    `least` seconds, or HISTORY_CYCLES engine cycles where these are longer. `further` panels (`further_panels`) follow.
+    `least` seconds, or HISTORY_CYCLES engine cycles where these are longer, but no more than the `length` of all runs,
+    s, so that a short run fills them. `further` panels (`further_panels`) follow.
     """
     rrb = rerun().blueprint
 
     def before(cycles: float) -> tuple[Any, Any]:
         """Return the range from some engine cycles before the cursor to the cursor."""
-        boundary = rrb.TimeRangeBoundary
-        return boundary.cursor_relative(seconds=-max(cycles * cycle, least)), boundary.cursor_relative(seconds=0.0)
+        cursor = rrb.TimeRangeBoundary.cursor_relative
+        return cursor(seconds=-min(max(cycles * cycle, least), length)), cursor(seconds=0.0)
 
     def recent(cycles: float = HISTORY_CYCLES) -> Any:
         """Return a time axis that follows the cursor."""

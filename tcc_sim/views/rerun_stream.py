@@ -31,15 +31,9 @@ ROOM, LAYOUT = 1 << 20, 1 << 17
 """Bytes that are written to test whether the disk is full: after a failure, and before the layout is sent."""
 _ANSWER_TIMEOUT = 3.0
 """Longest wait for a viewer to answer, s."""
-_TIMEOUT = 60.0
-"""Longest wait for a viewer to receive all data, s."""
 _STALLED = 10.0
 """Longest wait for a file to grow, and of a live stream for its viewer at the end, s: Rerun does not always report that
 its writer has ended.
-"""
-MOST_WAITING = 500_000
-"""Largest number of values sent that a viewer has not received; Rerun keeps them, and from about five times as many on
-its calls wait for the viewer.
 """
 _FLUSH_PERIOD = 0.5
 """Least time between two questions to a viewer whether it has received what was sent, s."""
@@ -63,8 +57,12 @@ class RerunStream:
     controlled : whether to show target and pressures, which `control` sends
     topics : names of further topics that `control` sends, which may have panels of their own
     history : least time before the cursor in the time series, s; they show some engine cycles at least
+    length : length of all runs, s, where it is known
     say : function that takes a sentence, of a stream that must not wait: samples that a slow viewer does not receive
         are left out. Without it, the stream waits for the viewer.
+    patience : longest wait for a viewer that takes nothing, s
+    room : largest number of values sent that a viewer has not received; Rerun keeps them, and from about five times as
+        many on its calls wait for the viewer
 
     Raises
     ------
@@ -76,12 +74,13 @@ class RerunStream:
     TccError
         The viewer does not start.
 
-    Every method that sends raises InputError if the viewer has gone, or without `say` takes nothing for 60 s.
+    Every method that sends raises InputError if the viewer has gone, or without `say` takes nothing for `patience` s.
     """
 
     def __init__(self, name: str, cycle: float, *, file: Path | None = None,
                  spawn: bool = False, url: str | None = None, controlled: bool = False, topics: Collection[str] = (),
-                 history: float = 0.0, say: Callable[[str], Any] | None = None) -> None:
+                 history: float = 0.0, length: float = math.inf, say: Callable[[str], Any] | None = None,
+                 patience: float = 60.0, room: int = 500_000) -> None:
         if (file is not None) + spawn + (url is not None) != 1:
             raise InputError("give one of a file, a viewer to start and the URL of a running viewer")
         self._rr = layout.rerun()
@@ -100,7 +99,8 @@ class RerunStream:
         self._cycle_number: int | None = None
         self._mean = 0.0
         self._held: dict[str, float] = {}
-        self._controlled, self._history = controlled, history
+        self._controlled, self._history, self._length = controlled, history, length
+        self._patience, self._room = patience, room
         self._say, self.left_out, self._stalled, self._restarted = say, 0, False, False
         self._sent = self._received = 0
         self._flushed = -math.inf
@@ -119,7 +119,8 @@ class RerunStream:
         self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
         self.recording.set_log_time_enabled(False)
         self.recording.set_log_tick_enabled(False)
-        shown, file = layout.blueprint(self._cycle, self._controlled, self._history, self._further), self._file
+        shown = layout.blueprint(self._cycle, self._controlled, self._history, self._further, self._length)
+        file = self._file
         if file is not None:
             _writable(file, LAYOUT)  # Rerun would wait for ever for a writer that ends here.
             self.recording.save(file, default_blueprint=shown)
@@ -222,7 +223,7 @@ class RerunStream:
         if self._file is not None:
             return True
         since, received = time.monotonic(), self._received
-        while self._ask() > MOST_WAITING:
+        while self._ask() > self._room:
             if self._received > received:
                 since, received = time.monotonic(), self._received
             if self._say is not None:
@@ -231,8 +232,8 @@ class RerunStream:
                 self.left_out += count
                 self._stalled = True
                 return False
-            if time.monotonic() - since > _TIMEOUT:
-                raise InputError(f"the Rerun viewer did not take the run: nothing for {_TIMEOUT:g} s")
+            if time.monotonic() - since > self._patience:
+                raise InputError(f"the Rerun viewer did not take the run: nothing for {self._patience:g} s")
             assert self._asked is not None
             wait_for([self._asked[1]], 0.1)
         self._stalled = False
@@ -251,7 +252,7 @@ class RerunStream:
         now = time.monotonic()
         if self._asked is None and self._sent > self._received and now - self._flushed > _FLUSH_PERIOD:
             self._flushed = now
-            self._asked = self._sent, begun(lambda: self.recording.flush(timeout_sec=_TIMEOUT), "Rerun")[0]
+            self._asked = self._sent, begun(lambda: self.recording.flush(timeout_sec=self._patience), "Rerun")[0]
         return self._sent - self._received
 
     def close(self, wait: bool = True) -> None:
@@ -260,17 +261,17 @@ class RerunStream:
         Raises
         ------
         InputError
-            A viewer does not receive the data within 60 s.
+            A viewer does not receive the data within `patience` s.
         OSError
             The disk is full or fails.
         TccError
             The file was not written for another reason.
         """
-        ending = _ENDING
+        ending = min(_ENDING, self._patience)
         try:
             if wait and not self._stalled:
                 self._flush()
-                ending = _TIMEOUT
+                ending = self._patience
         except Exception as error:
             reason = str(error).splitlines()[0]
             if self._file is None:
@@ -285,7 +286,7 @@ class RerunStream:
     def _flush(self) -> None:
         """Wait until a viewer has received all data, or while the file grows."""
         if self._file is None:
-            self.recording.flush(timeout_sec=_TIMEOUT if self._say is None else _STALLED)
+            self.recording.flush(timeout_sec=self._patience if self._say is None else _STALLED)
             return
         while True:
             size = self._file.stat().st_size
