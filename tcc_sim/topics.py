@@ -123,6 +123,8 @@ TOPICS: tuple[Topic, ...] = (
     Topic("target_slip_speed", FLOAT64, "rad/s", "other", (),
           "slip speed that the slip controller holds in the mean over a period of excitation; from the slip_controller "
           "node", "control/target", latched=True, key="initial.slip_speed"),
+    Topic("pressure_limits", FLOAT64_ARRAY, "Pa", "other", (),
+          "smallest and largest pressure that a controller commands; from the slip_controller node", latched=True),
     Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "other", (),
           "number of messages, by topic, that the middleware has refused from the driveline since its start; published "
           "when it grows", latched=True),
@@ -138,6 +140,8 @@ INPUTS = "engine_torque", "actuation_pressure"
 """Topics of the two inputs, which come from the scene or from commands."""
 FAR_END = "output_speed"
 """Topic of the speed of the shaft's far end, which is fixed without publisher."""
+LIMITS = "pressure_limits"
+"""Topic of the smallest and the largest pressure of a controller that states them."""
 TARGET = "target_slip_speed"
 """Topic of the slip speed that a controller is to hold."""
 HELD_INPUTS = (*INPUTS, FAR_END, TARGET)

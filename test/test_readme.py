@@ -78,7 +78,8 @@ def tables() -> dict[str, str]:
             (f"`{t.name}`", f"`{t.type}`", t.direction, t.carries + (f", {t.unit}" if t.unit else ""),
              f"`{t.switch}`" if t.switch else "always") for t in TOPICS]),
         "services": table(("service", "type"), [
-            (f"`{literal(name, '')}`", f"`std_srvs/srv/{kind.id}`") for kind, name,
+            (f"`{literal(name, '')}`",
+             f"`{'rcl_interfaces' if 'Parameters' in kind.id else 'std_srvs'}/srv/{kind.id}`") for kind, name,
             *_ in calls("driveline.py", "create_service")
             if isinstance(kind, ast.Name)]),
         "scenes": table(("scene", "what it shows"), [(f"`{n}`", load_scene(n).description) for n in bundled_scenes()]),

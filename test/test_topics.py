@@ -24,7 +24,7 @@ def test_a_topic_is_created_where_its_condition_holds(row: Topic) -> None:
     assert row.wanted(scene.value) is always
     for key, value in row.created_when:
         assert row.wanted(scene.with_values({key: value}).value)
-    assert row.latched is (row.name in ("scene", "held", "target_slip_speed", "unsent_messages"))
+    assert row.latched is (row.name in ("scene", "held", "target_slip_speed", "pressure_limits", "unsent_messages"))
 
 
 def test_a_viewer_shows_the_numbers_that_joint_states_does_not_have() -> None:

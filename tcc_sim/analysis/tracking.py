@@ -108,6 +108,29 @@ class Tracking:
         """Whether the verdict is settled."""
         return self.verdict == LoopVerdict.SETTLED.value
 
+    def within(self, *, settling: float | None = None, overshoot: float | None = None,
+               peak: float | None = None) -> bool:
+        """Return True if the loop meets a specification; otherwise raise AssertionError, which names each miss.
+
+        A figure that is not known misses its bound.
+
+        Parameters
+        ----------
+        settling : largest settling time, s; the verdict must be settled
+        overshoot : largest overshoot, rad/s
+        peak : largest size of the peak deviation, rad/s
+        """
+        missed = [f"{name} {'not known' if math.isnan(value) else f'{value:.4g}'}, allowed {bound:g} {unit}"
+                  for name, value, bound, unit in (
+                      ("settling time", self.settling_time if self.settled else math.nan, settling, "s"),
+                      ("overshoot", self.overshoot, overshoot, "rad/s"),
+                      ("peak deviation", abs(self.peak_deviation), peak, "rad/s"))
+                  if bound is not None and not value <= bound]
+        if missed:
+            why = f" ({self.verdict_why})" if self.verdict_why else ""
+            raise AssertionError(f"{'; '.join(missed)}; verdict: {self.verdict or 'none'}{why}")
+        return True
+
 
 class LoopCycles(NamedTuple):
     """Observed engine cycles of a run, (n,) arrays.

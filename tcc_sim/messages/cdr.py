@@ -7,6 +7,7 @@ serialisation.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
@@ -152,6 +153,25 @@ def float64_array(label: str, values: Sequence[float]) -> bytes:
     """Serialise a std_msgs/msg/Float64MultiArray of one dimension with this label."""
     layout, head = _array(label, len(values))
     return layout.pack(HEADER, 1, head, len(values), len(values), 0, len(values), *values)
+
+
+def pressure_limits(low: float, high: float) -> bytes:
+    """Serialise a message of the topic pressure_limits, Pa."""
+    return float64_array(topics.LIMITS, (low, high))
+
+
+def read_pressure_limits(data: bytes) -> tuple[float, float]:
+    """Return the smallest and the largest pressure, Pa, of a serialised message of pressure_limits.
+
+    Raises
+    ------
+    ValueError
+        It is none, or the limits are not 0 or more and ascending.
+    """
+    _, values = read_float64_array(data)
+    if len(values) != 2 or not 0.0 <= values[0] < values[1] < math.inf:
+        raise ValueError("not two ascending pressures")
+    return float(values[0]), float(values[1])
 
 
 def read_float64_array(data: bytes) -> tuple[str, NDArray[np.float64]]:

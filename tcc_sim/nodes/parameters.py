@@ -74,7 +74,7 @@ def warn_of_unknown(node: Node, known: Iterable[str]) -> None:
 
 
 def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:
-    """Declare every option of a node as a read-only parameter and return their values; warn of unknown parameters.
+    """Declare every option of a node as a parameter and return their values; warn of unknown parameters.
 
     A parameter accepts any type, so that 20 is read as 20.0 and a word is refused with a clear message.
 
@@ -91,7 +91,7 @@ def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:
     values = {}
     for name, meaning in kind.quantities().items():
         descriptor = ParameterDescriptor(description=meaning.described, additional_constraints=meaning.interval(),
-                                         read_only=True, dynamic_typing=True)
+                                         read_only=not meaning.live, dynamic_typing=True)
         default = defaults[name]
         value = node.declare_parameter(name, list(default) if isinstance(default, tuple) else default, descriptor).value
         values[name] = value.tolist() if hasattr(value, "tolist") else value

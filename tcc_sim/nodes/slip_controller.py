@@ -12,13 +12,16 @@ if __name__ == "__main__":
     raise SystemExit(slip_controller_node())
 
 import math
+from dataclasses import replace
 from typing import Any, NoReturn
 
 import numpy as np
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState
-from std_msgs.msg import Float64, String
+from std_msgs.msg import Float64, Float64MultiArray, String
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
@@ -28,6 +31,7 @@ from tcc_sim.nodes.parameters import declared
 from tcc_sim.nodes.process import Spinner, log, run_node
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
+from tcc_sim.topics import LIMITS
 
 FLYWHEEL, PLATE = 0, 1
 """Indices of the joints in joint_states."""
@@ -38,7 +42,8 @@ QOS = QoSProfile(depth=5000)
 class SlipControllerNode(Node):
     """Node that subscribes to joint_states and publishes actuation_pressure with the stamp of the newest state.
 
-    It publishes the target on target_slip_speed at every change, and late subscribers get the last one.
+    It publishes the target on target_slip_speed and the limits on pressure_limits at every change; late subscribers get
+    the last ones. Target, bandwidth and pressure limit may change while it runs.
     The stamp identifies the state that a command answers. In lock-step the driveline waits for this answer, so that the
     same controller gives the same run to the last bit, however slow it is. In real time states may queue on a busy
     machine: the control law takes all of them, since its means need every state, and only the newest is answered.
@@ -52,7 +57,10 @@ class SlipControllerNode(Node):
         self._scenes, self._zeros = subscribe(self, String, "scene", LATCHED), zeros_of(())
         self._command = self.create_publisher(FluidPressure, "actuation_pressure", QOS)
         self._target = self.create_publisher(Float64, "target_slip_speed", LATCHED)
+        self._limits = self.create_publisher(Float64MultiArray, LIMITS, LATCHED)
         self._publish_target()
+        self._publish_limits()
+        self.add_on_set_parameters_callback(self._on_set_parameters)
         self._states = self.create_subscription(JointState, "joint_states", self._on_state, QOS)
 
     def report(self) -> None:
@@ -65,6 +73,24 @@ class SlipControllerNode(Node):
     def _publish_target(self) -> None:
         """Publish the target."""
         self._target.publish(Float64(data=self.controller.target))
+
+    def _publish_limits(self) -> None:
+        """Publish the smallest and the largest pressure."""
+        self._limits.publish(cdr.pressure_limits(0.0, self.controller.tuning.pressure_limit))
+
+    def _on_set_parameters(self, changes: list[Parameter]) -> SetParametersResult:
+        """Use changed options from the next state on, all of a request or none."""
+        names = Tuning.quantities()
+        try:
+            tuning = replace(self.controller.tuning, **{change.name: change.value for change in changes
+                                                        if change.name in names})
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        limit = self.controller.tuning.pressure_limit
+        self.controller.use(tuning)
+        if tuning.pressure_limit != limit:
+            self._publish_limits()
+        return SetParametersResult(successful=True)
 
     def _on_state(self, state: JointState) -> None:
         """Take a state and the states queued behind it, answer the last, and raise InputError if one is not valid."""

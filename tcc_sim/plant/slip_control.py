@@ -35,17 +35,17 @@ class Tuning(Options):
     """
 
     target: float = quantity(20.0, "slip speed to hold in the mean over a period of excitation", "rad/s", 0.0,
-                             above=True)
+                             above=True, live=True)
     target_times: tuple[float, ...] = quantity((), "times at which target_values hold, the first 0", "s", 0.0, LATEST)
     target_values: tuple[float, ...] = quantity((), "target at these times, linear between them and constant "
                                                 "afterwards; target is then not used", "rad/s", 0.0, above=True)
     bandwidth: float = quantity(15.0, "bandwidth of the closed loop; at most about 0.6 divided by the period of "
-                                "excitation", "rad/s", 0.0, above=True)
+                                "excitation", "rad/s", 0.0, above=True, live=True)
     frequency: float = quantity(150.0, "engine.frequency; the period of excitation is 2 pi/frequency", "rad/s", 0.0,
                                 above=True)
     inertia: float = quantity(0.2, "flywheel inertia I1", "kg m^2", 0.0, above=True)
     torque_per_pressure: float = quantity(0.27 * 0.08 * 0.1, "nominal mu_k A R", "N m/Pa", 0.0, above=True)
-    pressure_limit: float = quantity(600e3, "largest commanded pressure", "Pa", 0.0, above=True)
+    pressure_limit: float = quantity(600e3, "largest commanded pressure", "Pa", 0.0, above=True, live=True)
     step: float = quantity(1e-3, "time between two updates", "s", 0.0, above=True)
 
     def __post_init__(self) -> None:
@@ -93,10 +93,14 @@ class SlipController:
     """
 
     def __init__(self, tuning: Tuning) -> None:
+        self.use(tuning)
+        self.reset()
+
+    def use(self, tuning: Tuning) -> None:
+        """Use another bandwidth and pressure limit from the next update on; means and integral part stay."""
         self.tuning = tuning
         self.proportional = tuning.inertia * tuning.bandwidth
         self.integral = self.proportional * tuning.bandwidth / 4.0
-        self.reset()
 
     def reset(self) -> None:
         """Reset to the state before the first update."""

@@ -121,6 +121,7 @@ class Columns:
     sources : announced sources of the inputs, in the order of publication
     publishers : number of publishers of commands, by topic
     counts : counts of the driveline's diagnostics, by key
+    limits : last limits of the pressure that a controller stated, Pa
     """
 
     runs: tuple[JointStates, ...]
@@ -129,6 +130,7 @@ class Columns:
     sources: tuple[InputSource, ...]
     publishers: Mapping[str, int]
     counts: Mapping[str, int]
+    limits: tuple[float, float] | None = None
 
 
 class GrowingStates:

@@ -26,7 +26,7 @@ from tcc_sim.recording.announcements import (
 from tcc_sim.recording.columns import Commanded, JointStates, receipt_times
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.records import Messages
-from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, shown
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, LIMITS, shown
 
 TARGET, SOURCE, HELD = "target_slip_speed", "input_source", "held"
 COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, TARGET: FLOAT64}
@@ -97,7 +97,7 @@ class Commands:
         self._zeros = zeros
         space = joint_states_topic.rpartition("/")[0]
         self._types = signal_types()
-        self._names = {f"{space}/{name}": name for name in (*self._types, SOURCE, HELD)}
+        self._names = {f"{space}/{name}": name for name in (*self._types, SOURCE, HELD, LIMITS)}
         self._sent: dict[str, list[_Sent]] = {name: [] for name in self._types}
         self._sources: dict[InputSource, None] = {}
         self.coarse = False
@@ -108,6 +108,8 @@ class Commands:
         self.counts = Counter[str]()
         """Totals over all drivelines of the counts in their diagnostics, by key."""
         self._counted: dict[str, int] = {}
+        self.limits: tuple[float, float] | None = None
+        """Last limits of the pressure that a controller stated, Pa."""
 
     @property
     def sources(self) -> tuple[InputSource, ...]:
@@ -122,12 +124,17 @@ class Commands:
                 mine = messages.channel == number
                 self._count(data, messages.offset[mine].tolist(), messages.length[mine].tolist())
             name = self._names.get(row.topic)
-            if name is None or row.type != self._types.get(name, FLOAT64_ARRAY if name == HELD else HEADER):
+            if name is None or row.type != self._types.get(name, HEADER if name == SOURCE else FLOAT64_ARRAY):
                 continue
             mine = messages.channel == number
             if not mine.any():
                 continue
             offset, length = messages.offset[mine], messages.length[mine]
+            if name == LIMITS:
+                for start, size in zip(offset.tolist(), length.tolist()):
+                    with suppress(ValueError):
+                        self.limits = cdr.read_pressure_limits(data[start + HEAD:start + size])
+                continue
             if name in (SOURCE, HELD):
                 read = read_held_sources if name == HELD else partial(read_source, zeros=self._zeros)
                 self._announced(data, offset.tolist(), length.tolist(), read)

@@ -36,10 +36,10 @@ from tcc_sim.recording.parts import (
 from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, RecordStream, Warnings, joined, with_places
 from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.recording.window import Window
-from tcc_sim.topics import JOINT_STATE
+from tcc_sim.topics import JOINT_STATE, LIMITS
 
 ReadChunk = tuple[bytes, Messages, Mapping[int, Channel]]
-_READ = ("applied_pressure", "output_state", "input_source", "held")
+_READ = ("applied_pressure", "output_state", "input_source", "held", LIMITS)
 _TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", "input_source", "held", DIAGNOSTICS.removeprefix("/")}
 """Topics that the driveline itself publishes."""
 _MOST_TOPICS = 20
@@ -338,7 +338,8 @@ class Run:
         given = {name: values for name, values in aligned.items() if name in COMMANDS}
         further = {name: values for name, values in aligned.items() if name not in COMMANDS}
         return Columns(runs, given, further, commands.sources,
-                       {name: len(who) for name, who in commands.publishers.items()}, commands.counts)
+                       {name: len(who) for name, who in commands.publishers.items()}, commands.counts,
+                       commands.limits)
 
     def _every_channel(self) -> Iterator[Channel]:
         """Iterate over the channels of all files."""

@@ -106,7 +106,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
                      run.controlled or aim is not None, [*line.commands, *line.further],
                      1e-9 * sum(int(np.ptp(states.stamp_ns)) for states in line.runs)) if where else None
         result = _analysed(recording, line, timing, default_of(discard, timing, recorded_scene), damping, view, bar,
-                           began, band, limits)
+                           began, band, limits or line.limits)
         if verify:
             bar.begin("solving")
             result = replace(result, verification=verification_of(whole, run.size, bar.advance))

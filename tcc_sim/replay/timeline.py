@@ -46,6 +46,7 @@ class Timeline:
     sources : (index of the first state, inputs that follow commands from it on)
     publishers : number of publishers of commands, by topic
     counts : counts of the driveline's diagnostics over the whole recording, by key
+    limits : last limits of the pressure that a controller stated, Pa
     """
 
     runs: tuple[JointStates, ...]
@@ -57,6 +58,7 @@ class Timeline:
     sources: Held
     publishers: Mapping[str, int]
     counts: Mapping[str, int]
+    limits: tuple[float, float] | None = None
 
     def within(self, window: Window) -> Timeline:
         """Return the part in a window; the last command before the window applies from its first state on."""
@@ -193,7 +195,8 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
     held = tuple((index, columns.sources[number].commanded) for index,
                  number in places_of(columns.sources, columns.runs))
     line = Timeline(columns.runs, scene, run.scenes, tuple(places_of(run.scenes[:MOST_SCENES], columns.runs)),
-                    columns.commands, columns.further, held, columns.publishers, columns.counts)
+                    columns.commands, columns.further, held, columns.publishers, columns.counts,
+                    columns.limits)
     return line if window is None else line.within(window)
 
 

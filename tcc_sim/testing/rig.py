@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, Float64MultiArray
 
 from tcc_sim.analysis.tracking import Limits, checked_limits
 from tcc_sim.errors import InputError, counted, one_line
@@ -23,7 +24,7 @@ from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.run import ControllerFailed, LockstepRun, Result, Worker
 from tcc_sim.testing.under_test import UnderTest
-from tcc_sim.topics import FAR_END, FLUID_PRESSURE, INPUTS, topic
+from tcc_sim.topics import FAR_END, FLUID_PRESSURE, INPUTS, LIMITS, topic
 
 PATIENCE = 20.0
 """Largest real time for an answer, s."""
@@ -72,6 +73,8 @@ class Rig:
         self._requests = SingleThreadedExecutor(context=self._node.context)
         self._requests.add_node(self._node)
         self._target_topic = subscribe(self._node, Float64, "target_slip_speed", LATCHED)
+        self._limits_topic = subscribe(self._node, Float64MultiArray, LIMITS, LATCHED)
+        self._limits: Limits | None = None
         self._timed: set[str] = set()
         self._target: float | None = None
         self._last_mean = math.nan
@@ -237,10 +240,13 @@ class Rig:
             self._take_target(target, targets, len(samples) - 1)
             self._worker.beat()
         self._under_test.settle()
+        for data, _ in poll(self._limits_topic):
+            with suppress(ValueError):
+                self._limits = cdr.read_pressure_limits(data)
         refused = sum(command.refused - before[command.name] for command in commands)
         run = LockstepRun(**samples.columns(self._plant), refused=refused, missed=missed,  # type: ignore[arg-type]
                           refusal=next((command.refusal for command in commands if command.refusal), ""),
-                          targets=tuple(targets), limits=limits,
+                          targets=tuple(targets), limits=limits or self._limits,
                           before=self._last_mean if samples.begins_later else math.nan)
         self._last_mean = run.last_mean
         return run

@@ -591,3 +591,22 @@ def test_targets_are_steps_in_order_of_time():
     steps = target_steps({3.0: 1e5, 0.5: -1e5, 2.0: 7})
     assert (steps.t.tolist(), steps.values.tolist()) == ([0.5, 2.0, 3.0], [-1e5, 7.0, 1e5])
     assert (target_steps(30).t.tolist(), target_steps(30).values.tolist()) == ([0.0], [30.0])
+
+
+@pytest.mark.parametrize(("figures", "bounds", "missed"), [
+    ({}, {}, []), ({}, {"settling": 0.5, "overshoot": 1.0, "peak": 3.0}, []),
+    ({}, {"settling": 0.3999}, ["settling time 0.4", "0.3999 s"]),
+    ({}, {"settling": 0.4, "overshoot": 0.7, "peak": 1.9}, ["overshoot 0.8", "0.7 rad/s", "peak deviation 2", "1.9"]),
+    ({"verdict": "hunting", "verdict_why": "it swings"}, {"settling": 9.0},
+     ["settling time not known", "hunting", "it swings"]),
+    ({"overshoot": math.nan}, {"overshoot": 9.0}, ["overshoot not known", "9 rad/s"])])
+def test_a_specification_is_met_or_its_misses_are_named(figures: dict[str, object], bounds: dict[str, float],
+                                                        missed: list[str]) -> None:
+    tracking = Tracking(20.0, **{"verdict": "settled", "settling_time": 0.4, "overshoot": 0.8,  # type: ignore[arg-type]
+                                 "peak_deviation": -2.0, **figures})
+    if not missed:
+        assert tracking.within(**bounds)
+        return
+    with pytest.raises(AssertionError) as miss:
+        tracking.within(**bounds)
+    assert [part for part in missed if part not in str(miss.value)] == []

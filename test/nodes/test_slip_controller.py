@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
@@ -74,3 +75,36 @@ def test_the_scene_is_the_one_that_the_controller_is_tuned_for() -> None:
     tuning = Tuning()
     assert tuning.torque_per_pressure == pytest.approx(system.torque_per_pressure, rel=1e-12)
     assert (tuning.frequency, tuning.inertia) == (system.engine.frequency, system.driveline.flywheel_inertia)
+
+
+def test_target_bandwidth_and_limits_change_while_it_runs_and_are_published_and_judged_by(driveline: Any) -> None:
+    from rclpy.parameter import Parameter
+
+    import tcc_sim
+    from tcc_sim.plant.slip_control import SlipController, Tuning
+
+    rig = driveline("controlled")
+    node = rig.add(SlipControllerNode())
+    first = rig.run(seconds=1.0)
+    assert first.tracking.limits == (0.0, 6e5)
+    changes = {"target": 30.0, "bandwidth": 10.0, "pressure_limit": 95e3}
+    assert node.set_parameters_atomically([Parameter(*pair) for pair in (
+        (name, Parameter.Type.DOUBLE, value) for name, value in changes.items())]).successful
+    second = rig.run(seconds=1.0)
+    assert (second.target[0], second.tracking.limits) == (30.0, (0.0, 95e3))  # type: ignore[index]
+    law, tuning = SlipController(Tuning()), Tuning(**changes)
+
+    def answer(reading: Any) -> float:
+        if reading.stamp_ns == 1_001_000_000:  # The state of 1 s came before the change.
+            law.use(tuning)
+            law.target = 30.0
+        return law.update(reading.flywheel_speed - reading.plate_speed, reading.engine_torque)
+
+    alone = tcc_sim.closed_loop("controlled", answer, 2.0)
+    np.testing.assert_array_equal(second.slip_speed, alone.slip_speed[1000:])
+    for name, value in (("bandwidth", -1.0), ("inertia", 0.3)):
+        (result,) = node.set_parameters([Parameter(name, value=value)])
+        assert not result.successful
+        assert name in result.reason or "read-only" in result.reason
+    with pytest.raises(AssertionError, match=r"settling time.*0\.001 s"):
+        first.tracking.within(settling=0.001)
