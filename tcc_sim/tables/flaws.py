@@ -161,7 +161,7 @@ def frozen(values: Floats, name: str) -> Rows:
     return out
 
 
-def held(values: Floats, name: str) -> Rows:
+def repeated_samples(values: Floats, name: str) -> Rows:
     """Return the repeats of a signal that was sampled more slowly than the table: all but the first row of each."""
     out = np.zeros(len(values), dtype=np.bool_)
     changes = np.flatnonzero(np.diff(values)) + 1
@@ -204,7 +204,7 @@ def clipped(values: Floats, name: str) -> Rows:
 
 
 KINDS: dict[str, Callable[[Floats, str], Rows]] = {
-    "far from all others": far_off, "in single spikes": spikes, "frozen at one value": frozen, "held": held,
+    "far from all others": far_off, "in single spikes": spikes, "frozen at one value": frozen, "held": repeated_samples,
     "clipped at an extreme": clipped}
 """Functions that find the flawed rows of a column, by the kind of flaw."""
 
