@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.explicit import rk4_limit
-from tcc_sim.study.benchmarks import stability
+from tcc_sim.study.benchmarks import peers, precision, stability
 from tcc_sim.study.benchmarks.references import smoothed_states
 from tcc_sim.trajectory import Trajectory
 
@@ -185,3 +186,13 @@ def test_errors_of_the_charts_are_those_of_an_independent_solution(folder):
 
 def test_an_existing_directory_is_refused(tmp_path, refused):
     assert str(tmp_path) in refused("stability", "--quick", "--out", tmp_path)
+
+
+def test_the_prose_of_both_pages_has_the_numbers_of_the_code():
+    pages = Path(__file__).resolve().parents[3] / ".github" / "internals"
+    text = {name: " ".join((pages / f"{name}.md").read_text().split()) for name in ("precision", "stability")}
+    assert f"solve {stability.COUNT} scenes each" in text["stability"]
+    assert f"{stability.MANY} cycles" in text["stability"]
+    assert f"sigma = {stability.SHARPEST:.0e}".replace("+0", "") in text["stability"]
+    assert f"{precision.FULL.cycles} periods of excitation from a settled state" in text["precision"]
+    assert f"that of {peers.TIMED} cycles less that of one" in text["precision"]
