@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -206,6 +207,10 @@ def test_a_spike_of_a_cold_start_is_apart_from_the_coexisting_motion() -> None:
     assert stick_margin(curve.at(1)).sticks
     assert {row.index for row in result} == {1}
     assert all(row.spike and row.max_slip_speed > 20.0 and row.other.max_slip_speed < 0.2 for row in result)
+    point = swept.points[1]  # A motion without a period scatters: no other one is sought beside it.
+    wild = replace(point, summary=replace(point.summary, period=0))
+    for points in ([swept.points[0], wild, swept.points[2]], [None, point, None]):
+        assert coexisting(replace(swept, points=points), 1) == []
 
 
 @pytest.mark.parametrize(("values", "k", "least", "out"), [
