@@ -69,6 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
         failed = sum(p is not None and p.summary is None for p in points)
         lines = [f"{sum(p is not None for p in points)} of {counted(len(points), 'value')} in {sweeps[0].seconds:.3g} s"
                  + (f"; {failed} failed" if failed else ""), *unsettled_lines(sweeps)]
+        if isinstance(result, Scattered) and arguments.quantiles is not None and not ended:
+            lines = [lines[0], *quantile_lines(result)]
     elif isinstance(result, Scattered):
         lines = quantile_lines(result)
     else:

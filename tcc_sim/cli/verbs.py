@@ -63,7 +63,7 @@ GROUPS: dict[str, dict[str, Verb]] = {
             f"{_JSON}, --out FILE the samples, {_PICTURE}"),
         "sweep": Verb(
             "solve a scene at many values of one key or two",
-            "sweep fig02 --over engine.frequency=40:300:131 --plot sweep.png",
+            "sweep fig02 --over engine.frequency=40:300:131 --cycles 600 --discard 500 --plot sweep.png",
             "one line for each value, or quantiles with --scatter; with --json or --out only the number of values",
             f"{_JSON}, --out FILE each point as soon as it is solved, {_PICTURE}"),
         "linearise": Verb(

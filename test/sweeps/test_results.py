@@ -225,11 +225,13 @@ def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:
     valid("sweep", alone)
     assert len(alone["max_slip_speed"]) == len(alone["sampled"][AMPLITUDE]) == 8
     assert len(alone["quantiles"]["max_slip_speed"]) == 3
-    capsys.readouterr()
-    assert main(WORDS) == 0
-    lines = capsys.readouterr().out.splitlines()
-    at = next(k for k, line in enumerate(lines) if line.startswith("max_slip_speed"))
-    assert [float(x) for x in lines[at + 1].split()] == pytest.approx(alone["quantiles"]["max_slip_speed"], rel=1e-4)
+    for more in ([], ["--quantiles", "0.05,0.5,0.95", "--json", str(tmp_path / "c.json")]):
+        capsys.readouterr()
+        assert main([*WORDS, *more]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        at = next(k for k, line in enumerate(lines) if line.startswith("max_slip_speed"))
+        assert [float(x) for x in lines[at + 1].split()] == pytest.approx(alone["quantiles"]["max_slip_speed"],
+                                                                          rel=1e-4)
 
 
 @pytest.mark.parametrize(("work", "words"), [
