@@ -186,6 +186,8 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
         (Given(orbit(0.9, 0.9, 0.9, 0.7), stretches=fig6(0.77, 0.918, 0.67)), YES,
          [[0.67], [0.7] * 3]),
         (Given(orbit(0.9, 0.9, 0.9, 0.7), stretches=fig6(0.77, 0.76, 0.67)), PART),
+        (Given(period_at(lambda row, x: 0 if x <= 0.7 or abs(x - 0.95) < 3e-3 else 2),
+               stretches=fig6(0.77, 0.76, 0.67)), PART),
         (Given(orbit(0.9, 0.9, 0.9, 0.6), stretches=fig6(0.77, 0.918, 0.67)), NO),
         (Given(orbit(0.9, 0.9, 0.9, 0.6), stretches=fig6(0.77, 0.918, 0.58)), NO)],
     "three_motions": [
@@ -427,6 +429,17 @@ def test_severity_is_a_rank_correlation(sizes: Any, periods: Any, abrupt: float,
     result = rows["severity_follows_abruptness"](Jumps(lambda row, x, d: record(
         10.0, period=periods[min(range(3), key=lambda k: abs(x - places[k]))])))
     assert (result.verdict, *result.values.values()) == (verdict, 9, pytest.approx(abrupt), 0.0)
+
+
+def test_a_crossing_is_found_to_1e_5_within_003_of_its_place() -> None:
+    """Two lines that cross at 0.3016, the curves of psi = 0 and of psi = pi."""
+    lagging = FIGURES[8].series[2].values
+
+    def slip(row: Any, x: float, direction: str) -> Any:
+        return record(10.0 + (20.0 * (x - 0.3016) if row["pressure.phase"] == lagging["pressure.phase"] else 0.0))
+
+    assert measures.crossing(Given(slip), {}, OMEGA_N, 0.30) == pytest.approx(0.3016, abs=1e-5)
+    assert measures.crossing(Given(slip), {}, OMEGA_N, 0.34) is None
 
 
 def test_two_torques_have_the_frequencies_and_amplitudes_of_engine_and_load() -> None:
