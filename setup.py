@@ -58,6 +58,6 @@ else:
 setup(**kernels, python_requires=">=3.10", long_description=(SOURCE / "README.md").read_text(), data_files=[
     ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
     (f"share/{NAME}", ["package.xml"]),
-    (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+    (f"share/{NAME}/config", sorted(glob("config/*.yaml") + glob("config/*.xml"))),
     (f"share/{NAME}/launch", sorted(glob("config/*.launch.py"))),
 ])

@@ -88,6 +88,9 @@ TOPICS: tuple[Topic, ...] = (
           "torque/engine_command", key="engine.mean_torque"),
     Topic("actuation_pressure", FLUID_PRESSURE, "Pa", "in", _PRESSURE,
           "actuation pressure command, held until the next one", "pressure/command", key="pressure.mean"),
+    Topic("command", JOINT_STATE, "", "in", (*_TORQUE, *_PRESSURE),
+          "commands as the efforts of the joints flywheel (engine torque, N m) and clutch (actuation pressure, Pa), as "
+          "ros2_control sends them; a joint that is absent or NaN commands nothing"),
     Topic("output_speed", FLOAT64, "rad/s", "in", (),
           "speed of the shaft's far end, for instance of a vehicle, held until the next message; without a publisher "
           "the far end stands still", "far_end/command", key="initial.plate_speed"),
@@ -142,6 +145,8 @@ FAR_END = "output_speed"
 """Topic of the speed of the shaft's far end, which is fixed without publisher."""
 LIMITS = "pressure_limits"
 """Topic of the smallest and the largest pressure of a controller that states them."""
+JOINT_COMMAND = "command"
+"""Topic of commands for joints."""
 TARGET = "target_slip_speed"
 """Topic of the slip speed that a controller is to hold."""
 HELD_INPUTS = (*INPUTS, FAR_END, TARGET)

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from xml.etree import ElementTree
+
 import pytest
 
 from tcc_sim.scene import load_scene
-from tcc_sim.topics import FAR_END, INPUTS, STRING, TOPICS, Topic, shown, topic
+from tcc_sim.topics import FAR_END, FLOAT64, FLUID_PRESSURE, INPUTS, INT8, STRING, TOPICS, Topic, shown, topic
+
+LAYOUT = Path(__file__).parents[1] / "config" / "plotjuggler.xml"
 
 CONDITIONS = {
     "engine_torque": "engine.source: topic", "actuation_pressure": "pressure.source: topic",
-    "held": "engine.source: topic or pressure.source: topic", "applied_pressure": "pressure.source: topic",
+    "held": "engine.source: topic or pressure.source: topic",
+    "command": "engine.source: topic or pressure.source: topic", "applied_pressure": "pressure.source: topic",
     "slip_speed": "publish_scalars: true", "friction_torque": "publish_scalars: true",
     "stick_slip_state": "publish_scalars: true", "slip_speed_stamped": "publish_stamped: true",
     "friction_torque_stamped": "publish_stamped: true", "shaft_torque": "publish_shaft_torque: true",
@@ -38,3 +44,12 @@ def test_a_viewer_shows_the_numbers_that_joint_states_does_not_have() -> None:
     assert [topic(name).direction for name in (*INPUTS, FAR_END)] == ["in"] * 3
     with pytest.raises(KeyError):
         topic("nothing")
+
+
+def test_the_layout_of_plotjuggler_shows_numbers_of_topics() -> None:
+    fields = {FLOAT64: "data", INT8: "data", FLUID_PRESSURE: "fluid_pressure"}
+    curves = [curve.attrib["name"] for curve in ElementTree.parse(LAYOUT).iter("curve")]
+    assert len(curves) == len(set(curves)) > 5
+    for curve in curves:
+        name, _, field = curve.strip("/").rpartition("/")
+        assert field == fields[topic(name).type]

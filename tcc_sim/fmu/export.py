@@ -175,7 +175,7 @@ def _entries(terms: Struct, origin: Struct, keys: Keys, pressure: Keys,
     return [
         ("terms_of", terms_from, (keys, origin)),
         ("hold_torque", holding, (terms, DOUBLE, absent)),
-        ("hold_pressure", driveline.held, (keys, terms, absent, DOUBLE)),
+        ("hold_pressure", driveline.with_commands, (keys, terms, absent, DOUBLE)),
         ("substeps", substeps_needed, (terms, DOUBLE, DOUBLE)), ("stick_speed", stick_speed_of, (terms,)),
         ("origin_after", driveline.origin_after, (keys, keys, origin, DOUBLE)),
         ("initial_state", fixed_step.initial_state, (keys,)),

@@ -14,13 +14,13 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, TimeoutError
 from contextlib import ExitStack
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rclpy.node import Node
 
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.input_report import InputReport
-from tcc_sim.nodes.loop_topics import CommandedInput, Outputs, target_input
+from tcc_sim.nodes.loop_topics import CommandedInput, JointCommands, Outputs, target_input
 from tcc_sim.nodes.middleware import await_peer
 from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread, tick_time_of
 from tcc_sim.nodes.simulation_clock import SimulationClock
@@ -73,6 +73,7 @@ class RealTimeLoop:
                                  if pressure.wanted(scene.value) else None)
         self.commands: list[CommandedInput] = [c for c in (self.engine_command, self.pressure_command) if c is not None]
         self._inputs = tuple(self.commands)  # Without output_speed, which may join later.
+        self._joints = JointCommands(node, self._inputs) if self._inputs else None
         self.far_end: CommandedInput | None = None
         self.outputs = Outputs(node, scene)
         self.clock = SimulationClock(node, self.outputs, scene.operation)
@@ -268,7 +269,8 @@ class RealTimeLoop:
             self.pacer.anchor()
             self.clock_started.set()
             with ExitStack() as held:
-                for handle in (*self.outputs.handles(), *(command.subscription.handle for command in self.commands)):
+                inputs: list[Any] = [*self.commands, *([] if self._joints is None else [self._joints])]
+                for handle in (*self.outputs.handles(), *(one.subscription.handle for one in inputs)):
                     held.enter_context(handle)
                 while not self._stopping:
                     self._serve()
@@ -319,6 +321,8 @@ class RealTimeLoop:
         """Take the commands that have arrived; without one for command_timeout the fallback applies."""
         operation = self.scene.operation
         limit = operation.command_timeout * operation.rate if operation.command_timeout > 0.0 else math.inf
+        if self._joints is not None:
+            self._joints.poll(self.plant.stepper.tick)
         for command in self.commands:
             command.poll(self.plant.stepper.tick, limit)
         if self.target is not None:
@@ -332,7 +336,8 @@ class RealTimeLoop:
             self._unanswered = [c for c in self.commands if tick >= c.since and (c is self.far_end or c in due)]
             self._waits_since = now
         stamp = self.plant.stamp_of(tick) + self.outputs.zero_ns
-        self._unanswered = [c for c in self._unanswered if not c.answered(tick, stamp)]
+        joined = self._joints.poll(tick, stamp) if self._joints is not None and self._unanswered else []
+        self._unanswered = [c for c in self._unanswered if c not in joined and not c.answered(tick, stamp)]
         timeout = self.scene.operation.command_timeout
         if self._unanswered and 0.0 < timeout < now - self._waits_since:
             for command in self._unanswered:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from operator import itemgetter
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import deserialize_message
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr, held
@@ -33,7 +34,19 @@ from tcc_sim.plant.closed_loop import check_command, doubt_of
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import Scene
-from tcc_sim.topics import CLOCK_TOPIC, FLUID_PRESSURE, INPUTS, TARGET, TOPICS, Topic, topic
+from tcc_sim.topics import (
+    CLOCK_TOPIC,
+    CLUTCH_JOINT,
+    FLUID_PRESSURE,
+    INPUTS,
+    JOINT_COMMAND,
+    JOINT_NAMES,
+    JOINT_STATE,
+    TARGET,
+    TOPICS,
+    Topic,
+    topic,
+)
 
 HISTORY = 0.25
 """Duration of the messages that a publisher stores for a slow reader in real time, s."""
@@ -185,20 +198,20 @@ class CommandedInput:
         try:
             stamp, value = cdr.read_fluid_pressure(data) if self._stamped else (0, cdr.read_float64(data))
         except ValueError as error:
-            return self._refuse(f"{self.name}: {error}")
+            return self.refuse(f"{self.name}: {error}")
         if answers and stamp == 0:
             self.unstamped += 1
         elif answers is not None and self.timed and answers - self.period_ns < stamp < answers:
             self._early = data, time.monotonic()
             return False
         elif answers is not None and stamp != answers:
-            self._refuse(f"{self.name} command with stamp {stamp * 1e-9:.9g} s refused; it must be that of the state, "
+            self.refuse(f"{self.name} command with stamp {stamp * 1e-9:.9g} s refused; it must be that of the state, "
                          f"{answers * 1e-9:.9g} s")
             return False
         try:
             self.check(value)
         except InputError as error:
-            return self._refuse(str(error))
+            return self.refuse(str(error))
         self.hold(value, tick, self._sender, stamp if stamp or (self._stamped and not tick) else math.nan)
         return True
 
@@ -215,11 +228,56 @@ class CommandedInput:
         self.superseded += self._fresh
         self._fresh, self.acts, self._who, self._stamp_ns = True, tick + 1, sender, stamp_ns
 
-    def _refuse(self, sentence: str) -> bool:
+    def refuse(self, sentence: str) -> bool:
         """Count a refused command; the value before it holds."""
         self.refused += 1
         self.refusal = sentence
         return True
+
+
+class JointCommands:
+    """Commands of both inputs as efforts of joints, as ros2_control sends them, held as commands on their own topics.
+
+    Parameters
+    ----------
+    inputs : inputs that follow commands
+    """
+
+    def __init__(self, node: Node, inputs: Sequence[CommandedInput]) -> None:
+        self._inputs = {joint: command for joint, name in zip((JOINT_NAMES[0], CLUTCH_JOINT), INPUTS)
+                        for command in inputs if command.name == name}
+        self._kind = message_class(JOINT_STATE)
+        self.subscription: Any = subscribe(node, self._kind, JOINT_COMMAND, COMMANDS)
+        self._take = taker(self.subscription)
+
+    def poll(self, tick: int, answers: int | None = None) -> list[CommandedInput]:
+        """Hold the arrived commands from tick `tick` on, and return their inputs.
+
+        In lock-step a command must have the stamp `answers` (ns) of the state that it answers, or stamp 0.
+        """
+        taken: list[CommandedInput] = []
+        for data, _ in islice(iter(self._take, None), COMMANDS.depth):
+            try:
+                message = deserialize_message(data, self._kind)
+            except Exception:  # rclpy raises various exceptions on invalid bytes.
+                continue
+            stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+            for joint, value in zip(message.name, message.effort):
+                command = self._inputs.get(joint)
+                if command is None or math.isnan(value):
+                    continue
+                if answers is not None and stamp not in (0, answers):
+                    command.refuse(f"{JOINT_COMMAND} for {joint} with stamp {stamp * 1e-9:.9g} s refused; it must be "
+                                   f"that of the state, {answers * 1e-9:.9g} s")
+                    continue
+                taken.append(command)
+                try:
+                    command.check(value)
+                except InputError as error:
+                    command.refuse(str(error))
+                else:
+                    command.hold(value, tick, stamp_ns=float(stamp) if stamp else math.nan)
+        return taken
 
 
 def target_input(node: Node) -> CommandedInput:

@@ -120,11 +120,11 @@ class Plant:
         terms = self._terms_of(scene)
         highest = {self._actuator.highest} if self._actuator is not None else set[float]()
         for pressure in {self._pressure, None} | highest:
-            self._afford(scene, held(scene.system, terms, self._torque, pressure))
+            self._afford(scene, with_commands(scene.system, terms, self._torque, pressure))
 
     def check_pressure(self, pressure: float) -> None:
         """Raise InputError if a commanded pressure, Pa, needs too many sub-steps."""
-        self._afford(self.scene, held(self.scene.system, self._terms, self._torque, pressure))
+        self._afford(self.scene, with_commands(self.scene.system, self._terms, self._torque, pressure))
 
     def use(self, scene: Scene) -> None:
         """Apply changed parameters together from the next tick on.
@@ -296,7 +296,7 @@ def origin_after(before: System, after: System, origin: Origin, t: float) -> Ori
     return Origin(t, phase, lead)
 
 
-def held(system: System, terms: Terms, torque: float | None, pressure: float | None) -> Terms:
+def with_commands(system: System, terms: Terms, torque: float | None, pressure: float | None) -> Terms:
     """Return `terms` of a system with a commanded torque, N m, and pressure, Pa, in place of the scene's."""
     return holding(terms, torque, None if pressure is None else system.torque_per_pressure * pressure)
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from benches import joined
@@ -194,3 +195,46 @@ def test_watch_without_a_driveline_ends_with_one_line_and_no_file(tmp_path: Path
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (1, "", 1)
     assert "/nobody/scene" in ended.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("pacing", ["real_time", "lockstep"])
+def test_commands_of_joints_act_as_those_of_the_topics(bench: Any, pacing: str) -> None:
+    """As joint_state_topic_hardware_interface of ros2_control sends them: names and efforts."""
+    from sensor_msgs.msg import JointState
+
+    loop = bench.driveline(scene="commands", pacing=pacing, command_timeout=0.0).loop
+    publisher = bench.probe.create_publisher(JointState, "command", 10)
+    bench.until(publisher.get_subscription_count)
+    loop.begin()
+    sent = [(["flywheel", "clutch"], [120.0, 2e5]), (["clutch", "arm"], [1.5e5, 7.0]), (["flywheel"], [float("nan")]),
+            (["clutch"], [-1.0])]
+    for names, efforts in sent:
+        publisher.publish(JointState(name=names, effort=efforts))
+    torque, pressure = loop.commands
+    bench.until(lambda: (loop.step(), pressure.refused)[1])
+    assert (torque.value, torque.received, torque.refused) == (120.0, 1, 0)
+    assert (pressure.value, pressure.received, pressure.refused) == (1.5e5, 2, 1)
+    reading = loop.plant.reading()
+    assert (reading.engine_torque, reading.applied_pressure) == (120.0, 1.5e5)
+
+
+def test_in_lock_step_a_command_of_joints_answers_the_state_of_its_stamp(bench: Any) -> None:
+    from sensor_msgs.msg import JointState
+
+    node = bench.driveline(scene="commands", pacing="lockstep", command_timeout=0.0, wait_for_subscribers=1)
+    publisher = bench.probe.create_publisher(JointState, "command", 10)
+
+    def answer(state: JointState) -> None:
+        heard.append(state)
+        message = JointState(name=["flywheel", "clutch"], effort=[100.0, 1e5 + state.header.stamp.nanosec / 1e6])
+        message.header.stamp = state.header.stamp
+        publisher.publish(message)
+
+    heard: list[JointState] = []
+    bench.probe.create_subscription(JointState, "joint_states", answer, 1000)
+    node.start()
+    bench.until(lambda: len(heard) > 60)
+    node.loop.stop()
+    assert {state.effort[0] for state in heard[1:]} == {100.0}
+    assert node.loop.pressure_command.received >= 60
+    assert node.loop.pressure_command.refused == 0
