@@ -140,6 +140,7 @@ class Rig:
         """
         self._check_open()
         changes = changes_of(values, more)
+        self._node.scene.with_values(changes)
         self._plant.warm_up()
         result = self._node.set_parameters_atomically([Parameter(key, value=value) for key, value in changes.items()])
         if not result.successful:
