@@ -6,7 +6,7 @@ import json
 import math
 import os
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
@@ -90,13 +90,3 @@ def document_in(path: Path, arrays: dict[str, Any]) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise InputError(f"{path}: the JSON of the command that wrote it is damaged")
     return document
-
-
-def check_lengths(where: str, values: Mapping[str, Any], names: Iterable[str], expected: int | None = None) -> None:
-    """Raise InputError if lists or arrays of these names differ in length, or one of them from `expected`."""
-    lengths = {name: len(values[name]) for name in names if isinstance(values.get(name), list | np.ndarray)}
-    first = expected if expected is not None else next(iter(lengths.values()), 0)
-    for name, length in lengths.items():
-        if length != first:
-            other = "are expected" if expected is not None else f"are in {next(iter(lengths))}"
-            raise InputError(f"{where}: {name} has {length} values; {first} {other}")

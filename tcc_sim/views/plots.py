@@ -23,7 +23,6 @@ from tcc_sim.views.runs import last_cycles, manoeuvre, slip_alone
 from tcc_sim.views.stored import (
     Record,
     arguments_in,
-    check_stored,
     drawer_of,
     kind_of,
     read_stored,
@@ -120,7 +119,6 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     with refusing_damage(name) if isinstance(result, Mapping) else nullcontext():
         order = _order_of(result)
         if isinstance(result, Mapping):
-            check_stored(name, result)
             units = units or getattr(arguments_in(result), "units", None)
             title, result = title or title_of(result), revived(result)
         with shown_in(units, order):

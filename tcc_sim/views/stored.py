@@ -15,14 +15,12 @@ import numpy as np
 
 from tcc_sim.analysis.orders import Judder, OrderComparison, Orders
 from tcc_sim.analysis.spectra import Spectrum
-from tcc_sim.analysis.summary import Summary
 from tcc_sim.errors import InputError, TccError, one_line
 from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import read_json
 from tcc_sim.output.samples import cycles_in
-from tcc_sim.output.stored_files import check_lengths, document_in, read_arrays
-from tcc_sim.result import reported_of
+from tcc_sim.output.stored_files import document_in, read_arrays
 from tcc_sim.scene import Operation, Scene
 from tcc_sim.trajectory import UNITS, Trajectory
 
@@ -30,21 +28,9 @@ DRAWN = {"figure": "draw_figure", "precision": "draw_precision", "stability": "d
 """Function of a later room that draws a kind of JSON. Arguments: file of the picture, `Record`, title, and width in
 inches.
 """
-
-
 CYCLE_ARRAYS = ("cycle_highest", "cycle_lowest", "cycle_stick_time")
 ARRAYS = (*UNITS, "section_states", *CYCLE_ARRAYS, "cycle_starts", "labels")
 """Arrays of a .npz that pictures use."""
-RESULTS = tuple({entry.name or name for name, entry in reported_of(Summary).items()} | {"status", "confirmed"})
-"""Results of a sweep: a value for each of the values, or rows of them."""
-LISTS = {"": ("frequencies", "gain", "phase"), "orders": ("time", "frequency", "slip_speed", "shaft_torque",
-                                                         "transmissibility"),
-         "measured_orders": ("time", "frequency", "slip_speed", "shaft_torque", "transmissibility"),
-         "spectrum": ("frequency", "order", "slip_speed", "shaft_torque"),
-         "branches": ("value", "slip_speed", "plate_angle", "plate_speed", "max_slip_speed", "stick_fraction", "stable",
-                      "multipliers", "events"),
-         "curves": ("value", "second"), "curve": ("slip_speeds", "coefficient", "low", "high", "visited")}
-"""Lists of equal length, by the key of the object, or of the objects in a list, that has them."""
 
 
 class Record:
@@ -93,18 +79,15 @@ def read_stored(path: Path) -> dict[str, Any]:
 
 
 def _arrays_in(path: Path) -> dict[str, Any]:
-    """Return the JSON in a .npz, with the arrays that pictures use; InputError if their lengths differ."""
+    """Return the JSON in a .npz, with the arrays that pictures use; InputError if their shapes do not fit."""
     arrays = read_arrays(path, ("document", *ARRAYS))
     document = document_in(path, arrays)
-    samples = [name for name in UNITS if name in arrays]
-    for name in (*samples, *CYCLE_ARRAYS):
-        if name in arrays and arrays[name].ndim != 1:
-            raise InputError(f"{path}: array {name} has {arrays[name].ndim} dimensions; it must have 1")
-    check_lengths(str(path), arrays, samples)
-    check_lengths(str(path), arrays, CYCLE_ARRAYS)
-    states = arrays.get("section_states")
-    if states is not None and states.shape != ((cycles := len(arrays.get("cycle_highest", ()))) + 1, 3):
-        raise InputError(f"{path}: array section_states has the shape {states.shape}; it must be {(cycles + 1, 3)}")
+    samples, cycles = arrays.get("t", ()), arrays.get("cycle_highest", ())
+    shapes = {**dict.fromkeys(UNITS, (len(samples),)), **dict.fromkeys(CYCLE_ARRAYS, (len(cycles),)),
+              "section_states": (len(cycles) + 1, 3)}
+    for name, shape in shapes.items():
+        if name in arrays and arrays[name].shape != shape:
+            raise InputError(f"{path}: array {name} has the shape {arrays[name].shape}; it must be {shape}")
     return {**document, "arrays": arrays}
 
 
@@ -118,25 +101,6 @@ def refusing_damage(name: str) -> Iterator[None]:
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
         raise InputError(f"{name} is damaged, or no command of this version wrote it ({type(error).__name__}: "
                          f"{one_line(str(error))})") from None
-
-
-def check_stored(name: str, values: Mapping[str, Any]) -> None:
-    """Raise InputError if lists in the JSON of a command that belong together have different lengths."""
-    kind = kind_of(values)
-    if kind == "sweep":
-        rows = len(values["second_values"]) if values.get("second_values") else None
-        if rows is None and "scatter" not in values:
-            rows = len(values["values"])
-        check_lengths(name, values, RESULTS, rows)
-        if values.get("second_values"):
-            for key in RESULTS:
-                for row in values.get(key) or ():
-                    check_lengths(f"{name}: a row of {key}", {"it": row}, ["it"], len(values["values"]))
-    for key, lists in LISTS.items():
-        parts = values.get(key, []) if key else values
-        for part in parts if isinstance(parts, list) else [parts]:
-            if isinstance(part, dict):
-                check_lengths(f"{name}: {key}" if key else name, part, lists)
 
 
 def arguments_in(values: Mapping[str, Any]) -> Any:

@@ -116,7 +116,7 @@ def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
     for kind, (colour, name) in enumerate(((style.BLUE, "periodic"), (style.RED, "no period up to 16"),
                                            (style.GREY, "not settled"))):
         places, angles = [], []
-        for place, section, mine, runs in zip(x, values["section"], kinds, away):
+        for place, section, mine, runs in zip(x, values["section"], kinds, away, strict=True):
             if section and mine == kind and not runs:
                 places += [place] * len(section)
                 angles += [point[0] for point in section]
@@ -221,7 +221,7 @@ def draw_band(axis: Any, values: Mapping[str, Any], name: str, scale: float = 1.
     if len(percentiles) > 1:
         axis.fill_between(x, rows[0], rows[-1], color=style.SKY, alpha=0.45, linewidth=0.0,
                           label=f"{percentiles[0]:g} to {percentiles[-1]:g} %")
-    for share, row in zip(percentiles, rows):
+    for share, row in zip(percentiles, rows, strict=True):
         if len(percentiles) == 1 or share not in (percentiles[0], percentiles[-1]):
             axis.plot(x, row, color=style.BLUE, linewidth=1.1, label="median" if share == 50.0 else f"{share:g} %")
     if len(x) > 1:
@@ -236,7 +236,7 @@ def _samples(axis: Any, values: Mapping[str, Any], name: str, key: str, scale: f
                   color=colour, label=regime)
     if not values.get("varying"):   # A manoeuvre does not settle.
         draw_open(axis, x, y, transients(values["regime"], values["transient"]), 2.4)
-    for level, share in zip(scale * numbers(values["quantiles"][name]), values["probabilities"]):
+    for level, share in zip(scale * numbers(values["quantiles"][name]), values["probabilities"], strict=True):
         axis.axhline(level, color=style.INK, linewidth=0.8, linestyle="-" if share == 0.5 else ":",
                      label="median" if share == 0.5 else f"{100.0 * share:g} %")
 
@@ -244,7 +244,7 @@ def _samples(axis: Any, values: Mapping[str, Any], name: str, key: str, scale: f
 def classes(regimes: Sequence[str | None], runaway: Sequence[bool | None]) -> dict[str, tuple[str, Bools]]:
     """Return the colour and the motions of every regime that occurs; runaways are a separate regime."""
     away = [bool(x) for x in runaway] or [False] * len(regimes)
-    names = ["runaway" if runs else name for name, runs in zip(regimes, away)]
+    names = ["runaway" if runs else name for name, runs in zip(regimes, away, strict=True)]
     points = {regime: (colour, np.array([name == regime for name in names])) for regime, colour in REGIMES.items()}
     return {regime: look for regime, look in points.items() if look[1].any()}
 

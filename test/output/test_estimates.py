@@ -13,7 +13,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.output.estimates import estimates_of
 from tcc_sim.output.explanation import friction_of
 from tcc_sim.output.fields import unit_of_key
-from tcc_sim.output.stored_files import check_lengths, read_arrays
+from tcc_sim.output.stored_files import read_arrays
 from tcc_sim.scene import load_scene
 
 TABLE = {"friction.slip_speeds": [0.0, 1.0, 2.0, 4.0], "friction.coefficients": [0.14, 0.12, 0.11, 0.105]}
@@ -77,16 +77,6 @@ def test_an_array_that_unpacks_to_far_more_than_its_file_is_refused(tmp_path: Pa
     np.savez_compressed(tmp_path / "a.npz", a=np.zeros(100_000_000, np.int8))
     with pytest.raises(InputError, match="100000000 bytes"):
         read_arrays(tmp_path / "a.npz", ["a"])
-
-
-def test_lists_that_belong_together_have_one_length() -> None:
-    values = {"a": [1, 2], "b": np.ones(2), "c": "xyz", "d": None}
-    check_lengths("it", values, ["a", "b", "c", "d", "e"])
-    check_lengths("it", values, ["a"], 2)
-    with pytest.raises(InputError, match=r"b has 2 .*3 "):
-        check_lengths("it", {**values, "a": [1, 2, 3]}, ["a", "b"])
-    with pytest.raises(InputError, match=r"a has 2 .*3 "):
-        check_lengths("it", values, ["a"], 3)
 
 
 def test_units_of_keys_and_of_their_parts() -> None:

@@ -189,7 +189,7 @@ def test_a_damaged_json_is_drawn_or_refused_in_a_line(pictures: list[Any], tmp_p
         statuses.append(main(["plot", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png"), "--force"]))
         assert len(capsys.readouterr().err.splitlines()) == (statuses[-1] > 0)
     assert set(statuses) == {0, 2}
-    for shorter in ("max_slip_speed", "values", "breakaways"):
+    for shorter in ("max_slip_speed", "values", "regime", "section", "stick_fraction"):
         values = json.loads(text)
         values[shorter] = values[shorter][:1]
         with pytest.raises(InputError):

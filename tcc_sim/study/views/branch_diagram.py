@@ -44,7 +44,7 @@ def stable_and_unstable(document: Mapping[str, Any], number: int) -> list[tuple[
     number : number of the branch
     """
     branch = document["branches"][number]
-    nodes = list(zip(branch["value"], branch["max_slip_speed"]))
+    nodes = [(x, y) for x, y, _ in zip(branch["value"], branch["max_slip_speed"], branch["stable"], strict=True)]
     parts: dict[bool, list[tuple[float, float]]] = {True: [], False: []}
     for k, (a, b) in enumerate(pairwise(branch["stable"])):
         between = [f for f in document["bifurcations"] if (f["branch"], f.get("after")) == (number, k)]
