@@ -145,7 +145,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
             levels, exact = _noise_of_residuals(measured, best)
             best = search.again(model, best, levels)
     white, covariance = judge_residuals(model, levels, best, settings, exact)
-    why = why_no_noise(white, gates) if fits else why_not(best, model, begin, levels, chi2, limit, gates)
+    why = why_no_noise(white, gates) if fits else why_not(best, model, begin, levels, limit, gates, settings)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     known = np.isfinite(errors)
     best = replace(best, values=np.where(known, best.values, begin))

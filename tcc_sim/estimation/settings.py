@@ -106,5 +106,8 @@ class Gates:
                            "them")
     work: float = quantity(1.5e8, "sub-steps times derivatives after which no other start is tried: about 15 s")
     spread: float = quantity(0.15, "spread of that set, relative")
-    drift: float = quantity(0.15, "largest difference between the phases of the data's first and last quarter and the "
-                            "scene's", "rad")
+    louder: float = quantity(3.0, "largest ratio of residuals that are noise to the stated noise")
+    turned: float = quantity(0.25, "largest chi-square with the sign of a column turned, relative to that without, "
+                             "that shows a wrong sign")
+    drift: float = quantity(0.15, "largest change between the first and last quarter of the phase of the data, against "
+                            "that of the fitted motion", "rad")

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 
 import numpy as np
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.measurement import Measurement, noise_of
-from tcc_sim.estimation.multiple_shooting import INDEX, Fit
-from tcc_sim.estimation.residuals import HIDDEN, Whiteness
-from tcc_sim.estimation.settings import DEFAULTS, Gates
-from tcc_sim.estimation.windows import FREE, KINETIC, OFFSETS, STATIC, Model, states_of
+from tcc_sim.estimation.multiple_shooting import Fit, fit
+from tcc_sim.estimation.residuals import HIDDEN, Whiteness, autoregression, probability_of
+from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
+from tcc_sim.estimation.windows import FREE, KINETIC, OFFSETS, STATIC, Model
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.result import reported
+from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.trajectory import Floats
 
 WITHIN = 1.959963984540054
@@ -174,50 +175,68 @@ def why_no_noise(white: Whiteness, gates: Gates) -> str:
             "not explain the measurement")
 
 
-def why_not(fit: Fit, model: Model, start: Floats, noise: dict[str, float], chi2: float, limit: float,
-            gates: Gates) -> str:
-    """Return sentences against a fit whose chi-square exceeds its limit or whose windows do not join."""
-    if chi2 < limit:
+def why_not(found: Fit, model: Model, start: Floats, noise: dict[str, float], limit: float, gates: Gates,
+            settings: FitSettings) -> str:
+    """Return sentences against a fit whose chi-square exceeds its limit or whose windows do not join.
+
+    Each reason is tried before it is named: the noise by the residuals, a sign by a fit with the column turned, and the
+    engine's speed by the drift of the data's phase against that of the fitted motion.
+    """
+    if found.chi2 < limit:
         return ("the windows fit, but do not join to one motion: the fit did not converge; try other starts, or a part "
                 "of the measurement.")
-    out = (f"chi-square per degree of freedom is {chi2:.3g}, above {limit:.3g}: the scene does not explain the "
+    out = (f"chi-square per degree of freedom is {found.chi2:.3g}, above {limit:.3g}: the scene does not explain the "
            "measurement.")
-    rest = model.system.engine.mean_torque / model.system.driveline.stiffness
-    begin, n = np.array([[model.measured.channels["slip_speed"][0], rest, 0.0]]), len(model.measured.t) - 1
-    try:
-        alone = states_of(model, begin, n, start, model.substeps(start))[0]
-    except NumericalFailure:
-        alone = np.zeros((n + 1, 3))
-    for name, data in model.measured.channels.items():
-        computed = alone[:, INDEX[name]]
-        if np.std(computed) > 0.0 and float(np.corrcoef(data, computed)[0, 1]) < -0.3:
-            out += f" {name} seems to have the wrong sign."
-    share = max((float(np.sqrt(np.mean(r**2))) / noise[name], name) for name, r in fit.residuals.items())
-    return (f"{out}{_drift(model.measured, model.system, gates)} Most of it is in {share[1]}, whose residuals are "
-            f"{share[0]:.3g} times its noise.")
+    shares = {name: float(np.sqrt(np.mean(r**2))) / noise[name] for name, r in found.residuals.items()}
+    most = max(shares, key=lambda name: shares[name])
+    if shares[most] <= gates.louder and all(probability_of(r, autoregression(r), model) >= gates.white
+                                            for r in found.residuals.values()):
+        return (f"{out} The residuals are noise, {shares[most]:.3g} times that of {most}, {noise[most]:.4g} "
+                f"{CHANNELS[most]}: give {shares[most] * noise[most]:.4g}, or none to have it estimated.")
+    reasons = _turned(found, model, start, noise, gates, settings) or _drift(found, model, gates)
+    return f"{out}{reasons} Most of it is in {most}, whose residuals are {shares[most]:.3g} times its noise."
 
 
-def _drift(measured: Measurement, system: System, gates: Gates) -> str:
-    """Return a sentence if the phase of the engine's torque, or else of the motion, drifts against the scene's engine.
+def _turned(found: Fit, model: Model, start: Floats, noise: dict[str, float], gates: Gates,
+            settings: FitSettings) -> str:
+    """Return a sentence if the scene explains the measurement with the sign of a column turned; else empty."""
+    measured, best = model.measured, (gates.turned * found.chi2, "")
+    for name in (*measured.channels, *measured.inputs):
+        if name == "actuation_pressure":
+            continue   # It is never below 0.
+        channels, inputs = ({each: -values if each == name else values for each, values in columns.items()}
+                            for columns in (measured.channels, measured.inputs))
+        turned = replace(model, measured=replace(measured, channels=channels, inputs=inputs))
+        try:
+            best = min(best, (fit(turned, noise, start, settings).chi2, name))
+        except (NumericalFailure, RuntimeError):
+            continue
+    return f" With the sign of {best[1]} turned it is {best[0]:.3g}: turn it." if best[1] else ""
+
+
+def _drift(found: Fit, model: Model, gates: Gates) -> str:
+    """Return a sentence if the measured motion's phase drifts against the scene's engine other than the fitted one's.
+
+    A measured torque has the engine's speed in it.
     """
-    engine, torque = system.engine, measured.at_samples("engine_torque") if "engine_torque" in measured.inputs else None
-    if (torque is None and (engine.source == "topic" or engine.torque_amplitude == 0.0)) \
-            or measured.t[-1] - measured.t[0] < 8.0 * system.cycle:
+    measured, engine, cycle = model.measured, model.system.engine, model.system.cycle
+    if ("engine_torque" in measured.inputs or engine.source == "topic" or engine.torque_amplitude == 0.0
+            or measured.t[-1] - measured.t[0] < 8.0 * cycle):
         return ""
-    signal = measured.channels.get("plate_speed", measured.channels["slip_speed"]) if torque is None else torque
-    wave = (signal - signal.mean()) * np.exp(-1j * engine.frequency * measured.t)
-    quarter = max(int(len(wave) // 4 * measured.step / system.cycle), 1) * system.cycle
-    part = min(round(quarter / measured.step), len(wave))
-    first, last = wave[:part].mean(), wave[-part:].mean()
-    if min(abs(first), abs(last)) < 0.2 * float(np.std(signal)):
+    name = "plate_speed" if "plate_speed" in measured.channels else "slip_speed"
+    left = found.residuals[name]
+    data, t = measured.channels[name][:len(left)], measured.t[:len(left)]
+    part = min(round(max(int(len(t) // 4 * measured.step / cycle), 1) * cycle / measured.step), len(t))
+    turned = []
+    for signal in (data, data + left):
+        wave = (signal - signal.mean()) * np.exp(-1j * engine.frequency * t)
+        first, last = wave[:part].mean(), wave[-part:].mean()
+        if min(abs(first), abs(last)) < 0.2 * float(np.std(signal)):
+            return ""
+        turned.append(float(np.angle(last / first)))
+    more = (turned[0] - turned[1] + math.pi) % (2.0 * math.pi) - math.pi
+    span = float(t[-part:].mean() - t[:part].mean())
+    if abs(more) <= gates.drift:
         return ""
-    turned = float(np.angle(last / first))
-    span = float(measured.t[-part:].mean() - measured.t[:part].mean())
-    if abs(turned) <= gates.drift:
-        return ""
-    if torque is None:   # A motion's phase drifts while it settles, or under wrong parameters: no engine speed.
-        return (f" The motion's phase drifts by {turned:.3g} rad against engine.frequency, {engine.frequency:.6g} "
-                f"rad/s, within {span:.3g} s: the engine ran at another speed, the clocks differ, or the motion had "
-                "not settled.")
-    return (f" The measured torque's phase drifts by {turned:.3g} rad within {span:.3g} s: the engine ran at about "
-            f"{engine.frequency + turned / span:.6g} rad/s, the scene says {engine.frequency:.6g} rad/s.")
+    return (f" The motion's phase drifts by {more:.3g} rad within {span:.3g} s against that of the fit: the engine ran "
+            f"at another speed than engine.frequency, {engine.frequency:.6g} rad/s, or the clocks differ.")

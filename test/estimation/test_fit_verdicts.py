@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from fig02_measured import FIG02, ONCE, measured
+from fig02_measured import FIG02, ONCE, measured, moved
 
 from tcc_sim.errors import InputError
+from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import Fit
 from tcc_sim.estimation.residuals import Explanation, Whiteness
 from tcc_sim.estimation.settings import DEFAULTS, Gates
-from tcc_sim.estimation.verdicts import check_sampling, judged, why_no_noise, why_not
+from tcc_sim.estimation.verdicts import check_sampling, judged, why_no_noise
 from tcc_sim.estimation.windows import Model
+from tcc_sim.scene import Scene
 
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 KEYS = (STATIC, KINETIC, "driveline.damping", "engine_torque.offset")
@@ -178,27 +182,6 @@ def test_residuals_that_are_no_noise_are_named(white: Whiteness, why: str) -> No
     assert why_no_noise(white, Gates()) == why
 
 
-def test_a_fit_is_refused_by_its_chi_square_or_its_gaps() -> None:
-    data, noise = measured(0, 0.2)
-    of = Model(FIG02.system, ("driveline.stiffness",), data)
-    start = np.array([3000.0])
-    fitted = Fit(start, np.zeros((1, 3)), {"slip_speed": np.array([3.0, -4.0]), "plate_speed": np.array([1.0, 1.0])},
-                 5.0, 0.0, 9)
-    assert why_not(fitted, of, start, noise, 1.1, 1.2, Gates()) == (
-        "the windows fit, but do not join to one motion: the fit did not converge; try other starts, or a part of the "
-        "measurement.")
-    for levels, most in (({"slip_speed": 0.5, "plate_speed": 0.5}, "slip_speed, whose residuals are 7.07 times its "
-                          "noise."),
-                         ({"slip_speed": 5.0, "plate_speed": 0.1}, "plate_speed, whose residuals are 10 times its "
-                          "noise.")):
-        head = "chi-square per degree of freedom is 5.68, above 1.2: the scene does not explain the measurement."
-        for sign, said in ((1.0, ""), (-1.0, " plate_speed seems to have the wrong sign.")):
-            turned = replace(data, channels={**data.channels, "plate_speed": sign * data.channels["plate_speed"]})
-            assert why_not(fitted, replace(of, measured=turned), start, levels, 5.678, 1.2, Gates()) == (
-                f"{head}{said} Most of it is in {most}")
-    assert why_not(fitted, of, start, noise, 1.2, 1.2, Gates()).startswith("chi-square")
-
-
 def test_samples_that_are_many_oscillations_apart_have_other_units() -> None:
     """Five of the slipping mode, 2 pi/387 s, are 81 ms."""
     for step, refused in ((0.0811, False), (0.0812, True)):
@@ -209,3 +192,52 @@ def test_samples_that_are_many_oscillations_apart_have_other_units() -> None:
         with pytest.raises(InputError, match=r"^the measurement has a sample every 0.0812 s, in which the driveline "
                            r"oscillates 5 times; if its times are in ms, say so with --columns t=COLUMN:ms$"):
             check_sampling(data, FIG02.system)
+
+
+def refused(data: Measurement, noise: dict[str, float], scene: Scene = FIG02) -> str:
+    """Why the stiffness of a measurement is refused."""
+    result = identify(data, {"driveline.stiffness": 3050.0}, scene=scene, noise=noise, gates=ONCE)
+    assert not result.accepted
+    return result.why
+
+
+@pytest.mark.parametrize("name", ["slip_speed", "plate_speed", "engine_torque"])
+def test_a_wrong_sign_is_named(name: str) -> None:
+    data, noise = measured(0)
+    inputs = {"engine_torque": moved(0.2)[2]}
+    columns = {**data.channels, **inputs}
+    columns[name] = -columns[name]
+    why = refused(replace(data, channels={k: columns[k] for k in data.channels}, hold="smooth",
+                          inputs={"engine_torque": columns["engine_torque"]}), noise)
+    assert f"sign of {name}" in why
+
+
+@pytest.mark.parametrize("flaw", [lambda v: np.minimum(v, 0.6 * v.max()), lambda v: v[np.arange(len(v)) // 10 * 10],
+                                  lambda v: 1.2 * v])
+def test_other_flaws_are_no_wrong_sign(flaw: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Clipped, held, and scaled."""
+    data, noise = measured(0)
+    for name in data.channels:
+        why = refused(replace(data, channels={**data.channels, name: flaw(data.channels[name])}), noise)
+        assert "sign" not in why
+        assert name in why
+
+
+@pytest.mark.parametrize("share", [0.6, 0.75])
+def test_noise_that_is_stated_too_small_is_named_and_nothing_else(share: float) -> None:
+    for seed in range(4):
+        data, noise = measured(seed, 0.4)
+        why = refused(data, {name: share * level for name, level in noise.items()})
+        assert "noise" in why
+        assert not any(word in why for word in ("speed than", "sign", "drifts"))
+        stated = float(re.search(r"give ([0-9.e-]+)", why).group(1))
+        assert min(abs(stated / level - 1.0) for level in noise.values()) < 0.15
+
+
+def test_another_engine_speed_is_named_unless_the_torque_was_measured() -> None:
+    data, noise = measured(1, 0.6)
+    other = FIG02.with_values({"engine.frequency": 151.5})
+    assert "at another speed than engine.frequency, 151.5 rad/s" in refused(data, noise, other)
+    driven = replace(data, inputs={"engine_torque": moved(0.6)[2]}, hold="smooth")
+    wrong = other.with_values({"driveline.plate_inertia": 0.03})
+    assert "speed than" not in refused(driven, noise, wrong)

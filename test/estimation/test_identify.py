@@ -100,7 +100,7 @@ def test_a_wrong_measurement_is_refused_with_the_reason() -> None:
     result = identify(Measurement(data.t, channels), {"driveline.stiffness": 3100.0}, scene=FIG02, noise=noise,
                       gates=ONCE)
     assert not result.accepted
-    assert "plate_speed seems to have the wrong sign" in result.why
+    assert "the sign of plate_speed" in result.why
     shares = {name: float(np.sqrt(np.mean(r**2))) / noise[name] for name, r in result.residuals.items()}
     most = max(shares, key=lambda name: shares[name])
     assert f"Most of it is in {most}, whose residuals are {shares[most]:.3g} times its noise" in result.why
