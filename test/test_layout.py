@@ -23,7 +23,7 @@ PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = ["errors", "code_version", "background", "later_rooms", "topics", "result", "shown_units", "model",
          "trajectory", "parameter_file", "tables", "friction_table", "scene", "messages", "compiling", "polynomials",
-         "solvers", "recording", "analysis", "plant", "sweeps", "estimation", "output", "fmu", "views", "nodes",
+         "solvers", "recording", "analysis", "plant", "sweeps", "estimation", "output", "fmu", "views",
          "testing", "replay", "functions", "cli", "study.exponents", "study.continuation", "study.basins",
          "study.views", "study.paper", "study.benchmarks", "study.cli", "__main__"]
 """A part imports only from itself and from parts before it; so the core, which is all but the study, imports nothing of
@@ -59,7 +59,7 @@ TEXTS = {"model/friction.py", "solvers/series.py", "study/benchmarks/references.
 """Files that may have a text of the friction law's tanh: at slip speeds, along series, and independent ones."""
 STAGED = {"compiling/unrolled.py", "solvers/law.py"}
 """Files that define tanh for staged code and its derivatives."""
-NOT_YET = {"conftest.py", "described.py", "nodes", "study", "estimation", "views", "compiling",
+NOT_YET = {"conftest.py", "described.py", "study", "estimation", "views", "compiling",
            "analysis", "recording", "replay", "solvers", "tables", "messages"}
 """Rooms whose tests still enter from inside."""
 OWN = re.compile(r"\b_[a-z]\w*")

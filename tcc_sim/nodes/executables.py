@@ -24,14 +24,20 @@ _PURPOSES = {
 def run(name: str) -> int:
     """Run a node's `main` and end the process with its exit status."""
     signals.take()
+    from tcc_sim.output.terminal import open_streams
+
+    open_streams()
+    return signals.end(status_of(name))
+
+
+def status_of(name: str) -> int:
+    """Run a node's `main` by the words of the command line, and return its exit status."""
     import sys
     from importlib import import_module
 
     from tcc_sim.errors import InputError, TccError, missing_package
     from tcc_sim.nodes.children import require_ros
-    from tcc_sim.output.terminal import open_streams
 
-    open_streams()
     status = 1
     try:
         text = _text_for(name, sys.argv[1:])
@@ -50,7 +56,7 @@ def run(name: str) -> int:
             sys.excepthook(*sys.exc_info())
         else:
             sys.stderr.write(f"{_command_of(name)}: {missing}\n")
-    return signals.end(status)
+    return status
 
 
 def _text_for(name: str, words: list[str]) -> str | None:

@@ -3,12 +3,13 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from benches import Bench
 
-from tcc_sim.nodes import executables, signals
 from tcc_sim.nodes.children import Domain, NodeProcess
+from tcc_sim.nodes.executables import status_of
 from tcc_sim.nodes.shared_memory import remove_ownerless
 
 
@@ -37,14 +38,13 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
 @pytest.fixture
 def entered(monkeypatch: pytest.MonkeyPatch,
             capfd: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
-    """Function that calls a node's entry point in this process and returns its status, output and messages."""
+    """Function that runs a node in a thread of this process, which keeps its signals; status, output and messages."""
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")
-    monkeypatch.setattr(signals, "take", lambda: None)
-    monkeypatch.setattr(signals, "end", lambda status: status)
 
     def run(module: str, *words: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", [f"{module}_node", *map(str, words)])
-        return (getattr(executables, f"{module}_node")(), *capfd.readouterr())
+        with ThreadPoolExecutor(1) as thread:
+            return (thread.submit(status_of, module).result(), *capfd.readouterr())
 
     return run
 
