@@ -9,6 +9,7 @@ import math
 import numpy as np
 import pytest
 
+from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import replace
@@ -113,6 +114,9 @@ def test_a_start_sets_the_phase_and_goes_on_where_another_run_ended() -> None:
     second = simulate(system, cycles=20, discard=0, start=first.end)
     whole = solve(system, cycles=51).cycles
     assert second.end.cycle == 51
+    kept = simulate(system, cycles=20, discard=5, start=first.end).summary
+    assert (kept.covers, kept.discarded) == (pytest.approx((36 * system.cycle, 51 * system.cycle)), 5)
+    assert kept.section == pytest.approx(np.array(summarise(solve(system, cycles=51), 36).section), rel=1e-4)
     assert second.end.state.plate_angle == pytest.approx(whole.section[-1, 1], rel=1e-5)
 
 
