@@ -20,7 +20,6 @@ from pathlib import Path
 from struct import Struct
 from types import FunctionType
 from typing import Any, NamedTuple, TypeVar, cast
-from weakref import WeakSet
 
 import llvmlite
 import numpy as np
@@ -28,7 +27,6 @@ from llvmlite import binding
 
 from tcc_sim.background import awaited
 from tcc_sim.compiling import kernel_cache
-from tcc_sim.compiling.kernel_cache import Dependencies
 from tcc_sim.compiling.processor import LEVEL, processor
 from tcc_sim.model import equations, friction, profile
 
@@ -41,10 +39,8 @@ C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
 """NumPy's flags of an array that Numba compiles for; of an array in both orders it takes the first."""
 TESTED = "0.62", "0.68"
 """First and last version of Numba that `linked` works with; other versions compile in every process."""
-IMPORT, LOWERING, CODE = 0.7, 4e-5, 3e-5
-"""Compile time, s: of loading Numba; per byte of bytecode that a kernel reaches, to LLVM code and then to machine
-code. Measured on one core of 2.5 GHz, rounded.
-"""
+DIGITS = 24
+"""Digits of the digest in a file's name."""
 WORD = 8
 """Bytes of a number or an address in a block."""
 CALL_EACH = """
@@ -65,10 +61,7 @@ end:
   ret i32 %result
 }
 """
-ALONE = 2.0
-"""Compile time where Numba optimises each function alone, relative to that of linked kernels; from Numba 0.58."""
 _lock = threading.RLock()
-_kernels: WeakSet[Kernel] = WeakSet()
 
 
 class EntryPoint(NamedTuple):
@@ -87,13 +80,13 @@ class EntryPoint(NamedTuple):
 class Kernel:
     """A function that Python calls compiled, and that is linked into other kernels that call it.
 
-    effort : machine code that it becomes, relative to other kernels that reach as much
+    name : of the kernel on disk, among those of the package
     entries : code that was loaded, by kind of arguments
     """
 
-    def __init__(self, function: FunctionType, options: dict[str, Any], effort: float = 1.0) -> None:
-        self.py_func, self.options, self.effort = function, options, effort
-        _kernels.add(self)
+    def __init__(self, function: FunctionType, options: dict[str, Any], name: str = "") -> None:
+        self.py_func, self.options = function, options
+        self.name = name or f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         self.entries: dict[Kind, EntryPoint] = {}
 
@@ -110,23 +103,15 @@ class Kernel:
     @cached_property
     def dispatcher(self) -> Any:
         """Numba's dispatcher of the function."""
-        if numba_supported():
-            from tcc_sim.compiling.linked import dispatcher
+        from tcc_sim.compiling import linked
 
-            return dispatcher(self.py_func, self.options, self.dependencies.digest)
-        from tcc_sim.compiling.numba_registration import registered
-
-        return registered(self.py_func, self.options)
+        make = linked.dispatcher if numba_supported() else linked.registered
+        return make(self.py_func, self.options)
 
     @property
     def _numba_type_(self) -> Any:
         """The type that Numba gives it where another kernel calls it."""
         return self.dispatcher._numba_type_
-
-    @cached_property
-    def dependencies(self) -> Dependencies:
-        """The functions and constants that the kernel can reach, and the compiler's options."""
-        return Dependencies(self.py_func, *_compiler(), sorted(map(repr, self.options.items())))
 
     def entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> EntryPoint:
         """Return the code for arguments of a kind; one thread at a time loads or compiles it."""
@@ -134,54 +119,30 @@ class Kernel:
         if entry is not None:
             return entry
         with _lock:
-            if kind not in self.entries and not numba_supported():
-                kernel_cache.announce_unkept(ALONE * self.seconds(), _numba()[0], TESTED)
-                self.entries[kind] = EntryPoint(
-                    lambda arguments, _: list(arguments), lambda block: self.dispatcher(*block),
-                    lambda calls: [self.dispatcher(*arguments) for arguments, _ in calls])
-            elif kind not in self.entries:
-                self.entries[kind] = kernel_cache.load_or_build(
-                    self.file_name(kind), self.seconds, lambda: awaited(lambda: self._machine_code(arguments, words)),
-                    lambda content: loaded(content, words))
+            if kind not in self.entries:
+                self.entries[kind] = self._entry(kind, arguments, words)
             return self.entries[kind]
 
-    def _machine_code(self, arguments: tuple[Any, ...], words: Words) -> bytes:
-        """Compile for arguments like these. If stored functions do not fit together, every function is compiled
-        anew.
-        """
-        try:
-            code: bytes = self.dispatcher.machine_code(arguments)
-            loaded(code, words)
-            return code
-        except (kernel_cache.UnusableFile, RuntimeError) as error:
-            from tcc_sim.compiling.linked import LoweredStore
+    def _entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> EntryPoint:
+        """Load or compile the code for arguments like these."""
+        if not numba_supported():
+            kernel_cache.print_once("compiling", f"Numba {_numba()[0]} compiles in every process; python3 -m pip "
+                                    f"install 'numba>={TESTED[0]},<={TESTED[1]}.99' brings one whose kernels are kept")
+            return EntryPoint(lambda arguments, _: list(arguments), lambda block: self.dispatcher(*block),
+                              lambda calls: [self.dispatcher(*arguments) for arguments, _ in calls])
 
-            kernel_cache.print_once("functions",
-                                    f"kernels are compiled whole, since stored functions are of no use: {error}")
-            LoweredStore.in_use = False
-            for kernel in list(_kernels):
-                vars(kernel).pop("dispatcher", None)
-            machine_code: bytes = self.dispatcher.machine_code(arguments)
-            return machine_code
+        def make() -> bytes:
+            code: bytes = awaited(lambda: self.dispatcher.machine_code(arguments))
+            return code
+
+        if not self.py_func.__module__.startswith(f"{kernel_cache.PACKAGE.name}."):  # No digest stands for its source.
+            return loaded(make(), words)
+        return kernel_cache.load_or_build(self.file_name(kind), make, lambda content: loaded(content, words))
 
     def file_name(self, kind: Kind) -> str:
         """Return the name on disk of the code for arguments of a kind."""
-        name = f"{self.py_func.__module__.rpartition('.')[2]}.{self.py_func.__qualname__}"
-        safe = "".join(c if c.isalnum() or c in "._" else "_" for c in name)[:80]
-        which = hashlib.sha256(repr([*map(_described, kind)]).encode()).hexdigest()[:16]
-        return f"{safe}-{self.dependencies.digest[:kernel_cache.DIGITS]}-{which}"
-
-    def seconds(self) -> float:
-        """Return the estimated time of compiling, s. Parts that are stored for one kind of arguments serve most others:
-        a third of them means that almost nothing remains to be lowered.
-        """
-        stored, reached = kernel_cache.stored_functions() if numba_supported() else {}, self.dependencies
-        made = {name.partition("-")[0] for name in (*stored, *kernel_cache.new_functions)}
-        known = sum(size for kernel, size in reached.kernels.items()
-                    if isinstance(kernel, Kernel) and kernel.dependencies.digest[:kernel_cache.DIGITS] in made)
-        lowered = max(0.0, 1.0 - 3.0 * known / reached.size)
-        loading = 0.0 if "numba" in sys.modules else IMPORT
-        return loading + reached.size * (LOWERING * lowered + CODE * self.effort)
+        which = repr((_compiler(), kernel_cache.source_digest(), [*map(_described, kind)]))
+        return f"{self.name}-{hashlib.sha256(which.encode()).hexdigest()[:DIGITS]}"
 
 
 def _described(kind: Any) -> object:
@@ -314,11 +275,9 @@ def numba_supported() -> bool:
 
 
 @cache
-def _compiler() -> tuple[str, ...]:
-    """Return the versions of the compiler, the processor and the linking code, without loading Numba."""
-    room = Path(__file__).parent
-    texts = room / "numba_registration.py", room / "linked.py", room / "unrolled.py"
-    return _numba()[1], *(text.read_text() for text in texts), llvmlite.__version__, *processor()
+def _compiler() -> tuple[object, ...]:
+    """Return the versions of the compiler and the processor, without loading Numba."""
+    return _numba()[1], llvmlite.__version__, sys.version_info[:2], *processor()
 
 
 def not_to_ship() -> str:
@@ -391,17 +350,18 @@ def machine_code_of(module: Any) -> Any:
     return binding.create_mcjit_compiler(module, binding.Target.from_default_triple().create_target_machine(jit=True))
 
 
-def compiled(function: Function, effort: float = 1.0, **options: Any) -> Function:
+def compiled(function: Function, name: str = "", **options: Any) -> Function:
     """Compile on the first call with arguments of a kind; the branches of an argument that is None are left out.
 
-    The compiled code creates no array, releases the interpreter lock, and keeps IEEE arithmetic.
+    The compiled code creates no array, releases the interpreter lock, and keeps IEEE arithmetic. `name` tells kernels
+    apart that one function makes.
     """
-    return cast(Function, Kernel(function, {"_nrt": False, **options}, effort))  # type: ignore[arg-type]
+    return cast(Function, Kernel(function, {"_nrt": False, **options}, name))  # type: ignore[arg-type]
 
 
-def fast(function: Function, effort: float = 1.0) -> Function:
+def fast(function: Function, name: str = "") -> Function:
     """Like `compiled`, with products and sums fused where the processor can."""
-    return compiled(function, effort, fastmath={"contract"})
+    return compiled(function, name, fastmath={"contract"})
 
 
 def rebound(function: Callable[..., Any], **names: Any) -> Callable[..., Any]:

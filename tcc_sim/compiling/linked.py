@@ -1,9 +1,9 @@
 """Compiler of kernels: all functions that a kernel reaches are linked first, and optimised once.
 
 Numba alone optimises each function with all its callees, and makes machine code and wrappers for Python and C of each.
-Here a function stays unoptimised LLVM code until it is linked into a kernel. This lowered function is stored on disk
-too, behind the machine code of the kernel, so that a kernel for another kind of scene lowers only the functions that
-differ. Numba's passes that no kernel needs are left out.
+Here a function stays unoptimised LLVM code until it is linked into a kernel, which halves the time. Numba's passes that
+no kernel needs are left out. This is the only file that loads Numba, and the only one that uses names of it that are
+not documented.
 
 Python calls a kernel with the address of one block of words of 8 bytes: the numbers of its arguments one after the
 other, the addresses of the objects that are arrays and records, and room for the results.
@@ -12,30 +12,27 @@ other, the addresses of the objects that are arrays and records, and room for th
 from __future__ import annotations
 
 import gc
-import hashlib
-import operator
-import pickle
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from types import FunctionType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 from llvmlite import binding, ir
 from numba import types
-from numba.core import cgutils, compiler, environment
-from numba.core import ir as numba_ir
-from numba.core.caching import NullCache
+from numba.core import cgutils, compiler
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler_lock import global_compiler_lock
-from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
-from numba.core.ir_utils import get_definition, guard
+from numba.core.compiler_machinery import PassManager
+from numba.core.types.misc import unliteral
+from numba.core.typing import signature
+from numba.core.typing.templates import AbstractTemplate
+from numba.extending import lower_builtin, typeof_impl
 from numba.np.arrayobj import populate_array
 
-from tcc_sim.compiling import kernel_cache
-from tcc_sim.compiling.numba_registration import registered
 from tcc_sim.compiling.processor import processor
+from tcc_sim.compiling.unrolled import Unrolled
 
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
           "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization",
@@ -46,29 +43,10 @@ HEAD = object.__basicsize__
 """Bytes of a Python object before its own fields (`PyArrayObject` and `PyVoidScalarObject` of NumPy's headers)."""
 OPTIMISATION = 1
 """LLVM's level: the kernels are as fast as at level 3, whose passes take a quarter longer."""
-WHICH = 16
-"""Digits of the digest that tells a function for some types of arguments from all other code."""
-
-
-def _record_in_names(kind: Any) -> tuple[str, tuple[int]]:
-    """Return the part of a function's name in LLVM code that stands for a record: a digest of its fields.
-
-    Numba takes the number of types made before in the process, so that another process would not find a lowered
-    function.
-    """
-    return type(kind).__name__, (int(hashlib.sha256(kind.name.encode()).hexdigest()[:12], 16),)
-
-
-types.Record.mangling_args = property(_record_in_names)
-
 
 class LoweredLibrary(JITCodeLibrary):  # type: ignore[misc]
-    """The unoptimised LLVM module of a function, without machine code, to be linked into kernels.
+    """The unoptimised LLVM module of a function, without machine code, to be linked into kernels."""
 
-    key : its name on disk; None while it is not there
-    """
-
-    key: str | None = None
     codegen = property(lambda self: self)
 
     def add_llvm_module(self, ll_module: Any) -> None:
@@ -106,166 +84,62 @@ class LoweredLibrary(JITCodeLibrary):  # type: ignore[misc]
         """Set no environment: no function uses Python objects."""
 
 
-@register_pass(mutates_CFG=False, analysis_only=False)
-class PresentArguments(FunctionPass):  # type: ignore[misc]
-    """Replaces the comparison with None of an argument that is not None by a constant.
-
-    Numba itself prunes the branches of arguments that are None only: it would type and lower the others' dead branches.
-    """
-
-    _name = "present_arguments"
-
-    def __init__(self) -> None:
-        FunctionPass.__init__(self)
-
-    def run_pass(self, state: Any) -> bool:
-        """Replace the comparisons in a function; return whether there were any."""
-        changed = False
-        for item in (item for block in state.func_ir.blocks.values() for item in block.find_insts(numba_ir.Assign)):
-            value = item.value
-            if isinstance(value, numba_ir.Expr) and value.op == "binop" and value.fn in (operator.is_, operator.is_not):
-                left, right = (guard(get_definition, state.func_ir, side) for side in (value.lhs, value.rhs))
-                if (isinstance(left, numba_ir.Arg) and isinstance(right, numba_ir.Const) and right.value is None
-                        and not isinstance(state.args[left.index], (types.NoneType, types.Optional, types.Omitted))):
-                    item.value = numba_ir.Const(value.fn is operator.is_not, value.loc)
-                    changed = True
-        return changed
-
-
 class LoweringCompiler(compiler.CompilerBase):  # type: ignore[misc]
-    """Numba's compiler for functions that compiled functions call.
-
-    digest : of all code that the function can reach, with its options; each dispatcher has a class of its own
-    """
-
-    digest: str
+    """Numba's compiler for functions that compiled functions call."""
 
     def define_pipelines(self) -> list[PassManager]:
-        """Return Numba's pipeline, reduced to NEEDED; names in the code are the same in every process."""
-        identity = self.state.func_id
-        if (name := lowered_name(self.digest, self.state.args)) is not None:
-            identity.unique_id = int(name[-WHICH:], 16)
-            identity.unique_name = f"{identity.func_qualname}${identity.unique_id}"
-        self.state.library = LoweredLibrary(self.state.targetctx.codegen(), identity.func_qualname)
+        """Return Numba's pipeline, reduced to NEEDED."""
+        self.state.library = LoweredLibrary(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
         out = PassManager("kernel")
         for step, description in compiler.DefaultPassBuilder.define_nopython_pipeline(self.state).passes:
-            if step.__name__ == "DeadBranchPrune":
-                out.add_pass(PresentArguments, "constants for arguments that are not None")
             if step.__name__ in NEEDED:
                 out.add_pass(step, description)
         out.finalize()
         return [out]
 
 
-class LoweredFunction(NamedTuple):
-    """A lowered function on disk: Numba's signature and descriptor, and the library."""
+def registered(function: FunctionType, options: dict[str, Any], **how: Any) -> Any:
+    """Return Numba's dispatcher of a function, whose types do not depend on the values of literal numbers.
 
-    signature: Any
-    descriptor: Any
-    library: LoweredLibrary
-
-
-class LoweredStore(NullCache):  # type: ignore[misc]
-    """The stored code of a function, in the place of Numba's own cache.
-
-    in_use : whether functions are read and stored; not after stored ones did not fit together
+    Every option that a function would inherit from whoever calls it first is stated: its code is its own.
     """
-
-    in_use = True
-
-    _functions: dict[str, LoweredFunction] = {}  # noqa: RUF012  Of the whole process, by their names on disk.
-
-    def __init__(self, digest: str) -> None:
-        self.digest = digest
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return Numba's result for these types of arguments from disk, or None."""
-        name = lowered_name(self.digest, sig) if self.in_use else None
-        lowered = None if name is None else self._function(name, target_context)
-        if lowered is None:
-            return None
-        environment_of = environment.Environment.from_fndesc(lowered.descriptor)
-        return compiler.compile_result(
-            typing_context=target_context.typing_context, target_context=target_context, library=lowered.library,
-            environment=environment_of, entry_point=target_context.get_executable(lowered.library, lowered.descriptor,
-                                                                                  environment_of),
-            fndesc=lowered.descriptor, signature=lowered.signature, objectmode=False, lifted=(), reload_init=[],
-            referenced_envs=[])
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        """Store Numba's result, unless it calls a function that is not stored, or has a type without a name."""
-        name, lowered = lowered_name(self.digest, sig), LoweredFunction(data.signature, data.fndesc, data.library)
-        called = [other.key for other in lowered.library._linking_libraries]
-        if not self.in_use or name is None or None in called or lowered.descriptor.global_dict is not None:
-            return
-        lowered.descriptor.typemap = lowered.descriptor.calltypes = None
-        try:
-            head = pickle.dumps((lowered.signature, lowered.descriptor, called))
-        except (pickle.PicklingError, AttributeError):
-            return
-        code: bytes = lowered.library._final_module.as_bitcode()
-        kernel_cache.keep_function(name, len(head).to_bytes(8, "little") + head + code)
-        lowered.library.key, self._functions[name] = name, lowered
-
-    @classmethod
-    def _function(cls, name: str, context: Any) -> LoweredFunction | None:
-        """Return the function of this name, with all functions that it calls; None where one of them is not stored."""
-        if name not in cls._functions:
-            content = kernel_cache.stored_function(name)
-            lowered = None if content is None else cls._read(content, context)
-            if lowered is None:
-                return None
-            lowered.library.key, cls._functions[name] = name, lowered
-        return cls._functions[name]
-
-    @classmethod
-    def _read(cls, content: bytes, context: Any) -> LoweredFunction | None:
-        """Return a function, as `save_overload` stored it; None if it names a type that is not there."""
-        size = 8 + int.from_bytes(content[:8], "little")
-        try:
-            signature, descriptor, called = pickle.loads(content[8:size])  # noqa: S301  As safe as the code behind it.
-        except (ImportError, AttributeError):
-            return None
-        library = LoweredLibrary(context.codegen(), descriptor.qualname)
-        for name in called:
-            if (lowered := cls._function(name, context)) is None:
-                return None
-            library.add_linking_library(lowered.library)
-        library._final_module = binding.parse_bitcode(content[size:])
-        library.finalize()
-        return LoweredFunction(signature, descriptor, library)
+    stated = {"nogil": True, "error_model": "numpy", "fastmath": False, "forceinline": False, **options}
+    out = numba.njit(function, **how, **stated)
+    template = out.get_call_template
+    out.get_call_template = lambda kinds, names: template(
+        tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})
+    return out
 
 
-def lowered_name(digest: str, kinds: Any) -> str | None:
-    """Return the name on disk of a function for types of arguments; None where one of them is a function. `digest` is
-    that of all code that the function can reach.
-    """
-    try:
-        types = repr([*map(_described, kinds)])
-    except TypeError:
-        return None
-    return f"{digest[:kernel_cache.DIGITS]}-{hashlib.sha256((digest + types).encode()).hexdigest()[:WHICH]}"
-
-
-def _described(kind: Any) -> object:
-    """Return a description of a type that tells it from every other one; raise TypeError for a function's."""
-    if isinstance(kind, types.BaseTuple):
-        named = getattr(kind, "instance_class", tuple)
-        return named.__module__, named.__qualname__, getattr(named, "_fields", ()), [*map(_described, kind)]
-    if isinstance(kind, types.Callable):
-        raise TypeError
-    return repr(kind)
-
-
-def dispatcher(function: FunctionType, options: dict[str, Any], digest: str) -> Any:
-    """Return Numba's dispatcher of a function, whose `machine_code` makes a kernel of it; `digest` is that of all code
-    that it can reach, and of the options.
-    """
-    pipeline = type("LoweringCompiler", (LoweringCompiler,), {"digest": digest})
-    out = registered(function, options, pipeline_class=pipeline, no_cpython_wrapper=True, no_cfunc_wrapper=True)
-    out._cache = LoweredStore(digest)
+def dispatcher(function: FunctionType, options: dict[str, Any]) -> Any:
+    """Return Numba's dispatcher of a function, whose `machine_code` makes a kernel of it."""
+    out = registered(function, options, pipeline_class=LoweringCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
     out.machine_code = lambda arguments: machine_code(out, arguments)
     return out
+
+
+def address_for_c(function: Callable[..., None], signature: Any) -> tuple[int, object]:
+    """Compile a function that C code calls; return its address, and an object that must live as long as it is used."""
+    made = numba.cfunc(signature, nopython=True, error_model="numpy")(function)
+    return int(made.address), made
+
+
+@typeof_impl.register(Unrolled)  # type: ignore[untyped-decorator]
+def _(staged: Unrolled, _context: Any) -> Any:
+    return _typed(staged)
+
+
+@cache
+def _typed(staged: Unrolled) -> Any:
+    """Return the type of a staged function, which runs while compiling."""
+    class Template(AbstractTemplate):  # type: ignore[misc]
+        key = staged
+
+        def generic(self, kinds: Any, _names: Any) -> Any:
+            return signature(types.void, *kinds)
+
+    lower_builtin(staged, types.VarArg(types.Any))(staged.write)
+    return types.Function(Template)
 
 
 @cache

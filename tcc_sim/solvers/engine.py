@@ -136,7 +136,7 @@ def ends(section: Any, since: int, until: int, output: Any, first: int, cycles: 
     return bool(output.cycle < until)
 
 
-def loop_by(start: Callable[..., None], take_step: Callable[..., int], effort: float = 1.0) -> Callable[..., int]:
+def loop_by(start: Callable[..., None], take_step: Callable[..., int], name: str) -> Callable[..., int]:
     """Return the compiled loop of an engine.
 
     Parameters
@@ -144,14 +144,14 @@ def loop_by(start: Callable[..., None], take_step: Callable[..., int], effort: f
     start : (setup, memory, tangent), sets up all but the state, where a motion starts
     take_step : (first, count, tail, setup, memory, tangent, store, angle), takes a step or none, across the end of one
         engine cycle at most; a result or GOES_ON
-    effort : of compiling, see `Kernel`
+    name : of the engine
     """
     def integrate(first: int, count: int, tail: float, step_limit: int, setup: Setup, memory: Memory, tangent: Any,
-                  store: Store, angle: Any) -> int:
+                  store: Store, angle: bool) -> int:
         """Solve `count` engine cycles from cycle `first` on, then `tail` seconds of one more; return the result.
 
         A motion whose output has not `started` starts from the state; else it goes on after `output.cycle` cycles.
-        `tangent` and `angle` are None without derivatives and without theta1.
+        `tangent` is None without derivatives; `angle` is whether to carry theta1.
         """
         state, counters, output = memory.state, memory.counters, memory.output
         period = setup.limits.period
@@ -173,7 +173,7 @@ def loop_by(start: Callable[..., None], take_step: Callable[..., int], effort: f
                 state.shift = load_phase(setup.ratio, setup.terms.pulsation, first + output.cycle)
         return DONE
 
-    return compiled(integrate, effort)
+    return compiled(integrate, f"{name}.integrate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,11 +224,11 @@ class EngineShell:
                 state.tau, output.started = 0.0, 0
                 for since in range(0, count, stride):
                     until = min(since + stride, count)
-                    integrate(first, until, 0.0, step_limit, setup, memory, None, store, None)
+                    integrate(first, until, 0.0, step_limit, setup, memory, None, store, False)
                     if ends(out[k], since, until, output, first, store.cycles, orbits):
                         break
 
-        return fast(sections, effort=0.8)
+        return fast(sections, f"{self.name}.sections")
 
     @cached_property
     def segments(self) -> Callable[..., None]:
@@ -247,7 +247,7 @@ class EngineShell:
                         for lane in range(LANES):
                             groups[i].now[c, lane] = 1.0 if i == 0 and c == lane else 0.0
                 segment.status = integrate(segment.first, segment.cycles, segment.tail, segment.steps, setup, memory,
-                                           tangent, Store(cycles, samples, 0, transitions[k], None), None)
+                                           tangent, Store(cycles, samples, 0, transitions[k], None), False)
                 if segment.status != DONE:
                     return
                 segment.state[0], segment.state[1] = state.slip_speed, state.plate_angle
@@ -267,7 +267,7 @@ class EngineShell:
                         if segment.tail > 0.0:
                             climbs[k, segment.cycles, i, lane] = groups[i].peak[lane]
 
-        return fast(segments, effort=2.4)
+        return fast(segments, f"{self.name}.segments")
 
     def memory(self) -> tuple[NDArray[np.uint8], Memory]:
         """Return new memory: all bytes, which are 0, and its records."""

@@ -393,13 +393,13 @@ def step_on(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, go
 
 @fast
 def finish(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, state: Any, drive: Any, rows: Any,
-           angle: Any) -> bool:
+           angle: bool) -> bool:
     """Bring the state to the end of a step and set the mode that follows; return whether there may be a new one."""
     until = min(goal, state.load_edge)
     full = step.event == NO_EVENT and step.x * step.unit >= (until - state.tau) * (1.0 - 1e-13)
     if step.x > 0.0:
         slip_speed, state.plate_angle, state.plate_speed = polynomial.values(rows, step.degree, step.x)
-        if angle is not None:
+        if angle:
             state.flywheel_angle = polynomial.value(rows, FLYWHEEL, step.degree, step.x)
         if state.mode != STICK:
             state.slip_speed = slip_speed

@@ -51,7 +51,7 @@ AHEAD = 0.6
 
 
 @fast
-def keep(step: Step, mode: int, tau: float, setup: Setup, memory: Memory, store: Store, angle: Any) -> None:
+def keep(step: Step, mode: int, tau: float, setup: Setup, memory: Memory, store: Store, angle: bool) -> None:
     """Store samples, extremes, time in stick, loads and section of a step from `tau` to the state."""
     state, _, _, work, _, output = memory
     period, rows = setup.limits.period, work.rows
@@ -114,7 +114,7 @@ def start(setup: Setup, memory: Memory, tangent: Any) -> None:
 
 @compiled
 def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory, tangent: Any, store: Store,
-              angle: Any) -> int:
+              angle: bool) -> int:
     """Take a step up to the next event at most; with derivatives it ends at the end of its cycle at the latest."""
     bounds, terms, _, waves, _ = setup
     state, _, drive, work, counters, output = memory
@@ -126,7 +126,7 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
         step, goal = resolved_step(tail if n == count else period, setup, memory, tangent)
     if not step.x >= 0.0:
         return NOT_FINITE
-    if angle is not None:
+    if angle:
         rows[FLYWHEEL, 0] = state.flywheel_angle
         add_integral(rows, step.degree, step.unit)
     if tangent is not None and step.x > 0.0:
@@ -156,7 +156,7 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     return GOES_ON
 
 
-integrate = loop_by(start, take_step, effort=0.7)
+integrate = loop_by(start, take_step, "event_driven")
 
 
 STEP_MAXIMUM = 1_000_000

@@ -294,7 +294,7 @@ def full(transitions: Any, needed: int) -> bool:
 
 @fast
 def keep_samples(rows: Any, degree: int, unit: float, x: float, tau: float, period: float, per_cycle: int, output: Any,
-                 samples: Any, angle: Any) -> None:
+                 samples: Any, angle: bool) -> None:
     """Store the samples, uniform in time, before the end of the step: rows of v, theta2, theta2' (and theta1)."""
     spacing = period / per_cycle
     first = output.cycle * per_cycle
@@ -303,7 +303,7 @@ def keep_samples(rows: Any, degree: int, unit: float, x: float, tau: float, peri
         at = min(max(((output.samples - first) * spacing - tau) / unit, 0.0), x)
         row = output.samples
         samples[row, SLIP], samples[row, ANGLE], samples[row, SPEED] = polynomial.values(rows, degree, at)
-        if angle is not None:
+        if angle:
             samples[row, FLYWHEEL] = polynomial.value(rows, FLYWHEEL, degree, at)
         output.samples += 1
 
@@ -414,7 +414,7 @@ def keep_cycle(rows: Any, degree: int, x: float, cut: float, behind: float, outp
 
 @fast
 def keep_step(work: Any, degree: int, unit: float, x: float, cut: float, tau: float, time: float, period: float,
-              stick_speed: float, output: Any, store: Store, angle: Any) -> None:
+              stick_speed: float, output: Any, store: Store, angle: bool) -> None:
     """Store the output of a step over [0, x].
 
     Parameters
@@ -423,7 +423,7 @@ def keep_step(work: Any, degree: int, unit: float, x: float, cut: float, tau: fl
     cut : end of the engine cycle in [0, x], or beyond
     tau, time : start of the step in its cycle, and since the start of cycle 0, s
     stick_speed : |v| up to which the mode is stick
-    angle : not None where theta1 is stored too
+    angle : whether theta1 is stored too
     """
     rows = work.rows
     if store.per_cycle > 0:
@@ -476,7 +476,7 @@ class RunOutput:
 
     def run(self, loop: Callable[..., object], *arguments: Any) -> int:
         """Call an engine's loop, with the store and `angle` behind its arguments, until it ends; return its result."""
-        ended, angle = FULL, True if self.problem.flywheel_angle else None
+        ended, angle = FULL, bool(self.problem.flywheel_angle)
         while ended == FULL:
             self.output["transitions"] = 0
             ended, spent = timed(loop, *arguments, self.store, angle)

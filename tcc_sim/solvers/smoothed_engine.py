@@ -156,21 +156,21 @@ def step_on(place: Place, friction: LocalFriction, to_edge: float, to_stop: floa
 
 @fast
 def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, memory: Memory, store: Store,
-             angle: Any) -> None:
+             angle: bool) -> None:
     """Fill the rows that a step leaves out where the output does not need them: the plate's in creep, and theta1."""
     limits, _, _, _, tables = setup
     state, control, _, work, _, output = memory
-    if control.method == CREEP and (not whole or cut < math.inf or store.per_cycle > 0 or angle is not None
+    if control.method == CREEP and (not whole or cut < math.inf or store.per_cycle > 0 or angle
                                     or wanted(store.loads, output.cycle)):
         fill_plate(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work)
-    if angle is not None:
+    if angle:
         work.rows[FLYWHEEL, 0] = state.flywheel_angle
         add_integral(work.rows, degree, step.unit)
 
 
 @fast
 def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limits, terms: Terms, memory: Memory,
-         store: Store, angle: Any, profile: Any) -> None:
+         store: Store, angle: bool, profile: Any) -> None:
     """Store the output of [0, x] of a step; `cut` is the end of the engine cycle in it."""
     state, _, _, work, _, output = memory
     keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear, work.bernstein)
@@ -183,7 +183,7 @@ def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limi
 
 
 @fast
-def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, angle: Any) -> None:
+def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, angle: bool) -> None:
     """Bring the state to the end of a step."""
     limits, _, _, _, tables = setup
     state, control, _, work, _, _ = memory
@@ -191,7 +191,7 @@ def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, ang
         state_at_end(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work, state)
     else:
         state.slip_speed, state.plate_angle, state.plate_speed = polynomial.values(work.rows, degree, x)
-    if angle is not None:
+    if angle:
         state.flywheel_angle = polynomial.value(work.rows, FLYWHEEL, degree, x)
     if abs(state.plate_speed) < limits.rest:
         state.plate_speed = 0.0
@@ -199,7 +199,7 @@ def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, ang
 
 @fast
 def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory, tangent: Any, store: Store,
-              angle: Any) -> int:
+              angle: bool) -> int:
     """Take a step, unless the state is moved to the slow manifold or to an edge, or the step is refused.
 
     Steps run across the ends of cycles, whose section points are values of the polynomial. They end at the edges of the
@@ -224,7 +224,7 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
         return GOES_ON
     if not x > 0.0:
         return STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
-    degree = step.degree if method == SERIES or angle is None else step.degree + 1  # theta1 is an integral.
+    degree = step.degree if method == SERIES or not angle else step.degree + 1  # theta1 is an integral.
     crossing = first_boundary(place, degree, x, method, loaded, limits, terms.stribeck, work)
     reached = x * step.unit >= (stop - tau) * (1.0 - 1e-14)
     if crossing == 0.0 and place.region != LAYER:  # Rounding of a step that was cut there left the state outside.
@@ -252,7 +252,7 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     return GOES_ON
 
 
-integrate = loop_by(start, take_step)
+integrate = loop_by(start, take_step, "smoothed")
 
 
 STEPS_AT_FIRST = 400_000

@@ -119,7 +119,7 @@ def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
         from numbalsoda import lsoda, lsoda_sig
     except (ImportError, OSError) as error:
         raise Failed(f"numbalsoda is not installed ({one_line(str(error))})") from None
-    from tcc_sim.compiling.numba_registration import address_for_c
+    from tcc_sim.compiling.linked import address_for_c
 
     (address, kept), y = address_for_c(rates_for_c(system), lsoda_sig), np.array(State.at_start(system).numbers)
     atol, nothing = rtol * float(np.min(error_scales(system))), np.zeros(1)

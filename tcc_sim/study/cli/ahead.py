@@ -1,5 +1,6 @@
-"""Kernels that an installation compiles ahead, so that first runs need not wait: those of the bundled scenes and of the
-commands on the pages. `python -m tcc_sim.study.cli.ahead FOLDER` compiles them into a folder, on two processors.
+"""Kernels that an installation compiles ahead, so that first runs need not wait: all kinds of solves, section points,
+ticks and windows, and maps of laws with at most one exponential. `python -m tcc_sim.study.cli.ahead FOLDER` compiles
+them into a folder, on two processors.
 
 A use calls the package's own functions on a scene, for an engine cycle or a tick, so the kinds of kernels follow from
 the scenes.
@@ -7,20 +8,23 @@ the scenes.
 
 from __future__ import annotations
 
+import itertools
+import math
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tcc_sim.analysis.periodicity import periodicity
 from tcc_sim.compiling import kernel_cache
 from tcc_sim.plant.driveline import Plant
-from tcc_sim.scene import Scene, bundled_scenes, load_scene
+from tcc_sim.scene import Scene, load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.fixed_step import advance
 from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
@@ -31,6 +35,7 @@ from tcc_sim.study.paper.catalogue import FIGURES, FigureOptions, series_system
 from tcc_sim.study.paper.figures import SOLVER_CURVES
 
 Use = Callable[[Scene], object]
+Values = dict[str, Any]
 NEAR_REST = np.array([0.1, 0.1, 0.0])
 
 
@@ -50,10 +55,13 @@ def find_sections(scene: Scene) -> None:
 
 
 def make_ticks(scene: Scene) -> None:
-    """Make ticks of the node, alone and with every term, and ticks with the states between."""
+    """Make ticks of the node, with a fixed and with a moving far end, and ticks with the states between."""
     plant = Plant(scene)
     plant.warm_up()
+    plant.warm_up_far_end()
     advance(np.zeros(3), 0.0, 1e-6, 1, plant.stepper.terms, None, np.empty((1, 3)))
+    if not scene.system.pressure.actuated:
+        solve(scene, solver="fixed_step", duration=plant.stepper.step)
 
 
 def make_windows(scene: Scene) -> None:
@@ -76,40 +84,62 @@ def solve_figures(scene: Scene) -> None:
         solve(series_system(FIGURES[2].series[0], FigureOptions(law=law)), cycles=1, solver=solver, **changes)
 
 
-OTHER_SCENES: dict[str, tuple[str, dict[str, object]]] = {
-    "ramp": ("minimal", {"engine.frequency_times": [0.0, 5.0], "engine.frequency_values": [80.0, 300.0]}),
-    "set_valued": ("chaos", {"friction.law": "set_valued"}),
-    "actuator": ("controlled", {"pressure.time_constant": 0.03, "pressure.delay": 0.005}),
-    "curve": ("controlled", {"friction.slip_speeds": [0.0, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0],
-                             "friction.coefficients": [0.22, 0.2072, 0.1887, 0.1816, 0.1879, 0.1955, 0.1999]})}
-"""Scenes that commands on the pages make of bundled ones: a profile, the set-valued law, an actuator, and friction by
-two exponentials, which `identify --free friction.curve` takes.
-"""
-USES: tuple[tuple[Use, tuple[str, ...]], ...] = (
-    (solve_cycle, (*bundled_scenes(), "ramp")), (make_ticks, (*bundled_scenes(), "actuator")),
-    (make_windows, ("commands", "controlled", "curve")), (map_cycle, ("chaos", "minimal", "set_valued")),
-    (find_sections, ("chaos",)), (solve_cycle, ("set_valued",)),
-    (solve_figures, ("minimal",)), (judge_section, ("minimal",)))
-"""Every use with its scenes: all bundled ones for a run and the nodes, those of the pages for other verbs."""
-PARTS = slice(0, 3), slice(3, None)
+SLIP_SPEEDS = [0.0, *(0.1 * 2.0**k for k in range(12))]
+EXPONENTIALS: tuple[Values, ...] = (
+    {"friction.kinetic_coefficient": 0.3}, {"friction.kinetic_coefficient": 0.24},
+    *({"friction.slip_speeds": SLIP_SPEEDS,
+       "friction.coefficients": [0.2 + 0.04 * math.exp(-2.0 * v) - 0.02 * math.exp(-0.2 * v)
+                                 + share * math.exp(-0.02 * v) for v in SLIP_SPEEDS]} for share in (0.0, 0.02)))
+"""Friction laws with no, one, two and three exponentials, by their number."""
+EXACT: Values = {"friction.law": "set_valued"}
+PULSATION: tuple[Values, ...] = ({"pressure.amplitude": 0.0}, {"pressure.amplitude": 2e4})
+PROFILE: tuple[Values, ...] = ({}, {"engine.frequency_times": [0.0, 5.0], "engine.frequency_values": [80.0, 300.0]})
+LAG: tuple[Values, ...] = ({}, {"pressure.time_constant": 0.03, "pressure.delay": 0.005})
+
+
+def scenes(name: str, *choices: tuple[Values, ...]) -> Iterator[Scene]:
+    """Yield a bundled scene with every combination of changes."""
+    for values in itertools.product(*choices):
+        yield load_scene(name).with_values({key: value for part in values for key, value in part.items()})
+
+
+def uses_of_smoothed() -> Iterator[tuple[Use, Scene]]:
+    """Yield uses of the smoothed law."""
+    for scene in scenes("minimal", EXPONENTIALS, PROFILE):
+        yield solve_cycle, scene
+    for scene in scenes("minimal", EXPONENTIALS):
+        yield find_sections, scene
+    for scene in scenes("minimal", EXPONENTIALS[:2], PULSATION):
+        yield map_cycle, scene
+    yield judge_section, load_scene("minimal")
+
+
+def uses_of_others() -> Iterator[tuple[Use, Scene]]:
+    """Yield uses of the set-valued law, of the real-time solver and of the figures."""
+    for scene in scenes("minimal", (EXACT,), EXPONENTIALS, PULSATION):
+        yield solve_cycle, scene
+        yield find_sections, scene
+    for scene in scenes("minimal", (EXACT,), EXPONENTIALS[:2]):
+        yield map_cycle, scene
+    for scene in scenes("controlled", EXPONENTIALS, PROFILE, LAG):
+        yield make_ticks, scene
+    for scene in scenes("controlled", EXPONENTIALS, PROFILE):
+        yield make_windows, scene
+    yield solve_figures, load_scene("minimal")
+
+
+PARTS = uses_of_smoothed, uses_of_others
 """Two halves of the work, in processes of their own."""
 
 
-def named_scene(name: str) -> Scene:
-    """Return a bundled scene, or one of OTHER_SCENES."""
-    base, changes = OTHER_SCENES.get(name, (name, {}))
-    return load_scene(base).with_values(changes)
-
-
 def make(part: int) -> None:
-    """Make the uses of a part of USES, and print the names of their kernels; a use that fails leaves the others."""
+    """Make the uses of a part, and print the names of their kernels; a use that fails leaves the others."""
     kernel_cache.announced.add("compiling")
-    for use, scenes in USES[PARTS[part]]:
-        for name in scenes:
-            try:
-                use(named_scene(name))
-            except Exception as error:
-                print(f"tcc_sim: not compiled ahead: {use.__name__} of {name}: {error}", file=sys.stderr)
+    for use, scene in PARTS[part]():
+        try:
+            use(scene)
+        except Exception as error:
+            print(f"tcc_sim: not compiled ahead: {use.__name__} of {scene.name}: {error}", file=sys.stderr)
     print(*sorted(kernel_cache.used), sep="\n")
 
 
