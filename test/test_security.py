@@ -150,8 +150,8 @@ CLAIMS = {
     "mode 0700; a directory that others can write to is not used":
         "compiling/test_kernel_cache.py no_directory_is_used_that_others_can_write_to",
     "every file has a checksum": "compiling/test_kernel_cache.py a_damaged_cache_costs_one_line",
-    "no more writable than the package's own source":
-        "compiling/test_kernel_cache.py a_file_may_be_as_writable_as_the_source",
+    "no more writable than that folder":
+        "compiling/test_kernel_cache.py a_file_may_be_as_writable_as_the_folder",
     "without YAML tags or aliases": "test_scenes.py what_is_not_a_scene_is_refused_in_one_line",
     "refused beyond 64 KiB": "test_scenes.py files_that_are_too_large_are_refused",
     "nothing in a recording is executed or used as a path": "test_security.py names_in_a_recording_are_never_paths",

@@ -6,7 +6,7 @@ again the kernels that he uses. The age of a file does not count.
 
 Loading compiled code runs it, so every file has a checksum. The private directory is used only if nobody else can write
 to it or put another one in its place: every folder from the root on belongs to root or to the user, and no group and
-nobody else may write to it. A file in the package is used only if it is as safe as the package's own source text.
+nobody else may write to it. A file in the package is used only if it is no more writable than the folder it is in.
 Whatever is wrong with a file means one line on standard error and code that is compiled without it.
 """
 
@@ -49,13 +49,13 @@ announced: set[str] = set()
 
 
 @cache
-def source_digest() -> str:
-    """Return the SHA-256 of the text of ROOMS, as hexadecimal digits."""
+def source_digest(package: Path = PACKAGE) -> str:
+    """Return the SHA-256 of the text of a package's ROOMS, as hexadecimal digits."""
     text = hashlib.sha256()
     for room in ROOMS:
-        place = PACKAGE / room
+        place = package / room
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            text.update(path.relative_to(PACKAGE).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+            text.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return text.hexdigest()
 
 
@@ -144,17 +144,16 @@ def _distrust_parents(place: Path) -> str:
     return ""
 
 
-def _content(path: Path) -> bytes:
+def _content(path: Path, shipped: bool) -> bytes:
     """Read the code in a file. UnusableFile is raised unless the file is undamaged and belongs to the user alone, or,
-    in the package, is as safe as this module.
+    shipped, is as safe as the folder that holds it.
     """
-    shipped = path.parent == SHIPPED
     follow = 0 if shipped else os.O_NOFOLLOW
     with open(os.open(path, os.O_RDONLY | follow | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
         status, owners, writable = os.fstat(file.fileno()), {os.geteuid()}, 0
         if shipped:
-            source = os.stat(__file__)
-            owners, writable = {*owners, 0, source.st_uid}, source.st_mode & 0o022
+            folder = os.stat(path.parent)
+            owners, writable = {*owners, 0, folder.st_uid}, folder.st_mode & 0o022
         if not stat.S_ISREG(status.st_mode) or status.st_uid not in owners or status.st_mode & 0o022 & ~writable:
             raise UnusableFile(f"{path} is not a private file")
         content = file.read()
@@ -166,10 +165,14 @@ def _content(path: Path) -> bytes:
     return code
 
 
-def load_or_build(name: str, make: Callable[[], bytes], load: Callable[[bytes], Loaded]) -> Loaded:
-    """Load the stored kernel of this name, from the package or the private directory, or make and store it."""
+def load_or_build(name: str, make: Callable[[], bytes], load: Callable[[bytes], Loaded],
+                  shipped: Path = SHIPPED) -> Loaded:
+    """Load the stored kernel of this name, from the package or the private directory, or make and store it.
+
+    `shipped` is the package's folder of kernels.
+    """
     used.add(name)
-    if (out := _stored(SHIPPED / name, load)) is not None:
+    if (out := _stored(shipped / name, load, shipped=True)) is not None:
         return out
     place = directory()
     if place is None:
@@ -191,18 +194,18 @@ def load_or_build(name: str, make: Callable[[], bytes], load: Callable[[bytes], 
         return load(code)
 
 
-def _stored(path: Path, load: Callable[[bytes], Loaded]) -> Loaded | None:
+def _stored(path: Path, load: Callable[[bytes], Loaded], shipped: bool = False) -> Loaded | None:
     """Return the stored kernel; None, after a line on standard error, if its file is of no use. Such a file is removed
     from the private directory.
     """
     try:
-        return load(_content(path))
+        return load(_content(path, shipped))
     except FileNotFoundError:
         pass
     except Exception as error:
-        where = "the code in the package" if path.parent == SHIPPED else "the cache"
+        where = "the code in the package" if shipped else "the cache"
         print_once("damage", f"a kernel is compiled anew, since {where} is of no use: {_reason(error)}")
-        if path.parent != SHIPPED:
+        if not shipped:
             with suppress(OSError):
                 path.unlink()
     return None

@@ -5,17 +5,13 @@ from __future__ import annotations
 import gc
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tcc_sim.compiling import compiled as compiled_module
-from tcc_sim.compiling import kernel_cache
 from tcc_sim.compiling.changing import Causes, Changing
 from tcc_sim.compiling.compiled import Call, Calls, Partial, compiled, fast, loaded
 from tcc_sim.compiling.kernel_cache import UnusableFile
-from tcc_sim.compiling.unrolled import unrolled
 
 WEIGHTS = np.array([0.5, -0.25, 3.0])
 
@@ -48,21 +44,6 @@ def test_parts_reached_along_several_ways_give_what_python_gives():
     assert everything(values, 2.0) == 2.0 * 0.5 - 2.0 * 4.0 * 0.25 + 8.0 * 3.0
 
 
-def test_a_part_is_compiled_for_python_only_where_python_calls_it():
-    @fast
-    def part(x):
-        return 3.0 * x
-
-    @fast
-    def kernel(x):
-        return part(x) + 1.0
-
-    assert kernel(2.0) == 7.0
-    assert not part.entries  # No machine code of its own: half the time of a first run would go there.
-    assert part(2.0) == 6.0
-    assert len(part.entries) == 1
-
-
 def test_a_function_keeps_its_own_arithmetic_whoever_compiles_it_first():
     @compiled
     def rounded(x, y, z):
@@ -88,45 +69,6 @@ def test_what_is_wrong_in_a_part_is_said():
     with pytest.raises(Exception, match="nothing"):
         kernel(1.0)
     assert gc.isenabled()
-
-
-def test_a_part_has_the_same_name_in_every_process():
-    """Whatever types a process has made before: their numbers are not in the names of lowered functions."""
-    from numba import types
-    from numba.core.itanium_mangler import mangle_type
-
-    from tcc_sim.compiling import linked
-
-    assert linked.types is types
-    kind = numba.from_dtype(np.dtype([("x", float), ("n", int)]))
-    arrays = types.Array(kind, 1, "C")
-    name = mangle_type(arrays)
-    kind._code += 1000
-    try:
-        assert mangle_type(arrays) == name
-    finally:
-        kind._code -= 1000
-    assert mangle_type(types.Array(numba.from_dtype(np.dtype([("y", float), ("n", int)])), 1, "C")) != name
-
-
-def test_branches_without_an_argument_are_left_out_where_it_is_there():
-    @fast
-    def part(x):
-        return x.nothing
-
-    @fast
-    def kernel(pair, x):
-        if pair is None or x < 0.0:
-            out = x
-        else:
-            out = pair[0] + x
-        if pair is not None:
-            out += pair[1]
-        elif x > 0.0:
-            out = part(x)
-        return out
-
-    assert (kernel((1.0, 2.0), 1.0), kernel((1.0, 2.0), -1.0)) == (4.0, 1.0)
 
 
 class Pair(NamedTuple):
@@ -184,40 +126,12 @@ def test_code_that_needs_what_is_not_there_is_compiled_anew():
         loaded(b"d\nno_such_function\n", [])
 
 
-def test_a_numba_of_another_version_compiles_in_its_own_way_and_says_so(monkeypatch, capsys):
-    def powers(out, x):
-        """x and its square, into `out`."""
-        out[0, 0], out[0, 1] = x, x * x
-        yield 2
-
-    both = unrolled(powers)
-
-    @fast
-    def part(x, nothing):
-        return x - 1.0 if nothing is None else nothing
-
-    @fast
-    def kernel(values, record, pair):
-        both(2, values, pair[0])
-        record.count += 1
-        return part(values[0, 1], None) * part(2.0, 3.0), record.count
-
-    monkeypatch.setattr(compiled_module, "TESTED", ("0.1", "0.2"))
-    monkeypatch.setattr(kernel_cache, "announced", set())
-    values, record = np.zeros((1, 2)), np.zeros(1, np.dtype([("count", np.int64)]))[0]
-    assert kernel(values, record, Pair(3.0, (7, np.arange(2.0)))) == (24.0, 1)
-    assert values.tolist() == [[3.0, 9.0]]
-    assert "python3 -m pip install 'numba>=0.1,<0.3' brings one whose kernels are kept" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("tested", [compiled_module.TESTED, ("0.1", "0.2")])
-def test_a_call_laid_out_once_gives_what_the_kernel_gives(monkeypatch, tested):
+def test_a_call_laid_out_once_gives_what_the_kernel_gives():
     @compiled
     def kernel(values, shift, x, n, pair):
         values[0] += 1.0
         return values[0] * x * n + shift if pair is None else values[0] * x * n + shift + pair[0]
 
-    monkeypatch.setattr(compiled_module, "TESTED", tested)
     values = np.array([1.0, 5.0])
     call = Call(kernel, 2, "dq")
     call.use(values, 0.0, 0.0, 0, (10.0, 1.0))
@@ -228,14 +142,12 @@ def test_a_call_laid_out_once_gives_what_the_kernel_gives(monkeypatch, tested):
     assert (call(1.0, 1), values[0]) == (2.0, 8.0)
 
 
-@pytest.mark.parametrize("tested", [compiled_module.TESTED, ("0.1", "0.2")])
-def test_a_kernel_with_its_first_arguments_gives_what_the_kernel_gives(monkeypatch, tested):
+def test_a_kernel_with_its_first_arguments_gives_what_the_kernel_gives():
     @compiled
     def kernel(values, pair, x, rest):
         values[0] += 1.0
         return values[0] * x + pair[1] if rest is None else values[0] * x + pair[1] + rest[0]
 
-    monkeypatch.setattr(compiled_module, "TESTED", tested)
     values = np.array([1.0, 5.0])
     call = Partial(kernel, values, (10.0, 1.0))
     assert (call(3.0, None), call(0.5, (20.0,)), call(1.0, None)) == (7.0, 22.5, 5.0)
@@ -243,8 +155,7 @@ def test_a_kernel_with_its_first_arguments_gives_what_the_kernel_gives(monkeypat
     assert (call(1.0, values), values[0]) == (17.0, 8.0)
 
 
-@pytest.mark.parametrize("tested", [compiled_module.TESTED, ("0.1", "0.2")])
-def test_calls_one_after_the_other_give_what_the_kernel_gives(monkeypatch, tested):
+def test_calls_one_after_the_other_give_what_the_kernel_gives():
     @compiled
     def kernel(x, n, pair, divisor, values):
         if not divisor:
@@ -252,7 +163,6 @@ def test_calls_one_after_the_other_give_what_the_kernel_gives(monkeypatch, teste
         values[0] += x
         return values[0] if pair is None else values[0] * n + pair[0], 1 // divisor
 
-    monkeypatch.setattr(compiled_module, "TESTED", tested)
     slots = [np.array([float(k)]) for k in range(5)]
     calls = Calls(kernel, [(each,) for each in slots])
     numbers = [(0.5 * k, k) for k in range(5)]
