@@ -41,7 +41,7 @@ class Slots:
             scratch.transitions = np.empty(TRANSITIONS_MAXIMUM, TRANSITION)
         transitions = scratch.transitions[:TRANSITIONS_MAXIMUM]
         self.calls = Calls(engine.integrate, [
-            (memory, None, Store(self.results[k], samples, 0, transitions, self.loads[k]), None)
+            (memory, None, Store(self.results[k], samples, 0, transitions, self.loads[k]), False)
             for k, memory in enumerate(records)])
 
 

@@ -238,7 +238,7 @@ def test_the_digest_is_that_of_the_text_of_the_rooms(tmp_path: Path) -> None:
     before = source_digest(folder)
     assert before == source_digest() == kernel_cache.source_digest(PACKAGE)
     digests = {before}
-    for name in ("model/friction.py", "solvers/smoothed/setup.py", "trajectory.py", "compiling/linked.py"):
+    for name in ("model/friction.py", "solvers/series.py", "trajectory.py", "compiling/linked.py"):
         path = folder / name
         path.write_text(path.read_text().replace("1", "2", 1))
         source_digest.cache_clear()
@@ -255,7 +255,7 @@ def test_kernels_reach_only_the_rooms_whose_text_counts() -> None:
     """Whatever a file with kernels imports from elsewhere in the package is a class or a function of no kernel."""
     inside = tuple(f"tcc_sim.{room.removesuffix('.py').replace('/', '.')}" for room in ROOMS)
     files = [path for path in sorted(PACKAGE.rglob("*.py")) if "compiling.compiled import" in path.read_text()]
-    assert len(files) > 25
+    assert len(files) > 15
     for path in files:
         name = ".".join(("tcc_sim", *path.relative_to(PACKAGE).with_suffix("").parts))
         module = sys.modules.get(name)
