@@ -32,7 +32,8 @@ def test_a_signal_ends_the_node_with_status_0_and_no_traceback(start: Callable[.
 
 
 @pytest.mark.parametrize(("module", "words", "parts"), [
-    ("driveline", ["--ros-args", "-p", "engine.frequency:=fast"], ["engine.frequency", "'fast'", "0.001 to 100000 rad/s"]),
+    ("driveline", ["--ros-args", "-p", "engine.frequency:=fast"],
+     ["engine.frequency", "'fast'", "0.001 to 100000 rad/s"]),
     ("driveline", ["--ros-args", "-p", "scene:=fig20"], ["'fig20'", "fig02"]),
     ("driveline", ["--ros-args", "--params-file", "nowhere.yaml"], ["--params-file nowhere.yaml"]),
     ("driveline", ["-p", "scene:=fig02"], ["-p ", "driveline_node --ros-args -p scene:=fig02"]),
