@@ -95,59 +95,90 @@ FLAT_PEAK = 1e-6
 """Relative distance below its limit at which mubar counts as at its peak where mu_k = mu_s or alpha = 0."""
 
 
-class Limits(NamedTuple):
-    """Constants of a solve; speeds in rad/s, times in s, rates in 1/s.
+class StepErrors(NamedTuple):
+    """Largest errors of a step, rad/s, and sizes that decide on them.
 
-    period : one engine cycle
-    sigma : smoothing factor, s/rad
-    rtol : tolerance of a series step relative to the motion
+    relative : tolerance of a series step relative to the motion
     slip_floor, speed_floor : sizes below which v and theta2' count as this large
-    layer_tolerance, falling_tolerance : largest error of v of a step in the layer, and where the exponential varies
-    creep_tolerance : largest error of v of a step in stick
-    layer, far : |v| up to which tanh(sigma v) and the Stribeck exponential vary
+    layer, falling, creep : of v in the layer, where the exponential varies, and in stick
     nearly_zero : distance beyond v = 0 at which a step ends, so that v has a certain sign
-    stick_speed : |v| at the peak of mubar; stick lies below
-    peak, creep_speed : the largest mubar of collocation in stick, and |v| there
-    base_rate : sum of the rates in every region
-    fastest : base_rate and friction's largest rate, that in stick
-    strength : beta times the largest Ts, the deceleration by full friction, rad/s^2
-    beta, kappa : 1/I1 + 1/I2, 1/(kg m^2), and I1/(I1 + I2)
-    slip_decay : rate at which the linear part lets the slip speed decay
-    fast_slip : whether that is far faster than everything else but friction
     rest : plate speed that counts as 0; smaller numbers become denormal and make a series twenty times slower
-    order, linear_order : of the series with and without varying friction
+    """
+
+    relative: float
+    slip_floor: float
+    speed_floor: float
+    layer: float
+    falling: float
+    creep: float
+    nearly_zero: float
+    rest: float
+
+
+class Speeds(NamedTuple):
+    """Slip speeds at which the friction law changes, rad/s.
+
+    layer, far : |v| up to which tanh(sigma v) and the Stribeck exponential vary
+    stick : |v| at the peak of mubar; stick lies below
+    creep, peak : |v| at the largest mubar of collocation in stick, and that mubar
+    """
+
+    layer: float
+    far: float
+    stick: float
+    creep: float
+    peak: float
+
+
+class Rates(NamedTuple):
+    """Rates, 1/s.
+
+    base : sum of the rates in every region
+    fastest : that and friction's largest rate, in stick
+    strength : beta times the largest Ts, the deceleration by full friction, rad/s^2
+    slip_decay : at which the linear part lets the slip speed decay
+    fast_slip : whether that is far faster than everything else but friction
+    """
+
+    base: float
+    fastest: float
+    strength: float
+    slip_decay: float
+    fast_slip: bool
+
+
+class SeriesOrders(NamedTuple):
+    """Numbers of a series that follow from the tolerance of one step alone.
+
+    falling, linear : order with and without varying friction
     resolved : largest rate of decay times length of a series step that resolves the decay of a perturbation
     forgotten : sum of these after which a perturbation off the slow manifold has decayed
+    """
+
+    falling: int
+    linear: int
+    resolved: float
+    forgotten: float
+
+
+class Limits(NamedTuple):
+    """Constants of a solve.
+
+    period : one engine cycle, s
+    sigma : smoothing factor, s/rad
+    beta, kappa : 1/I1 + 1/I2, 1/(kg m^2), and I1/(I1 + I2)
     steps : most steps of an engine cycle
     """
 
     period: float
     sigma: float
-    rtol: float
-    slip_floor: float
-    speed_floor: float
-    layer_tolerance: float
-    falling_tolerance: float
-    creep_tolerance: float
-    layer: float
-    far: float
-    nearly_zero: float
-    stick_speed: float
-    peak: float
-    creep_speed: float
-    base_rate: float
-    fastest: float
-    strength: float
     beta: float
     kappa: float
-    slip_decay: float
-    fast_slip: bool
-    rest: float
-    order: int
-    linear_order: int
-    resolved: float
-    forgotten: float
     steps: int
+    errors: StepErrors
+    speeds: Speeds
+    rates: Rates
+    orders: SeriesOrders
 
 
 def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, excess: float = 0.0) -> Limits:
@@ -183,24 +214,22 @@ def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, exce
     base_rate = (math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
                  + load_frequency(terms) + slip_decay + by_speed / i1)
     fastest = base_rate + strength * sigma * peak
-    return Limits(
-        period=period, sigma=sigma, rtol=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
-        layer_tolerance=min(1e-3, 300.0 * local) / sigma,
-        falling_tolerance=FALLING_ERROR / steepest if steepest > 0.0 else math.inf,
-        creep_tolerance=min(CREEP_ERROR * max(rtol, 1e-13), 1e-2) / sigma,
-        layer=layer, far=far, nearly_zero=1e-7 / sigma, stick_speed=stick_speed, peak=peak,
-        creep_speed=creep_speed, base_rate=base_rate, fastest=FINER * fastest if fast_slip else fastest,
-        strength=strength, beta=beta, kappa=i1 / (i1 + i2), slip_decay=slip_decay, fast_slip=fast_slip,
-        rest=1e-26 * speed, steps=steps_allowed(terms, period), **of_tolerance(local))
+    errors = StepErrors(
+        relative=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
+        layer=min(1e-3, 300.0 * local) / sigma, falling=FALLING_ERROR / steepest if steepest > 0.0 else math.inf,
+        creep=min(CREEP_ERROR * max(rtol, 1e-13), 1e-2) / sigma, nearly_zero=1e-7 / sigma, rest=1e-26 * speed)
+    rates = Rates(base_rate, FINER * fastest if fast_slip else fastest, strength, slip_decay, fast_slip)
+    return Limits(period, sigma, beta, i1 / (i1 + i2), steps_allowed(terms, period), errors,
+                  Speeds(layer, far, stick_speed, creep_speed, peak), rates, series_orders(local))
 
 
 @lru_cache(maxsize=16)
-def of_tolerance(local: float) -> dict[str, Any]:
-    """Return the limits that follow from the tolerance of one step alone, by name."""
+def series_orders(local: float) -> SeriesOrders:
+    """Return the numbers of a series at a tolerance of one step."""
     order = order_of(4.6 - 0.58 * math.log(local), FRICTION_ORDER_MAXIMUM)
-    return {"order": order, "linear_order": order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM),
-            "resolved": math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
-            "forgotten": -math.log(local)}
+    return SeriesOrders(order, order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM),
+                        math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
+                        -math.log(local))
 
 
 def far_of(excess: float, decay: float, rtol: float, layer: float) -> float:
@@ -382,10 +411,10 @@ def series_step(place: Place, friction: LocalFriction, remaining: float, loaded:
 
     Time is scaled by the sum of all rates, friction's own rho among them, so that no coefficient overflows.
     """
-    rate = limits.base_rate
-    order = limits.linear_order
+    rate = limits.rates.base
+    order = limits.orders.linear
     if place.region != SLIDING:
-        order = limits.order
+        order = limits.orders.falling
         rate += (rate_of_law(place.region, limits.sigma, terms.stribeck) * abs(friction.acceleration)
                  + limits.beta * drive.load * abs(friction.slope))
     unit = 1.0 / rate
@@ -401,7 +430,7 @@ def series_step(place: Place, friction: LocalFriction, remaining: float, loaded:
     if not x > 0.0:
         return Step(FAILED, unit, x, order, 0.0)
     if place.region != SLIDING:
-        x = exponential_length(rows, order, x, place, state.slip_speed, limits.strength * unit, limits.sigma,
+        x = exponential_length(rows, order, x, place, state.slip_speed, limits.rates.strength * unit, limits.sigma,
                                terms.stribeck)
     return Step(ACCEPTED, unit, x, order, 0.0)
 
@@ -559,12 +588,12 @@ def collocation_step(place: Place, remaining: float, loaded: bool, state: Any, c
         balance(tables.sources, level, work)
         friction_rate_at_nodes(state.tau, h, tables.turns[level], loaded, limits.beta, terms.mean_load, terms.pulsation,
                                terms.profile, drive, work.friction_rate)
-        longest = BEFORE_FOLD * time_to_fold(limits.peak, work) if control.method == CREEP else math.inf
+        longest = BEFORE_FOLD * time_to_fold(limits.speeds.peak, work) if control.method == CREEP else math.inf
         if longest >= 1.0:
             break
         level, worth = step_size_below(tables.step_sizes, level + 1, longest * h), WORTH
     step_size = tables.step_sizes[level]
-    accuracy, sharpness = CONVERGED * limits.creep_tolerance, limits.sigma
+    accuracy, sharpness = CONVERGED * limits.errors.creep, limits.sigma
     if control.method == CREEP:
         guess(0, work.demand, work.slip, place.sign, limits.sigma, terms.stribeck)
         follow_manifold(step_size, state.slip_speed, place.sign, limits.sigma, terms.stribeck, work)
@@ -588,7 +617,7 @@ def collocation_step(place: Place, remaining: float, loaded: bool, state: Any, c
         steepest = 0.0
         for i in range(NODES):
             steepest = max(steepest, slope[i])
-        error *= max(steepest / limits.sigma, FLAT) / limits.creep_tolerance
+        error *= max(steepest / limits.sigma, FLAT) / limits.errors.creep
     else:
         rounding = ROUNDED * abs(state.slip_speed)
         fill_plate(step_size, tables.sources, level, limits.kappa, work)
@@ -664,18 +693,18 @@ def enter_creep(place: Place, friction: LocalFriction, remaining: float, state: 
     The projection keeps w = theta2' + kappa v, and corrects theta2 by its change during the decay of delta.
     """
     v = state.slip_speed
-    rho = limits.beta * drive.load * friction.slope + limits.slip_decay
+    rho = limits.beta * drive.load * friction.slope + limits.rates.slip_decay
     waits = not (rho > RETURN * control.released or control.waited >= control.calm)
-    if waits or control.unsettled > 0.0 or abs(v) >= limits.creep_speed:
+    if waits or control.unsettled > 0.0 or abs(v) >= limits.speeds.creep:
         return False
     shortest = tables.step_sizes[tables.step_sizes.shape[0] - 1].length
     if not rho * tables.step_sizes[LEVELS - 1].length > WORTH_USUAL or remaining < shortest:
         return False
     delta = distance_to_creep(friction, rho, state, limits, terms, drive)
-    near = (abs(delta) * max(friction.slope / limits.sigma, FLAT) < PROJECTED * limits.creep_tolerance
+    near = (abs(delta) * max(friction.slope / limits.sigma, FLAT) < PROJECTED * limits.errors.creep
             and abs(v) >= SLOW * abs(delta))
-    decayed = control.waited >= SETTLED or (limits.fast_slip and control.streak > control.patience)
-    settled = decayed and delta * delta * limits.sigma < CURVED * limits.creep_tolerance
+    decayed = control.waited >= SETTLED or (limits.rates.fast_slip and control.streak > control.patience)
+    settled = decayed and delta * delta * limits.sigma < CURVED * limits.errors.creep
     if not (near or settled):
         return False
     if near:
@@ -693,9 +722,9 @@ def choose_method(place: Place, friction: LocalFriction, remaining: float, state
                   terms: Terms, drive: Any, tables: Tables) -> bool:
     """Set control.method for the next step; return whether collocation in stick begins, which may move the state."""
     room, near = math.inf, False
-    if limits.fast_slip and place.region == FALLING and place.sign * friction.acceleration < 0.0:
-        room = NEARING * (abs(state.slip_speed) - limits.layer) / abs(friction.acceleration)
-        near = room < max(SERIES_REACH / limits.base_rate, tables.step_sizes[tables.step_sizes.shape[0] - 1].length)
+    if limits.rates.fast_slip and place.region == FALLING and place.sign * friction.acceleration < 0.0:
+        room = NEARING * (abs(state.slip_speed) - limits.speeds.layer) / abs(friction.acceleration)
+        near = room < max(SERIES_REACH / limits.rates.base, tables.step_sizes[tables.step_sizes.shape[0] - 1].length)
         if control.method == STIFF and control.streak <= CAUTIOUS:
             if near:
                 control.method, control.streak = SERIES, 0
@@ -727,7 +756,7 @@ def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
         control.released = control.rate
         control.waited = 0
         control.calm = min(2 * control.calm, CALM_MOST)
-    elif control.method == STIFF and length * (limits.base_rate + abs(control.rate)) < SERIES_REACH:
+    elif control.method == STIFF and length * (limits.rates.base + abs(control.rate)) < SERIES_REACH:
         control.method = SERIES
 
 
@@ -741,7 +770,7 @@ def after_collocation(error: float, length: float, control: Any, limits: Limits,
     longest = length * growth(error)
     control.streak += 1
     level = control.level
-    eager = limits.fast_slip and control.method == STIFF and error < SMALL
+    eager = limits.rates.fast_slip and control.method == STIFF and error < SMALL
     if (control.streak > PATIENCE or eager) and level > 0:
         longest = max(longest, tables.step_sizes[level - 1].length)
     while level > 0 and tables.step_sizes[level - 1].length <= longest:
@@ -767,7 +796,7 @@ def after_step(step: Step, x: float, control: Any, limits: Limits, tables: Table
 @fast
 def patience_of(limits: Limits) -> int:
     """Return the number of series steps of equal length after which collocation is tried for the first time."""
-    return HURRY if limits.fast_slip else PATIENCE
+    return HURRY if limits.rates.fast_slip else PATIENCE
 
 
 @fast

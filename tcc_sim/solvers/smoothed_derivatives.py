@@ -54,7 +54,7 @@ SINE = 0.7
 @fast
 def reach_of(limits: Limits, fastest: float) -> float:
     """Return the longest series step, s, that resolves the fastest sine with derivatives by its amplitude."""
-    return SINE * limits.resolved / fastest if fastest > 0.0 else math.inf
+    return SINE * limits.orders.resolved / fastest if fastest > 0.0 else math.inf
 
 
 @fast
@@ -66,14 +66,14 @@ def resolved(step: Step, place: Place, friction: LocalFriction, rows: Any, strib
     start or of the scene is off it and decays with friction's own rate. Nor does the motion show an exponential or a
     sine of zero amplitude, by which there may be derivatives.
     """
-    rate = terms.linear.damping / terms.linear.plate + limits.slip_decay
+    rate = terms.linear.damping / terms.linear.plate + limits.rates.slip_decay
     if place.region == LAYER:
         rate += limits.beta * drive.load * max(friction.slope, 0.0)
     x = min(step.x, reach_of(limits, fastest) / step.unit)
     if rate > 0.0:
-        x = min(x, limits.resolved / (rate * step.unit))
+        x = min(x, limits.orders.resolved / (rate * step.unit))
     if stribeck is not None and place.region != SLIDING:
-        while fastest_at(stribeck, 0.0) * (abs(rows[SLIP, 1]) + abs(rows[SLIP, 2]) * x) * x > limits.resolved:
+        while fastest_at(stribeck, 0.0) * (abs(rows[SLIP, 1]) + abs(rows[SLIP, 2]) * x) * x > limits.orders.resolved:
             x *= 0.85
     control.unsettled -= rate * step.unit * x
     return x
@@ -323,13 +323,13 @@ def average_slopes(slopes: Any, x: float, unit: float, degree: int, loaded: bool
     """Call `add_slopes` for pieces of [0, x] that end where |v| passes the peak of mubar: min(dT/dv, 0) has a kink."""
     for i in range(PIECES):
         low, high = x * i / PIECES, x * (i + 1) / PIECES
-        inside = abs(polynomial.value(rows, SLIP, degree, low)) < limits.stick_speed
+        inside = abs(polynomial.value(rows, SLIP, degree, low)) < limits.speeds.stick
         at = high
-        if (abs(polynomial.value(rows, SLIP, degree, high)) < limits.stick_speed) != inside:
+        if (abs(polynomial.value(rows, SLIP, degree, high)) < limits.speeds.stick) != inside:
             begin = low
             for _ in range(50):
                 middle = 0.5 * (begin + at)
-                if (abs(polynomial.value(rows, SLIP, degree, middle)) < limits.stick_speed) != inside:
+                if (abs(polynomial.value(rows, SLIP, degree, middle)) < limits.speeds.stick) != inside:
                     at = middle
                 else:
                     begin = middle

@@ -70,9 +70,9 @@ def start(setup: Setup, memory: Memory, tangent: Any) -> None:
     v = state.slip_speed
     begin(state, control, limits)
     if tangent is not None:
-        control.waited, control.unsettled = SETTLED, limits.forgotten
+        control.waited, control.unsettled = SETTLED, limits.orders.forgotten
         tangent.shared.peak, tangent.shared.slopes[:] = -1.0, 0.0
-    run_output.begin_output(memory.output, v, 0 if abs(v) <= limits.stick_speed else 1 if v > 0.0 else -1)
+    run_output.begin_output(memory.output, v, 0 if abs(v) <= limits.speeds.stick else 1 if v > 0.0 else -1)
 
 
 @fast
@@ -83,31 +83,31 @@ def region_of(state: Any, loaded: bool, control: Any, limits: Limits, terms: Ter
     control.slip_now = max(control.slip_now, size)
     control.speed_now = max(control.speed_now, abs(state.plate_speed))
     slip_scale = max(control.slip_now, control.slip_before)
-    slip_tolerance = limits.rtol * max(slip_scale, limits.slip_floor)
-    speed_tolerance = limits.rtol * max(max(control.speed_now, control.speed_before),
-                                        max(1e-3 * slip_scale, limits.speed_floor))
+    slip_tolerance = limits.errors.relative * max(slip_scale, limits.errors.slip_floor)
+    speed_tolerance = limits.errors.relative * max(max(control.speed_now, control.speed_before),
+                                        max(1e-3 * slip_scale, limits.errors.speed_floor))
     sign = 1.0 if v > 0.0 else -1.0
     region = SLIDING
     if not loaded:
         sign = 0.0
-    elif size <= limits.layer * (1.0 + EDGE):
+    elif size <= limits.speeds.layer * (1.0 + EDGE):
         region = LAYER
-        slip_tolerance = min(slip_tolerance, limits.layer_tolerance)
-        if size < 0.1 * limits.nearly_zero:
+        slip_tolerance = min(slip_tolerance, limits.errors.layer)
+        if size < 0.1 * limits.errors.nearly_zero:
             linear = terms.linear
             spring = linear.damping * state.plate_speed + linear.stiffness * state.plate_angle
             engine = drive.torque - lost_torque(0.0, state.plate_speed, None, linear.flywheel_by_speed)
             sign = 1.0 if engine / linear.flywheel + spring / linear.plate >= 0.0 else -1.0
-    elif size <= limits.far * (1.0 + EDGE):
+    elif size <= limits.speeds.far * (1.0 + EDGE):
         region = FALLING
-        slip_tolerance = min(slip_tolerance, limits.falling_tolerance)
+        slip_tolerance = min(slip_tolerance, limits.errors.falling)
     return Place(region, sign, slip_tolerance, speed_tolerance)
 
 
 @fast
 def edge_of(place: Place, limits: Limits) -> float:
     """Return the slip speed, rad/s, at which a region outside the layer ends on the way down."""
-    return limits.far if place.region == SLIDING else limits.layer
+    return limits.speeds.far if place.region == SLIDING else limits.speeds.layer
 
 
 @fast
@@ -121,7 +121,7 @@ def first_boundary(place: Place, degree: int, x: float, method: int, loaded: boo
     if not loaded:
         return math.inf
     if place.region == LAYER or method == CREEP:
-        level, accuracy = -limits.nearly_zero, 0.1 * limits.nearly_zero
+        level, accuracy = -limits.errors.nearly_zero, 0.1 * limits.errors.nearly_zero
         if stribeck is None:
             return math.inf
     else:
@@ -179,7 +179,7 @@ def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limi
     else:
         begun = float(profile[STARTED])
     run_output.keep_step(work, degree, step.unit, x, cut, state.tau, begun + state.tau, limits.period,
-                         limits.stick_speed, output, store, angle)
+                         limits.speeds.stick, output, store, angle)
 
 
 @fast
@@ -193,7 +193,7 @@ def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, ang
         state.slip_speed, state.plate_angle, state.plate_speed = polynomial.values(work.rows, degree, x)
     if angle:
         state.flywheel_angle = polynomial.value(work.rows, FLYWHEEL, degree, x)
-    if abs(state.plate_speed) < limits.rest:
+    if abs(state.plate_speed) < limits.errors.rest:
         state.plate_speed = 0.0
 
 
@@ -281,7 +281,7 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
         longest, period = 2.0 * math.pi / float(frequency.min()), 2.0 * math.pi / float(frequency.max())
     limits = limits_of(terms, terms_of(system), period, rtol, excess)
     waves = waves_of(terms)
-    top, levels = collocation.ladder_of(limits.fastest, longest)
+    top, levels = collocation.ladder_of(limits.rates.fastest, longest)
     if terms.profile is None:
         tables = collocation.tables(terms.linear, tuple(waves["rate"].tolist()), load_frequency(terms), top, levels)
     else:
@@ -334,7 +334,7 @@ def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float)
     """Return the setup of motions with derivatives."""
     # The derivative of mubar by mu_s/mu_k decays with slip as exp(-alpha |v|), even for mu_s/mu_k near 1.
     setup = setup_of(system, terms, rtol, 1.0 if changes[EXCESSES].any() else 0.0)
-    ladder = collocation.ladder_of(setup.limits.fastest, system.cycle)
+    ladder = collocation.ladder_of(setup.limits.rates.fastest, system.cycle)
     return setup._replace(tables=setup.tables._replace(torque=collocation.response(terms.linear, *ladder).torque))
 
 
