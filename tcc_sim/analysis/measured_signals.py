@@ -63,7 +63,7 @@ def signals_in(table: MeasuredTable, system: System, pulses: int | None = None) 
     return Signals(system, turns[inside], phase.when, at,
                    None if "engine_torque" in table.columns else driven_orders(system), None, t[inside],
                    np.full(np.count_nonzero(inside), np.nan), blank,
-                   (*notes, *phase.notes))
+                   (*notes, *phase.notes), splined=True)
 
 
 def _cubic(t: Floats, values: Floats) -> Callable[[Floats], Floats]:

@@ -162,6 +162,10 @@ def orders_of(run: Trajectory | Signals) -> Orders:
     highest = min(float(DEFAULTS.highest_order), 0.25 * len(turns) / whole)
     order = np.arange(math.floor(highest * DEFAULTS.window) + 1) / DEFAULTS.window
     spectra = [_amplitudes(x, starts, length, len(order)) for x in (v, shaft, torque)]
+    if signals.splined:
+        samples = np.searchsorted(signals.t, at[starts + length]) - np.searchsorted(signals.t, at[starts])
+        kept = _kept_by_spline(order / (samples / DEFAULTS.window)[:, None])
+        spectra = [spectrum / kept for spectrum in spectra]
     driven = _driven(spectra[2], order) if signals.driven is None else signals.driven
     driven = driven[driven <= order[-1]]
     places = np.rint(driven * DEFAULTS.window).astype(int)
@@ -245,6 +249,16 @@ def _amplitudes(values: Floats, starts: NDArray[np.int64], length: int, count: i
         row[:] = 2.0 * np.abs(np.fft.rfft(values[start:start + length] * hann)[:count]) / hann.sum()
     out[:, 0] *= 0.5
     return out
+
+
+def _kept_by_spline(share: Floats) -> Floats:
+    """Return the part of a sine's amplitude that the cubic spline through samples keeps; NaN from 0.45 on.
+
+    share : its frequency over that of the samples. M. Unser, Splines, IEEE Signal Processing Magazine 16 (1999),
+    equation (23): sinc(f)^4 3/(2 + cos(2 pi f))
+    """
+    kept = np.sinc(share) ** 4 * 3.0 / (2.0 + np.cos(2.0 * np.pi * share))
+    return np.where(share < DEFAULTS.of_samples, kept, np.nan)
 
 
 def _driven(torque: Floats, order: Floats) -> Floats:

@@ -115,6 +115,8 @@ class Settings:
     least_samples: int = quantity(8, "samples that a cycle must have on average; orders up to a quarter of them, and "
                                   "`highest_order` at most, are given")
 
+    of_samples: float = quantity(0.45, "highest frequency of an order, relative to that of a table's samples")
+
     # Spectra of steady states (`spectra.py`).
     spectrum_points: int = quantity(256, "points in a cycle of the excitation after resampling, at most")
     spectrum_window: int = quantity(64, "length of a window of a motion without a period, at most",

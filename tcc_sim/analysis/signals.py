@@ -36,6 +36,7 @@ class Signals:
     t, heat : (n,) s, and work of the friction torque from the start on, J
     holes : (k, 2) begin and end of stretches without samples of the slip speed, or without a known phase, s
     notes : sentences on what was mended in measurements, and on what was not
+    splined : whether `at` is a cubic spline through the samples alone, without their rates
     """
 
     system: System
@@ -48,6 +49,7 @@ class Signals:
     heat: Floats
     holes: Floats = field(default_factory=lambda: np.empty((0, 2)))
     notes: tuple[str, ...] = ()
+    splined: bool = False
 
 
 def turns_at(system: System, t: Floats) -> Floats:

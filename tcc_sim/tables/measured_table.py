@@ -35,6 +35,8 @@ SMOOTH = 1.0
 """Ratio of second to first differences (rms) of a column below which it was sampled from a smooth signal: that of a
 sine with 6 samples in a period; held steps have 1.4 or more.
 """
+EXCEL, LONGEST_OF_DAY = (25_569.0, 80_000.0), 2e-5
+"""Days since 1900 from 1970 to 2119, and longest step of rows in days, 1.7 s."""
 _EPOCH = {1.0: "s", 1e3: "ms", 1e6: "us", 1e9: "ns"}
 @dataclass(frozen=True)
 class MeasuredTable:
@@ -156,6 +158,9 @@ def table_in(path: Path, needed: Sequence[str] = (), most: int = MOST_ROWS,
 
 def _from_epoch(t: Floats, notes: list[str]) -> Floats:
     """Return times from the first row on where they are seconds, or parts of them, since 1970."""
+    if len(t) > 1 and EXCEL[0] < t[0] < EXCEL[1] and 0.0 < np.median(np.abs(np.diff(t))) < LONGEST_OF_DAY:
+        notes.append("times in days as Excel counts them, counted from the first row")
+        return np.asarray(np.round((t - t[0]) * 86400.0, 6))
     if not len(t) or not abs(t[0]) > 9e8:
         return t
     for per_second, unit in _EPOCH.items():

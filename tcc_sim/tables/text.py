@@ -311,6 +311,10 @@ def _numbers_of(path: Path, layout: _Layout, chosen: Sequence[int], time: int | 
             for j, column, read, name in reads:
                 column.append(read(row[j], number, name))
     notes = ["decimal comma"] if reader.commas else []
-    if reader.first_day is not None:
-        notes.append("date-times")
-    return [np.array(column) for column in numbers], notes
+    columns = [np.array(column) for column in numbers]
+    if reader.first_day is not None and time is not None:
+        notes.append("date-times from the first row")
+        at = list(chosen).index(time)
+        dated = columns[at][np.isfinite(columns[at])]
+        columns[at] -= dated[0] if len(dated) else 0.0
+    return columns, notes

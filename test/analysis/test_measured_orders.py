@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from tcc_sim.analysis.measured_signals import signals_in
+from tcc_sim.analysis.orders import orders_of
 from tcc_sim.cli import main
+from tcc_sim.model.parameters import System
+from tcc_sim.tables.measured_table import MeasuredTable
 
 I1, I2, C23, K23, MU_S, MU_K, ALPHA, SIGMA, LOAD = 0.2, 0.02, 0.6, 3000.0, 0.3, 0.24, 2.0, 50.0, 225e3 * 0.08 * 0.1
 SCENE = ["fig02", "--set", "pressure.amplitude=0", "--set", "initial.slip_speed=5"]
@@ -126,3 +130,14 @@ def test_orders_of_the_slip_speed_need_no_plate_angle(tmp_path, fewer):
 def test_a_table_that_shows_no_orders_is_refused(tmp_path, fewer, refused, left_out, words, message):
     path = table(tmp_path / "run.csv", fewer, *left_out)
     assert message in refused("analyse", path, *words, "--json", "none.json")
+
+
+@pytest.mark.parametrize(("rate", "low", "high"), [(200.0, 150.0, 150.0), (400.0, 150.0, 150.0), (260.0, 100.0, 250.0)])
+def test_orders_keep_their_size_up_to_the_end_of_the_band(rate, low, high):
+    """Orders 1 and 2 of 2 rad/s, order 2 sampled 4.2 and 8.4 times in a period, or 8.2 to 3.3 times in a run-up."""
+    t = np.arange(0.0, 6.0, 1.0 / rate)
+    speed, phase = low + (high - low) * t / 6.0, low * t + (high - low) * t**2 / 12.0
+    slip = 20.0 + 2.0 * np.sin(phase + 0.3) + 2.0 * np.sin(2.0 * phase)
+    found = orders_of(signals_in(MeasuredTable({"t": t, "slip_speed": slip, "engine_speed": speed}), System()))
+    for order in (1.0, 2.0):
+        assert found.cut(order, "slip_speed") == pytest.approx(np.full(len(found.time), 2.0), rel=0.012)

@@ -90,8 +90,7 @@ def test_derivatives_by_the_numbers_of_a_curve_are_those_of_differences() -> Non
         np.testing.assert_allclose(result[..., 3 + i], by, rtol=1e-5, atol=1e-6 * np.abs(by).max())
 
 
-def test_the_command_writes_curve_scene_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str],
-                                                    figures) -> None:
+def test_the_command_writes_curve_scene_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     data = measured("rising", 4)
     rows = "\n".join(",".join(map(repr, row)) for row in zip(
         data.t.tolist(), *(data.channels[name].tolist() for name in ("slip_speed", "plate_speed"))))
@@ -111,7 +110,7 @@ def test_the_command_writes_curve_scene_and_picture(tmp_path: Path, capsys: pyte
     assert document["curve"]["visited"].count(False) == document["curve"]["coefficient"].count(None) > 0
     law = load_scene(tmp_path / "own.yaml").system.friction
     assert law.curve.at(50.0) == pytest.approx(float(LAWS["rising"](50.0)), rel=5e-3)
-    assert len(figures[0].axes) == 5
+    assert (tmp_path / "found.png").stat().st_size > 10_000
 
 
 CURVE_KEYS = ("friction.curve.constant", "friction.curve.share_1", "friction.curve.rate_1", "friction.curve.share_2",

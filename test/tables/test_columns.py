@@ -94,13 +94,13 @@ READ = {"t": [0.0, 0.1, 0.3], "engine_torque": [200.0, 250.0, 300.0]}
      ["1 row repeated time and values of the row before and were left out", "1 of 3 rows repeat the time of the row "
       "before, because it is written in steps of 0.1 s; even steps of 0.05 s replace them"]),
     # Clocks: by dates, or over midnight without them; a clock set back a little is no midnight.
-    ("t,engine_torque\n2026-02-28 23:00:00.5,1\n2026-03-02T00:00:00.5Z,2\n", {"t": [82800.5, 172800.5],
-     "engine_torque": [1.0, 2.0]}, ["read as date-times, 2 columns, 2 used"]),
-    ("t,engine_torque\n28.2.2026 23:00,1\n01.03.2026 0:30:00,2\n", {"t": [82800.0, 88200.0],
-     "engine_torque": [1.0, 2.0]}, ["read as date-times, 2 columns, 2 used"]),
+    ("t,engine_torque\n2026-02-28 23:00:00.5,1\n2026-03-02T00:00:00.5Z,2\n", {"t": [0.0, 90000.0],
+     "engine_torque": [1.0, 2.0]}, ["read as date-times from the first row, 2 columns, 2 used"]),
+    ("t,engine_torque\n28.2.2026 23:00,1\n01.03.2026 0:30:00,2\n", {"t": [0.0, 5400.0],
+     "engine_torque": [1.0, 2.0]}, ["read as date-times from the first row, 2 columns, 2 used"]),
     ("t;engine_torque\n11:00:00,5;1,5\n23:59:59,5;2\n00:00:01,25;3\n12:00:00;4\n00:30:00;5\n", {
-        "t": [39600.5, 86399.5, 86401.25, 88200.0, 129600.0], "engine_torque": [1.5, 2.0, 3.0, 5.0, 4.0]},
-     ["read as semicolons and decimal comma and date-times, 2 columns, 2 used",
+        "t": [0.0, 46799.0, 46800.75, 48599.5, 89999.5], "engine_torque": [1.5, 2.0, 3.0, 5.0, 4.0]},
+     ["read as semicolons and decimal comma and date-times from the first row, 2 columns, 2 used",
       "1 row came before an earlier one in time; the rows were sorted by time"]),
     ("t,engine_torque\n1700000000,1\n1700000001.5,2\n", {"t": [0.0, 1.5], "engine_torque": [1.0, 2.0]},
      ["times in s since 1970, counted from the first row"]),
@@ -108,6 +108,9 @@ READ = {"t": [0.0, 0.1, 0.3], "engine_torque": [200.0, 250.0, 300.0]}
      ["times in ms since 1970, counted from the first row"]),
     ("t,engine_torque\n1700000000000000,1\n1700000001500000,2\n", {"t": [0.0, 1.5], "engine_torque": [1.0, 2.0]},
      ["times in us since 1970, counted from the first row"]),
+    ("t,engine_torque\n46000.5,1\n46000.5000115741,2\n46000.5000231482,3\n", {
+        "t": [0.0, 1.000002, 2.000004], "engine_torque": [1.0, 2.0, 3.0]},
+     ["times in days as Excel counts them, counted from the first row"]),
     ("t,engine_torque\n900000000,1\n900000001,2\n", {"t": [9e8, 900000001.0], "engine_torque": [1.0, 2.0]}, []),
     ("t,engine_torque\n4000000000,1\n4000000001,2\n", {"t": [0.0, 1.0], "engine_torque": [1.0, 2.0]},
      ["times in s since 1970, counted from the first row"]),
