@@ -132,7 +132,8 @@ SAID = {german: ["read as semicolons and decimal comma, 4 columns, 4 used; slip_
                 "engine_speed from engine_speed in Hz"],
         without_mark: ["read as semicolons and UTF-16-LE, 4 columns, 4 used"],
         pandas_index: ["read as semicolons, 7 columns, 4 used; passed over: one without a name, gear, comment"],
-        date_times: ["read as 2 lines before the names and date-times from the first row, 4 columns, 4 used; t from Timestamp"],
+        date_times: ["read as 2 lines before the names and date-times from the first row, 4 columns, 4 used; t from "
+                     "Timestamp"],
         clock_times: ["read as date-times from the first row, 4 columns, 4 used; t from Timestamp"],
         epoch: ["read as semicolons, 4 columns, 4 used; t from time, engine_torque from Engine-Torque, "
                 "slip_speed from Slip Speed, engine_speed from ENGINE_SPEED", "times in ms since 1970, counted from "
