@@ -304,7 +304,7 @@ def fmu_file(scene: SceneLike, *, set: Mapping[str, object] | None = None, fmi: 
     'fig02.fmu'
     """
     from tcc_sim.errors import check_suffix
-    from tcc_sim.fmu.export import export
+    from tcc_sim.fmi.export import export
     from tcc_sim.output.files import replaceable
 
     changed = as_scene(scene).with_values(set or {})

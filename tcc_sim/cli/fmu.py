@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the FMU and print its contents."""
     scene = scene_of(arguments)
-    from tcc_sim.fmu.export import compiler, export
+    from tcc_sim.fmi.export import compiler, export
 
     if arguments.out is not None:
         check_suffix(arguments.out, (".fmu",), "--out ")

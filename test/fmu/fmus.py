@@ -15,7 +15,7 @@ pytest.importorskip("fmpy", reason="FMPy is not installed")
 import fmpy
 from fmpy import fmi2, fmi3
 
-from tcc_sim.fmu.export import OPTIONS, compiler, export
+from tcc_sim.fmi.export import OPTIONS, compiler, export
 from tcc_sim.scene import Scene, load_scene
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
@@ -35,7 +35,7 @@ def written(scene: Scene | str, version: int, step: float | None = None, options
 def _written(text: str, version: int, step: float | None, options: tuple[str, ...]) -> Path:
     folder = Path(tempfile.mkdtemp(dir=FOLDER.name))
     (folder / "scene.yaml").write_text(text)
-    with mock.patch("tcc_sim.fmu.export.OPTIONS", (*OPTIONS, *options)):
+    with mock.patch("tcc_sim.fmi.export.OPTIONS", (*OPTIONS, *options)):
         export(load_scene(str(folder / "scene.yaml")), folder / "model.fmu", version, step)
     return Path(fmpy.extract(str(folder / "model.fmu"), unzipdir=str(folder / "unpacked")))
 

@@ -18,7 +18,7 @@ from fmpy.validation import validate_fmu
 from fmus import needs_compiler
 
 from tcc_sim.cli import main
-from tcc_sim.fmu.export import compiler, export, fmu_of
+from tcc_sim.fmi.export import compiler, export, fmu_of
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import Stepper
 

@@ -13,7 +13,7 @@ import pytest
 from tcc_sim import closed_loop
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.fmu.export import binary_of, compiler, fmu_of
+from tcc_sim.fmi.export import binary_of, compiler, fmu_of
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.scene import load_scene
 

@@ -19,8 +19,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tcc_sim.fmu import c_types
-from tcc_sim.fmu.c_types import (
+from tcc_sim.fmi import c_types
+from tcc_sim.fmi.c_types import (
     DOUBLE,
     INT,
     Items,
@@ -34,10 +34,10 @@ from tcc_sim.fmu.c_types import (
     common_kind,
     size_of,
 )
-from tcc_sim.fmu.description import Variable, base_units, unit_name
-from tcc_sim.fmu.export import compiler
-from tcc_sim.fmu.expressions import enclosed, literal, target_of, word
-from tcc_sim.fmu.printer import Library
+from tcc_sim.fmi.description import Variable, base_units, unit_name
+from tcc_sim.fmi.export import compiler
+from tcc_sim.fmi.expressions import enclosed, literal, target_of, word
+from tcc_sim.fmi.printer import Library
 
 INFINITY = math.inf
 POINTS = [(0.0, 1.0), (1.0, 0.0), (-2.5, 3.25), (7.0, 7.0), (0.1, -0.3), (1e100, 1e-300), (-0.0, 2.0)]

@@ -17,7 +17,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.linearise import linearise
 from tcc_sim.estimation.measurement import Measurement
-from tcc_sim.fmu.export import fmu_of
+from tcc_sim.fmi.export import fmu_of
 from tcc_sim.model import supported_terms
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.profile import Inputs

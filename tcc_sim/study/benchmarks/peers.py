@@ -23,7 +23,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from tcc_sim.errors import one_line
-from tcc_sim.fmu.export import compiler
+from tcc_sim.fmi.export import compiler
 from tcc_sim.model.parameters import System
 from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tcc_sim.fmu.c_types import (
+from tcc_sim.fmi.c_types import (
     DOUBLE,
     INT,
     Items,

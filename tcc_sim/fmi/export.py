@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.fmu.c_types import DOUBLE, INT, Keys, Kind, Row, Static, Struct, Table, struct_of
-from tcc_sim.fmu.description import (
+from tcc_sim.fmi.c_types import DOUBLE, INT, Keys, Kind, Row, Static, Struct, Table, struct_of
+from tcc_sim.fmi.description import (
     SOURCES,
     Variable,
     build_description,
@@ -26,7 +26,7 @@ from tcc_sim.fmu.description import (
     variables,
     variables_header,
 )
-from tcc_sim.fmu.printer import Library
+from tcc_sim.fmi.printer import Library
 from tcc_sim.model import actuator, equations
 from tcc_sim.model.equations import COEFFICIENTS, Linear
 from tcc_sim.model.groups import Pressure

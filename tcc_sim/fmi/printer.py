@@ -16,7 +16,7 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from tcc_sim.fmu.c_types import (
+from tcc_sim.fmi.c_types import (
     DOUBLE,
     INT,
     Items,
@@ -36,7 +36,7 @@ from tcc_sim.fmu.c_types import (
     stored_name,
     struct_of,
 )
-from tcc_sim.fmu.expressions import Expressions, Text, enclosed, target_of, word
+from tcc_sim.fmi.expressions import Expressions, Text, enclosed, target_of, word
 
 PRELUDE = """\
 static double sign_of(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }
