@@ -423,26 +423,38 @@ def read_frame(data: bytes, kind: str) -> str:
     return _text_at(data, 12, kind, "replace")[0]
 
 
-def read_diagnostics(data: bytes) -> dict[str, str]:
-    """Return the values of all statuses of a serialised DiagnosticArray, by key.
+class DiagnosticsStatus(NamedTuple):
+    """DiagnosticsStatus in a DiagnosticArray: name of its sender, hardware identifier, and values by key."""
+
+    name: str
+    hardware_id: str
+    values: dict[str, str]
+
+
+def read_diagnostics(data: bytes) -> list[DiagnosticsStatus]:
+    """Return the statuses of a serialised DiagnosticArray.
 
     Raises
     ------
     ValueError
         Not a little-endian DiagnosticArray.
     """
-    kind, texts = topics.DIAGNOSTIC_ARRAY, dict[str, str]()
+    kind, out = topics.DIAGNOSTIC_ARRAY, list[DiagnosticsStatus]()
     _, position = _text_at(data, 12, kind, "replace")
     statuses, position = _count_at(data, position, kind)
     for _ in range(statuses):
         position += 4  # The level, padded to the start of the name.
+        texts = list[str]()
         for _ in range(3):
-            _, position = _text_at(data, position, kind, "replace")
+            text, position = _text_at(data, position, kind, "replace")
+            texts.append(text)
         values, position = _count_at(data, position, kind)
+        pairs = dict[str, str]()
         for _ in range(values):
             key, position = _text_at(data, position, kind, "replace")
-            texts[key], position = _text_at(data, position, kind, "replace")
-    return texts
+            pairs[key], position = _text_at(data, position, kind, "replace")
+        out.append(DiagnosticsStatus(texts[0], texts[2], pairs))
+    return out
 
 
 def _count_at(data: bytes, position: int, kind: str) -> tuple[int, int]:

@@ -63,9 +63,12 @@ class Recorder:
         self.flush_period, self.fsync_period = options.flush_period, options.fsync_period
         self.drain_period = min(_DRAIN_PERIOD, 0.5 * self.flush_period)
         known: dict[str, str] = {}
+        self._rows: dict[str, str] = {}
+        self._profiles: dict[str, list[dict[str, Any]]] = {}
         for row in TOPICS:
             if known.setdefault(topic := node.resolve_topic_name(row.name), row.type) != row.type:
                 raise InputError(f"{row.name} is remapped onto {topic}, which is a {known[topic]}, not a {row.type}")
+            self._rows.setdefault(topic, row.name.removeprefix("/"))
         self._unknown = [topic for topic in map(node.resolve_topic_name, options.topics) if topic not in known]
         wanted = [topic for topic in map(node.resolve_topic_name, options.topics) if topic in known]
         self.tracks: dict[str, Track] = {}
@@ -267,8 +270,8 @@ class Recorder:
         if len(track.channels) >= MOST_PUBLISHERS:
             publisher = b""
         if publisher not in track.channels:
-            track.channels[publisher] = self.bag.channel(track.topic, track.type, self._offered(track.topic),
-                                                         publisher=publisher.hex())
+            track.channels[publisher] = self.bag.channel(track.topic, track.type, self._offered(track.topic, publisher),
+                                                         publisher=publisher.hex(), row=self._rows.get(track.topic, ""))
         return track.channels[publisher]
 
     def _add(self, topic: str, type_name: str, latched: bool = False) -> None:
@@ -276,12 +279,18 @@ class Recorder:
         definition(type_name)
         self.tracks[topic] = Track(self.node, topic, type_name, latched)
 
-    def _offered(self, topic: str) -> Sequence[dict[str, Any]]:
-        """Return the quality of service that publishers offer; the driveline's if the context is no longer valid."""
-        try:
-            return [qos_fields(o.qos_profile) for o in self.node.get_publishers_info_by_topic(topic)]
-        except RuntimeError:
-            return [dict(profile) for profile in RELIABLE]
+    def _offered(self, topic: str, publisher: bytes) -> Sequence[dict[str, Any]]:
+        """Return the quality of service that a topic's first publisher offers (all publishers, if it is not known), as
+        readers of bags expect one for all channels of a topic; the driveline's if the context is no longer valid.
+        """
+        if topic not in self._profiles:
+            try:
+                offered = self.node.get_publishers_info_by_topic(topic)
+            except RuntimeError:
+                return [dict(profile) for profile in RELIABLE]
+            own = [one for one in offered if bytes(one.endpoint_gid) == publisher]
+            self._profiles[topic] = [qos_fields(one.qos_profile) for one in own or offered]
+        return self._profiles[topic]
 
 
 def _record(node: Node) -> int:

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
-from tcc_sim.messages.held import COMMAND as COMMANDED
-from tcc_sim.messages.held import RUN, TIME, index_in_held, read_held
+from tcc_sim.messages.held import RUN
 from tcc_sim.model.profile import START, Origin
 from tcc_sim.topics import INPUTS
 
@@ -119,28 +118,18 @@ def simulation_ns(stamps: Stamps, zeros: Stamps) -> Stamps:
 class InputSource:
     """Inputs that follow a command from the state with stamp `first_stamp_ns` on; the others use their fallback.
 
-    The driveline sent the message at `log_ns` of its clock (ns).
+    The driveline sent the message at `log_ns` of its clock (ns); `number` is its publisher's sequence number.
     """
 
     log_ns: int
     first_stamp_ns: int
     commanded: frozenset[str]
+    number: int = 0
 
 
 def source_text(commanded: Mapping[str, bool]) -> str:
     """Return the text of a message, for example `engine_torque: command, actuation_pressure: fallback`."""
     return ", ".join(f"{name}: {COMMAND if held else FALLBACK}" for name, held in commanded.items())
-
-
-def read_held_sources(record: bytes) -> InputSource | None:
-    """Decode a message record of `held`, as `read_source`."""
-    received, sent = _TIMES.unpack_from(record, 6)
-    try:
-        values = read_held(record[HEAD:])[1].tolist()
-    except ValueError:
-        return None
-    return InputSource(sent or received, int(values[TIME]), frozenset(
-        name for name in INPUTS if values[index_in_held(name, "source")] == COMMANDED))
 
 
 def read_source(record: bytes, zeros: Stamps) -> InputSource | None:
@@ -159,4 +148,5 @@ def read_source(record: bytes, zeros: Stamps) -> InputSource | None:
         return None
     sources = dict(part.partition(": ")[::2] for part in text.split(", "))
     stamp = int(simulation_ns(np.array([stamp]), zeros)[0])
-    return InputSource(sent or received, stamp, frozenset(name for name in INPUTS if sources.get(name) == COMMAND))
+    return InputSource(sent or received, stamp, frozenset(name for name in INPUTS if sources.get(name) == COMMAND),
+                       int.from_bytes(record[2:6], "little"))

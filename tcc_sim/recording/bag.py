@@ -30,7 +30,7 @@ class BagWriter:
     ----------
     directory : directory to create, with its parents
     scene_text, version : the scene (YAML), and the code version that runs it (default: this one)
-    max_duration : duration of a part by times of receipt, s; 0 for no limit
+    max_duration : duration of a part by times of receipt, which may go back, s; 0 for no limit
     max_size : size in bytes above which a part that has messages ends; 0 for no limit
     max_chunks : largest number of chunks of a part, which bounds the memory for its index
     sync : whether to wait at the end of each part until files and directory are on the disk
@@ -54,6 +54,7 @@ class BagWriter:
         self._done: list[FileSummary] = []
         self._scene: tuple[str, str, int] | None = None
         self._latched: dict[int, tuple[int, bytes, int]] = {}
+        self._elapsed: dict[int, tuple[int, int]] = {}
         made = _make(directory)
         self._folder = -1
         try:
@@ -92,9 +93,9 @@ class BagWriter:
         self._scene = scene_text, version, log_ns
 
     def channel(self, topic: str, type_name: str, qos: Sequence[Mapping[str, Any]] = RELIABLE,
-                schema: Definition | None = None, publisher: str = "") -> int:
-        """Announce a topic (fully resolved name), optionally of one publisher, and return its channel."""
-        return self.file.channel(topic, type_name, qos, schema, publisher)
+                schema: Definition | None = None, publisher: str = "", row: str = "") -> int:
+        """Announce a topic, as `McapFile.channel`, and return its channel."""
+        return self.file.channel(topic, type_name, qos, schema, publisher, row)
 
     def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0,
               latched: bool = False) -> None:
@@ -103,12 +104,16 @@ class BagWriter:
         Each later part begins with the last `latched` message of each channel, received at the start of the part.
         """
         file = self.file
+        last, elapsed = self._elapsed.get(channel, (log_ns, 0))
+        elapsed += max(0, log_ns - last)
         full = file.chunks and (file.size >= self._size or file.chunks >= self._max_chunks)
-        if full or log_ns - file.summary.first_ns >= self._duration_ns:
-            file = self._split()
+        if full or elapsed >= self._duration_ns:
+            file, elapsed = self._split(), 0
+            self._elapsed.clear()
             for number, (sent, content, count) in self._latched.items():
                 if not latched or number != channel:
                     file.write(number, log_ns, sent, content, count)
+        self._elapsed[channel] = log_ns, elapsed
         if latched:
             self._latched[channel] = publish_ns, data, sequence
         file.write(channel, log_ns, publish_ns, data, sequence)

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.recording.announcements import InputSource, Stamps
-from tcc_sim.recording.layouts import Floats, Layouts, Values
-from tcc_sim.recording.records import Messages
-from tcc_sim.recording.stamps import Break, StampCounter
-from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE, OUTPUT_JOINT, topic
+from tcc_sim.messages.held import index_in_held
+from tcc_sim.recording.layouts import Floats, Values
+from tcc_sim.recording.stamps import Break
 from tcc_sim.trajectory import STILL, FarEnd
 
 BLOCK = 1 << 16
 """Number of states processed at once where each takes memory."""
-_COLUMNS = ("stamp_ns", "log_ns", "sent_ns", *topic("joint_states").fields)
 NEVER = (1 << 63) - 1
 _YEAR = 365 * 86_400 * 1_000_000_000
 
@@ -30,6 +27,12 @@ def receipt_times(log_ns: NDArray[np.int64], sent_ns: NDArray[np.int64]) -> NDAr
     return np.where(log_ns < sent_ns - _YEAR, sent_ns, log_ns)
 
 
+class HeldRows(NamedTuple):
+    """Messages of `held` of one run, (m, messages.held.SIZE); values that were not recorded are NaN."""
+
+    rows: Floats
+
+
 @dataclass(frozen=True)
 class JointStates:
     """Consecutive joint_states messages as (n,) arrays.
@@ -39,6 +42,7 @@ class JointStates:
     were not recorded, and NaN where a message is missing. `run` counts the starts of simulation time within the
     recording, `began` is the reason of this start, `index` is the index of the first state in the whole recording, and
     `moved_ns` the stamp of the first state of the run with a motion of the far end, which stands still before.
+    `held` has the messages on the inputs, of which `held_row` holds at each state (-1: unknown); None without.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -57,9 +61,17 @@ class JointStates:
     began: Break = Break.START
     index: int = 0
     moved_ns: int = NEVER
+    held: HeldRows | None = None
+    held_row: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
+
+    def input(self, name: str, field: str) -> Floats:
+        """Return a field of `messages.held.FIELDS` of an input at each state, (n,), NaN where it is not known."""
+        if self.held is None or self.held_row is None:
+            return np.full(len(self), np.nan)
+        return np.where(self.held_row >= 0, self.held.rows[self.held_row, index_in_held(name, field)], np.nan)
 
     @property
     def far_end(self) -> FarEnd:
@@ -116,122 +128,78 @@ class Columns:
     """Data of one driveline in a recording.
 
     runs : the states of each run, views of common arrays
-    commands : commands by the name of their topic
-    further : likewise the numbers of other topics that a viewer shows by themselves
-    sources : announced sources of the inputs, in the order of publication
-    publishers : number of publishers of commands, by topic
+    commands : commands by the name of their topic: those that acted or, before version 1.1, all by times of sending
+    further : numbers of other topics that a viewer shows by themselves
+    publishers, recorded : numbers of publishers of commands, and of recorded commands, by topic
     counts : counts of the driveline's diagnostics, by key
+    keyed : whether the states name their runs
     limits : last limits of the pressure that a controller stated, Pa
     """
 
     runs: tuple[JointStates, ...]
     commands: Mapping[str, Commanded]
     further: Mapping[str, Commanded]
-    sources: tuple[InputSource, ...]
     publishers: Mapping[str, int]
+    recorded: Mapping[str, int]
     counts: Mapping[str, int]
+    keyed: bool
     limits: tuple[float, float] | None = None
 
 
-class GrowingStates:
-    """Arrays of states that grow in place while a recording is read."""
+@dataclass(frozen=True)
+class StampedMessages:
+    """Messages of one kind in the order of reading, (n,) arrays.
 
-    def __init__(self) -> None:
-        self.count = 0
-        self._columns = {name: np.empty(0, np.int64 if name.endswith("_ns") else np.float64) for name in _COLUMNS}
-        self._runs: list[tuple[int, Break, int]] = []
+    origin : number of the run or publisher that each is from
+    stamp_ns, number, log_ns, sent_ns : stamp, sequence number, times of receipt and sending, ns
+    kept : index of each message in the columns, -1 for one outside the window
+    place : number of each message in the recording
+    columns : values by field
+    """
 
-    def add(self, part: JointStates) -> None:
-        """Append consecutive states of one run."""
-        first, self.count = self.count, self.count + len(part)
-        for name, column in self._columns.items():
-            if self.count > len(column):
-                column.resize(max(self.count, len(column) * 5 // 4, BLOCK), refcheck=False)
-            column[first:self.count] = getattr(part, name)
-        if not self._runs or self._runs[-1][0] != part.run:
-            self._runs.append((part.run, part.began, first))
+    origin: NDArray[np.int64]
+    stamp_ns: NDArray[np.int64]
+    number: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    sent_ns: NDArray[np.int64]
+    kept: NDArray[np.int64]
+    place: NDArray[np.int64]
+    columns: Mapping[str, Floats]
 
-    def runs(self, joined: Sequence[JoinedTopic]) -> RunsAndMissing:
-        """Return the states of every run with the columns of `beside`, and the number of states whose applied pressure
-        is missing although the topic was recorded.
-        """
-        for column in self._columns.values():
-            column.resize(self.count, refcheck=False)
-        columns: dict[str, Any] = dict(self._columns)
-        for one in joined:
-            columns |= {name: np.full(self.count, np.nan) for name in one.columns}
-        runs, missing = [], 0
-        for (run, began, first), end in zip(self._runs, [*(first for *_, first in self._runs[1:]), self.count]):
-            part = {name: column[first:end] for name, column in columns.items()}
-            for one in joined:
-                one.join(run, part)
-            missing += int(np.isnan(part["applied_pressure"]).sum()) if "applied_pressure" in part else 0
-            far = np.isfinite(part.get("output_angle", np.empty(0)))
-            runs.append(JointStates(**part, run=run, began=began, index=first,
-                                    moved_ns=int(part["stamp_ns"][far.argmax()]) if far.any() else NEVER))
-        return tuple(runs), missing
+    def __len__(self) -> int:
+        return len(self.origin)
 
 
-RunsAndMissing = tuple[tuple[JointStates, ...], int]
-
-
-class JoinedTopic:
-    """A further topic with stamps, whose values are joined to the joint_states of equal stamps.
+class Collected:
+    """Messages of one kind that are collected while a recording is read.
 
     Parameters
     ----------
-    topic : fully resolved name
-    layouts : layouts of its messages
-    columns : column name -> message field that fills it
+    fields : names of their values
     """
 
-    def __init__(self, topic: str, layouts: Layouts, columns: Mapping[str, str]) -> None:
-        self.topic, self.type, self.columns, self.layouts = topic, layouts.type, columns, layouts
-        self._stamps, self._run = StampCounter(), -1
-        self._parts: dict[int, list[tuple[NDArray[Any], ...]]] = {}
+    def __init__(self, fields: Sequence[str]) -> None:
+        self._fields = fields
+        self._light: list[tuple[NDArray[np.int64], ...]] = []
+        self._columns: list[dict[str, Floats]] = []
+        self.count = self.kept = 0
 
-    def take(self, data: NDArray[np.uint8], messages: Messages, channels: list[int], runs: int,
-             publishers: Callable[[NDArray[np.void]], NDArray[np.int64]]) -> None:
-        """Take the messages of these channels in one chunk.
-
-        Parameters
-        ----------
-        runs : number of joint_states runs begun before the first of these messages, which belongs to the last of them
-        publishers : function from HEADs to the numbers of their publishers
+    def add(self, values: Values, origin: NDArray[np.int64], stamp_ns: NDArray[np.int64],
+            inside: NDArray[np.bool_], before: int) -> None:
+        """Add messages of a chunk, all with their stamps and times, and those `inside` the window with their values;
+        `before` is the number of messages before the chunk.
         """
-        groups = self.layouts.take(data, messages, channels)
-        if self._run < 0:
-            self._run = max(runs, 1) - 2
-        for piece, preceded in self._stamps.pieces(groups.stamps, publishers(groups.heads), groups.heads["number"]):
-            self._run += preceded.begins_a_run
-            self._parts.setdefault(self._run, []).append(
-                (groups.stamps[piece], *(groups.columns[field][piece] for field in self.columns.values())))
+        log, sent, number = (values.heads[name].astype(np.int64) for name in ("log_ns", "sent_ns", "number"))
+        sent = np.where(sent > 0, sent, log)
+        places = np.where(inside, self.kept + np.cumsum(inside) - 1, -1)
+        self._light.append((origin, stamp_ns, number, receipt_times(log, sent), sent, places, before + values.rows))
+        self._columns.append({name: values.columns[name][inside] for name in self._fields})
+        self.count += len(origin)
+        self.kept += int(np.count_nonzero(inside))
 
-    def join(self, run: int, columns: Mapping[str, Any]) -> None:
-        """Fill the columns of a run at the stamps of its states."""
-        if run not in self._parts:
-            return
-        recorded, *values = (np.concatenate(parts) for parts in zip(*self._parts[run]))
-        stamps = columns["stamp_ns"]
-        nearest = np.searchsorted(recorded, stamps).clip(max=len(recorded) - 1)
-        same = recorded[nearest] == stamps
-        for name, column in zip(self.columns, values):
-            columns[name][same] = column[nearest[same]]
-
-
-def joined_topics(joint_states_topic: str, zeros: Stamps) -> list[JoinedTopic]:
-    """Return the further topics of a driveline; `zeros` are stamps of simulation time 0, as in `simulation_ns`."""
-    space = joint_states_topic.rpartition("/")[0]
-    far_end = topic("output_state").fields
-    return [JoinedTopic(f"{space}/applied_pressure", Layouts(FLUID_PRESSURE, (), ("fluid_pressure",), zeros),
-                        {"applied_pressure": "fluid_pressure"}),
-            JoinedTopic(f"{space}/output_state", Layouts(JOINT_STATE, (OUTPUT_JOINT,), far_end, zeros),
-                        {name: name for name in ("output_angle", "output_speed")})]
-
-
-def joint_states(values: Values) -> JointStates:
-    """Return decoded joint_states."""
-    log_ns, sent_ns = (values.heads[name].astype(np.int64) for name in ("log_ns", "sent_ns"))
-    sent_ns = np.where(sent_ns > 0, sent_ns, log_ns)
-    columns: dict[str, Any] = dict(values.columns)
-    return JointStates(stamp_ns=values.stamps, log_ns=receipt_times(log_ns, sent_ns), sent_ns=sent_ns, **columns)
+    def messages(self) -> StampedMessages:
+        """Return all messages."""
+        origin, stamp, number, log, sent, kept, place = (
+            [np.concatenate(column) for column in zip(*self._light)] if self._light else [np.empty(0, np.int64)] * 7)
+        return StampedMessages(origin, stamp, number, log, sent, kept, place, {
+            name: np.concatenate([np.empty(0), *(part[name] for part in self._columns)]) for name in self._fields})

@@ -21,18 +21,19 @@ from tcc_sim.recording.mcap_file import (
     RECOVERY_RECORD,
     RESULT_RECORD,
     ROSBAG2_RECORD,
+    ROW_KEY,
     SCENE_RECORD,
     digest,
 )
 from tcc_sim.recording.records import DamagedChunk, McapRecord, RecordStream, decoded
-from tcc_sim.topics import TOPICS
+from tcc_sim.topics import HEADER, TOPICS
 
 MOST_TOPICS = 4096
 """Largest number of channels, and of types, that a recording may describe; further records are ignored."""
 CDR = "cdr"
 NEVER = 1 << 64
 """Time later than every log time, ns."""
-_TYPES_OF_TOPICS = {row.name.rpartition("/")[2]: row.type for row in TOPICS}
+_TYPES_OF_TOPICS = {row.name.rpartition("/")[2]: row.type for row in TOPICS} | {"input_source": HEADER}
 _UNCHUNKED = 1 << 20
 _LONGEST_RESULT = 1 << 18
 _MOST_SENTENCES, _DIGITS = 20, 19
@@ -53,6 +54,11 @@ class Channel:
     definition: str
     metadata: dict[str, str] = field(default_factory=dict)
     encoding: str = CDR
+
+    @property
+    def row(self) -> str:
+        """Name of the topic in `topics.TOPICS`, whatever it was remapped to; the topic's last name if it is unknown."""
+        return self.metadata.get(ROW_KEY) or self.topic.rpartition("/")[2]
 
     @property
     def publisher(self) -> str:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
+from tcc_sim.messages.held import PROCESS, RUN
 from tcc_sim.parameter_file import LARGEST_FILE, description_in
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.contents import Batch, Channel
@@ -23,6 +26,7 @@ _MOST_NAMED = 20
 _PARTICIPANT = 24
 """Hexadecimal digits of a publisher's identifier that it shares with all publishers of its process (RTPS)."""
 _TIMES = ("log_ns", "sent_ns")
+_RUN = re.compile(RUN)
 _SCENE, _SCENE_KEY = "scene", "ros__parameters"
 
 
@@ -49,6 +53,7 @@ class RecordedDriveline:
     """Joint states of one sender: a driveline with its restarts, or another node.
 
     publishers : identifiers of its publishers in the middleware, in the order of their first messages
+    runs : names of its runs, in their order; empty if its states do not name them
     scenes : its scenes
     able : whether it has the joints flywheel and clutch plate
     began_ns : time of sending of its first state less the stamp, ns: when simulation time began, at real-time speed
@@ -64,6 +69,7 @@ class RecordedDriveline:
     end: float = field(metadata=reported("largest stamp of its states, simulation time", "s"))
     read: bool = field(metadata=reported("whether it was analysed"))
     publishers: tuple[str, ...] = ()
+    runs: tuple[str, ...] = ()
     scenes: tuple[SceneRecord, ...] = ()
     able: bool = True
     began_ns: int = 0
@@ -77,10 +83,10 @@ class RecordedDriveline:
 
 
 class _Sent:
-    """Messages of one publisher with the same joints, or with both of those wanted (`able`)."""
+    """Messages of one run, or of one publisher with the same joints, or with both of those wanted (`able`)."""
 
-    def __init__(self, topic: str, publisher: str, able: bool) -> None:
-        self.topic, self.publisher, self.able = topic, publisher, able
+    def __init__(self, topic: str, publisher: str, able: bool, run: str = "") -> None:
+        self.topic, self.publisher, self.able, self.run = topic, publisher, able, run
         self.names = Counter[tuple[str, ...]]()
         self.place = self.log_ns = self.sent_ns = self.stamps = (1 << 63, -1 << 63)
         """Smallest and largest: number in the order of reading, times of receipt and of sending, and stamp, ns."""
@@ -101,6 +107,11 @@ class _Sent:
     def follows(self, other: _Sent) -> bool:
         """Return whether it began when the other had ended, in the file or by one of the clocks."""
         return any(getattr(self, what)[0] > getattr(other, what)[1] for what in ("place", *_TIMES))
+
+    def part(self, group: SameLayout, which: NDArray[np.bool_], before: int) -> None:
+        """Take some of the messages of a group."""
+        self.add(SameLayout(group.names, group.rows[which], group.heads[which], group.stamps[which],
+                            group.frames[which]), before)
 
 
 class _Announced(NamedTuple):
@@ -123,14 +134,14 @@ class Inventory:
         self._joints = joints
         self._layouts: dict[tuple[str, str], Layouts] = {}
         self._sent: dict[tuple[str, str, tuple[str, ...]], _Sent] = {}
+        self._runs: dict[str, _Sent] = {}
         self._scenes: dict[_Announced, None] = {}
         self._place = 0
 
     @staticmethod
     def wants(channel: Channel) -> bool:
         """Return whether messages of a channel are read."""
-        return channel.type == JOINT_STATE or (channel.type == STRING
-                                               and channel.topic.rpartition("/")[2] == _SCENE)
+        return channel.type == JOINT_STATE or (channel.type == STRING and channel.row == _SCENE)
 
     def refused(self, topic: str) -> int:
         """Return the number of messages on a topic that could not be decoded."""
@@ -151,9 +162,23 @@ class Inventory:
                 if same.names in ((OUTPUT_JOINT,), (CLUTCH_JOINT,)):
                     continue
                 able = set(self._joints) <= set(same.names)
+                for run in np.unique(same.frames[same.frames != b""]).tolist() if able else ():
+                    name = run.decode("ascii", "replace")
+                    if _RUN.fullmatch(name):
+                        sent = self._runs.setdefault(name, _Sent(channel.topic, channel.publisher, True, name))
+                        sent.part(same, same.frames == run, self._place)
+                        same = self._without(same, run)
+                if not len(same.rows):
+                    continue
                 key = channel.topic, channel.publisher, tuple(self._joints) if able else tuple(sorted(same.names))
                 self._sent.setdefault(key, _Sent(channel.topic, channel.publisher, able)).add(same, self._place)
         self._place += len(batch.messages.channel)
+
+    @staticmethod
+    def _without(group: SameLayout, run: bytes) -> SameLayout:
+        """Return the messages of a group except those of a run."""
+        rest = group.frames != run
+        return SameLayout(group.names, group.rows[rest], group.heads[rest], group.stamps[rest], group.frames[rest])
 
     def _announced(self, batch: Batch, number: int, channel: Channel) -> None:
         """Take the scenes on a channel."""
@@ -183,7 +208,9 @@ class Inventory:
         InputError
             The choice does not exist or does not have the joints.
         """
+        scenes = list(dict.fromkeys([*recorded, *(one.record for one in self._scenes)]))
         drivelines = [self._driveline(chain, recorded) for chain in self._chains()]
+        drivelines += [self._named(chain, [one for one in scenes if one.run]) for chain in self._named_chains(scenes)]
         drivelines.sort(key=lambda one: (not one.able, len(one.topic), one.topic))
         number = self.chosen(drivelines, choice)
         return [replace(one, read=place == number) for place, one in enumerate(drivelines)]
@@ -202,6 +229,38 @@ class Inventory:
                 before.append(one)
         return chains
 
+    def _named_chains(self, scenes: Sequence[SceneRecord]) -> list[list[_Sent]]:
+        """Return the runs of each driveline, in their order. Runs are those of one driveline if its node has the same
+        name, by the scenes; without a scene, if they are on one topic. Processes that ran at the same time are several.
+        """
+        names = {one.run[:PROCESS]: one.driveline for one in scenes if one.run}
+        chains: dict[str, list[list[list[_Sent]]]] = {}
+        processes: dict[str, list[_Sent]] = {}
+        for run in sorted(self._runs.values(), key=lambda one: one.run):
+            processes.setdefault(run.run[:PROCESS], []).append(run)
+        for process, runs in sorted(processes.items(), key=lambda item: (item[0][:8], item[1][0].log_ns[0])):
+            several = chains.setdefault(names.get(process, runs[0].topic), [])
+            before = next((chain for chain in several if not _beside(chain[-1], runs)), None)
+            if before is None:
+                several.append([runs])
+            else:
+                before.append(runs)
+        return [[run for runs in chain for run in runs] for several in chains.values() for chain in several]
+
+    def _named(self, chain: Sequence[_Sent], scenes: Sequence[SceneRecord]) -> RecordedDriveline:
+        """Return the driveline of runs that are named."""
+        runs, names = tuple(one.run for one in chain), sum((one.names for one in chain), Counter[tuple[str, ...]]())
+        latest = {one.text: one for one in sorted(scenes, key=lambda one: one.log_ns) if one.run in runs}
+        mine = tuple(sorted(latest.values(), key=lambda one: (runs.index(one.run), one.first_stamp_ns, one.log_ns)))
+        zeros = {one.run: one.zero_ns for one in mine}
+        stamps = [stamp - zeros.get(one.run, 0) for one in chain for stamp in one.stamps]
+        began = int(chain[-1].run[:8], 16) * 10**9
+        topic = Counter({one.topic: sum(one.names.values()) for one in chain}).most_common(1)[0][0]
+        return RecordedDriveline(topic, chain[-1].publisher, names.most_common(1)[0][0],
+                                 (description_in(mine[0].text) or "scene without a description") if mine else None,
+                                 sum(names.values()), min(stamps) / 1e9, max(stamps) / 1e9, False,
+                                 tuple(dict.fromkeys(one.publisher for one in chain)), runs, mine, True, began)
+
     def _driveline(self, chain: Sequence[_Sent], recorded: Sequence[SceneRecord]) -> RecordedDriveline:
         """Return the driveline of a chain of publishers."""
         topic, publishers = chain[0].topic, tuple(one.publisher for one in chain)
@@ -214,7 +273,7 @@ class Inventory:
         began = sent - int(simulation_ns(np.array([stamp]), zeros)[0])
         return RecordedDriveline(topic, publishers[-1], names.most_common(1)[0][0],
                          (description_in(scenes[0].text) or "scene without a description") if scenes else None,
-                         sum(names.values()), start, end, False, publishers,
+                         sum(names.values()), start, end, False, publishers, (),
                          scenes, chain[0].able, began)
 
     def _scenes_of(self, space: str, publishers: Sequence[str],
@@ -261,6 +320,18 @@ class Inventory:
         return min(able, key=lambda number: (not drivelines[number].scenes, len(drivelines[number].topic),
                                              drivelines[number].topic,
                                              -drivelines[number].began_ns, -number), default=None)
+
+
+def _beside(one: Sequence[_Sent], other: Sequence[_Sent]) -> bool:
+    """Return whether the runs of two processes overlap in the file and by every clock that tells time."""
+    for what in ("place", *_TIMES):
+        (low, high), (begin, end) = ((min(getattr(run, what)[0] for run in runs),
+                                      max(getattr(run, what)[1] for run in runs)) for runs in (one, other))
+        if low == high == begin == end:
+            continue
+        if begin > high or low > end:
+            return False
+    return True
 
 
 def _check_joints(drivelines: Sequence[RecordedDriveline], joints: Sequence[str]) -> None:

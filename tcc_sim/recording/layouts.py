@@ -19,6 +19,9 @@ MOST_LAYOUTS = 100
 HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
 """Fields in front of a message's bytes: channel, publisher's sequence number, times of receipt and sending (ns)."""
 NO_ZEROS: Stamps = np.empty(0, np.int64)
+NO_FRAMES: NDArray[np.bytes_] = np.empty(0, f"S{cdr.RUN_LENGTH}")
+_FRAME = 16
+"""Byte at which the frame of a message with a header begins."""
 Floats = NDArray[np.float64]
 Positions = NDArray[np.int64]
 
@@ -29,22 +32,29 @@ class Values(NamedTuple):
     rows : (n,) index of each message in the chunk
     heads : (n,) array of HEAD
     stamps : (n,) stamps, ns
+    frames : (n,) frames of the length of a run's name, empty for others
     columns : (n,) values by field, NaN where a message has none
     """
 
     rows: Positions
     heads: NDArray[np.void]
     stamps: NDArray[np.int64]
+    frames: NDArray[np.bytes_]
     columns: dict[str, Floats]
 
 
 class SameLayout(NamedTuple):
-    """Messages of one layout in a chunk: its joints, and index, HEAD and stamp (ns) of each message."""
+    """Messages of one layout in a chunk: its joints, and index, HEAD, stamp (ns) and frame of each message."""
 
     names: tuple[str, ...]
     rows: Positions
     heads: NDArray[np.void]
     stamps: NDArray[np.int64]
+    frames: NDArray[np.bytes_]
+
+
+Group = tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void], NDArray[np.bytes_]]
+"""Joints, indices, HEADs, values and frames of the messages of one layout."""
 
 
 class Layouts:
@@ -68,34 +78,30 @@ class Layouts:
 
     def groups(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> list[SameLayout]:
         """Return the messages of these channels by their layouts."""
-        return [SameLayout(names, rows, heads, cdr.stamps(records)) for names, rows, heads, records in
+        return [SameLayout(names, rows, heads, cdr.stamps(records), frames) for names, rows, heads, records, frames in
                 self._sorted(data, messages, channels)]
 
     def take(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> Values:
         """Return the messages of these channels that hold the wanted values."""
-        groups: list[tuple[Positions, NDArray[np.void], NDArray[np.void]]] = []
-        for names, rows, heads, values in self._sorted(data, messages, channels):
-            if set(self.joints) <= set(names):
-                groups.append((rows, heads, values))
+        groups = [group for group in self._sorted(data, messages, channels) if set(self.joints) <= set(group[0])]
         if not groups:
-            return Values(np.empty(0, np.int64), np.empty(0, HEAD), np.empty(0, np.int64),
+            return Values(np.empty(0, np.int64), np.empty(0, HEAD), np.empty(0, np.int64), NO_FRAMES,
                           {name: np.empty(0) for name in self.fields})
-        rows = np.concatenate([one[0] for one in groups])
+        rows, heads, frames = (np.concatenate([group[k] for group in groups]) for k in (1, 2, 4))
         order = np.argsort(rows) if len(groups) > 1 else slice(None)
         columns: dict[str, Any] = {}
         for name in self.fields:
             columns[name] = np.concatenate([
                 values[name].astype(np.float64) if name in (values.dtype.names or ()) else np.full(len(values), np.nan)
-                for _, _, values in groups])[order]
-        return Values(rows[order], np.concatenate([one[1] for one in groups])[order],
-                      simulation_ns(np.concatenate([cdr.stamps(one[2]) for one in groups])[order], self._zeros),
-                      columns)
+                for *_, values, _ in groups])[order]
+        stamps = np.concatenate([cdr.stamps(group[3]) for group in groups])
+        return Values(rows[order], heads[order], simulation_ns(stamps[order], self._zeros), frames[order], columns)
 
     def _sorted(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]
-                ) -> list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]]:
-        """Return joints, indices, HEADs and values of the messages of each layout."""
+                ) -> list[Group]:
+        """Return the messages of each layout."""
         left: Positions = np.flatnonzero(np.isin(messages.channel, channels))
-        groups: list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]] = []
+        groups: list[Group] = []
         for names, layout in self._known:
             left = self._of(data, messages, left, names, layout, groups)
         while len(left):
@@ -131,8 +137,7 @@ class Layouts:
         return made
 
     def _of(self, data: NDArray[np.uint8], messages: Messages, left: Positions, names: tuple[str, ...],
-            layout: cdr.Layout, groups: list[tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void]]]
-            ) -> Positions:
+            layout: cdr.Layout, groups: list[Group]) -> Positions:
         """Add the messages of one layout to `found`; return the indices of the others."""
         expected = layout.example
         mine = messages.length[left] == MESSAGE_HEAD + len(expected)
@@ -148,6 +153,10 @@ class Layouts:
         mine[mine] = ~wrong
         if mine.any():
             heads = sliding_window_view(data, HEAD.itemsize)[offset[~wrong]].view(HEAD)[:, 0]
-            groups.append((names, left[mine], heads, np.ascontiguousarray(rows[~wrong]).view(layout.record)[:, 0]))
+            right = np.ascontiguousarray(rows[~wrong])
+            length = int.from_bytes(expected[_FRAME - 4:_FRAME].tobytes(), "little") - 1
+            frames = (np.ascontiguousarray(right[:, _FRAME:_FRAME + cdr.RUN_LENGTH]).view(NO_FRAMES.dtype)[:, 0]
+                      if length == cdr.RUN_LENGTH else np.zeros(len(right), NO_FRAMES.dtype))
+            groups.append((names, left[mine], heads, right.view(layout.record)[:, 0], frames))
         rest: Positions = left[~mine]
         return rest

@@ -26,6 +26,8 @@ RECOVERY_RECORD = "tcc_sim_recovery"
 ROSBAG2_RECORD = "rosbag2"
 PUBLISHER_KEY = "publisher"
 """Key in a channel's metadata: identifier of the publisher in the middleware (hexadecimal digits)."""
+ROW_KEY = "tcc_sim_topic"
+"""Key in a channel's metadata: name of the topic in `topics.TOPICS`, whatever it was remapped to."""
 MOST_CHUNKS = 200_000
 """Largest number of chunks in a file; each takes 0.6 kB of memory until the index is written."""
 _CHUNK_SIZE = 1 << 20
@@ -69,13 +71,16 @@ class _Output:
 
 @dataclass(frozen=True)
 class TopicMetadata:
-    """An announced channel: fully resolved name, message type, quality of service, publisher (or empty)."""
+    """An announced channel: fully resolved name, message type, quality of service, publisher (or empty), and name in
+    `topics.TOPICS` (or empty).
+    """
 
     name: str
     type: str
     profiles: tuple[Mapping[str, Any], ...]
     definition: Definition
     publisher: str
+    row: str = ""
 
     def as_yaml(self) -> dict[str, Any]:
         """Return the entry of metadata.yaml."""
@@ -146,15 +151,18 @@ class McapFile:
         self._writer.add_metadata(name, values)
 
     def channel(self, topic: str, type_name: str, qos: Sequence[Mapping[str, Any]] = RELIABLE,
-                schema: Definition | None = None, publisher: str = "") -> int:
+                schema: Definition | None = None, publisher: str = "", row: str = "") -> int:
         """Announce a topic (fully resolved name), optionally of one publisher, and return its channel.
+
+        `row` is the topic's name in `topics.TOPICS`, which says what the topic is if it was remapped.
 
         Raises
         ------
         InputError
             No `schema` was given and the type's definition is not available.
         """
-        return self.announce(TopicMetadata(topic, type_name, tuple(qos), schema or definition(type_name), publisher))
+        return self.announce(TopicMetadata(topic, type_name, tuple(qos), schema or definition(type_name), publisher,
+                                           row))
 
     def announce(self, topic: TopicMetadata) -> int:
         """Announce a topic and return its channel."""
@@ -166,6 +174,8 @@ class McapFile:
                     "topic_type_hash": topic.definition.type_hash}
         if topic.publisher:
             metadata[PUBLISHER_KEY] = topic.publisher
+        if topic.row:
+            metadata[ROW_KEY] = topic.row
         channel: int = self._writer.register_channel(topic.name, "cdr", self._schemas[key], metadata)
         self.summary.topics[channel], self.summary.counts[channel] = topic, 0
         return channel

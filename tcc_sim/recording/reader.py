@@ -7,22 +7,23 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 from weakref import finalize
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim import topics
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
-from tcc_sim.recording.announcements import SceneRecord, zeros_of
-from tcc_sim.recording.columns import Columns, GrowingStates, JoinedTopic, JointStates, joined_topics, joint_states
-from tcc_sim.recording.commands import COMMANDS, DIAGNOSTICS, TARGET, Commands, signal_types
+from tcc_sim.messages import held
+from tcc_sim.recording.announcements import SceneRecord, simulation_ns, zeros_of
+from tcc_sim.recording.columns import Collected, Columns, JointStates
+from tcc_sim.recording.commands import COMMANDS, SOURCE, Commands, signal_types
 from tcc_sim.recording.contents import CDR, Batch, Channel, Contents, chunks, together, unpack
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
-from tcc_sim.recording.layouts import Layouts
+from tcc_sim.recording.layouts import NO_ZEROS, Layouts, Values
 from tcc_sim.recording.parts import (
     Parts,
     in_order,
@@ -33,25 +34,38 @@ from tcc_sim.recording.parts import (
     records_of,
     unpacked_file,
 )
-from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, RecordStream, Warnings, joined, with_places
-from tcc_sim.recording.stamps import Break, StampCounter
+from tcc_sim.recording.records import (
+    MESSAGE_HEAD,
+    DamagedChunk,
+    Expansion,
+    Messages,
+    RecordStream,
+    Warnings,
+    with_places,
+)
+from tcc_sim.recording.runs import commands_held, keyed_runs, unkeyed_runs
+from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.recording.window import Window
-from tcc_sim.topics import JOINT_STATE, LIMITS
+from tcc_sim.topics import (
+    DIAGNOSTIC_ARRAY,
+    FLOAT64_ARRAY,
+    FLUID_PRESSURE,
+    INPUTS,
+    JOINT_STATE,
+    LIMITS,
+    OUTPUT_JOINT,
+    TARGET,
+)
 
-ReadChunk = tuple[bytes, Messages, Mapping[int, Channel]]
-_READ = ("applied_pressure", "output_state", "input_source", "held", LIMITS)
-_TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", "input_source", "held", DIAGNOSTICS.removeprefix("/")}
-"""Topics that the driveline itself publishes."""
+_TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", SOURCE}
+"""Topics that the driveline itself publishes, beside those of a viewer."""
 _MOST_TOPICS = 20
-BYTES_A_STATE = 110
-"""Memory for one state and its derived quantities, bytes."""
+BYTES_A_STATE = 230
+"""Memory for one state and its derived quantities, bytes, with a message of `held` at one state of three."""
 _MOST_NAMED, _LARGEST_COUNT = 50, 10**18
-_SAME_CLOCK = 1000
-"""Largest variation of the difference of log time and stamp, ns, with which log times are simulation time."""
-_SORTED = 20_000
-"""Number of messages in a batch that is sorted by log time."""
-_CALLED_BY_MESSAGE = 150
-"""Bytes of memory for a message that waits to be sorted, in addition to its own."""
+_HELD = held.held_message(f"{0:012x}.000", [0.0] * held.SIZE)
+_HELD_RUN, _HELD_VALUES = _HELD.index(b"000000000000.000"), len(_HELD) - 8 * held.SIZE
+"""Bytes of a message of `held` at which the run and the values begin."""
 
 Tap = Callable[[bytes, Messages, Mapping[int, Channel]], None]
 """Function of the bytes of an unpacked chunk, the positions of its messages, and the channels described so far."""
@@ -85,7 +99,6 @@ class Run:
         self.size = 0
         self._unpacked: dict[Path, BinaryIO] = {}
         self._contents: dict[Path, Contents] = {}
-        self._publishers: dict[str, int] = {"": 0}
         self._left_out = list(parts.sentences())
         self._incomplete = False
         self.complete &= not parts.absent
@@ -229,9 +242,8 @@ class Run:
     def columns(self, window: Window | None = None) -> Columns:
         """Read the recording, or the states in a window, once and return it as columns.
 
-        Messages are read in the order of the file. If simulation time goes back there together with the log time,
-        blocks or parts of the file overlap or are out of order, and the order of log times is taken if simulation time
-        goes back less often in it.
+        States that name their run are in the order of their stamps, wherever they stand in the files; those of other
+        recordings as in `runs.unkeyed_runs`.
 
         Raises
         ------
@@ -241,18 +253,7 @@ class Run:
             The states would need more than half of the machine's memory.
         """
         topic = self.driveline.topic
-        columns = self._read(window, self._in_file_order)
-        if self._set_back:
-            back, repeated = self._backwards, self.stamps.repeated
-            real = self._clock[1] - self._clock[0] > _SAME_CLOCK
-            columns = self._read(window, self._in_log_order)
-            too_large = not self.stamps.messages
-            # Where log times are simulation time, those of a reset are the same again.
-            if too_large or self._backwards >= back or (self.stamps.repeated > repeated and not real):
-                columns = self._read(window, self._in_file_order)
-            if too_large:
-                self.warnings.append("the blocks of the recording are out of order, and it is too large to sort them "
-                                     "by log time")
+        columns = self._read(window or Window())
         self._conclude()
         if not self.stamps.messages:
             raise RecordingError(f"{self.paths[0]}: no {topic} can be read" +
@@ -267,11 +268,6 @@ class Run:
                                  "cannot be separated")
         return columns
 
-    @property
-    def _backwards(self) -> int:
-        """Number of times that simulation time goes back."""
-        return self.stamps.resets + self.stamps.restarts
-
     def tapped(self, tap: Tap) -> None:
         """Call a function with every readable chunk of all files, in their order."""
         self.warnings, self.messages = Warnings(), dict.fromkeys(self.topics, 0)
@@ -285,61 +281,103 @@ class Run:
                 kind = "attachment" if what == "attachments" else "metadata record"
                 self.warnings.append(f"{counted(count, kind)} of other programs not copied")
 
-    def _read(self, window: Window | None, order: Callable[[], Iterator[ReadChunk]]) -> Columns:
-        """Read the driveline's messages in an order."""
+    def _read(self, window: Window) -> Columns:
+        """Read the driveline's messages."""
         self.warnings, self.messages, self.stamps = Warnings(), dict.fromkeys(self.topics, 0), StampCounter()
-        self._began, self._last, self._set_back, self._clock = Break.START, (0, 0), False, (1 << 63, -1 << 63)
-        topic, publishers = self.driveline.topic, set(self.driveline.publishers)
-        if window is None:
-            self._check_memory(self.driveline.states)
-        self._comparable = any(one.publisher and one.topic != topic and same_process(one.publisher, publishers)
+        driveline, keyed = self.driveline, bool(self.driveline.runs)
+        space = driveline.topic.rpartition("/")[0]
+        if window.all:
+            self._check_memory(driveline.states)
+        self._comparable = any(one.publisher and one.topic != driveline.topic
+                               and same_process(one.publisher, set(driveline.publishers))
                                for one in self._every_channel())
-        types = {(channel.topic, channel.type) for channel in self._every_channel() if self._ours(channel)}
         zeros = zeros_of(scene.text for scene in self.scenes)
-        every = [one for one in joined_topics(topic, zeros) if (one.topic, one.type) in types]
-        layouts = Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields, zeros)
-        states, commands = GrowingStates(), Commands(topic, zeros)
-        place = self._untimed = 0
-        for data, messages, channels in order():
-            if (numbered := with_places(data, messages, place)) is not None:
-                data, self._untimed = numbered, self._untimed + len(messages.channel)
+        origins = _Origins(self, window, zeros)
+        kinds = {name: _Kind(layouts, origins) for name, layouts in (
+            ("joint_states", Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields)),
+            ("applied_pressure", Layouts(FLUID_PRESSURE, (), ("fluid_pressure",))),
+            ("output_state", Layouts(JOINT_STATE, (OUTPUT_JOINT,), _FAR_FIELDS)))}
+        commands, rows = Commands(space, NO_ZEROS if keyed else zeros), dict[int, list[NDArray[np.float64]]]()
+        place = untimed = 0
+        for data, messages, channels in self._chunks():
+            if not keyed and (numbered := with_places(data, messages, place)) is not None:
+                data, untimed = numbered, untimed + len(messages.channel)
+            array = np.frombuffer(data, dtype=np.uint8)
+            here = [(number, channels[number]) for number in np.flatnonzero(np.bincount(messages.channel)).tolist()
+                    if number in channels] if len(messages.channel) else []
+            for name, kind in kinds.items():
+                kind.take(array, messages, channels, [number for number, channel in here if self._is(channel, name)],
+                          place)
+            if keyed:
+                for number, channel in here:
+                    if channel.type == FLOAT64_ARRAY:
+                        origins.take_held(array, messages, number, rows)
+            commands.take(data, messages, {number: channel for number, channel in here if self._ours(channel)})
             place += len(messages.channel)
-            ours = {number: channel for number, channel in channels.items() if self._ours(channel)}
-            array, before = np.frombuffer(data, dtype=np.uint8), states.count
-            here = np.flatnonzero(np.bincount(messages.channel)).tolist() if len(messages.channel) else []
-            begun = np.empty(0, np.int64)
-            if mine := [number for number in _of(ours, here, topic, JOINT_STATE)
-                        if channels[number].publisher in publishers]:
-                values = layouts.take(array, messages, mine)
-                batch = joint_states(values)
-                for part in self._runs(batch, self._publisher(values.heads, channels), values.heads):
-                    rows = window.rows(part) if window is not None else slice(0, len(part))
-                    if rows.stop > rows.start:
-                        states.add(part[rows])
-                begun = values.rows[self._starts]
-                self._check_memory(states.count)
-            for one in every:
-                if mine := _of(ours, here, one.topic, one.type):
-                    first = int(np.isin(messages.channel, mine).argmax())
-                    one.take(array, messages, mine, self.stamps.runs - int(np.count_nonzero(begun > first)),
-                             partial(self._publisher, channels=channels))
-            commands.take(data, messages, ours, before, states.count)
-        runs, missing = states.runs(every)
+            self._check_memory(kinds["joint_states"].found.kept)
+        found = {name: kind.found.messages() for name, kind in kinds.items()}
+        pressures, far = found["applied_pressure"], found["output_state"]
+        joined = {"applied_pressure": replace(pressures, columns={
+            "applied_pressure": pressures.columns["fluid_pressure"]}), "output_state": replace(far, columns={
+                name: far.columns[name] for name in ("output_angle", "output_speed")})}
+        joined = {name: messages for name, messages in joined.items() if len(messages)}
+        if keyed:
+            runs, differing = keyed_runs(found["joint_states"], joined, {
+                run: _in_order(np.concatenate(of_run)) for run, of_run in rows.items()}, driveline.runs, self.stamps)
+            if differing:
+                self.warnings.append(f"{counted(differing, 'message')} left out: their run and stamp came before with "
+                                     "other values")
+        else:
+            runs = unkeyed_runs(found["joint_states"], joined, commands.sources, self.stamps)
+        self._warn_of_inputs(runs, untimed, place)
+        self._pass_over(kinds)
+        acted = commands_held(runs) if keyed else {}
+        signals = commands.placed(runs, (*INPUTS, TARGET) if keyed else ())
+        every = {**signals, **acted}
+        return Columns(runs, {name: every[name] for name in COMMANDS if name in every},
+                       {name: values for name, values in every.items() if name not in COMMANDS},
+                       {name: len(who) for name, who in commands.publishers.items()}, commands.recorded(),
+                       commands.counts(driveline.runs), keyed, commands.limits)
+
+    def _warn_of_inputs(self, runs: Sequence[JointStates], untimed: int, messages: int) -> None:
+        """Add warnings about inputs of which messages are missing."""
+        missing = sum(int(np.isnan(one.applied_pressure).sum()) for one in runs if one.applied_pressure is not None)
         if missing:
             self.warnings.append(f"the applied pressure is missing at {counted(missing, 'tick')}")
-        self._pass_over(every)
-        if 2 * self._untimed > place:
+        unknown = sum(int(np.count_nonzero(one.held_row < 0)) for one in runs if one.held_row is not None)
+        if unknown:
+            self.warnings.append(f"inputs are unknown at {counted(unknown, 'tick')}: messages of held are missing")
+        if 2 * untimed > messages:
             self.warnings.append("no time of receipt or sending was recorded (all are 0): a command belongs to the "
                                  "next state in the file")
-        aligned = commands.aligned(runs)
-        if commands.coarse and not self._untimed:
-            self.warnings.append("times of receipt are coarse: commands stand where their times of sending alone put "
-                                 "them")
-        given = {name: values for name, values in aligned.items() if name in COMMANDS}
-        further = {name: values for name, values in aligned.items() if name not in COMMANDS}
-        return Columns(runs, given, further, commands.sources,
-                       {name: len(who) for name, who in commands.publishers.items()}, commands.counts,
-                       commands.limits)
+
+    def _chunks(self) -> Iterator[tuple[bytes, Messages, Mapping[int, Channel]]]:
+        """Iterate over the chunks of all files that hold wanted messages."""
+        for path in self.paths:
+            for batch, channels in self._batches(path, self._wants):
+                yield batch.data, batch.messages, channels
+
+    def _is(self, channel: Channel, name: str) -> bool:
+        """Return whether a channel may hold messages of one of the driveline's topics with stamps."""
+        driveline = self.driveline
+        if name != "joint_states" and channel.topic == driveline.topic:
+            return False
+        kind = FLUID_PRESSURE if name == "applied_pressure" else JOINT_STATE
+        if driveline.runs:  # The frame tells; only a pressure may be a command with the frame of the state it answers.
+            return channel.type == kind and (name != "applied_pressure" or channel.row == name)
+        if name == "joint_states":
+            here = (channel.type, channel.topic) == (kind, driveline.topic)
+            return here and channel.publisher in driveline.publishers
+        space = driveline.topic.rpartition("/")[0]
+        return (channel.type, channel.topic) == (kind, f"{space}/{name}") and self._ours(channel)
+
+    def _wants(self, channel: Channel) -> bool:
+        """Return whether messages of a channel are needed for the columns."""
+        driveline = self.driveline
+        if driveline.runs and channel.type in (JOINT_STATE, FLUID_PRESSURE, FLOAT64_ARRAY):
+            return True
+        return channel.type == DIAGNOSTIC_ARRAY or channel.topic == driveline.topic or channel.row in {
+            *_TOPICS_OF_DRIVELINE, *signal_types(), LIMITS}
 
     def _every_channel(self) -> Iterator[Channel]:
         """Iterate over the channels of all files."""
@@ -356,47 +394,6 @@ class Run:
             return True
         return not self._comparable or same_process(channel.publisher, publishers)
 
-    def _in_file_order(self) -> Iterator[ReadChunk]:
-        """Iterate over the driveline's messages as they stand in the files."""
-        wants = self._wants()
-        for path in self.paths:
-            for batch, channels in self._batches(path, wants):
-                yield batch.data, batch.messages, channels
-
-    def _in_log_order(self) -> Iterator[ReadChunk]:
-        """Iterate over the driveline's messages of all files in the order of their log times; over none if they would
-        take more than a quarter of the machine's memory.
-        """
-        bodies, numbers, logs = list[bytes](), list[int](), list[int]()
-        channels: dict[int, Channel] = {}
-        known: dict[tuple[str, str, str], int] = {}
-        wants, memory, taken = self._wants(), _memory() // 4, 0
-        for path in self.paths:
-            for batch, channels_of in self._batches(path, wants):
-                for offset, length, number in zip(*(column.tolist() for column in batch.messages[:3])):
-                    if number not in channels_of or not wants(channels_of[number]):
-                        continue
-                    key = channels_of[number].topic, channels_of[number].type, channels_of[number].publisher
-                    channel = known.setdefault(key, len(known) + 1)
-                    channels[channel] = channels_of[number]
-                    body = batch.data[offset:offset + length]
-                    bodies.append(channel.to_bytes(2, "little") + body[2:])
-                    numbers.append(channel)
-                    logs.append(int.from_bytes(body[6:14], "little"))
-                    taken += length + _CALLED_BY_MESSAGE
-                if taken > memory:
-                    return
-        order = np.argsort(np.array(logs, np.uint64), kind="stable").tolist()
-        for begin in range(0, len(order), _SORTED):
-            which = order[begin:begin + _SORTED]
-            yield *joined([bodies[k] for k in which], np.array([numbers[k] for k in which], np.uint16)), channels
-
-    def _wants(self) -> Callable[[Channel], bool]:
-        """Return a function that tells whether messages of a channel are needed for the columns."""
-        space = self.driveline.topic.rpartition("/")[0]
-        names = {self.driveline.topic, DIAGNOSTICS, *(f"{space}/{name}" for name in (*_READ, *signal_types()))}
-        return lambda channel: channel.topic in names
-
     def _check_memory(self, count: int) -> None:
         """Raise TooManyStates if `count` states need more than half of the machine's memory."""
         memory = _memory()
@@ -404,38 +401,6 @@ class Run:
             raise TooManyStates(f"{self.path}: its {count} states take {count * BYTES_A_STATE / 1e9:.3g} GB, "
                                 f"more than half of the {memory / 1e9:.3g} GB of this machine; ask for a window: "
                                 "--from and --to (simulation time, s), or start and end in Python")
-
-    def _publisher(self, heads: NDArray[np.void], channels: Mapping[int, Channel]) -> NDArray[np.int64]:
-        """Return the number of each message's publisher; 0 if the recording does not identify it."""
-        numbers, inverse = np.unique(heads["channel"], return_inverse=True)
-        publishers = [self._publishers.setdefault(channels[channel].publisher, len(self._publishers))
-                      for channel in numbers.tolist()]
-        return np.array(publishers, dtype=np.int64)[inverse]
-
-    def _runs(self, batch: JointStates, publisher: NDArray[np.int64], heads: NDArray[np.void]) -> Iterator[JointStates]:
-        """Split a batch where simulation time starts again; leave out repeated stamps and late messages."""
-        run, kept = self.stamps.runs - 1, np.zeros(len(batch), dtype=np.bool_)
-        starts = [0]
-        began = [self._began]
-        logs, sent = (heads[name].astype(np.int64) for name in ("log_ns", "sent_ns"))
-        sent = np.where(sent > 0, sent, logs)
-        if len(logs):
-            ahead = logs - batch.stamp_ns
-            self._clock = min(self._clock[0], int(ahead.min())), max(self._clock[1], int(ahead.max()))
-        for piece, preceded in self.stamps.pieces(batch.stamp_ns, publisher, heads["number"]):
-            kept[piece] = True
-            if preceded.begins_a_run:
-                starts.append(piece.start)
-                began.append(preceded)
-                k = piece.start
-                before = (logs[k - 1], sent[k - 1]) if k else self._last
-                self._set_back |= bool(logs[k] < before[0] and sent[k] < before[1])
-        self._began, self._starts = began[-1], starts[1:]
-        self._last = (int(logs[-1]), int(sent[-1])) if len(logs) else self._last
-        for number, (start, end) in enumerate(zip(starts, [*starts[1:], len(batch)])):
-            if kept[start:end].any():
-                part = batch[start:end] if kept[start:end].all() else batch[start:end][kept[start:end]]
-                yield replace(part, run=run + number, began=began[number])
 
     def _batches(self, path: Path, wants: Callable[[Channel], bool]) -> Iterator[tuple[Batch, dict[int, Channel]]]:
         """Iterate over the chunks of one file with wanted messages; skip damaged ones with a warning."""
@@ -473,10 +438,11 @@ class Run:
         if short:
             self.warnings.append(f"{short} of {counted(sum(contents.expected.values()), 'message')} could not be read")
 
-    def _pass_over(self, every: Sequence[JoinedTopic]) -> None:
+    def _pass_over(self, kinds: Mapping[str, _Kind]) -> None:
         """Add warnings for messages and drivelines that were passed over."""
         topic = self.driveline.topic
-        for name, refused in ((topic, self._refused), *((one.topic, one.layouts.refused) for one in every)):
+        space = topic.rpartition("/")[0]
+        for name, refused in ((topic, self._refused), (f"{space}/applied_pressure", kinds["applied_pressure"].refused)):
             if refused:
                 self.warnings.append(f"{counted(refused, 'message')} of {name} left out: their layout differs")
         others = [(number, one) for number, one in enumerate(self.drivelines) if not one.read]
@@ -506,15 +472,93 @@ class Run:
                 if isinstance(count, int) and count > 0 and not (key == "lost" and topic == self.joint_states_topic):
                     lost = counted(min(count, _LARGEST_COUNT), "message")
                     self.warnings.append(f"{lost} of {one_line(topic)} {what}")
-        if again := self._backwards:
+        if again := stamps.resets + stamps.restarts:
             self.warnings.append(f"simulation time started again {counted(again, 'time')} "
                                  f"({counted(stamps.resets, 'reset')}, {counted(stamps.restarts, 'restart')}): "
                                  "these are separate runs")
         if stamps.repeated:
             self.warnings.append(f"{counted(stamps.repeated, 'repeated stamp')} left out")
-        if stamps.late:
-            self.warnings.append(f"{counted(stamps.late, 'message')} of {self.joint_states_topic} left out: their "
-                                 "publisher had ended and another had begun")
+
+
+_FAR_FIELDS = topics.topic("output_state").fields
+
+
+class _Origins:
+    """Runs or publishers of a driveline by number, the zeros of their stamps, and the window."""
+
+    def __init__(self, run: Run, window: Window, zeros: NDArray[np.int64]) -> None:
+        self._names, self._window, self._zeros = run.driveline.runs, window, zeros
+        self._numbers = {name.encode(): number for number, name in enumerate(self._names)}
+        by_run = {scene.run: scene.zero_ns for scene in run.scenes}
+        self._zero = np.array([by_run.get(name, 0) for name in self._names], np.int64)
+        self._publishers: dict[str, int] = {"": 0}
+
+    def of(self, values: Values, channels: Mapping[int, Channel]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return number of the run or publisher (-1: another driveline's) and simulation time (ns) of each message."""
+        if self._names:
+            names, inverse = np.unique(values.frames, return_inverse=True)
+            origin = np.array([self._numbers.get(name, -1) for name in names.tolist()], np.int64)[inverse]
+            return origin, values.stamps - self._zero[np.maximum(origin, 0)]
+        numbers, inverse = np.unique(values.heads["channel"], return_inverse=True)
+        publishers = [self._publishers.setdefault(channels[channel].publisher, len(self._publishers))
+                      for channel in numbers.tolist()]
+        frames = values.frames == b""
+        return (np.where(frames, np.array(publishers, dtype=np.int64)[inverse], -1),
+                simulation_ns(values.stamps, self._zeros))
+
+    def inside(self, origin: NDArray[np.int64], stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which messages lie in the window, of unnamed runs by time alone."""
+        return self._window.mask(stamps, origin if self._names else None)
+
+    def take_held(self, data: NDArray[np.uint8], messages: Messages, channel: int,
+                  rows: dict[int, list[NDArray[np.float64]]]) -> None:
+        """Add the messages of `held` on a channel to the rows of their runs."""
+        mine = (messages.channel == channel) & (messages.length == MESSAGE_HEAD + len(_HELD))
+        offset = messages.offset[mine] + MESSAGE_HEAD
+        if not len(offset):
+            return
+        bodies = sliding_window_view(data, len(_HELD))[offset]
+        head = np.frombuffer(_HELD, np.uint8)[:_HELD_RUN]
+        bodies = bodies[(bodies[:, 4:_HELD_RUN] == head[4:]).all(axis=1)]
+        names = np.ascontiguousarray(bodies[:, _HELD_RUN:_HELD_RUN + 16]).view("S16")[:, 0]
+        values = np.ascontiguousarray(bodies[:, _HELD_VALUES:]).view("<f8")
+        values, names = (column[np.isfinite(values[:, :held.HEAD]).all(axis=1)] for column in (values, names))
+        for name in np.unique(names).tolist():
+            if name in self._numbers:
+                rows.setdefault(self._numbers[name], []).append(values[names == name])
+
+
+class _Kind:
+    """Messages of one kind that are collected."""
+
+    def __init__(self, layouts: Layouts, origins: _Origins) -> None:
+        self._layouts, self._origins = layouts, origins
+        self.found = Collected(layouts.fields)
+
+    @property
+    def refused(self) -> int:
+        """Number of messages that could not be decoded."""
+        return self._layouts.refused
+
+    def take(self, data: NDArray[np.uint8], messages: Messages, channels: Mapping[int, Channel],
+             mine: list[int], before: int) -> None:
+        """Take the messages of these channels in one chunk, with `before` messages before it."""
+        if not mine:
+            return
+        values = self._layouts.take(data, messages, mine)
+        origin, stamps = self._origins.of(values, channels)
+        ours = origin >= 0
+        if not ours.all():
+            origin, stamps = origin[ours], stamps[ours]
+            values = Values(values.rows[ours], values.heads[ours], values.stamps[ours], values.frames[ours],
+                            {name: column[ours] for name, column in values.columns.items()})
+        if len(origin):
+            self.found.add(values, origin, stamps, self._origins.inside(origin, stamps), before)
+
+
+def _in_order(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the messages of `held` of a run in the order of their numbers, each once."""
+    return rows[np.unique(rows[:, held.NUMBER], return_index=True)[1]]
 
 
 def open_run(path: Path | str, joints: Mapping[str, str] | None = None, topic: str | None = None,
@@ -539,9 +583,3 @@ def open_run(path: Path | str, joints: Mapping[str, str] | None = None, topic: s
 def _memory() -> int:
     """Return the memory of the machine, bytes."""
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-
-
-def _of(channels: Mapping[int, Channel], here: list[int], topic: str, type_name: str) -> list[int]:
-    """Return the channels of this topic and type among those with messages in a chunk."""
-    return [number for number in here if number in channels
-            and (channels[number].topic, channels[number].type) == (topic, type_name)]

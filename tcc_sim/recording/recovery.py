@@ -15,7 +15,7 @@ from tcc_sim.errors import RecordingError
 from tcc_sim.messages.definitions import Definition
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.contents import Channel
-from tcc_sim.recording.mcap_file import RECOVERY_RECORD, RELIABLE
+from tcc_sim.recording.mcap_file import RECOVERY_RECORD, RELIABLE, ROW_KEY
 from tcc_sim.recording.parts import LOADER
 from tcc_sim.recording.reader import Run
 from tcc_sim.recording.records import Messages
@@ -109,7 +109,8 @@ class _Copy:
                 self._parsed += len(text)
                 self._profiles[text] = _parsed(text if self._parsed <= _LONGEST_ALL_PROFILES else "")
             schema = Definition(channel.definition, channel.metadata.get("topic_type_hash", ""))
-            self.known[key] = bag.channel(channel.topic, channel.type, self._profiles[text], schema, channel.publisher)
+            self.known[key] = bag.channel(channel.topic, channel.type, self._profiles[text], schema, channel.publisher,
+                                           channel.metadata.get(ROW_KEY, ""))
         return self.known[key]
 
 

@@ -130,6 +130,30 @@ class StampCounter:
     _former: int | None = None
     _gone: set[int] = field(default_factory=set)
 
+    def feed_run(self, stamps: Stamps, kind: Break, end: int | None = None) -> None:
+        """Count a whole run whose begin is known: (n,) stamps, ns since its zero, rising.
+
+        Ticks before the first state are lost, and those between the last one and `end`, the stamp of the last state
+        that was sent (None if it is unknown).
+        """
+        self._settle()
+        self.runs += 1
+        self.resets += kind is Break.RESET
+        self.restarts += kind is Break.RESTART
+        self.messages += len(stamps)
+        self._run.messages = len(stamps)
+        steps = np.diff(stamps)
+        self._run.add(steps)
+        self._run.settle(len(stamps))
+        self._run.gaps_in(steps)
+        self.last = int(stamps[-1])
+        if self._run.tick:
+            for missing in (int(stamps[0]), (end or 0) - int(stamps[-1])):
+                if (count := round(missing / self._run.tick)) > 0:
+                    self._run.differences[self._run.tick * (count + 1)] += 1
+                    self._run.gaps += self._run.jitter > 0
+                    self._run.lost += count * (self._run.jitter > 0)
+
     def pieces(self, stamps: Stamps, publisher: NDArray[np.int64] | int = 0,
                numbers: NDArray[np.int64] | None = None) -> list[tuple[slice, Break]]:
         """Return the pieces of the next batch, each with the break before it.
@@ -224,6 +248,8 @@ class StampCounter:
 
     def _settle(self) -> None:
         """Add the counts of the run that ends to those of the recording."""
+        if self.last is None:
+            return
         self._settled = self._figures()
         self._longest = self._of_longest()
         self._run = _Run(tick=self._run.tick)

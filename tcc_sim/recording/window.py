@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, counted
 from tcc_sim.recording.columns import JointStates
@@ -56,6 +57,11 @@ class Window:
         first, last = np.searchsorted(states.stamp_ns, self._start), np.searchsorted(states.stamp_ns, self._end,
                                                                                      "right")
         return slice(int(first), int(last))
+
+    def mask(self, stamps: NDArray[np.int64], run: NDArray[np.int64] | None) -> NDArray[np.bool_]:
+        """Return which messages lie in the window, by stamp (ns) and number of the run (None: by the stamp alone)."""
+        inside: NDArray[np.bool_] = (stamps >= self._start) & (stamps <= self._end)
+        return inside if run is None or self.run is None else inside & (run == self.run)
 
     def refuse(self, runs: int) -> None:
         """Raise InputError because no state of a recording with `runs` runs lies in the window."""

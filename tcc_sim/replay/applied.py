@@ -15,14 +15,13 @@ from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.model.profile import smooth_corners
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.reader import Run
+from tcc_sim.replay.inputs import GROUPS
 from tcc_sim.replay.timeline import Timeline, timeline_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
-GROUPS = dict(zip(INPUTS, ("engine", "pressure")))
-"""Group of the scene's keys that gives the source of each input."""
 BEFORE = 4
 """Number of states from which the value of a smooth input at the start of its first tick is extrapolated."""
 

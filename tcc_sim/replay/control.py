@@ -11,19 +11,17 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.control import Control, CycleMeans, Event, Steps, joined_means
 from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.messages.held import COMMAND, FALLBACK
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.columns import JointStates
-from tcc_sim.recording.commands import TARGET
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
-from tcc_sim.scene import Scene
+from tcc_sim.topics import TARGET
 from tcc_sim.trajectory import Floats
 
 INPUTS = {"engine_torque": ("engine", "engine torque"), "actuation_pressure": ("pressure", "pressure")}
 """Command topic -> group of the scene whose `source` enables it, and the name of the input."""
 PER_CYCLE = 50
 """Largest number of values of a signal per engine cycle in a picture."""
-AT_A_RESET = 0.01
-"""Time before the end of a run, s, in which an input falls back because of the reset, not for lack of commands."""
 Signal = tuple[NDArray[np.int64], Floats]
 
 
@@ -75,9 +73,7 @@ def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: in
         signals["applied_pressure"] = states.stamp_ns[change], states.applied_pressure[change]
     last = float(states.stamp_ns[-1]) * 1e-9
     events, followed = list(_changes(line, states)), any(run.index >= end for run in line.runs)
-    fallen = [*(_announced_fallbacks(line, states) if line.sources
-                else _inferred_fallbacks(line.scene_at(states.index), signals, last))]
-    events += [event for event in fallen if not followed or last - event.t >= AT_A_RESET]
+    events += _fallbacks(line, states)
     return RunSignals(signals, events, Event(last, "reset or restart") if followed else None)
 
 
@@ -102,28 +98,10 @@ def _changes(line: Timeline, states: JointStates) -> Iterator[Event]:
                 yield Event(int(states.stamp_ns[index - states.index]) * 1e-9, ", ".join(changed))
 
 
-def _fallback(t: float, what: str, limit: float) -> Event:
-    """Return the event of an input without a command."""
-    return Event(t, f"{what} falls back: no command for {limit:g} s")
-
-
-def _announced_fallbacks(line: Timeline, states: JointStates) -> Iterator[Event]:
-    """Iterate over the fallbacks that the driveline announced within the run."""
-    held = next((held for index, held in reversed(line.sources) if index <= states.index), frozenset[str]())
-    for index, commanded in line.sources:
-        if states.index < index < states.index + len(states):
-            limit = line.scene_at(index).operation.command_timeout
-            for name, (_, what) in INPUTS.items():
-                if name in held and name not in commanded:
-                    yield _fallback(float(states.stamp_ns[index - states.index]) * 1e-9, what, limit)
-            held = commanded
-
-
-def _inferred_fallbacks(scene: Scene, signals: dict[str, Signal], end: float) -> Iterator[Event]:
-    """Iterate over the times without a command for command_timeout, for recordings without announcements."""
-    limit = scene.operation.command_timeout
-    for name, (group, what) in INPUTS.items():
-        if limit > 0.0 and getattr(scene.system, group).source == "topic" and name in signals:
-            times = np.append(signals[name][0] * 1e-9, end)
-            for t in times[:-1][np.diff(times) > limit + 1e-9].tolist():
-                yield _fallback(t + limit, what, limit)
+def _fallbacks(line: Timeline, states: JointStates) -> Iterator[Event]:
+    """Iterate over the times from which the driveline states that an input fell back within the run."""
+    for name, (_, what) in INPUTS.items():
+        source = states.input(name, "source")
+        for k in (1 + np.flatnonzero((source[:-1] == COMMAND) & (source[1:] == FALLBACK))).tolist():
+            limit = line.scene_at(states.index + k).operation.command_timeout
+            yield Event(float(states.stamp_ns[k]) * 1e-9, f"{what} falls back: no command for {limit:g} s")

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.control import Control
 from tcc_sim.analysis.stream import CycleStream
 from tcc_sim.errors import counted, require
-from tcc_sim.recording.commands import TARGET
 from tcc_sim.recording.drivelines import RecordedDriveline
 from tcc_sim.recording.reader import TooManyStates, open_run
 from tcc_sim.recording.window import Window
@@ -24,7 +23,7 @@ from tcc_sim.replay.segments import Segment, segments_of
 from tcc_sim.replay.timeline import Timeline, timeline_of, trajectory_of
 from tcc_sim.replay.timing import Timing, default_of, frequency_changes, recorded_scene, timing_of
 from tcc_sim.result import Result, html_of
-from tcc_sim.topics import topic
+from tcc_sim.topics import TARGET, topic
 from tcc_sim.trajectory import UNITS, Floats, Modes, Trajectory, no_cycles
 
 

@@ -19,7 +19,7 @@ from tcc_sim.analysis.tracking import LARGEST_BAND, Limits, checked_limits, targ
 from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
-from tcc_sim.recording.announcements import MOST_SCENES, MOST_SOURCES
+from tcc_sim.recording.announcements import MOST_SCENES
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.commands import LATE, LATE_SHARE
 from tcc_sim.recording.window import Window
@@ -215,8 +215,6 @@ def _warnings(recording: Recording, line: Timeline, timing: Timing) -> Iterator[
                "with the first")
     if len(scenes) > MOST_SCENES:
         yield f"only the first {MOST_SCENES} scenes are used"
-    if len(line.sources) == MOST_SOURCES:
-        yield f"only the first {MOST_SOURCES} changes of the source of an input are used"
 
 
 def _end_of(states: JointStates, cycle: float) -> JointStates:

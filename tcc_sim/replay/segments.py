@@ -20,14 +20,13 @@ from tcc_sim.errors import OutOfRange, counted
 from tcc_sim.model.parameters import values_of
 from tcc_sim.output.tables import tracking_lines
 from tcc_sim.recording.columns import JointStates
-from tcc_sim.recording.commands import TARGET
-from tcc_sim.replay.inputs import HeldCommands, held_commands
+from tcc_sim.replay.inputs import counts_between
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
 from tcc_sim.replay.timing import SLICE, TICKS
 from tcc_sim.result import Described, reported
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
-from tcc_sim.topics import INPUTS
+from tcc_sim.topics import INPUTS, TARGET
 from tcc_sim.trajectory import Floats
 
 MOST_SEGMENTS = 1000
@@ -195,12 +194,7 @@ class _Judge:
         late = float(reference.t[0]) > begin + 1e-9
         begin = max(begin, float(reference.t[0]))
         return self._loop.tracking(begin, end, stepped=True if late else cut.stepped, discard=discard,
-                                   commands=self._held.counts(begin, end) if self._held is not None else None)
-
-    @cached_property
-    def _held(self) -> HeldCommands | None:
-        """The pressure commands of the run; None if none were recorded."""
-        return held_commands(self._line, self._states, "actuation_pressure")
+                                   commands=counts_between(self._states, begin, end))
 
     @cached_property
     def _loop(self) -> Loop:
@@ -214,8 +208,6 @@ class _Judge:
                 reader.interrupt()
             reader.feed(t, slip, states.run)
         pressure = states.applied_pressure
-        if pressure is None and self._held is not None:
-            pressure = self._held.values
         bridged = [gap for run in stream.runs for gap in run.gaps
                    if gap[1] - gap[0] <= DEFAULTS.bridged * stream.continuity.tick_s]
         why = ("" if self._clock.identified

@@ -1,9 +1,9 @@
-"""Timeline of a recording: its states with the scenes, sources and commands that apply to them."""
+"""Timeline of a recording: its states with the scenes and commands that apply to them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,21 +14,18 @@ from tcc_sim.analysis.control import Steps
 from tcc_sim.analysis.engine_clock import EngineClock
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
+from tcc_sim.messages.held import COMMAND
 from tcc_sim.model.equations import accelerations, linear_of
 from tcc_sim.model.parameters import System
-from tcc_sim.recording.announcements import MOST_SCENES, InputSource, SceneRecord
+from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord
 from tcc_sim.recording.columns import Commanded, JointStates
-from tcc_sim.recording.commands import TARGET
 from tcc_sim.recording.reader import Run
+from tcc_sim.recording.runs import placed, placed_by_run
 from tcc_sim.recording.window import Window
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
-from tcc_sim.topics import INPUTS, topic
+from tcc_sim.topics import INPUTS, TARGET, topic
 from tcc_sim.trajectory import Floats, Trajectory, modes_of, no_cycles
-
-Held = tuple[tuple[int, frozenset[str]], ...]
-MOST_CANDIDATES = 1_000_000
-"""Largest number of candidate states considered, in addition to those that the clock settles."""
 
 _TORQUES = ("engine_torque", "friction_torque")
 
@@ -43,9 +40,9 @@ class Timeline:
     places : (index of the first state, number of the scene that applies from it on), not descending
     commands : commands by topic
     further : likewise the numbers of other topics that a viewer shows by themselves
-    sources : (index of the first state, inputs that follow commands from it on)
-    publishers : number of publishers of commands, by topic
+    publishers, recorded : numbers of publishers of commands, and of recorded commands, by topic
     counts : counts of the driveline's diagnostics over the whole recording, by key
+    keyed : whether the states name their runs
     limits : last limits of the pressure that a controller stated, Pa
     """
 
@@ -55,9 +52,10 @@ class Timeline:
     places: tuple[tuple[int, int], ...]
     commands: Mapping[str, Commanded]
     further: Mapping[str, Commanded]
-    sources: Held
     publishers: Mapping[str, int]
+    recorded: Mapping[str, int]
     counts: Mapping[str, int]
+    keyed: bool = False
     limits: tuple[float, float] | None = None
 
     def within(self, window: Window) -> Timeline:
@@ -115,15 +113,13 @@ class Timeline:
         """Return the scene that applies to a state."""
         return next((scene for at, scene in reversed(self.changes) if at <= index), self.scene)
 
-    def commanded(self, states: JointStates) -> dict[str, NDArray[np.bool_]]:
-        """Return whether each input followed a command in the tick that ends at each state, (n,); without announcements
-        every input counts as commanded.
+    @staticmethod
+    def commanded(states: JointStates) -> dict[str, NDArray[np.bool_]]:
+        """Return whether each input followed a command in the tick that ends at each state, (n,); in a recording that
+        does not state it, every input counts as commanded.
         """
-        if not self.sources:
-            return {name: np.ones(len(states), dtype=np.bool_) for name in INPUTS}
-        begins = [index for index, _ in self.sources]
-        last = np.searchsorted(begins, states.index + np.arange(len(states)), side="right") - 1
-        return {name: np.array([name in held for _, held in self.sources])[np.maximum(last, 0)] for name in INPUTS}
+        return {name: np.ones(len(states), np.bool_) if states.held is None
+                else states.input(name, "source") == COMMAND for name in INPUTS}
 
     def target_in(self, states: JointStates) -> Steps:
         """Return the target slip speed in a run, rad/s.
@@ -192,72 +188,12 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
         As `Run.columns`.
     """
     columns = run.columns(window)
-    held = tuple((index, columns.sources[number].commanded) for index,
-                 number in places_of(columns.sources, columns.runs))
-    line = Timeline(columns.runs, scene, run.scenes, tuple(places_of(run.scenes[:MOST_SCENES], columns.runs)),
-                    columns.commands, columns.further, held, columns.publishers, columns.counts,
-                    columns.limits)
+    scenes = run.scenes[:MOST_SCENES]
+    places = (placed_by_run(scenes, columns.runs, run.driveline.runs) if columns.keyed
+              else placed(scenes, columns.runs))
+    line = Timeline(columns.runs, scene, run.scenes, tuple(places), columns.commands, columns.further,
+                    columns.publishers, columns.recorded, columns.counts, columns.keyed, columns.limits)
     return line if window is None else line.within(window)
-
-
-def places_of(messages: Sequence[SceneRecord | InputSource], runs: Iterable[JointStates]) -> list[tuple[int, int]]:
-    """Return index (in the whole recording) of the first state to which a message applies, and number of the message.
-
-    A driveline publishes states and announcements in one order, but on several topics. The file preserves the order
-    within each topic, the first stamp to which each message applies, and the times of sending. Since the clock may be
-    set back, times of sending only decide where the rest leaves a choice.
-
-    Parameters
-    ----------
-    messages : announcements of one kind in the order of the recording; those that apply to no state are left out
-    """
-    if len(messages) < 2:
-        return [(0, 0)] if messages else []
-    sent_at = np.array([min(one.log_ns, 2**63 - 1) for one in messages], dtype=np.int64)
-    stamps = np.array([min(one.first_stamp_ns, 2**63 - 1) for one in messages], dtype=np.int64)
-    order = np.argsort(stamps, kind="stable")
-    stamps = stamps[order]
-    sure, likely, possible = ([list[int]() for _ in messages] for _ in range(3))
-    weighed = last = 0
-    last_sent = -(2**63)
-    for states in runs:
-        numbers = order[:np.searchsorted(stamps, states.stamp_ns[-1], side="right")]
-        rows = np.searchsorted(states.stamp_ns, stamps[:len(numbers)])
-        at, sent = sent_at[numbers], states.sent_ns[rows]
-        earlier = np.where(rows > 0, states.sent_ns[rows - 1], last_sent)
-        between, set_back = (earlier <= at) & (at <= sent), sent < earlier
-        certain = between | (set_back & ((at <= sent) | (at >= earlier)))
-        for number, row in zip(numbers[certain].tolist(), rows[certain].tolist()):
-            sure[number].append(states.index + row)
-        others = np.flatnonzero(~certain)[:MOST_CANDIDATES - weighed]
-        weighed += len(others)
-        for number, row, before_it in zip(numbers[others].tolist(), rows[others].tolist(),
-                                          (at <= sent)[others].tolist()):
-            (likely if before_it else possible)[number].append(states.index + row)
-        last, last_sent = states.index + len(states), int(states.sent_ns[-1])
-    return _chosen(sure, likely, possible, last)
-
-
-def _chosen(sure: list[list[int]], likely: list[list[int]], possible: list[list[int]],
-            end: int) -> list[tuple[int, int]]:
-    """Choose one state for each message from its candidates, in the order of the messages."""
-    chosen: list[int | None] = []
-    last = 0
-    for candidates in sure:
-        where = next((index for index in candidates if index >= last), None)
-        chosen.append(where)
-        last = last if where is None else where
-    ends = []
-    for where in reversed(chosen):
-        end = end if where is None else where
-        ends.append(end)
-    last = 0
-    for number, end in enumerate(reversed(ends)):
-        if chosen[number] is None:
-            others = sorted(likely[number]) or sorted(possible[number])
-            chosen[number] = next((index for index in others if last <= index <= end), None)
-        last = chosen[number] or last
-    return [(index, number) for number, index in enumerate(chosen) if index is not None]
 
 
 def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Floats, Floats]]:

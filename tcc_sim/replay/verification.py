@@ -18,7 +18,7 @@ from tcc_sim.replay.timeline import Timeline
 from tcc_sim.scene import parse_scene
 from tcc_sim.solvers.fixed_step import Reached, Stepper
 from tcc_sim.solvers.terms import Terms, terms_from
-from tcc_sim.topics import topic
+from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
 COLUMNS = topic("joint_states").fields
@@ -77,6 +77,7 @@ class _Verifier:
         self._largest = np.zeros(len(COLUMNS))
         self._size = np.zeros(len(COLUMNS))
         self._compared = self._exactly = self._solved = self._unknown = 0
+        self._stated = True
         self._broken: float | None = None
         self._first: int | None = None
         self._refusal = ""
@@ -94,6 +95,9 @@ class _Verifier:
         begin = 0
         try:
             self._moved_ns = batch.moved_ns
+            self._stated &= batch.held is not None
+            known = np.ones(len(batch), np.bool_) if batch.held is None else np.all(
+                [np.isfinite(batch.input(name, "source")) for name in INPUTS], axis=0)
             if batch.run != self._run:
                 self._begin(batch)
                 begin = 1
@@ -105,7 +109,7 @@ class _Verifier:
                     solved[0] = recorded[0]
             rows = recorded.tolist()
             for k in range(begin, len(batch)):
-                self._commanded = commanded[k]
+                self._commanded, self._source_known = commanded[k], bool(known[k])
                 solved[k] = self._next(int(batch.stamp_ns[k]), batch.index + k, rows[k], pressure[k], speed[k])
                 self._far_angle, self._last_ns = angle[k], int(batch.stamp_ns[k])
                 exact[k] = self._exact
@@ -127,8 +131,8 @@ class _Verifier:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
                       f"{largest:.3g} of its signal's maximum (possible reasons: a changed value, a missing scene, "
                       "another version or machine)")
-            if any(self._harmonic) and not self._line.sources:
-                detail += "; the topic input_source was not recorded, so every input counts as commanded"
+            if any(self._harmonic) and not self._stated:
+                detail += "; the recording does not state the sources of its inputs, so every one counts as commanded"
         elif self._unknown:
             detail = f"{self._unknown} of {counted(self._compared, 'state')} have no known input"
         elif self._broken is not None:
@@ -158,7 +162,7 @@ class _Verifier:
         self._use_scene()
         stepper.tick = self._tick(stamp)
         self._exact = stepper.tick == 0
-        if batch.began is Break.RESET and stepper.tick and self._broken is None:
+        if batch.began is Break.RESET and stepper.tick and self._broken is None and not self._line.keyed:
             self._broken = stamp * 1e-9
         if not self._exact:
             stepper.state[:] = state_of(rows_of(batch[:1])[0].tolist())
@@ -203,8 +207,8 @@ class _Verifier:
         if end <= begin:
             raise InputError(f"stamp {stamp * 1e-9:.9g} s comes twice")
         far_moved, far_moves = self._last_ns >= self._moved_ns, not math.isnan(far_speed)
-        given = self._applied_is_known(row[4], pressure) and (far_moves or not far_moved) and not (
-            far_moved and math.isnan(self._far_angle))
+        given = (self._source_known or not any(self._harmonic)) and self._applied_is_known(row[4], pressure) and (
+            far_moves or not far_moved) and not (far_moved and math.isnan(self._far_angle))
         self._unknown += not given
         known = given and (end == begin + 1 or not (any(self._topics) or far_moves)) and not (
             self._lagged and math.isnan(self._pressed)) and self._afford(end - begin)

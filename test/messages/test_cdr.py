@@ -213,8 +213,9 @@ def test_joints_are_refused_beyond_their_largest_number_and_with_an_array_of_ano
 def test_the_values_of_all_statuses_of_diagnostics_are_read():
     first, second = ("node: driveline", "fine", ""), ("other", "", "id")
     data = by_hand(3, 500, "frame", 2, 0, *first, 2, "rate", "1000", "regime", "stick", 1, *second, 1, "rate", "50 Hz")
-    assert cdr.read_diagnostics(data) == {"rate": "50 Hz", "regime": "stick"}
-    assert cdr.read_diagnostics(by_hand(3, 500, "", 0)) == {}
+    assert cdr.read_diagnostics(data) == [("node: driveline", "", {"rate": "1000", "regime": "stick"}),
+                                         ("other", "id", {"rate": "50 Hz"})]
+    assert cdr.read_diagnostics(by_hand(3, 500, "", 0)) == []
     for length in range(len(data)):
         with pytest.raises(ValueError, match=r"^not a little-endian diagnostic_msgs/msg/DiagnosticArray$"):
             cdr.read_diagnostics(data[:length])

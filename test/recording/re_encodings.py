@@ -350,7 +350,7 @@ def log_times_zero(folder, source):
     save(folder / "run_0.mcap", source._replace(messages=[m._replace(log=0, sent=0) for m in source.messages]))
 
 
-@way("real_time_factor", "warnings", sentence="times of receipt are coarse")
+@way("real_time_factor")
 def coarse_log_times(folder, source):
     save(folder / "run_0.mcap", source._replace(messages=[
         m._replace(log=m.log // 50_000_000 * 50_000_000) for m in source.messages]))

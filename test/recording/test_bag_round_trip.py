@@ -35,17 +35,17 @@ def write(directory, rows, stamps, *, pressures=None, close=True, flush_every=50
     joints = bag.channel("/joint_states", topic("joint_states").type)
     slip = bag.channel("/slip_speed", topic("slip_speed").type)
     pressure = bag.channel("/applied_pressure", topic("applied_pressure").type) if pressures is not None else 0
-    late = 0
+    late, times = 0, [10**18 + (n * TICK if pressures is not None else stamp) for n, stamp in enumerate(stamps)]
     for start in range(0, len(rows), flush_every):
         block = range(start, min(start + flush_every, len(rows)))
         for n in block:
-            bag.write(joints, 10**18 + stamps[n], 10**18 + stamps[n] - 5, cdr.joint_state(stamps[n], *rows[n]), n)
+            bag.write(joints, times[n], times[n] - 5, cdr.joint_state(stamps[n], *rows[n]), n)
         for n in block:
-            bag.write(slip, 10**18 + stamps[n], 10**18 + stamps[n] - 5, cdr.float64(rows[n][2] - rows[n][3]), n)
+            bag.write(slip, times[n], times[n] - 5, cdr.float64(rows[n][2] - rows[n][3]), n)
         if pressures is not None:
             # Half a block late, because the recorder drains topics in turn.
             for n in range(late, block[-1] + 1 if block[-1] + 1 == len(rows) else start + 25):
-                bag.write(pressure, 10**18 + stamps[n], 0, cdr.fluid_pressure(stamps[n], pressures[n]), n)
+                bag.write(pressure, times[n], 0, cdr.fluid_pressure(stamps[n], pressures[n]), n)
             late = start + 25
         bag.file.flush()
     if close:

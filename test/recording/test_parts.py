@@ -114,8 +114,8 @@ def test_each_part_of_a_driveline_on_its_fallback_verifies(tmp_path):
     scene, sources = load_scene("commands"), []
     rows = ticked(scene, 500, sources=sources)
     writer = BagWriter(tmp_path / "run", scene.text(), max_duration=0.2)
-    joints, applied, source = (writer.channel(f"/{name}", topic(name).type) for name in (
-        "joint_states", "applied_pressure", "input_source"))
+    joints, applied, source = (writer.channel(f"/{name}", kind) for name, kind in (
+        ("joint_states", JOINT_STATE), ("applied_pressure", topic("applied_pressure").type), ("input_source", HEADER)))
     for n, (stamp, *columns, _) in enumerate(rows):
         log = START + n * TICK
         for since, text in (rest for row, *rest in sources if row == n):

@@ -1,13 +1,12 @@
 """Gaps, resets, restarts and runs of stamps made by hand, and bags of other programs: joints, frames, SQLite."""
 
-import math
 import random
 import re
 import struct
 
 import numpy as np
 import pytest
-from driveline_bags import START, TICK, bag, by_hand
+from driveline_bags import TICK, by_hand
 
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
@@ -134,21 +133,6 @@ def test_what_a_publisher_says_after_another_took_over_is_left_out():
     c, result = fed(values, publisher=who)
     assert joined(result) == [(list(range(50)), Break.START), (list(range(90)), Break.RESTART)]
     assert (c.late, c.restarts, c.lost) == (3, 1, 0)
-
-
-@pytest.mark.parametrize("half", [40, 100], ids=["within a chunk", "between chunks"])
-@pytest.mark.parametrize(("sent", "received", "both"), [(-1, -1, True), (1, -1, False), (-1, 1, False)])
-def test_blocks_are_exchanged_only_if_both_clocks_say_so(tmp_path, half, sent, received, both):
-    # The second half in the file has the earlier stamps. Either the blocks were exchanged, and both clocks go back with
-    # them, or the driveline was reset, and at most one of the clocks was set back meanwhile.
-    rows = [(stamp * TICK, *[0.0] * 6, math.nan) for stamp in (*range(half, 2 * half), *range(half))]
-
-    def clock(way):
-        return lambda row: START + (row + (row >= half) * 10 * way * half) * TICK
-
-    run = open_run(bag(tmp_path / "run", rows, None, clock=clock(sent), received=clock(received)))
-    exchanged, reset = [[*range(2 * half)]], [[*range(half, 2 * half)], [*range(half)]]
-    assert [(states.stamp_ns // TICK).tolist() for states in run.states()] == (exchanged if both else reset)
 
 
 @pytest.mark.parametrize("block", [1, 7])

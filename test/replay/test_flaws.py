@@ -95,7 +95,8 @@ def missing_pressure() -> Flaw:
 def exchanged() -> Flaw:
     """Blocks of the file have changed places; times of receipt and numbers of the publisher say so."""
     order = [*range(500), *range(1500, 2000), *range(500, 1500), *range(2000, TICKS)]
-    return Flaw([clean()[k] for k in order], clean(), "no gap", {"clock": lambda k: START + order[k] * TICK})
+    return Flaw([clean()[k] for k in order], clean(), "no gap", {
+        "clock": lambda k: START + order[k] * TICK, "publishers": [(0, "first")], "numbers": order})
 
 
 FLAWS: dict[str, Callable[[], Flaw]] = {

@@ -182,14 +182,6 @@ def test_messages_in_the_wrong_order_are_not_verified(tmp_path):
         assert name == "shifted" or "begins at 0.201 s after a reset, which must lead to 0" in result.sentence
 
 
-def test_a_reset_with_both_inputs_commanded_is_one_event(tmp_path):
-    sources = []
-    rows = ticked(SCENES["commands"], 900, torque=torque, pressure=pressure, resets=(500,), sources=sources)
-    sources.append((500, 500 * TICK, "engine_torque: fallback, actuation_pressure: fallback"))
-    path = bag(tmp_path / "run", rows, SCENES["commands"], sources=sorted(sources))
-    assert [event.text for event in replay(path, discard=0).control.events] == ["reset or restart"]
-
-
 ACTUATED = load_scene("controlled").with_values({"pressure.time_constant": 0.02, "pressure.delay": 0.003,
                                                  "pressure.rate_limit": 2e6})
 

@@ -1,0 +1,259 @@
+"""Runs of a driveline from its messages: by run and stamp or, where states do not name their run, by publisher,
+sequence number and stamp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tcc_sim.messages import held
+from tcc_sim.recording.announcements import InputSource, SceneRecord
+from tcc_sim.recording.columns import NEVER, Commanded, HeldRows, JointStates, StampedMessages
+from tcc_sim.recording.layouts import Floats
+from tcc_sim.recording.stamps import Break, StampCounter
+from tcc_sim.topics import HELD_INPUTS, INPUTS
+
+Positions = NDArray[np.int64]
+_BEAT = round(held.BEAT * 1e9)
+_PRESSURE, _FAR = INPUTS[1], "output_speed"
+
+
+def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], rows: Mapping[int, Floats],
+               names: Sequence[str], counter: StampCounter) -> tuple[tuple[JointStates, ...], int]:
+    """Return the runs of states that name them, and the number of repeated states that differ from the first one.
+
+    Parameters
+    ----------
+    states : with the number of the run as origin
+    joined : further messages by column, likewise
+    rows : messages of `held` by the number of the run
+    names : names of the runs
+    counter : of stamps, which receives them
+    """
+    order = np.lexsort((states.stamp_ns, states.origin))
+    origin, stamp = states.origin[order], states.stamp_ns[order]
+    fresh = np.append(True, (np.diff(origin) != 0) | (np.diff(stamp) != 0))[:len(order)]
+    counter.repeated = int(np.count_nonzero(~fresh))
+    differing = _differing(states, order, fresh)
+    order, origin = order[fresh], origin[fresh]
+    sorted_joined = {name: _by_key(messages) for name, messages in joined.items()}
+    runs: list[JointStates] = []
+    index, process = 0, ""
+    for number in np.unique(origin).tolist():
+        mine = order[slice(*np.searchsorted(origin, [number, number + 1]))]
+        kind = (Break.START if not process else
+                Break.RESET if names[number][:held.PROCESS] == process else Break.RESTART)
+        process, of_run = names[number][:held.PROCESS], rows.get(number)
+        ended = of_run is not None and of_run[-1, held.LAST] > 0.0
+        counter.feed_run(states.stamp_ns[mine], kind, int(of_run[-1, held.TIME]) if ended else None)  # type: ignore[index]
+        mine = mine[states.kept[mine] >= 0]
+        if not len(mine):
+            continue
+        columns = _columns(states, mine)
+        for messages, by_key, its_origin in sorted_joined.values():
+            its = by_key[slice(*np.searchsorted(its_origin, [number, number + 1]))]
+            _join(columns, messages, its)
+        if of_run is not None:
+            columns["held"], columns["held_row"] = HeldRows(of_run), _rows_at(of_run, columns["stamp_ns"])
+        runs.append(_filled(JointStates(**columns, run=number, began=kind, index=index)))
+        index += len(mine)
+    counter.messages += counter.repeated
+    return tuple(runs), differing
+
+
+def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], sources: Sequence[InputSource],
+                 counter: StampCounter) -> tuple[JointStates, ...]:
+    """Return the runs of states that do not name them.
+
+    States of an identified publisher are in the order of its sequence numbers, others in that of the recording. A run
+    begins where another publisher begins or the stamp goes back. Other messages belong to the run during which they
+    were sent.
+
+    Parameters
+    ----------
+    states : with the number of the publisher as origin, 0 if it is not identified
+    joined : further messages by column
+    sources : announced sources of the inputs
+    counter : of stamps, which receives them
+    """
+    identified = bool((states.origin > 0).all()) if len(states) else False
+    order = np.lexsort((states.number, states.origin)) if identified else np.arange(len(states))
+    starts, kept, run = list[tuple[int, Break]](), np.zeros(len(order), np.bool_), np.zeros(len(order), np.int64)
+    for piece, preceded in counter.pieces(states.stamp_ns[order], states.origin[order]):
+        kept[piece] = True
+        if preceded.begins_a_run:
+            starts.append((piece.start, preceded))
+    ends = [*(start for start, _ in starts[1:]), len(order)]
+    parts, index = list[tuple[int, Break, Positions]](), 0
+    for number, ((start, kind), end) in enumerate(zip(starts, ends)):
+        run[start:end] = number
+        mine = order[start:end][kept[start:end]]
+        parts.append((number, kind, mine))
+    clock = "sent_ns"
+    firsts = [states.sent_ns[mine[0]] for _, _, mine in parts]
+    if any(after <= before for before, after in pairwise(firsts)):  # Clocks that were set back do not tell.
+        clock, firsts = "place", [states.place[mine[0]] for _, _, mine in parts]
+    of_run = {name: np.maximum(np.searchsorted(np.array(firsts), getattr(messages, clock), side="right") - 1, 0)
+              for name, messages in joined.items()}
+    runs: list[JointStates] = []
+    for number, kind, mine in parts:
+        mine = mine[states.kept[mine] >= 0]
+        if not len(mine):
+            continue
+        columns = _columns(states, mine)
+        for name, messages in joined.items():
+            its = np.flatnonzero(of_run[name] == number)
+            _join(columns, messages, its[np.argsort(messages.stamp_ns[its], kind="stable")])
+        runs.append(_filled(JointStates(**columns, run=number, began=kind, index=index)))
+        index += len(mine)
+    return _with_sources(runs, sources)
+
+
+def placed(messages: Sequence[SceneRecord | InputSource], runs: Sequence[JointStates]) -> list[tuple[int, int]]:
+    """Return index (in the whole recording) of the first state to which an announcement applies, and its number.
+
+    That state has the announced stamp or the next one, in the first run in which it was sent after the announcement.
+    The first announcement applies from the begin on.
+    """
+    out = [(0, 0)] if messages else []
+    for number, one in enumerate(messages[1:], 1):
+        for states in runs:
+            row = int(np.searchsorted(states.stamp_ns, min(one.first_stamp_ns, NEVER)))
+            if row < len(states) and states.sent_ns[row] >= one.log_ns:
+                out.append((states.index + row, number))
+                break
+    return sorted(out)
+
+
+def placed_by_run(scenes: Sequence[SceneRecord], runs: Iterable[JointStates], names: Sequence[str]
+                  ) -> list[tuple[int, int]]:
+    """Return index of the first state to which a scene that names its run applies, and its number."""
+    out = []
+    for states in runs:
+        for number, one in enumerate(scenes):
+            row = int(np.searchsorted(states.stamp_ns, min(one.first_stamp_ns, NEVER)))
+            if one.run == names[states.run] and row < len(states):
+                out.append((states.index + row, number))
+    return out
+
+
+def _columns(states: StampedMessages, mine: Positions) -> dict[str, Any]:
+    """Return the columns of some states."""
+    at = states.kept[mine]
+    return {"stamp_ns": states.stamp_ns[mine], "log_ns": states.log_ns[mine], "sent_ns": states.sent_ns[mine],
+            **{name: column[at] for name, column in states.columns.items()}}
+
+
+def _by_key(messages: StampedMessages) -> tuple[StampedMessages, Positions, Positions]:
+    """Return messages, their order by run and stamp, and the runs in this order."""
+    order = np.lexsort((messages.stamp_ns, messages.origin))
+    return messages, order, messages.origin[order]
+
+
+def _join(columns: dict[str, Any], messages: StampedMessages, its: Positions) -> None:
+    """Add the columns of messages, sorted by stamp, to those of the states of equal stamps."""
+    its = its[messages.kept[its] >= 0]
+    recorded, stamps = messages.stamp_ns[its], columns["stamp_ns"]
+    for name, values in messages.columns.items():
+        columns[name] = np.full(len(stamps), np.nan)
+        if len(its):
+            nearest = np.searchsorted(recorded, stamps).clip(max=len(its) - 1)
+            same = recorded[nearest] == stamps
+            columns[name][same] = values[messages.kept[its]][nearest[same]]
+
+
+def _differing(states: StampedMessages, order: Positions, fresh: NDArray[np.bool_]) -> int:
+    """Return how many repeated messages differ from the one before them."""
+    again = np.flatnonzero(~fresh)
+    one, other = states.kept[order[again]], states.kept[order[again - 1]]
+    both = (one >= 0) & (other >= 0)
+    wrong = np.zeros(int(np.count_nonzero(both)), np.bool_)
+    for column in states.columns.values():
+        a, b = column[one[both]], column[other[both]]
+        wrong |= (a != b) & ~(np.isnan(a) & np.isnan(b))
+    return int(np.count_nonzero(wrong))
+
+
+def _rows_at(rows: Floats, stamps: NDArray[np.int64]) -> Positions:
+    """Return the message of `held` that holds at each state; -1 where a missing message may have changed it."""
+    times, numbers = rows[:, held.TIME], rows[:, held.NUMBER]
+    at = np.searchsorted(times, stamps, side="right") - 1
+    followed = np.append(np.diff(numbers) == 1.0, False)
+    since = stamps - times[np.maximum(at, 0)]
+    sure = followed[at] | (since == 0) | ((at == len(rows) - 1) & (since <= _BEAT + 1))
+    return np.where((at >= 0) & sure, at, -1)
+
+
+def _filled(states: JointStates) -> JointStates:
+    """Return states with the begin of the far end's motion, and with values that only `held` states."""
+    columns: dict[str, Any] = {}
+    pressure, speed = states.input(_PRESSURE, "applied"), states.input(_FAR, "value")
+    if np.isfinite(pressure).any() or states.applied_pressure is not None:
+        before = np.full(len(states), np.nan) if states.applied_pressure is None else states.applied_pressure
+        columns["applied_pressure"] = np.where(np.isnan(before), pressure, before)
+    angle, output_speed = states.output_angle, states.output_speed
+    if angle is None or output_speed is None or not np.isfinite(angle).any():
+        return JointStates(**{**vars(states), **columns})
+    moved, tick = int(np.isfinite(angle).argmax()), tick_of(states)
+    absent = np.flatnonzero(np.isnan(angle[moved:])) + moved
+    known = np.isin(states.input(_FAR, "source"), (held.COMMAND, held.FALLBACK, held.NOBODY))
+    for k in absent.tolist():  # The far end moves at the speed of its tick, and stands still without one.
+        if known[k] and abs(states.stamp_ns[k] - states.stamp_ns[k - 1] - tick) <= 1.0:
+            output_speed[k] = 0.0 if np.isnan(speed[k]) else speed[k]
+            angle[k] = angle[k - 1] + tick * 1e-9 * output_speed[k]
+    return JointStates(**{**vars(states), **columns, "output_angle": angle, "output_speed": output_speed,
+                          "moved_ns": int(states.stamp_ns[moved])})
+
+
+def tick_of(states: JointStates) -> float:
+    """Return the time of a tick by the messages of `held`, ns; 0 if they do not tell it."""
+    if states.held is None or not len(states.held.rows) or not states.held.rows[-1, held.TICK] > 0.0:
+        return 0.0
+    return float(states.held.rows[-1, held.TIME] / states.held.rows[-1, held.TICK])
+
+
+def _with_sources(runs: Sequence[JointStates], sources: Sequence[InputSource]) -> tuple[JointStates, ...]:
+    """Return runs with the announced sources of their inputs as rows of `held`."""
+    if not sources:
+        return tuple(runs)
+    rows = np.full((len(sources), held.SIZE), np.nan)
+    for number, one in enumerate(sources):
+        rows[number, held.TIME] = one.first_stamp_ns
+        for name in HELD_INPUTS:
+            rows[number, held.index_in_held(name, "source")] = (
+                held.NOBODY if name not in INPUTS else held.COMMAND if name in one.commanded else held.FALLBACK)
+    at = np.array(placed(sources, runs)).reshape(-1, 2)
+    out = []
+    for states in runs:
+        last = np.searchsorted(at[:, 0], states.index + np.arange(len(states)), side="right") - 1
+        held_row = np.where(last >= 0, at[np.maximum(last, 0), 1], -1)
+        out.append(JointStates(**{**vars(states), "held": HeldRows(rows), "held_row": held_row}))
+    return tuple(out)
+
+
+def commands_held(runs: Iterable[JointStates]) -> dict[str, Commanded]:
+    """Return the commands that acted, by topic, each at the first state that it acted on."""
+    parts: dict[str, list[Commanded]] = {name: [] for name in HELD_INPUTS}
+    for states in runs:
+        if states.held is None or not len(states.held.rows):
+            continue
+        rows, tick = states.held.rows, tick_of(states)
+        for name in HELD_INPUTS:
+            source, value, stamp, since = (rows[:, held.index_in_held(name, field)]
+                                           for field in ("source", "value", "stamp", "since"))
+            acting = np.flatnonzero((source == held.COMMAND) & np.isfinite(since))
+            _, first = np.unique(since[acting], return_index=True)
+            acting = acting[first]
+            begin = np.rint(since[acting] * tick).astype(np.int64)
+            row = np.searchsorted(states.stamp_ns, begin)
+            early = int(np.count_nonzero(begin < states.stamp_ns[0]))  # Of these the last one holds at the first state.
+            inside = (row < len(states)) & (np.arange(len(row)) >= early - 1)
+            answers = np.where(np.isfinite(stamp[acting]), stamp[acting], -1.0).astype(np.int64)
+            parts[name].append(Commanded((states.index + row)[inside], value[acting][inside], answers[inside]))
+    return {name: Commanded(*map(np.concatenate, zip(*of))) for name, of in parts.items() if any(len(one.rows)
+                                                                                            for one in of)}
