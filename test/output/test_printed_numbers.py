@@ -85,7 +85,7 @@ def agrees(words, capsys, tmp_path, table=False, more_columns=()):
     ["simulate", "slip", "--cycles", "20", "--spectrum", "--units", "rpm"],
     ["simulate", "minimal", "--duration", "0.9", "--orders", "--spectrum", "--units", "hz"],
     ["simulate", "apply"], ["simulate", "minimal", "--cycles", "30", "--lyapunov"],
-    ["linearise", "controlled", "--mean", "--slip", "20", "--frequencies", "200:300:3", "--check", "1", "--controller",
+    ["linearise", "controlled", "--mean", "--slip", "20", "--frequencies", "200:300:3", "--controller",
      "1,20"],
     ["linearise", "slip", "--frequencies", "10:20:2", "--units", "rpm"],
     ["continue", "fig02", *CONSTANT, "--over", "friction.kinetic_coefficient=0.23:0.25", "--at", "0.24"],

@@ -19,6 +19,7 @@ from tcc_sim.solvers.stroboscopic import sections
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.benchmarks.references import tangent_map
 from tcc_sim.study.exponents import (
+    CONFIDENCE,
     FIRST,
     batch_means,
     change_of_averages,
@@ -30,7 +31,6 @@ from tcc_sim.study.exponents import (
     natural_sizes,
     tangent_growth,
 )
-from tcc_sim.sweeps.settings import DEFAULTS
 from tcc_sim.sweeps.simulation import simulate
 
 BASE = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,
@@ -198,7 +198,7 @@ def test_the_interval_of_a_mean_is_students_of_the_means_of_batches() -> None:
     means = [growth[7 + 100 * k:107 + 100 * k].mean() for k in range(20)]
     mean, half = batch_means(growth)
     assert mean == pytest.approx(growth[7:].mean())
-    assert (mean - half, mean + half) == pytest.approx(t.interval(DEFAULTS.confidence, 19, np.mean(means), sem(means)))
+    assert (mean - half, mean + half) == pytest.approx(t.interval(CONFIDENCE, 19, np.mean(means), sem(means)))
 
 
 def test_diagnosis_looks_at_the_whole_interval() -> None:
