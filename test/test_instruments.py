@@ -1,5 +1,6 @@
 """Instruments of .ci/instruments: random scenes, comparison with AUTO-07p, speed, pictures of two fluids, a soak."""
 
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,11 @@ from tcc_sim.study.benchmarks import peers
 from tcc_sim.study.benchmarks.references import reference, smoothed_states
 from tcc_sim.study.paper.catalogue import paper_system
 from tcc_sim.sweeps.simulation import Plan, simulate
+
+
+@pytest.mark.parametrize("path", sorted(Path(random_scenes.__file__).parent.glob("*.py")), ids=lambda path: path.stem)
+def test_every_instrument_finds_what_it_imports(path: Path) -> None:
+    assert import_module(path.stem).__doc__
 
 
 def test_every_part_is_drawn_with_every_hold() -> None:

@@ -28,7 +28,7 @@ from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, FigureOptions, paper_
 from tcc_sim.study.paper.drawings import UNNAMED, UNSEEN, behind, draw
 from tcc_sim.study.paper.figure_results import Figure
 from tcc_sim.study.paper.figures import figure_data, figure_system
-from tcc_sim.study.views.basin_map import draw_basins
+from tcc_sim.views.plots import plot
 
 AT_036_085 = {"friction.kinetic_coefficient": 0.85 * STATIC, "engine.frequency": 0.36 * OMEGA_N}
 """Where period one and a large period two coexist behind Fig. 6."""
@@ -92,7 +92,7 @@ def _write(folder: Any, branches: Figure, result: Any, words: list[str]) -> None
     draw(branches, pictures / BRANCHES)
     system = figure_system(6, FigureOptions())
     write_json(folder / f"{BRANCHES}.json", document("figure", branches, system, words))
-    draw_basins(pictures / f"{BASINS}.png", result)
+    plot(result, pictures / f"{BASINS}.png")
     write_json(folder / f"{BASINS}.json", document("basins", result, paper_system(AT_036_085), words))
 
 
