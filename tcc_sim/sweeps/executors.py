@@ -171,11 +171,38 @@ def cluster(address: str, connect: float = CONNECT,
         scheduler = Scheduler(client, address, connect, patience)
         if not scheduler.threads:
             raise InputError(f"--dask {address}: the scheduler has no workers; start some with dask worker {address}")
-        executor = client.get_executor(pure=False, retries=LOST_WORKERS)
-        try:
-            yield executor, scheduler
-        finally:
-            executor.shutdown(wait=False)
+        yield _OnWorkers(client), scheduler
+
+
+class _OnWorkers(Executor):
+    """Executor on the workers of a Dask client.
+
+    Dask's own fails with a ValueError where a worker dies while its result is fetched: it takes the state of a task
+    that is computed again for an error.
+    """
+
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def submit(self, function: Callable[..., Done], /, *words: Any, **options: Any) -> Future[Done]:
+        """Return the future of a task that a worker computes."""
+        local: Future[Done] = Future()
+        remote = self._client.submit(function, *words, **options, pure=False, retries=LOST_WORKERS)
+
+        async def hand_over() -> None:
+            result = error = None
+            try:
+                result = await remote
+            except BaseException as raised:  # Dask raises errors of tasks, and several kinds of its own.
+                error = raised
+            if remote.cancelled():
+                local.cancel()
+            if local.set_running_or_notify_cancel():
+                local.set_result(result) if error is None else local.set_exception(error)
+
+        local.add_done_callback(lambda done: remote.cancel() if done.cancelled() and not remote.cancelled() else None)
+        self._client.loop.add_callback(hand_over)
+        return local
 
 
 def in_time(deadline: float, function: Callable[[], Any]) -> Any:
