@@ -143,12 +143,17 @@ def test_an_input_of_the_scene_takes_no_command_and_lock_step_takes_one_as_the_a
 
 def test_other_publishers_and_other_drivelines_are_named(control: Control, driveline: NodeProcess,
                                                          context: Context) -> None:
+    """The driveline, and each command, has to discover the other publisher and the other node before it can name them.
+    """
     other = rclpy.create_node("driveline", context=context, start_parameter_services=False)
     other.create_publisher(Float64, "engine_torque", COMMANDS)
-    status, out, _ = control("torque", "310")
-    assert status == 0
-    assert "1 publisher on /engine_torque" in out
-    assert "2 nodes have the name /driveline" in out
+
+    def named() -> bool:
+        status, out, _ = control("torque", "310")
+        assert status == 0
+        return "1 publisher on /engine_torque" in out and "2 nodes have the name /driveline" in out
+
+    until(named)
     other.destroy_node()
     status, _, errors = control("--namespace", "/left", "reset")
     assert (status, "/left/driveline" in errors, "use --namespace" in errors) == (1, True, True)
