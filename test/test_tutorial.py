@@ -119,4 +119,6 @@ def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch:
     assert (first["began_by"], first["tracking"]["target"]) == ("start", 20.0)
     recorded = open_run(Path("clutch1/recording"))
     assert {"/target_slip_speed", "/actuation_pressure", "/applied_pressure", "/held"} <= set(recorded.topics)
-    assert any(source.commanded == {"actuation_pressure"} for source in recorded.columns().sources)
+    held = document["inputs"]["actuation_pressure"]
+    assert (held["publishers"], held["refused"], held["lost"]) == (1, 0, 0)
+    assert held["topic"] > 0.0

@@ -325,8 +325,6 @@ class RealTimeLoop:
             self._joints.poll(self.plant.stepper.tick)
         for command in self.commands:
             command.poll(self.plant.stepper.tick, limit)
-        if self.target is not None:
-            self.target.poll(self.plant.stepper.tick, math.inf)
 
     def _answered(self, tick: int) -> bool:
         """Return whether lock-step has every command that answers this state, or has waited for command_timeout."""
@@ -350,6 +348,8 @@ class RealTimeLoop:
 
     def _tick(self) -> None:
         """Step with the current commands and publish."""
+        if self.target is not None:
+            self.target.poll(self.plant.stepper.tick, math.inf)
         if self.commands:
             torque, pressure, speed = (None if command is None else command.value for command in (
                 self.engine_command, self.pressure_command, self.far_end))
