@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from tcc_sim.analysis.orders import orders_of as orders
     from tcc_sim.estimation.identify import identify
     from tcc_sim.estimation.linearise import linearise
+    from tcc_sim.fmi.controller import fmu_controller
     from tcc_sim.functions import analysis as analyse
     from tcc_sim.functions import explanation as explain
     from tcc_sim.functions import fmu_file as fmu
@@ -45,13 +46,13 @@ _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load
            "continuation": "tcc_sim.study.continuation.motions", "basins": "tcc_sim.study.basins.compute",
            "linearise": "tcc_sim.estimation.linearise", "identify": "tcc_sim.estimation.identify",
            "plot": "tcc_sim.views.plots", "closed_loop": "tcc_sim.plant.closed_loop",
-           "read": "tcc_sim.replay.recorded"}
+           "fmu_controller": "tcc_sim.fmi.controller", "read": "tcc_sim.replay.recorded"}
 _OTHERWISE_NAMED = {"analyse": "analysis", "explain": "explanation", "figure": "paper_figure", "fmu": "fmu_file",
                     "orders": "orders_of", "simulate": "simulation", "spectrum": "spectrum_of_run"}
 
 __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "closed_loop", "continuation",
-           "explain", "figure", "fmu", "identify", "linearise", "load_scene", "orders", "plot", "read", "scatter",
-           "simulate", "solve", "spectrum", "sweep", "sweep_grid"]
+           "explain", "figure", "fmu", "fmu_controller", "identify", "linearise", "load_scene", "orders",
+           "plot", "read", "scatter", "simulate", "solve", "spectrum", "sweep", "sweep_grid"]
 
 
 def __getattr__(name: str) -> object:

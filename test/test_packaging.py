@@ -163,7 +163,7 @@ def test_the_metadata_are_whole_and_hold_no_placeholder(built):
     assert "example.org" not in (ROOT / "package.xml").read_text()
     assert head.count("Classifier: ") >= 8
     assert "Keywords: " in head
-    extras = {"ros", "view", "cluster", "table", "mf4", "test", "all"}
+    extras = {"ros", "view", "cluster", "table", "mf4", "fmu", "test", "all"}
     assert extras == set(re.findall(r"Provides-Extra: (\S+)", head))
     assert "Requires-Dist: tcc_sim[cluster,ros,table,view]; extra == \"all\"" in head
     assert "Project-URL: Repository" in head

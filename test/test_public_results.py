@@ -56,8 +56,8 @@ RESULTS = {
     "spectrum": lambda: tcc_sim.spectrum(tcc_sim.simulate("slip", cycles=40)),
 }
 """A result of every function, cheap ones."""
-OTHERS = ("explain", "figure", "fmu")
-"""Functions that return an object of JSON, a figure of the paper, or a path; they have tests of their own."""
+OTHERS = ("explain", "figure", "fmu", "fmu_controller")
+"""Functions that return an object of JSON, a figure of the paper, a path or a law; they have tests of their own."""
 
 
 @cache
