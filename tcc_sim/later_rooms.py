@@ -14,8 +14,8 @@ CALLED = {
     "measured_run": ("tcc_sim.replay.applied", "measured_run"),
     "largest_lyapunov_exponent": ("tcc_sim.study.exponents", "largest_lyapunov_exponent"),
     "draw_figure": ("tcc_sim.study.paper.drawings", "draw_stored"),
-    "draw_precision": ("tcc_sim.study.benchmarks.report_drawings", "draw_stored_precision"),
-    "draw_stability": ("tcc_sim.study.benchmarks.report_drawings", "draw_stored_stability"),
+    "draw_precision": ("tcc_sim.study.benchmarks.report_drawings", "draw_precision"),
+    "draw_stability": ("tcc_sim.study.benchmarks.report_drawings", "draw_stability"),
     "branch_panels": ("tcc_sim.study.views.branch_diagram", "branch_panels"),
     "basin_panels": ("tcc_sim.study.views.basin_map", "basin_panels"),
 }

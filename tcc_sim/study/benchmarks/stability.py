@@ -1,36 +1,29 @@
-"""Every engine on stiff and extreme scenes, error charts of the fixed-step methods, and the tables of their report.
+"""Every engine on stiff and extreme scenes: rows of stability.json, and their tables.
 
 A run must be bounded: with E = I1 theta1'^2/2 + I2 theta2'^2/2 + K23 theta2^2/2, friction and damper only take energy,
 so d sqrt(E)/dt <= max|Te|/sqrt(2 I1) and sqrt(E(t)) <= sqrt(E(0)) + t max|Te|/sqrt(2 I1) for any friction
 law.
-
-The charts are over (step, sigma), (step, mu_s/mu_k) and (step, pressure), with the theoretical limits, for three
-methods: `fixed_step` with its own sub-steps inside a tick, its SDIRK3 scheme with one step per tick, which shows where
-sub-steps are needed, and classical Runge-Kutta for contrast. Further charts for both engines are over the same keys
-and the tolerance, for `event_driven` without sigma.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from dataclasses import replace as with_fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.errors import InputError, OutOfRange, counted
-from tcc_sim.model.friction import smoothed_and_slope
+from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DEFAULTS, System, replace
 from tcc_sim.output.tables import markdown_table
-from tcc_sim.result import reported
-from tcc_sim.solvers import SOLVERS, Status, solve
-from tcc_sim.solvers.explicit import rk4_limit
-from tcc_sim.solvers.fixed_step import advance
-from tcc_sim.solvers.terms import peak_load, substeps, terms_of
-from tcc_sim.study.benchmarks.references import Floats, Reference, Unfinished, errors, final_state, reference
-from tcc_sim.trajectory import State, Trajectory, integral
+from tcc_sim.result import reported, reporting
+from tcc_sim.solvers import Status, solve
+from tcc_sim.solvers.terms import substeps, terms_of
+from tcc_sim.study.benchmarks.references import Floats, Unfinished, final_state
+from tcc_sim.trajectory import Trajectory, integral
 
 Keys = dict[str, Any]
 ENGINES = {"smoothed": ("smoothed", None), "event_driven": ("set_valued", None), "fixed_step": ("smoothed", 1e-3)}
@@ -40,7 +33,7 @@ MANY = 300
 BASE: Keys = {"initial.slip_speed": 5.0}
 """Initial values of every case that differ from the defaults, so that stick begins within the horizon."""
 CYCLES, RADIANS = 2, 30.0
-"""Least horizon of a case, and horizon of the charts: engine cycles, and phase of the natural frequency."""
+"""Least horizon of a case: engine cycles, and phase of the natural frequency."""
 REFERENCE_RADIANS = 60.0
 """Longest horizon of the comparison with a reference, in phase of the natural frequency."""
 PHASE = 0.008
@@ -78,19 +71,7 @@ LONGEST = 3000.0
 """Phase of the natural frequency in a cycle, rad, above which values are not combined: a cycle would take too long."""
 RUN = ("cycles", "tick")
 """Keys of a case that are not scene keys: number of engine cycles, and step of fixed_step, s."""
-
-
-COUNT, QUICK_COUNT = 420, 36
-SCENE: dict[str, Any] = {"friction.kinetic_coefficient": 0.24, "engine.mean_torque": 100.0,
-                         "engine.torque_amplitude": 400.0, "initial.slip_speed": 5.0}
-"""Initial values of the charts that differ from the defaults: they give stick-slip at every value of the keys."""
-OVER = {"friction.smoothing": np.geomspace(50.0, 1e9, 12),
-        "friction.kinetic_coefficient": 0.3 / np.linspace(1.0, 4.0, 13),
-        "pressure.mean": np.geomspace(1e4, 1e7, 13)}
-METHODS = {"fixed_step": np.geomspace(1e-5, 1e-2, 13), "SDIRK3, one step": np.geomspace(1e-6, 1e-2, 13),
-           "rk4": np.geomspace(1e-7, 1e-3, 13), "smoothed": np.geomspace(1e-9, 1e-3, 7),
-           "event_driven": np.geomspace(1e-9, 1e-3, 7)}
-"""Steps of each method, s, or tolerances of an adaptive engine."""
+COUNT, QUICK_COUNT = 420, 16
 
 
 def extreme_cases(count: int, seed: int = 1) -> list[Keys]:
@@ -179,141 +160,11 @@ class Examined:
     power_residual: float | None = field(default=None, metadata=reported("residual of the power balance"))
     seconds: float = field(default=0.0, metadata=reported("computing time", "s"))
 
-
-def examine(keys: Keys, engine: str, truth: Truth) -> Examined:
-    """Solve one case with one engine.
-
-    Parameters
-    ----------
-    keys : scene keys that differ from the defaults, and keys of RUN
-    truth : the reference for these keys and the law of the engine
-    """
-    law, step = ENGINES[engine]
-    step = keys.get("tick", step) if step is not None else None
-    keys, cycles = scene_keys(keys), keys.get("cycles", CYCLES)
-
-    def refused(why: str) -> Examined:
-        return Examined({**keys, "cycles": cycles, "friction.law": law}, engine, step, why=why)
-
-    try:
-        system = replace(System(), {**keys, "friction.law": law})
-        radians = system.natural_frequency * system.cycle
-        samples = max(radians / PHASE, SAMPLES_PER_STOP * system.cycle / _stopping_time(system), 64.0)
-        if step is not None:
-            step = system.cycle / math.ceil(system.cycle / step)
-        cycles = max(cycles, math.ceil(RADIANS / radians))
-        run = solve(system, cycles=cycles, solver=engine, step=step, samples_per_cycle=int(min(samples, 200_000.0)))
-        if truth.why == "":
-            short = solve(system, duration=truth.duration, solver=engine, step=step)
-    except InputError as error:
-        return refused(str(error))
-    if run.status is Status.REFUSED:
-        return refused(run.detail)
-    solution = run
-    if step is not None:  # Every sub-step of fixed_step; samples between sub-steps would be interpolated.
-        solution = solve(system, cycles=CYCLES, solver=engine, step=step, samples_per_cycle=min(
-            round(system.cycle / step) * substeps(terms_of(system), step), 1_000_000))
-    whole, off = finite(run) and finite(solution), None
-    if truth.why == "" and short.status is Status.DONE:
-        state = np.array([short.slip_speed[-1], short.plate_angle[-1], short.plate_speed[-1]])
-        off = float((np.abs(state - truth.state) / truth.scale).max())
-    return Examined({**keys, "cycles": cycles, "friction.law": law}, engine, step, run.status.name,
-                    (run.detail if run.status is not Status.DONE else "") or truth.why, whole,
-                    energy_excess(solution) <= SLACK if whole else None, off, run.statistics.iterations_max,
-                    run.statistics.iterations_bound, power_residual(run) if whole else None, run.statistics.seconds)
-
-
-def finite(run: Trajectory) -> bool:
-    """Return whether all arrays of a run are finite."""
-    arrays = [run.slip_speed, run.plate_angle, run.plate_speed, run.friction_torque]
-    if run.cycles is not None:
-        arrays += [run.cycles.section, run.cycles.highest, run.cycles.lowest, run.cycles.stick_time]
-    return all(bool(np.isfinite(a).all()) for a in arrays)
-
-
-def energy(run: Trajectory) -> Floats:
-    """Return kinetic and spring energy at every sample, J."""
-    d = _system(run).driveline
-    flywheel = run.slip_speed + run.plate_speed
-    stored: Floats = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2
-                            + d.stiffness * run.plate_angle**2)
-    return stored
-
-
-def energy_excess(run: Trajectory) -> float:
-    """Return the excess of sqrt(E) over its bound, relative to the bound; at most 0 for an exact solution."""
-    system = _system(run)
-    torque = abs(system.engine.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
-    root = np.sqrt(energy(run))
-    bound = root[0] + torque * (run.t - run.t[0]) / math.sqrt(2.0 * system.driveline.flywheel_inertia)
-    return float((root / np.maximum(bound, 1e-300)).max()) - 1.0 if bound[-1] > 0.0 else float(root.max())
-
-
-def power_residual(run: Trajectory) -> float | None:
-    """Return the residual of the power balance: engine work minus losses and stored energy per cycle, relative.
-
-    The trapezoidal rule over samples at most PHASE apart has an error of about 1e-5. Samples of fixed_step are
-    interpolated between its sub-steps, which increases the residual if slip stops within a sub-step.
-    Returns None if the run has no whole cycle.
-    """
-    system = _system(run)
-    flywheel = run.slip_speed + run.plate_speed
-    supply = run.engine_torque * flywheel
-    losses = run.friction_torque * run.slip_speed + system.driveline.damping * run.plate_speed**2
-    stored = energy(run)
-    per_cycle = max(round(system.cycle / float(run.t[1] - run.t[0])), 1)
-    marks = np.arange(0, len(run.t), per_cycle)
-    if len(marks) < 2:
-        return None
-
-    def work(power: Floats) -> Floats:
-        return np.diff(integral(power, run.t)[marks])
-
-    residual = np.abs(work(supply - losses) - np.diff(stored[marks]))
-    scale = max(float(stored.max()), float(work(np.abs(supply)).max()), 1e-300)
-    return float(residual.max()) / scale
-
-
-class Truth:
-    """Final state of a reference over a short horizon, and each signal's size; `why` explains a missing reference."""
-
-    def __init__(self, keys: Keys, law: str) -> None:
-        sharp = law == "smoothed" and keys.get("friction.smoothing", 50.0) > SHARPEST
-        self.why, self.state, self.scale, self.duration = "", np.zeros(3), np.ones(3), 0.0
-        try:
-            system = replace(System(), {**scene_keys(keys), "friction.law": "set_valued" if sharp else law})
-            self.duration = min(CYCLES * system.cycle, REFERENCE_RADIANS / system.natural_frequency)
-            method, rtol = ("LSODA", 1e-11) if system.friction.law == "smoothed" else ("DOP853", 1e-12)
-            self.state, largest = final_state(system, self.duration, method, rtol)
-        except Unfinished as error:
-            self.why = f"no reference: {error}"
-            return
-        floor = np.array([1e-6 * max(float(largest[2]), 1e-6), 1e-12, 1e-9])
-        self.scale = np.maximum(largest, floor)
-
-
-def _stopping_time(system: System) -> float:
-    """Return the least time to stop the initial slip, s: |v|/(beta r Ts); inf for negligible slip."""
-    load = system.saturation_mean + system.saturation_amplitude
-    slip = abs(system.initial.slip_speed)
-    return slip / max(system.inverse_inertia * system.friction_ratio * load, 1e-12) if slip > 0.1 else math.inf
-
-
-def _system(run: Trajectory) -> System:
-    """Return the system that a run solved."""
-    if run.system is None:
-        raise ValueError("the run has no system")
-    return run.system
-
-
-@dataclass(frozen=True)
-class Quantiles:
-    """Median, 90th and 99th percentile and largest value; None without values."""
-
-    median: float | None = field(metadata=reported("median; null without values"))
-    p90: float | None = field(metadata=reported("90th percentile"))
-    p99: float | None = field(metadata=reported("99th percentile"))
-    max: float | None = field(metadata=reported("largest value"))
+    @property
+    def failed(self) -> bool:
+        """Whether the run was stopped, is not finite, or exceeded its energy or iteration bound."""
+        return self.status not in ("DONE", "REFUSED") or self.finite is False or self.bounded is False or (
+            self.iterations_max or 0) > (self.iterations_bound or math.inf)
 
 
 @dataclass(frozen=True)
@@ -326,25 +177,11 @@ class EngineSummary:
     not_bounded: int = field(metadata=reported("number of runs above the energy bound"))
     iterations_max: int = field(metadata=reported("most iterations in a stage"))
     iterations_bound: int = field(metadata=reported("largest bound of iterations"))
-    past_iteration_bound: int = field(metadata=reported("number of runs above the bound of iterations"))
     without_reference: int = field(metadata=reported("number of runs without a reference"))
-    error: Quantiles = field(metadata=reported("error of the final state, relative to each signal's maximum"))
-    power_residual: Quantiles = field(metadata=reported("residual of the power balance"))
+    error: Sequence[float] = field(metadata=reported(
+        "error of the final state, relative to each signal's maximum: median, 90th and 99th percentile, largest"))
+    power_residual: Sequence[float] = field(metadata=reported("residual of the power balance: the same"))
     longest_seconds: float = field(metadata=reported("longest run time", "s"))
-
-
-@dataclass(frozen=True)
-class ErrorChart:
-    """Errors of one method over one key and its steps, s: rows are values, None where not finite."""
-
-    over: str = field(metadata=reported("scene key"))
-    values: Sequence[float] = field(metadata=reported("its values", "{over}"))
-    method: str = field(metadata=reported("name of the method"))
-    steps: Sequence[float] = field(metadata=reported("steps", "s"))
-    errors: Sequence[Sequence[float | None]] = field(metadata=reported(
-        "errors: rows are values; null where not finite"))
-    limits: Mapping[str, Sequence[float | None]] = field(metadata=reported(
-        "theoretical limits of the step at every value, by name", "s"))
 
 
 @dataclass(frozen=True)
@@ -352,14 +189,30 @@ class StabilityReport:
     """Contents of stability.json."""
 
     cases: Sequence[Examined] = field(metadata=reported("every case with every engine"))
-    summary: Mapping[str, EngineSummary] = field(metadata=reported("by engine"))
-    charts: Sequence[ErrorChart] = field(metadata=reported("errors over step and a key"))
-    quick: bool = field(metadata=reported("whether there were fewer scenes and coarser charts"))
+    quick: bool = field(metadata=reported("whether there were fewer scenes"))
     complete: bool = field(metadata=reported("false where it was interrupted"))
+
+    @property
+    @reporting("by engine")
+    def summary(self) -> dict[str, EngineSummary]:
+        """Summary of the cases of each engine."""
+        out = {}
+        for engine in ENGINES:
+            rows = [r for r in self.cases if r.solver == engine]
+            ran = [r for r in rows if r.status != "REFUSED"]
+            error, residual = (
+                np.quantile([x for r in ran if (x := getattr(r, name)) is not None] or [math.nan],
+                            (0.5, 0.9, 0.99, 1.0)).tolist() for name in ("error", "power_residual"))
+            out[engine] = EngineSummary(
+                len(rows), Counter(r.status for r in rows), sum(r.finite is False for r in ran),
+                sum(r.bounded is False for r in ran), max((r.iterations_max or 0 for r in ran), default=0),
+                max((r.iterations_bound or 0 for r in ran), default=0), sum(r.error is None for r in ran), error,
+                residual, max((r.seconds for r in ran), default=0.0))
+        return out
 
 
 def grid(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Examined]:
-    """Yield the record of every extreme case with every engine for stability.json.
+    """Yield the row of every extreme case with every engine.
 
     Parameters
     ----------
@@ -368,156 +221,155 @@ def grid(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Examine
     chosen = extreme_cases(QUICK_COUNT if quick else COUNT)
     for count, keys in enumerate(chosen):
         done(count, len(chosen), "extreme scenes")
-        truths = {law: Truth(keys, law) for law in dict.fromkeys(law for law, _ in ENGINES.values())}
+        truths = {law: truth_of(keys, law) for law in ("smoothed", "set_valued")}
         for engine, (law, _) in ENGINES.items():
             yield examine(keys, engine, truths[law])
 
 
-def engine_summaries(records: Sequence[Examined]) -> dict[str, EngineSummary]:
-    """Return the summary of the cases of each engine."""
-    out = {}
-    for engine in ENGINES:
-        rows = [r for r in records if r.solver == engine]
-        ran = [r for r in rows if r.status != "REFUSED"]
-        iterations = [(r.iterations_max or 0, r.iterations_bound or 0) for r in ran]
-        out[engine] = EngineSummary(
-            len(rows), Counter(r.status for r in rows), sum(r.finite is False for r in ran),
-            sum(r.bounded is False for r in ran), max((most for most, _ in iterations), default=0),
-            max((bound for _, bound in iterations), default=0), sum(most > bound > 0 for most, bound in iterations),
-            sum(r.error is None for r in ran), _quantiles([r.error for r in ran]),
-            _quantiles([r.power_residual for r in ran]), max((r.seconds for r in ran), default=0.0))
-    return out
+class Truth(NamedTuple):
+    """Final state of a reference over a short horizon, s, and each signal's size; `why` it is missing."""
+
+    duration: float = 0.0
+    state: Floats = np.zeros(3)
+    scale: Floats = np.ones(3)
+    why: str = ""
 
 
-def error_charts(quick: bool, done: Callable[[str], None]) -> list[ErrorChart]:
-    """Return an error chart for each key and method."""
-    out = []
-    for key, values in OVER.items():
-        chosen = values[::3] if quick else values
-        systems = [replace(System(), {**SCENE, key: float(x)} | (
-            {"pressure.amplitude": 0.2 * float(x)} if key == "pressure.mean" else {})) for x in chosen]
-        truths: list[Reference | None] = []
-        for system in systems:
-            done(f"reference at {key} {len(truths) + 1}/{len(systems)}")
-            truths.append(_truth(system))
-        for method, ladder in METHODS.items():
-            done(f"{method} over {key}")
-            steps = ladder[::3] if quick else ladder
-            pairs = list(zip(systems, truths))
-            if method == "event_driven":
-                if key == "friction.smoothing":
-                    continue
-                exact = [replace(s, {"friction.law": "set_valued"}) for s in systems]
-                pairs = [(s, _truth(s)) for s in exact]
-            rows = [[_error(system, method, float(h), truth) for h in steps] for system, truth in pairs]
-            out.append(ErrorChart(key, chosen.tolist(), method, steps.tolist(), rows, {
-                "rk4": [rk4_limit(s) for s in systems], "uniqueness": [uniqueness_limit(s) for s in systems]}))
-    return out
-
-
-def uniqueness_limit(system: System) -> float | None:
-    """Return the step, s, below which v + a mubar(v) = w has one root: 1/(beta Ts |min d(mubar)/dv|); None for any.
-
-    A stage of SDIRK3 has a = gamma h beta Ts, so its limit is 1/gamma = 2.29 times as large.
-    """
-    terms = terms_of(system)
-    if terms.stribeck is None:
-        return None
-    v = np.geomspace(1e-3, 1e4, 20001) / system.friction.smoothing
-    v = np.union1d(v, np.linspace(0.0, 5.0 / system.friction.decay, 20001))
-    _, slope = smoothed_and_slope(v, system.friction.smoothing, terms.stribeck)
-    return float(1.0 / (system.inverse_inertia * peak_load(terms) * -slope.min()))
-
-
-def _truth(system: System) -> Reference | None:
-    """Solve with SciPy's LSODA, or the set-valued law if the smoothing is too sharp; None if SciPy fails."""
-    sharp = system.friction.smoothing > SHARPEST or system.friction.law == "set_valued"
+def truth_of(keys: Keys, law: str) -> Truth:
+    """Solve a case with SciPy; with the set-valued law also where the smoothing is above SHARPEST."""
+    sharp = law == "smoothed" and keys.get("friction.smoothing", 50.0) > SHARPEST
+    system = replace(System(), {**scene_keys(keys), "friction.law": "set_valued" if sharp else law})
+    duration = min(CYCLES * system.cycle, REFERENCE_RADIANS / system.natural_frequency)
+    method, rtol = ("LSODA", 1e-11) if system.friction.law == "smoothed" else ("DOP853", 1e-12)
     try:
-        if sharp:
-            return reference(replace(system, {"friction.law": "set_valued"}), CYCLES, "DOP853", 1e-11)
-        return reference(system, CYCLES, "LSODA", 1e-10)
-    except Unfinished:
+        state, largest = final_state(system, duration, method, rtol)
+    except Unfinished as error:
+        return Truth(why=f"no reference: {error}")
+    return Truth(duration, state, np.maximum(largest, [1e-6 * max(float(largest[2]), 1e-6), 1e-12, 1e-9]))
+
+
+def examine(keys: Keys, engine: str, truth: Truth) -> Examined:
+    """Solve one case with one engine.
+
+    Parameters
+    ----------
+    keys : scene keys that differ from the defaults, and keys of RUN
+    truth : the reference for these keys and the law of the engine
+    """
+    law, step = ENGINES[engine]
+    step = keys.get("tick", step) if step is not None else None
+    system = replace(System(), {**scene_keys(keys), "friction.law": law})
+    if step is not None:
+        step = system.cycle / math.ceil(system.cycle / step)
+    radians, slip = system.natural_frequency * system.cycle, abs(system.initial.slip_speed)
+    cycles = max(keys.get("cycles", CYCLES), math.ceil(RADIANS / radians))
+    samples = max(radians / PHASE, 64.0)
+    if slip > 0.1:  # Slip stops after |v|/(beta r Ts) at the earliest.
+        load = system.saturation_mean + system.saturation_amplitude
+        stops = max(system.inverse_inertia * system.friction_ratio * load, 1e-12) / slip
+        samples = max(samples, SAMPLES_PER_STOP * system.cycle * stops)
+    row = Examined({**scene_keys(keys), "cycles": cycles, "friction.law": law}, engine, step)
+    try:
+        run = solve(system, cycles=cycles, solver=engine, step=step, samples_per_cycle=int(min(samples, 200_000.0)))
+    except InputError as error:
+        return with_fields(row, why=str(error))
+    if run.status is Status.REFUSED:
+        return with_fields(row, why=run.detail)
+    off, fine = None, run
+    if not truth.why:
+        short = solve(system, duration=truth.duration, solver=engine, step=step)
+        if short.status is Status.DONE:
+            state = np.array([short.slip_speed[-1], short.plate_angle[-1], short.plate_speed[-1]])
+            off = float((np.abs(state - truth.state) / truth.scale).max())
+    if step is not None:  # Every sub-step of fixed_step; samples between sub-steps would be interpolated.
+        fine = solve(system, cycles=CYCLES, solver=engine, step=step, samples_per_cycle=min(
+            round(system.cycle / step) * substeps(terms_of(system), step), 1_000_000))
+    whole, did = finite(run) and finite(fine), run.statistics
+    return with_fields(
+        row, status=run.status.name, why=(run.detail if run.status is not Status.DONE else "") or truth.why,
+        finite=whole, bounded=energy_excess(system, fine) <= SLACK if whole else None, error=off,
+        iterations_max=did.iterations_max, iterations_bound=did.iterations_bound,
+        power_residual=power_residual(system, run) if whole else None, seconds=did.seconds)
+
+
+def finite(run: Trajectory) -> bool:
+    """Return whether all arrays of a run are finite."""
+    arrays = [run.slip_speed, run.plate_angle, run.plate_speed, run.friction_torque]
+    if run.cycles is not None:
+        arrays += [run.cycles.section, run.cycles.highest, run.cycles.lowest, run.cycles.stick_time]
+    return all(bool(np.isfinite(a).all()) for a in arrays)
+
+
+def energy(system: System, run: Trajectory) -> Floats:
+    """Return kinetic and spring energy at every sample, J."""
+    d, flywheel = system.driveline, run.slip_speed + run.plate_speed
+    stored: Floats = 0.5 * (d.flywheel_inertia * flywheel**2 + d.plate_inertia * run.plate_speed**2
+                            + d.stiffness * run.plate_angle**2)
+    return stored
+
+
+def energy_excess(system: System, run: Trajectory) -> float:
+    """Return the excess of sqrt(E) over its bound, relative to the bound; at most 0 for an exact solution."""
+    torque = abs(system.engine.mean_torque) + system.engine.torque_amplitude + sum(system.engine.harmonic_amplitudes)
+    root = np.sqrt(energy(system, run))
+    bound = root[0] + torque * (run.t - run.t[0]) / math.sqrt(2.0 * system.driveline.flywheel_inertia)
+    return float((root / np.maximum(bound, 1e-300)).max()) - 1.0 if bound[-1] > 0.0 else float(root.max())
+
+
+def power_residual(system: System, run: Trajectory) -> float | None:
+    """Return the residual of the power balance: engine work minus losses and stored energy per cycle, relative.
+
+    The trapezoidal rule over samples at most PHASE apart has an error of about 1e-5. Samples of fixed_step are
+    interpolated between its sub-steps, which increases the residual if slip stops within a sub-step.
+    Returns None if the run has no whole cycle.
+    """
+    supply = run.engine_torque * (run.slip_speed + run.plate_speed)
+    losses = run.friction_torque * run.slip_speed + system.driveline.damping * run.plate_speed**2
+    stored = energy(system, run)
+    marks = np.arange(0, len(run.t), max(round(system.cycle / float(run.t[1] - run.t[0])), 1))
+    if len(marks) < 2:
         return None
 
+    def work(power: Floats) -> Floats:
+        return np.diff(integral(power, run.t)[marks])
 
-def _error(system: System, method: str, step: float, truth: Reference | None) -> float | None:
-    """Return the section error relative to each signal's maximum; None after a failure or without a reference."""
-    if truth is None:
-        return None
-    if method == "SDIRK3, one step":
-        section = one_step(system, step)
-    else:
-        try:
-            run = solve(system, cycles=CYCLES, solver=method, **{SOLVERS[method].setting: step})  # type: ignore[arg-type]
-        except OutOfRange:
-            return None
-        if run.cycles is None or run.status is not Status.DONE:
-            return None
-        section = run.cycles.section
-    with np.errstate(all="ignore"):
-        error = errors(section, truth.largest, truth)[1]
-    return error if math.isfinite(error) else None
+    residual = np.abs(work(supply - losses) - np.diff(stored[marks]))
+    return float(residual.max()) / max(float(stored.max()), float(work(np.abs(supply)).max()), 1e-300)
 
 
-def one_step(system: System, step: float) -> Any:
-    """Return sections of SDIRK3 with equal steps of at most `step` and no sub-steps."""
-    terms, cycle = terms_of(system), system.cycle
-    count = max(math.ceil(cycle / step - 1e-9), 1)
-    state = np.array(State.at_start(system).numbers)
-    section = [state.copy()]
-    for n in range(CYCLES):
-        advance(state, n * cycle, cycle / count, count, terms, None, None)
-        section.append(state.copy())
-    return np.array(section)
-
-
-def changes(record: Examined) -> dict[str, Any]:
+def changes(row: Examined) -> str:
     """Return the differences of a case from the defaults: scene keys, more cycles than usual, a coarser tick."""
-    out = {k: v for k, v in record.keys.items() if k in DEFAULTS and k != "friction.law" and DEFAULTS[k] != v}
-    if record.keys["cycles"] == MANY:
-        out["cycles"] = MANY
-    if (record.step or 0.0) > (ENGINES[record.solver][1] or math.inf):
-        out["tick"] = record.step
-    return out
-
-
-def ended_badly(record: Examined) -> bool:
-    """Return whether a run was stopped, is not finite, or exceeded its energy or iteration bound."""
-    stopped = record.status not in ("DONE", "REFUSED")
-    return bool(stopped or record.finite is False or record.bounded is False
-                or (record.iterations_max or 0) > (record.iterations_bound or math.inf))
+    out = {k: v for k, v in row.keys.items() if k in DEFAULTS and k != "friction.law" and DEFAULTS[k] != v}
+    out |= {"cycles": MANY} if row.keys["cycles"] == MANY else {}
+    out |= {"tick": row.step} if (row.step or 0.0) > (ENGINES[row.solver][1] or math.inf) else {}
+    return ", ".join(f"{key} {value:.6g}" if isinstance(value, float) else f"{key} {value}"
+                     for key, value in out.items())
 
 
 def stability_tables(report: StabilityReport) -> str:
-    """Return the tables of a report: a summary by engine, refused and failed runs, and the largest errors."""
-    def four(values: Quantiles) -> str:
-        return " / ".join("-" if x is None else f"{x:.0e}" for x in vars(values).values())
-
-    shown: tuple[tuple[str, Callable[[EngineSummary], Any]], ...] = (
-        ("runs", lambda s: s.cases), ("ended", lambda s: ", ".join(f"{k} {v}" for k, v in s.statuses.items())),
-        ("not finite", lambda s: s.not_finite), ("above the energy bound", lambda s: s.not_bounded),
-        ("most iterations of one solve", lambda s: s.iterations_max), ("their bound", lambda s: s.iterations_bound),
-        ("error: median / 90 % / 99 % / largest", lambda s: four(s.error)),
-        ("power residual: the same", lambda s: four(s.power_residual)),
-        ("without a reference", lambda s: s.without_reference),
-        ("longest solve (s)", lambda s: f"{s.longest_seconds:.2g}"))
-    rows = [[name, *(str(show(report.summary[engine])) for engine in ENGINES)] for name, show in shown]
-    lines = [*["**Interrupted: this report is not complete.**", ""] * (not report.complete),
-             *markdown_table(["", *(f"`{engine}`" for engine in ENGINES)], rows, "---:", "---"), ""]
-    failed = [r for r in report.cases if ended_badly(r)]
-    for engine in ENGINES:
-        if refused := [r.why for r in report.cases if r.solver == engine and r.status == "REFUSED"]:
-            lines += [f"`{engine}` refused {counted(len(refused), 'run')}, for example: {refused[0]}.", ""]
+    """Return the tables of a report: a summary by engine, runs that failed, refusals, and the largest errors."""
+    summary = report.summary
+    lines = ["**Interrupted: this report is not complete.**", ""] * (not report.complete)
+    lines += markdown_table(["", *(f"`{engine}`" for engine in summary)], [
+        [name, *(text_of_cell(getattr(of, item.name)) for of in summary.values())]
+        for item in fields(EngineSummary) for name in [item.metadata["reported"].meaning]], "---:", "---")
+    for head, chosen in (
+            ("failed", [r for r in report.cases if r.failed]), ("without a reference", [
+                r for r in report.cases if r.status == "DONE" and r.error is None]),
+            ("refused", [r for r in report.cases if r.status == "REFUSED"])):
+        lines += ["", *markdown_table(["solver", head, "scene"], [
+            [f"`{r.solver}`", f"{r.status} {r.why}".strip(), changes(r)] for r in chosen])] if chosen else []
     worst = [r for engine in ENGINES for r in sorted((r for r in report.cases if r.solver == engine and r.error),
                                                      key=lambda r: -(r.error or 0.0))[:5]]
-    for head, chosen in (("failed", failed), ("error", worst)):
-        lines += [*markdown_table(["solver", head, "scene"], [
-            [f"`{r.solver}`", f"{r.error:.1e}" if head == "error" else f"{r.status} {r.why}".strip(),
-             ", ".join(f"{k} {v!r}" for k, v in changes(r).items())] for r in chosen]), ""]
-    return "\n".join(lines)
+    lines += ["", *markdown_table(["solver", "error", "scene"],
+                                  [[f"`{r.solver}`", f"{r.error:.1e}", changes(r)] for r in worst])]
+    return "\n".join(lines) + "\n"
 
 
-def _quantiles(values: Iterable[float | None]) -> Quantiles:
-    """Return the quantiles of the values that are not None."""
-    known = [v for v in values if v is not None]
-    return Quantiles(*(float(np.quantile(known, q)) if known else None for q in (0.5, 0.9, 0.99, 1.0)))
+def text_of_cell(value: Any) -> str:
+    """Return a number, numbers, or counts by name as text."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {count}" for name, count in value.items())
+    if isinstance(value, list):
+        return " / ".join("-" if math.isnan(x) else f"{x:.0e}" for x in value)
+    return f"{value:.2g}" if isinstance(value, float) else str(value)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli.arguments import add_layout, new_file, number, present
-from tcc_sim.errors import counted, printable, require
+from tcc_sim.errors import printable, require
+from tcc_sim.model.parameters import System
 from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.terminal import counted_bar, say, seconds_bar
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tcc_sim.study.benchmarks.pacing_benchmark import PacingFigures
 
 REPORTS = {"precision": "shorter ladders, about 40 s of computing on one core",
-           "stability": "fewer scenes and coarser charts, about half a minute"}
+           "stability": "fewer scenes, some seconds"}
 """Verbs that write a report, with the help of --quick."""
 
 
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.verb in REPORTS:
         folder = new_directory(arguments.out)
         require("matplotlib", "a picture")
-        return (_precision if arguments.verb == "precision" else _stability)(arguments, folder)
+        return _report(arguments, folder)
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.scene import load_scene
 
@@ -66,65 +66,39 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _precision(arguments: argparse.Namespace, folder: Path) -> int:
-    """Measure error against run time of every solver; an interrupted study writes its complete scenes."""
-    from tcc_sim.scene import load_scene
-    from tcc_sim.study.benchmarks import precision
-    from tcc_sim.study.benchmarks.report_drawings import draw_precision
-
-    effort = precision.QUICK if arguments.quick else precision.FULL
-    records = []
-    with counted_bar("run") as running:
-        for record in precision.precision_study(replace(effort, scenes=tuple(arguments.scenes)), running.done):
-            records += [record]
-    if not records:
-        return 130
-    report = precision.PrecisionReport(records, precision.took_part(records), arguments.quick, running.complete)
-    _write(arguments, folder, report, load_scene("fig02"), precision.precision_tables(report),
-           {"precision": partial(draw_precision, scenes=records)})
-    for record in records:
-        say(precision.scene_line(record))
-    say(f"{folder}/precision.png, .svg, .json, .md")
-    return 0 if running.complete else 130
-
-
-def _stability(arguments: argparse.Namespace, folder: Path) -> int:
-    """Try stiff and extreme scenes; an interrupted report contains the finished ones."""
-    from tcc_sim.model.parameters import System
-    from tcc_sim.study.benchmarks import stability
-    from tcc_sim.study.benchmarks.report_drawings import draw_stability
-
-    records, charts = [], []
-    with counted_bar("scene") as running:
-        for record in stability.grid(arguments.quick, running.done):
-            records += [record]
-        charts = stability.error_charts(arguments.quick, running.name)
-    if not records:
-        return 130
-    report = stability.StabilityReport(records, stability.engine_summaries(records), charts, arguments.quick,
-                                       running.complete)
-    _write(arguments, folder, report, System(), stability.stability_tables(report),
-           {"stability": partial(draw_stability, charts=charts, cases=records)})
-    for engine, total in report.summary.items():
-        ended = ", ".join(f"{name} {count}" for name, count in total.statuses.items())
-        say(f"{engine}: {counted(total.cases, 'case')} ({ended}), {total.not_finite} not finite, "
-            f"{total.not_bounded} above the energy bound, {total.past_iteration_bound} above the iteration bound")
-    say(f"{folder}/stability.png, .svg, .json, .md")
-    return 0 if running.complete else 130
-
-
-def _write(arguments: argparse.Namespace, folder: Path, report: Any, scene: Any, tables: str,
-           pictures: Mapping[str, Callable[..., Any]]) -> None:
-    """Write JSON, tables and pictures of a report into its new folder."""
+def _report(arguments: argparse.Namespace, folder: Path) -> int:
+    """Measure, write JSON, tables and a picture, and print the first table; an interrupted report has what is done."""
     from tcc_sim.output.provenance import document
+    from tcc_sim.scene import load_scene
+    from tcc_sim.study.benchmarks import precision, report_drawings, stability
     from tcc_sim.views.style import width_of
 
+    verb, rows = arguments.verb, list[Any]()
+    measured: Iterator[Any]
+    with counted_bar("run") as running:
+        if verb == "precision":
+            effort = precision.QUICK if arguments.quick else precision.FULL
+            measured = precision.precision_study(replace(effort, scenes=tuple(arguments.scenes)), running.done)
+        else:
+            measured = stability.grid(arguments.quick, running.done)
+        for row in measured:
+            rows.append(row)
+    if not rows:
+        return 130
+    reports: dict[str, tuple[Any, ...]] = {
+        "precision": (precision.PrecisionReport, precision.precision_tables, report_drawings.draw_precision),
+        "stability": (stability.StabilityReport, stability.stability_tables, report_drawings.draw_stability)}
+    kind, tables_of, draw = reports[verb]
+    report = kind(rows, arguments.quick, running.complete)
+    tables = tables_of(report)
+    scene = load_scene("fig02") if verb == "precision" else System()
     folder.mkdir()
-    write_json(folder / f"{arguments.verb}.json", document(arguments.verb, report, scene, arguments.words))
-    page = f"# {arguments.verb.capitalize()}\n\n![]({arguments.verb}.png)\n\n{tables}"
-    (folder / f"{arguments.verb}.md").write_text(page, encoding="utf-8")
-    for name, draw in pictures.items():
-        draw(folder / name, title=printable(arguments.title or ""), width=width_of(arguments.width))
+    write_json(folder / f"{verb}.json", document(verb, report, scene, arguments.words))
+    (folder / f"{verb}.md").write_text(tables, encoding="utf-8")
+    draw(folder / verb, report, title=printable(arguments.title or ""), width=width_of(arguments.width))
+    print(next(block for block in tables.split("\n\n") if block.startswith("|")))
+    say(f"{folder}/{verb}.png, .svg, .json, .md")
+    return 0 if running.complete else 130
 
 
 def _realtime(arguments: argparse.Namespace) -> PacingFigures:
