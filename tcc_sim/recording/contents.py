@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from mcap.opcode import Opcode
 
-from tcc_sim.errors import one_line
+from tcc_sim.errors import counted, one_line
 from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import records
 from tcc_sim.recording.announcements import SceneRecord
@@ -25,9 +25,13 @@ from tcc_sim.recording.mcap_file import (
     SCENE_RECORD,
     digest,
 )
-from tcc_sim.recording.records import DamagedChunk, McapRecord, RecordStream, decoded
+from tcc_sim.recording.records import DECODERS, DamagedChunk, McapRecord, RecordStream, Warnings, decoded
 from tcc_sim.topics import HEADER, TOPICS
 
+MOST_DAMAGED = 10_000
+"""Number of damaged records that describe a file, after which the others are only counted; and of damaged chunks, beyond
+that of whole ones, after which no more are unpacked.
+"""
 MOST_TOPICS = 4096
 """Largest number of channels, and of types, that a recording may describe; further records are ignored."""
 CDR = "cdr"
@@ -98,15 +102,25 @@ class Contents:
     """Number of metadata records of other programs."""
     first_ns: int = NEVER
     """Log time of the first message, ns."""
+    passed_over: int = 0
+    """Number of records after MOST_DAMAGED damaged ones."""
+    stretches: Sequence[int] = ()
+    complete: bool = False
+    places: Warnings = field(default_factory=Warnings)
+    """Begins and ends of the stretches that hold messages, whether the footer was reached, and damaged places."""
 
     def add(self, opcode: int, body: bytes, checked: bool = False) -> None:
         """Take one record and count it if it is damaged. Records under a chunk's checksum (`checked`) take precedence.
         """
+        if self.damaged >= MOST_DAMAGED and opcode not in (Opcode.CHUNK, Opcode.MESSAGE):
+            self.passed_over += opcode in DECODERS
+            return
         try:
             if opcode == Opcode.CHUNK:
-                first, _, size = _CHUNK_HEAD.unpack_from(body)
-                self.first_ns = min(self.first_ns, first if size else NEVER)
-            elif opcode == Opcode.MESSAGE:
+                if len(body) == _CHUNK_HEAD.size:
+                    first, _, size = _CHUNK_HEAD.unpack(body)
+                    self.first_ns = min(self.first_ns, first if size else NEVER)
+            elif opcode == Opcode.MESSAGE and len(body) >= 14:
                 self.first_ns = min(self.first_ns, int.from_bytes(body[6:14], "little"))
             elif opcode == Opcode.METADATA and not checked:
                 self._metadata(decoded(opcode, body))
@@ -131,6 +145,9 @@ class Contents:
             warnings.append("a record that describes the recording is damaged and was ignored")
         elif self.damaged:
             warnings.append(f"{self.damaged} records that describe the recording are damaged and were ignored")
+        if self.passed_over:
+            warnings.append(f"after them {counted(self.passed_over, 'more record')} that may describe the recording "
+                            f"{'was' if self.passed_over == 1 else 'were'} not read")
         return warnings + self.recovered
 
     @staticmethod
@@ -181,13 +198,13 @@ class Packed(NamedTuple):
     loose: bytes | None = None
 
 
-def chunks(stream: RecordStream, source: Iterable[McapRecord], contents: Contents, skip: Skip,
+def chunks(stream: RecordStream, source: Iterable[McapRecord], skip: Skip,
            skipped: Counter[int]) -> Iterator[Packed]:
-    """Iterate over the chunks of which some messages are wanted; put other records into `contents`.
+    """Iterate over the chunks of which some messages are wanted.
 
     Parameters
     ----------
-    source : the records of `stream`
+    source : the records of `stream`, those with messages
     skipped : counter of the messages in other chunks, by channel
     """
     chunk: McapRecord | None = None
@@ -209,8 +226,8 @@ def chunks(stream: RecordStream, source: Iterable[McapRecord], contents: Content
         chunk, indexes = None, []
         if record.opcode == Opcode.CHUNK:
             chunk = record
-        elif record.opcode == Opcode.MESSAGE:
-            if len(record.body) >= 2 and skip([channel := int.from_bytes(record.body[:2], "little")]):
+        else:
+            if skip([channel := int.from_bytes(record.body[:2], "little")]):
                 skipped[channel] += 1
                 continue
             try:
@@ -222,8 +239,6 @@ def chunks(stream: RecordStream, source: Iterable[McapRecord], contents: Content
             if len(loose) > _UNCHUNKED:
                 yield Packed(record, [], bytes(loose))
                 loose.clear()
-        else:
-            contents.add(record.opcode, record.body)
     yield from ended()
     if loose:
         yield Packed(McapRecord(Opcode.MESSAGE, 0, 0, b""), [], bytes(loose))

@@ -21,7 +21,7 @@ from tcc_sim.messages import held
 from tcc_sim.recording.announcements import SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.columns import Collected, Columns, JointStates
 from tcc_sim.recording.commands import COMMANDS, SOURCE, Commands, signal_types
-from tcc_sim.recording.contents import CDR, Batch, Channel, Contents, chunks, together, unpack
+from tcc_sim.recording.contents import CDR, MOST_DAMAGED, Batch, Channel, Contents, chunks, together, unpack
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import NO_ZEROS, Layouts, Values
 from tcc_sim.recording.parts import (
@@ -140,9 +140,10 @@ class Run:
         contents = Contents()
         with self._opened(path) as file:
             size = file.seek(0, os.SEEK_END)
-            stream = RecordStream(file, indexes=False)
+            stream = RecordStream(file)
             for record in records_of(path, stream):
                 contents.add(record.opcode, record.body)
+        contents.stretches, contents.complete, contents.places = stream.found, stream.complete, stream.warnings
         self._contents[path] = contents
         self.size += size
         self._incomplete |= not stream.complete
@@ -405,18 +406,27 @@ class Run:
     def _batches(self, path: Path, wants: Callable[[Channel], bool]) -> Iterator[tuple[Batch, dict[int, Channel]]]:
         """Iterate over the chunks of one file with wanted messages; skip damaged ones with a warning."""
         known = self._contents[path]
-        contents = Contents(channels=dict(known.channels), schemas=dict(known.schemas))
-        seen, unchecked = Counter[int](), False
+        contents = Contents(channels=dict(known.channels), schemas=dict(known.schemas), damaged=known.damaged,
+                            passed_over=known.passed_over, recovered=known.recovered)
+        self.warnings.take(known.places)
+        seen, unchecked, good, bad = Counter[int](), False, 0, 0
 
         def skip(channels: Iterable[int]) -> bool:
             return all(number in contents.channels and not wants(contents.channels[number]) for number in channels)
 
         with self._opened(path) as file:
-            stream, expansion = RecordStream(file, warnings=self.warnings), Expansion(file.seek(0, os.SEEK_END))
-            for packed in chunks(stream, records_of(path, stream), contents, skip, seen):
+            stream = RecordStream(file, known.stretches, warnings=self.warnings)
+            expansion = Expansion(file.seek(0, os.SEEK_END))
+            for packed in chunks(stream, records_of(path, stream), skip, seen):
                 try:
                     batch = unpack(stream, packed, contents, expansion, skip)
+                    good += 1
                 except DamagedChunk as error:
+                    bad += 1
+                    if bad > good + MOST_DAMAGED:
+                        self.warnings.append(f"nothing is read from byte {packed.record.offset} on: {bad} chunks are "
+                                             "damaged")
+                        break
                     self.warnings.place(f"the chunk at byte {packed.record.offset} is left out: {error}")
                     continue
                 if len(batch.messages.channel):
@@ -433,10 +443,10 @@ class Run:
         if nameless := set(seen) - set(contents.channels):
             count = sum(seen[channel] for channel in nameless)
             self.warnings.append(f"{counted(count, 'message')} left out: the description of the channel is lost")
-        short = (sum(max(0, count - seen[channel]) for channel, count in contents.expected.items())
-                 if stream.complete else 0)
+        short = (sum(max(0, count - seen[channel]) for channel, count in known.expected.items())
+                 if known.complete else 0)
         if short:
-            self.warnings.append(f"{short} of {counted(sum(contents.expected.values()), 'message')} could not be read")
+            self.warnings.append(f"{short} of {counted(sum(known.expected.values()), 'message')} could not be read")
 
     def _pass_over(self, kinds: Mapping[str, _Kind]) -> None:
         """Add warnings for messages and drivelines that were passed over."""

@@ -190,6 +190,29 @@ def test_damaged_places_are_named_up_to_a_number(tmp_path: Path) -> None:
     assert f"{500 - records.MOST_SENTENCES} more places damaged" in run.warnings
 
 
+DAMAGED = {
+    "metadata": (metadata(SCENE_RECORD, {"scene": "x"}), "more records that may describe the recording were not read"),
+    "channel": (record(Opcode.CHANNEL, b"\1\0"), "more records that may describe the recording were not read"),
+    "chunk without fields": (record(Opcode.CHUNK, b"ab"), "11980 more places damaged"),
+    "message without fields": (record(Opcode.MESSAGE, b""), "11980 more places damaged"),
+    "chunk that does not unpack": (record(Opcode.CHUNK, struct.pack("<QQQI", 5, 6, 9, 0) + word("xz") + struct.pack(
+        "<Q", 4) + b"abcd"), "chunks are damaged"),
+}
+
+
+@pytest.mark.parametrize("kind", DAMAGED)
+def test_thousands_of_damaged_records_are_left_out_and_what_is_before_them_is_saved(tmp_path: Path, kind: str,
+                                                                                    capsys: pytest.CaptureFixture[str]
+                                                                                    ) -> None:
+    damaged, sentence = DAMAGED[kind]
+    states = chunk(b"".join(message(1, n * TICK) for n in range(300)))
+    path = written(tmp_path / "x.mcap", scene(), schema(), channel(1), states, damaged * 12_000)
+    assert main(["recover", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "recovered 300 messages" in out
+    assert sentence in out
+
+
 def test_messages_without_a_checksum_are_read_with_a_warning(tmp_path: Path) -> None:
     data = chunk(message(1, TICK))
     run = open_run(written(tmp_path / "x.mcap", schema(), channel(1), data[:33] + bytes(4) + data[37:]))
