@@ -31,12 +31,13 @@ class InputReport:
         """Begin a run."""
         self._number, self._tick, self._seen = 0, -self._beat, (0, math.nan, "")
 
-    def publish(self, commands: Sequence[CommandedInput], last: bool = False) -> None:
-        """Publish the inputs of the tick that ended, if something has changed, they are due, or the run ends (`last`).
+    def publish(self, commands: Sequence[CommandedInput], after: int = held.GOES_ON) -> None:
+        """Publish the inputs of the tick that ended, if something has changed, they are due, or the run stops.
 
         Parameters
         ----------
         commands : inputs that follow commands
+        after : what follows, as in `messages.held`
         """
         plant, tick = self._plant, self._plant.stepper.tick
         applied = plant.pressures[1] if plant.actuated else math.nan
@@ -44,10 +45,10 @@ class InputReport:
         seen = sum(command.events for command in commands), applied, state
         same = seen[0] == self._seen[0] and state == self._seen[2] and (
             applied == self._seen[1] or math.isnan(applied))
-        if same and not last and tick - self._tick < self._beat:
+        if same and not after and tick - self._tick < self._beat:
             return
         self._seen, self._tick, self._number = seen, tick, self._number + 1
-        values: list[float] = [tick, plant.stamp_ns, self._number, last]
+        values: list[float] = [tick, plant.stamp_ns, self._number, after]
         by_name = {command.name: command for command in commands}
         for name in HELD_INPUTS:
             values += self._report(name, by_name, applied)

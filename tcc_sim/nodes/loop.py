@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 from rclpy.node import Node
 
 from tcc_sim.errors import InputError
+from tcc_sim.messages import held
 from tcc_sim.nodes.input_report import InputReport
 from tcc_sim.nodes.loop_topics import CommandedInput, JointCommands, Outputs, target_input
 from tcc_sim.nodes.middleware import await_peer
@@ -195,7 +196,7 @@ class RealTimeLoop:
         """Return to the initial state at simulation time 0."""
         running = self.clock_started.is_set()
         if running:
-            self._report_inputs(last=True)
+            self._report_inputs(held.ENDED)
         for command in self._reported:
             command.reset()
         self.plant.reset()
@@ -205,6 +206,8 @@ class RealTimeLoop:
 
     def pause(self, paused: bool) -> None:
         """Pause or resume; simulation time stops while paused."""
+        if paused and not self.paused and self.clock_started.is_set():
+            self._report_inputs(held.PAUSED)
         self.paused = paused
         if not paused:
             self.pacer.anchor()
@@ -268,10 +271,10 @@ class RealTimeLoop:
             self._begin_at_zero()
             self.pacer.anchor()
             self.clock_started.set()
-            with ExitStack() as held:
+            with ExitStack() as stack:
                 inputs: list[Any] = [*self.commands, *([] if self._joints is None else [self._joints])]
                 for handle in (*self.outputs.handles(), *(one.subscription.handle for one in inputs)):
-                    held.enter_context(handle)
+                    stack.enter_context(handle)
                 while not self._stopping:
                     self._serve()
                     if not self.outputs.flush():
@@ -280,7 +283,7 @@ class RealTimeLoop:
                         self._rest(None)
                     elif self._due():
                         self._tick()
-                self._report_inputs(last=True)
+                self._report_inputs(held.ENDED)
         except BaseException as error:
             # A signal ends the context first; the publishing error after it is not a failure.
             if not self._stopping and self._context.ok():
@@ -373,9 +376,9 @@ class RealTimeLoop:
         """Inputs on the topic `held`."""
         return self.commands if self.target is None else [*self.commands, self.target]
 
-    def _report_inputs(self, last: bool = False) -> None:
-        """Publish the inputs of the tick that ended, if something has changed or they are due."""
-        self._report.publish(self._reported, last)
+    def _report_inputs(self, after: int = held.GOES_ON) -> None:
+        """Publish the inputs of the tick that ended, if something has changed, they are due, or the run stops."""
+        self._report.publish(self._reported, after)
 
     def _publish(self, reading: Reading) -> None:
         """Publish the state of a tick, after its inputs."""

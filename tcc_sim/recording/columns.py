@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.messages import held
 from tcc_sim.messages.held import index_in_held
 from tcc_sim.recording.layouts import Floats, Values
 from tcc_sim.recording.stamps import Break
@@ -72,6 +73,14 @@ class JointStates:
         if self.held is None or self.held_row is None:
             return np.full(len(self), np.nan)
         return np.where(self.held_row >= 0, self.held.rows[self.held_row, index_in_held(name, field)], np.nan)
+
+    @property
+    def pauses(self) -> Floats:
+        """Stamps after which the driveline was paused, ns."""
+        if self.held is None:
+            return np.empty(0)
+        rows = self.held.rows
+        return rows[rows[:, held.LAST] == held.PAUSED, held.TIME]
 
     @property
     def far_end(self) -> FarEnd:

@@ -29,8 +29,8 @@ from tcc_sim.recording.records import DECODERS, DamagedChunk, McapRecord, Record
 from tcc_sim.topics import HEADER, TOPICS
 
 MOST_DAMAGED = 10_000
-"""Number of damaged records that describe a file, after which the others are only counted; and of damaged chunks, beyond
-that of whole ones, after which no more are unpacked.
+"""Number of damaged records that describe a file, after which the others are only counted; and number of damaged chunks
+beyond that of whole ones, after which no more are unpacked.
 """
 MOST_TOPICS = 4096
 """Largest number of channels, and of types, that a recording may describe; further records are ignored."""

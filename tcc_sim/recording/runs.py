@@ -49,7 +49,7 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
         kind = (Break.START if not process else
                 Break.RESET if names[number][:held.PROCESS] == process else Break.RESTART)
         process, of_run = names[number][:held.PROCESS], rows.get(number)
-        ended = of_run is not None and of_run[-1, held.LAST] > 0.0
+        ended = of_run is not None and of_run[-1, held.LAST] == held.ENDED
         counter.feed_run(states.stamp_ns[mine], kind, int(of_run[-1, held.TIME]) if ended else None)  # type: ignore[index]
         mine = mine[states.kept[mine] >= 0]
         if not len(mine):

@@ -186,8 +186,9 @@ class Replay(Result):
         if self.late_ticks:
             share = ("of an unknown number of paced ones" if math.isnan(self.late_share) else
                      f"{100.0 * self.late_share:.3g} % of the paced ones")
-            when = "" if math.isnan(self.latest_tick) else (
-                f", at most by {self.latest_tick:.2g} s, from {self.late_first:.5g} to {self.late_last:.5g} s")
+            when = "" if math.isnan(self.latest_tick) else f", at most by {self.latest_tick:.2g} s"
+            if not math.isnan(self.late_first):
+                when += f", from {self.late_first:.5g} to {self.late_last:.5g} s"
             table.append(("late ticks", f"{self.late_ticks}, {share}, by more than a period{when}"))
         if self.damping is not None:
             table.append(damping_row(self.damping))

@@ -40,8 +40,8 @@ class Segment(Described):
     start: float = field(metadata=reported("simulation time of the start", "s"))
     end: float = field(metadata=reported("simulation time of the end", "s"))
     began_by: str = field(metadata=reported(
-        "start, reset, restart, parameters, fallback (it replaced the commands) or controller (its commands came "
-        "first or again)"))
+        "start, reset, restart, parameters, fallback (it replaced the commands), controller (commands came first or "
+        "again, or from a new publisher) or pause"))
     changes: Mapping[str, object] = field(metadata=reported(
         "new values of changed scene keys or target_slip_speed", "{*}"))
     summary: Summary | None = field(metadata=reported(
@@ -124,10 +124,17 @@ def cuts_of(line: Timeline, band: float = DEFAULTS.band, clock: EngineClock | No
 
 
 def _handed_over(line: Timeline, states: JointStates, cycle: float) -> dict[int, str]:
-    """Return the first states under a fallback of the pressure that lasts for a cycle, s, or under a controller."""
+    """Return the first states under a fallback of the pressure that lasts for a cycle, s, under a controller or a new
+    publisher of commands, and after a pause.
+    """
     step = float(np.median(np.diff(states.stamp_ns))) * 1e-9 if len(states) > 1 else cycle
     edges = handovers(line.commanded(states)[INPUTS[1]], max(round(cycle / step), 1))
-    return {states.index + row: "controller" if commanded else "fallback" for row, commanded in edges}
+    publishers = states.input(INPUTS[1], "publisher")
+    latest = np.maximum.accumulate(np.nan_to_num(publishers))
+    rows = {row: "pause" for row in np.searchsorted(states.stamp_ns, states.pauses, side="right").tolist()}
+    rows |= dict.fromkeys((1 + np.flatnonzero((np.diff(latest) > 0) & (latest[:-1] > 0))).tolist(), "controller")
+    rows |= {row: "controller" if commanded else "fallback" for row, commanded in edges}
+    return {states.index + row: what for row, what in rows.items()}
 
 
 def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, *, solver: str, elapsed_s: float = 0.0,

@@ -151,6 +151,17 @@ def test_a_reset_begins_another_run_whose_counts_begin_and_the_name_is_in_every_
     assert all(", holds from stamp 0 ns on" in line for line in lines)
 
 
+def test_a_pause_is_stated_once_with_the_tick_before_it(bench: Any) -> None:
+    chain = Chain(bench, scene="commands")
+    chain.run(30)
+    for _ in range(2):
+        chain.loop.pause(True)
+    chain.run(3)
+    chain.loop.pause(False)
+    chain.run(50)
+    assert [row["tick"] for row in chain.rows() if row["last"] == 2.0] == [30]
+
+
 def test_inputs_that_join_are_reported_from_then_on(bench: Any) -> None:
     chain = Chain(bench, scene="slip")
     chain.run(20)

@@ -43,6 +43,10 @@ def torque(k: int) -> float | None:
     return 300.0 + 250.0 * math.sin(0.15 * k) if 30 <= k < 600 else None
 
 
+PAUSED, TAKEN_OVER = 450, 520
+"""Ticks of the second run after which it is paused, and from which another publisher commands the pressure."""
+
+
 def run_of(name: str, ticks: int, begin: int, sequence: dict[str, int]) -> list[Sent]:
     """The messages of a run: torque commands act from tick 30 to 599, pressure commands by twos from tick 40 on."""
     plant, out = Plant(SCENE), list[Sent]()
@@ -68,13 +72,14 @@ def run_of(name: str, ticks: int, begin: int, sequence: dict[str, int]) -> list[
         state = plant.reading()
         now = [value for held, count, over, stamp in ((engine, received[0], 0, math.nan),
                                                       (pressure, received[1], superseded, (k - 1.0) * TICK))
-               for value in ((2.0, held, held, stamp, k, 1, count, over, 0, 0) if held is not None else
+               for value in ((2.0, held, held, stamp, k, 1 + (k >= TAKEN_OVER and over > 0), count, over, 0, 0) if held is not None else
                              (1.0, *[math.nan] * 4, 0, count, over, 0, 0))]
-        if k % 100 == 0 or [*map(str, now)] != before or k == ticks - 1:
-            number, before = number + 1, [*map(str, now)]
-            values = [k, k * TICK, number, k == ticks - 1, *now]
-            send("held", k, held_message(name, values + 2 * [3.0, *[math.nan] * 4, 0, 0, 0, 0, 0]), -2)
-            assert len(values) + 20 == SIZE
+        for after in (0, 1) if k == ticks - 1 else (0, 2) if k == PAUSED else (0,):
+            if after or k % 100 == 0 or [*map(str, now)] != before:
+                number, before = number + 1, [*map(str, now)]
+                values = [k, k * TICK, number, after, *now]
+                send("held", k, held_message(name, values + 2 * [3.0, *[math.nan] * 4, 0, 0, 0, 0, 0]), -2)
+                assert len(values) + 20 == SIZE
         send("joint_states", k, cdr.joint_state(*state[:7], frame=name), 0)
         send("applied_pressure", k, cdr.fluid_pressure(state.stamp_ns, state.applied_pressure, frame=name), 1)
     return out
@@ -164,8 +169,9 @@ def original(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Sent], dict
 def test_a_recording_states_what_held_its_inputs_and_what_became_of_its_commands(original) -> None:
     result = original[1]
     assert (result["verified"], result["largest_difference"], result["states"]) == (True, 0.0, 1000)
-    assert result["segments"][0]["began_by"] == "start"
-    assert "reset" in [segment["began_by"] for segment in result["segments"]]
+    assert [(one["began_by"], round(one["start"] * 1e3)) for one in result["segments"]] == [
+        ("start", 0), ("reset", 0), ("pause", PAUSED + 1),
+        ("controller", TAKEN_OVER)]
     engine, pressure = (result["inputs"][name] for name in ("engine_torque", "actuation_pressure"))
     assert (engine["topic"], engine["fallback"]) == pytest.approx((0.27 + 0.57, 0.029 + 0.029 + 0.1))
     assert [engine[name] for name in ("applied", "superseded", "ignored", "refused", "lost")] == [840, 0, 0, 0, 0]
