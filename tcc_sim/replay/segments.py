@@ -131,7 +131,7 @@ def _handed_over(line: Timeline, states: JointStates, cycle: float) -> dict[int,
     edges = handovers(line.commanded(states)[INPUTS[1]], max(round(cycle / step), 1))
     publishers = states.input(INPUTS[1], "publisher")
     latest = np.maximum.accumulate(np.nan_to_num(publishers))
-    rows = {row: "pause" for row in np.searchsorted(states.stamp_ns, states.pauses, side="right").tolist()}
+    rows = dict.fromkeys(np.searchsorted(states.stamp_ns, states.pauses, side="right").tolist(), "pause")
     rows |= dict.fromkeys((1 + np.flatnonzero((np.diff(latest) > 0) & (latest[:-1] > 0))).tolist(), "controller")
     rows |= {row: "controller" if commanded else "fallback" for row, commanded in edges}
     return {states.index + row: what for row, what in rows.items()}

@@ -70,10 +70,11 @@ def run_of(name: str, ticks: int, begin: int, sequence: dict[str, int]) -> list[
                 for value in (1.0, pressure):
                     send("actuation_pressure", k - 1, cdr.fluid_pressure((k - 1) * TICK, value), 310)
         state = plant.reading()
-        now = [value for held, count, over, stamp in ((engine, received[0], 0, math.nan),
-                                                      (pressure, received[1], superseded, (k - 1.0) * TICK))
-               for value in ((2.0, held, held, stamp, k, 1 + (k >= TAKEN_OVER and over > 0), count, over, 0, 0) if held is not None else
-                             (1.0, *[math.nan] * 4, 0, count, over, 0, 0))]
+        now = [value for held, count, over, stamp, who in (
+            (engine, received[0], 0, math.nan, 1),
+            (pressure, received[1], superseded, (k - 1.0) * TICK, 1 + (k >= TAKEN_OVER)))
+            for value in ((2.0, held, held, stamp, k, who, count, over, 0, 0) if held is not None else
+                          (1.0, *[math.nan] * 4, 0, count, over, 0, 0))]
         for after in (0, 1) if k == ticks - 1 else (0, 2) if k == PAUSED else (0,):
             if after or k % 100 == 0 or [*map(str, now)] != before:
                 number, before = number + 1, [*map(str, now)]
