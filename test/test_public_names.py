@@ -1,6 +1,8 @@
 """The public names of `import tcc_sim`, each with an example that runs."""
 
 import doctest
+import inspect
+import re
 from importlib import import_module
 from pathlib import Path
 
@@ -8,9 +10,12 @@ import numpy as np
 import pytest
 
 import tcc_sim
+from tcc_sim import types
 
 PACKAGE = Path(tcc_sim.__file__).parent
 NAMES = [name for name in tcc_sim.__all__ if name != "__version__"]
+KNOWN = {"Any", "Callable", "Literal", "Mapping", "None", "Path", "Sequence", "Answer", "Limits",
+         "SceneLike", "State"}
 EXAMPLES = sorted(".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
                   for path in PACKAGE.rglob("*.py") if ">>>" in path.read_text())
 
@@ -25,6 +30,20 @@ def test_the_package_shows_its_public_names():
         assert callable(getattr(tcc_sim, name)), name
     with pytest.raises(AttributeError, match="nothing"):
         tcc_sim.nothing  # noqa: B018
+
+
+def test_the_types_of_results_are_exported():
+    """Every class that a public function returns or takes is there by name."""
+    assert dir(types) == sorted(types.__all__)
+    for name in types.__all__:
+        if name in ("Rig", "LockstepRun"):
+            pytest.importorskip("rclpy", reason="rclpy is not installed")
+        assert isinstance(getattr(types, name), type), name
+    functions = [inspect.signature(getattr(tcc_sim, name)) for name in NAMES
+                 if not isinstance(getattr(tcc_sim, name), type)]
+    annotations = [str(one) for of in functions
+                   for one in (of.return_annotation, *(entry.annotation for entry in of.parameters.values()))]
+    assert set(re.findall(r"[A-Z][a-zA-Z]+", " ".join(annotations))) <= {*types.__all__, *NAMES, *KNOWN}
 
 
 @pytest.mark.parametrize("name", NAMES)
