@@ -190,7 +190,8 @@ class _OnWorkers(Executor):
         remote = self._client.submit(function, *words, **options, pure=False, retries=LOST_WORKERS)
 
         async def hand_over() -> None:
-            result = error = None
+            result: Any = None
+            error: BaseException | None = None
             try:
                 result = await remote
             except BaseException as raised:  # Dask raises errors of tasks, and several kinds of its own.
