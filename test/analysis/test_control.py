@@ -1,6 +1,5 @@
 """Means over whole engine cycles, of samples in batches, and signals that keep their value."""
 
-import math
 
 import numpy as np
 import pytest
@@ -10,20 +9,6 @@ from tcc_sim.analysis.engine_clock import Tracked, Uniform
 from tcc_sim.analysis.tracking import LoopReader
 
 CYCLE = 0.05
-
-
-@pytest.mark.parametrize("size", [1, 7, 10**6])
-def test_the_mean_of_a_sine_over_its_cycle_is_its_offset(size):
-    t, cycle = np.arange(3000) * 1e-3, CYCLE * math.sqrt(2.0) / 1.3
-    reader = LoopReader(Uniform(cycle))
-    v = 5.0 + 3.0 * np.sin(2.0 * math.pi * t / cycle)
-    for start in range(0, len(t), size):
-        reader.feed(t[start:start + size], v[start:start + size])
-    course = reader.course()
-    assert len(course.mean) == int(2.999 / cycle)
-    assert course.mean == pytest.approx(5.0, abs=2e-3)
-    assert course.square - course.mean**2 == pytest.approx(4.5, rel=2e-3)
-    assert course.starts == pytest.approx(cycle * np.arange(len(course.mean)), abs=1e-9)
 
 
 @pytest.mark.parametrize("size", [1, 7, 10**6])

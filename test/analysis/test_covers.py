@@ -17,9 +17,7 @@ from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import Scene, load_scene
-from tcc_sim.sweeps.scatter import scatter
 from tcc_sim.sweeps.simulation import simulate
-from tcc_sim.sweeps.sweep import sweep
 
 FIGURES = "max_slip_speed", "min_slip_speed", "clutch_energy", "peak_power", "max_shaft_torque", "min_shaft_torque"
 
@@ -134,41 +132,7 @@ def test_a_recording_with_steps_has_no_power_beyond_its_samples() -> None:
     assert summarise(stepped, 0).peak_power == pytest.approx(power.max(), rel=1e-4)
 
 
-def test_profiles_are_swept_to_their_last_point() -> None:
-    alone = simulate("runup").summary
-    swept = sweep("runup", "friction.kinetic_coefficient", [load_scene("runup").system.friction.kinetic_coefficient],
-                  rtol=1e-8)
-    point = swept.points[0]
-    assert point.summary.covers == alone.covers
-    assert point.summary.clutch_energy == pytest.approx(alone.clutch_energy, rel=1e-6)
-    shorter = sweep("runup", "friction.kinetic_coefficient", [0.2], duration=0.25)
-    assert shorter.as_json()["duration"] == 0.25
-    assert shorter.records[0]["covers"] == [0.0, 0.25]
-
-
 SETTLING = {"driveline.damping": 0.1233, "engine.frequency": 1161.858217}
-
-
-def test_transients_are_counted_and_left_out_of_quantiles(capsys: Any) -> None:
-    """Slip at the torsional resonance with hardly any damping: settling takes thousands of cycles."""
-    scene = load_scene("slip").with_values(SETTLING)
-    swept = sweep(scene, "engine.torque_amplitude", [10.0, 20.0], cycles=100)
-    assert swept.not_settled == swept.as_json()["not_settled"] == 2
-    spread = scatter(scene, {"engine.torque_amplitude": (10.0, 40.0)}, 4, cycles=100)
-    assert spread.left_out == {"runaway": 0, "not_settled": 4}
-    assert np.isnan(spread.quantiles("max_slip_speed")).all()
-    every = scatter(scene, {"engine.torque_amplitude": (10.0, 40.0)}, 4, cycles=100, every=True)
-    assert np.isfinite(every.quantiles("max_slip_speed")).all()
-    away = scatter("slip", {"pressure.mean": (1e3, 4e5)}, 8, cycles=60)
-    runaway = away.result("runaway")[:, 0] == 1.0
-    assert 0 < runaway.sum() < 8
-    assert away.left_out["runaway"] == runaway.sum()
-    kept = ~runaway & (away.result("transient")[:, 0] == 0.0)
-    assert away.quantiles("max_slip_speed")[0].tolist() == np.quantile(
-        away.result("max_slip_speed")[kept, 0], [0.05, 0.5, 0.95]).tolist()
-    words = [x for key, value in SETTLING.items() if key != "engine.frequency" for x in ("--set", f"{key}={value}")]
-    assert main(["sweep", "slip", *words, "--over", "engine.frequency=1161.858217,1161.9", "--cycles", "100"]) == 0
-    assert "* 2 of 2 points have not settled; raise --cycles" in capsys.readouterr().out
 
 
 def test_auto_drops_half_of_what_never_settles() -> None:

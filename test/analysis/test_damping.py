@@ -79,19 +79,6 @@ def test_the_smoothed_averages_agree_with_quadratures_along_scipys_solution(smoo
     assert damping.as_json() == {"equivalent_damping": damping.weighted, "negative_slope_mean": damping.negative_mean}
 
 
-def test_no_cycle_gives_no_damping():
-    none = Cycles(np.zeros((1, 3)), np.zeros(0), np.zeros(0), np.zeros(0))
-    assert damping_of_cycles(System(), none, 0, 0).as_json() == {"equivalent_damping": None,
-                                                                        "negative_slope_mean": None}
-
-
-@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
-def test_equal_coefficients_have_no_negative_slope(law):
-    values = {"friction.kinetic_coefficient": 0.3, "pressure.amplitude": 0.0}
-    system = replace(System(), {"friction.law": law, **values})
-    assert damping_of_cycles(system, solve(system, cycles=2).cycles, 0, 1).negative_mean == 0.0
-
-
 def test_pure_stick_has_no_weighted_average_with_the_set_valued_law():
     system = replace(System(), {"friction.law": "set_valued", "engine.torque_amplitude": 0.0,
                                 "initial.slip_speed": 0.0, "initial.plate_angle": 0.1})

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis.engine_clock import (
-    Block,
     Scheduled,
     Tracked,
     Uniform,
     clock_of_scene,
-    cycles_between,
-    trim,
 )
 from tcc_sim.scene import load_scene
 
@@ -56,41 +53,3 @@ def test_a_tracked_clock_begins_another_stretch_where_a_number_is_missing(begin,
     assert [(number, starts.tolist()) for number, starts in TRACKED.stretches(2, begin, end)] == [
         (number, STARTS[a:b].tolist()) for number, a, b in found]
     assert TRACKED.stretches(1, begin, end) == []
-
-
-def blocks(t, phase, amplitude=1.0):
-    """Blocks of 0.1 s about these times."""
-    return [Block(at, value, amplitude, 1.0, at - 0.05, at + 0.05) for at, value in zip(t.tolist(), phase.tolist())]
-
-
-def test_a_partly_filled_block_at_either_end_is_removed():
-    for sizes, kept in (([0.69, 1.0, 1.0, 0.69], [1.0, 1.0]), ([0.71, 1.0, 1.0, 0.71], [0.71, 1.0, 1.0, 0.71]),
-                        ([0.5, 1.0], [0.5, 1.0]), ([0.5, 1.0, 0.5], [1.0, 0.5]), ([1.0, 0.2, 1.0], [1.0, 0.2, 1.0])):
-        stretch = [Block(0.0, 0.0, size, 1.0, 0.0, 0.0) for size in sizes]
-        trim(stretch)
-        assert [block.amplitude for block in stretch] == kept
-
-
-@pytest.mark.parametrize("turns", [0, 3, -2])
-def test_stretches_of_one_frequency_are_joined_in_phase(turns):
-    """100 rad/s from 0.5 rad on; the second stretch, after a gap of 0.6 s, is off by whole turns."""
-    times = [np.arange(0.25, 0.95, 0.1), np.arange(1.55, 2.5, 0.1)]
-    found = cycles_between([blocks(t, 100.0 * t + 0.5 + TURN * turns * k) for k, t in enumerate(times)], 0.75)
-    numbers = np.array([n for n in range(60) if 0.2 <= (TURN * n - 0.5) / 100.0 <= 0.9
-                        or 1.5 <= (TURN * n - 0.5) / 100.0 <= times[1][-1] + 0.05])
-    assert found.numbers.tolist() == numbers.tolist()
-    assert found.starts == pytest.approx((TURN * numbers - 0.5) / 100.0)
-    assert (found.low, found.high, found.known, found.why) == (pytest.approx(100.0), pytest.approx(100.0), 0.75, "")
-
-
-def test_stretches_of_a_drifting_frequency_are_followed_by_parabolas():
-    """phi = 0.5 + 100 t + 10 t^2, which the parabolas have exactly."""
-    times = [np.arange(0.25, 0.95, 0.1), np.arange(1.05, 2.0, 0.1)]
-    found = cycles_between([blocks(t, 0.5 + 100.0 * t + 10.0 * t * t + TURN * 5 * k) for k, t in enumerate(times)], 1.0)
-    starts = -5.0 + np.sqrt(25.0 + (TURN * np.arange(60) - 0.5) / 10.0)
-    inside = ((starts >= 0.2) & (starts <= times[0][-1] + 0.05)) | ((starts >= 1.0) & (starts <= times[1][-1] + 0.05))
-    numbers = np.flatnonzero(inside)
-    shift = found.numbers[0] - numbers[0]
-    assert (found.numbers - shift).tolist() == numbers.tolist()
-    assert found.starts == pytest.approx(starts[numbers], abs=1e-9)
-    assert (found.low, found.high) == pytest.approx((100.0 + 20.0 * times[0][0], 100.0 + 20.0 * times[1][-1]))

@@ -83,19 +83,6 @@ def test_simulated_orders_are_within_a_third_of_a_decibel_of_measured_ones(align
     np.testing.assert_allclose(result["measured_orders"]["frequency"], speed, rtol=5e-3)
 
 
-def test_orders_of_a_table_alone_are_those_beside_the_simulation(tmp_path, aligned, pictures, capsys):
-    path, result = aligned("tacho", hold="linear")
-    capsys.readouterr()
-    words = ["analyse", path, "--orders", "--json", str(tmp_path / "alone.json"), "--plot", str(tmp_path / "alone.png")]
-    assert main(words) == 0
-    alone = json.loads((tmp_path / "alone.json").read_text())["orders"]
-    count = len(result["measured_orders"]["time"])
-    np.testing.assert_allclose(np.array(alone["slip_speed"])[:count], result["measured_orders"]["slip_speed"],
-                               rtol=1e-9)
-    assert alone["torque_order"] == [1.0, 2.0]
-    assert "breakaways per second" not in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(("source", "words"), [
     ("engine_speed", ["--scene", "four.yaml"]), ("tacho", ["--pulses", "2"])])
 def test_orders_are_those_of_the_crankshaft(tmp_path, monkeypatch, fewer, source, words):
@@ -109,14 +96,6 @@ def test_orders_are_those_of_the_crankshaft(tmp_path, monkeypatch, fewer, source
     assert (document["torque_order"], 0.5 in document["order"]) == ([2.0, 4.0], True)
     speed = (130.0 + 20.0 * np.array(document["time"])) * (1.0 if source == "engine_speed" else 0.5)
     np.testing.assert_allclose(document["frequency"], speed, rtol=1e-2)
-
-
-def test_orders_of_the_slip_speed_need_no_plate_angle(tmp_path, fewer):
-    path = table(tmp_path / "run.csv", fewer, "tacho", "plate_angle", "plate_speed")
-    assert main(["analyse", path, "--orders", "--json", str(tmp_path / "result.json")]) == 0
-    document = json.loads((tmp_path / "result.json").read_text())["orders"]
-    assert np.isfinite(document["slip_speed"]).all()
-    assert {value for row in document["shaft_torque"] for value in row} == {None}
 
 
 @pytest.mark.parametrize(("left_out", "words", "message"), [

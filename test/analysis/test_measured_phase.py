@@ -3,55 +3,13 @@
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.measured_phase import long_holes, measured_phase, plausible_speed
+from tcc_sim.analysis.measured_phase import measured_phase
 from tcc_sim.analysis.measured_signals import signals_in
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.tables.measured_table import MeasuredTable
 
-T = 0.01 * np.arange(401)
 TURN = 2.0 * np.pi
-
-
-@pytest.mark.parametrize(("begin", "end", "is_long"), [(1.0, 1.06, False), (1.0, 1.065, True), (-0.1, -0.05, True),
-                                                      (3.99, 4.01, True), (0.0, 0.05, False), (3.95, 4.0, False)])
-def test_a_hole_is_long_from_a_sixteenth_of_a_period_on_or_beyond_the_phase(begin, end, is_long):
-    """One period a second, known from 0 to 4 s."""
-    assert len(long_holes(np.array([[begin, end]]), np.array([0.0, 4.0]), np.array([0.0, 4.0]))) == is_long
-
-
-def changed(*stretches):
-    speed = 100.0 + 10.0 * T
-    for rows, value in stretches:
-        speed[rows] = value
-    return speed
-
-
-def test_rows_left_out_are_named_and_bridged_where_the_phase_is_certain():
-    for rows, value, spans, straight in ((slice(100, 103), 5.0, [], True), (slice(100, 101), 5.0, [], True)):
-        t, speed, holes, notes = plausible_speed(T, changed((rows, value)), "t.csv", 1.0)
-        count = rows.stop - rows.start
-        assert len(t) == len(speed) == 401 - count
-        assert holes.tolist() == spans
-        assert notes == [f"engine_speed is implausible in {count} row{'s' * (count > 1)}, 1 to {T[rows.stop - 1]:g} s"
-                         + "; straight lines replace them" * straight]
-    far = np.where((T >= 1.0) & (T < 1.3), 1.0, np.where(T < 1.0, 100.0, 110.0))
-    t, _, holes, notes = plausible_speed(T, far, "t.csv", 1.0)   # Half of 10 rad/s over 0.31 s: a quarter of a period.
-    assert (len(t), holes.tolist()) == (371, [pytest.approx([0.99, 1.3])])
-    assert notes == ["engine_speed is implausible in 30 rows, 1 to 1.29 s"]
-    assert plausible_speed(T, far, "t.csv", 0.3)[2].tolist() == []
-    assert plausible_speed(T, changed(), "t.csv", 1.0)[2:] == (pytest.approx(np.empty((0, 2))), [])
-
-
-@pytest.mark.parametrize(("speed", "sentence"), [
-    (0.0 * T, "t.csv: engine_speed is at most 0 rad/s; it must be above 0"),
-    (changed((slice(100, 202), 5.0)),
-     "t.csv: engine_speed jumps or stands still in 25 % of its rows, first at 1 s with 5 rad/s; the phase is not "
-     "known")])
-def test_an_implausible_speed_is_refused(speed, sentence):
-    with pytest.raises(InputError) as refusal:
-        plausible_speed(T, speed, "t.csv", 1.0)
-    assert str(refusal.value) == sentence
 
 
 FAST = 0.002 * np.arange(2001)
@@ -83,41 +41,25 @@ def test_the_phase_is_that_of_the_first_reference():
     assert np.interp(10.0, by_tacho.turns, by_tacho.times) - np.interp(4.0, by_tacho.turns, by_tacho.times) == (
         pytest.approx(6.0 * TURN / OMEGA, rel=1e-4))
     doubted = measured_phase(table(tacho=np.sin(OMEGA * FAST), engine_torque=TORQUE), 1.0, 2)
-    assert doubted.notes == (f"t.csv: {LINE} 2 times the excitation by tacho and --pulses 2; check --pulses and "
-                             "engine.order, which is 1",)
+    assert "2 times the excitation by tacho and --pulses 2" in doubted.notes[0]
     two = measured_phase(table(tacho=np.sin(OMEGA * FAST)), 3.0, 2)
     assert np.ptp(two.turns) == pytest.approx(1.5 * np.ptp(by_tacho.turns))
 
 
-LINE = "the strongest line of engine_torque is at"
-BY_SPEED = f"the phase by engine_speed contradicts the torque: {LINE}"
-
-
-@pytest.mark.parametrize(("columns", "order", "pulses", "sentence"), [
-    ({}, 1.0, None, "orders need one of the columns engine_speed, tacho, engine_torque, which tell the phase of the "
-                    "excitation"),
-    ({"engine_speed": np.full(2001, OMEGA)}, 1.0, 2,
-     "the phase is that of the column engine_speed; --pulses 2 is for a tacho"),
-    ({"engine_speed": np.where(FAST < 0.005, OMEGA, np.nan)}, 1.0, None,
-     "the column engine_speed has 3 values; 4 or more are needed"),
-    ({"engine_torque": np.full(2001, 200.0)}, 1.0, None,
-     "the engine torque shows no excitation of which periods could be counted (the engine torque is constant); add the "
-     "column engine_speed or tacho"),
-    ({"engine_speed": np.full(2001, 30.0 / np.pi * OMEGA), "engine_torque": TORQUE}, 1.0, None,
-     f"{BY_SPEED} 0.1047 times the excitation by engine_speed; engine_speed looks as if it were in rpm; if so, say it "
-     "with --columns engine_speed=COLUMN:rpm"),
+@pytest.mark.parametrize(("columns", "order", "pulses", "words"), [
+    ({}, 1.0, None, ["engine_speed", "tacho", "engine_torque"]),
+    ({"engine_speed": np.full(2001, OMEGA)}, 1.0, 2, ["engine_speed", "--pulses 2", "tacho"]),
+    ({"engine_speed": np.where(FAST < 0.005, OMEGA, np.nan)}, 1.0, None, ["engine_speed", "3 values", "4 or more"]),
+    ({"engine_speed": np.full(2001, -OMEGA)}, 1.0, None, ["engine_speed", "-62.8319 rad/s", "above 0"]),
+    ({"engine_torque": np.full(2001, 200.0)}, 1.0, None, ["engine torque is constant", "engine_speed", "tacho"]),
     ({"engine_speed": np.full(2001, 1e3 * OMEGA), "engine_torque": TORQUE}, 1.0, None,
-     f"{BY_SPEED} 0.001 times the excitation by engine_speed; if the times are in ms, say so with --columns "
-     "t=COLUMN:ms"),
-    ({"engine_speed": np.full(2001, OMEGA / 1.5), "engine_torque": TORQUE}, 1.0, None,
-     f"{BY_SPEED} 1.5 times the excitation by engine_speed; check its unit and engine.order, which is 1"),
+     ["engine_torque", "0.001 times", "t=COLUMN:ms"]),
     ({"tacho": np.sin(OMEGA * FAST), "engine_torque": TORQUE}, 2.0, 4,
-     f"the phase by tacho with --pulses 4 contradicts the torque: {LINE} 2 times the excitation by tacho and --pulses "
-     "4; check --pulses and engine.order, which is 2")])
-def test_a_reference_without_a_phase_is_refused_in_a_whole_sentence(columns, order, pulses, sentence):
+     ["tacho", "2 times", "--pulses 4", "engine.order, which is 2"])])
+def test_a_reference_without_a_phase_is_refused_with_what_contradicts_it(columns, order, pulses, words):
     with pytest.raises(InputError) as refusal:
         measured_phase(table(**columns), order, pulses)
-    assert str(refusal.value) == f"t.csv: {sentence}"
+    assert [word for word in ("t.csv", *words) if word not in str(refusal.value)] == []
 
 
 def test_signals_of_a_table_are_cubics_and_the_shaft_torque_is_that_of_its_twist():

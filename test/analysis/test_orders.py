@@ -2,15 +2,12 @@
 
 import json
 import math
-from dataclasses import replace as with_fields
 
 import numpy as np
 import pytest
-from scipy.integrate import trapezoid
 
 from tcc_sim.analysis.orders import orders_of
-from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.signals import Signals, gaps_between, run_signals, turns_at
+from tcc_sim.analysis.signals import Signals
 from tcc_sim.analysis.spectra import spectrum_of
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
@@ -19,7 +16,6 @@ from tcc_sim.output.samples import write_trajectory
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.simulation import simulate
 
 HARDLY = {"friction.kinetic_coefficient": 0.2999}
 """mu_k as good as mu_s, with the kernels of scenes in which it is not."""
@@ -28,26 +24,6 @@ HARDLY = {"friction.kinetic_coefficient": 0.2999}
 def ramp(scene, low, high, seconds):
     return load_scene(scene).with_values({"engine.frequency_times": [0.0, seconds],
                                           "engine.frequency_values": [low, high], **HARDLY})
-
-
-def test_amplitudes_are_those_of_sines_that_go_with_the_engine():
-    scene = ramp("stick", 100.0, 300.0, 4.0)
-    run = solve(scene, duration=4.0, samples_per_cycle=64, solver="fixed_step")
-    phase = 2.0 * math.pi * turns_at(scene.system, run.t)
-    d, inertia = scene.system.driveline, scene.system.driveline.plate_inertia
-    angle, omega = 0.2 + 0.03 * np.sin(phase) + 0.01 * np.sin(2.5 * phase + 0.3), np.interp(run.t, [0, 4], [100, 300])
-    speed = omega * (0.03 * np.cos(phase) + 0.025 * np.cos(2.5 * phase + 0.3))
-    rise = np.gradient(speed, run.t)
-    friction = inertia * rise + d.damping * speed + d.stiffness * angle
-    still = with_fields(run, slip_speed=5.0 + 2.0 * np.sin(3.0 * phase), plate_angle=angle, plate_speed=speed,
-                        friction_torque=friction, system=replace(scene.system, {"driveline.damping": 0.0}))
-    orders = orders_of(still)
-    for order, amplitude in ((1.0, 0.03), (2.5, 0.01)):
-        np.testing.assert_allclose(orders.cut(order), d.stiffness * amplitude, rtol=3e-3)
-    np.testing.assert_allclose(orders.cut(0.0), d.stiffness * 0.2, rtol=1e-3)
-    assert orders.cut(7.0).max() < 1e-3 * d.stiffness * 0.03
-    np.testing.assert_allclose(orders.frequency, np.interp(orders.time, [0, 4], [100, 300]), rtol=0.02)
-    assert orders.order[1] == 1.0 / DEFAULTS.window
 
 
 def test_order_one_of_a_stuck_clutch_is_the_closed_form():
@@ -60,75 +36,6 @@ def test_order_one_of_a_stuck_clutch_is_the_closed_form():
     np.testing.assert_allclose(orders.transmissibility[5:, 0], exact[5:], rtol=1e-3)
     np.testing.assert_allclose(orders.cut(1.0)[5:], 250.0 * exact[5:], rtol=1e-3)
     assert orders.judder.breakaways.max() == 0.0
-
-
-def test_the_extremes_of_a_slow_ramp_are_those_of_constant_frequencies():
-    scene = ramp("minimal", 80.0, 84.0, 40.0)
-    run = solve(scene, duration=40.0)
-    starts = scene.system.cycle_start(np.arange(len(run.cycles)))
-    for frequency in (81.0, 82.0, 83.0):
-        at = int(np.searchsorted(starts, (frequency - 80.0) * 10.0))
-        constant = load_scene("minimal").with_values({"engine.frequency": frequency, **HARDLY})
-        steady = simulate(constant, cycles=120, discard=100)
-        assert run.cycles.highest[at] == pytest.approx(steady.summary.max_slip_speed, rel=0.01)
-
-
-def test_judder_of_a_run_up_ends_where_breakaways_do():
-    scene = ramp("runup", 60.0, 600.0, 8.0).with_values({"friction.kinetic_coefficient": 0.24})
-    result = simulate(scene, duration=8.0, samples_per_cycle=64)
-    orders = orders_of(result.trajectory)
-    transitions = result.trajectory.transitions
-    last = float(transitions.time[transitions.before == 0][-1])
-    ticked = solve(scene, duration=8.0, samples_per_cycle=64, solver="fixed_step")
-    leaves = (ticked.state[:-1] == 0) & (ticked.state[1:] != 0)
-    assert last == pytest.approx(ticked.t[1:][leaves][-1], abs=2e-3)
-    assert orders.judder.breakaways[orders.time > last + 1.0].max() == 0.0
-    assert orders.judder.peak[orders.time > last + 1.0].max() < 0.05
-    assert orders.judder.peak.max() > 10.0
-    json.dumps(orders.as_json(), allow_nan=False)
-
-
-def test_what_is_too_short_or_too_coarse_is_refused():
-    with pytest.raises(InputError, match="orders need 16 periods of the excitation, and there are 4"):
-        orders_of(solve(load_scene("slip"), cycles=4, samples_per_cycle=64))
-    assert orders_of(solve(load_scene("slip"), cycles=20, samples_per_cycle=10)).cuts == [1.0, 2.0]
-    with pytest.raises(InputError, match="orders need 8 samples in a period of the excitation, and there are 4"):
-        orders_of(solve(load_scene("slip"), cycles=40, samples_per_cycle=4))
-
-
-def test_windows_over_a_gap_between_samples_are_left_out():
-    """Also where samples are equal steps of the phase, or of time while the frequency doubles."""
-    run = solve(ramp("minimal", 80.0, 160.0, 3.0), duration=3.0, samples_per_cycle=64, solver="fixed_step")
-    even = np.linspace(0.0, 2.99, 3000)
-
-    def within(signals, kept):
-        result = with_fields(signals, **{name: getattr(signals, name)[kept] for name in ("turns", "t", "heat")})
-        return with_fields(result, holes=gaps_between(result.turns, result.t))
-
-    for signals in (run_signals(run), with_fields(run_signals(run), turns=turns_at(run.system, even), t=even,
-                                                  heat=np.zeros(3000))):
-        whole, (low, high) = orders_of(signals), turns_at(run.system, np.array([1.5, 1.51]))
-        orders = orders_of(within(signals, np.abs(signals.t - 1.505) > 0.005))
-        middle, half = turns_at(run.system, whole.time), 0.5 * DEFAULTS.window
-        near = (middle + half > low) & (middle - half < high)
-        assert orders.time.tolist() == whole.time[~near].tolist()
-        assert 0 < near.sum() < len(near) - 1
-    short = within(signals, (signals.t < 0.45) | ((signals.t > 0.5) & (signals.t < 1.35)))
-    with pytest.raises(InputError, match="every window of 16 periods of the excitation has a gap between samples"):
-        orders_of(short)
-
-
-def test_commanded_torque_has_orders_where_its_cycles_are_known():
-    scene = load_scene("minimal").with_values({"engine.source": "topic"})
-    run = solve(load_scene("minimal"), cycles=20, samples_per_cycle=64)
-    commanded = with_fields(run, system=scene.system)
-    starts = np.arange(21) * scene.system.cycle
-    known = with_fields(commanded, cycles=with_fields(run.cycles, starts=starts))
-    np.testing.assert_allclose(orders_of(known).shaft_torque, orders_of(run).shaft_torque, rtol=1e-6, atol=1e-6)
-    starts = np.where(np.arange(21) == 7, math.nan, starts)
-    for cycles in (run.cycles, None, with_fields(run.cycles, starts=starts)):
-        with pytest.raises(InputError, match="its periods of excitation are not known"):
-            orders_of(with_fields(commanded, cycles=cycles))
 
 
 def test_a_recording_has_the_orders_of_the_run_that_it_holds(tmp_path):
@@ -169,39 +76,6 @@ def signals(slip, shaft, cycles, per_cycle=256):
     return Signals(system, turns, lambda u: u * system.cycle, at, None, None, turns * system.cycle, 0.0 * turns)
 
 
-def test_lines_are_the_amplitudes_of_sines_without_a_window():
-    spectrum = spectrum_of(signals(lambda u: 3.0 + 2.0 * np.sin(2 * np.pi * u) + 0.5 * np.cos(np.pi * u),
-                                   lambda u: 7.0 * np.sin(6.0 * np.pi * u + 0.4), 7), 2)
-    lines = dict(zip(spectrum.order.tolist(), zip(spectrum.slip_speed, spectrum.shaft_torque)))
-    assert lines[0.0][0] == pytest.approx(3.0)
-    assert lines[1.0][0] == pytest.approx(2.0)
-    assert lines[0.5][0] == pytest.approx(0.5)
-    assert lines[3.0][1] == pytest.approx(7.0)
-    others = [slip for order, (slip, _) in lines.items() if order not in (0.0, 0.5, 1.0)]
-    assert max(others) < 1e-12
-    assert spectrum.subharmonics.tolist() == [0.5]
-    assert spectrum.window == "none: 3 whole periods of the motion, 0.0418879 to 0.293215 s"
-    np.testing.assert_allclose(spectrum.frequency, 150.0 * spectrum.order)
-
-
-def test_a_density_holds_the_power_of_the_signal():
-    """Parseval: the density over frequency in Hz integrates to the variance."""
-    draw = np.random.default_rng(3)
-    level = draw.standard_normal(256 * 512 + 1)
-    turns = np.arange(len(level)) / 256.0
-
-    def noise(u):
-        smooth = np.convolve(level, np.ones(64) / 64.0, mode="same")  # No power above the orders that are given.
-        return np.interp(u, turns, smooth)
-
-    spectrum = spectrum_of(signals(noise, lambda u: 0.0 * u, 512), 0)
-    assert spectrum.slip_speed is None
-    assert spectrum.window == "Hann of 64 cycles, half of each shared with the next, 0 to 21.4466 s"
-    variance = float(np.var(noise(turns)))
-    power = float(trapezoid(spectrum.slip_speed_density, spectrum.frequency / (2.0 * math.pi)))
-    assert power == pytest.approx(variance, rel=0.05)
-
-
 def test_a_stuck_clutch_has_the_line_of_the_closed_form(tmp_path):
     out = tmp_path / "stick.json"
     assert main(["simulate", "stick", "--cycles", "300", "--spectrum", "--json", str(out)]) == 0
@@ -232,15 +106,6 @@ def test_a_motion_of_period_two_has_half_orders_and_sections_with_three_states(t
         np.testing.assert_allclose(arrays["section_states"][-2:][np.argsort(arrays["section_states"][-2:, 0])],
                                    sorted(document["section_states"]), rtol=1e-6)
         np.testing.assert_allclose(arrays["section_states"][:, 2], arrays["plate_speed"][::4], atol=1e-6)
-
-
-def test_a_motion_without_a_period_has_densities(tmp_path, pictures):
-    out = tmp_path / "chaos.json"
-    assert main(["simulate", "chaos", "--spectrum", "--json", str(out), "--plot", str(tmp_path / "chaos.png")]) == 0
-    spectrum = json.loads(out.read_text())["spectrum"]
-    assert spectrum["period"] == 0
-    assert "slip_speed" not in spectrum
-    assert len(spectrum["slip_speed_density"]) == len(spectrum["frequency"])
 
 
 def test_what_has_no_steady_state_is_refused(capsys):

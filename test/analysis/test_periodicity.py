@@ -96,13 +96,6 @@ def test_motions_have_the_period_that_they_have_in_the_limit(name):
         assert settled in (None, repetition.settled)
 
 
-@pytest.mark.parametrize("period", [1, 2, 3, 5, 11, 16])
-def test_finds_the_period_of_a_repeating_section(period):
-    pattern = np.random.default_rng(period).uniform(-1.0, 1.0, period)
-    repetition = periodicity(embedded(np.tile(pattern, 40)[:101]))
-    assert (repetition.period, repetition.settled) == (period, True)
-
-
 def test_gaps_only_the_cycles_after_the_last_count():
     rng = np.random.default_rng(3)
     values = np.concatenate([rng.uniform(-1.0, 1.0, 20), [math.nan], np.tile([0.2, -0.4, 0.9], 20)])
@@ -138,23 +131,6 @@ def test_what_falls_below_the_tolerance_while_it_is_looked_at_is_no_longer_perio
                 repetition = periodicity(cycles_through(
                     np.stack([1.0 + swing.real + other, 1.0 + 0.5 * swing.imag, 1.0 - other], axis=1)), tolerance)
                 assert repetition.period == 1 or not repetition.settled
-
-
-def test_too_few_cycles_give_no_period():
-    repetition = periodicity(embedded([0.5, 0.5]))
-    assert repetition.period == 0
-    assert periodicity(embedded([0.5])).period == 0
-    assert math.isnan(periodicity(embedded([0.5])).change)
-
-
-@pytest.mark.parametrize(("alternation", "period", "settled"), [
-    (lambda n: 0.02 * 0.995**n, 1, False), (lambda n: 0.02 + 0.0 * n, 2, True),
-    (lambda n: 0.02 + 0.002 * 0.9**n, 2, True)])
-def test_an_alternation_that_dies_out_slowly_is_no_period_two(alternation, period, settled):
-    n = np.arange(60)
-    section = np.stack([0.0 * n, 1.0 + (-1.0) ** n * alternation(n), 0.0 * n], axis=1)
-    repetition = periodicity(Cycles(section, np.ones(59), np.zeros(59), np.zeros(59)), tolerance=1e-2)
-    assert (repetition.period, repetition.settled) == (period, settled)
 
 
 def test_further_cycles_stay_on_a_period_in_its_own_phase():

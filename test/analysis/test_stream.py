@@ -65,17 +65,6 @@ def test_batches_give_what_whole_arrays_give(kind, faster):
         np.testing.assert_allclose(getattr(cycles, name), getattr(whole, name), rtol=1e-12, atol=1e-12)
 
 
-def test_the_summary_knows_the_motion():
-    stream, _ = fed(recorded(np.arange(6000)), sizes_like("random"))
-    summary = stream.summary(7)
-    assert summary.max_slip_speed == pytest.approx(25.0, abs=1e-4)
-    assert summary.min_slip_speed == pytest.approx(-15.0, abs=1e-4)
-    assert summary.period == 2
-    assert [p[1] for p in summary.section] == pytest.approx([5.0 + 20.0 * math.sin(0.3), 5.0 - 20.0 * math.sin(0.3)],
-                                                            abs=1e-4)
-    assert (summary.cycles, summary.discarded, summary.regime) == (143, 7, "slip")
-
-
 def test_a_gap_costs_the_cycles_that_it_touches():
     ticks = np.concatenate([np.arange(0, 2000), np.arange(2100, 4000), np.arange(4001, 8000)])
     stream, _ = fed(recorded(ticks), sizes_like("random"))
@@ -91,29 +80,6 @@ def test_a_gap_costs_the_cycles_that_it_touches():
     assert (summary.cycles, summary.broken) == (count, count - len(whole))
     assert summary.covers == pytest.approx((10 * CYCLE, 7.999))
     assert (summary.lost_seconds, summary.seconds) == pytest.approx((0.103, 7.999 - 10 * CYCLE - 0.103))
-
-
-def test_discard_counts_cycles_and_not_those_that_are_left():
-    ticks = np.concatenate([np.arange(0, 500), np.arange(1500, 4000)])
-    stream, _ = fed(recorded(ticks), sizes_like("random"))
-    cycles, first, dropped = stream.runs[0].kept(40)[:3]
-    assert first == 40
-    assert dropped == 40
-    assert np.isfinite(cycles.highest).all()
-    with pytest.raises(InputError, match="--discard 95 leaves none of the 95 cycles"):
-        stream.summary(95)
-    with pytest.raises(InputError, match="0 or more"):
-        stream.summary(-1)
-
-
-def test_a_reset_starts_a_new_run_and_the_longest_counts():
-    ticks = np.concatenate([np.arange(0, 1000), np.arange(0, 5000), np.arange(0, 800)])
-    stream, pieces = fed(recorded(ticks), sizes_like("random"))
-    assert stream.continuity.runs == 3
-    assert stream.continuity.gaps == 0
-    assert stream.longest()[0] == 1
-    assert stream.summary(50).cycles == int(4.999 / CYCLE)
-    assert {p.run for p in pieces} == {0, 1, 2}
 
 
 def test_a_pause_repeats_stamps_and_is_not_a_gap():

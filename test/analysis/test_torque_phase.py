@@ -40,13 +40,6 @@ def test_a_sine_is_found_to_many_digits(frequency):
     assert len(phase.starts) in {int((frequency * 9.999 + 0.4) / TURN), int((frequency * 9.999 + 0.4) / TURN) + 1}
 
 
-@pytest.mark.parametrize("seconds", [0.1, 0.12, 0.2, 0.3, 0.5])
-def test_a_short_run_is_fitted_as_a_whole(seconds):
-    phase = phase_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t + 0.4), seconds=seconds)
-    assert phase.low == phase.high == pytest.approx(150.0, rel=1e-7)
-    assert largest_error(phase, lambda t: 150.0 * t + 0.4) < 1e-6
-
-
 def test_noise_and_harmonics_do_not_matter():
     rng = np.random.default_rng(1)
     phase = phase_of(lambda t: 300.0 + 250.0 * np.sin(150.0 * t) + 80.0 * np.sin(300.0 * t + 1.0) + 40.0
@@ -128,23 +121,6 @@ def test_what_has_no_phase_has_no_cycles_and_says_why(torque, why):
     assert math.isnan(phase.low)
     assert re.search(why, phase.why)
     assert clock_of({0: phase}) is None
-
-
-@pytest.mark.parametrize("lengths", [(3000, 20000), (20000, 3000)])
-def test_every_run_has_a_phase_of_its_own(lengths):
-    tracker = PhaseTracker()
-    for run, (length, frequency) in enumerate(zip(lengths, (150.0, 60.0))):
-        k = np.arange(length)
-        tracker.feed(k * STEP, np.sin(frequency * k * 1e-3), run)
-    assert tracker.longest() == int(lengths[1] > lengths[0])
-    assert [tracker.runs()[run].low for run in (0, 1)] == pytest.approx([150.0, 60.0], rel=1e-6)
-
-
-def test_a_drift_that_is_larger_than_the_line_is_not_taken_for_it():
-    """Half a swing over the whole run is below the lowest frequency that the run can show."""
-    phase = phase_of(lambda t: 300.0 + 80.0 * np.cos(math.pi * t / 16.384) + 50.0 * np.sin(150.0 * t), seconds=16.384)
-    assert [phase.low, phase.high] == pytest.approx([150.0, 150.0], rel=1e-4)
-    assert largest_error(phase, lambda t: 150.0 * t) < 1e-3
 
 
 @pytest.mark.parametrize(("seconds", "batch"), [(1.0, 1), (2.0, 37), (2.03, 37), (2.03, 5000), (2.06, 37)])

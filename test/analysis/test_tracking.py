@@ -7,7 +7,6 @@ from these functions, or is that of the same functions over three times the time
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -151,7 +150,6 @@ LOOPS: dict[str, MadeUp] = {
                     settles=1.5 + 0.1 * math.sqrt(math.log(25.0 / BAND)), overshoot=0.0),
     "flare down": MadeUp(6.0, around(20.0, decay(30.0, 0.1), flare(-12.0, 1.5, 0.15)), "settled", peak=-12.0, at=1.5,
                          overshoot=12.0),
-    "two flares": MadeUp(9.0, around(20.0, flare(5.0, 2.0, 0.1), flare(5.0, 5.0, 0.1)), "settled", peak=5.0),
     "periodic flares": MadeUp(9.0, around(20.0, *(flare(5.0, k, 0.1) for k in range(1, 28))), "hunting", period=1.0,
                               lasts=False),
     "load step": MadeUp(4.0, lambda t: 20.0 + 15.7 * t / 0.15 * np.exp(1.0 - t / 0.15), "settled", peak=15.7, at=0.15,
@@ -161,14 +159,12 @@ LOOPS: dict[str, MadeUp] = {
                         lasts=False),
     "slow limit cycle": MadeUp(7.8, around(20.0, sine(1.0, 2.6, 0.25)), "hunting", amplitude=1.0, period=2.6),
     "two periods that end at 0": MadeUp(8.25, around(20.0, sine(0.8, 4.0, 0.15)), "hunting", amplitude=0.8, period=4.0),
-    "one period": MadeUp(4.6, around(20.0, sine(0.8, 4.0, 0.15)), "too short"),
     "small, slow, at a zero": MadeUp(12.05, around(20.0, sine(0.5, 8.0)), "too short"),
     "hunting within 2 % of the step": MadeUp(8.0, around(10.0, decay(300.0, 0.1), sine(5.5, 1.0 / 0.7)), "hunting",
                                              ((0.0, 10.0),), amplitude=5.5, period=1.0 / 0.7),
     "fast hunting": MadeUp(5.0, around(20.0, sine(3.0, 0.2)), "hunting", amplitude=3.0, period=0.2),
     "hunting about an offset": MadeUp(10.0, around(25.0, decay(30.0, 0.2), sine(2.0, 1.7)), "hunting", amplitude=2.0,
                                       period=1.7),
-    "triangular": MadeUp(9.0, around(20.0, triangle(2.0, 1.3)), "hunting", amplitude=2.0, period=1.3),
     "sawtooth": MadeUp(9.0, lambda t: 18.0 + 4.0 * (t / 1.3 % 1.0), "hunting", amplitude=2.0, period=1.3),
     "noisy hunting": MadeUp(10.0, around(20.0, sine(2.0, 2.0), noise(0.3, 1)), "hunting", amplitude=2.0, period=2.0),
     "a limit cycle that builds up": MadeUp(12.0, lambda t: 20.0 + 4.0 * np.tanh(0.02 * np.exp(1.5 * t))
@@ -180,14 +176,11 @@ LOOPS: dict[str, MadeUp] = {
                                 settles=6.5, lasts=False),
     "hunting with lock": MadeUp(10.0, lambda t: np.maximum(20.0 + 35.0 * np.sin(2.0 * math.pi * t / 1.5), 0.0),
                                 "hunting", period=1.5, ripple=no_ripple),
-    "noise within the band": MadeUp(8.0, around(20.0, decay(30.0, 0.2), noise(0.15, 3)), "settled"),
     "noise": MadeUp(8.0, around(20.0, noise(0.5, 3)), "settled"),
     "noise after a step": MadeUp(8.0, around(20.0, decay(30.0, 0.2), noise(0.8, 4)), "settled"),
     "noise beside the target": MadeUp(8.0, around(24.0, noise(0.3, 5)), "off target"),
     "growing": MadeUp(8.0, lambda t: 20.0 + 0.02 * np.exp(0.8 * t) * np.sin(2.0 * math.pi * t / 0.9), "growing",
                       period=0.9, lasts=False),
-    "growing slowly": MadeUp(9.0, lambda t: 20.0 + 1.5 * np.exp(0.1 * t) * np.sin(2.0 * math.pi * t / 0.9), "growing",
-                             lasts=False),
     "growing without oscillation": MadeUp(8.0, lambda t: 20.0 + 0.01 * np.exp(t), "growing", lasts=False),
     "drifting": MadeUp(8.0, lambda t: 20.0 + 2.0 * np.maximum(t - 1.0, 0.0), "growing", lasts=False),
     "decaying too slowly": MadeUp(6.0, lambda t: 20.0 + 3.0 * np.exp(-0.15 * t) * np.sin(2.0 * math.pi * t / 0.8),
@@ -206,15 +199,11 @@ LOOPS: dict[str, MadeUp] = {
                                      ((0.0, 0.0),), settles=0.49, ripple=no_ripple),
     "lock from lock": MadeUp(5.0, around(0.0), "settled", ((0.0, 0.0),), settles=0.0,
                              ripple=lambda t, w: 1e-4 * np.sin(w * t)),
-    "negative slip": MadeUp(5.0, around(-20.0, decay(-30.0, 0.1)), "settled", ((0.0, -20.0),),
-                            settles=0.1 * math.log(50.0), overshoot=0.0),
     "target reversed, ignored": MadeUp(6.0, around(20.0), "off target", ((0.0, 20.0), (3.0, -20.0)), peak=40.0,
                                        lasts=False),
     "sine target, followed": MadeUp(6.0, SINE, "follows", SINE, lag=0.0, gain=1.0),
     "sine target, with lag": MadeUp(6.0, around(20.0, sine(4.0, 2.0, 0.5)), "off target", SINE,
                                     lag=0.5 / math.pi, gain=0.8),
-    "sine target, small lag": MadeUp(9.0, around(20.0, sine(5.0, 2.0, 0.1)), "off target", SINE, lag=0.1 / math.pi,
-                                     gain=1.0),
     "sine target, from afar": MadeUp(8.0, around(20.0, sine(5.0, 2.0), decay(40.0, 0.3)), "follows", SINE),
     "sine target, after an approach": MadeUp(1.5, around(20.0, sine(5.0, 2.0), decay(40.0, 0.4)), "too short", SINE),
     "sine target, and hunting": MadeUp(8.0, around(20.0, sine(5.0, 2.0), sine(1.5, 0.6)), "off target", SINE),
@@ -226,14 +215,10 @@ LOOPS: dict[str, MadeUp] = {
     "sine target at 10 Hz": MadeUp(8.0, SINE, "follows", tuple(
         (t, float(SINE(t))) for t in np.arange(0.0, 24.0, 0.1).tolist())),
     "triangular target, with lag": MadeUp(8.0, lambda t: TRIANGLE(t - 0.1), "off target", TRIANGLE, lag=0.1, gain=1.0),
-    "triangular target, followed": MadeUp(8.0, TRIANGLE, "follows", TRIANGLE, lag=0.0, gain=1.0),
     "ramp, with lag": MadeUp(6.0, lambda t: 20.0 + 2.0 * t - 0.6 * (1.0 - np.exp(-t / 0.3)), "off target",
                              around(20.0, lambda t: 2.0 * t), lag=0.3, gain=1.0),
     "ramp, followed": MadeUp(3.4, RAMP, "follows", RAMP, lasts=False),
     "ramp that ends": MadeUp(8.0, RAMP, "settled", RAMP, settles=0.0, lasts=False),
-    "limited step of 50 ms": MadeUp(6.0, lambda t: 20.0 + 30.0 * (t > 3.0) * (1.0 - np.exp(-(t - 3.0) / 0.2)),
-                                    "settled", limited(20.0, 50.0, 3.0, 0.05), settles=0.2 * math.log(50.0),
-                                    overshoot=0.0, lasts=False),
     "limited step of 250 ms": MadeUp(6.0, lambda t: 20.0 + 30.0 * (t > 3.1) * (1.0 - np.exp(-(t - 3.1) / 0.3)),
                                      "settled", limited(20.0, 50.0, 3.0, 0.25), settles=0.1 + 0.3 * math.log(50.0),
                                      overshoot=0.0, lasts=False),
@@ -258,7 +243,6 @@ LOOPS: dict[str, MadeUp] = {
                                 limits=(0.0, 6e5)),
     "at the wrong limit": MadeUp(6.0, around(60.0), "off target", pressure=around(0.0), limits=(0.0, 6e5)),
     "at the wrong limit and away": MadeUp(6.0, lambda t: 30.0 + 20.0 * t, "off target", pressure=around(0.0)),
-    "held and away": MadeUp(6.0, lambda t: 22.0 + 3.0 * t, "off target", pressure=around(9e4)),
     "bang-bang": MadeUp(8.0, around(20.0, triangle(3.0, 1.0)), "hunting", limits=(5e4, 3e5), amplitude=3.0, period=1.0,
                         pressure=lambda t: np.where(np.sin(2.0 * math.pi * t) > 0.0, 3e5, 5e4)),
     "a 10 Hz command": MadeUp(6.0, around(20.0, decay(30.0, 0.3)), "settled", settles=0.3 * math.log(50.0),
@@ -340,7 +324,7 @@ def test_a_loop_is_judged_by_its_truth(name, way):
         assert (segment.time_at_limit > 0.2) == bool(known)
 
 
-@pytest.mark.parametrize("name", [name for name, made in LOOPS.items() if made.seconds > 1.0][::12])
+@pytest.mark.parametrize("name", [name for name, made in LOOPS.items() if made.seconds > 1.0][::25])
 def test_a_loop_of_which_a_fifth_was_lost_has_no_verdict(name):
     made = LOOPS[name]
     segment = last_segment(loop(made, lost=0.2))
@@ -362,29 +346,6 @@ def test_a_run_that_ends_earlier_is_too_short_or_judged_as_one_that_is_three_tim
 
 def test_every_verdict_is_that_of_a_loop():
     assert {made.verdict for made in LOOPS.values()} | {"too little observed"} == {each.value for each in LoopVerdict}
-
-
-@pytest.mark.parametrize(("law", "values", "sensors"), [
-    ({"ki": 0.0, "start": 70e3}, {"engine.torque_amplitude": 0.0}, {}),
-    ({}, {"engine.torque_amplitude": 0.0}, {"slip_speed": {"offset": 2.0}}), ({"dead": 2.0}, {}, {}),
-    ({"ki": 0.0, "start": 70e3, "high": 85e3}, {}, {})])
-def test_a_loop_that_cannot_reach_its_target_is_saturated_only_at_a_limit_that_was_stated(law, values, sensors):
-    """Without an integral part, with an offset of its sensor, with a dead band; the last one limits its command."""
-    how = {"ki": 5.2, "dead": 0.0, "start": 90e3, "high": 600e3} | law
-    cycle, total = deque(maxlen=42), [how["start"]]
-
-    def answer(reading):
-        cycle.append(reading.slip_speed)
-        error = sum(cycle) / len(cycle) - 20.0
-        error = 0.0 if abs(error) < how["dead"] else error
-        total[0] += how["ki"] * error
-        return min(max(total[0] + 1.4e3 * error, 0.0), how["high"])
-
-    run = tcc_sim.closed_loop(load_scene("controlled").with_values(values), answer, seconds=4.0, sensors=sensors)
-    assert run.tracking_of(20.0).verdict == "off target"
-    assert run.tracking_of(20.0).limits == pytest.approx((0.0, math.nan), nan_ok=True)
-    stated = run.tracking_of(20.0, limits=(0.0, how["high"]))
-    assert (stated.verdict, stated.limits) == ("saturated" if "high" in law else "off target", (0.0, how["high"]))
 
 
 def hand_made(means, reference, begin=1.0, before=(), squares=2.5, stick=0.0, **more):
@@ -479,17 +440,6 @@ def test_without_a_cycle_there_is_no_verdict_but_a_reason():
     assert loop(LOOPS["good"]).tracking(1.01, 1.02).verdict == "too short"
 
 
-def test_a_disturbance_counts_from_the_last_cycle_before_it():
-    """A load step that begins within a cycle, seen from there on: nothing is dropped, and there is no step."""
-    made = loop(MadeUp(6.0, lambda t: 20.0 - 8.0 * np.maximum(t - 2.0, 0.0) / 0.2 * np.exp(
-        1.0 - np.maximum(t - 2.0, 0.0) / 0.2), "settled"))
-    for stepped in (False, None):
-        tracking = made.tracking(2.0, 6.0, stepped=stepped)
-        assert tracking.peak_deviation == pytest.approx(-8.0, rel=0.02)
-        assert (tracking.peak_time, tracking.overshoot) == (pytest.approx(2.2, abs=CYCLE), pytest.approx(8.0, rel=0.02))
-        assert tracking.settling_time == pytest.approx(0.2 * 6.83, abs=2 * CYCLE)
-
-
 @pytest.mark.parametrize(("times", "values", "jumps"), [
     ([0.0, 1.0, 2.0, 2.05], [20.0, 20.5, 20.55, 25.0], [(1.0, 20.5), (2.05, 25.0)]), ([0.0], [20.0], []), ([], [], []),
     ([0.0, 1.0, 2.0], [20.0, 20.0, 18.0], [(2.0, 18.0)]), ([0.0, 1.0], [20.0, 20.125], []),
@@ -504,14 +454,6 @@ def test_a_jump_is_larger_than_the_least_and_than_its_neighbours(times, values, 
     for sign in (1.0, -1.0):
         result = target_jumps(Steps(np.array(times), sign * np.array(values)), 0.125, 0.25)
         assert list(zip(result.t.tolist(), (sign * result.values).tolist())) == jumps
-
-
-def test_a_target_that_moves_has_no_jumps_and_one_that_steps_has():
-    times = np.arange(0.0, 6.0, 0.02)
-    moving = Steps(times, 20.0 + 5.0 * np.sin(math.pi * times))
-    assert len(target_jumps(moving, 0.1, 0.2).t) == 0
-    stepped = Steps(times, moving.values + 4.0 * (times >= 3.0))
-    assert target_jumps(stepped, 0.1, 0.2).t == pytest.approx([3.0])
 
 
 def test_the_target_of_a_cycle_in_which_it_jumps_is_its_mean():
