@@ -97,7 +97,13 @@ def curve_starts(system: System, measured: Measurement, keys: tuple[str, ...]) -
 
     They explain best the change of the flywheel's speed from sample to sample in slip. Without the speeds of both
     sides, they are those of the scene's largest exponentials.
+
+    Raises
+    ------
+    InputError
+        No slip speed was visited.
     """
+    _visited(speed := np.abs(measured.channels["slip_speed"]), speed, system.friction)
     slip, count = measured.channels["slip_speed"], len(keys) // 2
     low, high = rates_allowed(float(np.abs(slip).max()))
     numbers = _seen_in_slip(system, measured, count, np.geomspace(10.0 * low, high, TRIED))

@@ -12,7 +12,7 @@ from fig02_measured import FIG02, KEYS, ONCE, measured, moved
 from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import given, identify
-from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of
+from tcc_sim.estimation.measurement import Measurement, measurement_in
 from tcc_sim.estimation.multiple_shooting import INDEX
 from tcc_sim.estimation.settings import Gates
 from tcc_sim.output.samples import write_samples
@@ -74,6 +74,18 @@ def test_a_refused_fit_tries_no_more_starts_than_it_has_work_for() -> None:
     assert tried == [1, 2]
 
 
+def test_the_offset_of_a_pressure_is_what_its_sensor_shows_too_much() -> None:
+    t, states, _ = moved(0.2)
+    pressure = FIG02.system.pressure
+    shown = pressure.mean + pressure.amplitude * np.sin(FIG02.system.engine.frequency * t) + 5e3
+    seen = states + 0.2 * np.random.default_rng(9).standard_normal(states.shape)
+    result = identify(Measurement(t, {"slip_speed": seen[:, 0], "plate_speed": seen[:, 2]},
+                                  {"actuation_pressure": shown}), ["actuation_pressure.offset"], scene=FIG02,
+                      noise={"slip_speed": 0.2, "plate_speed": 0.2}, hold="linear").parameters[0]
+    assert result.value == pytest.approx(5e3, abs=4.0 * result.standard_error)
+    assert result.standard_error < 500.0
+
+
 def test_what_one_kilohertz_does_not_tell_is_said() -> None:
     """The decay goes with mu_s: at 1 kHz the fall after breakaway is over within a sample or two."""
     data, noise = measured(3)
@@ -84,28 +96,6 @@ def test_what_one_kilohertz_does_not_tell_is_said() -> None:
     assert decay.verdict == "not identifiable"
     assert "friction.static_coefficient" in decay.why
     assert "10 kHz" in decay.why
-
-
-def test_the_noise_of_a_smooth_signal_is_found() -> None:
-    t = np.arange(2000) * 1e-3
-    for level in (0.01, 1.0):
-        signal = 50.0 * np.sin(100.0 * t) + level * np.random.default_rng(0).standard_normal(len(t))
-        assert noise_of(signal) == pytest.approx(level, rel=0.1)
-
-
-def test_a_wrong_measurement_is_refused_with_the_reason() -> None:
-    """Sentences on all reasons are in test_fit_verdicts."""
-    data, noise = measured(seconds=0.2)
-    channels = {**data.channels, "plate_speed": -data.channels["plate_speed"]}
-    result = identify(Measurement(data.t, channels), {"driveline.stiffness": 3100.0}, scene=FIG02, noise=noise,
-                      gates=ONCE)
-    assert not result.accepted
-    assert "the sign of plate_speed" in result.why
-    shares = {name: float(np.sqrt(np.mean(r**2))) / noise[name] for name, r in result.residuals.items()}
-    most = max(shares, key=lambda name: shares[name])
-    assert f"Most of it is in {most}, whose residuals are {shares[most]:.3g} times its noise" in result.why
-    assert result.parameters[0].verdict == "not identifiable"
-    assert result.scene.text() == FIG02.text()
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".csv"])

@@ -35,9 +35,11 @@ ADVICE: dict[str, dict[str, str]] = {
 """Advice on these keys: slip below ln(1000)/2 rad/s shows the decay, below 2/50 rad/s the smoothing."""
 
 
-@cache
-def record(name: str) -> Measurement:
-    """A clutch that sticks, or one that slips at 53 to 100 rad/s, by SciPy on the equations with the smoothed law."""
+def moved(name: str, stiffness: float = 3000.0, damping: float = 0.6, kinetic: float = 0.24,
+          begin: tuple[float, ...] = ()) -> tuple[np.ndarray, ...]:
+    """Times and states (n, 3) of a clutch that sticks, or slips at 53 to 100 rad/s, by SciPy on the equations with the
+    smoothed law, from rest or from a state at the first time on; and its engine torque and pressure.
+    """
     t = np.arange(0.2, 0.4 if name == "stuck" else 0.3, 1e-3)
     mean, amplitude, pressure = (150.0, 60.0, 4e5) if name == "stuck" else (230.0, 80.0, 1.2e5)
 
@@ -45,16 +47,42 @@ def record(name: str) -> Measurement:
         return mean + amplitude * math.sin(150.0 * at)
 
     def rates(at: float, x: np.ndarray) -> list[float]:
-        shaft = 0.6 * x[2] + 3000.0 * x[1]
-        friction = (0.24 + 0.06 * math.exp(-2.0 * abs(x[0]))) * math.tanh(50.0 * x[0]) * 0.008 * pressure + 0.2 * x[0]
+        shaft = damping * x[2] + stiffness * x[1]
+        friction = (kinetic + (0.3 - kinetic) * math.exp(-2.0 * abs(x[0]))) * math.tanh(50.0 * x[0]) * 0.008 * pressure
+        friction += 0.2 * x[0]
         return [(torque(at) - friction) / 0.2 - (friction - shaft) / 0.02, x[2], (friction - shaft) / 0.02]
 
-    begin = [0.0, 0.0, 0.0] if name == "stuck" else [80.0, 0.0, 0.0]
-    states = odeint(rates, begin, np.append(0.0, t), tfirst=True, rtol=1e-9, atol=1e-10, mxstep=100_000)[1:]
+    first, times = (begin, t) if begin else ([0.0 if name == "stuck" else 80.0, 0.0, 0.0], np.append(0.0, t))
+    states = odeint(rates, first, times, tfirst=True, rtol=1e-10, atol=1e-11, mxstep=100_000)[-len(t):]
+    return t, states, mean + amplitude * np.sin(150.0 * t), np.full(len(t), pressure)
+
+
+@cache
+def record(name: str) -> Measurement:
+    """This motion with noise."""
+    t, states, torque, pressure = moved(name)
     noise = 0.02 * np.random.default_rng(8).normal(size=(2, len(t)))
     return Measurement(t, {"slip_speed": states[:, 0] + noise[0], "plate_speed": states[:, 2] + noise[1]},
-                       {"engine_torque": mean + amplitude * np.sin(150.0 * t),
-                        "actuation_pressure": 0.0 * t + pressure}, hold="smooth")
+                       {"engine_torque": torque, "actuation_pressure": pressure}, hold="smooth")
+
+
+def test_errors_and_correlations_are_those_of_least_squares_over_the_whole_motion() -> None:
+    """Without windows: the motion's derivatives by its first state and three keys, by differences of SciPy's."""
+    keys = {"driveline.stiffness": 3000.0, "driveline.damping": 0.6, "friction.kinetic_coefficient": 0.24}
+    result = identify(record("fast"), keys, scene=SCENE, noise=NOISE, gates=ONCE, settings=QUICK)
+    assert result.accepted, result.why
+    free = np.array([*moved("fast")[1][0], *keys.values()])
+    columns = []
+    for k, size in enumerate(np.maximum(np.abs(free), 0.1)):
+        ends = [moved("fast", *(free + step)[3:], begin=tuple((free + step)[:3]))[1][:, [0, 2]]
+                for step in np.array([1e-4, -1e-4])[:, None] * size * np.eye(6)[k]]
+        columns.append((ends[0] - ends[1]).ravel() / (2e-4 * size) / 0.02)
+    by = np.stack(columns, axis=1)
+    covariance = np.linalg.inv(by.T @ by)[3:, 3:]
+    errors = np.sqrt(np.diag(covariance))
+    assert [p.standard_error for p in result.parameters] == pytest.approx(errors, rel=0.03)
+    np.testing.assert_allclose(result.correlations, covariance / np.outer(errors, errors), atol=0.03)
+    assert np.linalg.norm([(p.value - keys[p.key]) / p.standard_error for p in result.parameters]) < 4.0
 
 
 @pytest.mark.parametrize("name", ["stuck", "fast"])

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 from documents import valid
-from scipy.integrate import solve_ivp
+from scipy.integrate import odeint
 from scipy.signal import StateSpace
 
 from tcc_sim import cli
@@ -103,16 +103,15 @@ def test_a_response_is_within_one_percent_or_refused(engine: float, amplitude: f
 
 
 def test_the_discrete_model_of_a_motion_with_stick_is_right_for_slow_inputs() -> None:
-    """Both torques of the plate carry the engine's mean torque at last, and a pressure changes the slip speed alone."""
-    motion, steady = operating_point(CONTROLLED.system, 6.0), {}
-    for output in OUTPUTS:
-        models = [linearise(CONTROLLED, slip=6.0, input=inputs, output=output, frequencies=[1.0]) for inputs in INPUTS]
-        steady[output] = [(m.c @ np.linalg.solve(np.eye(3) - m.a, m.b) + m.d)[0, 0] for m in models]
-    slow = [harmonic_transfer(motion, inputs, "slip_speed", np.array([1e-3]))[0].real for inputs in INPUTS]
-    assert steady["slip_speed"] == pytest.approx(slow, rel=1e-3)
-    for output in ("friction_torque", "shaft_torque"):
-        assert dict(zip(INPUTS, steady[output])) == pytest.approx({"actuation_pressure": 0.0, "engine_torque": 1.0},
-                                                                  abs=1e-5)
+    """Friction carries the engine's mean torque at last, and a pressure changes the slip speed alone."""
+    slow = harmonic_transfer(operating_point(CONTROLLED.system, 6.0), "actuation_pressure", "slip_speed",
+                             np.array([1e-3]))[0].real
+    for inputs, output, steady in (("actuation_pressure", "slip_speed", slow),
+                                   ("engine_torque", "friction_torque", 1.0),
+                                   ("actuation_pressure", "friction_torque", 0.0)):
+        m = linearise(CONTROLLED, slip=6.0, input=inputs, output=output, frequencies=[1.0])
+        found = (m.c @ np.linalg.solve(np.eye(3) - m.a, m.b) + m.d)[0, 0]
+        assert found == pytest.approx(steady, rel=1e-3, abs=1e-5 if output == "friction_torque" else 0.0)
 
 
 def test_the_default_range_reaches_three_times_the_slipping_mode() -> None:
@@ -151,27 +150,29 @@ def test_a_set_valued_motion_that_sticks_is_found_and_its_section_differentiated
     assert motion.carried.by_state[-1][2, 0] > 0.4
 
 
-def answer(slip: float, pressure: float, omega: float) -> complex:
-    """Answer of the slip speed to exp(i omega t) of the pressure, about the settled motion, by SciPy's LSODA.
+def answers(slip: float, pressure: float, omegas: list[float]) -> list[complex]:
+    """Answers of the slip speed to exp(i omega t) of the pressure, about the settled motion, by SciPy's LSODA.
 
     From runs with a cosine, with a sine and without; side bands at multiples of the engine's frequency are fitted too.
     """
     cycle, height = 2.0 * math.pi / 150.0, 2e-3
     t = np.arange(40.0 * cycle, 80.0 * cycle, cycle / 64.0)
+    begin = operating_point(CONTROLLED.system, slip).segments[0].state
 
-    def run(lead: float | None) -> np.ndarray:
+    def run(omega: float = 0.0, lead: float = 0.0) -> np.ndarray:
         def rates(at: float, x: np.ndarray) -> tuple[float, ...]:
-            more = 0.0 if lead is None else height * math.sin(omega * at + lead)
+            more = height * math.sin(omega * at + lead)
             return slip_rates(x, pressure * (1.0 + more), 200.0 + 250.0 * math.sin(150.0 * at))[:3]
 
-        begin = operating_point(CONTROLLED.system, slip).segments[0].state
-        return solve_ivp(rates, (0.0, t[-1]), begin, "LSODA", t, rtol=1e-9, atol=1e-10).y[0]
+        return odeint(rates, begin, np.append(0.0, t), tfirst=True, rtol=1e-9, atol=1e-10, mxstep=100_000)[1:, 0]
 
-    free = run(None)
-    moved = run(0.5 * math.pi) - free + 1j * (run(0.0) - free)
-    bands = [omega, *(w for n in range(1, 9) for w in (omega - 150.0 * n, omega + 150.0 * n) if abs(w) > 4.0)]
-    columns = np.column_stack([*(np.exp(1j * w * t) for w in bands), np.ones_like(t), t])
-    return complex(np.linalg.lstsq(columns, moved, rcond=None)[0][0]) / (height * pressure)
+    free, out = run(), []
+    for omega in omegas:
+        moved = run(omega, 0.5 * math.pi) - free + 1j * (run(omega) - free)
+        bands = [omega, *(w for n in range(1, 9) for w in (omega - 150.0 * n, omega + 150.0 * n) if abs(w) > 4.0)]
+        columns = np.column_stack([*(np.exp(1j * w * t) for w in bands), np.ones_like(t), t])
+        out.append(complex(np.linalg.lstsq(columns, moved, rcond=None)[0][0]) / (height * pressure))
+    return out
 
 
 @pytest.mark.parametrize(("slip", "frequencies"), [
@@ -182,8 +183,8 @@ def test_periodic_motions_answer_as_simulated_ones(slip: float, frequencies: lis
     """
     linearised = linearise(CONTROLLED, slip=slip, frequencies=frequencies)
     assert (np.diff(np.abs(linearised.multipliers)) <= 0.0).all()
-    for omega, response in zip(frequencies, linearised.response):
-        assert np.all(apart(response, answer(slip, linearised.pressure, omega)) < (0.3, 2.0)), omega
+    for response, found in zip(linearised.response, answers(slip, linearised.pressure, frequencies)):
+        assert np.all(apart(response, found) < (0.3, 2.0))
 
 
 def test_a_lag_and_a_delay_of_the_actuator_cost_the_phase_of_their_closed_form() -> None:
@@ -219,11 +220,6 @@ def test_outputs_balance_where_slip_ends_within_a_part() -> None:
                 for output in ("slip_speed", "shaft_torque")]
         assert [steady[0], d.stiffness * steady[1]] == pytest.approx(slow, rel=1e-4)
         assert abs(steady[2]) < 1e-9 * abs(steady[0])
-
-
-def test_what_cannot_be_linearised_is_refused_in_one_sentence() -> None:
-    with pytest.raises(InputError, match="a transfer function needs a periodic excitation"):
-        linearise("runup")
 
 
 def test_the_command_writes_what_control_tools_take(tmp_path, capsys, pictures) -> None:

@@ -70,12 +70,10 @@ def test_the_smallest_stable_slip_is_found_in_lock_step(loop: SlipLoop) -> None:
     assert swing(Raised(target=0.9 * loop.smallest_stable_slip)) > 0.4
 
 
-def test_an_actuator_costs_the_loop_margin_and_makes_it_unstable_where_lock_step_does(
-        loop: SlipLoop, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tcc_sim.estimation.slip_loop._smallest_slip", lambda *rest: None)
-    late, slow = (linearise(load_scene("controlled").with_values(keys), slip=TUNING.target, frequencies=[10.0],
-                            controller=GAINS).controller for keys in ({"pressure.delay": 0.005}, ACTUATED))
-    assert late.largest_delay == pytest.approx(loop.largest_delay - 0.005, abs=1.1e-3)
+def test_an_actuator_costs_the_loop_margin_and_makes_it_unstable_where_lock_step_does(loop: SlipLoop) -> None:
+    slow = linearise(load_scene("controlled").with_values(ACTUATED), slip=TUNING.target, frequencies=[10.0],
+                     controller=GAINS).controller
+    assert slow.largest_delay < loop.largest_delay - 0.005
     assert slow.gain_margin < 0.85 * loop.gain_margin
     assert slow.phase_margin < loop.phase_margin - 0.3
     grown = []
