@@ -1,31 +1,33 @@
 """`tcc-sim identify`: parameters of the driveline and of its friction law from a measurement, with their uncertainty.
 
-Multiple shooting (`multiple_shooting`), repeated from a Sobol set of starts where the first fit fails (`search`); the
-covariance of the parameters for the noise of the channels; and a verdict for each parameter. A fit whose residuals
-exceed the noise is refused, and its parameters are no result.
+Multiple shooting (`multiple_shooting`), repeated from a Sobol set of starts where the first fit fails, and with every
+possible hold of the inputs for the best fit; the covariance of the parameters for the noise of the channels; and a
+verdict for each parameter. A fit whose residuals exceed the noise is refused, and its parameters are no result.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
 
-from tcc_sim.errors import InputError
-from tcc_sim.estimation.curve import CURVE, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
+from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
+from tcc_sim.estimation.curve import CURVE, SHARES, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
 from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of, read_recording
-from tcc_sim.estimation.multiple_shooting import Fit
+from tcc_sim.estimation.multiple_shooting import Fit, fit
 from tcc_sim.estimation.residuals import Whiteness, judge_residuals
-from tcc_sim.estimation.search import Likelihood, Search, profile_likelihood
 from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
 from tcc_sim.estimation.verdicts import Parameter, check_sampling, judged, why_no_noise, why_not
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
+from tcc_sim.model.parameters import replace as changed
 from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene, SceneLike, as_scene
@@ -33,6 +35,18 @@ from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.tables.chosen_columns import CHANNELS, is_table
 from tcc_sim.tables.measured_table import HOLDS, looks_smooth, table_in
 from tcc_sim.trajectory import Floats
+
+FAILED = NumericalFailure, RuntimeError
+"""Errors of a fit that leads nowhere; SciPy raises RuntimeError for a singular matrix."""
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """Profile likelihood of one parameter: the excess of the least chi-square while it is held."""
+
+    key: str = field(metadata=reported("scene key"))
+    values: Floats = field(metadata=reported("values at which it was held", "{key}"))
+    excess: Floats = field(metadata=reported("least chi-square there over that of the fit"))
 
 
 @dataclass(frozen=True, repr=False)
@@ -136,7 +150,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     levels, begin = _noise(measured, noise), np.array(list(starts.values()))
     models = [Model(scene.system, tuple(starts), replace(measured, hold=each)) for each in _holds(measured, hold)]
     with progress_bar("iteration", shown=progress) as bar:
-        search = Search(begin, levels, not set(noise or ()) >= set(levels), len(measured.t) * len(levels), settings,
+        search = _Search(begin, levels, not set(noise or ()) >= set(levels), len(measured.t) * len(levels), settings,
                         gates, bar.update)
         best, model, tried = search.best(models)
         chi2, limit, exact = best.chi2, search.limit(best), False
@@ -158,13 +172,128 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
         slip = model.measured.channels["slip_speed"][:len(slip)] + slip
         curve = curve_of(model.keys, best.values, covariance, slip, model.system.friction)
     if likelihood is not None and not why:
-        profile = profile_likelihood(model, levels, settings, best, likelihood, errors)
+        profile = _profile_likelihood(model, levels, settings, best, likelihood, errors)
     return Identification(
         tuple(judged(model, i, float(begin[i]), best, errors, correlations, not why, gates,
                      white.hidden.get(model.keys[i])) for i in shown),
         correlations[np.ix_(shown, shown)], chi2, not why, why, levels, len(best.starts), tried,
         time.perf_counter() - began, scene if why else _with_estimates(scene, model, best, curve), model.measured,
         best.residuals, white, model.measured.hold, profile, curve, measured.notes)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Fits of a measurement from starts around a given one.
+
+    begin : (P,) start of each free key
+    levels : standard deviation of the noise by channel
+    guessed : whether the noise of a channel was estimated from its signal
+    samples : number of samples of all channels
+    tick : function called after every iteration
+    """
+
+    begin: Floats
+    levels: dict[str, float]
+    guessed: bool
+    samples: int
+    settings: FitSettings
+    gates: Gates
+    tick: Callable[[], Any]
+
+    def limit(self, fit: Fit) -> float:
+        """Return the largest acceptable chi-square per degree of freedom, wider if the noise was estimated."""
+        estimate = self.gates.guessed**2 / self.samples if self.guessed else 0.0
+        return 1.0 + self.gates.beyond * math.sqrt(2.0 / fit.freedom + estimate)
+
+    def joins(self, fit: Fit) -> bool:
+        """Return whether the windows of a fit join to one motion."""
+        return fit.gap <= self.gates.gap
+
+    def again(self, model: Model, previous: Fit, levels: dict[str, float] | None = None) -> Fit:
+        """Repeat the last stage from a fit, with another model or other noise levels."""
+        return fit(model, levels or self.levels, previous.values, self.settings, self.settings.stages[-1:],
+                   previous.starts, self.tick)
+
+    def best(self, models: Sequence[Model]) -> tuple[Fit, Model, int]:
+        """Return the best fit, its model, and the number of starts of the first model; raise InputError if none can be
+        solved.
+        """
+        first, tried = self._from_starts(models[0])
+        best, of = first, models[0]
+        for model in models[1:]:
+            try:
+                fit = self.again(model, first) if self.joins(first) else self._fit(model, self.begin)
+            except FAILED:
+                continue
+            if self._rank(fit) < self._rank(best):
+                best, of = fit, model
+        return best, of, tried
+
+    def _from_starts(self, model: Model) -> tuple[Fit, int]:
+        """Return the best fit up to the first acceptable one, and the number of starts tried."""
+        best: Fit | None = None
+        tried, work = 0, 0.0
+        for values in self._around(model.keys):
+            tried += 1
+            try:
+                fit = self._fit(model, values)
+            except FAILED:
+                continue
+            if best is None or self._rank(fit) < self._rank(best):
+                best = fit
+            work += fit.work
+            if (fit.chi2 < self.limit(fit) and self.joins(fit)) or work > self.gates.work:
+                break
+        if best is None:
+            raise InputError("the scene cannot be solved from the measurement; is it the right scene?")
+        return best, tried
+
+    def _fit(self, model: Model, values: Floats) -> Fit:
+        """Fit from values of the keys, in all stages."""
+        return fit(model, self.levels, values, self.settings, tick=self.tick)
+
+    def _rank(self, fit: Fit) -> tuple[bool, float]:
+        """Return the order of a fit: one motion first, then by chi-square."""
+        return not self.joins(fit), fit.chi2
+
+    def _around(self, keys: tuple[str, ...]) -> Iterator[Floats]:
+        """Yield the given start, then a Sobol set around it."""
+        begin, gates = self.begin, self.gates
+        yield begin
+        for point in qmc.Sobol(len(keys), seed=1).random(8)[1:gates.starts]:
+            factors = np.where([k in OFFSETS for k in keys], 1.0, 1.0 + gates.spread * (2.0 * point - 1.0))
+            values = begin * np.where([k in SHARES for k in keys], point, factors)
+            if STATIC in keys and KINETIC in keys:
+                at, other = keys.index(STATIC), keys.index(KINETIC)
+                values[at] = on_its_side(values[at], values[other], 1.02, falls=begin[at] >= begin[other])
+            yield values
+
+
+def _profile_likelihood(model: Model, noise: dict[str, float], settings: FitSettings, best: Fit, key: str,
+                       errors: Floats) -> Likelihood:
+    """Return the least chi-square while `key` is held at values around its estimate and the others are fitted again."""
+    at = model.keys.index(key)
+    held = [k for k in model.keys if k != key]
+    values = best.values[at] + errors[at] * np.linspace(-3.0, 3.0, 13)
+    excess: NDArray[np.float64] = np.full(len(values), np.nan)
+    samples = sum(len(r) for r in best.residuals.values())
+    least = best.chi2 * max(samples - len(model.keys) - 3, 1)
+    for i, value in enumerate(values):
+        try:
+            if key in OFFSETS:
+                name = OFFSETS[key]
+                inputs = {**model.measured.inputs}
+                if name not in inputs:
+                    continue
+                inputs[name] = inputs[name] - value
+                other = Model(model.system, tuple(held), replace(model.measured, inputs=inputs))
+            else:
+                other = Model(changed(model.system, {key: float(value)}), tuple(held), model.measured)
+            again = fit(other, noise, np.delete(best.values, at), settings, settings.stages[-1:], best.starts)
+        except (*FAILED, OutOfRange):
+            continue
+        excess[i] = again.chi2 * max(samples - len(held) - 3, 1) - least
+    return Likelihood(key, values, excess)
 
 
 def _noise_of_residuals(measured: Measurement, best: Fit) -> tuple[dict[str, float], bool]:
