@@ -16,6 +16,7 @@ from tcc_sim.analysis.damping import damping_of_cycles
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CyclePiece, CycleStream
 from tcc_sim.analysis.tracking import LARGEST_BAND, Limits, checked_limits, target_steps
+from tcc_sim.code_version import differences_from
 from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
@@ -109,7 +110,9 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
                            began, band, limits or line.limits)
         if verify:
             bar.begin("solving")
-            result = replace(result, verification=verification_of(whole, run.size, bar.advance))
+            versions = dict.fromkeys(scene.version for scene in run.scenes)
+            result = replace(result, verification=verification_of(whole, run.size, bar.advance),
+                             warnings=(*result.warnings, *filter(None, map(differences_from, versions))))
         if note:
             result = replace(result, warnings=(*result.warnings, note))
         if chosen.sentence():

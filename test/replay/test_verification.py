@@ -6,6 +6,7 @@ import pytest
 from driveline_bags import TICK, bag, readings, ticked
 
 from tcc_sim.cli import main
+from tcc_sim.code_version import code_version
 from tcc_sim.recording.reader import open_run
 from tcc_sim.replay.replay import replay
 from tcc_sim.replay.timeline import timeline_of
@@ -240,3 +241,15 @@ def test_a_vehicle_that_attaches_after_a_reset_in_one_chunk_belongs_to_the_secon
     assert len(first) + 42 < 100  # Rows in a chunk.
     result = verified(tmp_path / "run", [*first, *second], scene, ends=ends)
     exactly(result, 230)
+
+
+@pytest.mark.parametrize(("version", "words"), [
+    ("", ()), ("1.0.0", ("friction table", "last bits")), ("1.1.0+00000000", ("no recorded value",)),
+    ("99.0.0", ("older",)), ("two", ("not known",))])
+def test_a_recording_of_another_version_names_the_values_that_may_differ(tmp_path, version, words):
+    """An empty version is written as that of the running code."""
+    rows = ticked(SCENES["fig02"], 60)
+    warnings = replay(bag(tmp_path / "run", rows, SCENES["fig02"], version=version), verify=True).warnings
+    named = [line for line in warnings if code_version() in line]
+    assert len(named) == bool(version)
+    assert all(word in line for line in named for word in (version, *words))
