@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -17,10 +17,11 @@ from tcc_sim.replay.given_inputs import doubts_about, driven_by, input_table
 from tcc_sim.replay.measured import MeasuredRun, analyse_table, at_measured_speed
 from tcc_sim.replay.replay import replay
 from tcc_sim.replay.result import Replay
-from tcc_sim.scene import SceneLike, as_scene, parse_profiles
+from tcc_sim.scene import SceneLike, as_scene, parse_profiles, refuse_driven
 from tcc_sim.sweeps.simulation import Plan, Simulation, simulate, with_plan_fields
 from tcc_sim.tables.chosen_columns import is_table
 from tcc_sim.tables.measured_table import MeasuredTable, table_in
+from tcc_sim.topics import INPUTS
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.signals import Signals
@@ -35,9 +36,14 @@ SAMPLES = 200
 
 
 def driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | None, orders: bool,
-                 pulses: int | None) -> tuple[Scene, Signals | None]:
-    """Return the scene with inputs, at the measured engine speed where orders are wanted, and the measured signals."""
+                 pulses: int | None, keys: Iterable[str] = ()) -> tuple[Scene, Signals | None]:
+    """Return the scene with inputs, at the measured engine speed where orders are wanted, and the measured signals;
+    `keys` are those that the command gives.
+    """
     driven = driven_by(scene, source, hold)
+    inputs = driven.system.inputs
+    assert inputs is not None
+    refuse_driven(keys, [name for name, data in zip(INPUTS, (inputs.torque, inputs.pressure)) if data is not None])
     if orders and isinstance(source, MeasuredTable):
         return at_measured_speed(driven, source, pulses)
     if pulses is not None:
@@ -144,7 +150,8 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     (1, True)
     """
     words = [f"{key}={points}" for key, points in profile.items()] if isinstance(profile, Mapping) else list(profile)
-    changed, table, measured = as_scene(scene).with_values({**(set or {}), **parse_profiles(words)}), None, None
+    values = {**(set or {}), **parse_profiles(words)}
+    changed, table, measured = as_scene(scene).with_changes(values), None, None
     if inputs is None and any(value is not None for value in (hold, columns, from_, to, pulses)):
         raise InputError("hold, columns, from_, to and pulses are for inputs from a table; give it as inputs")
     if inputs is not None:
@@ -153,7 +160,7 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
         source = inputs if not isinstance(inputs, (str, Path)) else (
             input_table(Path(inputs), columns, from_, to) or read(inputs, inputs_scene, joints, topic, driveline))
         table = source if isinstance(source, MeasuredTable) else None
-        changed, measured = driven_scene(changed, source, hold, orders, pulses)
+        changed, measured = driven_scene(changed, source, hold, orders, pulses, values)
     if spectrum:
         changed.system.check_repeats("a spectrum")
     samples = samples_per_cycle or (SAMPLES if orders or inputs is not None else 0)
@@ -276,7 +283,7 @@ def explanation(scene: SceneLike, *, set: Mapping[str, object] | None = None, co
     """
     from tcc_sim.output.explanation import explain
 
-    return explain(as_scene(scene).with_values(set or {}), cost=cost)
+    return explain(as_scene(scene).with_changes(set or {}), cost=cost)
 
 
 def fmu_file(scene: SceneLike, *, set: Mapping[str, object] | None = None, fmi: int = 2, step: float | None = None,
@@ -307,7 +314,7 @@ def fmu_file(scene: SceneLike, *, set: Mapping[str, object] | None = None, fmi: 
     from tcc_sim.fmi.export import export
     from tcc_sim.output.files import replaceable
 
-    changed = as_scene(scene).with_values(set or {})
+    changed = as_scene(scene).with_changes(set or {})
     path = Path(out) if out is not None else Path(f"tcc_sim_{changed.name}.fmu")
     check_suffix(path, (".fmu",))
     if replaceable(path):

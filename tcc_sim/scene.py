@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Mapping
+import itertools
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -128,6 +129,16 @@ class Scene:
         return dataclasses.replace(self, system=parameters.replace(self.system, model), unused=unused,
                                    operation=dataclasses.replace(self.operation, **options))
 
+    def with_changes(self, values: Mapping[str, object]) -> Scene:
+        """Return this scene with the keys that a command gives: as `with_values`, but a constant beside the profile
+        that replaces it, which a scene file may have, is refused.
+        """
+        for key in values:
+            if f"{key}_times" in values:
+                raise InputError(f"{key} and {key}_times are both given, and the profile replaces {key}; remove one of "
+                                 "them")
+        return self.with_values(values)
+
     def values(self) -> dict[str, Any]:
         """Return every scene key and node option with its value."""
         return {**dict(parameters.values_of(self.system)), **vars(self.operation)}
@@ -218,6 +229,9 @@ def load_scene(name_or_file: str | Path) -> Scene:
         raise InputError(f"{path}: {error}") from None
 
 
+DRIVEN = {"engine_torque": ("engine.mean_torque", "engine.torque_amplitude", "engine.harmonic_"),
+          "actuation_pressure": ("pressure.mean", "pressure.amplitude", "pressure.frequency_ratio", "pressure.phase")}
+"""Beginnings of the keys that data replace, by input."""
 SceneLike: TypeAlias = Scene | System | str | Path
 """A scene, its system, its name or its file, as public functions accept it."""
 
@@ -274,6 +288,13 @@ def meaning_of(key: str) -> Quantity:
     if list_of(key) not in known:
         raise parameters.unknown_key(key, list(known))
     return known[list_of(key)]
+
+
+def refuse_driven(keys: Iterable[str], inputs: Iterable[str]) -> None:
+    """Raise InputError if a command gives a key of an input that data replaces; `inputs` are those of the data."""
+    for key, name in itertools.product(keys, inputs):
+        if key.startswith(DRIVEN.get(name, ())):
+            raise InputError(f"{key} is not used, because the data have {name}; remove one of the two")
 
 
 def parse_assignments(assignments: list[str]) -> dict[str, object]:

@@ -50,9 +50,7 @@ def test_a_senseless_command_line_is_one_line_and_status_2(words: list[str],
     (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--set", "pressure.mean=-3"], "pressure.mean is -3 Pa"),
     (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--cycles", "0"], "cycles"),
     (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--out", "no/sweep.jsonl"], "there is no directory no"),
-    (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--solver", "euler"], "euler"),
-    (["simulate", "fig02", "--set", "pressure.mean=1e5", "--profile", "pressure.mean=0:1e5,1:2e5"],
-     "tcc-sim: --set pressure.mean beside --profile pressure.mean: both set pressure.mean; remove one of them\n")])
+    (["sweep", "fig02", "--over", "engine.frequency=100:200:3", "--solver", "euler"], "euler")])
 def test_wrong_input_is_one_line_and_status_2_and_nothing_is_written(words: list[str], says: str,
                                                                      refused: Callable[..., str]) -> None:
     assert says in refused(*words, "--json", "out.json")

@@ -143,23 +143,20 @@ def scene_of(arguments: argparse.Namespace, more: Mapping[str, Any] | None = Non
     """Load the scene that SCENE names, with the changes of --set and `more`."""
     from tcc_sim.scene import load_scene, parse_assignments
 
-    given = parse_assignments(arguments.set)
-    for key in given:
-        if f"{key}_times" in (more or {}):
-            raise InputError(f"--set {key} beside --profile {key}: both set {key}; remove one of them")
-    scene = load_scene(arguments.scene).with_values({**given, **(more or {})})
+    values = {**parse_assignments(arguments.set), **(more or {})}
+    scene = load_scene(arguments.scene).with_changes(values)
     show_in(order=scene.system.engine.order)
     return scene
 
 
 def refuse_swept(assignments: list[str], keys: Sequence[str]) -> None:
-    """Raise InputError if --set fixes a key that the command varies, or engine.speed for engine.frequency."""
-    from tcc_sim.model.crank_speed import FREQUENCY, SPEED
+    """Raise InputError if --set gives a key that the command itself sets, or engine.speed for engine.frequency."""
+    from tcc_sim.model.crank_speed import frequency_key
 
+    own = {frequency_key(key): key for key in keys}
     for word in assignments:
-        key = word.partition("=")[0]
-        if key in keys or key.replace(SPEED, FREQUENCY) in [swept.replace(SPEED, FREQUENCY) for swept in keys]:
-            raise InputError(f"--set {word}: the command itself varies {key}; remove one of the two")
+        if (key := frequency_key(word.partition("=")[0])) in own:
+            raise InputError(f"--set {word}: the command itself sets {own[key]}; remove one of the two")
 
 
 def add_namespace(parser: argparse.ArgumentParser, default: str = "") -> None:

@@ -19,6 +19,7 @@ from tcc_sim.cli.arguments import (
     plot_result,
     present,
     refuse_driveline,
+    refuse_swept,
     say_of_table,
 )
 from tcc_sim.cli.options import Form, add_options, parameters_of
@@ -68,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Identification]]:
     """Return the scene and `identify` with every argument but `progress`."""
     from tcc_sim.estimation.identify import given, identify
-    from tcc_sim.scene import load_scene, parse_assignments
+    from tcc_sim.scene import load_scene, parse_assignments, refuse_driven
     from tcc_sim.tables.chosen_columns import is_table
 
     free: dict[str, float | None] = {}
@@ -84,7 +85,10 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
         refuse_driveline(arguments, f"{arguments.measured} is a table")
     measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene),
                             arguments.columns, arguments.from_, arguments.to, **driveline_of(arguments))
-    scene = scene.with_values(parse_assignments(arguments.set))
+    values = parse_assignments(arguments.set)
+    refuse_swept(arguments.set, [key for key, start in free.items() if start is not None])
+    refuse_driven(values, measured.inputs)
+    scene = scene.with_changes(values)
     return scene, partial(identify, measured, free, scene=scene, noise=noise, hold=arguments.hold,
                           likelihood=arguments.likelihood)
 

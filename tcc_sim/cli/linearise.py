@@ -16,6 +16,7 @@ from tcc_sim.cli.arguments import (
     document_of,
     plot_result,
     present,
+    refuse_swept,
     scene_of,
 )
 from tcc_sim.cli.options import Form, add_options, keywords_of, options_in
@@ -46,6 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.estimation.linearise import linearise
     from tcc_sim.output.table_files import TABLES, write_result
 
+    if arguments.slip is not None:
+        refuse_swept(arguments.set, ["pressure.mean"])
     scene = scene_of(arguments)
     check_outputs(arguments, TABLES)
     result = linearise(scene, **keywords_of(arguments, options_in(LINEARISE)), progress=True)

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print name and description of every bundled scene, or one scene in full."""
     if arguments.show is not None:
-        sys.stdout.write(load_scene(arguments.show).with_values(parse_assignments(arguments.set)).text())
+        sys.stdout.write(load_scene(arguments.show).with_changes(parse_assignments(arguments.set)).text())
         return 0
     if arguments.set:
         raise InputError("--set changes the scene that --show prints; give --show NAME too")

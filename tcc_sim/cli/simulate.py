@@ -38,10 +38,11 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.analysis.orders import OrderComparison
     from tcc_sim.output.samples import SUFFIXES, write_samples
     from tcc_sim.output.tables import comparison_lines, order_lines, simulation_lines, spectrum_lines
-    from tcc_sim.scene import parse_profiles
+    from tcc_sim.scene import parse_assignments, parse_profiles
     from tcc_sim.sweeps.simulation import simulate
 
-    scene, measured, table = common.scene_of(arguments, parse_profiles(arguments.profile)), None, None
+    profiles = parse_profiles(arguments.profile)
+    scene, measured, table = common.scene_of(arguments, profiles), None, None
     if arguments.inputs is None:
         common.refuse_driveline(arguments, "give the recording with --inputs")
     if arguments.inputs is not None:
@@ -50,7 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
 
         source = inputs_of(arguments)
         table = source if isinstance(source, MeasuredTable) else None
-        scene, measured = driven_scene(scene, source, arguments.hold, arguments.orders, arguments.pulses)
+        scene, measured = driven_scene(scene, source, arguments.hold, arguments.orders, arguments.pulses,
+                                       {**parse_assignments(arguments.set), **profiles})
     elif arguments.inputs_scene is not None:
         raise InputError("--scene is for a recording without a scene; give the recording with --inputs")
     for name in ("hold", "columns", "from_", "to", "pulses"):

@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.crank_speed import DERIVED
+from tcc_sim.model.elements import list_of
 from tcc_sim.model.parameters import unknown_key
 from tcc_sim.model.quantity import Options, Quantity
 from tcc_sim.nodes.options import SCENE, TEXT
@@ -39,9 +40,10 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
                          "friction.slip_speeds and friction.coefficients")
     otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
     base = scene or load_scene(str(given.pop(SCENE, otherwise)))
-    warn_of_unknown(node, (SCENE, *KNOWN_KEYS, *DERIVED))
-    scene = base.with_values({name: without_arrays(value) for name, value in given.items()
-                              if name in MEANINGS or name in DERIVED})
+    values = {name: without_arrays(value) for name, value in given.items()
+              if name in DERIVED or list_of(name) in MEANINGS}
+    warn_of_unknown(node, (SCENE, *KNOWN_KEYS, *DERIVED, *values))
+    scene = base.with_values(values)
     if scene.system != base.system:
         scene = dataclasses.replace(scene, name=f"{base.name} with overrides",
                                     description=f"{base.description}, with overrides")

@@ -112,6 +112,17 @@ class Point:
                      Start(State(v, angle, speed), int(record["final_cycle"])), judder, orders)
 
 
+def check_effect(system: System, key: str) -> None:
+    """Raise InputError if another key of the scene takes the effect from `key`."""
+    for by, without, keys in (
+            ("friction.law set_valued", system.friction.law == "set_valued", ("friction.smoothing",)),
+            ("engine.fallback mean", not system.engine.harmonic, ("engine.torque_amplitude", "engine.harmonic_")),
+            ("pressure.fallback mean", not system.pressure.harmonic,
+             ("pressure.amplitude", "pressure.frequency_ratio", "pressure.phase"))):
+        if without and key.startswith(keys):
+            raise InputError(f"{key} has no effect with {by}")
+
+
 def varied(system: System, key: str, value: float) -> System:
     """Return the system with one scene key changed; SCALED is a table, and the value is the factor of its coefficients.
 
@@ -146,6 +157,7 @@ class Curve:
     def __post_init__(self) -> None:
         if not 1 <= len(self.values) <= MOST_VALUES:
             raise InputError(f"a sweep has {len(self.values)} values; it must have 1 to {MOST_VALUES}")
+        check_effect(self.system, self.key)
         for value in self.values:
             varied(self.system, self.key, value)
 

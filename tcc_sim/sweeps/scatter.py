@@ -18,7 +18,7 @@ from tcc_sim.model.parameters import System, refuse_related, replace
 from tcc_sim.model.quantity import MOST_VALUES, sequence_of_numbers
 from tcc_sim.result import Result, reported, reported_of, reporting
 from tcc_sim.scene import Scene, system_of
-from tcc_sim.sweeps.results import SCALED, Course, Point, Sweep, lists_of, stacked, varied
+from tcc_sim.sweeps.results import SCALED, Course, Point, Sweep, check_effect, lists_of, stacked, varied
 from tcc_sim.sweeps.simulation import Plan, with_plan_fields
 from tcc_sim.sweeps.sweep import Curve, sweep_curves
 
@@ -217,6 +217,8 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
     if over in sampled:
         raise InputError(f"{over} is swept and scattered; it must be one of the two")
     refuse_related([*sampled, over])
+    for key in sampled:
+        check_effect(system, key)
     if tolerances.samples * max(len(values), 1) > MOST_VALUES:
         raise InputError(f"there are {tolerances.samples} samples of {len(values)} values; there may be "
                          f"{MOST_VALUES}")

@@ -35,7 +35,7 @@ from tcc_sim.sweeps.blocks import in_blocks, solve_block
 from tcc_sim.sweeps.executors import AHEAD, Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep, varied
+from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep, check_effect, varied
 from tcc_sim.sweeps.simulation import ORDER_SAMPLES, PAPER, Plan, Simulation, simulate, with_plan_fields
 from tcc_sim.sweeps.steady_state import Start
 
@@ -108,6 +108,7 @@ def curves_of(system: System, key: str, values: Sequence[float], second_key: str
     if key == second_key:
         raise InputError(f"{key} is swept twice; a grid has two keys")
     refuse_related((key, second_key))
+    check_effect(system, second_key)
     if not 1 <= len(values) * len(second_values) <= MOST_VALUES:
         raise InputError(f"a grid has {len(values)} by {len(second_values)} values; it must have 1 to "
                          f"{MOST_VALUES}")

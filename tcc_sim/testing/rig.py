@@ -15,6 +15,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from tcc_sim.analysis.tracking import Limits, checked_limits
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
+from tcc_sim.model.elements import with_whole_lists
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import LATCHED, poll, subscribe
@@ -139,7 +140,7 @@ class Rig:
             The driveline refuses the changes; the message is the driveline's.
         """
         self._check_open()
-        changes = changes_of(values, more)
+        changes = with_whole_lists(changes_of(values, more), self._node.scene.value)
         self._node.scene.with_values(changes)
         self._plant.warm_up()
         result = self._node.set_parameters_atomically([Parameter(key, value=value) for key, value in changes.items()])

@@ -33,6 +33,7 @@ from tcc_sim.study.continuation.problem import Floats
 from tcc_sim.sweeps.executors import AHEAD, Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
+from tcc_sim.sweeps.results import check_effect
 from tcc_sim.trajectory import State
 
 CELL_CYCLES = 600  # longest time that a cell is followed, cycles
@@ -160,6 +161,8 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     axes, over = check_plane(plane), None if over is None else axis_of(over)
     if over is not None and over.key in (axes[0].key, axes[1].key):
         raise InputError(f"over is {over.key}, an axis of the plane; it must be another key")
+    if over is not None:
+        check_effect(system, over.key)
     if not 16 <= cycles <= 1_000_000:
         raise InputError(f"cycles is {cycles}; it must be 16 to 1000000")
     systems = [system] if over is None else [replace(system, {over.key: x}) for x in over.values]

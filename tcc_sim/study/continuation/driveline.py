@@ -28,6 +28,7 @@ from tcc_sim.study.continuation.newton import find_orbit
 from tcc_sim.study.continuation.problem import FAILURES, Floats, Image, Margin, Margins, Observation, Values
 from tcc_sim.study.continuation.shooting import ParameterRange, Shooting
 from tcc_sim.study.continuation.special_points import ContinuationPoint
+from tcc_sim.sweeps.results import check_effect
 from tcc_sim.sweeps.steady_state import settled_from_start
 from tcc_sim.trajectory import Cycles
 
@@ -143,8 +144,7 @@ def _check_key(system: System, key: str, among: Sequence[str]) -> None:
         raise InputError(f"{key} changes engine.frequency where engine.speed is given; follow motions in that")
     if key in ("engine.order", "pressure.time_constant", "pressure.delay", "pressure.rate_limit"):
         raise InputError(f"{key} has no effect on periodic motions")
-    if key == "friction.smoothing" and system.friction.law == "set_valued":
-        raise InputError("friction.smoothing has no effect with friction.law set_valued")
+    check_effect(system, key)
     if key in ("pressure.frequency_ratio", "pressure.phase") and system.saturation_amplitude == 0.0 \
             and "pressure.amplitude" not in among:
         raise InputError(f"{key} has no effect where pressure.amplitude is 0")
