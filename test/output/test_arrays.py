@@ -66,6 +66,7 @@ def test_recorded_samples_of_a_commanded_pressure_have_the_pressure(tmp_path: Pa
 
 
 def test_files_that_are_no_arrays_are_refused(tmp_path: Path) -> None:
+    """By a line with the name of the file and of the array."""
     (tmp_path / "text.npz").write_text("no archive")
     np.savez(tmp_path / "words.npz", a=np.array([{}], dtype=object), b=np.array([1, 2], "M8[s]"))
     data = io.BytesIO()
@@ -73,21 +74,16 @@ def test_files_that_are_no_arrays_are_refused(tmp_path: Path) -> None:
     for name, content in (("long", data.getvalue() + b"x"), ("short", data.getvalue()[:-1])):
         with zipfile.ZipFile(tmp_path / f"{name}.npz", "w") as file:
             file.writestr("a.npy", content)
-    for name, array, why in ((".", "a", "{} is not a regular file"),
-                             ("no.npz", "a", "{} cannot be read: No such file or directory"),
-                             ("text.npz", "a", "{} is damaged, or no .npz: File is not a zip file"),
-                             ("words.npz", "a", "{}: array a holds neither numbers nor text"),
-                             ("words.npz", "b", "{}: array b holds neither numbers nor text"),
-                             ("long.npz", "a", "{}: array a claims 32 bytes and has 33"),
-                             ("short.npz", "a", "{}: array a claims 32 bytes and has 31")):
+    np.savez_compressed(tmp_path / "large.npz", a=np.zeros(100_000_000, np.int8))
+    for text, name in (("{", "a.json"), ("[1]", "b.json")):
+        (tmp_path / name).write_text(text)
+    for name, words in ((".", "regular file"), ("no.npz", "No such file"), ("text.npz", "zip"),
+                        ("words.npz", "array a"), ("long.npz", "array a claims 32 bytes and has 33"), ("large.npz", "100000000 bytes"),
+                        ("short.npz", "array a claims 32 bytes and has 31"), ("a.json", "JSON"), ("b.json", "JSON")):
         with pytest.raises(InputError) as caught:
-            read_arrays(tmp_path / name, [array])
-        assert str(caught.value) == why.format(tmp_path / name)
-    for text, why in (("{", "{} is not a JSON file"), ("[1]", "{} contains no JSON object")):
-        (tmp_path / "a.json").write_text(text)
-        with pytest.raises(InputError) as caught:
-            read_json(tmp_path / "a.json")
-        assert str(caught.value) == why.format(tmp_path / "a.json")
+            read_json(tmp_path / name) if name.endswith(".json") else read_arrays(tmp_path / name, ["a"])
+        assert str(tmp_path / name) in str(caught.value)
+        assert words in str(caught.value)
 
 
 def test_a_table_in_text_has_comments_names_units_and_every_digit(tmp_path: Path) -> None:
@@ -99,14 +95,12 @@ def test_a_table_in_text_has_comments_names_units_and_every_digit(tmp_path: Path
         documented({"a": float("nan")})
 
 
-@pytest.mark.parametrize(("version", "says"), [
-    ((1, 0), ""), ((2, 0), ""), ((3, 0), "array a has the unknown version (3, 0)")])
-def test_arrays_of_both_old_versions_are_read(version: tuple[int, int], says: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("version", [(1, 0), (2, 0), (3, 0)])
+def test_arrays_of_both_old_versions_are_read(version: tuple[int, int], tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as file, file.open("a.npy", "w") as stream:
         npy.write_array(stream, np.arange(3.0), version=version)
-    if says:
-        with pytest.raises(InputError) as caught:
+    if version == (3, 0):
+        with pytest.raises(InputError, match=r"a\.npz.*array a .*3, 0"):
             read_arrays(tmp_path / "a.npz", ["a"])
-        assert str(caught.value) == f"{tmp_path / 'a.npz'}: {says}"
     else:
         assert read_arrays(tmp_path / "a.npz", ["a"])["a"].tolist() == [0.0, 1.0, 2.0]

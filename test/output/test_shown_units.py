@@ -12,7 +12,6 @@ from tcc_sim.shown_units import (
     engine_speed,
     frequency,
     key_unit,
-    key_value,
     show_in,
     shown_axis,
     shown_in,
@@ -26,27 +25,8 @@ from tcc_sim.views import style
 
 @pytest.fixture(autouse=True)
 def _rad_again():
-    show_in("rad", 1.0)
     yield
     show_in("rad", 1.0)
-
-
-def test_a_number_is_converted_with_its_unit():
-    assert speed(104.71976, 9) == "104.71976 rad/s"
-    assert engine_speed(60.0, 6, 600.0) == "engine frequency 60 to 600 rad/s"
-    assert key_value("engine.frequency", 150.0) == "engine.frequency 150 rad/s"
-    show_in("hz")
-    assert speed(104.71976) == "16.6667 Hz"
-    assert engine_speed(60.0, 5, 600.0) == "engine frequency 9.5493 to 95.493 Hz"
-    show_in("rpm", 2.0)
-    assert speed(104.71976) == "1000 rpm"
-    assert frequency(2.0 * math.pi * 61.64, 4) == "61.64 Hz"  # A frequency is no speed of a shaft.
-    assert shown_axis("frequency", "rad/s", "other") == ("frequency (Hz)", pytest.approx(0.5 / math.pi))
-    assert engine_speed(60.0, 5, 600.0) == "engine speed 286.48 to 2864.8 rpm"
-    assert key_value("initial.slip_speed", 104.71976, 6) == "initial.slip_speed 1000 rpm"
-    assert key_value("engine.frequency", 104.71976, 6, 209.43952) == "engine.frequency 500 to 1000 rpm"
-    assert key_value("friction.smoothing", 50.0) == "friction.smoothing 50 s/rad"
-    assert shown_unit("N m s/rad") == ("N m s/rad", 1.0)
 
 
 RPM, HZ = 30.0 / math.pi, 0.5 / math.pi

@@ -1,4 +1,4 @@
-"""Tables on a terminal: what a sweep shows of its results at any width, and Markdown."""
+"""Tables on a terminal: what a sweep shows of its results at any width."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cache
 import pytest
 
 import tcc_sim
-from tcc_sim.output.tables import aligned, escape, friction_formula, markdown_table, sweep_lines
+from tcc_sim.output.tables import sweep_lines
 
 MU_K = "friction.kinetic_coefficient"
 
@@ -43,12 +43,3 @@ def test_a_sweep_shows_each_of_its_results_at_every_width(width: int | None) -> 
         assert runaway or not period or int(word.strip("*")) == period
     assert True in columns["runaway"]
     assert max(columns["period"]) > 0
-
-
-def test_formulas_alignment_and_markdown() -> None:
-    assert friction_formula(0.12, [0.03, -0.01], [2.0, 0.5]) == (
-        "mu(v) = 0.12 + 0.03 exp(-2 |v|) - 0.01 exp(-0.5 |v|)")
-    assert aligned([("a", "1"), ("long", "2")]) == ["  a     1", "  long  2"]
-    assert markdown_table(["a", "b", "c"], [["1", "2", "3"]], "---:", "---") == [
-        "| a | b | c |", "| --- | ---: | ---: |", "| 1 | 2 | 3 |"]
-    assert escape("a|b*c_d<e") == "a\\|b\\*c\\_d&lt;e"

@@ -14,21 +14,20 @@ from tcc_sim.output.terminal import open_streams, terminal_width, wrapped
 ROOT = Path(__file__).resolve().parent.parent.parent
 
 
-@pytest.mark.parametrize(("line", "broken"), [
-    ("short", "short"),
-    ("  name  what it is and what else there is to say of it", "  name  what it is and what else there\n"
-                                                               "        is to say of it"),
-    ("        target 20 rad/s: mean 20, rms error 0.0036, largest", "        target 20 rad/s: mean 20, rms\n"
-                                                                    "          error 0.0036, largest"),
-    ("words without columns go on two places further in", "words without columns go on two places\n  further in"),
-    ("a  b  far to the right another  column is no sign", "a  b  far to the right another  column\n      is no sign"),
-    ("/a/path/that/is/longer/than/the/terminal/is/wide-and-whole", "/a/path/that/is/longer/than/the/terminal/is/"
-                                                                   "wide-and-whole"),
-])
-def test_a_line_goes_on_under_its_own_column(line, broken):
-    assert wrapped(line, 40) == broken
+@pytest.mark.parametrize(("line", "column"), [
+    ("short", 0), ("  name  what it is and what else there is to say of it", 8),
+    ("        target 20 rad/s: mean 20, rms error 0.0036, largest", 10),
+    ("words without columns go on two places further in", 2),
+    ("a  b  far to the right another  column is no sign", 6),
+    ("/a/path/that/is/longer/than/the/terminal/is/wide-and-whole", 0)])
+def test_a_line_goes_on_under_its_own_column(line: str, column: int) -> None:
+    first, *rest = wrapped(line, 40).split("\n")
+    assert [each[:column].strip() for each in rest] == [""] * len(rest)
+    assert all(not each[column].isspace() for each in rest)
+    assert all(len(each) <= 40 or " " not in each.strip() for each in (first, *rest))
+    assert "".join([first, *rest]).replace(" ", "") == line.replace(" ", "")
     assert wrapped(line, None) == line
-    assert wrapped(f"{line}\n\n{line}", 40) == f"{broken}\n\n{broken}"
+    assert wrapped(f"{line}\n\n{line}", 40) == "\n".join([first, *rest, "", first, *rest])
 
 
 def test_the_width_is_that_of_the_terminal_and_none_for_a_pipe(monkeypatch):

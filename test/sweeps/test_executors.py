@@ -6,13 +6,13 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 
 from tcc_sim.errors import InputError, WorkersLost
-from tcc_sim.sweeps.executors import Attendance, cores, each_done, each_in_a_process, first_done, workers
+from tcc_sim.sweeps.executors import Attendance, cores, each_done, each_in_a_process, workers
 
 
 def killed_once(mark: str) -> int:
@@ -94,25 +94,3 @@ def test_tasks_that_nobody_awaits_are_cancelled() -> None:
     assert all(future.cancelled() for future in submitted[2:])
     alone = each_done(Attendance(0), iter([0, None, None, None]).__next__, submit)
     assert list(alone) == [(0, 10)]
-
-
-def test_workers_are_checked_while_nothing_is_done_and_may_give_up() -> None:
-    first, other, cancelled, failed, broken = [Future() for _ in range(5)]
-    looks: list[int] = []
-
-    class Watched(Attendance):
-        def check(self) -> None:
-            looks.append(1)
-            if len(looks) == 2:
-                first.set_result(1)
-
-    assert first_done([first, other], Watched(1, 1e-3)) == {first}
-    assert len(looks) == 2
-    cancelled.cancel()
-    cancelled.set_running_or_notify_cancel()
-    failed.set_exception(CancelledError())
-    broken.set_exception(ValueError())
-    for gone in (cancelled, failed):
-        with pytest.raises(WorkersLost):
-            first_done([gone, other], Watched(1, 1e-3))
-    assert first_done([broken, other], Watched(1, 1e-3)) == {broken}

@@ -15,13 +15,12 @@ from tcc_sim.analysis.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import replace
-from tcc_sim.output.tables import sweep_lines
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.results import Grid, Point, varied
 from tcc_sim.sweeps.scatter import Tolerances, scatter, scattered_curves
 from tcc_sim.sweeps.simulation import simulate
-from tcc_sim.sweeps.sweep import Curve, Plan, curves_of, sweep, sweep_curves, sweep_grid
+from tcc_sim.sweeps.sweep import Curve, Plan, curves_of, sweep, sweep_curves
 
 SYSTEM = load_scene("fig02").system
 KINETIC = "friction.kinetic_coefficient"
@@ -157,30 +156,6 @@ def test_columns_are_the_figures_of_single_runs_and_missing_ones_are_empty() -> 
     assert not grid.course.complete
 
 
-def test_a_grid_goes_on_from_its_file_only_as_the_same_grid(tmp_path) -> None:
-    out, plan = tmp_path / "grid.jsonl", Plan(cycles=5)
-    curves = curves_of(SYSTEM, KINETIC, [0.24, 0.3], "pressure.mean", [2e5, 3e5])
-    sweep_curves(curves, plan, out=out)
-    before = out.read_bytes()
-    sweep_curves(curves, plan, out=out)
-    assert out.read_bytes() == before
-    with pytest.raises(InputError, match=r"grid\.jsonl"):
-        sweep_curves(curves_of(SYSTEM, KINETIC, [0.24, 0.3], "pressure.mean", [2e5, 4e5]), plan, out=out)
-
-
-def test_a_table_that_is_too_wide_for_the_terminal_goes_on_below() -> None:
-    swept = sweep_grid(SYSTEM, KINETIC, [0.23, 0.24], "engine.frequency", [150.0],
-                       Plan(cycles=30, damping=True, lyapunov=True))
-    whole, parts = sweep_lines(swept), sweep_lines(swept, width=80)
-    assert max(map(len, whole)) > 80 >= max(map(len, parts))
-    heads = [k for k, line in enumerate(parts) if "kinetic_coefficient" in line]
-    assert heads == [0, 4, 8, 12]
-    keys = len("frequency  kinetic_coefficient")
-    for k in range(4):
-        assert {parts[head + k][:keys] for head in heads} == {whole[k][:keys]}
-        assert " ".join(parts[head + k][keys:] for head in heads).split() == whole[k][keys:].split()
-
-
 BASE = replace(load_scene("slip").system, {"friction.law": "set_valued"})
 AMPLITUDE, PRESSURE = "engine.torque_amplitude", "pressure.mean"
 WORDS = ["sweep", "slip", "--set", "friction.law=set_valued", "--cycles", "20", "--scatter", f"{AMPLITUDE}=10:40",
@@ -259,12 +234,6 @@ def test_a_sweep_or_scatter_out_of_its_bounds_is_refused(work, words: tuple[str,
     assert all(word in str(error.value) for word in words), str(error.value)
 
 
-def test_bounds_of_numbers_are_allowed_themselves() -> None:
-    for more in ((2,), (1_000_000,), (4, 0), (4, (1 << 32) - 1), (4, 0, (0.0, 1.0))):
-        assert Tolerances((("a", 1.0, 2.0),), *more).scatter == {"a": (1.0, 2.0)}
-    assert len(curves_of(SYSTEM, KINETIC, [0.24] * 2, PRESSURE, [1e5, 2e5])) == 2
-
-
 def test_quantiles_leave_out_runaways_and_transients_but_not_a_manoeuvre() -> None:
     probabilities = (0.0, 0.5, 1.0)
     mixed = {"engine.mean_torque": (200.0, 900.0)}
@@ -292,14 +261,3 @@ def test_quantiles_leave_out_runaways_and_transients_but_not_a_manoeuvre() -> No
     moving = scatter(load_scene("tip_in"), {KINETIC: (0.23, 0.25)}, 2, duration=0.3)
     assert (moving.manoeuvre, some.manoeuvre) == (True, False)
     assert moving.left_out == {"runaway": 0, "not_settled": 0}
-
-
-def test_samples_have_their_own_values_of_every_scattered_key() -> None:
-    tolerances = Tolerances(((KINETIC, 0.2, 0.3), (PRESSURE, 2e5, 3e5)), 4, 1)
-    kinetic, pressure = tolerances.sampled.values()
-    alone = scattered_curves(SYSTEM, tolerances)
-    over = scattered_curves(SYSTEM, tolerances, "engine.frequency", [1.0, 2.0])
-    assert [(c.key, c.values, c.system.pressure.mean) for c in alone] == [
-        (KINETIC, (k,), p) for k, p in zip(kinetic, pressure)]
-    assert [(c.key, c.values, c.system.pressure.mean, c.system.friction.kinetic) for c in over] == [
-        ("engine.frequency", (1.0, 2.0), p, k) for k, p in zip(kinetic, pressure)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import math
 
@@ -162,18 +161,6 @@ def test_a_profile_is_solved_to_its_end_and_has_no_steady_state() -> None:
             simulate(runup, **options)
 
 
-def test_settings_are_keywords_of_simulate() -> None:
-    parameters = inspect.signature(simulate).parameters
-    assert {name: (parameters[name].default, parameters[name].kind) for name in vars(Plan())} == {
-        name: (default, inspect.Parameter.KEYWORD_ONLY) for name, default in vars(Plan()).items()}
-
-
-def test_whole_numbers_of_numpy_count_cycles() -> None:
-    result = simulate("slip", Plan(cycles=np.int64(9), discard=np.int64(4)))
-    assert (result.summary.cycles, result.summary.discarded) == (9, 4)
-    assert json.loads(json.dumps({**result.as_json(), "cycles": result.summary.cycles}))["discarded"] == 4
-
-
 def test_a_failure_is_a_status_and_can_be_raised() -> None:
     refused = simulate("fig02", solver="fixed_step", step=1.0, cycles=3)
     assert refused.summary is None
@@ -242,12 +229,6 @@ def test_up_from_a_file_takes_up_the_phase_too(tmp_path) -> None:
     assert [untimed(r) for r in again.records if r] == [untimed(r) for r in whole.records if r]
     cold = sweep(system, "engine.frequency", values, Plan(cycles=15))
     assert not np.allclose(cold.column("max_slip_speed")[1:], whole.column("max_slip_speed")[1:])
-
-
-def test_a_simulation_has_the_columns_of_its_summary() -> None:
-    result = simulate("slip", cycles=60)
-    assert result.summary is not None
-    assert result.columns() == result.summary.columns()
 
 
 @pytest.mark.parametrize("rest", [0.0, 0.5])
