@@ -78,8 +78,9 @@ def test_files_that_are_no_arrays_are_refused(tmp_path: Path) -> None:
     for text, name in (("{", "a.json"), ("[1]", "b.json")):
         (tmp_path / name).write_text(text)
     for name, words in ((".", "regular file"), ("no.npz", "No such file"), ("text.npz", "zip"),
-                        ("words.npz", "array a"), ("long.npz", "array a claims 32 bytes and has 33"), ("large.npz", "100000000 bytes"),
-                        ("short.npz", "array a claims 32 bytes and has 31"), ("a.json", "JSON"), ("b.json", "JSON")):
+                        ("words.npz", "array a"), ("long.npz", "array a claims 32 bytes and has 33"),
+                        ("short.npz", "array a claims 32 bytes and has 31"), ("large.npz", "100000000 bytes"),
+                        ("a.json", "JSON"), ("b.json", "JSON")):
         with pytest.raises(InputError) as caught:
             read_json(tmp_path / name) if name.endswith(".json") else read_arrays(tmp_path / name, ["a"])
         assert str(tmp_path / name) in str(caught.value)
