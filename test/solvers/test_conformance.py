@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import astuple
 from functools import cache
@@ -11,11 +10,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp, trapezoid
 
-from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
 from tcc_sim.study.benchmarks.references import Piecewise, equations, smoothed_states
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.trajectory import State, Status, Trajectory
@@ -135,27 +132,6 @@ def test_a_run_goes_on_from_any_cycle_boundary(name: str) -> None:
     assert astuple(rest.final) == pytest.approx(states[2], rel=accuracy(name), abs=1e-6)
 
 
-@solvers
-def test_results_do_not_depend_on_the_samples_asked_for(name: str) -> None:
-    system = system_for(name)
-    bare, sampled = (run(name, system, 4.0, cycles=1, samples_per_cycle=n) for n in (0, 37))
-    assert bare.t[-1] == sampled.t[-1] == system.cycle
-    for field in ("section", "highest", "lowest", "stick_time"):
-        one, other = getattr(bare.cycles, field), getattr(sampled.cycles, field)
-        if not compared(name):
-            np.testing.assert_array_equal(one, other, err_msg=field)
-        else:
-            np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6, err_msg=field)
-
-
-@solvers
-@pytest.mark.parametrize("state", [State(math.nan, 0.0, 0.0), State(0.0, math.inf, 0.0),
-                                   State(0.0, 0.0, 0.0, math.nan)])
-def test_a_start_that_is_no_state_is_refused(name: str, state: State) -> None:
-    with pytest.raises(InputError, match="must be finite"):
-        solve(system_for(name), cycles=1, solver=name, state=state)
-
-
 @pytest.mark.parametrize("name", [name for name in SOLVERS if not compared(name)])
 def test_a_start_beyond_all_bounds_ends_with_a_status(name: str) -> None:
     result = solve(system_for(name), cycles=1, solver=name, state=State(1e300, 0.0, -1e300))
@@ -227,12 +203,3 @@ def test_compiled_steps_of_rk45_are_those_of_scipy(rtol: float) -> None:
     assert result.statistics.steps == len(scipy.t) - 1
     states = np.array([result.slip_speed, result.plate_angle, result.plate_speed])
     np.testing.assert_allclose(states, scipy.sol(result.t), rtol=1e-10, atol=1e-10)
-
-
-def test_cycles_are_those_of_dense_samples() -> None:
-    result = solve(FALLING, cycles=2, samples_per_cycle=4000, solver="lsoda", rtol=1e-9)
-    dense = cycles_from_samples(result.t, result.slip_speed, np.gradient(result.slip_speed, result.t),
-                                result.plate_angle,
-                                result.plate_speed, np.gradient(result.plate_speed, result.t), stick_speed=0.0,
-                                starts=cycle_starts(0, result.t[-1], result.cycle))
-    np.testing.assert_allclose(result.cycles.highest, dense.highest, rtol=1e-5)

@@ -14,7 +14,6 @@ from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.friction import stick_speed
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
-from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.benchmarks.references import Piecewise, smoothed_run
 from tcc_sim.trajectory import State
 
@@ -165,11 +164,6 @@ def test_samples_cycles_and_torques_are_of_one_motion(name, scene):
                + d.stiffness * run.plate_angle - run.friction_torque)
     calm = np.abs(np.gradient(run.friction_torque)) < 5.0
     assert np.median(np.abs(balance[calm])) < 0.05
-    for n in range(3):
-        part = run.slip_speed[3000 * n:3000 * n + 3001]
-        step = np.abs(np.diff(part)).max()
-        assert part.max() <= run.cycles.highest[n] + 1e-12 <= part.max() + step + 1e-12
-        assert part.min() >= run.cycles.lowest[n] - 1e-12 >= part.min() - step - 1e-12
     transitions = run.transitions
     assert np.all(np.diff(transitions.time) > 0.0)
     assert np.all(transitions.before[1:] == transitions.after[:-1])
@@ -242,17 +236,3 @@ def test_pure_stick_closed_form(name):
                                atol=1e-9 + 1e3 * creep)
     np.testing.assert_allclose(run.cycles.stick_time, system.cycle, rtol=1e-12)
     assert np.abs(run.cycles.highest).max() <= math.atanh(0.99) * creep
-
-
-@pytest.mark.parametrize("values", [FIG02, {"pressure.mean": 225e3}], ids=["fig02", "stick-slip"])
-@both
-def test_terms_too_small_to_be_felt_give_the_motion_without_them(name, values):
-    harmonics = {"engine.harmonic_amplitudes": (1e-12,), "engine.harmonic_phases": (0.0,)}
-    small = {} if values is FIG02 else {"pressure.amplitude": 1e-9, "friction.kinetic_coefficient": 0.3 - 1e-14}
-    general = ENGINES[name].system({**values, **harmonics, **small})
-    terms = terms_of(general)
-    assert None not in (terms.pulsation, terms.stribeck)
-    assert terms.harmonics is not None
-    motion, other = (solve(s, cycles=4, rtol=1e-11).cycles.section
-                     for s in (ENGINES[name].system(values), general))
-    np.testing.assert_allclose(other, motion, rtol=1e-8, atol=1e-8)

@@ -52,19 +52,6 @@ def test_breakaway_happens_when_the_stuck_oscillator_says():
     assert (run.transitions.before[0], run.transitions.after[0]) == (0, 1)
 
 
-def test_two_events_close_together_are_both_found():
-    """Slip that dips below zero for an instant between two coarse cells: the dip's depth is set through the mean
-    torque.
-    """
-    base = {"engine.mean_torque": 0.0, "engine.torque_amplitude": 900.0, "initial.slip_speed": 0.0,
-            "engine.frequency": 40.0}
-    for amplitude in (545.0, 556.0):
-        system = system_of(base, **{"engine.torque_amplitude": float(amplitude), "driveline.stiffness": 1e6})
-        run = solve(system, cycles=1)
-        _, changes, _ = Piecewise(system, rtol=1e-10, atol=1e-11).run(system.cycle, np.empty(0), slices=15)
-        assert len(run.transitions.time) == len(changes) > 4, amplitude
-
-
 THREE_HARMONICS = {"engine.harmonic_amplitudes": [100.0, 50.0, 80.0], "engine.harmonic_phases": [1.0, 2.0, 3.0]}
 
 
@@ -142,20 +129,6 @@ def test_an_overdamped_plate_with_a_falling_coefficient():
     inside = run.t < stop
     np.testing.assert_allclose(run.slip_speed[inside], solution.sol(run.t[inside])[0], atol=1e-7)
     np.testing.assert_allclose(run.plate_angle[inside], solution.sol(run.t[inside])[1], atol=1e-9)
-
-
-@pytest.mark.parametrize("kinetic", [0.3, 0.15])
-def test_an_overdamped_plate_that_sticks_and_slips_both_ways(kinetic):
-    """Against SciPy's DOP853 from event to event, with the law constant and falling in slip."""
-    system = overdamped(driveline__damping=40.0, driveline__plate_inertia=1e-3, engine__mean_torque=20.0,
-                        engine__torque_amplitude=1500.0, initial__slip_speed=5.0, friction__kinetic_coefficient=kinetic)
-    run = solve(system, cycles=1, samples_per_cycle=40).raise_for_status()
-    states, changes, _ = Piecewise(system, 1e-11, 1e-12).run(run.t[-1], run.t)
-    np.testing.assert_allclose(run.transitions.time, [change[0] for change in changes], atol=2e-9)
-    assert run.transitions.after.tolist() == [change[2] for change in changes]
-    assert set(run.transitions.after.tolist()) == {-1, 0, 1}
-    for each, expected in zip((run.slip_speed, run.plate_angle, run.plate_speed), states.T):
-        np.testing.assert_allclose(each, expected, rtol=0.0, atol=1e-7 * np.abs(expected).max())
 
 
 def test_a_damper_beyond_all_steps_ends_the_run_with_its_name():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -14,17 +13,16 @@ from scipy.optimize import brentq
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction, pure_stick
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.scene import bundled_scenes, load_scene
-from tcc_sim.solvers import Status, solve
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
 from tcc_sim.solvers.fixed_step import (
     ITERATION_BOUND,
     Stepper,
     advance,
-    advance_ticks,
     engine_and_friction,
     scalar_root,
 )
-from tcc_sim.solvers.terms import SUBSTEP_LIMIT, for_ticks, holding, substeps, terms_of
+from tcc_sim.solvers.terms import holding, substeps, terms_of
 
 TIGHT = {"solver": "radau", "rtol": 1e-10}
 
@@ -85,32 +83,6 @@ def test_errors_are_flat_in_the_smoothing_factor() -> None:
         assert run.plate_angle[-1] == pytest.approx(float(steady(np.array([30 * system.cycle]))[0]), rel=1e-6), sigma
 
 
-def test_terms_that_are_always_there_change_no_bit() -> None:
-    for name in ("minimal", "fig02", "fresh_fluid"):
-        system = load_scene(name).system
-        n = substeps(terms_of(system), 1e-3)
-        states = []
-        for terms in (terms_of(system), for_ticks(terms_of(system))):
-            state = np.array([150.0, 0.0, 0.0])
-            advance_ticks(state, 0.0, 1e-3, 0, 200, n, terms, None, np.empty((200 * n, 3)))
-            states.append(state)
-        assert states[0].tolist() == states[1].tolist()
-
-
-def test_substeps_keep_the_root_unique_and_resolve_the_motion() -> None:
-    system = load_scene("fig02").system
-    terms = terms_of(system)
-    n = substeps(terms, 1e-3)
-    assert 1e-3 / n <= 1.0 / (2.0 * 55.0 * 600.0 * 2.0 * 0.25)
-    assert substeps(terms_of(load_scene("minimal").system), 1e-3) == math.ceil(1e-3 * math.sqrt(3000.0 / 0.02) / 0.04)
-    with pytest.raises(InputError, match=f"at most {SUBSTEP_LIMIT}"):
-        substeps(terms_of(replace(system, {"driveline.plate_inertia": 1e-6, "pressure.mean": 1e7})), 1e-3)
-    refused = solve(replace(system, {"driveline.plate_inertia": 1e-6, "pressure.mean": 1e7}), cycles=1,
-                    solver="fixed_step")
-    assert refused.status is Status.REFUSED
-    assert "sub-steps" in refused.detail
-
-
 def test_the_stepper_takes_the_ticks_of_solve() -> None:
     system = load_scene("fig02").system
     stepper = Stepper(system, 1e-3)
@@ -142,22 +114,6 @@ def test_a_stepper_follows_what_it_is_told() -> None:
         reached = stepper.advance()
         assert stepper.state.tolist() == state.tolist() == list(reached[:4])
         assert reached[4:6] == engine_and_friction((100 * tick + 1) * 1e-3, float(state[0]), terms)
-
-
-def test_samples_fall_on_section_points_and_on_the_end() -> None:
-    system = load_scene("minimal").system
-    run = solve(system, cycles=4, solver="fixed_step", samples_per_cycle=10)
-    assert run.t[-1] == 4 * system.cycle
-    assert run.plate_angle[::10] == pytest.approx(run.cycles.section[:, 1], rel=1e-9)
-
-
-def test_every_bundled_scene_runs() -> None:
-    for name in bundled_scenes():
-        system = load_scene(name).system
-        if system.friction.law == "smoothed":
-            run = solve(system, cycles=3, solver="fixed_step")
-            assert run.status is Status.DONE, name
-            assert np.all(np.isfinite(run.slip_speed)), name
 
 
 logs = st.floats(0.0, 1.0)

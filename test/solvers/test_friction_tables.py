@@ -13,7 +13,6 @@ from differences import apart
 
 from tcc_sim import cli
 from tcc_sim.errors import InputError
-from tcc_sim.model import friction
 from tcc_sim.model.groups import Friction
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.output.explanation import friction_lines, friction_of
@@ -22,7 +21,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.key_derivatives import CURVE
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.study.benchmarks.references import Piecewise, coefficient_and_slope, sliding_of, smoothed_states
+from tcc_sim.study.benchmarks.references import Piecewise, smoothed_states
 from tcc_sim.trajectory import State
 
 SPEEDS = tuple(map(float, np.round(np.linspace(0.0, 1.0, 25) ** 2 * 60.0, 6)))
@@ -150,32 +149,6 @@ def test_a_table_of_the_law_with_one_exponential_is_that_law() -> None:
     terms = terms_of(replace(System(), {"friction.slip_speeds": speeds, "friction.coefficients": table}))
     assert terms.stribeck == pytest.approx(terms_of(System()).stribeck, rel=1e-8)
     assert terms.mean_load == pytest.approx(terms_of(System()).mean_load, rel=1e-9)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_the_law_and_its_slope_have_every_exponential(shape: str) -> None:
-    system = scene(shape, 1)
-    pairs, v = sliding_of(system.friction)[1], [-40.0, -0.3, 1e-3, 2.0, 55.0]
-    result = friction.smoothed_and_slope(np.array(v), 50.0, terms_of(system).stribeck)
-    np.testing.assert_allclose(np.transpose(result), [coefficient_and_slope(x, pairs, 50.0) for x in v], rtol=1e-12)
-    assert friction.smoothed_coefficient(np.array(v), 50.0, terms_of(system).stribeck) == pytest.approx(result[0])
-    sliding = np.sign(v) * (1.0 + sum(c * np.exp(-a * np.abs(v)) for c, a in pairs))
-    assert friction.sliding(np.array(v), np.sign(v), terms_of(system).stribeck) == pytest.approx(sliding, rel=1e-12)
-
-
-@pytest.mark.parametrize("shape", SHAPES)
-def test_the_peak_of_several_exponentials_is_the_first(shape: str) -> None:
-    pairs = terms_of(scene(shape, 1)).stribeck
-    for sigma in (50.0, 1e3, 1e6):
-        at, value = friction.peak(sigma, pairs)
-        v = np.geomspace(1e-3 / sigma, 100.0, 400001)
-        law = friction.smoothed_coefficient(v, sigma, pairs)
-        falls = np.flatnonzero(np.diff(law) < -1e-15)
-        if not math.isfinite(at):
-            assert len(falls) == 0
-        else:
-            assert at == pytest.approx(v[falls[0]], rel=1e-2)
-            assert value == pytest.approx(law[falls[0]], rel=1e-9)
 
 
 def test_a_scene_file_may_name_a_table(tmp_path: Path) -> None:

@@ -3,59 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from tcc_sim.analysis.summary import cycles_of
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
-from tcc_sim.study.benchmarks.references import equations
 from tcc_sim.trajectory import Loads, concatenated
 
 FIRST, LAST = 6, 12
-
-
-def by_scipy(system: System, cycles: int) -> np.ndarray:
-    """(v, theta2, theta2', work of the clutch) at 500 times a cycle, by LSODA."""
-    rates, _ = equations(system)
-    d = system.driveline
-
-    def all_rates(t: float, y: np.ndarray) -> list[float]:
-        slip, speed, plate, _ = rates(t, [*y[:3], 0.0])
-        torque = d.plate_inertia * plate + d.damping * y[2] + d.stiffness * y[1]
-        return [slip, speed, plate, torque * y[0]]
-
-    i = system.initial
-    run = solve_ivp(all_rates, (0.0, cycles * system.cycle), [i.slip_speed, i.plate_angle, i.plate_speed, 0.0],
-                    method="LSODA", rtol=1e-10, atol=1e-10, max_step=system.cycle / 50,
-                    t_eval=np.arange(cycles * 500 + 1) * (system.cycle / 500))
-    return run.y
 
 
 def loads_by(system: System, cycles: int = LAST, first: int = 0, **settings: object) -> Loads:
     """The loads of a run."""
     result = solve(system, cycles=cycles, loads_from=first, **settings).raise_for_status().cycles
     return result.loads
-
-
-@pytest.mark.parametrize("name", ["fig02", "chaos", "slip"])
-def test_loads_are_those_of_scipy(name: str) -> None:
-    system = load_scene(name).system
-    y = by_scipy(system, 4)
-    result, d = loads_by(system, 4), system.driveline
-    assert result.energy == pytest.approx(np.diff(y[3, ::500]), rel=1e-6)
-    shaft = (d.damping * y[2] + d.stiffness * y[1]).reshape(-1)
-    for n in range(4):
-        part = slice(500 * n, 500 * n + 501)
-        assert result.highest_shaft_torque[n] == pytest.approx(shaft[part].max(), abs=2e-4 * np.abs(shaft).max())
-        assert result.lowest_shaft_torque[n] == pytest.approx(shaft[part].min(), abs=2e-4 * np.abs(shaft).max())
-        assert result.highest_shaft_torque[n] >= shaft[part].max() - 1e-5
-        assert result.lowest_shaft_torque[n] <= shaft[part].min() + 1e-5
 
 
 @pytest.mark.parametrize(("scene", "values"), [
@@ -76,19 +40,6 @@ def test_the_engine_s_work_is_what_clutch_and_damper_turn_to_heat_and_what_is_st
     stored = 0.5 * (d.flywheel_inertia * (v + speed) ** 2 + d.plate_inertia * speed**2 + d.stiffness * angle**2)
     heat = work - (stored[1] - stored[0])
     assert run.cycles.loads.energy[FIRST:].sum() == pytest.approx(heat, rel=1e-6, abs=1e-6)
-
-
-def test_power_and_breakaways_are_those_of_dense_samples() -> None:
-    for law in ("smoothed", "set_valued"):
-        system = replace(load_scene("fig02").system, {"friction.law": law})
-        run = solve(system, cycles=LAST, samples_per_cycle=4000, loads_from=0)
-        loads = run.cycles.loads
-        power = run.friction_torque * run.slip_speed
-        for n in range(LAST):
-            peak = power[4000 * n:4000 * n + 4001].max()
-            assert peak * (1.0 - 1e-6) <= loads.peak_power[n] <= peak * (1.0 + 1e-5)
-            breakaways = (run.transitions.before == 0) & (np.floor(run.transitions.time / system.cycle) == n)
-            assert loads.breakaways[n] == breakaways.sum()
 
 
 @pytest.mark.parametrize(("values", "rtol"), [
@@ -154,34 +105,3 @@ def test_samples_have_the_time_in_stick_of_the_set_valued_law(samples: int, miss
         count += float(run.cycles.loads.breakaways.sum())
     assert count > 100.0
     assert abs(off) / count < missed
-
-
-W = 150.0
-CYCLE = 2.0 * math.pi / W
-
-
-def sine_cycles(t, *, offset=0.4, stick_speed=0.1, first_cycle=0, cycle=CYCLE):
-    return cycles_from_samples(
-        t, offset + np.sin(W * t + 0.3), W * np.cos(W * t + 0.3), np.cos(2 * W * t), -2 * W * np.sin(2 * W * t),
-        -4 * W * W * np.cos(2 * W * t), starts=cycle_starts(first_cycle, t[-1], cycle), stick_speed=stick_speed)
-
-
-def test_extremes_and_double_crossings_inside_one_interval():
-    t = np.arange(0.0, 3.0 + 1e-9, 0.125) * CYCLE
-    result = sine_cycles(t, offset=1.02, stick_speed=0.03)
-    assert np.all(result.lowest < 0.03)
-    assert np.all(np.abs(result.lowest - 0.02) < 2e-3)
-    assert np.all(result.stick_time > 0.0)
-
-
-def test_cycle_ends_that_are_samples_are_taken_as_they_are():
-    t = (7 + np.arange(0, 3 * 64 + 1) / 64) * CYCLE
-    v = np.random.default_rng(0).normal(size=len(t))
-    still = np.zeros_like(t)
-    result = cycles_from_samples(t, v, still, v, still, still, starts=cycle_starts(7, t[-1], CYCLE), stick_speed=0.0)
-    np.testing.assert_allclose(result.section[:, 0], v[::64], rtol=1e-9)
-    np.testing.assert_allclose(result.section[:, 1], v[::64], rtol=1e-9)
-    for k in range(3):
-        part = v[64 * k:64 * k + 65]
-        assert result.highest[k] == pytest.approx(part.max(), rel=1e-9)
-        assert result.lowest[k] == pytest.approx(part.min(), rel=1e-9)

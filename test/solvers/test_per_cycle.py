@@ -17,8 +17,6 @@ from tcc_sim.solvers.per_cycle import (
     cycle_starts,
     cycles_from_samples,
     cycles_of_states,
-    hermite,
-    slopes_between_jumps,
     starts_of,
     with_peaks,
 )
@@ -181,17 +179,6 @@ def test_a_jump_of_the_torque_cuts_the_samples_on_both_sides():
         assert result.section == pytest.approx(states_at(np.array([0.15, 0.3, 0.45])), rel=1e-6)
 
 
-JUMP = np.array([0.0, 1.0, 3.0, 4.0, np.nextafter(4.0, 5.0), 5.0, 7.0, np.nextafter(7.0, 8.0), 8.0,
-                 np.nextafter(8.0, 9.0)])
-
-
-def test_slopes_do_not_cross_a_jump():
-    """Of 1 - 3 t + t^2 up to 4, 2 t^2 up to 7, 5 t up to 8, and one sample."""
-    y = np.concatenate([1.0 - 3.0 * JUMP[:4] + JUMP[:4] ** 2, 2.0 * JUMP[4:7] ** 2, 5.0 * JUMP[7:9], [99.0]])
-    result = slopes_between_jumps(JUMP, y)
-    assert result.tolist() == pytest.approx([-3.0, -1.0, 3.0, 5.0, 16.0, 20.0, 28.0, 5.0, 5.0, 0.0])
-
-
 def test_a_peak_is_the_vertex_of_a_parabola_unless_it_is_no_smooth_top():
     t = np.array([0.0, 1.0, 3.0, 4.0, 5.0])
     smooth = 10.0 - (t - 2.5) ** 2
@@ -205,14 +192,3 @@ def test_a_peak_is_the_vertex_of_a_parabola_unless_it_is_no_smooth_top():
         assert with_peaks(np.arange(5.0), y)[2] == pytest.approx(0.01 / 3.6 if raised else 0.0, rel=1e-9)
     jump = np.array([0.0, 1.0, np.nextafter(1.0, 2.0), 2.0])
     assert with_peaks(jump, np.array([0.0, 3.0, 2.9, 1.0])).tolist() == [0.0, 3.0, 2.9, 1.0]
-
-
-def test_a_cubic_through_values_and_rates_is_exact_for_one():
-    t = np.array([0.0, 0.5, 2.0, 2.5])
-
-    def cubic(x):
-        return 1.0 - 2.0 * x + 0.5 * x**2 + 0.25 * x**3
-
-    at = np.array([-1.0, 0.0, 0.1, 0.5, 1.3, 2.0, 2.4, 2.5, 9.0])
-    np.testing.assert_allclose(hermite(at, t, cubic(t), -2.0 + t + 0.75 * t**2), cubic(np.clip(at, 0.0, 2.5)),
-                               rtol=1e-13, atol=1e-14)

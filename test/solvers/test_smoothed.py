@@ -180,24 +180,6 @@ def test_slip_that_dies_down_fast_feels_the_whole_exponential():
     assert np.all(np.abs(states - expected[:, :3]) < 1e-6 * np.array([80.0, 0.3, 70.0]))
 
 
-@pytest.mark.parametrize("name", ["no stribeck", "fig02", "harmonics"])
-def test_a_loose_tolerance_does_not_step_through_the_layer(name):
-    """At the edge of the layer nothing of tanh is left in the series but rounding, which a loose tolerance cannot see.
-    """
-    p = problem(SCENES[name], cycles=4, state=State(150.0, 0.0, 0.0, 0.0))
-    expected = reference(p, 4, 1)[:, :3]
-    run = solved(changed(p, rtol=1e-3))
-    assert np.all(np.abs(run.cycles.section - expected) <= 1e-4 * np.abs(expected).max(axis=0))
-
-
-@pytest.mark.parametrize("sigma", [50.0, 1e6])
-def test_static_friction_that_does_not_decay_is_kinetic_friction_as_large(sigma):
-    values = {**FIG02, "friction.smoothing": sigma, "friction.decay": 0.0}
-    result = solved(problem(values, 40)).raise_for_status()
-    same = solved(problem({**values, "friction.kinetic_coefficient": 0.3, "friction.decay": 2.0}, 40))
-    assert result.cycles.section == pytest.approx(same.cycles.section, rel=1e-4, abs=1e-6)
-
-
 @pytest.mark.parametrize("frequency", [1e-3, 1e-2])
 def test_a_motion_in_stick_follows_the_slowest_engine(frequency):
     system = replace(System(), {**FIG02, "engine.frequency": frequency})

@@ -175,26 +175,23 @@ def test_pure_stick_has_the_multipliers_of_one_oscillator_and_nought(law: str) -
         assert not image.derivative[0].any()
 
 
-def test_parts_that_start_in_stick_have_the_multipliers_of_the_whole() -> None:
-    """Collocation steps over stick at once where a part starts on the slow manifold, but for a few series steps."""
-    system = replace(BASE, {MU_K: 0.255, OMEGA: 0.36 * BASE.natural_frequency, "initial.slip_speed": 150.0})
-    result = solve(system, cycles=300, rtol=1e-9).cycles
-    x = result.section[-1]
-    whole, product, state = stroboscopic_map(system, x, 1.0), np.eye(3), x
-    assert whole.events == "S"
-    for k in range(7):
-        part = stroboscopic_map(system, state, (k + 1) / 7 - k / 7, start_cycle=k / 7)
-        product, state = part.derivative @ product, part.state
-    assert state == pytest.approx(whole.state, abs=1e-11)
-    one, two = (np.sort_complex(np.linalg.eigvals(m)) for m in (product, whole.derivative))
-    assert np.abs(one - two).max() < 1e-8
-
-
 @both
-@pytest.mark.parametrize("key", ["initial.slip_speed", "pressure.frequency_ratio"])
-def test_keys_without_a_derivative_are_refused(key: str, law: str) -> None:
-    with pytest.raises(InputError, match=f"{key}.*continuously"):
+@pytest.mark.parametrize(("key", "words"), [
+    ("friction.law", "continuously"), ("initial.slip_speed", "continuously"),
+    ("pressure.frequency_ratio", "continuously"), ("engine.harmonic_amplitudes", "continuously"),
+    ("friction.curve.rate_1", "no friction.slip_speeds"), ("engine.frequncy", "did you mean engine.frequency")])
+def test_keys_without_a_derivative_are_refused(key: str, words: str, law: str) -> None:
+    with pytest.raises(InputError, match=words):
         stroboscopic_map(replace(BASE, {"friction.law": law}), START, 1, parameters=(key,))
+
+
+def test_an_amplitude_that_no_excitation_has_changes_nothing() -> None:
+    """Where torque and pressure come from topics and hold their mean without one."""
+    held = replace(BASE, {f"{part}.{name}": value for part in ("engine", "pressure")
+                          for name, value in (("source", "topic"), ("fallback", "mean"))})
+    keys = ("engine.torque_amplitude", "pressure.amplitude")
+    assert not stroboscopic_map(held, START, 1, parameters=keys).by_parameter.any()
+    assert stroboscopic_map(BASE, START, 1, parameters=keys).by_parameter.any(axis=0).all()
 
 
 @pytest.mark.parametrize(("law", "rtol"), [("smoothed", 1e-8), ("set_valued", 1e-10)])

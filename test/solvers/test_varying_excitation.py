@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import odeint
 
-from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
-from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.solvers import solve
 from tcc_sim.study.benchmarks.references import coefficient_and_slope
 from tcc_sim.sweeps.simulation import simulate
 
@@ -85,10 +84,6 @@ def test_final_states_through_all_profiles(system, name, setting, allowed):
     assert error(name, system, **setting) < allowed
 
 
-def test_amplitudes_that_vary_change_the_motion():
-    assert np.abs(truth(SWELLING) - truth(STICK_SLIP))[:3].max() > 1.0
-
-
 def test_samples_have_the_torque_of_the_amplitudes_that_vary():
     run = solve(SWELLING, solver="smoothed", duration=END, samples_per_cycle=50)
     phase, e = SWELLING.cycles_until, SWELLING.engine
@@ -113,34 +108,6 @@ def test_the_phase_is_that_of_the_independent_solution():
     assert STICK_SLIP.cycles_until(END) == pytest.approx(truth(STICK_SLIP)[3] / (2.0 * math.pi), abs=1e-9)
 
 
-def test_samples_divide_cycles_of_changing_length():
-    run = solve(STICK_SLIP, solver="fixed_step", duration=END, samples_per_cycle=4)
-    starts = STICK_SLIP.cycle_start(np.arange(len(run.cycles) + 1))
-    np.testing.assert_allclose(run.t[:-1:4][:len(starts)], starts, rtol=1e-12)
-    np.testing.assert_allclose(run.t[2:-1:4][:len(starts) - 1], 0.5 * (starts[1:] + starts[:-1]), rtol=1e-12)
-    np.testing.assert_allclose(run.slip_speed[:-1:4][:len(starts)], run.cycles.section[:, 0], atol=1e-6)
-    assert run.t[-1] == END
-    assert len(run.cycles) == int(STICK_SLIP.cycles_until(END))
-
-
-def test_a_constant_profile_is_the_constant():
-    plain = replace(System(), {"engine.frequency": 140.0})
-    constant = replace(plain, {"engine.frequency_times": [0.0], "engine.frequency_values": [140.0]})
-    for name in ("fixed_step", "smoothed"):
-        one, other = (solve(s, solver=name, cycles=5, samples_per_cycle=8) for s in (plain, constant))
-        np.testing.assert_allclose(other.t, one.t, rtol=1e-13)
-        np.testing.assert_allclose(other.slip_speed, one.slip_speed, rtol=1e-7, atol=1e-7)
-        np.testing.assert_allclose(other.cycles.section, one.cycles.section, rtol=1e-7, atol=1e-7)
-
-
-def test_solvers_that_cannot_say_who_can():
-    stiff = replace(STICK_SLIP, {"friction.law": "set_valued"})
-    assert solve(STICK_SLIP, duration=END).solver == "smoothed"
-    able = [name for name in SOLVERS if name != "event_driven"]
-    with pytest.raises(InputError, match=f"event_driven does not solve engine.frequency_times.*{', '.join(able)}"):
-        solve(stiff, duration=END)
-
-
 @pytest.mark.parametrize("slips", [False, True])
 def test_cycles_and_samples_of_the_fast_engine_are_those_of_lsoda(slips):
     system = SLIP if slips else STICK_SLIP
@@ -161,13 +128,6 @@ def test_a_clamp_that_sets_in_and_ends_while_everything_varies():
                   for name, rtol in (("smoothed", 1e-9), ("lsoda", 1e-9)))
     assert one.slip_speed == pytest.approx(other.slip_speed, abs=1e-4)
     assert one.plate_angle == pytest.approx(other.plate_angle, abs=1e-6)
-
-
-def test_transitions_tell_their_time():
-    run = solve(STICK_SLIP, duration=END, rtol=1e-9, samples_per_cycle=4000)
-    assert len(run.transitions.time) > 4
-    state = run.state[np.searchsorted(run.t, run.transitions.time) + 1]
-    np.testing.assert_array_equal(state, run.transitions.after)
 
 
 def test_a_run_up_has_cycles_of_its_own_length_and_no_period():
