@@ -90,21 +90,6 @@ def test_stick_margin_is_the_least_over_a_dense_grid(values, omega):
     assert again == pytest.approx(result.torque, abs=1e-9)
 
 
-def test_stick_limits_from_both_sides_and_in_closed_form():
-    system = system_of(**{"engine.torque_amplitude": 150.0})
-    limits = pure_stick.stick_limits(system, 5.0, 2000.0, 30)
-    exact = pure_stick.constant_load_limits(system)
-    assert len(exact) == 2
-    assert limits.lower == pytest.approx(exact[0], rel=1e-10)
-    assert limits.higher == pytest.approx(exact[1], rel=1e-10)
-    assert exact[0] < system.stuck_natural_frequency < exact[1]
-    for omega in exact:
-        assert 300.0 + 150.0 * abs(pure_stick.interface_response(system, omega)) == pytest.approx(540.0, rel=1e-12)
-    strong = system_of()
-    assert pure_stick.stick_limits(strong, 5.0, 2000.0, 60).lower is None
-    assert len(pure_stick.constant_load_limits(strong)) == 1
-
-
 def test_paper_fig_8_pure_stick_reaches_to_018():
     system = system_of(**{"pressure.amplitude": 0.25 * 225e3})
     limits = pure_stick.stick_limits(system, 0.02 * 387.298, 0.29 * 387.298, 60)
@@ -137,29 +122,6 @@ def test_pure_slip_solves_12(damping, values, direction):
     assert result.a1 == pytest.approx(growth, rel=1e-13)
     assert (result.decay, result.stiffness, result.angle_offset, result.speed_offset) == pytest.approx(
         (damping / 0.04, 150e3, 0.05 - float(result.plate(0.0)), -4.0 - float(result.plate.rate()(0.0))))
-
-
-def test_corrected_17_and_18_for_constant_load():
-    system = system_of(**{"pressure.mean": 125e3})
-    result = pure_slip.pure_slip(system)
-    d, omega = system.driveline, system.engine.frequency
-    decay = d.damping / (2 * d.plate_inertia)
-    wd = math.sqrt(d.stiffness / d.plate_inertia - decay**2)
-    t = np.linspace(0.0, 0.3, 50)
-    steady = 150.0 + 250.0 / (0.2 * omega) * (1 - np.cos(omega * t))
-    assert result.a1 == pytest.approx(0.0, abs=1e-10)
-    np.testing.assert_allclose(result.slip(t), steady, rtol=1e-13)
-    np.testing.assert_allclose(result.slip_speed(t), steady - 300.0 / (0.02 * wd) * np.exp(-decay * t) * np.sin(wd * t),
-                               atol=1e-9)
-
-
-def test_condition_16_is_the_least_steady_slip_speed_where_omega_f_is_omega():
-    system = system_of(**{"pressure.mean": 125e3, "pressure.amplitude": 40e3, "pressure.phase": 1.0,
-                          "initial.slip_speed": 20.0})
-    result = pure_slip.pure_slip(system)
-    t = np.linspace(0.0, system.cycle, 20001)
-    assert result.steady
-    assert result.margin == pytest.approx(result.slip(t).min(), abs=1e-6)
 
 
 def test_condition_16_has_a_sign():

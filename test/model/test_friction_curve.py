@@ -137,13 +137,6 @@ def test_stick_ends_before_a_hump_and_at_the_peak_of_a_falling_table():
     assert stick_speed(50.0, falling) == pytest.approx(v[smoothed_coefficient(v, 50.0, falling).argmax()], abs=1e-5)
 
 
-def test_as_few_exponentials_are_taken_as_are_needed():
-    law = fit("falling")
-    assert (law.constant, *law.amplitudes, *law.rates) == pytest.approx((0.24, 0.06, 2.0), rel=1e-6)
-    for shape, count in (("constant", 0), ("rising", 1), ("dip", 2)):
-        assert len(fit(shape).rates) == count
-
-
 @pytest.mark.parametrize(("speeds", "coefficients", "sentence"), [
     ((0.0, 1.0), (0.1, 0.1), "has 2 values; a friction table needs 3 to 1000"),
     ((0.0, 1.0, 2.0), (0.1, 0.1), "has 2 values; it must have as many as friction.slip_speeds, 3"),

@@ -50,13 +50,6 @@ def test_cycles_start_where_the_phase_is_a_whole_turn():
         np.testing.assert_allclose(time_at(profile, phase_at(profile, t)), t, atol=1e-13)
 
 
-def test_means_are_linear_between_points_and_constant_outside():
-    t = np.linspace(0.0, 2.5, 101)
-    _, torque, pressure = along(VARYING.profile, t)
-    np.testing.assert_allclose(pressure, np.interp(t, [0.0, 1.0], [0.0, 3e5]), atol=1e-9)
-    np.testing.assert_array_equal(torque, System().engine.mean_torque)
-
-
 def test_a_system_without_profiles_has_no_course():
     system = replace(System(), {"engine.frequency": 20.0 * math.pi})
     assert (system.profile, system.varying, system.span) == (None, [], 0.0)
@@ -94,17 +87,6 @@ def test_corners_of_a_parabola_are_lower_by_a_twelfth_of_its_bend():
     t = np.array([0.0, 1.0, 3.0, 4.0])
     for low, high, expected in ((-np.inf, np.inf, [0.0, 2.0, 26.0, 48.0]), (2.5, 20.0, [2.5, 2.5, 20.0, 20.0])):
         assert smooth_corners(t, 3.0 * t**2, low, high) == pytest.approx(expected)
-
-
-def test_lines_through_smoothed_corners_keep_the_amplitude_of_a_sine():
-    """A period has 25 samples, so that the mean over two periods leaves no other part of the course."""
-    t = np.linspace(0.0, 0.2, 81)
-    w = 2.0 * np.pi / (25.0 * t[1])
-    corners = smooth_corners(t, 0.3 * np.sin(w * t))
-    at = np.linspace(t[5], t[55], 4001)[:-1]
-    for course, error in ((corners, (w * t[1])**4 / 90.0), (0.3 * np.sin(w * t), (w * t[1])**2 / 12.0)):
-        amplitude = 2.0 * np.mean(np.interp(at, t, course) * np.sin(w * at))
-        assert abs(amplitude / 0.3 - 1.0) == pytest.approx(error, rel=0.05)
 
 
 def test_a_pressure_from_data_is_never_below_0():
