@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim import topics
+from tcc_sim.errors import counted
 from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, OUTPUT_JOINT
 
 HEADER = b"\x00\x01\x00\x00"
@@ -401,10 +402,10 @@ def read_joints(data: bytes) -> Joints:
         name, position = _text_at(data, position, topics.JOINT_STATE)
         names.append(name)
     counts = []
-    for _ in range(3):
+    for field in ("position", "velocity", "effort"):
         count, position = _count_at(data, position, topics.JOINT_STATE)
         if count not in (0, number):
-            raise wrong
+            raise ValueError(f"{field} has {counted(count, 'value')} for {counted(number, 'name')}")
         counts.append(count)
         position += (-(position - 4) % 8 + 8 * count) if count else 0
     if position != len(data):

@@ -139,7 +139,8 @@ class Commands:
         """
         processes = {run[:PROCESS] for run in runs}
         names = {name for name, *_ in self._counted}
-        here = {name for name in names if name.rpartition("/")[0] == self._space} or names
+        here = {name for name in names if name.rpartition("/")[0] == self._space} or (
+            names if len(names) == 1 else set())
 
         def ours(place: tuple[str, str, str]) -> bool:
             return place[1] in processes if processes else place[0] in here

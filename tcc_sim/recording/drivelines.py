@@ -143,9 +143,10 @@ class Inventory:
         """Return whether messages of a channel are read."""
         return channel.type == JOINT_STATE or (channel.type == STRING and channel.row == _SCENE)
 
-    def refused(self, topic: str) -> int:
-        """Return the number of messages on a topic that could not be decoded."""
-        return sum(layouts.refused for (name, _), layouts in self._layouts.items() if name == topic)
+    def refused(self, topic: str) -> tuple[int, str]:
+        """Return the number of messages on a topic that could not be decoded, and the reason of one."""
+        here = [layouts for (name, _), layouts in self._layouts.items() if name == topic]
+        return sum(layouts.refused for layouts in here), next((layouts.why for layouts in here if layouts.why), "")
 
     def take(self, batch: Batch, channels: Mapping[int, Channel]) -> None:
         """Take one chunk."""

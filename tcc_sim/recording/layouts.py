@@ -74,6 +74,8 @@ class Layouts:
         self.type, self.joints, self.fields = type, joints, fields
         self.refused = 0
         """Number of messages that could not be decoded."""
+        self.why = ""
+        """Reason of the first of them."""
         self._known: list[tuple[tuple[str, ...], cdr.Layout]] = []
 
     def groups(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> list[SameLayout]:
@@ -131,7 +133,8 @@ class Layouts:
                     shape.counts)
             else:
                 return None
-        except (ValueError, UnicodeError):
+        except (ValueError, UnicodeError) as error:
+            self.why = self.why or str(error)
             return None
         self._known.append(made)
         return made

@@ -62,6 +62,8 @@ _TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", SOURCE}
 _MOST_TOPICS = 20
 BYTES_A_STATE = 230
 """Memory for one state and its derived quantities, bytes, with a message of `held` at one state of three."""
+MOST_DIFFERING = 0.2
+"""Largest share of states with the stamp of another one and other values, if states do not name their run."""
 _MOST_NAMED, _LARGEST_COUNT = 50, 10**18
 _HELD = held.held_message(f"{0:012x}.000", [0.0] * held.SIZE)
 _HELD_RUN, _HELD_VALUES = _HELD.index(b"000000000000.000"), len(_HELD) - 8 * held.SIZE
@@ -199,7 +201,8 @@ class Run:
         states = min((name for name, kind in self.topics.items() if kind == JOINT_STATE),
                      key=lambda name: (name.rpartition("/")[2] != "joint_states", len(name), name), default="")
         if states or not self.topics or damage:
-            raise RecordingError(f"{self.paths[0]}: no {states or '/joint_states'} can be read{damage}")
+            why = damage or (f" ({self._refused[1]})" if self._refused[1] else "")
+            raise RecordingError(f"{self.paths[0]}: no {states or '/joint_states'} can be read{why}")
         topics = [f"{name} ({kind or 'of unknown type'})" for name, kind in sorted(self.topics.items())]
         more = f" and {len(topics) - _MOST_TOPICS} more" if len(topics) > _MOST_TOPICS else ""
         raise RecordingError(f"{self.paths[0]} holds no {JOINT_STATE}, so no driveline; its topics are "
@@ -263,6 +266,9 @@ class Run:
             raise RecordingError(f"all {self.stamps.messages} stamps of {topic} are "
                                  f"{int(columns.runs[0].stamp_ns[0]) * 1e-9:g} s: its publisher does not set them, and "
                                  "without times nothing can be analysed")
+        if not columns.keyed and self._differing > MOST_DIFFERING * self.stamps.messages:
+            raise RecordingError(f"{topic}: {self._differing} of {self.stamps.messages} states have the stamp of "
+                                 "another one and other values; publishers are mixed and cannot be separated")
         if self.stamps.mixed:
             raise RecordingError(f"{topic}: simulation time jumps back and forth "
                                  f"{counted(self.stamps.returns, 'time')} between two runs; publishers are mixed and "
@@ -323,13 +329,13 @@ class Run:
                 name: far.columns[name] for name in ("output_angle", "output_speed")})}
         joined = {name: messages for name, messages in joined.items() if len(messages)}
         if keyed:
-            runs, differing = keyed_runs(found["joint_states"], joined, {
+            runs, self._differing = keyed_runs(found["joint_states"], joined, {
                 run: _in_order(np.concatenate(of_run)) for run, of_run in rows.items()}, driveline.runs, self.stamps)
-            if differing:
-                self.warnings.append(f"{counted(differing, 'message')} left out: their run and stamp came before with "
-                                     "other values")
         else:
-            runs = unkeyed_runs(found["joint_states"], joined, commands.sources, self.stamps)
+            runs, self._differing = unkeyed_runs(found["joint_states"], joined, commands.sources, self.stamps)
+        if self._differing:
+            self.warnings.append(f"{counted(self._differing, 'message')} left out: their {'run and ' * keyed}stamp "
+                                 "came before with other values")
         self._warn_of_inputs(runs, untimed, place)
         self._pass_over(kinds)
         acted = commands_held(runs) if keyed else {}
@@ -452,9 +458,11 @@ class Run:
         """Add warnings for messages and drivelines that were passed over."""
         topic = self.driveline.topic
         space = topic.rpartition("/")[0]
-        for name, refused in ((topic, self._refused), (f"{space}/applied_pressure", kinds["applied_pressure"].refused)):
+        for name, (refused, why) in ((topic, self._refused),
+                                     (f"{space}/applied_pressure", kinds["applied_pressure"].refused)):
             if refused:
-                self.warnings.append(f"{counted(refused, 'message')} of {name} left out: their layout differs")
+                self.warnings.append(f"{counted(refused, 'message')} of {name} left out: their layout differs"
+                                     + (f" ({why})" if why else ""))
         others = [(number, one) for number, one in enumerate(self.drivelines) if not one.read]
         for number, one in others[:_MOST_TOPICS]:
             how = f"; --driveline {number} reads it" if one.able else ""
@@ -546,9 +554,9 @@ class _Kind:
         self.found = Collected(layouts.fields)
 
     @property
-    def refused(self) -> int:
-        """Number of messages that could not be decoded."""
-        return self._layouts.refused
+    def refused(self) -> tuple[int, str]:
+        """Number of messages that could not be decoded, and the reason of one."""
+        return self._layouts.refused, self._layouts.why
 
     def take(self, data: NDArray[np.uint8], messages: Messages, channels: Mapping[int, Channel],
              mine: list[int], before: int) -> None:

@@ -67,8 +67,8 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
 
 
 def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], sources: Sequence[InputSource],
-                 counter: StampCounter) -> tuple[JointStates, ...]:
-    """Return the runs of states that do not name them.
+                 counter: StampCounter) -> tuple[tuple[JointStates, ...], int]:
+    """Return the runs of states that do not name them, and the number of repeated states with other values than before.
 
     States of an identified publisher are in the order of its sequence numbers, others in that of the recording. A run
     begins where another publisher begins or the stamp goes back. Other messages belong to the run during which they
@@ -111,7 +111,8 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
             _join(columns, messages, its[np.argsort(messages.stamp_ns[its], kind="stable")])
         runs.append(_filled(JointStates(**columns, run=number, began=kind, index=index)))
         index += len(mine)
-    return _with_sources(runs, sources)
+    fresh = np.append(True, (np.diff(states.origin[order]) != 0) | (np.diff(states.stamp_ns[order]) != 0))[:len(order)]
+    return _with_sources(runs, sources), _differing(states, order, fresh)
 
 
 def placed(messages: Sequence[SceneRecord | InputSource], runs: Sequence[JointStates]) -> list[tuple[int, int]]:

@@ -124,7 +124,7 @@ def _held_input(line: Timeline, name: str) -> HeldInput:
     if unknown and not stated:
         return HeldInput(None, None, seconds[held.SCENE], line.counts.get(f"{name} refused"), publishers, recorded,
                          unknown=unknown, why=UNNAMED)
-    if np.isnan(counts).any():
+    if np.isnan(counts).any() or (recorded and not line.keyed):
         return HeldInput(seconds[held.COMMAND], seconds[held.FALLBACK], seconds[held.SCENE],
                          line.counts.get(f"{name} refused"), publishers, recorded, unknown=unknown, why=UNNAMED)
     received, superseded, refused, lost = (int(count) for count in counts)

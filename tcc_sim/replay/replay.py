@@ -216,6 +216,9 @@ def _warnings(recording: Recording, line: Timeline, timing: Timing) -> Iterator[
     if len({record.parameters for record in scenes}) > 1:
         yield (f"the recording holds {len(scenes)} scenes that differ; the figures above the segments are computed "
                "with the first")
+    if line.scene.system.pressure.source == "topic" and all(states.applied_pressure is None for states in line.runs):
+        yield ("pressure.source is topic, and no pressure was recorded on applied_pressure, or on another topic that "
+               "the recording names as such: the pressure at the plates is unknown")
     if len(scenes) > MOST_SCENES:
         yield f"only the first {MOST_SCENES} scenes are used"
 

@@ -206,7 +206,7 @@ def test_joints_are_refused_beyond_their_largest_number_and_with_an_array_of_ano
              joints_by_hand("", ["a"], [], [1.0, 2.0], []), joints_by_hand("", [], [], [], [1.0]), whole + b"\0",
              *(whole[:length] for length in range(len(whole))), b"\0\0" + whole[2:]]
     for data in wrong:
-        with pytest.raises(ValueError, match=r"^not a little-endian sensor_msgs/msg/JointState$"):
+        with pytest.raises(ValueError, match=r"not a little-endian sensor_msgs/msg/JointState|has . values? for"):
             cdr.read_joints(data)
 
 

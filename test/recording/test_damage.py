@@ -208,7 +208,8 @@ def test_a_message_of_another_layout_is_left_out_with_a_warning(tmp_path):
     bag.close({})
     run, _, stamps, _ = read(tmp_path / "run")
     assert stamps.tolist() == [n * TICK for n in range(3, 10)]
-    assert run.warnings == ["3 messages of /joint_states left out: their layout differs"]
+    (sentence,) = run.warnings
+    assert sentence.startswith("3 messages of /joint_states left out")
 
 
 def test_a_cut_file_and_an_absent_part_are_told_apart(tmp_path, capsys):

@@ -11,6 +11,8 @@ from re_encodings import (
     as_rosbag2,
     case,
     forgotten,
+    joint_state,
+    joints,
     laid_out,
     large_attachment,
     left_and_right,
@@ -97,7 +99,26 @@ def two_that_cannot_be_told_apart(source):
     return as_rosbag2(forgotten(source, "3" * 24))
 
 
+def two_with_equal_stamps(source):
+    """Another driveline on the same topics, with states of its own at the same times."""
+    both = forgotten(source, "3" * 24, 0)
+    out = []
+    for message in both.messages:
+        if message.channel >= 100 and both.channels[message.channel].topic == STATES:
+            stamp, *values = joints(message.data)
+            message = message._replace(data=cdr.joint_state(stamp - 70 * 10**9, *[2.0 * value for value in values]))
+        out.append(message)
+    return as_rosbag2(both._replace(messages=out))
+
+
+def one_velocity(_, data):
+    stamp, *values = joints(data)
+    return joint_state(stamp, ["flywheel", "clutch_plate"], [values[:2], values[2:3], values[4:]])
+
+
 @pytest.mark.parametrize(("change", "sentence"), [
+    (two_with_equal_stamps, "700 of 1400 states have the stamp of another one and other values"),
+    (lambda source: source.changed(STATES, one_velocity), "velocity has 1 value for 2 names"),
     (lambda source: source.changed(STATES, no_time), "all 700 stamps of /joint_states are 0 s: its publisher does not"),
     (lambda source: source.changed(STATES, laid_out(["engine", "turbine"])), "its joints are engine, turbine; say"),
     (lambda source: source.changed(STATES, without("positions")),
@@ -107,7 +128,7 @@ def two_that_cannot_be_told_apart(source):
     (two_that_cannot_be_told_apart, "publishers are mixed and cannot be separated"),
     (lambda source: source._replace(metadata=[], messages=[m for m in source.messages if m.channel != 1]),
      "holds no scene; name the scene of the recorded driveline with --scene"),
-], ids=["stamps", "joints", "positions", "no driveline", "ROS 1", "mixed", "no scene"])
+], ids=["equal stamps", "short array", "stamps", "joints", "positions", "no driveline", "ROS 1", "mixed", "no scene"])
 def test_a_recording_that_cannot_be_analysed_is_refused_for_its_own_reason(tmp_path, original, change, sentence):
     save(tmp_path / "run" / "run_0.mcap", change(original[0]))
     assert sentence in refusal(tmp_path / "run")
