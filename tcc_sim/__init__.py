@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from tcc_sim.study.basins.compute import basins
     from tcc_sim.study.continuation.motions import continuation
     from tcc_sim.study.paper.drawings import paper_figure as figure
+    from tcc_sim.sweeps.gains import gain_map
     from tcc_sim.sweeps.scatter import scatter
     from tcc_sim.sweeps.sweep import sweep, sweep_grid
     from tcc_sim.trajectory import Trajectory
@@ -46,12 +47,13 @@ _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load
            "continuation": "tcc_sim.study.continuation.motions", "basins": "tcc_sim.study.basins.compute",
            "linearise": "tcc_sim.estimation.linearise", "identify": "tcc_sim.estimation.identify",
            "plot": "tcc_sim.views.plots", "closed_loop": "tcc_sim.plant.closed_loop",
-           "fmu_controller": "tcc_sim.fmi.controller", "read": "tcc_sim.replay.recorded"}
+           "gain_map": "tcc_sim.sweeps.gains", "fmu_controller": "tcc_sim.fmi.controller",
+           "read": "tcc_sim.replay.recorded"}
 _OTHERWISE_NAMED = {"analyse": "analysis", "explain": "explanation", "figure": "paper_figure", "fmu": "fmu_file",
                     "orders": "orders_of", "simulate": "simulation", "spectrum": "spectrum_of_run"}
 
 __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "closed_loop", "continuation",
-           "explain", "figure", "fmu", "fmu_controller", "identify", "linearise", "load_scene", "orders",
+           "explain", "figure", "fmu", "fmu_controller", "gain_map", "identify", "linearise", "load_scene", "orders",
            "plot", "read", "scatter", "simulate", "solve", "spectrum", "sweep", "sweep_grid"]
 
 

@@ -44,6 +44,8 @@ RESULTS = {
     "closed_loop": lambda: tcc_sim.closed_loop("controlled", lambda reading: 200e3, seconds=0.3),
     "sweep": lambda: tcc_sim.sweep("slip", AMPLITUDE, [10.0, 20.0], cycles=20),
     "sweep_grid": lambda: tcc_sim.sweep_grid("slip", AMPLITUDE, [10.0, 20.0], PRESSURE, [2e5, 3e5], cycles=20),
+    "gain_map": lambda: tcc_sim.gain_map("controlled", lambda gain: lambda reading: 80e3 + gain * (
+        reading.slip_speed - 20.0), {"gain": [500.0, 2000.0]}, target=20.0, duration=0.4),
     "scatter": lambda: tcc_sim.scatter("slip", {AMPLITUDE: (10.0, 20.0)}, 4, cycles=20),
     "analyse": lambda: tcc_sim.analyse(recording()),
     "read": lambda: tcc_sim.read(recording()),

@@ -19,6 +19,7 @@ from tcc_sim.study.benchmarks.stability import StabilityReport
 from tcc_sim.study.continuation.motions import Motions
 from tcc_sim.study.paper.claims import ClaimsReport
 from tcc_sim.study.paper.figure_results import Figure
+from tcc_sim.sweeps.gains import GainMap
 from tcc_sim.sweeps.results import Grid, Point, Sweep
 from tcc_sim.sweeps.scatter import Scattered
 from tcc_sim.sweeps.simulation import Simulation
@@ -28,8 +29,8 @@ KINDS: dict[str, tuple[str, tuple[type, ...]]] = {
     "simulate": ("tcc-sim simulate --json", (Simulation,)),
     "analyse": ("tcc-sim analyse --json, and analysis.json of tcc-sim demo", (Replay,)),
     "table": ("tcc-sim analyse FILE.csv --json", (MeasuredRun,)),
-    "sweep": ("tcc-sim sweep --json: of one key, of two keys (`second_over`), or of samples (`scatter`)",
-              (Sweep, Grid, Scattered)),
+    "sweep": ("tcc-sim sweep --json: of one key, of two keys (`second_over`), of samples (`scatter`), or of a `law`",
+              (Sweep, Grid, Scattered, GainMap)),
     "continue": ("tcc-sim continue --json", (Motions,)),
     "basins": ("tcc-sim basins --json", (Planes,)),
     "explain": ("tcc-sim explain --json", (SceneExplanation,)),

@@ -8,7 +8,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, add_options, parameters_of
+from tcc_sim.cli.analyse import limits, targets
+from tcc_sim.cli.options import Form, add_options, keywords_of, option_of, parameters_of
 from tcc_sim.cli.ranges import bounds_of_range, values_of_range
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
 from tcc_sim.model.crank_speed import ORDER
@@ -16,8 +17,9 @@ from tcc_sim.model.quantity import SPEED_UNIT, number_in
 from tcc_sim.output.files import STANDARD_OUTPUT
 from tcc_sim.output.terminal import terminal_width
 
-SCATTER = "tcc_sim.sweeps.scatter:scatter"
-FORMS = {**common.FORMS, "orders": Form("SPEED,...", optional=""), "direction": Form("cold|up|down")}
+SCATTER, GAINS = "tcc_sim.sweeps.scatter:scatter", "tcc_sim.sweeps.gains:gain_map"
+FORMS = {**common.FORMS, "orders": Form("SPEED,...", optional=""), "direction": Form("cold|up|down"),
+         "law": Form("FILE.py:NAME"), "target": Form("V|T:V,T:V", targets), "limits": Form("LOW:HIGH", limits)}
 
 if TYPE_CHECKING:
     from tcc_sim.model.parameters import System
@@ -34,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f"{parameters_of(SCATTER)['bounds'].meaning}; may be repeated")
     add_options(parser, SCATTER, FORMS, "samples seed quantiles every", quantiles=None)
     add_options(parser, common.PLAN, FORMS, f"direction {common.PLANNED} orders")
+    add_options(parser, GAINS, FORMS, "law target limits", target=None)
     add_options(parser, "tcc_sim.sweeps.sweep:sweep_curves", FORMS, "jobs dask")
     common.add_outputs(parser, "results in value order", "a table with a row per value as .csv, .parquet, .mat or "
                        ".npz, and until it is complete each point as soon as it is solved in FILE.part; with any other "
@@ -49,6 +52,10 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.sweep import sweep_curves
 
+    if arguments.law is not None:
+        return _map_gains(arguments)
+    if arguments.target is not None or arguments.limits is not None:
+        raise InputError("--target and --limits need --law FILE.py:NAME")
     scene = common.scene_of(arguments)
     orders = None if arguments.orders is None else _frequencies(arguments, scene.system.engine.order)
     plan = common.plan_of(arguments, direction=arguments.direction, orders=orders)
@@ -90,6 +97,36 @@ def run(arguments: argparse.Namespace) -> int:
         resume = f"; the same command resumes from {stored}" if resumable else ""
         print(f"tcc-sim: {ended}{resume}", file=sys.stderr)
         return 130 if ended == "interrupted" else 1
+    return 0
+
+
+def _map_gains(arguments: argparse.Namespace) -> int:
+    """Judge the closed loops of a law, write the files, and print a line for each loop unless a file holds them."""
+    from tcc_sim.output.table_files import TABLES, write_result
+    from tcc_sim.output.tables import gain_lines
+    from tcc_sim.sweeps.gains import gain_map
+    from tcc_sim.sweeps.simulation import Plan
+
+    defaults = vars(Plan(duration=arguments.duration)) | {"scatter": [], "samples": None, "quantiles": None,
+                                                          "every": False}
+    for name in [name for name, value in defaults.items() if vars(arguments).get(name, value) != value]:
+        raise InputError(f"--law runs closed loops in real-time ticks, which takes no {option_of(name)}; remove it")
+    if arguments.target is None:
+        raise InputError("--law needs --target V, the slip speed to hold in rad/s")
+    over = [values_of_range(text) for text in arguments.over]
+    common.refuse_swept(arguments.set, [key for key, _ in over])
+    if len(dict(over)) < len(over):
+        raise InputError(f"--over gives {over[0][0]} twice")
+    scene = common.scene_of(arguments)
+    common.check_outputs(arguments, TABLES)
+    duration = {} if arguments.duration is None else {"duration": arguments.duration}
+    result = gain_map(scene, arguments.law, dict(over), **keywords_of(arguments, "target limits jobs dask"), **duration,
+                      progress=True)
+    if arguments.out is not None:
+        write_result(arguments.out, type(result), result.columns(), common.document_of(arguments, scene, result))
+    files = arguments.json is not None or arguments.out is not None
+    common.present(arguments, scene, result, gain_lines(result, alone=files))
+    common.plot_result(arguments, result, scene.name)
     return 0
 
 

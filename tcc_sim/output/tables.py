@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from tcc_sim.analysis.orders import OrderComparison, Orders
     from tcc_sim.analysis.spectra import Spectrum
     from tcc_sim.analysis.tracking import Tracking
+    from tcc_sim.sweeps.gains import GainMap
     from tcc_sim.sweeps.results import Grid, Sweep
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.simulation import Simulation
@@ -278,6 +279,28 @@ def _cell(columns: Mapping[str, Any], name: str, k: int, factor: float) -> str:
     if isinstance(value, float):
         return "none" if math.isnan(value) else f"{value * factor:.{7 if name == 'max_slip_speed' else 4}g}"
     return str(value)
+
+
+def gain_lines(result: GainMap, alone: bool = False) -> list[str]:
+    """Return a line with the number of settled loops and the best of them, then one for each loop unless `alone`."""
+    trackings = [point.tracking for point in result.points]
+    settled = sum(tracking.settled for tracking in trackings)
+    lines = [f"{settled} of {counted(len(trackings), 'loop')} settled, in {result.seconds:.3g} s"]
+    columns = result.columns()
+    keys = [key for key in (result.key, result.second_key) if key is not None]
+
+    def line(k: int) -> str:
+        values = ", ".join(f"{key} {columns[key][k]:.6g}" for key in keys)
+        figures = ", ".join(f"{name} {value:.4g} {unit}" for name, value, unit in (
+            ("settling", trackings[k].settling_time, "s"), ("overshoot", trackings[k].overshoot, "rad/s"),
+            ("peak", trackings[k].peak_deviation, "rad/s")) if math.isfinite(value))
+        return f"{values}: {trackings[k].verdict or 'not judged'}{', ' * bool(figures)}{figures}"
+
+    if settled:
+        best = min((k for k, tracking in enumerate(trackings) if tracking.settled),
+                   key=lambda k: trackings[k].settling_time)
+        lines.append(f"the first to settle: {line(best)}")
+    return lines if alone else [*lines, *map(line, range(len(trackings)))]
 
 
 def unsettled_lines(sweeps: Sequence[Sweep], mark: str = "") -> list[str]:

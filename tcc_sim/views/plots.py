@@ -146,7 +146,8 @@ def _drawn(result: Any, path: Path, width: str, title: str) -> Path:
 
 
 PANELS = {"Sweep": ("sweeps", "sweep_panels"), "Grid": ("sweeps", "grid_panels"),
-          "Scattered": ("sweeps", "scatter_panels"), "Linearisation": ("estimation", "bode"),
+          "Scattered": ("sweeps", "scatter_panels"), "GainMap": ("gains", "gain_panels"),
+          "Linearisation": ("estimation", "bode"),
           "Identification": ("estimation", "identification"), "Orders": ("order_maps", "order_panels"),
           "OrderComparison": ("order_maps", "comparison_panels"), "Spectrum": ("order_maps", "spectrum_panels"),
           "Scene": ("friction_law", "friction_panels"), "System": ("friction_law", "friction_panels"),
@@ -159,7 +160,7 @@ STUDIED = {"Motions": "branch_panels", "Basins": "basin_panels"}
 KINDS = {"sweep": "Sweep", "continue": "Motions", "basins": "Basins", "linearise": "Linearisation",
          "identify": "Identification"}
 """Class of the result of a kind of JSON."""
-BELOW = ("Grid", "Scattered", "Scene", "System", "Motions", "Basins")
+BELOW = ("Grid", "Scattered", "GainMap", "Scene", "System", "Motions", "Basins")
 """Results whose panels have one legend below them."""
 
 
@@ -170,7 +171,8 @@ def _class_of(result: Any) -> str:
     name = KINDS.get(kind_of(result), "")
     if name != "Sweep":
         return name
-    return "Scattered" if "scatter" in result else "Grid" if result.get("second_values") else "Sweep"
+    return ("GainMap" if "law" in result else "Scattered" if "scatter" in result else
+            "Grid" if result.get("second_values") else "Sweep")
 
 
 def panels_of(result: Any) -> list[Panel]:

@@ -44,6 +44,7 @@ OPTIONS = {
                 "--cycles 8")],
     "sweep fig02 --cycles 6": [
         "--over engine.frequency=140:150:2", "--scatter pressure.mean=22e4:26e4 --samples 2",
+        "--law law.py:PI --target 20 --over kp=1:2:2", "--target 20", "--limits 0:1e5",
         *beside(["--set pressure.mean=2e5", "--cycles 9", "--direction up", "--duration 0.3"],
                 "--over engine.frequency=140:150:2"),
         *beside(["--orders 120", *SOLVED, *SHOWN],

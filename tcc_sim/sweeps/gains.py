@@ -1,0 +1,253 @@
+"""Maps of a control law over its parameters: settling and peak of many closed loops, without ROS."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import pickle
+import sys
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from inspect import signature
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from tcc_sim.analysis.tracking import Limits, Tracking, checked_limits, target_steps
+from tcc_sim.errors import InputError, TccError, one_line
+from tcc_sim.model.quantity import MOST_VALUES
+from tcc_sim.plant.closed_loop import closed_loop
+from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reporting
+from tcc_sim.scene import Scene, SceneLike, as_scene
+from tcc_sim.sweeps.executors import cluster, each_done, each_in_a_process
+from tcc_sim.sweeps.progress import progress_bar
+
+COLUMNS = [name for name in names_in(Tracking) if name not in ("limits", "verdict_why")]
+"""Figures of a loop that are columns of a table."""
+
+
+@dataclass(frozen=True)
+class GainPoint:
+    """One closed loop of a map."""
+
+    tracking: Tracking = field(metadata=reported("figures of the loop", spread=True, of=(Tracking,)))
+    refused: int = field(metadata=reported("number of refused commands"))
+
+
+@dataclass(frozen=True, repr=False)
+class GainMap(Result):
+    """Closed loops of a control law at many values of one of its parameters or scene keys, or of two."""
+
+    law: str = field(metadata=reported("the law, as FILE.py:NAME or by its name"))
+    key: str = field(metadata=reported("parameter of the law, or scene key", name="over"))
+    values: tuple[float, ...] = field(metadata=reported("its values", "{over}"))
+    second_key: str | None = field(metadata=reported("second one; null without", name="second_over"))
+    second_values: tuple[float, ...] | None = field(metadata=reported("its values", "{second_over}"))
+    target: tuple[tuple[float, float], ...] = field(metadata=reported(
+        "times and target slip speeds from then on", "s, rad/s", name="targets"))
+    duration: float = field(metadata=reported("simulated time of each loop", "s"))
+    points: list[GainPoint]
+    seconds: float = field(metadata=reported("computing time of the whole map", "s", name="wall_s"))
+
+    def _text(self) -> str:
+        settled = sum(point.tracking.settled for point in self.points)
+        second = f" and {self.second_key}" if self.second_key else ""
+        return f"GainMap of {self.law} over {self.key}{second}: {len(self.points)} loops, {settled} settled"
+
+    @property
+    @reporting("figures per value in lists, with two keys in lists of lists, rows: second key", spread=True,
+               listed=True, of=(GainPoint,))
+    def lists(self) -> dict[str, list[Any]]:
+        """Per figure a list of values, or a list of rows."""
+        n = len(self.values)
+        flat = json_of(as_lists(self.points, GainPoint))
+        return flat if self.second_key is None else {
+            name: [list(row) for row in itertools.zip_longest(*[iter(each)] * n)] for name, each in flat.items()}
+
+    def columns(self) -> dict[str, Any]:
+        """Return keys, values and figures of all loops, (n,) each."""
+        n, others = len(self.values), self.second_values or (0.0,)
+        second = {self.second_key: np.repeat(others, n)} if self.second_key else {}
+        figures = {name: np.array([getattr(point.tracking, name) for point in self.points]) for name in COLUMNS}
+        return {**second, self.key: np.tile(self.values, len(others)), **figures,
+                "refused": np.array([point.refused for point in self.points])}
+
+
+@dataclass(frozen=True)
+class LawFile:
+    """Factory of laws in a Python file, with its text, so that other processes and machines need no file."""
+
+    path: str
+    name: str
+    text: str
+
+    def factory(self) -> Callable[..., Any]:
+        """Return the class or function; raise InputError if the file has none of this name, or does not run."""
+        return _executed(self)
+
+    def __str__(self) -> str:
+        return f"{Path(self.path).name}:{self.name}"
+
+
+@functools.cache
+def _executed(law: LawFile) -> Callable[..., Any]:
+    """Return the class or function that a file defines. Modules beside the file are found after all others."""
+    module = ModuleType(Path(law.path).stem)
+    module.__file__ = law.path
+    sys.modules.setdefault(module.__name__, module)  # Where dataclasses look their annotations up.
+    if (folder := str(Path(law.path).parent)) not in sys.path:
+        sys.path.append(folder)
+    try:
+        exec(compile(law.text, law.path, "exec"), vars(module))  # noqa: S102
+    except Exception as error:
+        raise InputError(f"{law.path} does not run: {type(error).__name__}: {one_line(str(error))}") from error
+    found: Callable[..., Any] | None = getattr(module, law.name, None)
+    if found is None or not callable(found):
+        raise InputError(f"{law.path} has no class or function {law.name}")
+    return found
+
+
+def law_in(text: str) -> LawFile:
+    """Return the factory of laws that FILE.py:NAME names.
+
+    Raises
+    ------
+    InputError
+        The text has another form, or the file cannot be read.
+    """
+    path, colon, name = text.rpartition(":")
+    if not colon or not name.isidentifier():
+        raise InputError(f"law is {text!r}; it must be FILE.py:NAME, a class or a function in a Python file")
+    try:
+        return LawFile(str(Path(path).resolve()), name, Path(path).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"the law's file {path} cannot be read: {one_line(str(error))}") from None
+
+
+@dataclass(frozen=True)
+class Loops:
+    """What the closed loops of a map share."""
+
+    scene: Scene
+    law: LawFile | Callable[..., Any]
+    target: dict[float, float]
+    seconds: float
+    limits: Limits | None
+
+    def point(self, values: Mapping[str, float]) -> GainPoint:
+        """Run and judge the loop at some values: keys with a dot are those of the scene."""
+        given = {key: value for key, value in values.items() if "." not in key}
+        scene = self.scene.with_values({key: value for key, value in values.items() if "." in key})
+        law = (self.law.factory() if isinstance(self.law, LawFile) else self.law)(**given)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # The number of refused commands stands in the result.
+                run = closed_loop(scene, law, self.seconds, scene.operation.rate)
+        except InputError as error:
+            raise InputError(f"with {_words(values)}: {error}") from None
+        except Exception as error:
+            raise TccError(f"the law failed with {_words(values)}: {type(error).__name__}: "
+                           f"{one_line(str(error))}") from error
+        return GainPoint(run.tracking_of(self.target, limits=self.limits), run.refused)
+
+
+def _words(values: Mapping[str, float]) -> str:
+    """Return values by key as text."""
+    return ", ".join(f"{key} {value:g}" for key, value in values.items())
+
+
+def gain_map(scene: SceneLike, law: str | Callable[..., Any], over: Mapping[str, Sequence[float]],
+             target: float | Mapping[float, float], duration: float = 3.0, *, limits: Limits | None = None,
+             jobs: int | None = None, dask: str | None = None, progress: bool = False) -> GainMap:
+    """Run a control law in closed loop at every value of one of its parameters, or of two, and judge each loop.
+
+    Parameters
+    ----------
+    scene : a scene or a system, its name or its file; its `rate` is that of the law
+    law : class or function that takes the parameters as keywords and returns a law of `closed_loop`, or FILE.py:NAME
+    over : values by parameter, one or two; a key with a dot is one of the scene
+    target : slip speed to hold, rad/s, or slip speeds by the time, s, from which each holds
+    duration : simulated time of each loop, s
+    limits : smallest and largest pressure that the law commands, Pa
+    jobs : number of processes (default: all cores for FILE.py:NAME, else one)
+    dask : address of a Dask scheduler, whose workers run the loops
+    progress : whether progress is shown
+
+    Raises
+    ------
+    InputError
+        A wrong key or value, a law that cannot be found, takes no such parameter or cannot be sent to processes.
+    TccError
+        The law failed; the message has the values.
+
+    Examples
+    --------
+    >>> def proportional(gain):
+    ...     return lambda reading: 80e3 + gain * (reading.slip_speed - 20.0)
+    >>> result = gain_map("controlled", proportional, {"gain": [500.0, 2000.0]}, target=20.0, duration=0.5)
+    >>> result
+    <GainMap of proportional over gain: 2 loops, 0 settled>
+    """
+    began = time.perf_counter()
+    loops = Loops(as_scene(scene), law_in(law) if isinstance(law, str) else law, _targets(target), duration,
+                  checked_limits(limits))
+    keys = list(over)
+    if not 1 <= len(keys) <= 2:
+        raise InputError(f"a map of {len(keys)} keys is not possible; give one or two")
+    values = [tuple(map(float, over[key])) for key in keys]
+    places = [dict(zip(keys, place[::-1])) for place in itertools.product(*values[::-1])]
+    if not 1 <= len(places) <= MOST_VALUES:
+        raise InputError(f"the map has {len(places)} loops; it must have 1 to {MOST_VALUES}")
+    _check(loops, keys, places)
+    if dask is not None:
+        points = _on_cluster(loops, places, dask, progress)
+    else:
+        jobs = jobs if jobs is not None or isinstance(law, str) else 1
+        if jobs != 1:
+            _check_sent(loops)
+        points = each_in_a_process(loops.point, places, jobs, "loop", progress)
+    name = str(loops.law) if isinstance(loops.law, LawFile) else getattr(law, "__name__", type(law).__name__)
+    second_key, second_values = (keys[1], values[1]) if len(keys) > 1 else (None, None)
+    return GainMap(name, keys[0], values[0], second_key, second_values, tuple(loops.target.items()), duration, points,
+                   time.perf_counter() - began)
+
+
+def _targets(target: float | Mapping[float, float]) -> dict[float, float]:
+    """Return the target slip speeds by their times after checking them."""
+    steps = target_steps(target)
+    return dict(zip(steps.t.tolist(), steps.values.tolist()))
+
+
+def _check(loops: Loops, keys: Sequence[str], places: Sequence[Mapping[str, float]]) -> None:
+    """Raise InputError if the law does not take the parameters, or the scene not the values."""
+    factory = loops.law.factory() if isinstance(loops.law, LawFile) else loops.law
+    given = [key for key in keys if "." not in key]
+    try:
+        signature(factory).bind(**dict.fromkeys(given))
+    except TypeError as error:
+        raise InputError(f"the law takes {signature(factory)}, not {', '.join(given) or 'nothing'}: {error}") from None
+    for place in places:
+        loops.scene.with_values({key: value for key, value in place.items() if "." in key})
+
+
+def _check_sent(loops: Loops) -> None:
+    """Raise InputError if the law cannot be sent to another process."""
+    try:
+        pickle.dumps(loops)
+    except Exception:  # Various exceptions say so.
+        raise InputError("the law cannot be sent to other processes; give it as FILE.py:NAME, or jobs=1") from None
+
+
+def _on_cluster(loops: Loops, places: Sequence[Mapping[str, float]], dask: str, progress: bool) -> list[GainPoint]:
+    """Return the points, computed by the workers of a Dask cluster."""
+    with cluster(dask) as (executor, attendance), progress_bar("loop", len(places), shown=progress) as bar:
+        left, points = iter(range(len(places))), dict[int, GainPoint]()
+        for place, point in each_done(attendance, lambda: next(left, None),
+                                      lambda k: executor.submit(loops.point, places[k])):
+            points[place] = point
+            bar.update()
+    return [points[k] for k in range(len(places))]
