@@ -9,6 +9,7 @@ from array import array
 from codecs import getincrementaldecoder
 from collections.abc import Iterator, Sequence
 from datetime import date
+from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -25,6 +26,10 @@ HEAD = 200
 LONGEST_LINE = 1 << 16
 _START = 1 << 16
 """Bytes that show the encoding."""
+_LARGE = 1 << 20
+"""Bytes from which the import of pyarrow takes less time than it saves."""
+_ARROW = {"utf-8-sig": "utf8", "utf-8": "utf8", "cp1252": "utf8"}
+"""Encodings in which a number has the bytes of another one that pyarrow reads without a conversion."""
 _EMPTY = {"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "nat", "inf", "-inf", "+inf"}
 """Cells without a value, in lower case."""
 _COMMENTS = ("#", "%", "//")
@@ -288,6 +293,63 @@ def _numbers_of(path: Path, layout: _Layout, chosen: Sequence[int], time: int | 
     """Return the columns of these numbers, NaN for empty cells, and sentences on how they were read."""
     import numpy as np
 
+    columns, reader = _parsed(path, layout, chosen, time, most) or _read(path, layout, chosen, time, most)
+    notes = ["decimal comma"] if reader.commas else []
+    if reader.first_day is not None and time is not None:
+        notes.append("date-times from the first row")
+        at = list(chosen).index(time)
+        dated = columns[at][np.isfinite(columns[at])]
+        columns[at] -= dated[0] if len(dated) else 0.0
+    return columns, notes
+
+
+def _parsed(path: Path, layout: _Layout, chosen: Sequence[int], time: int | None,
+            most: int) -> tuple[list[Floats], _Numbers] | None:
+    """Return what `_read` returns, parsed by pyarrow if it is installed; None where a row or a cell needs `_read`.
+
+    300 000 rows of five columns take 0.1 s of processor time here, and 1.3 to 2.8 s in `_read`.
+    """
+    if path.stat().st_size < _LARGE or find_spec("pyarrow") is None:
+        return None
+    import numpy as np
+    import pyarrow
+    from pyarrow import csv as arrow
+
+    with path.open(newline="", encoding=layout.encoding, errors="replace") as stream:
+        dated = ":" in next(islice(stream, layout.skipped, None), "")
+    texts = [time] if dated and time is not None else []
+    texts += [0] if 0 not in chosen else []  # A comment may begin in this column.
+    kinds = {str(j): pyarrow.string() if j in texts else pyarrow.float64() for j in (*chosen, *texts)}
+    for point in (".", ","):
+        reader = _Numbers(path)
+        try:
+            table = arrow.read_csv(
+                path, arrow.ReadOptions(
+                    column_names=[str(j) for j in range(len(layout.names))], skip_rows=layout.skipped,
+                    block_size=LONGEST_LINE, encoding=_ARROW.get(layout.encoding, layout.encoding)),
+                arrow.ParseOptions(delimiter=layout.delimiter, newlines_in_values=True),
+                arrow.ConvertOptions(column_types=kinds, include_columns=[*kinds], decimal_point=point,
+                                     check_utf8=False, null_values=[form(cell) for cell in _EMPTY
+                                                                    for form in (str.lower, str.upper, str.title)]))
+            columns = [np.array([reader.stamp(cell, 0, "") for cell in table[str(j)].to_pylist()]) if j in texts else
+                       table[str(j)].to_numpy().copy() for j in chosen]
+        except (pyarrow.ArrowException, ValueError, InputError):
+            continue
+        reader.commas |= point == ","
+        if table.num_rows > most or (reader.commas and reader.points) or (0 not in chosen and any(
+                cell.startswith(_COMMENTS) for cell in table["0"].to_pylist())):
+            return None
+        for column in columns:
+            column[~np.isfinite(column)] = np.nan
+        return columns, reader
+    return None
+
+
+def _read(path: Path, layout: _Layout, chosen: Sequence[int], time: int | None,
+          most: int) -> tuple[list[Floats], _Numbers]:
+    """Return the columns of these numbers, read cell by cell, and the reader; raise InputError for a wrong line."""
+    import numpy as np
+
     numbers = [array("d") for _ in chosen]
     reader, count, width = _Numbers(path), 0, len(layout.names)
     reads = [(j, column, reader.stamp if j == time else reader.read, layout.names[j])
@@ -310,11 +372,4 @@ def _numbers_of(path: Path, layout: _Layout, chosen: Sequence[int], time: int | 
             count += 1
             for j, column, read, name in reads:
                 column.append(read(row[j], number, name))
-    notes = ["decimal comma"] if reader.commas else []
-    columns = [np.array(column) for column in numbers]
-    if reader.first_day is not None and time is not None:
-        notes.append("date-times from the first row")
-        at = list(chosen).index(time)
-        dated = columns[at][np.isfinite(columns[at])]
-        columns[at] -= dated[0] if len(dated) else 0.0
-    return columns, notes
+    return [np.array(column) for column in numbers], reader
