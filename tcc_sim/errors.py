@@ -82,7 +82,8 @@ def check_suffix(path: Path, suffixes: Iterable[str], prefix: str = "") -> None:
 
 EXTRAS = {"matplotlib": ("matplotlib", "view"), "rerun": ("rerun-sdk", "view"),
           "distributed": ("distributed", "cluster"), "pandas": ("pandas", "table"),
-          "pyarrow": ("pyarrow", "table"), "asammdf": ("asammdf", "mf4"), "fmpy": ("FMPy", "fmu")}
+          "pyarrow": ("pyarrow", "table"), "asammdf": ("asammdf", "mf4"), "fmpy": ("FMPy", "fmu"),
+          "nptdms": ("npTDMS", "tdms")}
 """Optional packages by module: name for pip, and the extra of this package that installs it."""
 
 

@@ -117,7 +117,7 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     profile : linear course between points in time (s) of engine.frequency, engine.mean_torque, engine.torque_amplitude,
         engine.harmonic_amplitudes[n] or pressure.mean
     inputs : torque, pressure and speed of the shaft's far end from a recording, or from the columns t, engine_torque,
-        actuation_pressure and output_speed of a table (.csv or other text, .parquet, .mat, .mf4)
+        actuation_pressure and output_speed of a table (.csv or other text, .parquet, .mat, .mf4, .tdms)
     inputs_scene : name or file of the scene of the recorded driveline, for a recording without one
     joints : names of the two joints in a recording of another program
     topic : topic of the joint states to read, if several were recorded
@@ -196,7 +196,7 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
     Parameters
     ----------
     recording : bag directory or .mcap file, complete or cut short; or a table of measurements (.csv or other text,
-        .parquet, .mat, .mf4) for orders and spectrum
+        .parquet, .mat, .mf4, .tdms) for orders and spectrum
     scene : name or file, for a recording without a scene, and for the shaft and the order of a table (default fig02)
     run : only this run, counted from 0 (default: all runs, and figures of the longest one)
     from_ : only from this simulation time on, s

@@ -35,7 +35,7 @@ DRAWINGS = ["views", "study.views", "study.paper.drawings", "study.benchmarks.re
 ROOMS = {
     "numba": ["compiling"], "llvmlite": ["compiling"],
     "scipy": ["tables", "solvers", "analysis", "sweeps", "estimation", "study", "model.friction_curve"],
-    "pandas": ["replay"], "pyarrow": ["tables"], "asammdf": ["tables"],
+    "pandas": ["replay"], "pyarrow": ["tables"], "asammdf": ["tables"], "nptdms": ["tables"],
     "distributed": ["sweeps.executors"], "dask": ["sweeps.executors"],
     "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["parameter_file", "scene", "recording", "messages", "study.paper"],

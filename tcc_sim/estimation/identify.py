@@ -103,7 +103,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     Parameters
     ----------
     measured : a recording, a Measurement, or a table with those of the columns t, slip_speed, plate_speed, plate_angle,
-        engine_torque, actuation_pressure that were measured (.csv or other text, .parquet, .mat, .mf4)
+        engine_torque, actuation_pressure that were measured (.csv or other text, .parquet, .mat, .mf4, .tdms)
     free : keys to estimate, each with its start (default: the scene's value; 0 for an offset); engine_torque.offset and
         actuation_pressure.offset are offsets of the sensors; friction.curve[=N] is the friction coefficient over slip
         speed as a constant and N exponentials (default 2)

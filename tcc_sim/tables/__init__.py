@@ -1,1 +1,1 @@
-"""Tables of measurements: CSV and other text, Parquet, MATLAB and MDF files; their columns, units, times and holes."""
+"""Tables of measurements: text, Parquet, MATLAB, MDF and TDMS files; their columns, units, times and holes."""

@@ -1,4 +1,4 @@
-"""Tables in Parquet, MATLAB and MDF files, read by optional packages, and written as Parquet and MATLAB files."""
+"""Tables in Parquet, MATLAB, MDF and TDMS files, read by optional packages, and written as Parquet and MATLAB files."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import InputError, one_line, require
-from tcc_sim.tables.file_columns import FileColumns
+from tcc_sim.tables.file_columns import TIME, FileColumns
 from tcc_sim.trajectory import Floats
 
 HDF5 = b"\x89HDF"
@@ -32,8 +32,7 @@ def parquet_contents(path: Path) -> FileColumns:
     hold = dict(pair.split(" ", 1) for pair in stated.split(",") if " " in pair)
 
     def numbers(chosen: Sequence[int], time: int | None, most: int) -> tuple[list[Floats], list[str]]:
-        if file.metadata.num_rows > most:
-            raise InputError(f"{path}: it has more than {most} rows; it must have at most {most}")
+        _check_rows(path, file.metadata.num_rows, most)
         names = [schema.names[j] for j in chosen]
         table = file.read(columns=names)
         return [_of_arrow(path, name, table.column(name)) for name in names], []
@@ -95,8 +94,7 @@ def _of_arrays(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str], 
 
     def numbers(chosen: Sequence[int], time: int | None, most: int) -> tuple[list[Floats], list[str]]:
         rows = len(arrays[names[chosen[0] if time is None else time]])
-        if rows > most:
-            raise InputError(f"{path}: it has more than {most} rows; it must have at most {most}")
+        _check_rows(path, rows, most)
         for j in chosen:
             if len(arrays[names[j]]) != rows:
                 raise InputError(f"{path}: {names[j]} has {len(arrays[names[j]])} values; the times have {rows}")
@@ -105,10 +103,39 @@ def _of_arrays(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str], 
     return FileColumns(names, [units.get(name, "") for name in names], numbers, read_as, hold)
 
 
-def mdf_contents(path: Path) -> FileColumns:
-    """Return the channels of an MDF file (.mf4, .mdf, .dat); channels of different rasters share one column of times,
-    in which cells are empty where a channel has no sample.
+def _check_rows(path: Path, rows: int, most: int) -> None:
+    """Raise InputError for more rows than the most."""
+    if rows > most:
+        raise InputError(f"{path}: it has more than {most} rows; it must have at most {most}")
+
+
+def _of_signals(path: Path, units: Mapping[str, str], signal: Callable[[str], tuple[Floats, Floats]],
+                read_as: str) -> FileColumns:
+    """Return the contents of signals with times of their own, which share one column of times: a cell is empty where a
+    signal has no sample.
+
+    units : unit by the name of the signal
+    signal : function that returns times and values of a signal, in ascending order
     """
+    names = [TIME, *units]
+
+    def numbers(chosen: Sequence[int], time: int | None, most: int) -> tuple[list[Floats], list[str]]:
+        signals = {j: signal(names[j]) for j in chosen if j}
+        if not signals:
+            raise InputError(f"{path}: no channel was chosen; --columns NAME=CHANNEL names one")
+        t = np.unique(np.concatenate([stamps for stamps, _ in signals.values()]))
+        _check_rows(path, len(t), most)
+        columns = {0: t}
+        for j, (stamps, values) in signals.items():
+            columns[j] = np.full(len(t), np.nan)
+            columns[j][np.searchsorted(t, stamps)] = values
+        return [columns[j] for j in chosen], []
+
+    return FileColumns(names, ["s", *units.values()], numbers, [read_as])
+
+
+def mdf_contents(path: Path) -> FileColumns:
+    """Return the channels of an MDF file, version 3 or 4 (.mf4, .mdf, .dat)."""
     require("asammdf", "an MDF file")
     from asammdf import MDF
 
@@ -119,26 +146,28 @@ def mdf_contents(path: Path) -> FileColumns:
     masters = {(group, index) for group, index in file.masters_db.items()}
     places = {name: [place for place in entries if tuple(place) not in masters]
               for name, entries in file.channels_db.items()}
-    names = ["t", *(name for name, entries in places.items() if entries and name not in ("t", "time"))]
-    units = ["s", *(_mdf_unit(file, *places[name][0]) for name in names[1:])]
 
-    def numbers(chosen: Sequence[int], time: int | None, most: int) -> tuple[list[Floats], list[str]]:
-        signals: dict[int, tuple[Floats, Floats]] = {}
-        for j in chosen:
-            if j:
-                signals[j] = _mdf_signal(file, path, names[j], places[names[j]])
-        if not signals:
-            raise InputError(f"{path}: no channel was chosen; --columns NAME=CHANNEL names one")
-        t = np.unique(np.concatenate([stamps for stamps, _ in signals.values()]))
-        if len(t) > most:
-            raise InputError(f"{path}: it has more than {most} rows; it must have at most {most}")
-        columns = {0: t}
-        for j, (stamps, values) in signals.items():
-            columns[j] = np.full(len(t), np.nan)
-            columns[j][np.searchsorted(t, stamps)] = values
-        return [columns[j] for j in chosen], []
+    def signal(name: str) -> tuple[Floats, Floats]:
+        if len(places[name]) > 1:
+            raise InputError(f"{path}: {len(places[name])} groups have a channel {one_line(name)}; export one of them")
+        group, index = places[name][0]
+        found = file.get(group=group, index=index)
+        values = _floats(path, name, found.samples)
+        invalid = getattr(found, "invalidation_bits", None)
+        if invalid is not None and len(invalid) == len(values):
+            values[np.asarray(invalid, dtype=bool)] = np.nan
+        return np.asarray(found.timestamps, dtype=np.float64), values
 
-    return FileColumns(names, units, numbers, ["MDF"])
+    return _of_signals(path, {name: _mdf_unit(file, *entries[0]) for name, entries in places.items()
+                              if entries and name not in (TIME, "time")}, signal, "MDF")
+
+
+def _floats(path: Path, name: str, samples: Any) -> Floats:
+    """Return the samples of a channel as numbers; InputError for text."""
+    try:
+        return np.array(samples, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{path}: channel {one_line(name)} holds no numbers") from None
 
 
 def _mdf_unit(file: Any, group: int, index: int) -> str:
@@ -148,20 +177,40 @@ def _mdf_unit(file: Any, group: int, index: int) -> str:
     return str(unit or "").strip("\0 ")
 
 
-def _mdf_signal(file: Any, path: Path, name: str, places: Sequence[tuple[int, int]]) -> tuple[Floats, Floats]:
-    """Return times and values of a channel; raise InputError if several channels have its name, or for text."""
-    if len(places) > 1:
-        raise InputError(f"{path}: {len(places)} groups have a channel {one_line(name)}; export one of them")
-    group, index = places[0]
-    signal = file.get(group=group, index=index)
+def tdms_contents(path: Path) -> FileColumns:
+    """Return the channels of a TDMS file: waveforms with their own times, or channels of one length, of which one has
+    the times. A channel whose name another group has too is GROUP.CHANNEL.
+    """
+    require("nptdms", "a TDMS file")
+    from nptdms import TdmsFile
+
     try:
-        values = np.array(signal.samples, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{path}: channel {one_line(name)} holds no numbers") from None
-    invalid = getattr(signal, "invalidation_bits", None)
-    if invalid is not None and len(invalid) == len(values):
-        values[np.asarray(invalid, dtype=bool)] = np.nan
-    return np.asarray(signal.timestamps, dtype=np.float64), values
+        file = TdmsFile.read(path)
+    except Exception as error:  # Its exceptions have no common class.
+        raise InputError(f"{path} cannot be read as a TDMS file: {error}") from None
+    channels: dict[str, Any] = {}
+    for group in file.groups():
+        for channel in group.channels():
+            channels[channel.name if channel.name not in channels else f"{group.name}.{channel.name}"] = channel
+    units = {name: str(channel.properties.get("unit_string", "")) for name, channel in channels.items()}
+    waves = {name: channel for name, channel in channels.items() if channel.properties.get("wf_increment")}
+    if not waves:
+        arrays = {name: np.asarray(channel[:]) for name, channel in channels.items()}
+        for name, values in arrays.items():
+            if values.dtype.kind == "M":
+                arrays[name] = (values - values[:1]) / np.timedelta64(1, "s")
+        return _of_arrays(path, {name: values for name, values in arrays.items() if values.dtype.kind in "fiub"}, units,
+                          ["TDMS"], {})
+    starts = [channel.properties.get("wf_start_time") for channel in waves.values()]
+    dated = all(start is not None for start in starts)
+
+    def signal(name: str) -> tuple[Floats, Floats]:
+        late = (waves[name].properties["wf_start_time"] - min(starts)) / np.timedelta64(1, "s") if dated else 0.0
+        values = _floats(path, name, waves[name][:])
+        # Rounded, so that samples of one instant in two waveforms share a row.
+        return np.round(late + waves[name].time_track()[:len(values)], 9), values
+
+    return _of_signals(path, {name: units[name] for name in waves if name not in (TIME, "time")}, signal, "TDMS")
 
 
 def write_parquet(path: Path, columns: Mapping[str, Any], units: Mapping[str, str], hold: Mapping[str, str],
@@ -199,5 +248,16 @@ def write_mat(path: Path, columns: Mapping[str, Any], units: Mapping[str, str], 
 
 READERS: dict[str, Callable[[Path], FileColumns]] = {
     ".parquet": parquet_contents, ".pq": parquet_contents, ".mat": mat_contents, ".mf4": mdf_contents,
-    ".mdf": mdf_contents}
+    ".mdf": mdf_contents, ".tdms": tdms_contents}
 """Reader by suffix."""
+MDF = b"MDF "
+"""First bytes of an MDF file, of which version 3 is often named .dat, as tables in text are."""
+
+
+def reader_of(path: Path) -> Callable[[Path], FileColumns] | None:
+    """Return the reader of a file; None for text."""
+    if path.suffix.lower() == ".dat":
+        with path.open("rb") as stream:
+            if stream.read(len(MDF)) == MDF:
+                return mdf_contents
+    return READERS.get(path.suffix.lower())

@@ -8,14 +8,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from tcc_sim.errors import InputError, counted, one_line
-from tcc_sim.tables.binary import READERS
-from tcc_sim.tables.file_columns import FileColumns
+from tcc_sim.tables.binary import READERS, reader_of
+from tcc_sim.tables.file_columns import TIME, FileColumns
 from tcc_sim.tables.text import text_contents
 from tcc_sim.tables.unit_names import unit_factor, units_for
 from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import UNITS, Floats
 
-TIME = "t"
 CHANNELS = {"slip_speed": "rad/s", "plate_speed": "rad/s", "plate_angle": "rad"}
 """Columns of measured outputs, with their units; further columns are the time, s, and DRIVING."""
 DRIVING = (*INPUTS, FAR_END)
@@ -28,10 +27,10 @@ COLUMNS: dict[str, str | None] = {
 """Columns of measurements, with their SI units; None for any unit."""
 SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".asc", *READERS)
 """Names of tables end in one of these."""
-REFUSED = {".xlsx": "an Excel workbook", ".xls": "an Excel workbook", ".ods": "a spreadsheet", ".tdms": "a TDMS file",
-           ".h5": "an HDF5 file", ".hdf5": "an HDF5 file", ".feather": "a Feather file", ".json": "a JSON file",
-           ".blf": "a CAN log", ".asammdf": "an MDF file under another name", ".npz": "a NumPy archive",
-           ".npy": "a NumPy array", ".uff": "a universal file", ".unv": "a universal file"}
+REFUSED = {".xlsx": "an Excel workbook", ".xls": "an Excel workbook", ".ods": "a spreadsheet", ".h5": "an HDF5 file",
+           ".hdf5": "an HDF5 file", ".feather": "a Feather file", ".json": "a JSON file", ".blf": "a CAN log",
+           ".asammdf": "an MDF file under another name", ".npz": "a NumPy archive", ".npy": "a NumPy array",
+           ".uff": "a universal file", ".unv": "a universal file"}
 """Kind of file by suffix, for files that are neither tables nor recordings."""
 LARGEST_TABLE = 1 << 30
 """Largest size of a table, bytes."""
@@ -54,7 +53,8 @@ def is_table(path: Path) -> bool:
     return suffix in SUFFIXES
 
 
-def named_columns(text: str | Mapping[str, str] | None, known: Mapping[str, str | None] = COLUMNS) -> dict[str, str]:
+def named_columns(text: str | Mapping[str, str] | None, known: Mapping[str, str | None] = COLUMNS,
+                  option: str = "--columns") -> dict[str, str]:
     """Return the column of the file, with its unit, for each name in NAME=COLUMN[:UNIT],...
 
     Raises
@@ -69,10 +69,10 @@ def named_columns(text: str | Mapping[str, str] | None, known: Mapping[str, str 
     names: dict[str, str] = {}
     for name, column in pairs:
         if name not in known or not column:
-            raise InputError(f"--columns names {one_line(name)!r}{'' if column else ' without =COLUMN'}; it takes "
+            raise InputError(f"{option} names {one_line(name)!r}{'' if column else ' without =COLUMN'}; it takes "
                              f"NAME=COLUMN[:UNIT],... with the names {', '.join(known)}")
         if name in names:
-            raise InputError(f"--columns gives {name} twice")
+            raise InputError(f"{option} gives {name} twice")
         names[name] = column
     return names
 
@@ -93,24 +93,25 @@ def contents_of(path: Path, known: Sequence[str]) -> FileColumns:
             raise InputError(f"{path} is not a regular file")
         if (size := path.stat().st_size) > LARGEST_TABLE:
             raise InputError(f"{path} has {size} bytes; a table has at most {LARGEST_TABLE}")
-        reader = READERS.get(path.suffix.lower())
+        reader = reader_of(path)
         return text_contents(path, known) if reader is None else reader(path)
     except (OSError, csv.Error) as error:
         raise InputError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
 
 
 def columns_in(path: Path, known: Mapping[str, str | None], needed: Sequence[str], most: int,
-               columns: str | Mapping[str, str] | None = None) -> tuple[dict[str, Floats], list[str], dict[str, str]]:
+               columns: str | Mapping[str, str] | None = None,
+               option: str = "--columns") -> tuple[dict[str, Floats], list[str], dict[str, str]]:
     """Return the columns of a file whose names are known, (n,) in SI units and in the order of the rows, a sentence on
     how they were read, and the holds that the file states; see `measured_table.table_in`.
     """
-    chosen = named_columns(columns, known)
+    chosen = named_columns(columns, known, option)
     contents = contents_of(path, [*known, *_TIMES, *UNITS, *(word.rpartition(":")[0] or word
                                                              for word in chosen.values())])
-    places = _places(path, contents, known, chosen)
+    places = _places(path, contents, known, chosen, option)
     for name in needed:
         if name not in places:
-            raise InputError(_lacking(path, contents, name, places, known))
+            raise InputError(_lacking(path, contents, name, places, option))
     order = sorted(places)
     factors = [_factor(path, contents, name, places[name], known[name]) for name in order]
     time = places[TIME][0] if TIME in places else None
@@ -121,7 +122,7 @@ def columns_in(path: Path, known: Mapping[str, str | None], needed: Sequence[str
 
 
 def _places(path: Path, contents: FileColumns, known: Mapping[str, str | None],
-            chosen: Mapping[str, str]) -> dict[str, tuple[int, str]]:
+            chosen: Mapping[str, str], option: str) -> dict[str, tuple[int, str]]:
     """Return number and unit of the file's column for each known name that it has."""
     names = [name.strip() for name in contents.names]
     places: dict[str, tuple[int, str]] = {}
@@ -130,13 +131,13 @@ def _places(path: Path, contents: FileColumns, known: Mapping[str, str | None],
         column, unit = (column, unit) if colon and word not in names else (word, "")
         if column not in names:
             near = difflib.get_close_matches(column, names, n=1, cutoff=0.5)
-            raise InputError(f"{path}: there is no column {one_line(column)}, which --columns names for {name}; "
+            raise InputError(f"{path}: there is no column {one_line(column)}, which {option} names for {name}; "
                              + (f"did you mean {one_line(near[0])}?" if near else f"the file has {_listed(names)}"))
         _check_once(path, names, column)
         column_unit = contents.units[names.index(column)]
         if unit and column_unit and unit_factor(unit, known[name] or "") != unit_factor(column_unit, known[name] or ""):
             raise InputError(f"{path}: column {one_line(column)} is in {one_line(column_unit)} by the file and in "
-                             f"{one_line(unit)} by --columns; leave out one of them")
+                             f"{one_line(unit)} by {option}; leave out one of them")
         places[name] = names.index(column), unit or column_unit
     spelled = [name.lower().replace(" ", "_").replace("-", "_") for name in names]
     for name in known:
@@ -176,12 +177,12 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _lacking(path: Path, contents: FileColumns, name: str, places: Mapping[str, tuple[int, str]],
-             known: Mapping[str, str | None]) -> str:
+             option: str) -> str:
     """Return the sentence for a missing column."""
     used = {place for place, _ in places.values()}
     others = [other for j, other in enumerate(contents.names) if j not in used]
-    hint = f", and --columns {name}=COLUMN names one of them" if TIME in known else ""
-    return f"{path}: there is no column {name}" + (f"; the file has {_listed(others)}{hint}" if others else "")
+    return f"{path}: there is no column {name}" + (
+        f"; the file has {_listed(others)}, and {option} {name}=COLUMN names one of them" if others else "")
 
 
 def _notes_on(contents: FileColumns, read_as: Sequence[str], places: Mapping[str, tuple[int, str]],

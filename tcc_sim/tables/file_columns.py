@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 
 from tcc_sim.trajectory import Floats
 
+TIME = "t"
+"""Name of the column of times."""
 
 @dataclass(frozen=True)
 class FileColumns:

@@ -109,22 +109,44 @@ def matlab(path):
     return path
 
 
-def mdf(path):
+def mdf(path, version="4.10", suffix=".mf4"):
     asammdf = pytest.importorskip("asammdf")
-
-    path = path.with_suffix(".mf4")
-    file = asammdf.MDF()
+    made, file = path.with_suffix(".mf4" if version > "4" else ".mdf"), asammdf.MDF(version=version)
     for name, (unit, factor) in {"slip_speed": ("rpm", RPM), "engine_torque": ("Nm", 1.0),
                                  "engine_speed": ("rpm", RPM)}.items():
         file.append([asammdf.Signal(COLUMNS[name] * factor, T, unit=unit, name=name)])
     file.append([asammdf.Signal(np.arange(15.0), np.arange(15) * 0.1, unit="degC", name="oil")])
-    file.save(path)
+    file.save(made)
     file.close()
+    return made.rename(made.with_suffix(suffix))
+
+
+def mdf3(path):
+    return mdf(path, "3.30", ".dat")
+
+
+def tdms(path, waves=True):
+    nptdms = pytest.importorskip("nptdms")
+    path, start = path.with_suffix(".tdms"), np.datetime64("2026-03-31T23:59:59")
+    shift = {"engine_torque": 100}  # Samples by which a waveform begins later.
+    channels = [nptdms.ChannelObject(
+        "run", name, COLUMNS[name][shift.get(name, 0) * waves:] * (RPM if unit == "rpm" else 1.0),
+        properties={"unit_string": unit, **({"wf_increment": 1e-3, "wf_start_offset": 0.0, "wf_start_time":
+                    start + np.timedelta64(shift.get(name, 0), "ms")} if waves else {})})
+        for name, unit in (("slip_speed", "rpm"), ("engine_torque", "Nm"), ("engine_speed", "rpm"))]
+    if not waves:
+        channels.append(nptdms.ChannelObject("run", "Time", start + (1e9 * T).astype("timedelta64[ns]")))
+    with nptdms.TdmsWriter(path) as writer:
+        writer.write_segment(channels)
     return path
 
 
+def tdms_table(path):
+    return tdms(path, waves=False)
+
+
 EXPORTS = [german, utf16, without_mark, pandas_index, date_times, clock_times, epoch, spaces, savetxt, quoted, parquet,
-           matlab, mdf]
+           matlab, mdf, mdf3, tdms, tdms_table]
 WORDS = {german: ["--columns", "slip_speed=n_slip,engine_torque=M_Mot,engine_speed=n_Mot"]}
 SAID = {german: ["read as semicolons and decimal comma, 4 columns, 4 used; slip_speed from n_slip in 1/min, "
                  "engine_torque from M_Mot, engine_speed from n_Mot in U/min, t from Zeit"],
@@ -142,9 +164,12 @@ SAID = {german: ["read as semicolons and decimal comma, 4 columns, 4 used; slip_
         quoted: ["read as CP1252 and decimal comma, 5 columns, 4 used; passed over: T_\N{DEGREE SIGN}C"],
         parquet: ["read as Parquet, 5 columns, 4 used; passed over: note"],
         matlab: ["read as a MATLAB file, 4 columns, 4 used"],
-        mdf: ["read as MDF, 5 columns, 4 used; slip_speed from slip_speed in rpm, engine_speed from engine_speed in "
-         "rpm; "
-              "passed over: oil"]}
+        **dict.fromkeys((mdf, mdf3), ["read as MDF, 5 columns, 4 used; slip_speed from slip_speed in rpm, engine_speed "
+                                      "from engine_speed in rpm; passed over: oil"]),
+        tdms: ["read as TDMS, 4 columns, 4 used; slip_speed from slip_speed in rpm, engine_speed from engine_speed in "
+               "rpm", "empty cells: 100 of 1500 in engine_torque"],
+        tdms_table: ["read as TDMS, 4 columns, 4 used; t from Time, slip_speed from slip_speed in rpm, engine_speed "
+                     "from engine_speed in rpm"]}
 
 
 @pytest.mark.parametrize("export", EXPORTS, ids=lambda export: export.__name__)
@@ -152,9 +177,12 @@ def test_every_export_gives_the_same_table(tmp_path, export):
     result = table_in(export(tmp_path / "run.csv"), columns=WORDS.get(export, [None, None])[1])
     assert set(result.columns) == set(COLUMNS)
     np.testing.assert_allclose(result.t - result.t[0], T, atol=2e-6)
+    late = 100 * (export is tdms)
     for name in ("slip_speed", "engine_torque", "engine_speed"):
-        np.testing.assert_allclose(result.columns[name], COLUMNS[name], rtol=1e-9)
-    assert not len(result.holes(*COLUMNS))
+        first = late if name == "engine_torque" else 0
+        np.testing.assert_allclose(result.columns[name][first:], COLUMNS[name][first:], rtol=1e-9)
+        assert np.isnan(result.columns[name][:first]).all()
+    assert len(result.holes(*COLUMNS)) == bool(late)
     orders = orders_of(signals_in(result, System()))
     assert np.abs(20.0 * np.log10(orders.cut(1.0, "slip_speed") / 5.0)).max() < 0.1
     assert [note.partition(": ")[2] for note in result.notes] == SAID[export]
