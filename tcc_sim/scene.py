@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from tcc_sim.errors import InputError
-from tcc_sim.friction_table import TABLE_FILE, with_table
+from tcc_sim.friction_table import TABLE_COLUMNS, TABLE_FILE, with_table
 from tcc_sim.model import parameters
 from tcc_sim.model.actuator import delay_ticks
 from tcc_sim.model.crank_speed import DERIVED, FREQUENCY, SPEED, frequency_key, refuse_rpm
@@ -263,7 +263,8 @@ def as_scene(scene: SceneLike) -> Scene:
 def parse_scene(text: str, name: str, folder: Path = Path()) -> Scene:
     """Return the scene in the text of a parameter file; missing keys have their default values.
 
-    `friction.table` names a CSV file relative to `folder` that replaces friction.slip_speeds and .coefficients.
+    `friction.table` names a table's file relative to `folder` that replaces friction.slip_speeds and .coefficients, and
+    `friction.table_columns` names its columns.
 
     Raises
     ------
@@ -312,7 +313,7 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
         key, equals, value = word.partition("=")
         if not equals or not key or not value:
             raise InputError(f"{word!r} is not KEY=VALUE")
-        if key != TABLE_FILE:
+        if key not in (TABLE_FILE, TABLE_COLUMNS):
             meaning_of(key)
         if key in values:
             raise InputError(f"{key} is given twice")
