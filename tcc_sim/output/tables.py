@@ -65,7 +65,7 @@ def simulation_lines(name: str, result: Simulation) -> list[str]:
         pairs += covers_row(result.summary, 0.0, float(run.t[-1]))
         if result.summary.runaway and run.system is not None:
             pairs.append(("runaway", runaway_cause(run.system)))
-    pairs += [("doubtful", warning) for warning in result.warnings or []]
+    pairs += [("table" if warning in result.notes else "doubtful", warning) for warning in result.warnings or []]
     if result.damping is not None:
         pairs.append(damping_row(result.damping))
     if result.lyapunov is not None:
