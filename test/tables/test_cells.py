@@ -93,7 +93,7 @@ def test_rows_and_times_of_other_kinds(lines, count):
                   "28.2.2026 {0:02d}:{1:02d}:{2:06.3f}Z"):
         t = [0.001 * k + 82_000.0 for k in range(count)]
         stamps = [clock.format(int(x // 3600), int(x // 60 % 60), x % 60) for x in t]
-        path.write_text("\n".join([rows[0], *(f"{stamp}{row[row.index(';'):]}" for stamp, row in zip(stamps, rows[1:]))]))
+        path.write_text("\n".join([rows[0], *(stamp + row[row.index(";"):] for stamp, row in zip(stamps, rows[1:]))]))
         found = read(path)[0]
         assert found["t"] == pytest.approx(0.001 * np.arange(count), abs=1e-9)
         assert found["engine_torque"].tolist() == (np.arange(count) + 0.5).tolist()

@@ -164,8 +164,8 @@ SAID = {german: ["read as semicolons and decimal comma, 4 columns, 4 used; slip_
         quoted: ["read as CP1252 and decimal comma, 5 columns, 4 used; passed over: T_\N{DEGREE SIGN}C"],
         parquet: ["read as Parquet, 5 columns, 4 used; passed over: note"],
         matlab: ["read as a MATLAB file, 4 columns, 4 used"],
-        **dict.fromkeys((mdf, mdf3), ["read as MDF, 5 columns, 4 used; slip_speed from slip_speed in rpm, engine_speed "
-                                      "from engine_speed in rpm; passed over: oil"]),
+        **{each: ["read as MDF, 5 columns, 4 used; slip_speed from slip_speed in rpm, engine_speed from engine_speed "
+                  "in rpm; passed over: oil"] for each in (mdf, mdf3)},
         tdms: ["read as TDMS, 4 columns, 4 used; slip_speed from slip_speed in rpm, engine_speed from engine_speed in "
                "rpm", "empty cells: 100 of 1500 in engine_torque"],
         tdms_table: ["read as TDMS, 4 columns, 4 used; t from Time, slip_speed from slip_speed in rpm, engine_speed "
