@@ -197,15 +197,18 @@ def pace_of(line: Timeline) -> tuple[float, str]:
     Both are compared at the ends of stretches of simulation time, however the file is divided. The first stretch of a
     run only sets the start, since its messages may have waited for the discovery of the recorder. Left out is where
     receipt advances against simulation time and the next stretch does not make up for it: somebody set
-    the clock, or the driveline paused or stalled. Times of receipt alone cannot distinguish these.
+    the clock, or the driveline paused or stalled. Times of receipt alone cannot distinguish these. Nothing is left out
+    of a run whose scene is not paced by real time.
     """
+    operation = line.scene.operation
+    paced = operation.pacing == "real_time" and operation.real_time_factor > 0.0
     simulated, real, at, ahead, count, stretches = 0, 0, 0.0, 0, 0, 0
     for states in line.runs:
         ends = np.flatnonzero(np.diff(states.stamp_ns // STRETCH, append=-1))
         if np.array_equal(states.log_ns[ends], states.stamp_ns[ends]):  # `simulate --out` has no other times.
             continue
         stamps, received = np.diff(states.stamp_ns[ends]), np.diff(states.log_ns[ends])
-        steps = _steps(stamps, received)
+        steps = _steps(stamps, received) & paced
         stretches += len(steps)
         simulated += int(stamps[~steps].sum())
         real += int(received[~steps].sum())
