@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def full_disk(size: int = 0) -> Iterator[None]:
-    """Limit files to `size` bytes; a longer write raises OSError, "File too large"."""
+    """Limit files to `size` bytes; a longer write raises OSError with EFBIG."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
     try:

@@ -145,8 +145,8 @@ def test_recorders_that_end_one_after_the_other_leave_what_can_be_analysed_and_r
             resource.prlimit(recorders[name].pid, resource.RLIMIT_FSIZE, (size, size))
             assert recorders[name].wait() == 1
             # On a busy machine the recorder may warn of silence.
-            assert [line for line in recorders[name].lines if not line.startswith(("[INFO]", "[WARN]"))] == [
-                f"recorder: {files[name]} cannot be written: File too large; the data written so far stays readable"]
+            line, = (line for line in recorders[name].lines if not line.startswith(("[INFO]", "[WARN]")))
+            assert line.startswith(f"recorder: {files[name]} cannot be written: ")
         elif name == "killed":
             recorders[name].kill()
             recorder = start("recorder", output=tmp_path / "stopped")

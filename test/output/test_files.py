@@ -119,6 +119,6 @@ def test_a_full_disk_is_said_with_the_name_that_the_user_gave(number: int, tmp_p
         write(OSError(number, os.strerror(number)))
     assert (caught.value.errno, caught.value.filename) == (number, str(tmp_path / "mine.json"))
     assert list(tmp_path.iterdir()) == []
-    with pytest.raises(OSError, match="Input/output error") as other:
+    with pytest.raises(OSError, match=os.strerror(errno.EIO)) as other:
         write(OSError(errno.EIO, os.strerror(errno.EIO)))  # Of something else that is read meanwhile.
     assert other.value.filename is None

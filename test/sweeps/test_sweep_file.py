@@ -129,7 +129,7 @@ def test_a_last_line_that_was_cut_short_is_solved_again(left: int, whole: list[b
 
 def test_a_full_disk_is_said_with_the_name_of_the_file(tmp_path: Path) -> None:
     file = SweepFile(tmp_path / "points.jsonl", {}, lambda *_: None)
-    with full_disk(), pytest.raises(OSError, match=f"File too large: '{tmp_path}/points.jsonl'"):
+    with full_disk(), pytest.raises(OSError, match=r"points\.jsonl"):
         file.append(0, 0, {})
     file.close()
 
