@@ -75,7 +75,8 @@ def check(drawn: Any) -> None:
         if legend is not None:
             box = legend.get_window_extent()
             assert not covered(legend), f"a legend lies over {covered(legend)}"
-            for text in (axis._left_title, axis.title):
+            for text in (axis._left_title, axis.title, *(each for child in axis.child_axes for each in (
+                    child.xaxis.label, *child.get_xticklabels()))):
                 other = text.get_window_extent()
                 assert not text.get_text() or not _overlap(box, other), f"a legend lies over {text.get_text()!r}"
 

@@ -284,6 +284,7 @@ def lay_out(drawn: Any) -> None:
         return
     _keep_numbers_plain(drawn)
     engine.execute(drawn)
+    wrapped = False
     for axis in drawn.axes:
         box, titles = axis.get_window_extent(), (axis.title, axis._left_title)
         for text, size, room in ((axis.yaxis.label, axis.yaxis.label.get_window_extent().height, box.height),
@@ -291,7 +292,9 @@ def lay_out(drawn: Any) -> None:
             words = text.get_text()
             if size > room and "\n" not in words:
                 text.set_text(textwrap.fill(words, max(int(0.88 * len(words) * room / size), 8)))
-    engine.execute(drawn)
+                wrapped = True
+    if wrapped:
+        engine.execute(drawn)
     for axis in drawn.axes:
         if axis.get_legend() is not None and axis.get_legend().get_gid() == ABOVE:
             legend_above(axis)
@@ -364,7 +367,9 @@ def legend_above(axis: Any) -> None:
     """Place the legend above the axes, in as many columns as they have room for, beside the title or below it."""
     narrow = not wide(axis.figure.get_figwidth())
     small = {"fontsize": 6.5, "handlelength": 1.1, "columnspacing": 0.8, "handletextpad": 0.4} if narrow else {}
-    where, room = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}, axis.get_window_extent().width
+    whole, room = axis.get_window_extent(), axis.get_window_extent().width
+    top = max([whole.y1, *(each.get_tightbbox().y1 for each in axis.child_axes)])  # Above an axis along the upper side.
+    where = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0 + (top - whole.y1) / whole.height)}
     drawn = _fitted(lambda columns: legend(axis, ncols=columns, **where, **small), len(entries(axis)[0]), room)
     if drawn is None:
         return
@@ -373,7 +378,7 @@ def legend_above(axis: Any) -> None:
     if title := axis.get_title(loc=side):
         box, words = drawn.get_window_extent(), axis.set_title(title, loc=side, pad=None).get_window_extent()
         beside = box.width + words.width * (1.0 if side == "left" else 2.0) < 0.95 * room
-        above = (box.y1 - axis.get_window_extent().y1) * 72.0 / axis.figure.dpi
+        above = (box.y1 - top) * 72.0 / axis.figure.dpi
         axis.set_title(title, loc=side, pad=None if beside else 4.0 + above)
 
 
