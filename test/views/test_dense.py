@@ -1,6 +1,5 @@
 """Between samples a picture shows the motion itself, compared with SciPy at a tight tolerance and with arrays."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -72,19 +71,6 @@ def test_the_friction_torque_between_ticks_has_no_spikes_in_stick(recorded):
     assert (np.abs(dense.friction_torque) <= most * (1.0 + 1e-9)).all()
 
 
-def test_commands_are_held_over_a_tick(tmp_path):
-    scene = load_scene("commands")
-    rows = ticked(scene, 1200, torque=lambda k: 300.0 + 200.0 * math.sin(0.15 * k),
-                  pressure=lambda k: 2e5 + 100.0 * (k % 7))
-    tail = replay(bag(tmp_path / "run", rows, scene), frequency=150.0).trajectory
-    dense = between(tail)
-    k = len(tail.t) - 20
-    inside = (dense.t > tail.t[k] + 1e-9) & (dense.t <= tail.t[k + 1] + 1e-9)
-    assert inside.sum() > 10
-    assert set(dense.engine_torque[inside]) == {tail.engine_torque[k + 1]}
-    assert set(dense.saturation_torque[inside]) == {tail.saturation_torque[k + 1]}
-
-
 def test_changed_parameters_and_gaps_are_not_drawn_as_if_solved(recorded):
     tail = recorded.trajectory
     other = replace(tail, system=load_scene("slip").system)  # ticks of another scene lead elsewhere: interpolated
@@ -100,19 +86,3 @@ def test_changed_parameters_and_gaps_are_not_drawn_as_if_solved(recorded):
     assert hole.any()
     assert np.isnan(holed.slip_speed[hole]).all()
     assert np.isfinite(holed.slip_speed[~hole]).all()
-
-
-def test_a_scene_whose_frequency_varies_is_drawn_with_its_own_torque(tmp_path):
-    scene = load_scene("chaos").with_values({"engine.frequency_times": [0.0, 1.0],
-                                               "engine.frequency_values": [80.0, 160.0]})
-    result = between(replay(bag(tmp_path / "run", ticked(scene, 900), scene)).trajectory)
-    e = scene.system.engine
-    exact = e.mean_torque + e.torque_amplitude * np.sin(80.0 * result.t + 40.0 * result.t**2)
-    assert np.abs(result.engine_torque - exact).max() < 1e-6 * e.torque_amplitude
-
-
-def test_where_the_torque_is_not_the_scenes_it_is_that_of_the_samples(recorded):
-    tail = recorded.trajectory
-    result = between(replace(tail, engine_torque=tail.engine_torque + 100.0))
-    place = np.searchsorted(result.t, tail.t - 1e-9)
-    np.testing.assert_allclose(result.engine_torque[place], tail.engine_torque + 100.0, rtol=1e-12)

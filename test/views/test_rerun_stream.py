@@ -8,7 +8,6 @@ import re
 import socket
 import threading
 from collections.abc import Iterator
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,6 @@ from tcc_sim.topics import TOPICS
 from tcc_sim.trajectory import Cycles
 
 pytest.importorskip("rerun", reason="rerun is not installed")
-from tcc_sim.views import rerun_layout as layout
 from tcc_sim.views.recording_layout import write_layout
 from tcc_sim.views.rerun_stream import RerunStream
 
@@ -122,33 +120,6 @@ def test_a_short_run_fills_its_panels(tmp_path: Path) -> None:
     assert len(begins) > 6
     assert max(begins) == pytest.approx(2.999)
     assert min(begins) == pytest.approx(8.0 * 2.0 * np.pi / 150.0)
-
-
-@pytest.mark.parametrize(("low", "high"), [((-0.03, 0.0), (0.24, 36.4)), ((0.1, -1e-4), (0.1, 1e-4)),
-                                           ((0.06661, 11.7), (0.06673, 28.4)), ((-3.0, -150.0), (2.0, 151.0)),
-                                           ((0.0, 0.0), (0.0, 0.0))])
-def test_axes_of_the_portrait_are_round_fill_the_box_and_their_labels_do_not_overlap(low: Any, high: Any) -> None:
-    low, high = np.array(low), np.array(high)
-    axes = layout.PhaseAxes.around(low, high)
-    move, scale = np.array(axes.transform())
-    corners = move + scale * np.array([[low[0], -high[1]], [high[0], -low[1]]])
-    assert (corners >= -1e-9).all()
-    assert (corners <= np.array([layout.WIDTH, 1.0]) + 1e-9).all()
-    places, texts = axes.labels()
-    across, along = axes.places()
-    assert [float(text) for _, text in across] == pytest.approx([(x - move[0]) / scale[0] for x, _ in across], abs=1e-5)
-    assert [float(text) for _, text in along] == pytest.approx([(move[1] - y) / scale[1] for y, _ in along], abs=1e-5)
-    # The view is at least 512 x 236 pixels; a label is 24 pixels high, and 5.5 a letter and 16 wide.
-    (left, right), (top, bottom) = layout.BOUNDS
-    pixels = min(512.0 / (right - left), 236.0 / (bottom - top))
-    boxes = [(x - (2.75 * len(text) + 8.0) / pixels, y, x + (2.75 * len(text) + 8.0) / pixels, y + 24.0 / pixels)
-             for (x, y), text in zip(places, texts)]
-    assert all(left <= x0 and x1 <= right and top <= y0 and y1 <= bottom for x0, y0, x1, y1 in boxes)
-    assert not [(a, b) for a, b in combinations(boxes, 2)
-                if a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]]
-    if (high > low).all():
-        assert axes.hold(low, high)
-        assert not axes.hold(low, high + 3.0 * (high - low))
 
 
 def test_what_cannot_be_shown_is_refused_and_changes_no_file(tmp_path: Path) -> None:
