@@ -11,11 +11,12 @@ import sweep_speed
 from branch_speed import auto, auto_installed, coexistence, constants, model, runs_of
 from driveline_bags import bag, ticked
 from fluids import COUPLINGS, draw_coupling, draw_fluids
+from independent import smoothed_states
 from soak import figures_of
 
 from tcc_sim.scene import load_scene
 from tcc_sim.study.benchmarks import peers
-from tcc_sim.study.benchmarks.references import reference, smoothed_states
+from tcc_sim.study.benchmarks.references import reference
 from tcc_sim.study.paper.catalogue import paper_system
 from tcc_sim.sweeps.simulation import Plan, simulate
 

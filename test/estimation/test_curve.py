@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from documents import valid
+from independent import equations
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
@@ -19,7 +20,6 @@ from tcc_sim.estimation.curve import curve_of, not_visited
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.scene import load_scene
-from tcc_sim.study.benchmarks.references import equations
 
 SPEEDS = np.round(np.linspace(0.0, 1.0, 33) ** 2 * 160.0, 6)
 LAWS = {

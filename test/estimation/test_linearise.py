@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 from documents import valid
+from independent import Piecewise
 from scipy.integrate import odeint
 from scipy.signal import StateSpace
 
@@ -18,7 +19,6 @@ from tcc_sim.estimation.operating_point import mean_rows, operating_point, simps
 from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.scene import load_scene
-from tcc_sim.study.benchmarks.references import Piecewise
 
 CONTROLLED = load_scene("controlled")
 CONSTANT = {"engine.torque_amplitude": 0.0}

@@ -8,12 +8,12 @@ from functools import cache
 
 import numpy as np
 import pytest
+from independent import Piecewise, equations, smoothed_states
 from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.study.benchmarks.references import Piecewise, equations, smoothed_states
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.trajectory import State, Status, Trajectory
 

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from independent import Piecewise, smoothed_run
 from scipy.integrate import trapezoid
 
 from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.model.friction import stick_speed
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
-from tcc_sim.study.benchmarks.references import Piecewise, smoothed_run
 from tcc_sim.trajectory import State
 
 

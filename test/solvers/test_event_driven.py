@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from independent import Piecewise
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -13,7 +14,6 @@ from tcc_sim.model import pure_slip
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import Status, solve
-from tcc_sim.study.benchmarks.references import Piecewise
 
 BASE = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3, "pressure.mean": 225e3,
                           "pressure.amplitude": 0.0, "engine.frequency": 150.0, "initial.slip_speed": 10.0})

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from differences import apart
+from independent import Piecewise, smoothed_states
 
 from tcc_sim import cli
 from tcc_sim.errors import InputError
@@ -23,7 +24,6 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.key_derivatives import CURVE
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.study.benchmarks.references import Piecewise, smoothed_states
 from tcc_sim.trajectory import State
 
 SPEEDS = tuple(map(float, np.round(np.linspace(0.0, 1.0, 25) ** 2 * 60.0, 6)))

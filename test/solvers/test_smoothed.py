@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from independent import equations, smoothed_states
 from scipy.integrate import solve_ivp
 
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES, System, replace
 from tcc_sim.solvers import SOLVERS, Problem, solve
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.study.benchmarks.references import equations, smoothed_states
 from tcc_sim.trajectory import State, Status
 
 FIG02 = {"pressure.mean": 260417.0, "pressure.amplitude": 52083.4, "friction.kinetic_coefficient": 0.24}

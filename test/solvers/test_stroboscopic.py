@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from differences import apart, one_sided
+from independent import tangent_map
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, values_of
@@ -17,7 +18,6 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.engine import SCALES
 from tcc_sim.solvers.key_derivatives import OF_ITSELF
 from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
-from tcc_sim.study.benchmarks.references import tangent_map
 from tcc_sim.trajectory import Orbits, State, event_sequence
 
 MU_K, MU_S, OMEGA = "friction.kinetic_coefficient", "friction.static_coefficient", "engine.frequency"

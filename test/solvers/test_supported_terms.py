@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 from differences import difference
+from independent import Piecewise, coefficient_and_slope, equations, smoothed_states, tangent_map
 from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.analysis.damping import damping_of_cycles
@@ -29,15 +30,7 @@ from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
 from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.benchmarks.peers import xppaut_file
-from tcc_sim.study.benchmarks.references import (
-    Piecewise,
-    coefficient_and_slope,
-    equations,
-    reference,
-    sliding_of,
-    smoothed_states,
-    tangent_map,
-)
+from tcc_sim.study.benchmarks.references import reference, sliding_of
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.motions import continuation
 from tcc_sim.study.exponents import largest_lyapunov_exponent

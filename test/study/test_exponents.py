@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from differences import difference
+from independent import tangent_map
 from scipy.stats import sem, t
 
 from tcc_sim.errors import InputError
@@ -17,7 +18,6 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers import State, solve
 from tcc_sim.solvers.stroboscopic import sections
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.study.benchmarks.references import tangent_map
 from tcc_sim.study.exponents import (
     CONFIDENCE,
     FIRST,

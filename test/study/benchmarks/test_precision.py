@@ -7,6 +7,7 @@ from dataclasses import replace as with_fields
 import numpy as np
 import pytest
 from documents import same_pictures, valid
+from independent import equations, smoothed_states
 from pictures import check, shows
 
 from tcc_sim.cli import main
@@ -16,14 +17,7 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.study.benchmarks import peers, precision
 from tcc_sim.study.benchmarks.precision import LongRun, Omitted, PrecisionResult, References, SteadyState, StudiedScene
-from tcc_sim.study.benchmarks.references import (
-    Reference,
-    disagreement,
-    equations,
-    errors,
-    reference,
-    smoothed_states,
-)
+from tcc_sim.study.benchmarks.references import Reference, disagreement, errors, reference
 
 SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0,
         "engine.mean_torque": 300.0}

@@ -3,6 +3,7 @@
 import math
 from types import SimpleNamespace
 
+import independent
 import numpy as np
 import pytest
 from scipy.integrate import trapezoid
@@ -102,16 +103,16 @@ def test_multipliers_in_closed_form_and_by_liouville():
     answer = 250.0 / complex(3000.0 - 0.22 * 3600.0, 0.6 * 60.0)
     x = np.array([0.0, 0.1 + answer.imag, 60.0 * answer.real])
     expected = np.exp(np.roots([0.22, 0.6, 3000.0]) * stick.cycle)
-    assert sorted(references.multipliers(stick, x, 1), key=lambda m: m.imag) == pytest.approx(
+    assert sorted(independent.multipliers(stick, x, 1), key=lambda m: m.imag) == pytest.approx(
         sorted(expected, key=lambda m: m.imag), abs=1e-7)
     with pytest.raises(Unfinished):
-        references.multipliers(stick, x + np.array([0.0, 1e-3, 0.0]), 1)
+        independent.multipliers(stick, x + np.array([0.0, 1e-3, 0.0]), 1)
     soft = replace(System(), {"friction.smoothing": 2.0, "friction.kinetic_coefficient": 0.27})
-    settled = references.smoothed_states(soft, [5.0, 0.1, 0.0, 0.0], 300, 1, rtol=1e-10)[-1]
-    states = references.smoothed_states(soft, [*settled[:3], 0.0], 1, 4000)
+    settled = independent.smoothed_states(soft, [5.0, 0.1, 0.0, 0.0], 300, 1, rtol=1e-10)[-1]
+    states = independent.smoothed_states(soft, [*settled[:3], 0.0], 1, 4000)
     t = np.linspace(0.0, soft.cycle, 4001)
-    trace = [np.trace(np.array(references.equations(soft)[1](a, y))[:3, :3]) for a, y in zip(t, states)]
-    product = np.prod(references.multipliers(soft, states[0, :3], 1))
+    trace = [np.trace(np.array(independent.equations(soft)[1](a, y))[:3, :3]) for a, y in zip(t, states)]
+    product = np.prod(independent.multipliers(soft, states[0, :3], 1))
     assert product == pytest.approx(np.exp(trapezoid(trace, t)), rel=1e-4, abs=1e-9)
 
 

@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 from documents import same_pictures, valid
+from independent import smoothed_states
 from pictures import check, shows
 
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.study.benchmarks import stability
-from tcc_sim.study.benchmarks.references import smoothed_states
 from tcc_sim.trajectory import Trajectory
 
 

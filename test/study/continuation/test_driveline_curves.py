@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 from by_auto import DOUBLING, FOLDS
+from independent import multipliers
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.study.benchmarks.references import multipliers
 from tcc_sim.study.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.motions import ContinuationPlan, continue_motions

@@ -6,12 +6,12 @@ from typing import Any
 import by_auto
 import numpy as np
 import pytest
+from independent import multipliers
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
-from tcc_sim.study.benchmarks.references import multipliers
 from tcc_sim.study.continuation.branch import branch_through, first_point
 from tcc_sim.study.continuation.driveline import DrivelineMap, Seed, start_orbit
 from tcc_sim.study.continuation.follow import StopReason

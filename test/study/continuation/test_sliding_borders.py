@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from independent import Piecewise
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
-from tcc_sim.study.benchmarks.references import Piecewise
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.motions import ContinuationPlan, continue_motions
 from tcc_sim.study.continuation.palc import corrector

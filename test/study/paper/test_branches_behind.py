@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from given import Given, record, stretch
+from independent import multipliers, smoothed_states
 
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
-from tcc_sim.study.benchmarks.references import multipliers, smoothed_states
 from tcc_sim.study.paper import branches_behind
 from tcc_sim.study.paper.branches_behind import (
     HIGHEST,

@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 from documents import valid
 from given import Given, record, rows
+from independent import equations
 from scipy.integrate import solve_ivp
 
 from tcc_sim.cli import main
 from tcc_sim.output.tables import escape
 from tcc_sim.result import json_of
-from tcc_sim.study.benchmarks.references import equations
 from tcc_sim.study.paper import claims, measures
 from tcc_sim.study.paper.branches_behind import StableMotions
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system

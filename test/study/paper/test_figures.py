@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from documents import same_pictures, valid
+from independent import smoothed_states
 from pictures import check, shows
 
 import tcc_sim
@@ -19,7 +20,6 @@ from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_stick import stick_margin
-from tcc_sim.study.benchmarks.references import smoothed_states
 from tcc_sim.study.paper import rules
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, FigureOptions, paper_system
 from tcc_sim.study.paper.figures import coexisting, figure_data, stands_out
