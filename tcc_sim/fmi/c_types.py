@@ -123,7 +123,7 @@ class Keys:
 
 @dataclass(frozen=True)
 class Struct:
-    """Pointer to the structure of a NamedTuple, with the types of its fields."""
+    """Pointer to the structure of a NamedTuple, with the types of its fields; one that is known is none in C."""
 
     title: str
     fields: tuple[tuple[str, Kind], ...] = field(hash=False)
@@ -135,7 +135,8 @@ class Struct:
 
     def declaration(self) -> str:
         """Return the declaration of the structure."""
-        lines = "\n".join(f"    {stored_name(kind)} {name};" for name, kind in self.fields)
+        lines = "\n".join(f"    {stored_name(kind)} {name};" for name, kind in self.fields
+                          if not isinstance(kind, Static))
         return f"typedef struct {{\n{lines}\n}} {self.title};"
 
 
@@ -158,11 +159,12 @@ def kind_name(kind: Kind) -> str:
 def size_of(kind: Kind) -> int:
     """Return about how many bytes a variable has."""
     if isinstance(kind, Struct):
-        return sum(size_of(part) for _, part in kind.fields)
+        return sum(size_of(part) for _, part in kind.fields if not isinstance(part, Static))
     return 8 * (kind.most * kind.columns if isinstance(kind, Table) else kind.length if isinstance(kind, Row) else 1)
 
 
-def struct_of(source: type[Any], tables: dict[str, Table], lengths: dict[str, int]) -> Struct:
+def struct_of(source: type[Any], tables: dict[str, Table], lengths: dict[str, int],
+              absent: frozenset[str] = frozenset()) -> Struct:
     """Return the structure of a NamedTuple.
 
     Parameters
@@ -170,9 +172,11 @@ def struct_of(source: type[Any], tables: dict[str, Table], lengths: dict[str, in
     source : NamedTuple whose annotations are numbers, tuples of numbers and arrays, or these or None
     tables : types of arrays, by field
     lengths : lengths of tuples of variable length, by field
+    absent : fields that are always None
     """
     hints = typing.get_type_hints(source)
-    return Struct(source.__name__, tuple((name, _kind(name, hints[name], tables, lengths)) for name in hints))
+    return Struct(source.__name__, tuple((name, Static(None) if name in absent else
+                                          _kind(name, hints[name], tables, lengths)) for name in hints))
 
 
 def _kind(name: str, hint: Any, tables: dict[str, Table], lengths: dict[str, int]) -> Kind:

@@ -16,6 +16,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.fmi.c_types import DOUBLE, INT, Keys, Kind, Row, Static, Struct, Table, struct_of
 from tcc_sim.fmi.description import (
@@ -29,7 +32,7 @@ from tcc_sim.fmi.description import (
 from tcc_sim.fmi.printer import Library
 from tcc_sim.model import actuator, equations
 from tcc_sim.model.equations import COEFFICIENTS, Linear
-from tcc_sim.model.groups import Pressure
+from tcc_sim.model.groups import Engine, Pressure
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import Origin, profile_of
 from tcc_sim.model.supported_terms import check_supported
@@ -37,13 +40,8 @@ from tcc_sim.output.files import draft
 from tcc_sim.plant import driveline
 from tcc_sim.scene import Scene
 from tcc_sim.solvers import fixed_step
-from tcc_sim.solvers.terms import (
-    Terms,
-    holding,
-    stick_speed_of,
-    substeps_needed,
-    terms_from,
-)
+from tcc_sim.solvers.terms import Terms, holding, stick_speed_of, substeps_needed, terms_from
+from tcc_sim.topics import INPUTS, topic
 
 COMPILERS = "cc", "gcc", "clang"
 OPTIONS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
@@ -151,43 +149,58 @@ def _kernel(scene: Scene, rows: list[Variable]) -> str:
     known = {row.name.partition("[")[0]: row.word for row in reversed(rows)}
     keys, engine, pressure = (Keys(value, name, known.get) for name, value in (
         ("", system), ("engine", system.engine), ("pressure", system.pressure)))
-    library = Library(frozenset({"Friction.curve", "System.varying"}), {
-        equations.linear_of: ("py_linear_of", struct_of(Linear, {}, {}))})
-    origin = library.structure(Origin)
-    _, profile = library.function(profile_of, (engine, pressure, Static(None), origin))
-    assert isinstance(profile, Table)
-    tables = {"harmonics": Table(3, max(1, len(system.engine.harmonic_amplitudes))), "approach": Table(4, 1),
-              "far": Table(4, 1), "profile": profile}
-    terms = struct_of(Terms, tables, {"stribeck": len(system.friction.stribeck or (0.0, 0.0))})
-    library.structures[Terms] = terms
-    library.declared(terms)
-    library.texts.insert(0, _linear_part())
-    for name, function, kinds in _entries(terms, origin, keys, pressure,
+    without: frozenset[str] = frozenset()
+    for printed in range(2):  # The first time finds the terms that the scene lacks, and a parameter cannot bring.
+        library = Library(frozenset({"Friction.curve", "System.varying"}), {
+            equations.linear_of: ("py_linear_of", struct_of(Linear, {}, {})),
+            **({} if system.varying else {profile_of: _constant_profile})})
+        origin = library.structure(Origin)
+        _, profile = library.function(profile_of, (engine, pressure, Static(None), origin))
+        assert isinstance(profile, Table)
+        tables = {"harmonics": Table(3, max(1, len(system.engine.harmonic_amplitudes))), "approach": Table(4, 1),
+                  "far": Table(4, 1), "profile": profile}
+        terms = struct_of(Terms, tables, {"stribeck": len(system.friction.stribeck or (0.0, 0.0))}, without)
+        library.structures[Terms] = terms
+        library.declared(terms)
+        library.texts.insert(0, _linear_part())
+        if not printed:
+            library.function(terms_from, (keys, origin))
+            filled = {"far", "approach"} if topic(INPUTS[1]).wanted(scene.value) else {"far"}
+            without = frozenset(library.absent[Terms] - filled)
+    for name, function, kinds in _entries(scene, terms, origin, keys, pressure,
                                           Keys(system.driveline, "driveline", known.get)):
         library.entry(f"tcc_{name}", function, *kinds)
     return library.text()
 
 
-def _entries(terms: Struct, origin: Struct, keys: Keys, pressure: Keys,
+def _constant_profile(engine: Engine, pressure: Pressure, inputs: Any, origin: Origin) -> NDArray[np.float64]:
+    """Return what `profile_of` does for means that do not vary: one row, which holds the phase after a change."""
+    return np.array([[origin.time, origin.phase, engine.frequency, 0.0, engine.mean_torque, 0.0, pressure.mean, 0.0,
+                      0.0, 0.0, 0.0]])
+
+
+def _entries(scene: Scene, terms: Struct, origin: Struct, keys: Keys, pressure: Keys,
              shaft: Keys) -> list[tuple[str, Any, tuple[Kind, ...]]]:
     """Return the functions that tcc_model.h calls: name there, the Python, and types of its arguments."""
     absent = Static(None)
-    return [
-        ("terms_of", terms_from, (keys, origin)),
-        ("hold_torque", holding, (terms, DOUBLE, absent)),
+    of_torque = [("hold_torque", holding, (terms, DOUBLE, absent))] * topic(INPUTS[0]).wanted(scene.value)
+    commanded = [
         ("hold_pressure", driveline.with_commands, (keys, terms, absent, DOUBLE)),
+        ("torque_per_pressure", _getter(System, "torque_per_pressure"), (keys,)),
+        ("lagged", _getter(Pressure, "lagged"), (pressure,)),
+        ("largest", driveline.largest, (pressure, DOUBLE, DOUBLE)),
+        ("pressure_after", actuator.pressure_after, (DOUBLE,) * 5), ("course", fixed_step.course, (DOUBLE,) * 7)]
+    of_scene = [("pressure_at", driveline.pressure_at, (DOUBLE, keys, terms, DOUBLE))]
+    return [
+        ("terms_of", terms_from, (keys, origin)), *of_torque,
+        *(commanded if topic(INPUTS[1]).wanted(scene.value) else of_scene),
         ("substeps", substeps_needed, (terms, DOUBLE, DOUBLE)), ("stick_speed", stick_speed_of, (terms,)),
         ("origin_after", driveline.origin_after, (keys, keys, origin, DOUBLE)),
         ("initial_state", fixed_step.initial_state, (keys,)),
         ("advance", fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), absent)),
         ("engine_and_friction", fixed_step.engine_and_friction, (DOUBLE, DOUBLE, terms)),
-        ("pressure_at", driveline.pressure_at, (DOUBLE, keys, terms, DOUBLE)),
         ("shaft_torque", driveline.shaft_torque, (shaft, DOUBLE, DOUBLE)),
-        ("side_of_slip", driveline.side_of_slip, (DOUBLE, DOUBLE)),
-        ("torque_per_pressure", _getter(System, "torque_per_pressure"), (keys,)),
-        ("lagged", _getter(Pressure, "lagged"), (pressure,)),
-        ("largest", driveline.largest, (pressure, DOUBLE, DOUBLE)),
-        ("pressure_after", actuator.pressure_after, (DOUBLE,) * 5), ("course", fixed_step.course, (DOUBLE,) * 7)]
+        ("side_of_slip", driveline.side_of_slip, (DOUBLE, DOUBLE))]
 
 
 def _getter(owner: type[Any], name: str) -> Any:

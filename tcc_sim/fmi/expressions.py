@@ -71,6 +71,7 @@ class Callees(Protocol):
         """Return the structure of a NamedTuple."""
 
     data: frozenset[str]
+    absent: dict[type[Any], set[str]]
 
 
 class Expressions:
@@ -207,6 +208,8 @@ class Expressions:
             return self._value(getattr(kind.value, node.attr), node)
         if isinstance(kind, Struct):
             for name, field in kind.fields:
+                if name == node.attr and isinstance(field, Static):
+                    return self._value(field.value, node)
                 if name == node.attr:
                     place = f"{text[1:]}.{name}" if text.startswith("&") else f"{text}->{name}"
                     return f"&{place}" if isinstance(field, (Table, Struct)) else place, field
@@ -662,7 +665,12 @@ class Expressions:
         for field, value in (getattr(called, "_field_defaults", {}) if called else {}).items():
             given.setdefault(field, self._value(value, node))
         self._put(f"{name} = {target_of(copied)};" if copied else f"memset(&{name}, 0, sizeof {name});")
+        if called:
+            nothing = {field for field, part in given.items() if part[1] == Static(None)}
+            self._library.absent[called] = self._library.absent.get(called, nothing) & nothing
         for field, part in given.items():
+            if fields[field] == part[1] == Static(None):
+                continue
             self._assign_to(f"{name}.{field}", part, fields[field], node)
         return f"&{name}", kind
 

@@ -70,11 +70,13 @@ class Library:
     Attributes
     ----------
     structures : types of NamedTuples; those whose arrays have sizes are put in
+    absent : fields of NamedTuples that are None wherever one is made
     """
 
     def __init__(self, data: frozenset[str] = frozenset(), given: dict[Any, Any] | None = None) -> None:
         self.texts: list[str] = []
         self.structures: dict[type[Any], Struct] = {}
+        self.absent: dict[type[Any], set[str]] = {}
         self.data, self._given = data, given or {}
         self._declarations: dict[str, str] = {}
         self._done: dict[Signature, Text] = {}
@@ -130,7 +132,8 @@ class Library:
         """Declare the structure of a type and return the type's name."""
         if isinstance(kind, Struct):
             for _, part in kind.fields:
-                self.declared(part)
+                if not isinstance(part, Static):
+                    self.declared(part)
         if isinstance(kind, (Tuple, Table, Struct)):
             self._declarations.setdefault(kind.name, kind.declaration())
         return kind_name(kind)

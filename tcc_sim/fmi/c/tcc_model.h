@@ -114,8 +114,12 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     if (tcc_increasing(p) != TCC_OK) return TCC_DISCARD;
     if (m->mode == TCC_STEP_MODE) tcc_origin_after(m->used, x, &m->origin, (double)m->tick * TCC_STEP, &origin);
     tcc_terms_of(x, &origin, terms);
-    if (TCC_ENGINE_TOPIC) tcc_hold_torque(terms, x[at_engine_torque], terms);
-    if (TCC_PRESSURE_TOPIC) tcc_hold_pressure(x, terms, x[at_actuation_pressure], terms);
+#if TCC_ENGINE_TOPIC
+    tcc_hold_torque(terms, x[at_engine_torque], terms);
+#endif
+#if TCC_PRESSURE_TOPIC
+    tcc_hold_pressure(x, terms, x[at_actuation_pressure], terms);
+#endif
     needed = tcc_substeps(terms, TCC_STEP, 0.0);
     if (tcc_few(p, needed) != TCC_OK) return TCC_DISCARD;
     m->terms = *terms;
@@ -127,8 +131,9 @@ static tcc_answer tcc_prepare(tcc_plant *p)
     return TCC_OK;
 }
 
+#if TCC_PRESSURE_TOPIC
 /* Whether an actuator changes the commanded pressure. */
-static int tcc_actuated(const double *x) { return TCC_PRESSURE_TOPIC && (tcc_lagged(x) || TCC_DELAY_TICKS > 0); }
+static int tcc_actuated(const double *x) { return tcc_lagged(x) || TCC_DELAY_TICKS > 0; }
 
 /* Let the actuator's pressure go from one value to another in the next tick, and give back the sub-steps that it needs. */
 static double tcc_press(tcc_model *m, double before, double after)
@@ -152,20 +157,58 @@ static double tcc_highest(const tcc_model *m)
     return found;
 }
 
+/* One tick of the actuator. */
+static void tcc_actuate(tcc_model *m)
+{
+    double *x = m->x, command = x[at_actuation_pressure], before = m->around.pressure;
+    if (!tcc_actuated(x)) return;
+    if (TCC_DELAY_TICKS > 0) {
+        double *place = m->around.waiting + m->tick % (TCC_DELAY_TICKS + (TCC_DELAY_TICKS == 0));
+        command = *place;
+        *place = x[at_actuation_pressure];
+    }
+    m->around.pressure = tcc_pressure_after(before, command, x[at_pressure_time_constant], x[at_pressure_rate_limit], TCC_STEP);
+    m->substeps = (int)tcc_press(m, before, m->around.pressure);
+}
+
+/* The pressure at the plates. */
+static double tcc_applied(const tcc_model *m) { return tcc_actuated(m->x) ? m->around.pressure : m->x[at_actuation_pressure]; }
+
+/* Fill the actuator with the mean pressure. */
+static void tcc_fill(tcc_model *m)
+{
+    if (!tcc_actuated(m->x)) return;
+    m->around.pressure = m->x[at_pressure_mean];
+    for (int k = 0; k <= TCC_DELAY_TICKS; k++) m->around.waiting[k] = m->around.pressure;
+    tcc_press(m, m->around.pressure, m->around.pressure);
+}
+
+/* The sub-steps of the highest pressure in a step to come. */
+static tcc_answer tcc_headroom(tcc_plant *p)
+{
+    tcc_model *m = &p->model;
+    double needed;
+    if (!tcc_actuated(m->x)) return TCC_OK;
+    needed = tcc_press(m, tcc_highest(m), tcc_highest(m));
+    if (tcc_few(p, needed) != TCC_OK) return TCC_DISCARD;
+    m->substeps = (int)needed;
+    return TCC_OK;
+}
+#else
+static void tcc_actuate(tcc_model *m) { (void)m; }
+static void tcc_fill(tcc_model *m) { (void)m; }
+static tcc_answer tcc_headroom(tcc_plant *p) { (void)p; return TCC_OK; }
+static double tcc_applied(const tcc_model *m)
+{
+    return tcc_pressure_at((double)m->tick * TCC_STEP, m->x, &m->terms, m->origin.lead);
+}
+#endif
+
 /* One tick of the actuator, the far end and the driveline. */
 static void tcc_tick(tcc_model *m)
 {
     double *x = m->x, *far = m->terms.far.at[0];
-    if (tcc_actuated(x)) {
-        double command = x[at_actuation_pressure], before = m->around.pressure;
-        if (TCC_DELAY_TICKS > 0) {
-            double *place = m->around.waiting + m->tick % (TCC_DELAY_TICKS + (TCC_DELAY_TICKS == 0));
-            command = *place;
-            *place = x[at_actuation_pressure];
-        }
-        m->around.pressure = tcc_pressure_after(before, command, x[at_pressure_time_constant], x[at_pressure_rate_limit], TCC_STEP);
-        m->substeps = (int)tcc_press(m, before, m->around.pressure);
-    }
+    tcc_actuate(m);
     m->terms.far.has = m->terms.far.rows = x[at_output_speed] != 0.0 || m->around.far_angle != 0.0;
     far[0] = (double)m->tick * TCC_STEP;
     far[1] = m->around.far_angle;
@@ -190,8 +233,7 @@ static void tcc_outputs(tcc_model *m)
     x[at_friction_torque] = torques._1;
     x[at_stick_slip_state] = tcc_side_of_slip(v, m->stick_speed);
     x[at_shaft_torque] = tcc_shaft_torque(x, m->state[1] - m->around.far_angle, m->state[2] - x[at_output_speed]);
-    x[at_applied_pressure] = tcc_actuated(x) ? m->around.pressure : TCC_PRESSURE_TOPIC ? x[at_actuation_pressure]
-        : tcc_pressure_at(t, x, &m->terms, m->origin.lead);
+    x[at_applied_pressure] = tcc_applied(m);
 }
 
 /* The initial state of the values as they are. */
@@ -205,11 +247,7 @@ static tcc_answer tcc_initialise(tcc_plant *p)
     memcpy(m->state, &state, sizeof state);
     m->tick = 0;
     m->around.far_angle = 0.0;
-    if (tcc_actuated(m->x)) {
-        m->around.pressure = m->x[at_pressure_mean];
-        for (int k = 0; k <= TCC_DELAY_TICKS; k++) m->around.waiting[k] = m->around.pressure;
-        tcc_press(m, m->around.pressure, m->around.pressure);
-    }
+    tcc_fill(m);
     tcc_outputs(m);
     return TCC_OK;
 }
@@ -300,7 +338,7 @@ static double tcc_time(const tcc_model *m) { return m->start_time + (double)m->t
 static tcc_answer tcc_do_step(tcc_plant *p, double now, double length)
 {
     tcc_model *m = &p->model;
-    double ticks = floor(length / TCC_STEP + 0.5), before[4], needed, rounding = 4.0 * (nextafter(fabs(now), INFINITY) - fabs(now));
+    double ticks = floor(length / TCC_STEP + 0.5), before[4], rounding = 4.0 * (nextafter(fabs(now), INFINITY) - fabs(now));
     long long first = m->tick;
     tcc_around around = m->around;
     tcc_answer answer;
@@ -312,11 +350,8 @@ static tcc_answer tcc_do_step(tcc_plant *p, double now, double length)
         return tcc_say(p, TCC_ERROR, "the communication point is %.17g s; the step before ended at %.17g s", now, m->expected);
     answer = tcc_prepare(p);
     if (answer != TCC_OK) return answer;
-    if (tcc_actuated(m->x)) {
-        needed = tcc_press(m, tcc_highest(m), tcc_highest(m));
-        if (tcc_few(p, needed) != TCC_OK) return TCC_DISCARD;
-        m->substeps = (int)needed;
-    }
+    answer = tcc_headroom(p);
+    if (answer != TCC_OK) return answer;
     if (!(ticks * m->substeps <= TCC_MOST_SUBSTEPS) || m->tick > TCC_MOST_TICKS)
         return tcc_say(p, TCC_DISCARD, "the communication step is %.12g s, %.0f sub-steps; at most %.0f are allowed", length,
                        ticks * m->substeps, TCC_MOST_SUBSTEPS);
