@@ -25,8 +25,8 @@ def test_the_json_has_every_key_and_lists_of_one_length(tmp_path: Path) -> None:
     assert (branch["period"], branch["origin"], branch["closed"]) == (1, "start", False)
     assert len({len(branch[k]) for k in ORBIT_KEYS}) == 1
     assert sorted([branch["value"][0], branch["value"][-1]]) == [295.0, 305.0]
-    assert len(branch["ended"]) == 2
-    assert all("end of the range" in sentence for sentence in branch["ended"])
+    assert branch["reasons"] == ["range", "range"]
+    assert sorted(value for value in ("295", "305") if any(value in end for end in branch["ended"])) == ["295", "305"]
     assert all(len(m) == 3 and all(len(pair) == 2 for pair in m) for m in branch["multipliers"])
     (at,) = document["at"]
     assert set(at) >= {*ORBIT_KEYS, "period", "origin"}
@@ -34,23 +34,14 @@ def test_the_json_has_every_key_and_lists_of_one_length(tmp_path: Path) -> None:
     assert picture.read_text().startswith("<?xml")
 
 
-@pytest.mark.parametrize(("words", "said"), [
-    (["--over", "engine.mean_torque=295"], "KEY=START:STOP"),
-    (["--over", "engine.mean_torque=1:nan"], "KEY=START:STOP"),
-    (["--over", "engine.mean_torqe=1:2"], "did you mean engine.mean_torque"),
-    (["--over", "friction.law=1:2"], "one number"),
-    (["--over", "engine.mean_torque=5:5"], "must differ"),
-    (["--over", "engine.mean_torque=295:305", "--at", "310"], "within the range"),
-    (["--over", "engine.mean_torque=295:305", "--period", "0"], "1 to 16"),
-    (["--over", "engine.mean_torque=295:305", "--switch", "9"], "0 to 8"),
-    (["--over", "engine.mean_torque=295:305", "--second", "engine.mean_torque=1:2"], "another one"),
-    (["--over", "engine.mean_torque=295:305", "--plot", "a.gif"], ".png, .svg or .pdf"),
-])
-def test_wrong_input_is_one_line_and_status_2(words: list[str], said: str, refused: Callable[..., str]) -> None:
-    assert said in refused("continue", "stick", *words, "--json", "out.json")
-
-
-def test_a_family_is_refused_with_status_2(refused: Callable[..., str]) -> None:
-    scene = ["slip", "--set", "friction.kinetic_coefficient=0.3", "--set", "pressure.amplitude=0",
-             "--set", "pressure.mean=125000", "--over", "engine.frequency=140:160"]
-    assert "multiplier of exactly 1" in refused("continue", *scene)
+@pytest.mark.parametrize(("words", "named"), [
+    (["--over", "engine.mean_torque=295"], ("--over", "engine.mean_torque=295")),
+    (["--over", "engine.mean_torque=1:nan"], ("--over", "engine.mean_torque=1:nan")),
+    (["--over", "engine.mean_torqe=1:2"], ("engine.mean_torqe", "engine.mean_torque")),
+    (["--over", "engine.mean_torque=295:305", "--at", "310"], ("--at", "310", "295 to 305")),
+    (["--over", "engine.mean_torque=295:305", "--plot", "a.gif"], ("a.gif", ".png"))])
+def test_wrong_input_is_one_line_and_status_2(words: list[str], named: tuple[str, ...],
+                                              refused: Callable[..., str]) -> None:
+    """Plans that cannot be carried out are in test_driveline_map."""
+    line = refused("continue", "stick", *words, "--json", "out.json")
+    assert all(word in line for word in named), line

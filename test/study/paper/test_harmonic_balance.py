@@ -69,6 +69,6 @@ def test_a_remainder_that_rounding_leaves_is_taken_and_a_larger_one_is_not():
     soft = replace(BASE, {"friction.smoothing": 3.0})
     cut = harmonic_balance(soft, 1, 16, iterations=6)
     assert 1e-8 < cut.residual < 1e-5
-    with pytest.raises(NumericalFailure, match="the residual is still"):
+    with pytest.raises(NumericalFailure):
         harmonic_balance(soft, 1, 16, iterations=5)
     np.testing.assert_allclose(cut.slip, harmonic_balance(soft, 1, 16).slip, atol=1e-8)
