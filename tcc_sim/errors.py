@@ -83,7 +83,7 @@ def check_suffix(path: Path, suffixes: Iterable[str], prefix: str = "") -> None:
 EXTRAS = {"matplotlib": ("matplotlib", "view"), "rerun": ("rerun-sdk", "view"),
           "distributed": ("distributed", "cluster"), "pandas": ("pandas", "table"),
           "pyarrow": ("pyarrow", "table"), "asammdf": ("asammdf", "mf4"), "fmpy": ("FMPy", "fmu"),
-          "nptdms": ("npTDMS", "tdms")}
+          "nptdms": ("npTDMS", "tdms"), "rosbags": ("rosbags", "bags")}
 """Optional packages by module: name for pip, and the extra of this package that installs it."""
 
 

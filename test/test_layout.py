@@ -37,7 +37,7 @@ ROOMS = {
     "scipy": ["tables", "solvers", "analysis", "sweeps", "estimation", "study", "model.friction_curve"],
     "pandas": ["replay"], "pyarrow": ["tables"], "asammdf": ["tables"], "nptdms": ["tables"],
     "distributed": ["sweeps.executors"], "dask": ["sweeps.executors"],
-    "mcap": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
+    "mcap": ["recording"], "rosbags": ["recording"], "zstandard": ["recording"], "lz4": ["recording"],
     "yaml": ["parameter_file", "scene", "recording", "messages", "study.paper"],
     "rclpy": [*ROS, "study.benchmarks.pacing_benchmark"], "rcl_interfaces": ROS, "builtin_interfaces": ROS,
     "std_msgs": ROS, "sensor_msgs": ROS, "std_srvs": ROS, "diagnostic_msgs": ROS, "rosgraph_msgs": ROS,

@@ -82,6 +82,11 @@ GROUPS: dict[str, dict[str, Verb]] = {
             "recover run1 --out run1_whole",
             "recovered messages by topic, and the parts that are missing",
             "the directory --out with the new bag; the old one stays unchanged"),
+        "import": Verb(
+            "write a bag in SQLite, of ROS 1 or of another program as a recording",
+            "import lab.db3 run1 --joints flywheel=engine,clutch_plate=turbine",
+            "number of states and runs, losses, and what the bag does not state",
+            "the directory RUN with the new bag; the old one stays unchanged"),
         "identify": Verb(
             "estimate parameters of a scene from a recording or a table of measurements",
             "identify run1 --free friction.kinetic_coefficient --out mine.yaml --plot fit.png",

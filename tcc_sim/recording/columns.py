@@ -13,6 +13,7 @@ from tcc_sim.messages import held
 from tcc_sim.messages.held import index_in_held
 from tcc_sim.recording.layouts import Floats, Values
 from tcc_sim.recording.stamps import Break
+from tcc_sim.topics import INPUTS
 from tcc_sim.trajectory import STILL, FarEnd
 
 BLOCK = 1 << 16
@@ -69,10 +70,14 @@ class JointStates:
         return len(self.stamp_ns)
 
     def input(self, name: str, field: str) -> Floats:
-        """Return a field of `messages.held.FIELDS` of an input at each state, (n,), NaN where it is not known."""
+        """Return a field of `messages.held.FIELDS` of an input at each state, (n,), NaN where it is not known, as the
+        source `nobody` of an imported bag is for torque and pressure.
+        """
         if self.held is None or self.held_row is None:
             return np.full(len(self), np.nan)
-        return np.where(self.held_row >= 0, self.held.rows[self.held_row, index_in_held(name, field)], np.nan)
+        values: Floats = self.held.rows[self.held_row, index_in_held(name, field)]
+        unknown = (values == held.NOBODY) & (field == "source" and name in INPUTS)
+        return np.asarray(np.where((self.held_row >= 0) & ~unknown, values, np.nan))
 
     @property
     def pauses(self) -> Floats:

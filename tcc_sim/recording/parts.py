@@ -24,6 +24,8 @@ _COUNTER_FIRST = re.compile(r"(\d{1,9})_(.*)_\d{4}_\d\d_\d\d-\d\d_\d\d_\d\d")
 """Names of rosbag2 since its pull request 2265: {counter}_{prefix}_{date}-{time}."""
 _COUNTER_LAST = re.compile(r"(.*)_(\d{1,9})")
 """Names of older versions, and of this package: {prefix}_{counter}."""
+SQLITE, ROS1 = r"\.db3(\.zstd)?$", r"\.bag$"
+"""Names of files that the package rosbags reads."""
 _BLOCK = 1 << 20
 
 
@@ -68,7 +70,7 @@ def parts_of(path: Path) -> Parts:
     """
     if not path.is_dir():
         if path.suffix == ".db3" or path.name.endswith(f".db3{_PACKED}"):
-            raise RecordingError(_sqlite(path.parent))
+            raise RecordingError(importable(path, "in SQLite"))
         return Parts([path])
     try:
         inside = sorted(path.iterdir(), key=_natural)
@@ -88,14 +90,12 @@ def parts_of(path: Path) -> Parts:
         return Parts(files, len(files) == 1, note=note)
     others = [part for part in inside if ".mcap." in part.name or ".db3" in part.name]
     if any(".db3" in part.name for part in others):
-        raise RecordingError(_sqlite(path))
+        raise RecordingError(importable(path, "in SQLite"))
     if others:
         raise RecordingError(f"{others[0]} is compressed as {others[0].suffix}, which is not read; unpack it, or "
                              "record with --compression-format zstd")
     if first := next((part for part in inside if part.suffix == ".bag"), None):
-        raise RecordingError(f"{first} is a bag of ROS 1, which is not read; convert it with rosbags-convert "
-                             f"--src {first} --dst {first.with_suffix('')} --dst-storage mcap (from pip install "
-                             "rosbags)")
+        raise RecordingError(importable(first, "of ROS 1"))
     below = sorted({part.parent for suffix in _SUFFIXES for part in path.glob(f"*/*{suffix}")})
     if len(below) == 1:
         return parts_of(below[0])
@@ -104,10 +104,20 @@ def parts_of(path: Path) -> Parts:
     raise RecordingError(f"{path} holds no .mcap file{where}")
 
 
-def _sqlite(bag: Path) -> str:
-    """Return the sentence that refuses a bag in SQLite."""
-    return (f"{bag} is a bag in SQLite, which is not read; convert it to MCAP with rosbags-convert --src {bag} --dst "
-            f"{bag}_mcap --dst-storage mcap (from pip install rosbags)")
+def importable(bag: Path, kind: str) -> str:
+    """Return the sentence that refuses a bag of another kind and names the command that imports it."""
+    return (f"{bag} is a bag {kind}, which is not read; tcc-sim import {bag} RUN makes a recording of it (pip install "
+            "'tcc_sim[bags]')")
+
+
+def listed_counts(path: Path) -> dict[str, int]:
+    """Return the numbers of messages of the files in a bag's metadata.yaml, by name; none without them."""
+    try:
+        content = yaml.load((path / METADATA).read_text(encoding="utf-8"), Loader=LOADER)  # noqa: S506
+        files = content["rosbag2_bagfile_information"]["files"]
+        return {Path(one["path"]).name: int(one["message_count"]) for one in files}
+    except (OSError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):
+        return {}
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:

@@ -195,7 +195,7 @@ class Run:
         channels = [channel for contents in self._contents.values() for channel in contents.channels.values()]
         for channel in channels:
             if channel.type.replace("/msg/", "/") == "sensor_msgs/JointState" and channel.encoding != CDR:
-                how = "; rosbags-convert converts a bag of ROS 1" if channel.encoding == "ros1" else ""
+                how = "; a .bag of ROS 1 is read by tcc-sim import" if channel.encoding == "ros1" else ""
                 raise RecordingError(f"{self.paths[0]}: the messages of {one_line(channel.topic)} are in the encoding "
                                      f"{one_line(channel.encoding)}; only {CDR}, that of ROS 2, is read{how}")
         states = min((name for name, kind in self.topics.items() if kind == JOINT_STATE),

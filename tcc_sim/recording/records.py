@@ -227,12 +227,10 @@ def not_mcap(file: BinaryIO) -> str:
     """Return why a file without MCAP's first bytes is not read."""
     file.seek(0)
     start = file.read(16)
-    if start.startswith(b"#ROSBAG V"):
-        return ("it is a bag of ROS 1, which is not read; convert it with rosbags-convert --src FILE.bag --dst FOLDER "
-                "--dst-storage mcap (from pip install rosbags)")
-    if start.startswith(b"SQLite format 3"):
-        return ("it is a bag in SQLite, which is not read; convert it with rosbags-convert --src BAG --dst FOLDER "
-                "--dst-storage mcap (from pip install rosbags)")
+    for first, kind in ((b"#ROSBAG V", "of ROS 1"), (b"SQLite format 3", "in SQLite")):
+        if start.startswith(first):
+            return (f"it is a bag {kind}, which is not read; tcc-sim import BAG RUN makes a recording of it (pip "
+                    "install 'tcc_sim[bags]')")
     return "it is not an MCAP file, or its start is damaged"
 
 

@@ -22,7 +22,8 @@ from tcc_sim.recording.records import Messages
 
 _LONGEST_PROFILES, _LONGEST_ALL_PROFILES = 20_000, 400_000
 """Characters of quality of service to parse, of one channel and of all: the YAML reader takes 1 s for 0.2 MB."""
-_MESSAGE = struct.Struct("<HIQQ")
+MESSAGE = struct.Struct("<HIQQ")
+"""Head of a message record: channel, sequence number, times of receipt and sending, ns."""
 
 
 @dataclass(frozen=True)
@@ -93,12 +94,12 @@ class _Copy:
                 self.bag.describe(scene.text, scene.version, scene.log_ns)
         numbers: dict[int, int] = {}
         for offset, length in zip(messages.offset.tolist(), messages.length.tolist()):
-            source, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, offset)
+            source, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, offset)
             if source not in numbers:
                 if source not in channels:
                     continue
                 numbers[source] = self._channel(self.bag, channels[source])
-            self.bag.write(numbers[source], log_ns, publish_ns, data[offset + _MESSAGE.size:offset + length], sequence)
+            self.bag.write(numbers[source], log_ns, publish_ns, data[offset + MESSAGE.size:offset + length], sequence)
 
     def _channel(self, bag: BagWriter, channel: Channel) -> int:
         """Return the new bag's channel for a channel of the original."""

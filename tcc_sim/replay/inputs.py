@@ -25,7 +25,7 @@ GROUPS = dict(zip(INPUTS, ("engine", "pressure")))
 """Group of the scene's keys that gives the source of each input."""
 A_YEAR = 365 * 86_400 * 1_000_000_000
 """Time by which a stamp of the wall clock is ahead of simulation time at least, ns."""
-UNNAMED = "the recording has no topic held, which states which commands acted"
+UNNAMED = "the recording does not state which commands acted, as the topic held does"
 
 
 @dataclass(frozen=True)
@@ -111,11 +111,11 @@ def _held_input(line: Timeline, name: str) -> HeldInput:
         if getattr(line.scene_at(states.index).system, GROUPS[name]).source != "topic":
             seconds[held.SCENE] += span
             continue
-        if states.held is None:
+        source, steps = states.input(name, "source")[1:], np.diff(states.stamp_ns) * 1e-9
+        if np.isnan(source).all():
             unknown += span
             continue
         stated = True
-        source, steps = states.input(name, "source")[1:], np.diff(states.stamp_ns) * 1e-9
         for one in seconds:
             seconds[one] += float(steps[source == one].sum())
         unknown += float(steps[np.isnan(source)].sum())

@@ -118,8 +118,8 @@ class Timeline:
         """Return whether each input followed a command in the tick that ends at each state, (n,); in a recording that
         does not state it, every input counts as commanded.
         """
-        return {name: np.ones(len(states), np.bool_) if states.held is None
-                else states.input(name, "source") == COMMAND for name in INPUTS}
+        sources = {name: states.input(name, "source") for name in INPUTS}
+        return {name: (source == COMMAND) | np.isnan(source).all() for name, source in sources.items()}
 
     def target_in(self, states: JointStates) -> Steps:
         """Return the target slip speed in a run, rad/s.

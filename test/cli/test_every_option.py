@@ -14,8 +14,8 @@ from tcc_sim.scene import load_scene
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
-ELSEWHERE = {"demo", "watch", "control", "recover", "realtime", "claims", "precision", "stability", "figure", "scenes",
-             "plot", "fmu"}
+ELSEWHERE = {"demo", "watch", "control", "recover", "import", "realtime", "claims", "precision", "stability", "figure",
+             "scenes", "plot", "fmu"}
 """Verbs with nodes, with long runs or without a JSON; they have tests of their own."""
 SAME = {"--jobs", "--dask", "--spawn", "--connect", "--force", "--cost"}
 """Options that change no result: how many processes work, where a viewer runs, what is overwritten, what is timed."""

@@ -327,12 +327,12 @@ def as_rosbag2(source):
     return source._replace(metadata=[], messages=[m._replace(number=0, sent=m.log) for m in source.messages])
 
 
-@way()
+@way("warnings", sentence="recorded by an unknown version")
 def scene_on_its_topic(folder, source):
     save(folder / "run_0.mcap", source, metadata=False)
 
 
-@way(*NO_PUBLISHER)
+@way(*NO_PUBLISHER, "warnings", sentence="recorded by an unknown version")
 def by_rosbag2(folder, source):
     save(folder / "run_0.mcap", as_rosbag2(source))
 

@@ -179,24 +179,6 @@ def test_a_state_without_a_number_costs_itself_and_is_counted(tmp_path, original
     assert result["cycles"] == expected["cycles"]
 
 
-@pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
-def test_bags_that_rosbags_converts_verify(tmp_path, original, storage):
-    """Through SQLite, and compressed message by message: the scene is on its topic, and no publisher is known."""
-    converter = pytest.importorskip("rosbags.convert.converter")
-    _, (expected, _) = original
-    made(tmp_path / "own", 200)
-
-    def convert(here, target, kind, mode):
-        converter.convert([here], target, kind, 9, mode and "zstd", mode or "file", None, None, [], [], [], [])
-
-    convert(tmp_path / "own", tmp_path / "other", storage, "" if storage == "sqlite3" else "message")
-    if storage == "sqlite3":
-        assert "--dst-storage mcap" in refusal(tmp_path / "other")
-        convert(tmp_path / "other", tmp_path / "again", "mcap", "file")
-    result, _ = figures(tmp_path / ("again" if storage == "sqlite3" else "other"))
-    assert (result["verified"], result["states"], result["scene"]) == (True, 200, expected["scene"])
-
-
 def test_a_driveline_is_chosen_by_topic_or_number(tmp_path, original):
     left_and_right(tmp_path / "run", original[0])
     right = {"topic": "right/joint_states"}

@@ -1,0 +1,264 @@
+"""Import a foreign bag as a recording of this package, in which every state names its run and `held` its inputs.
+
+The package rosbags reads SQLite, ROS 1 and compressed files of these; MCAP is read by this package's own reader.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zstandard
+
+from tcc_sim.errors import RecordingError, counted, one_line, require
+from tcc_sim.messages import cdr, held
+from tcc_sim.messages.definitions import CARRIED, Definition, definition
+from tcc_sim.recording.announcements import SceneRecord, holding_from
+from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.columns import Columns, JointStates
+from tcc_sim.recording.commands import COMMANDS
+from tcc_sim.recording.contents import Channel
+from tcc_sim.recording.mcap_file import McapFile
+from tcc_sim.recording.parts import ROS1, SQLITE, listed_counts
+from tcc_sim.recording.reader import Run, open_run
+from tcc_sim.recording.records import MESSAGE_HEAD, Messages
+from tcc_sim.recording.recovery import MESSAGE, recover
+from tcc_sim.recording.runs import placed
+from tcc_sim.recording.stamps import Break
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, HELD_INPUTS, INPUTS, JOINT_STATE, TARGET
+
+_WANTED = {*CARRIED, DIAGNOSTIC_ARRAY}
+"""Message types that are copied."""
+_RATE = 1000.0
+
+
+@dataclass(frozen=True)
+class Imported:
+    """Result of an import: the new bag, its numbers of states and runs, and sentences on losses and on what is unknown.
+    """
+
+    directory: Path
+    states: int
+    runs: int
+    notes: list[str]
+
+
+def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = None, topic: str | None = None,
+               driveline: int | None = None) -> Imported:
+    """Write a driveline of a foreign bag into a new recording.
+
+    Messages whose states name their run are copied as they are. Otherwise the states of each run get a name and the
+    layout of this package; a source that the bag does not state is `nobody`, and its counts are unknown. Stamps count
+    from the zero that the scene states or, without a scene, from the first state of each run.
+
+    Parameters
+    ----------
+    path : a bag in SQLite (directory or .db3), a .bag of ROS 1, or MCAP
+    directory : directory to create
+    joints : names of flywheel and clutch_plate, if they differ
+    topic : topic of the joint_states to read, if there are several
+    driveline : number of the driveline to read, counted from 0; None for one with a scene, on the shortest topic
+
+    Raises
+    ------
+    MissingPackage
+        The bag needs rosbags, which is not installed.
+    RecordingError
+        The directory exists, or the bag cannot be read, lacks messages that it counts, or holds no driveline.
+    """
+    if directory.exists():
+        raise RecordingError(f"{directory} exists already and is not overwritten")
+    with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder:
+        foreign = sorted(_foreign_parts(path))
+        staged = Path(folder, "bag.mcap")
+        if foreign:
+            require("rosbags", f"importing {path}")
+            _stage(foreign, staged, Path(folder), listed_counts(path))
+        run = open_run(staged if foreign else path, joints, topic, driveline)
+        if run.driveline.runs:
+            columns = run.columns()
+            saved = recover(run, directory)
+            return Imported(directory, sum(map(len, columns.runs)), len(columns.runs), saved.missing)
+        return _written(run, directory)
+
+
+def _foreign_parts(path: Path) -> Iterator[Path]:
+    """Iterate over the files of a bag that rosbags reads."""
+    for part in path.iterdir() if path.is_dir() else [path]:
+        if re.search(rf"{SQLITE}|{ROS1}", part.name):
+            yield part
+
+
+def _stage(parts: Sequence[Path], staged: Path, folder: Path, counts: Mapping[str, int]) -> None:
+    """Copy the wanted messages of every part into an MCAP file, and count them against what the part states."""
+    file = McapFile(staged)
+    for part in parts:
+        where = part
+        try:
+            if part.suffix == ".zstd":
+                where = folder / part.stem
+                with part.open("rb") as packed, where.open("wb") as plain:
+                    zstandard.ZstdDecompressor().copy_stream(packed, plain)
+            read, stated = _copied(where, file)
+        except RecordingError:
+            raise
+        except Exception as error:  # rosbags raises many kinds.
+            raise RecordingError(f"{part} cannot be read by rosbags: {one_line(str(error))}") from None
+        stated = counts.get(part.name, stated)
+        if read != stated:
+            raise RecordingError(f"{part}: {read} of {counted(stated, 'message')} could be read by rosbags")
+    file.close()
+
+
+def _copied(part: Path, file: McapFile) -> tuple[int, int]:
+    """Copy the wanted messages of a part; return the numbers of messages read, and in the part as it states."""
+    from rosbags.rosbag1 import Reader as Ros1Reader
+    from rosbags.rosbag2 import Reader
+
+    ros1 = part.suffix == ".bag"
+    channels: dict[int, int | None] = {}
+    with Ros1Reader(part) if ros1 else Reader(part) as reader:
+        convert = _converter(reader.connections) if ros1 else lambda data, _: bytes(data)
+        read = 0
+        for connection, time, data in reader.messages():
+            read += 1
+            if connection.id not in channels:
+                kind = connection.msgtype
+                schema = definition(kind) if kind in CARRIED else Definition("", "")
+                channels[connection.id] = file.channel(
+                    connection.topic, kind, schema=schema) if kind in _WANTED else None
+            number = channels[connection.id]
+            if number is not None:
+                file.write(number, time, time, convert(data, connection.msgtype))
+        return read, int(reader.message_count)
+
+
+def _converter(connections: Sequence[Any]) -> Callable[[bytes, str], bytes]:
+    """Return a function that serialises a message of ROS 1 as ROS 2 does."""
+    from rosbags.convert.converter import generate_message_converter
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    source, target = get_typestore(Stores.EMPTY), get_typestore(Stores.ROS2_FOXY)
+    wanted = [one for one in connections if one.msgtype in _WANTED]
+    source.register({name: fields for one in wanted
+                     for name, fields in get_types_from_msg(one.msgdef.data, one.msgtype).items()})
+    cache: dict[str, object] = {}
+    functions = {kind: generate_message_converter(source, target, kind, kind, cache, src_is2=False, dst_is2=True)
+                 for kind in {one.msgtype for one in wanted}}
+    return lambda data, kind: bytes(functions[kind](data))
+
+
+def _written(run: Run, directory: Path) -> Imported:
+    """Write the states of a run without names into a new recording."""
+    columns = run.columns()
+    names, name = held.runs(), ""
+    bag = BagWriter(directory)
+    try:
+        scenes = placed(run.scenes, columns.runs)
+        channels = {row: bag.channel(f"/{row}", kind, row=row) for row, kind in (
+            ("joint_states", JOINT_STATE), ("held", FLOAT64_ARRAY), ("applied_pressure", FLUID_PRESSURE),
+            ("output_state", JOINT_STATE))}
+        for states in columns.runs:
+            if states.began is Break.RESTART:
+                names = held.runs()
+            name = next(names)
+            for index, number in scenes:
+                if states.index <= index < states.index + len(states):
+                    scene = run.scenes[number]
+                    bag.describe(_named(scene, name, run.driveline.topic), scene.version)
+            _write_run(bag, channels, states, name, columns, 0 if run.scenes else int(states.stamp_ns[0]))
+        run.tapped(_Commands(bag, run.driveline.topic.rpartition("/")[0]))
+        bag.close(run.result)
+    except BaseException:
+        bag.abandon()
+        shutil.rmtree(directory, ignore_errors=True)
+        raise
+    notes = [text for text in run.warnings if "of other programs" not in text]
+    if not run.scenes:
+        notes.append("the bag holds no scene: give --scene to analyse; time begins at the first state of each run")
+    if all(states.held is None for states in columns.runs):
+        notes.append("the bag does not state who set its inputs: sources and counts of commands are unknown")
+    return Imported(directory, sum(map(len, columns.runs)), len(columns.runs), list(dict.fromkeys(notes)))
+
+
+def _named(scene: SceneRecord, run: str, driveline: str) -> str:
+    """Return the text of a scene with its run; stamps of the new recording are simulation time."""
+    return holding_from(scene.parameters, scene.first_stamp_ns, scene.origin, 0, run, driveline)
+
+
+def _write_run(bag: BagWriter, channels: Mapping[str, int], states: JointStates, run: str, columns: Columns,
+               zero: int) -> None:
+    """Write the messages of a run, whose stamps count from `zero`, ns."""
+    tick = float(np.median(np.diff(states.stamp_ns))) if len(states) > 1 else 1e9 / _RATE
+    stamps = (states.stamp_ns - zero).tolist()
+    angle, speed = (np.broadcast_to(column, len(states)).tolist() for column in states.far_end[:2])
+    reports = dict(_reports(states, columns, tick, zero))
+    rows = zip(stamps, states.log_ns.tolist(), states.sent_ns.tolist(), *(
+        column.tolist() for column in (states.flywheel_angle, states.plate_angle, states.flywheel_speed,
+                                       states.plate_speed, states.engine_torque, states.friction_torque)))
+    for k, (stamp, log, sent, flywheel, plate, flywheel_speed, plate_speed, engine, friction) in enumerate(rows):
+        if k in reports:
+            bag.write(channels["held"], log, sent, held.held_message(run, reports[k]), latched=True)
+        bag.write(channels["joint_states"], log, sent, cdr.joint_state(
+            stamp, flywheel, plate, flywheel_speed, plate_speed, engine, friction, run))
+        if states.applied_pressure is not None and np.isfinite(states.applied_pressure[k]):
+            bag.write(channels["applied_pressure"], log, sent,
+                      cdr.fluid_pressure(stamp, float(states.applied_pressure[k]), frame=run))
+        if states.output_angle is not None and states.stamp_ns[k] >= states.moved_ns and np.isfinite(angle[k]):
+            bag.write(channels["output_state"], log, sent,
+                      cdr.output_state(stamp, angle[k], speed[k], np.nan, frame=run))
+
+
+def _reports(states: JointStates, columns: Columns, tick: float, zero: int) -> Iterator[tuple[int, list[float]]]:
+    """Iterate over the states before which `held` is sent, and its values: the sources that the bag states."""
+    sources = np.stack([states.input(name, "source") for name in INPUTS], axis=1)
+    changed = {0, len(states) - 1, *(1 + np.flatnonzero((np.diff(np.nan_to_num(sources), axis=0) != 0).any(axis=1)))}
+    targets: dict[int, float] = {}
+    if TARGET in columns.commands:
+        rows, values, _ = columns.commands[TARGET]
+        before = np.searchsorted(rows, states.index, side="right") - 1
+        if before >= 0:
+            targets[0] = float(values[before])
+        inside = (rows > states.index) & (rows < states.index + len(states))
+        targets |= dict(zip((rows[inside] - states.index).tolist(), values[inside].tolist()))
+    since, target = 0, np.nan
+    for number, k in enumerate(sorted({*map(int, changed), *targets}), 1):
+        if k in targets:
+            since, target = k, targets[k]
+        time = float(states.stamp_ns[k] - zero)
+        row = [round(time / tick), time, number, held.GOES_ON]
+        for name in HELD_INPUTS:
+            source = states.input(name, "source")[k] if name in INPUTS else np.nan
+            value, acts = np.nan, np.nan
+            if name == TARGET and np.isfinite(target):
+                source, value, acts = held.COMMAND, target, round(float(states.stamp_ns[since] - zero) / tick)
+            row += [held.NOBODY if np.isnan(source) else source, value, value, np.nan, acts, 0, *[np.nan] * 4]
+        yield k, row
+
+
+class _Commands:
+    """Tap that copies the commands that a bag holds, as they are."""
+
+    def __init__(self, bag: BagWriter, space: str) -> None:
+        self._bag, self._space = bag, space
+        self._numbers: dict[str, int] = {}
+
+    def __call__(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
+        """Copy the commands of one chunk."""
+        for number, offset, length in zip(*(column.tolist() for column in (messages.channel, messages.offset,
+                                                                             messages.length))):
+            channel = channels.get(number)
+            if channel is None or COMMANDS.get(channel.row) != channel.type or (
+                    channel.topic.rpartition("/")[0] != self._space):
+                continue
+            if channel.row not in self._numbers:
+                self._numbers[channel.row] = self._bag.channel(f"/{channel.row}", channel.type, row=channel.row)
+            _, sequence, log, sent = MESSAGE.unpack_from(data, offset)
+            content = data[offset + MESSAGE_HEAD:offset + length]
+            self._bag.write(self._numbers[channel.row], log, sent, content, sequence)

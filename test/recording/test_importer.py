@@ -1,0 +1,123 @@
+"""Bags in SQLite, of ROS 1 and of other programs become recordings with the figures of the original: kinds x contents.
+
+The original is read by this package's own reader from MCAP; what a bag does not state is null with its reason.
+"""
+
+import json
+import math
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import re_encodings
+import test_named_runs as named
+from re_encodings import SCENE, STATES, as_rosbag2, joint_state, joints
+
+from tcc_sim.cli import main
+
+converter = pytest.importorskip("rosbags.convert.converter", reason="rosbags is not installed")
+
+KINDS: dict[str, tuple[str, str]] = {"bag": ("sqlite3", ""), "bag of messages": ("sqlite3", "message"),
+                                     "bag of files": ("sqlite3", "file"), "ros1.bag": ("", ""), "mcap": ("mcap", "")}
+SAME = ("max_slip_speed", "min_slip_speed", "clutch_energy", "breakaways", "stick_fraction", "cycles", "lost_messages",
+        "gaps", "runs", "seconds", "lost_seconds", "max_shaft_torque")
+
+
+def of_package(folder: Path) -> None:
+    """A recording of version 1.0, as `ros2 bag record` makes it, without 20 states."""
+    source = as_rosbag2(re_encodings.made(folder.parent / "own", 400))
+    re_encodings.save(folder / "run_0.mcap", source.changed(STATES, lambda k, data: None if 150 <= k < 170 else data))
+
+
+def of_others(folder: Path) -> None:
+    """Other names of joints, stamps that begin at a whole number of cycles, a third joint, no scene and no sources."""
+    whole = round(10**7 * 2.0 * math.pi / 150.0 * 1e9)
+
+    def change(_: int, data: bytes) -> bytes:
+        stamp, *values = joints(data)
+        columns = [[*values[k:k + 2], 0.5] for k in (0, 2, 4)]
+        return joint_state(stamp + whole, ["engine", "turbine", "wheel"], columns, "base")
+
+    source = as_rosbag2(re_encodings.made(folder.parent / "own", 400)).changed(STATES, change)
+    kept = {number for name in (re_encodings.SCENES, "/input_source") for number in source.numbers(name)}
+    re_encodings.save(folder / "run_0.mcap", source._replace(
+        messages=[one for one in source.messages if one.channel not in kept]))
+
+
+CONTENTS: dict[str, tuple[Callable[[Path], object], list[str]]] = {
+    "named runs": (lambda folder: named.save(folder, named.made()), []),
+    "version 1.0": (of_package, []),
+    "another program": (of_others, ["--joints", "flywheel=engine,clutch_plate=turbine"]),
+}
+
+
+def analysed(path: Path, *options: str) -> Any:
+    out = path.parent / f"{path.name}.json"
+    main(["analyse", str(path), "--verify", "--discard", "0", "--frequency", "150", "--json", str(out), *options])
+    return json.loads(out.read_text())
+
+
+def converted(original: Path, folder: Path, kind: str) -> Path:
+    storage, mode = KINDS[kind]
+    if kind == "mcap":
+        return original
+    converter.convert([original], folder / kind, storage, 9, mode and "zstd", mode or "file", None, None, [], [], [],
+                      [])
+    return folder / kind
+
+
+def with_metadata(folder: Path) -> Path:
+    """Complete a folder of parts to a bag that rosbags reads."""
+    again = folder.parent / "whole"
+    assert main(["recover", str(folder), "--out", str(again)]) == 0
+    return again
+
+
+@pytest.fixture(scope="module", params=CONTENTS)
+def original(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Any]:
+    make, options = CONTENTS[request.param]
+    folder = tmp_path_factory.mktemp("imported")
+    make(folder / "run")
+    scene = folder / "scene.yaml"
+    scene.write_text(SCENE.text())
+    return request.param, with_metadata(folder / "run"), analysed(folder / "run", *options, "--scene", str(scene))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_imported_bag_has_the_figures_of_the_original(tmp_path: Path, original: tuple[str, Path, Any],
+                                                         kind: str, refused: Callable[..., str],
+                                                         capsys: pytest.CaptureFixture[str]) -> None:
+    content, path, expected = original
+    options = CONTENTS[content][1]
+    bag, run, scene = converted(path, tmp_path, kind), tmp_path / "run", tmp_path / "scene.yaml"
+    scene.write_text(SCENE.text())
+    if kind != "mcap":
+        assert "tcc-sim import" in refused("analyse", bag)
+    capsys.readouterr()
+    assert main(["import", str(bag), str(run), *options]) == 0
+    assert f" of {2 if content == 'named runs' else 1} run" in capsys.readouterr().out
+    result = analysed(run, "--scene", str(scene))
+    for name in SAME:
+        assert result[name] == pytest.approx(expected[name], rel=1e-6), name
+    assert result["verified"] is (content != "another program")
+    assert result["largest_difference"] <= 1e-6
+    for name, one in result["inputs"].items():
+        before = expected["inputs"][name]
+        for field in ("topic", "fallback", "scene", "commands", "applied", "superseded", "lost"):
+            assert one[field] == pytest.approx(before[field]), (name, field)
+        assert (one["applied"] is None) is (one["why"] != "") is (content != "named runs")
+    assert "exists already" in refused("import", bag, run)
+
+
+def test_a_bag_that_lacks_messages_which_it_counts_is_refused(tmp_path: Path, refused: Callable[..., str]) -> None:
+    of_package(tmp_path / "run")
+    bag = converted(with_metadata(tmp_path / "run"), tmp_path, "bag")
+    (part,) = bag.glob("*.db3")
+    with sqlite3.connect(part) as base:
+        base.execute("DELETE FROM messages WHERE id % 7 = 0")
+    assert "messages could be read by rosbags" in refused("import", bag, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    part.write_bytes(part.read_bytes()[:3000])
+    assert str(part) in refused("import", bag, tmp_path / "out")
