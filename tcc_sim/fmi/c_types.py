@@ -205,9 +205,4 @@ def common_kind(one: Kind, other: Kind) -> Kind | None:
     for absent, kind in ((one, other), (other, one)):
         if absent == Static(None) and isinstance(kind, (Tuple, Table)):
             return Tuple(kind.parts, True) if isinstance(kind, Tuple) else kind
-    if isinstance(one, Tuple) and isinstance(other, Tuple) and one.parts == other.parts:
-        return Tuple(one.parts, True)
-    if isinstance(one, Table) and isinstance(other, Table) and one.columns == other.columns:
-        return Table(one.columns, max(one.most, other.most))
-    bools = [kind == INT or (isinstance(kind, Static) and isinstance(kind.value, bool)) for kind in (one, other)]
-    return INT if all(bools) else None
+    return None

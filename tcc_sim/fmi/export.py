@@ -11,6 +11,7 @@ import sys
 import tempfile
 import uuid
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -95,14 +96,17 @@ def compiler() -> str | None:
     return next((path for name in COMPILERS if (path := shutil.which(name))), None)
 
 
-def binary_of(fmu: Fmu, command: str) -> bytes:
-    """Return the binary for this machine; raise TccError with the compiler's message if it refuses the sources."""
+def binary_of(fmu: Fmu, command: str, options: Sequence[str] = ()) -> bytes:
+    """Return the binary for this machine; raise TccError with the compiler's message if it refuses the sources.
+
+    options : of the compiler, after those of this package
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for path, text in fmu.files.items():
             if path.startswith("sources/"):
                 (folder / Path(path).name).write_text(text, encoding="utf-8")
-        ended = subprocess.run([command, *OPTIONS, SOURCES[fmu.version], "-o", "binary", "-lm"], cwd=folder,
+        ended = subprocess.run([command, *OPTIONS, *options, SOURCES[fmu.version], "-o", "binary", "-lm"], cwd=folder,
                                check=False, capture_output=True, text=True)
         if ended.returncode:
             raise TccError(f"{command} does not compile the sources of the FMU: {ended.stderr.strip() or 'no reason'}")
@@ -110,7 +114,7 @@ def binary_of(fmu: Fmu, command: str) -> bytes:
 
 
 def export(scene: Scene, path: Path, version: int = 2, step: float | None = None, *,
-           sources_only: bool = False) -> str:
+           sources_only: bool = False, options: Sequence[str] = ()) -> str:
     """Write a scene's FMU to a new file; return the folder of its binary, empty without a binary.
 
     Parameters
@@ -118,6 +122,7 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
     version : version of FMI, 2 or 3
     step : length of a tick, s; None for the scene's rate
     sources_only : whether to omit the binary
+    options : further options of the compiler
 
     Raises
     ------
@@ -130,7 +135,7 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
     command, names = compiler(), PLATFORMS.get((sys.platform, platform.machine()))
     folder = names[version - 2] if names else ""
     with_binary = not sources_only and command is not None and bool(folder)
-    binary = binary_of(fmu, command) if with_binary and command is not None else b""
+    binary = binary_of(fmu, command, options) if with_binary and command is not None else b""
     with draft(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file:
         for name, text in fmu.files.items():
             file.writestr(zipfile.ZipInfo(name, DATE), text, zipfile.ZIP_DEFLATED)

@@ -503,13 +503,6 @@ class Expressions:
             self._put(f"memset(&{place}, 0, sizeof {place});")
         elif kind == wanted:
             self._put(f"{place} = {target_of(text)};")
-        elif isinstance(kind, Table) and isinstance(wanted, Table) and kind.columns == wanted.columns \
-                and kind.most < wanted.most:
-            text = text[1:] + "." if text.startswith("&") else text + "->"
-            self._put(f"memset(&{place}, 0, sizeof {place});")
-            self._put(f"{place}.has = {text}has;")
-            self._put(f"{place}.rows = {text}rows;")
-            self._put(f"memcpy({place}.at, {text}at, sizeof {text}at);")
         else:
             raise self._refused(node)
 

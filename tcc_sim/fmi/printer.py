@@ -263,15 +263,13 @@ class Function(Expressions):
         self.text = text
         if isinstance(wanted, (Static, Items, Vector)) or (self._wanted is None and isinstance(kind, Static)):
             return
-        if isinstance(wanted, (Table, Struct)) and kind != wanted:
-            name = self._variable(wanted)
-            self._assign_to(name, (text, kind), wanted, node)
-            text = f"&{name}"
-        elif not isinstance(wanted, (Table, Struct)):
+        if not isinstance(wanted, (Table, Struct)):
             text = self._as((text, kind), wanted, node)
-        if isinstance(wanted, (Table, Struct)):
+        elif kind == wanted:
             self._put(f"*made = {target_of(text)};")
             text = ""
+        else:
+            raise self._refused(node)
         self._put(f"return {text};".replace(" ;", ";"))
 
     def _for(self, node: ast.For) -> None:

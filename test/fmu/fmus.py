@@ -6,7 +6,6 @@ import tempfile
 from functools import cache
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import pytest
 
@@ -15,7 +14,7 @@ pytest.importorskip("fmpy", reason="FMPy is not installed")
 import fmpy
 from fmpy import fmi2, fmi3
 
-from tcc_sim.fmi.export import OPTIONS, compiler, export
+from tcc_sim.fmi.export import compiler, export
 from tcc_sim.scene import Scene, load_scene
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="there is no C compiler")
@@ -35,8 +34,7 @@ def written(scene: Scene | str, version: int, step: float | None = None, options
 def _written(text: str, version: int, step: float | None, options: tuple[str, ...]) -> Path:
     folder = Path(tempfile.mkdtemp(dir=FOLDER.name))
     (folder / "scene.yaml").write_text(text)
-    with mock.patch("tcc_sim.fmi.export.OPTIONS", (*OPTIONS, *options)):
-        export(load_scene(str(folder / "scene.yaml")), folder / "model.fmu", version, step)
+    export(load_scene(str(folder / "scene.yaml")), folder / "model.fmu", version, step, options=options)
     return Path(fmpy.extract(str(folder / "model.fmu"), unzipdir=str(folder / "unpacked")))
 
 
