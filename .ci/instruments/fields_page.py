@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tcc_sim.estimation.identify import Identification
 from tcc_sim.estimation.linearise import Linearisation
-from tcc_sim.output.explained import SceneExplanation
+from tcc_sim.output.explanation import SceneExplanation
 from tcc_sim.output.fields import fields_of
 from tcc_sim.output.provenance import HEAD
 from tcc_sim.output.tables import escape

@@ -249,7 +249,6 @@ class _Search:
         return best, tried
 
     def _fit(self, model: Model, values: Floats) -> Fit:
-        """Fit from values of the keys, in all stages."""
         return fit(model, self.levels, values, self.settings, tick=self.tick)
 
     def _rank(self, fit: Fit) -> tuple[bool, float]:
@@ -304,7 +303,6 @@ def _noise_of_residuals(measured: Measurement, best: Fit) -> tuple[dict[str, flo
 
 
 def _with_estimates(scene: Scene, model: Model, best: Fit, curve: IdentifiedCurve | None) -> Scene:
-    """Return the scene with the estimates of its keys."""
     estimates = {key: value for key, value in zip(model.keys, best.values.tolist())
                  if key not in OFFSETS and not key.startswith(CURVE)}
     return scene.with_values({**estimates, **({} if curve is None else curve.table())})
@@ -366,7 +364,6 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], meas
 
 
 def _noise(measured: Measurement, given: Mapping[str, float] | None) -> dict[str, float]:
-    """Return the standard deviation of the noise of every measured channel."""
     for name, value in (given or {}).items():
         if name not in CHANNELS:
             raise InputError(f"noise of {name!r} was given; channels are {', '.join(CHANNELS)}")

@@ -188,7 +188,6 @@ def linearise(scene: SceneLike, *, input: Literal["actuation_pressure", "engine_
 
 
 def _frequencies(system: System, requested: Sequence[float] | None) -> Floats:
-    """Return the frequencies, checked."""
     if requested is None:
         return np.geomspace(DEFAULTS.lowest, 3.0 * max(system.natural_frequency, DEFAULTS.lowest), DEFAULTS.count)
     out = np.asarray(requested, dtype=np.float64).ravel()
@@ -201,7 +200,6 @@ def _frequencies(system: System, requested: Sequence[float] | None) -> Floats:
 
 
 def _about_constant(motion: Constant, inputs: str, output: str, omegas: Floats) -> Linearisation:
-    """Return the continuous linear model of the equations."""
     a, b, rows, states = matrices_of(motion, inputs == "actuation_pressure")
     s, (row, through) = motion.system, rows[output]
     c, feed = np.array([row]), np.array([[through]])

@@ -167,7 +167,6 @@ def _evenly_spaced(t: Floats, source: str) -> tuple[int, tuple[str, ...]]:
 
 
 def _check_still(path: Path, speed: Floats | None) -> None:
-    """Raise InputError if the far end of the shaft moved."""
     if speed is not None and (np.isfinite(speed) & (speed != 0.0)).any():
         raise InputError(f"{path}: the far end of the shaft moved (output_speed up to "
                          f"{np.nanmax(np.abs(speed)):.4g} rad/s); identification needs one at rest")

@@ -185,7 +185,6 @@ def _constant(system: System, slip: float | None) -> Constant:
 
 
 def _at(system: System, terms: Terms, v: float) -> Constant:
-    """Return constant slip at `v`."""
     coefficient, slope = _law(terms, v)
     return Constant(system, v, slope * terms.mean_load, coefficient * system.torque_per_pressure)
 

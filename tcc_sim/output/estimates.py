@@ -241,7 +241,6 @@ def estimate_lines(estimates: Estimates) -> list[str]:
 
 
 def _actuator_line(effect: ActuatorEffect, omega: float) -> str:
-    """The actuator for a terminal."""
     parts = [f"{name} {value:g} {unit}" for name, value, unit in (
         ("lag", effect.time_constant, "s"), ("dead time", effect.delay, "s"),
         ("rate limit", effect.rate_limit, "Pa/s")) if value]

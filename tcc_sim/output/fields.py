@@ -68,7 +68,6 @@ def _units(value: Any, path: str, owners: tuple[Any, ...]) -> Iterator[tuple[str
 
 
 def _is_list(value: Any) -> bool:
-    """Return whether a value is a list of results."""
     return isinstance(value, (list, tuple)) and any(map(is_dataclass, value[:1]))
 
 

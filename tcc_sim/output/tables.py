@@ -266,7 +266,6 @@ def sweep_lines(sweep: Sweep | Grid, width: int | None = None) -> list[str]:
 
 
 def _padded(cells: list[str]) -> list[str]:
-    """Return texts aligned to the right."""
     width = max(map(len, cells))
     return [f"{cell:>{width}}" for cell in cells]
 
@@ -360,7 +359,6 @@ def quantile_lines(scattered: Scattered) -> list[str]:
 
 
 def _row_of_quantiles(row: Floats) -> str:
-    """Return the quantiles of one result as text."""
     return "  none: no sample is left" if np.isnan(row).all() else "".join(f"  {x:.6g}" for x in row)
 
 

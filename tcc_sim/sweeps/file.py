@@ -108,7 +108,6 @@ class SweepFile:
             self._write(encoded_line({"curve": curve, "index": index, "record": record}))
 
     def _write(self, line: bytes) -> None:
-        """Write one line."""
         assert self._stream is not None
         try:
             self._stream.write(line)
@@ -151,7 +150,6 @@ def _object(text: bytes) -> dict[str, Any]:
 
 
 def _refused(name: str) -> NoReturn:
-    """Refuse NaN and infinities, which are not JSON."""
     raise ValueError(f"{name} is not a number in JSON")
 
 

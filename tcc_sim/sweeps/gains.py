@@ -156,7 +156,6 @@ class Loops:
 
 
 def _words(values: Mapping[str, float]) -> str:
-    """Return values by key as text."""
     return ", ".join(f"{key} {value:g}" for key, value in values.items())
 
 
@@ -235,7 +234,6 @@ def _check(loops: Loops, keys: Sequence[str], places: Sequence[Mapping[str, floa
 
 
 def _check_sent(loops: Loops) -> None:
-    """Raise InputError if the law cannot be sent to another process."""
     try:
         pickle.dumps(loops)
     except Exception:  # Various exceptions say so.
@@ -243,7 +241,6 @@ def _check_sent(loops: Loops) -> None:
 
 
 def _on_cluster(loops: Loops, places: Sequence[Mapping[str, float]], dask: str, progress: bool) -> list[GainPoint]:
-    """Return the points, computed by the workers of a Dask cluster."""
     with cluster(dask) as (executor, attendance), progress_bar("loop", len(places), shown=progress) as bar:
         left, points = iter(range(len(places))), dict[int, GainPoint]()
         for place, point in each_done(attendance, lambda: next(left, None),

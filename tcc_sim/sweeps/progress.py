@@ -31,7 +31,6 @@ class ProgressLines:
         begun(self._lines, "progress")
 
     def _lines(self) -> None:
-        """Print lines until the bar is closed."""
         while not self._closed.wait(self._every):
             self.tell(time.monotonic() - self._began)
 

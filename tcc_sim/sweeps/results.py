@@ -328,5 +328,4 @@ def stacked(sweeps: Sequence[Sweep]) -> dict[str, NDArray[Any]]:
 
 
 def _span(values: Sequence[float]) -> str:
-    """Return the number of values and their range as text."""
     return f"{len(values)} value{'s' if len(values) > 1 else ''} from {min(values):g} to {max(values):g}"

@@ -285,14 +285,12 @@ def _run(system: System, plan: Plan, start: Start, kept: dict[str, Any]) -> tupl
 
 
 def _solve(system: System, plan: Plan, start: Start, **span: Any) -> Trajectory:
-    """Solve by the plan."""
     return solve(system, solver=plan.solver, rtol=plan.rtol, step=plan.step, start_cycle=start.cycle, state=start.state,
                  **span)
 
 
 def _timed_run(system: System, plan: Plan, start: Start, duration: float,
                kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
-    """Solve a duration in one call."""
     check_duration(system, duration, start.cycle)
     whole = system.whole_cycles(start.cycle, duration)
     discarded = plan.dropped(whole, min(ANALYSIS.discard, whole // 3) if system.profile is None else 0)

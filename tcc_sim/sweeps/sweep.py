@@ -190,7 +190,6 @@ def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
 
 
 def _results(curves: Sequence[Curve], plan: Plan, points: Points, began: float) -> list[Sweep]:
-    """Return one Sweep per curve."""
     seconds = time.perf_counter() - began
     return [Sweep(curve, plan, curve_points, seconds) for curve, curve_points in zip(curves, points)]
 

@@ -24,9 +24,8 @@ SHOWN = 400
 """Number of samples of measured and fitted speeds in the picture."""
 
 
-def bode(document: Any) -> list[Panel]:
+def bode(values: Mapping[str, Any]) -> list[Panel]:
     """Return gain and phase of the frequency response of `linearise`, a result or its JSON."""
-    values = style.json_values(document)
     inside = numbers(values["gain"]) > 0.0
     decibels = 20.0 * np.log10(np.where(inside, numbers(values["gain"]), np.nan))
     unit = f"dB re 1 ({UNITS[values['output']]})/({UNITS[values['input']]})"
@@ -43,7 +42,6 @@ def bode(document: Any) -> list[Panel]:
 
 
 def _name(values: Mapping[str, Any]) -> str:
-    """Return the name of the curve."""
     kind = values["kind"]
     return "harmonic transfer function" if kind == "periodic" else f"linear model about constant {kind}"
 
@@ -77,7 +75,6 @@ def identification(document: Any) -> list[Panel]:
 
 
 def _fit(axis: Any, document: Any) -> None:
-    """Draw the first samples of the slip speed, measured and fitted, into an axis."""
     residual = document.residuals["slip_speed"]
     data = document.measurement.channels["slip_speed"][:len(residual)]
     t = document.measurement.t[:len(residual)]
@@ -87,7 +84,6 @@ def _fit(axis: Any, document: Any) -> None:
 
 
 def _curve(axis: Any, curve: Any) -> None:
-    """Draw the identified friction curve, its band and the scene's curve into an axis; grey where not visited."""
     v = curve.slip_speeds
     axis.fill_between(v, curve.low, curve.high, color=style.BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
     axis.plot(v, curve.coefficient, color=style.BLUE, label="found")
@@ -99,7 +95,6 @@ def _curve(axis: Any, curve: Any) -> None:
 
 
 def _parameters(axis: Any, document: Any) -> None:
-    """Draw the values relative to their starts, with 95 % intervals."""
     rows = np.arange(len(document.parameters))
     sizes = np.array([abs(p.start) if p.start else max(abs(p.value), 1e-300) for p in document.parameters])
     values = np.array([p.value - p.start for p in document.parameters]) / sizes * 100.0

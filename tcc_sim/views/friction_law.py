@@ -30,7 +30,6 @@ def friction_panels(scene: SceneLike) -> list[Panel]:
 
 
 def _law(axis: Any, system: System) -> None:
-    """Draw the sliding coefficient over slip speed, with the table that it is fitted to."""
     law, v = system.friction, _speeds(system)
     axis.plot(v, _sliding(system, v), color=style.BLUE, label="fit of the table" if law.curve else "sliding, (6)")
     if law.law == "smoothed":
@@ -42,7 +41,6 @@ def _law(axis: Any, system: System) -> None:
 
 
 def _near(axis: Any, system: System) -> None:
-    """Draw the law close to 0, and the largest slip speed that counts as stick."""
     stick = stick_speed_of(terms_of(system))
     far = 3.0 * stick if stick > 0.0 else 0.05 * _speeds(system)[-1]
     v = np.linspace(0.0, far, POINTS)
@@ -59,7 +57,6 @@ def _near(axis: Any, system: System) -> None:
 
 
 def _slope(axis: Any, system: System) -> None:
-    """Draw the slope of the friction torque over slip speed at the mean pressure, and the critical slope."""
     v = _speeds(system)
     slope = system.saturation_mean * np.broadcast_to(friction.sliding_slope(v, system.friction.stribeck), v.shape)
     least = critical_slope(system) or 0.0
@@ -83,12 +80,10 @@ def _speeds(system: System) -> Floats:
 
 
 def _sliding(system: System, v: Floats) -> Floats:
-    """Return the set-valued coefficient of (6) for positive slip."""
     return np.broadcast_to(system.friction.kinetic * friction.sliding(v, 1.0, system.friction.stribeck), v.shape)
 
 
 def _smoothed(system: System, v: Floats) -> Floats:
-    """Return the smoothed coefficient of (7)."""
     law = system.friction
     coefficients: Floats = law.kinetic * friction.smoothed_coefficient(v, law.smoothing, law.stribeck)
     return coefficients

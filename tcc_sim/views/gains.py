@@ -16,11 +16,10 @@ from tcc_sim.views.sweeps import NOT_FOUND, edges, numbers
 SETTLING = "settling_time"
 
 
-def gain_panels(document: Any) -> list[Panel]:
+def gain_panels(values: Mapping[str, Any]) -> list[Panel]:
     """Return maps, or curves over a single parameter, of the settling time and of the peak: the size of the peak
     deviation, or the overshoot where there is none. Loops that have not settled are marked.
     """
-    values = style.json_values(document)
     over_two = values.get("second_over") is not None
     peak = "peak_deviation" if np.isfinite(_figure(values, "peak_deviation")).any() else "overshoot"
     draw = partial(_map if over_two else _curve, values=values)
@@ -35,9 +34,7 @@ def _figure(values: Mapping[str, Any], name: str) -> Any:
     return np.abs(np.array([numbers(row) for row in rows])).squeeze(0 if values.get("second_over") is None else ())
 
 
-
 def _curve(axis: Any, values: Mapping[str, Any], name: str, quantity: AxisQuantity) -> None:
-    """Draw a figure over one parameter, with open circles for loops that have not settled."""
     x, y = numbers(values["values"]), _figure(values, name)
     settled = np.array([verdict == "settled" for verdict in values["verdict"]])
     axis.plot(x, y, color=style.GREY, linewidth=0.8, zorder=1)
@@ -51,7 +48,6 @@ def _curve(axis: Any, values: Mapping[str, Any], name: str, quantity: AxisQuanti
 
 
 def _map(axis: Any, values: Mapping[str, Any], name: str, quantity: AxisQuantity) -> None:
-    """Draw a figure over two parameters; cells without it have their own colour."""
     x, y, figure = numbers(values["values"]), numbers(values["second_values"]), _figure(values, name)
     axis.set_facecolor(NOT_FOUND)
     axis.grid(False)

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from tcc_sim.analysis.orders import OrderComparison, Orders, level
+from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.shown_units import UNITS, frequency
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel, nothing
 from tcc_sim.views.style import AxisQuantity, quantities
-
-if TYPE_CHECKING:
-    from tcc_sim.analysis.orders import OrderComparison, Orders
-    from tcc_sim.analysis.spectra import Spectrum
 
 SHOWN = 60.0
 """Range of a map of orders, dB."""
@@ -85,18 +83,15 @@ def spectrum_panels(spectrum: Spectrum) -> list[Panel]:
 
 
 def _title(name: str) -> str:
-    """Return the title of a panel of a signal."""
     return SIGNALS[name].name.capitalize()
 
 
 def _unmeasured(axis: Any, orders: Orders) -> None:
-    """Draw nothing along the run."""
     nothing(axis)
     quantities(axis, _along(orders)[1])
 
 
 def _judder(axis: Any, orders: Orders) -> None:
-    """Draw the judder along the run."""
     along, over = _along(orders)
     peaks = np.sort(orders.judder.peak[np.isfinite(orders.judder.peak)])
     few = max(1, round(FEW * len(peaks)))
@@ -110,7 +105,6 @@ def _judder(axis: Any, orders: Orders) -> None:
 
 
 def _heat(axis: Any, orders: Orders) -> None:
-    """Draw the cumulative heat along the run."""
     along, over = _along(orders)
     if np.isfinite(orders.heat).any():
         axis.plot(along, orders.heat * 1e-3, color=style.ORANGE)
@@ -121,7 +115,6 @@ def _heat(axis: Any, orders: Orders) -> None:
 
 
 def _both_cuts(axis: Any, comparison: OrderComparison, name: str) -> None:
-    """Draw the first orders of both runs."""
     _cuts(axis, comparison.measured, name, "_measured", linewidth=2.4, alpha=0.45)
     _cuts(axis, comparison.simulated, name, "", linewidth=0.9)
 
@@ -157,8 +150,6 @@ def _spectrum(axis: Any, spectrum: Spectrum, name: str) -> None:
 
 def _cuts(axis: Any, orders: Orders, of: str, which: str = "", **look: Any) -> None:
     """Draw the first orders along the run, dB; with names of their own, or a label `which` that no legend shows."""
-    from tcc_sim.analysis.orders import level
-
     along, name = _along(orders)
     curves = {order: level(orders.cut(order, of)) for order in orders.cuts}
     top = max(float(np.nanmax(curve)) for curve in curves.values())
@@ -180,31 +171,22 @@ def _along(orders: Orders) -> tuple[Floats, AxisQuantity]:
 
 
 def _top(amplitude: Floats, orders: Orders) -> float:
-    """Return the upper end of the colour scale of a map, dB."""
-    from tcc_sim.analysis.orders import level
-
     return float(5.0 * np.ceil(float(np.nanmax(level(amplitude[:, _shown(orders)]))) / 5.0))
 
 
 def _shown(orders: Orders) -> Any:
-    """Return which orders maps show."""
     return orders.order > 0.25 * orders.per_revolution
 
 
 def _map(axis: Any, orders: Orders, amplitude: Floats, of: str, top: float | None = None,
          named: bool = True) -> None:
     """Draw an order map of a signal with the two linear modes, which may be named."""
-    from tcc_sim.analysis.orders import level
-
     along, over = _along(orders)
     shown = _shown(orders)
     levels = level(amplitude[:, shown]).T
     top = _top(amplitude, orders) if top is None else top
-    image = axis.pcolormesh(along, orders.order[shown], levels, cmap="magma", vmin=top - SHOWN, vmax=top,
-                            shading="nearest", rasterized=True)
-    axis.figure.colorbar(image, ax=axis, label=f"dB re 1 {SIGNALS[of].unit}", pad=0.015, aspect=28,
-                         ticks=np.arange(top - SHOWN, top + 1.0, 10.0))
-    axis.grid(False)
+    _levels(axis, along, orders.order[shown], levels, f"dB re 1 {SIGNALS[of].unit}", top,
+            ticks=np.arange(top - SHOWN, top + 1.0, 10.0))
     lowest, highest = 0.25 * orders.per_revolution, float(orders.order[-1])
     for omega, name in zip(orders.modes, ("stuck", "slipping")):
         order = orders.per_revolution * omega / orders.frequency
@@ -216,19 +198,23 @@ def _map(axis: Any, orders: Orders, amplitude: Floats, of: str, top: float | Non
     quantities(axis, over, ORDER)
 
 
+def _levels(axis: Any, x: Any, y: Any, levels: Any, label: str, top: float, low: float | None = None,
+            cmap: str = "magma", aspect: int = 28, ticks: Any = None) -> None:
+    """Draw levels, dB, up to `top` in colours with a bar; by default over a range of SHOWN."""
+    image = axis.pcolormesh(x, y, levels, cmap=cmap, vmin=top - SHOWN if low is None else low, vmax=top,
+                            shading="nearest", rasterized=True)
+    axis.figure.colorbar(image, ax=axis, label=label, pad=0.015, aspect=aspect, ticks=ticks)
+    axis.grid(False)
+
+
 def _campbell(axis: Any, orders: Orders, of: str) -> None:
     """Draw the levels over engine speed and frequency, with the orders that are listed and the two linear modes."""
-    from tcc_sim.analysis.orders import level
-
     amplitude, shown, unit = getattr(orders, of), _shown(orders), SIGNALS[of].unit
     rpm = orders.frequency * UNITS["rpm"][1] / orders.per_revolution
     hertz = np.outer(rpm / 60.0, orders.order[shown])
     top, levels = _top(amplitude, orders), level(amplitude[:, shown])
     highest = 1.05 * max(float(hertz[levels > top - SHOWN].max()), *(0.5 / np.pi * omega for omega in orders.modes))
-    image = axis.pcolormesh(np.broadcast_to(rpm[:, None], hertz.shape), hertz, levels, cmap="magma",
-                            vmin=top - SHOWN, vmax=top, shading="nearest", rasterized=True)
-    axis.figure.colorbar(image, ax=axis, label=f"dB re 1 {unit}", pad=0.015, aspect=20)
-    axis.grid(False)
+    _levels(axis, np.broadcast_to(rpm[:, None], hertz.shape), hertz, levels, f"dB re 1 {unit}", top, aspect=20)
     for omega, name in zip(orders.modes, ("stuck", "slipping")):
         if 0.5 / np.pi * omega < hertz.max():
             axis.axhline(0.5 / np.pi * omega, color="white", lw=0.9, ls=(0, (4, 2)))
@@ -261,17 +247,12 @@ def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple
 
 def _difference(axis: Any, comparison: OrderComparison, name: str, top: float) -> None:
     """Draw a map of the simulated minus the measured level, blank where both are below the range of the maps."""
-    from tcc_sim.analysis.orders import level
-
     along, over = _along(comparison.measured)
     shown = _shown(comparison.measured)
     one, other = (level(getattr(run, name)[:, shown]).T for run in (comparison.measured, comparison.simulated))
     apart = np.ma.masked_where(~(np.maximum(one, other) >= top - SHOWN), other - one)
-    image = axis.pcolormesh(along, comparison.measured.order[shown], apart, cmap="RdBu_r", vmin=-DIFFERENCE,
-                            vmax=DIFFERENCE, shading="nearest", rasterized=True)
-    axis.figure.colorbar(image, ax=axis, pad=0.015, aspect=28,
-                         label=f"simulated less measured (dB),\nblank below {top - SHOWN:.0f} dB")
-    axis.grid(False)
+    _levels(axis, along, comparison.measured.order[shown], apart, cmap="RdBu_r", low=-DIFFERENCE, top=DIFFERENCE,
+            label=f"simulated less measured (dB),\nblank below {top - SHOWN:.0f} dB")
     axis.set(ylim=(0.25 * comparison.measured.per_revolution, float(comparison.measured.order[-1])),
              xlim=(along.min(), along.max()))
     quantities(axis, over, ORDER)

@@ -78,7 +78,6 @@ def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float =
 
 
 def _rows(panels: Sequence[Panel], wide: bool) -> Iterator[list[Panel]]:
-    """Yield the panels that stand beside each other."""
     row: list[Panel] = []
     for panel in panels:
         if row and not (wide and panel.beside):

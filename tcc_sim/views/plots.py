@@ -19,7 +19,7 @@ from tcc_sim.shown_units import UNITS, shown_in
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel, compose, draw_into
-from tcc_sim.views.runs import last_cycles, manoeuvre, slip_alone
+from tcc_sim.views.runs import last_cycles, manoeuvre
 from tcc_sim.views.stored import (
     Record,
     arguments_in,
@@ -45,7 +45,6 @@ class Picture:
         return f"<Picture: {len(self.png)} bytes of PNG>"
 
     def _repr_png_(self) -> bytes:
-        """Return the view in a notebook."""
         return self.png
 
 
@@ -105,7 +104,7 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
         raise InputError(f"units is {units!r}; it must be {', '.join(UNITS)}")
     if ax is not None:
         with shown_in(units, _order_of(result)):
-            return draw_into(ax, _main_panel(result), title)
+            return draw_into(ax, panels_of(result)[0], title)
     if file is None:
         with TemporaryDirectory(prefix="tcc_sim_") as folder:
             return Picture(plot(result, Path(folder) / "picture.png", width, title=title, units=units).read_bytes())
@@ -126,7 +125,6 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
 
 
 def _order_of(result: Any) -> float | None:
-    """Return the `engine.order` of a result, or None if the result does not hold it."""
     run, system = getattr(result, "measured", result), system_behind(result)
     order: float | None = result.get("scene", {}).get("engine.order") if isinstance(result, Mapping) else getattr(
         run, "per_revolution", None if system is None else system.engine.order)
@@ -134,7 +132,6 @@ def _order_of(result: Any) -> float | None:
 
 
 def _drawn(result: Any, path: Path, width: str, title: str) -> Path:
-    """Draw a result to a file."""
     inches = style.width_of(width)
     if isinstance(result, Record):
         return drawer_of(kind_of(vars(result)))(path, result, title=title, width=inches)
@@ -162,6 +159,8 @@ KINDS = {"sweep": "Sweep", "continue": "Motions", "basins": "Basins", "linearise
 """Class of the result of a kind of JSON."""
 BELOW = ("Grid", "Scattered", "GainMap", "Scene", "System", "Motions", "Basins")
 """Results whose panels have one legend below them."""
+AS_JSON = ("Sweep", "Grid", "Scattered", "GainMap", "Linearisation", "Motions")
+"""Results that are drawn from their JSON."""
 
 
 def _class_of(result: Any) -> str:
@@ -178,12 +177,10 @@ def _class_of(result: Any) -> str:
 def panels_of(result: Any) -> list[Panel]:
     """Return the panels of a result; raise InputError if it has no picture."""
     name = _class_of(result)
-    if name in STUDIED:
-        studied: list[Panel] = from_later_room(STUDIED[name])(result)
-        return studied
-    if name in PANELS:
-        module, function = PANELS[name]
-        panels: list[Panel] = getattr(import_module(f"tcc_sim.views.{module}"), function)(result)
+    if name in (*PANELS, *STUDIED):
+        module, function = PANELS.get(name, ("", ""))
+        draw = getattr(import_module(f"tcc_sim.views.{module}"), function) if module else from_later_room(STUDIED[name])
+        panels: list[Panel] = draw(result if name not in AS_JSON or isinstance(result, Mapping) else result.as_json())
         return panels
     run, summary = _run_of(result), getattr(result, "summary", None)
     if hasattr(result, "first_cycle"):  # The replay of a recording has the end of its run only.
@@ -207,14 +204,3 @@ def _run_of(result: Any) -> Trajectory:
         raise InputError(f"a {type(result).__name__} cannot be drawn; give a result of solve, simulate, analyse, read, "
                          "sweep, scatter, continuation, basins, linearise or identify")
     return run
-
-
-def _main_panel(result: Any) -> Panel:
-    """Return the panel of a result for an axis: the slip speed of a run, else the first."""
-    if _class_of(result) in (*PANELS, *STUDIED):
-        return panels_of(result)[0]
-    run = _run_of(result)
-    if len(run.t) < 3:
-        raise InputError(f"a {type(result).__name__} has no curve for an axis; a run needs samples, such as "
-                         "samples_per_cycle=200")
-    return slip_alone(run)

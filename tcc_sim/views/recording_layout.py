@@ -80,12 +80,10 @@ def write_layout(recording: Path) -> Path:
 
 
 def _row(path: str) -> Topic:
-    """Return the row of a topic in the root namespace."""
     return next(row for row in topics.TOPICS if row.name == path[1:])
 
 
 def _line(row: Topic) -> Any:
-    """Return the mapping that draws a topic's number as a line."""
     from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
     component, selector = PARTS[row.type]

@@ -115,20 +115,17 @@ class PhaseAxes:
 
 
 def _step(low: float, high: float, intervals: int) -> float:
-    """Return a distance between ticks: 1, 2 or 5 times a power of ten."""
     raw = max(high - low, 1e-12) / intervals
     power = 10.0 ** math.floor(math.log10(raw))
     return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1.0 - 1e-9))
 
 
 def _round_ends(low: float, high: float, intervals: int) -> tuple[float, float]:
-    """Return the ticks just outside a range."""
     step = _step(low, high, intervals)
     return math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
 
 
 def _ticks(low: float, high: float, intervals: int) -> list[float]:
-    """Return the positions of the ticks."""
     step = _step(low, high, intervals)
     return [k * step for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
 

@@ -115,7 +115,6 @@ class RerunStream:
             raise
 
     def _open(self, name: str, spawn: bool, url: str | None) -> None:
-        """Open the stream and send the layout of the views."""
         self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
         self.recording.set_log_time_enabled(False)
         self.recording.set_log_tick_enabled(False)
@@ -303,13 +302,11 @@ class RerunStream:
         self.recording.log("event/mark", self._rr.Scalars(self._mean))
 
     def _event(self, stamp_ns: int, text: str, level: str) -> None:
-        """Send an event to the log."""
         self.recording.set_time(layout.ELAPSED, duration=np.timedelta64(stamp_ns + self._offset_ns, "ns"))
         self.recording.set_time(layout.SIMULATION, duration=np.timedelta64(stamp_ns, "ns"))
         self.recording.log("events", self._rr.TextLog(text, level=level))
 
     def _send(self, path: str, stamp_ns: NDArray[np.int64], columns: Any) -> None:
-        """Send rows of columns on both timelines."""
         self._sent += len(stamp_ns)
         elapsed = stamp_ns + self._offset_ns
         self.recording.send_columns(path, columns=columns, indexes=[
@@ -327,7 +324,6 @@ class RerunStream:
         return np.stack([plate_angle, -slip_speed], axis=1).astype(np.float32)
 
     def _lanes(self, stamp_ns: NDArray[np.int64], state: NDArray[np.int8]) -> None:
-        """Send changes of state."""
         before = np.concatenate([[127 if self._state is None else self._state], state[:-1]])
         changed = np.flatnonzero(state != before)
         self._state = int(state[-1])
@@ -380,7 +376,6 @@ class RerunStream:
             self._always(path, rr.Transform3D(translation=(*move, 0.0), scale=(*scale, 1.0)))
 
     def _always(self, path: str, shown: Any) -> None:
-        """Send data that apply at every time."""
         self.recording.log(path, shown, static=True)
 
 

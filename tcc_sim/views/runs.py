@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.control import Control, Event
 from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import Summary
+from tcc_sim.errors import InputError
 from tcc_sim.shown_units import speed
 from tcc_sim.trajectory import Cycles, Floats, Trajectory
 from tcc_sim.views import style
@@ -57,16 +58,16 @@ def last_cycles(tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Sum
     spectrum : of slip speed and shaft torque, below the rest
     """
     orbit = max(summary.period, HISTORY_CYCLES) if summary.period else ORBIT_CYCLES
-    sampled, end = len(tail.t) > 2, float(tail.t[-1])
+    sampled, end, alone = len(tail.t) > 2, float(tail.t[-1]), partial(_slip_alone, run=tail)
     tail = between(sliced(tail, _last(tail, orbit)))
     shown = sliced(tail, _last(tail, HISTORY_CYCLES))
     controlled = control is not None and control.controlled
     marked = control.events if control is not None and not controlled else ()
     return [
-        *([Panel("Torques", partial(_torques, run=shown)),
+        *([Panel("Torques", partial(_torques, run=shown), alone=alone),
            Panel("Slip speed", partial(_slip, run=shown, control=control), over=True)] if sampled else []),
         *(_control(control, end) if control is not None and controlled else []),
-        Panel("Phase portrait", partial(_portrait, tail=tail, summary=summary, sampled=sampled), 2.2),
+        Panel("Phase portrait", partial(_portrait, tail=tail, summary=summary, sampled=sampled), 2.2, alone=alone),
         Panel("Maxima", partial(_maxima, cycles=cycles, first=first_cycle, summary=summary, cycle=tail.cycle,
                                 events=marked, end=end), 2.2, beside=True),
         *([] if spectrum is None else spectrum_panels(spectrum))]
@@ -89,7 +90,7 @@ def manoeuvre(run: Trajectory, control: Control | None = None) -> list[Panel]:
         _line(axis, run, values, colour)
         quantities(axis, style.TIME, quantity)
 
-    return [Panel("Torques", partial(_torques, run=run), 1.9),
+    return [Panel("Torques", partial(_torques, run=run), 1.9, alone=partial(_slip_alone, run=run)),
             Panel("Slip speed", partial(_slip, run=run, control=None), 1.9, over=True),
             *(_control(control, end, over=True) if control is not None and control.controlled else []),
             Panel("Shaft torque", partial(over_time, values=shaft, colour=style.BLUE, quantity=style.TORQUE),
@@ -122,18 +123,15 @@ def beside_recording(twin: Any) -> list[Panel]:
             Panel("Simulated less recorded", difference)]
 
 
-def slip_alone(run: Trajectory) -> Panel:
-    """Return the slip speed of a run over time."""
-    def draw(axis: Any) -> None:
-        shown = with_gaps(run)
-        axis.plot(shown.t, shown.slip_speed, color=style.BLUE, linewidth=0.9)
-        quantities(axis, style.TIME, style.SLIP)
-
-    return Panel("Slip speed", draw)
+def _slip_alone(axis: Any, run: Trajectory) -> None:
+    if len(run.t) < 3:
+        raise InputError("the run has no curve for an axis; it needs samples, such as samples_per_cycle=200")
+    shown = with_gaps(run)
+    axis.plot(shown.t, shown.slip_speed, color=style.BLUE, linewidth=0.9)
+    quantities(axis, style.TIME, style.SLIP)
 
 
 def _control(control: Control, end: float, over: bool = False) -> list[Panel]:
-    """Return the panels of a controller up to the end of the run, s."""
     return [Panel("Cycle mean of the slip speed", partial(_means, control=control, end=end), 1.45, over=over),
             Panel("Actuation pressure", partial(_pressures, control=control, end=end), 1.45, over=True)]
 
@@ -149,13 +147,11 @@ def _last(tail: Trajectory, cycles: int) -> slice:
 
 
 def _line(axis: Any, run: Trajectory, values: Floats, colour: str, label: str | None = None, **look: Any) -> None:
-    """Draw a column over time."""
     axis.plot(run.t, values, color=colour, label=label, rasterized=len(run.t) > SHARP,
               **{"linewidth": 0.9, **look})
 
 
 def _torques(axis: Any, run: Trajectory) -> None:
-    """Draw the torques over time, with the bounds of the friction torque where they are known."""
     _line(axis, run, run.engine_torque, style.ORANGE, "engine")
     _line(axis, run, run.friction_torque, style.BLUE, "friction")
     load = run.saturation_torque
@@ -169,13 +165,10 @@ def _torques(axis: Any, run: Trajectory) -> None:
 
 
 def _slip(axis: Any, run: Trajectory, control: Control | None) -> None:
-    """Draw the slip speed over time with stick shaded, and the target."""
     _line(axis, run, run.slip_speed, style.BLUE, "slip speed")
     shade_stick(axis, run.t, stuck_in(run))
-    target, end = control.target if control is not None else None, float(run.t[-1])
-    if target is not None and len(target.t) and target.t[0] <= end:
-        held = target.until(end)
-        axis.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=DASHED, label="target")
+    if control is not None:
+        _target(axis, control, float(run.t[-1]))
     quantities(axis, style.TIME, style.SLIP)
     axis.set_xlim(run.t[0], run.t[-1])
 
@@ -235,7 +228,6 @@ def _portrait(axis: Any, tail: Trajectory, summary: Summary, sampled: bool) -> N
 
 def _maxima(axis: Any, cycles: Cycles, first: int, summary: Summary, cycle: float, events: Sequence[Event],
             end: float) -> None:
-    """Draw the largest slip speed of each cycle, and events; cycles that the summary drops are grey."""
     number: NDArray[Any] = first + np.arange(len(cycles))
     largest = cycles.largest
     dropped = number < first + summary.discarded
@@ -260,19 +252,21 @@ def _maxima(axis: Any, cycles: Cycles, first: int, summary: Summary, cycle: floa
 
 
 def _means(axis: Any, control: Control, end: float) -> None:
-    """Draw the mean slip speed of every engine cycle, and the target."""
     axis.plot(control.t, control.mean_slip, color=style.BLUE, linewidth=0.9, marker="o", markersize=2.0,
               markeredgewidth=0.0, label="cycle mean")
-    if len(control.target.t):
-        held = control.target.until(end)
-        axis.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=DASHED, label="target")
+    _target(axis, control, end)
     axis.set_ylim(style.widened(axis.get_ylim()))
     mark_events(axis, control.events, end)
     quantities(axis, style.TIME, style.SLIP)
 
 
+def _target(axis: Any, control: Control, end: float) -> None:
+    if len(control.target.t) and control.target.t[0] <= end:
+        held = control.target.until(end)
+        axis.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=DASHED, label="target")
+
+
 def _pressures(axis: Any, control: Control, end: float) -> None:
-    """Draw commanded and applied pressure, kPa."""
     for steps, colour, width, name in ((control.applied, style.GREEN, 1.6, "applied"),
                                        (control.command, style.ORANGE, 0.8, "commanded")):
         if len(steps.t):

@@ -187,7 +187,6 @@ def drawer_of(kind: str) -> Callable[..., Path]:
 
 
 def _orders(values: Mapping[str, Any]) -> Orders:
-    """Return the orders in a JSON."""
     orders: Orders = _of(Orders, {**values, "judder": _of(Judder, values["judder"])})
     return orders
 

@@ -154,12 +154,6 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
         yield drawn
 
 
-def json_values(result: Any) -> Mapping[str, Any]:
-    """Return a result as JSON values; JSON values that were read back are returned unchanged."""
-    values: Mapping[str, Any] = result if isinstance(result, Mapping) else result.as_json()
-    return values
-
-
 def width_of(name: str) -> float:
     """Return the width, inch, of a picture that is `column` or `page` wide.
 
@@ -210,7 +204,6 @@ def quantities(axis: Any, x: AxisQuantity | None = None, y: AxisQuantity | None 
 
 
 def _rescale(axis: Any, factor: float) -> None:
-    """Place the ticks of an axis at round numbers of another unit."""
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
     class Round(MaxNLocator):

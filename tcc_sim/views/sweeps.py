@@ -34,9 +34,8 @@ the median difference of the two pairs on either side.
 """
 
 
-def sweep_panels(document: Any) -> list[Panel]:
+def sweep_panels(values: Mapping[str, Any]) -> list[Panel]:
     """Return maxima, the orbit diagram (plate angle on the section) and the time in stick over one key."""
-    values = style.json_values(document)
     x, over = numbers(values["values"]), style.quantity_of(values["over"])
 
     def curve(axis: Any, name: str, factor: float, quantity: AxisQuantity) -> None:
@@ -60,7 +59,6 @@ def sweep_panels(document: Any) -> list[Panel]:
 
 
 def _exponents(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
-    """Draw the largest Lyapunov exponent with its interval."""
     middle, low, high = (numbers([(one or {}).get(name) for one in values["lyapunov"]])
                          for name in ("exponent", "low", "high"))
     axis.axhline(0.0, color=style.INK, linewidth=0.6, zorder=1)
@@ -70,7 +68,6 @@ def _exponents(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
 
 
 def _maxima(axis: Any, values: Mapping[str, Any]) -> None:
-    """Draw the largest slip speed over one key, coloured by regime."""
     quantities(axis, style.quantity_of(values["over"]), style.MAX_SLIP)
     x, largest = numbers(values["values"]), numbers(values["max_slip_speed"])
     regimes = classes(values["regime"], values.get("runaway", []))
@@ -127,9 +124,8 @@ def _orbit(axis: Any, x: Floats, values: Mapping[str, Any]) -> None:
     axis.set_ylim(style.widened(axis.get_ylim()))  # A motion that stays the same is no diagram of rounding.
 
 
-def grid_panels(document: Any) -> list[Panel]:
+def grid_panels(values: Mapping[str, Any]) -> list[Panel]:
     """Return maps of the largest slip speed and of the period over two keys; the second key is vertical."""
-    values = style.json_values(document)
     return [Panel("Maxima", partial(_largest, values=values), 2.7),
             Panel("Period", partial(_period_map, values=values), 2.7, beside=True, named=False)]
 
@@ -169,7 +165,6 @@ def hatch(axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> int:
 
 
 def _over_two(axis: Any, values: Mapping[str, Any]) -> None:
-    """Label the axes of a map over two keys."""
     axis.set_facecolor(NOT_FOUND)
     axis.grid(False)
     quantities(axis, style.quantity_of(values["over"]), style.quantity_of(values["second_over"]))
@@ -195,9 +190,8 @@ def _period_map(axis: Any, values: Mapping[str, Any]) -> None:
     _over_two(axis, values)
 
 
-def scatter_panels(document: Any) -> list[Panel]:
+def scatter_panels(values: Mapping[str, Any]) -> list[Panel]:
     """Return bands of the outer quantiles over the swept key, or without one samples over each scattered key."""
-    values = style.json_values(document)
     over, keys = values.get("over", ""), list(values["scatter"])[:4]
     rows = [[partial(draw_band, values=values, name=name, scale=scale)] if over else
             [partial(_samples, values=values, name=name, key=key, scale=scale) for key in keys]
@@ -229,7 +223,6 @@ def draw_band(axis: Any, values: Mapping[str, Any], name: str, scale: float = 1.
 
 
 def _samples(axis: Any, values: Mapping[str, Any], name: str, key: str, scale: float) -> None:
-    """Draw samples of one result over one key, with their quantiles."""
     x, y = numbers(values["sampled"][key]), scale * numbers(values[name])
     for regime, (colour, mine) in classes(values["regime"], values["runaway"]).items():
         axis.plot(x[mine], y[mine], linestyle="none", marker="o", markersize=2.4, markeredgewidth=0.0,
@@ -302,5 +295,4 @@ def edges(centres: Floats) -> Floats:
 
 
 def _size(count: int) -> float:
-    """Return the size of a marker for this number of values."""
     return 3.0 if count <= 80 else 2.0 if count <= 300 else 1.2

@@ -107,7 +107,6 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
 
 
 def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
-    """Draw stacked fractions of the plane: motions by period, without a period, runaway slip, undecided."""
     values = [plane["over"][1] for plane in planes]
     periods = sorted({a["period"] for plane in planes for a in plane["attractors"]}, key=lambda p: (p == 0, p))
     rows, names = [], []

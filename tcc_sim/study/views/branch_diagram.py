@@ -23,11 +23,10 @@ UNSTABLE = (0, (3, 1.5))
 """Dashes of unstable motions."""
 
 
-def branch_panels(document: Any) -> list[Panel]:
+def branch_panels(values: Mapping[str, Any]) -> list[Panel]:
     """Return the branches of `continue --json`: solid where stable, dashed where not, one colour per period; and the
     curves of bifurcations in the plane of both keys.
     """
-    values = style.json_values(document)
     return [Panel("Branches", partial(_branches, document=values), 2.9),
             *([Panel("Curves of bifurcations", partial(_curves, document=values), 2.6)] if values.get("curves")
               else [])]
@@ -59,7 +58,6 @@ def stable_and_unstable(document: Mapping[str, Any], number: int) -> list[tuple[
 
 
 def _branches(axis: Any, document: Mapping[str, Any]) -> None:
-    """Draw lines of the branches and marks of their bifurcations."""
     quantities(axis, style.quantity_of(document["over"]), style.MAX_SLIP)
     named: set[str] = set()
     for number, branch in enumerate(document["branches"]):
@@ -77,7 +75,6 @@ def _branches(axis: Any, document: Mapping[str, Any]) -> None:
 
 
 def _curves(axis: Any, document: Mapping[str, Any]) -> None:
-    """Draw the curves of bifurcations in the plane of both keys."""
     kinds = list(MARKS)
     named: set[str] = set()
     for curve in document["curves"]:
