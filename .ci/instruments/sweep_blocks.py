@@ -102,7 +102,12 @@ def counted() -> Iterator[Causes]:
         engine = engine_of(system)
         return dataclasses.replace(engine, setup=causes.timed("setups", engine.setup))
 
-    kernel = causes.timed(KERNEL, compiled.calling_each())
+    entry = compiled.Kernel.entry
+
+    def timed_entry(*words: Any) -> Any:
+        found = entry(*words)
+        return found._replace(results=causes.timed(KERNEL, found.results))
+
     with ExitStack() as stack:
         for place, name, cause in ((compiled.Calls, "__call__", "arguments"), (blocks, "solve_runs", "results"),
                                    (sweep, "in_blocks", "checks"), (blocks, "summaries_of", "judging"),
@@ -110,7 +115,7 @@ def counted() -> Iterator[Causes]:
                                    (Curve, "at", "systems")):
             stack.enter_context(patch.object(place, name, causes.timed(cause, getattr(place, name))))
         stack.enter_context(patch.object(runs, "engine_of", timed_engine))
-        stack.enter_context(patch.object(compiled, "calling_each", lambda: kernel))
+        stack.enter_context(patch.object(compiled.Kernel, "entry", timed_entry))
         yield causes
 
 

@@ -33,48 +33,33 @@ from tcc_sim.model import equations, friction, profile
 Function = TypeVar("Function", bound=Callable[..., object])
 Kind = tuple[Any, ...]
 Words = list[float]
+Laid = tuple[tuple[Any, ...], Words]
+"""Arguments of a call, and their words."""
 
 SCALARS = {float: "d", np.float64: "d", int: "q", np.int64: "q", bool: "?", type(None): ""}
 C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
 """NumPy's flags of an array that Numba compiles for; of an array in both orders it takes the first."""
 TESTED = "0.62", "0.68"
 """First and last version of Numba that `linked` works with; other versions compile in every process."""
+WORD = 8
+"""Bytes of a number or an address in a block, which begins with the number of its calls (NUMBER)."""
+NUMBER = Struct("q")
 DIGITS = 24
 """Digits of the digest in a file's name."""
-WORD = 8
-"""Bytes of a number or an address in a block."""
-CALL_EACH = """
-define i32 @call_each(ptr %kernel, ptr %block, i64 %size, i64 %count) {
-before:
-  br label %call
-call:
-  %k = phi i64 [0, %before], [%after, %call]
-  %offset = mul i64 %k, %size
-  %own = getelementptr i8, ptr %block, i64 %offset
-  %result = call i32 %kernel(ptr %own)
-  %after = add i64 %k, 1
-  %failed = icmp ne i32 %result, 0
-  %last = icmp eq i64 %after, %count
-  %ended = or i1 %failed, %last
-  br i1 %ended, label %end, label %call
-end:
-  ret i32 %result
-}
-"""
 _lock = threading.RLock()
 
 
 class EntryPoint(NamedTuple):
     """Compiled code, ready to call.
 
-    block : makes the block of words for arguments and their words
-    run : calls the code with a block, in which it changes the results only
-    run_each : calls the code for arguments and their words one after the other, and returns the results
+    block : lays out calls one after the other, given the arguments and their words of each
+    run : makes the calls of a block, in which it changes the results only; returns the result of the first
+    results : returns the results of all calls of a block
     """
 
-    block: Callable[[tuple[Any, ...], Words], Any]
+    block: Callable[[Sequence[Laid]], Any]
     run: Callable[[Any], Any]
-    run_each: Callable[[Sequence[tuple[tuple[Any, ...], Words]]], list[Any]]
+    results: Callable[[Any], list[Any]]
 
 
 class Kernel:
@@ -92,13 +77,14 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         """Call with floats, integers, None, arrays, records, and tuples of these."""
-        entry, words = self.entered(arguments)
-        return entry.run(entry.block(arguments, words))
+        entry, block = self.laid_out(arguments)
+        return entry.run(block)
 
-    def entered(self, arguments: tuple[Any, ...]) -> tuple[EntryPoint, Words]:
-        """Return the code for these arguments, and their words."""
+    def laid_out(self, arguments: tuple[Any, ...]) -> tuple[EntryPoint, Any]:
+        """Return the code for these arguments, and a block with one call."""
         words: Words = []
-        return self.entry(_laid_out(arguments, words), arguments, words), words
+        entry = self.entry(_laid_out(arguments, words), arguments, words)
+        return entry, entry.block([(arguments, words)])
 
     @cached_property
     def dispatcher(self) -> Any:
@@ -128,8 +114,9 @@ class Kernel:
         if not numba_supported():
             kernel_cache.print_once("compiling", f"Numba {_numba()[0]} compiles in every process; python3 -m pip "
                                     f"install 'numba>={TESTED[0]},<={TESTED[1]}.99' brings one whose kernels are kept")
-            return EntryPoint(lambda arguments, _: list(arguments), lambda block: self.dispatcher(*block),
-                              lambda calls: [self.dispatcher(*arguments) for arguments, _ in calls])
+            return EntryPoint(lambda calls: [list(arguments) for arguments, _ in calls],
+                              lambda block: self.dispatcher(*block[0]),
+                              lambda block: [self.dispatcher(*arguments) for arguments in block])
 
         def make() -> bytes:
             code: bytes = awaited(lambda: self.dispatcher.machine_code(arguments))
@@ -156,8 +143,7 @@ def _described(kind: Any) -> object:
 
 def timed(kernel: Callable[..., object], *arguments: Any) -> tuple[Any, float]:
     """Return the result of a kernel, and the seconds that it ran, without those of compiling."""
-    entry, words = cast(Kernel, kernel).entered(arguments)
-    block = entry.block(arguments, words)
+    entry, block = cast(Kernel, kernel).laid_out(arguments)
     began = time.perf_counter()
     value = entry.run(block)
     return value, time.perf_counter() - began
@@ -174,34 +160,20 @@ class Call:
 
     def __init__(self, kernel: Callable[..., object], first: int, formats: str) -> None:
         self._kernel, self._changing = cast(Kernel, kernel), slice(first, first + len(formats))
-        self._write, self._place = Struct(formats).pack_into, 8 * first
+        self._write, self._place = Struct(formats).pack_into, WORD * (1 + first)
 
     def use(self, *arguments: Any) -> None:
         """Use these arguments from the next call on; arrays are not copied."""
-        entry, words = self._kernel.entered(arguments)
-        self._arguments, self._run, self._block = arguments, entry.run, entry.block(arguments, words)
+        entry, self._block = self._kernel.laid_out(arguments)
+        self._arguments, self._run = arguments, entry.run
 
     def __call__(self, *numbers: float) -> Any:
         """Call with these numbers in the place of those that change."""
         if type(self._block) is list:
-            self._block[self._changing] = numbers
+            self._block[0][self._changing] = numbers
         else:
             self._write(self._block, self._place, *numbers)
         return self._run(self._block)
-
-
-class Partial:
-    """A kernel whose first arguments stay the same and are laid out once; arrays are not copied."""
-
-    def __init__(self, kernel: Callable[..., object], *first: Any) -> None:
-        self._kernel, self._first, self._words = cast(Kernel, kernel), first, Words()
-        self._kind = _laid_out(first, self._words)
-
-    def __call__(self, *further: Any) -> Any:
-        """Call with more arguments behind the first ones."""
-        words, arguments = self._words.copy(), self._first + further
-        entry = self._kernel.entry(self._kind + _laid_out(further, words), arguments, words)
-        return entry.run(entry.block(arguments, words))
 
 
 class Calls:
@@ -218,7 +190,7 @@ class Calls:
 
     def __call__(self, numbers: Sequence[tuple[float, ...]], changing: Sequence[tuple[Any, ...]]) -> list[Any]:
         """Return the results of calls with these numbers, then these arguments, in front of those of the slots."""
-        results, waiting = list[Any](), list[tuple[tuple[Any, ...], Words]]()
+        results, waiting = list[Any](), list[Laid]()
         entry = before = None
         for first, changed, (last, kind, words) in zip(numbers, changing, self._slots):
             laid = Words(first)
@@ -227,11 +199,11 @@ class Calls:
             laid += words
             if entry is None or mine != before:
                 if entry is not None:
-                    results += entry.run_each(waiting)
+                    results += entry.results(entry.block(waiting))
                 entry = self._kernel.entry(_laid_out(first, Words()) + mine + kind, arguments, laid)
                 waiting, before = [], mine
             waiting.append((arguments, laid))
-        return results + entry.run_each(waiting) if entry is not None else results
+        return results + entry.results(entry.block(waiting)) if entry is not None else results
 
 
 def _laid_out(values: tuple[Any, ...], words: Words) -> Kind:
@@ -290,64 +262,42 @@ def not_to_ship() -> str:
 def loaded(content: bytes, words: Words) -> EntryPoint:
     """Load code of `linked.machine_code`; raise UnusableFile if it needs a function that this process lacks."""
     outputs, names, code = content.split(b"\n", 2)
-    engine = machine_code_of(binding.parse_assembly(""))
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+    engine = binding.create_mcjit_compiler(
+        binding.parse_assembly(""), binding.Target.from_default_triple().create_target_machine(jit=True))
     for name in names.decode().split():
         if not binding.address_of_symbol(name):  # LLVM would end the process.
             raise kernel_cache.UnusableFile(f"{name} is missing")
     engine.add_object_file(binding.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    address = engine.get_function_address("kernel")
-    call = ctypes.CFUNCTYPE(ctypes.c_int32)(address)
-    packing = Struct("".join("d" if isinstance(word, float) else "q" for word in words))
-    unpacking, several = Struct(outputs.strip(b"()")), outputs.startswith(b"(")
-    unpack_from = unpacking.unpack_from
-    room, place = ctypes.c_char * (packing.size + unpacking.size), packing.size
+    call = ctypes.CFUNCTYPE(ctypes.c_int32)(engine.get_function_address("kernel"))
+    inputs = Struct("".join("d" if isinstance(word, float) else "q" for word in words))
+    result, several = Struct(outputs.strip(b"()")), outputs.startswith(b"(")
+    size, first, unpack_from = inputs.size + result.size, WORD + inputs.size, result.unpack_from
 
-    def block(_: tuple[Any, ...], words: Words) -> Any:
-        out = room()
-        packing.pack_into(out, 0, *words)
+    def block(calls: Sequence[Laid]) -> Any:
+        out = (ctypes.c_char * (WORD + size * len(calls)))()
+        NUMBER.pack_into(out, 0, len(calls))
+        for k, (_, words) in enumerate(calls):
+            inputs.pack_into(out, WORD + size * k, *words)
         return out
+
+    def taken(block: Any, place: int) -> Any:
+        words = unpack_from(block, place)
+        return words if several else words[0] if words else None
 
     def run(block: Any) -> Any:
         if call(block):
             raise ArithmeticError("a kernel has failed")
-        return results(block, place)
+        return taken(block, first)
 
-    def results(block: Any, place: int) -> Any:
-        words = unpack_from(block, place)
-        return words if several else words[0] if words else None
-
-    def run_each(calls: Sequence[tuple[tuple[Any, ...], Words]]) -> list[Any]:
-        size = -(-ctypes.sizeof(room) // WORD) * WORD
-        out = (ctypes.c_char * (size * len(calls)))()
-        for k, (_, words) in enumerate(calls):
-            packing.pack_into(out, k * size, *words)
-        if calling_each()(address, out, size, len(calls)):
-            raise ArithmeticError("a kernel has failed")
-        return [results(out, k * size + place) for k in range(len(calls))]
+    def results(block: Any) -> list[Any]:
+        run(block)
+        return [taken(block, place) for place in range(first, len(block), size)]
 
     run.engine = engine  # type: ignore[attr-defined]
-    return EntryPoint(block, run, run_each)
-
-
-@cache
-def calling_each() -> Callable[..., int]:
-    """Return machine code that calls the kernel at an address with each of a number of blocks, a size apart in bytes.
-
-    It returns the first result that is not 0, and ends there.
-    """
-    engine = machine_code_of(binding.parse_assembly(CALL_EACH))
-    call_each = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_uint64, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)(
-        engine.get_function_address("call_each"))
-    call_each.engine = engine  # type: ignore[attr-defined]
-    return call_each
-
-
-def machine_code_of(module: Any) -> Any:
-    """Return an engine with the machine code of a module of LLVM code."""
-    binding.initialize_native_target()
-    binding.initialize_native_asmprinter()
-    return binding.create_mcjit_compiler(module, binding.Target.from_default_triple().create_target_machine(jit=True))
+    return EntryPoint(block, run, results)
 
 
 def compiled(function: Function, name: str = "", **options: Any) -> Function:
@@ -364,9 +314,13 @@ def fast(function: Function, name: str = "") -> Function:
     return compiled(function, name, fastmath={"contract"})
 
 
-def rebound(function: Callable[..., Any], **names: Any) -> Callable[..., Any]:
-    """Return a Python function with other objects for some of the names in it."""
-    plain = cast(FunctionType, function)
+def rebound(text: Callable[..., Any], **names: Any) -> Callable[..., Any]:
+    """Return the Python function of a text, kernel or not, with other objects for some of the names in it.
+
+    So the model has one text of its equations: as it stands it runs in Python; with kernels for its names it is
+    compiled; with functions of `unrolled`, `changing` or `solvers.law` it runs on rows, derivatives and series.
+    """
+    plain = cast(FunctionType, getattr(text, "py_func", text))
     return FunctionType(plain.__code__, {**plain.__globals__, **names}, argdefs=plain.__defaults__)
 
 

@@ -5,8 +5,9 @@ Here a function stays unoptimised LLVM code until it is linked into a kernel, wh
 no kernel needs are left out. This is the only file that loads Numba, and the only one that uses names of it that are
 not documented.
 
-Python calls a kernel with the address of one block of words of 8 bytes: the numbers of its arguments one after the
-other, the addresses of the objects that are arrays and records, and room for the results.
+Python calls a kernel with the address of a block of words of 8 bytes: the number of calls, and for each of them the
+numbers of its arguments one after the other, the addresses of the objects that are arrays and records, and room for the
+results. Several calls of a block let other threads of Python run until the last one ends.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ HEAD = object.__basicsize__
 """Bytes of a Python object before its own fields (`PyArrayObject` and `PyVoidScalarObject` of NumPy's headers)."""
 OPTIMISATION = 1
 """LLVM's level: the kernels are as fast as at level 3, whose passes take a quarter longer."""
+
 
 class LoweredLibrary(JITCodeLibrary):  # type: ignore[misc]
     """The unoptimised LLVM module of a function, without machine code, to be linked into kernels."""
@@ -210,23 +212,31 @@ def machine_code(function: Any, arguments: tuple[Any, ...]) -> bytes:
 
 
 def _write_entry(context: Any, module: Any, descriptor: Any, kinds: tuple[Any, ...]) -> str:
-    """Write the entry that Python calls: it reads the arguments from the block and stores the results behind them."""
+    """Write the entry that Python calls: for each call of the block, it reads the arguments and stores the results
+    behind them. It ends at a call that fails.
+    """
     function = ir.Function(module, ir.FunctionType(ir.IntType(32), [WORD.as_pointer()]), "kernel")
     builder = ir.IRBuilder(function.append_basic_block())
-    places = _places(builder, function.args[0])
-    arguments = [_taken(context, builder, places, kind) for kind in kinds]
+    block, = function.args
+    place = cgutils.alloca_once_value(builder, builder.gep(block, [ir.Constant(WORD, 1)]))
     returned = descriptor.restype
-    status, value = context.call_conv.call_function(builder, context.declare_function(module, descriptor), returned,
-                                                    kinds, arguments)
     several = isinstance(returned, types.BaseTuple)
-    values = cgutils.unpack_tuple(builder, value) if several else [value]
     formats = ""
-    for kind, item in zip(returned if several else [returned], values):
-        if not isinstance(kind, types.NoneType):
-            formats += FORMATS[types.unliteral(kind)]
-            whole = item if item.type in (WORD, REAL) else builder.zext(item, WORD)
-            builder.store(whole, builder.bitcast(next(places), whole.type.as_pointer()))
-    builder.ret(status.code)
+    with cgutils.for_range(builder, builder.load(block)):
+        places = _places(builder, builder.load(place))
+        arguments = [_taken(context, builder, places, kind) for kind in kinds]
+        status, value = context.call_conv.call_function(builder, context.declare_function(module, descriptor), returned,
+                                                        kinds, arguments)
+        with builder.if_then(status.is_error, likely=False):
+            builder.ret(status.code)
+        values = cgutils.unpack_tuple(builder, value) if several else [value]
+        for kind, item in zip(returned if several else [returned], values):
+            if not isinstance(kind, types.NoneType):
+                formats += FORMATS[types.unliteral(kind)]
+                whole = item if item.type in (WORD, REAL) else builder.zext(item, WORD)
+                builder.store(whole, builder.bitcast(next(places), whole.type.as_pointer()))
+        builder.store(next(places), place)
+    builder.ret(ir.Constant(ir.IntType(32), 0))
     return f"({formats})" if several else formats
 
 

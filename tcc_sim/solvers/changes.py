@@ -67,7 +67,7 @@ OF_ENGINE, OF_LOAD = range(2)
 ALONG, ALONG_ALL = (np.dtype([("sines", np.float64, (2, COLUMNS)), ("mubar", np.float64, COLUMNS),
                               ("law", np.float64, (COLUMNS, width)), ("at_nodes", np.float64, (width, NODES)),
                               ("shaped", np.int64)]) for width in (NARROW, WIDE))
-"""Numbers that all lanes share over a step: coefficients of `expand_sines` and of `law_changes.law_along`;
+"""Numbers that all lanes share over a step: coefficients of `expand_sines` and of `law.law_along`;
 derivatives of mubar by its numbers at the nodes, a row for each column of `law`; whether another number of the law than
 c_1 changes.
 ALONG_ALL has columns for the later exponentials: kernels without them do not pay.

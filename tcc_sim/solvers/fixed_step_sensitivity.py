@@ -8,8 +8,7 @@ Sub-steps are small enough for one root, so that 1 + a mubar' is above 0.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -27,11 +26,6 @@ from tcc_sim.solvers.series import added
 from tcc_sim.solvers.terms import Terms, for_ticks
 from tcc_sim.solvers.torques import break_after
 from tcc_sim.trajectory import Floats
-
-
-def source_of(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the Python function of a kernel."""
-    return cast(Any, kernel).py_func  # type: ignore[no-any-return]
 
 
 def law_of_stages(law: Any, speeds: Any, sigma: Any, stribeck: Any) -> None:
@@ -69,14 +63,14 @@ def changed_step(now: Any, by: Any, law: Any, start: Any, speeds: Any, torques: 
     names: dict[str, Any] = {"scalar_root": root, "torques_now": lambda *_: next(applied), "piece_at": lambda *_: 0}
     time = Changing(h)
     part = changing_linear(linear, by)
-    over_all = {"weighted": source_of(weighted), "lost_torque": equations.lost_torque}
-    names["slip_over_all"] = rebound(source_of(slip_over_all), **over_all)
+    over_all = {"weighted": rebound(weighted), "lost_torque": equations.lost_torque}
+    names["slip_over_all"] = rebound(slip_over_all, **over_all)
     names |= over_all
-    plate = rebound(source_of(plate_of), **names)(time * GAMMA, part)
+    plate = rebound(plate_of, **names)(time * GAMMA, part)
     state = [Changing(number, now.row(i)) for i, number in enumerate(start)]
     terms = Terms(linear=part, mean_torque=0.0, torque=None, harmonics=None, mean_load=0.0, pulsation=None,
                   smoothing=None, stribeck=None)
-    step = rebound(source_of(stages), stage=rebound(source_of(stage), **names), **names)
+    step = rebound(stages, stage=rebound(stage, **names), **names)
     after = step(*state, 0.0, time, plate, terms)
     for i, number in enumerate(after[10:13]):
         now.set_row(number.change, i)

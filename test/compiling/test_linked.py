@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tcc_sim.compiling.changing import Causes, Changing
-from tcc_sim.compiling.compiled import Call, Calls, Partial, compiled, fast, loaded
+from tcc_sim.compiling.compiled import Call, Calls, compiled, fast, loaded
 from tcc_sim.compiling.kernel_cache import UnusableFile
 
 WEIGHTS = np.array([0.5, -0.25, 3.0])
@@ -140,19 +140,6 @@ def test_a_call_laid_out_once_gives_what_the_kernel_gives():
     assert call(1.0, 1) == 18.0
     call.use(values[::-1].copy(), -4.0, 0.0, 0, None)  # Another kind, and an array that nobody else holds.
     assert (call(1.0, 1), values[0]) == (2.0, 8.0)
-
-
-def test_a_kernel_with_its_first_arguments_gives_what_the_kernel_gives():
-    @compiled
-    def kernel(values, pair, x, rest):
-        values[0] += 1.0
-        return values[0] * x + pair[1] if rest is None else values[0] * x + pair[1] + rest[0]
-
-    values = np.array([1.0, 5.0])
-    call = Partial(kernel, values, (10.0, 1.0))
-    assert (call(3.0, None), call(0.5, (20.0,)), call(1.0, None)) == (7.0, 22.5, 5.0)
-    values[0] = 7.0
-    assert (call(1.0, values), values[0]) == (17.0, 8.0)
 
 
 def test_calls_one_after_the_other_give_what_the_kernel_gives():
