@@ -1,4 +1,4 @@
-"""The shell of both engines: the compiled loop, a solve, section points of many motions, and motions with derivatives.
+"""The shell of both engines: the compiled loop, a solve, and motions with derivatives.
 
 A law adds to the loop how a motion starts, and one step.
 """
@@ -18,17 +18,15 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.changes import LANES
 from tcc_sim.solvers.problem import Problem
-from tcc_sim.solvers.run_output import CYCLE, DONE, FULL, GOES_ON, STATUSES, STEP_LIMIT, RunOutput, Store, full, scratch
+from tcc_sim.solvers.run_output import DONE, FULL, GOES_ON, STATUSES, STEP_LIMIT, RunOutput, Store, full, scratch
 from tcc_sim.solvers.series import COLUMNS, load_phase
 from tcc_sim.solvers.terms import Terms
-from tcc_sim.trajectory import Floats, Orbits, Statistics, Trajectory
+from tcc_sim.trajectory import Floats, Statistics, Trajectory
 
 SCALES = np.array([10.0, 0.1, 10.0])
 """Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
 VALUE, GROWS, GRADIENT = 0, 1, 2
 """Columns of margins: the value; 1 where stick's margin grows at that end of slip; derivatives by the disturbances."""
-WITHIN = 1.0 - 1e-9
-"""Share of a radius within which a motion ends, so that a repetition with other rounding ends too."""
 TRANSITIONS_OF_STEP = 2 * COLUMNS
 """Most transitions of one step."""
 COUNTERS = np.dtype([("steps", np.int64), ("rejected", np.int64), ("iterations", np.int64),
@@ -114,28 +112,6 @@ class SegmentBuffers(NamedTuple):
     samples: Any
 
 
-@fast
-def within_reach(point: Any, k: int, orbits: Orbits) -> bool:
-    """Return whether a section point is within the radius of that of an orbit."""
-    slip_speed = point[0] / SCALES[0] - orbits.points[k, 0]
-    plate_angle = point[1] / SCALES[1] - orbits.points[k, 1]
-    plate_speed = point[2] / SCALES[2] - orbits.points[k, 2]
-    square = slip_speed * slip_speed + plate_angle * plate_angle + plate_speed * plate_speed
-    return bool(square <= WITHIN * orbits.reach[k])
-
-
-@fast
-def ends(section: Any, since: int, until: int, output: Any, first: int, cycles: Any, orbits: Orbits) -> bool:
-    """Store the points of a motion after cycle `since`; return whether it ends there, or stopped before `until`."""
-    for i in range(since + 1, output.cycle + 1):
-        section[i, 0], section[i, 1], section[i, 2] = cycles[i].slip_speed, cycles[i].plate_angle, cycles[i].plate_speed
-        for k in range(orbits.reach.shape[0]):
-            if ((first + i - 1 - orbits.cycle[k]) % orbits.forcing == 0 and within_reach(section[i - 1], k, orbits)
-                    and within_reach(section[i], orbits.following[k], orbits)):
-                return True
-    return bool(output.cycle < until)
-
-
 def loop_by(start: Callable[..., None], take_step: Callable[..., int], name: str) -> Callable[..., int]:
     """Return the compiled loop of an engine.
 
@@ -210,25 +186,6 @@ class EngineShell:
     columns: int = 0
     stride: int = 1
     bound: int = 0
-
-    @cached_property
-    def sections(self) -> Callable[..., None]:
-        """The kernel that integrates every state by itself, some cycles at a time until it ends."""
-        integrate = self.integrate
-
-        def sections(first: int, count: int, stride: int, step_limit: int, setup: Setup, memory: Memory, store: Store,
-                     orbits: Orbits, out: Any) -> None:
-            state, output = memory.state, memory.output
-            for k in range(out.shape[0]):
-                state.slip_speed, state.plate_angle, state.plate_speed = out[k, 0, 0], out[k, 0, 1], out[k, 0, 2]
-                state.tau, output.started = 0.0, 0
-                for since in range(0, count, stride):
-                    until = min(since + stride, count)
-                    integrate(first, until, 0.0, step_limit, setup, memory, None, store, False)
-                    if ends(out[k], since, until, output, first, store.cycles, orbits):
-                        break
-
-        return fast(sections, f"{self.name}.sections")
 
     @cached_property
     def segments(self) -> Callable[..., None]:
@@ -309,11 +266,3 @@ class EngineShell:
         statistics = Statistics(steps, rejected, iterations, most, self.bound)
         return output.trajectory(self.name, STATUSES[ended], first, state.item()[:len(first)], float(state["tau"]),
                                  self.why(ended, limit, setup), statistics, modes=bool(self.columns))
-
-    def fill_sections(self, out: Floats, system: System, first: int, rtol: float, orbits: Orbits) -> None:
-        """Fill `out`, which holds the starts, with the result of `stroboscopic.sections`."""
-        setup, count = self.setup(system, rtol), out.shape[1] - 1
-        store = Store(np.zeros(count + 2, CYCLE), np.empty((0, self.columns or 3)), 0, None)
-        # The end of a call costs the exact engine a step, so it tests every `stride` cycles whether a motion ends.
-        self.sections(first, count, self.stride if len(orbits.reach) else count, self.steps(setup, count),
-                      setup._replace(waves=setup.waves.copy()), self.memory()[1], store, orbits, out)

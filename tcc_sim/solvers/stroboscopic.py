@@ -7,11 +7,10 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.compiling.compiled import Partial
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System
@@ -31,7 +30,7 @@ from tcc_sim.solvers.key_derivatives import (
 )
 from tcc_sim.solvers.run_output import CYCLE, DONE, STATUSES, TRANSITION
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.trajectory import NO_ORBITS, Floats, Orbits, event_sequence
+from tcc_sim.trajectory import Floats, event_sequence
 
 
 class Stroboscopic(NamedTuple):
@@ -145,14 +144,14 @@ class Prepared:
         period, count, setup, engine = self.period, len(states), self.setup, self.engine
         spans = [(math.floor(start), math.floor(end), start, end) for start, end in zip(starts, ends)]
         most = max([last - first for first, last, _, _ in spans]) + 1
-        buffers, solve = buffers_of_thread.of(engine, self.later, len(self.by), most, count)
+        buffers = buffers_of_thread.of(engine, self.later, len(self.by), most, count)
         tangent = buffers.tangent
         tangent.groups["by"], tangent.groups["forced"], tangent.along["shaped"] = self.by, self.forced, self.shaped
         tangent.shared["fastest"], tangent.shared["extended"] = self.fastest, extended
         for k, (first, last, start, end) in enumerate(spans):
             buffers.segments[k] = (first, last - first, (start - first) * period, (end - last) * period,
                                    engine.steps_of_changes(setup, last - first + 1), states[k], DONE, 0, 0, 0.0)
-        solve(count, setup)
+        engine.segments(buffers, count, setup)
         for k, status in enumerate(buffers.segments["status"][:count].tolist()):
             if status != DONE:
                 why = engine.why(status, int(buffers.segments["steps"][k]), setup) or STATUSES[status].value
@@ -163,17 +162,16 @@ class Prepared:
 class _Buffers(threading.local):
     """The SegmentBuffers of a thread, used again as long as it has the right kind and is large enough."""
 
+    buffers: SegmentBuffers
+
     def __init__(self) -> None:
         self.size: tuple[EngineShell, bool, int, int, int] | None = None
-        self.buffers: Any = None
-        self.kernel: Any = None
 
-    def of(self, engine: EngineShell, later: bool, groups: int, most: int, count: int) -> tuple[SegmentBuffers,
-                                                                                                Partial]:
-        """Return buffers for so many groups of lanes, cycles in a segment, and segments; and the kernel with it."""
+    def of(self, engine: EngineShell, later: bool, groups: int, most: int, count: int) -> SegmentBuffers:
+        """Return buffers for so many groups of lanes, cycles in a segment, and segments."""
         if self.size is not None and self.size[:3] == (engine, later, groups):
             if most <= self.size[3] and count <= self.size[4]:
-                return self.buffers, self.kernel
+                return self.buffers
             most, count = max(most, self.size[3]), max(count, self.size[4])
         along = np.zeros(1, ALONG_ALL if later else ALONG)[0]
         tangent = Tangent(np.zeros(groups, CHANGES), along, np.zeros(1, engine.shared)[0],
@@ -185,8 +183,7 @@ class _Buffers(threading.local):
                                       np.empty((count, groups, 3, LANES)), np.empty((count, most)),
                                       np.empty((count, most, groups, LANES)), tangent, engine.memory()[1],
                                       np.zeros(most + 1, CYCLE), np.empty((0, engine.columns or 3)))
-        self.kernel = Partial(engine.segments, self.buffers)
-        return self.buffers, self.kernel
+        return self.buffers
 
 
 buffers_of_thread = _Buffers()
@@ -229,27 +226,6 @@ def stroboscopic_map(system: System, state: Floats, cycles: float, *, start_cycl
         The engine stopped early, the state is not finite, or has no derivative.
     """
     return Prepared(system, tuple(parameters), rtol).over(state, start_cycle, start_cycle + cycles, margins)
-
-
-def sections(system: System, starts: Floats, first: int, cycles: int, rtol: float,
-             orbits: Orbits = NO_ORBITS) -> Floats:
-    """Return slip speed, plate angle and plate speed at the starts of cycles `first` to `first + cycles`.
-
-    Parameters
-    ----------
-    starts : (m, 3) states at the start of cycle `first`
-    rtol : relative tolerance
-    orbits : a motion ends once two points in a row are near those of an orbit, whose points are in units of SCALES
-
-    Returns
-    -------
-    (m, cycles + 1, 3) section points, NaN after the end or the failure of a motion. Other threads run meanwhile.
-    """
-    check_mapped(system)
-    out = np.full((len(starts), cycles + 1, 3), np.nan)
-    out[:, 0] = starts
-    engine_of(system).fill_sections(out, system, first, rtol, orbits)
-    return out
 
 
 def slope_integrals(system: System, state: Floats, cycle: int, rtol: float) -> Floats:

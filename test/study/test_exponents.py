@@ -16,7 +16,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import State, solve
-from tcc_sim.solvers.stroboscopic import sections
+from tcc_sim.solvers.runs import sections
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.exponents import (
     CONFIDENCE,

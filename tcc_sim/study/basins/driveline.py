@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tcc_sim.model.friction import exponentials
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.stroboscopic import sections
+from tcc_sim.solvers.runs import sections
 from tcc_sim.solvers.terms import peak_load, terms_of
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.problem import Floats, ParameterMap

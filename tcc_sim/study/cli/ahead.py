@@ -1,6 +1,6 @@
-"""Kernels that an installation compiles ahead, so that first runs need not wait: all kinds of solves, section points,
-ticks and windows, and maps of laws with at most one exponential. `python -m tcc_sim.study.cli.ahead FOLDER` compiles
-them into a folder, on two processors.
+"""Kernels that an installation compiles ahead, so that first runs need not wait: all kinds of solves, ticks and
+windows, and maps of laws with at most one exponential. `python -m tcc_sim.study.cli.ahead FOLDER` compiles them into a
+folder, on two processors.
 
 A use calls the package's own functions on a scene, for an engine cycle or a tick, so the kinds of kernels follow from
 the scenes.
@@ -29,7 +29,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.fixed_step import advance
 from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
 from tcc_sim.solvers.key_derivatives import key_derivatives
-from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
+from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.paper.catalogue import FIGURES, FigureOptions, series_system
 from tcc_sim.study.paper.figures import SOLVER_CURVES
@@ -47,11 +47,6 @@ def solve_cycle(scene: Scene) -> None:
 def map_cycle(scene: Scene) -> None:
     """Map the section by one cycle, with derivatives."""
     stroboscopic_map(scene.system, NEAR_REST, 1.0, parameters=("engine.frequency",))
-
-
-def find_sections(scene: Scene) -> None:
-    """Find section points of many motions."""
-    sections(scene.system, NEAR_REST[None], 0, 1, 1e-9)
 
 
 def make_ticks(scene: Scene) -> None:
@@ -103,52 +98,47 @@ def scenes(name: str, *choices: tuple[Values, ...]) -> Iterator[Scene]:
         yield load_scene(name).with_values({key: value for part in values for key, value in part.items()})
 
 
-def uses_of_smoothed() -> Iterator[tuple[Use, Scene]]:
-    """Yield uses of the smoothed law."""
+def uses() -> Iterator[tuple[Use, Scene]]:
+    """Yield every use with its scenes; those of a law follow each other, since their kernels share compiled parts."""
     for scene in scenes("minimal", EXPONENTIALS, PROFILE):
         yield solve_cycle, scene
-    for scene in scenes("minimal", EXPONENTIALS):
-        yield find_sections, scene
     for scene in scenes("minimal", EXPONENTIALS[:2], PULSATION):
         yield map_cycle, scene
     yield judge_section, load_scene("minimal")
-
-
-def uses_of_others() -> Iterator[tuple[Use, Scene]]:
-    """Yield uses of the set-valued law, of the real-time solver and of the figures."""
     for scene in scenes("minimal", (EXACT,), EXPONENTIALS, PULSATION):
         yield solve_cycle, scene
-        yield find_sections, scene
     for scene in scenes("minimal", (EXACT,), EXPONENTIALS[:2]):
         yield map_cycle, scene
+    yield solve_figures, load_scene("minimal")
     for scene in scenes("controlled", EXPONENTIALS, PROFILE, LAG):
         yield make_ticks, scene
     for scene in scenes("controlled", EXPONENTIALS, PROFILE):
         yield make_windows, scene
-    yield solve_figures, load_scene("minimal")
 
 
-PARTS = uses_of_smoothed, uses_of_others
-"""Two halves of the work, in processes of their own."""
-
-
-def make(part: int) -> None:
-    """Make the uses of a part, and print the names of their kernels; a use that fails leaves the others."""
+def make(claims: Path, backwards: bool) -> None:
+    """Make the uses that no other process has claimed by a folder in `claims`, from the first or from the last one on,
+    and print the names of their kernels. A use that fails leaves the others.
+    """
     kernel_cache.announced.add("compiling")
-    for use, scene in PARTS[part]():
+    numbered = list(enumerate(uses()))
+    for number, (use, scene) in reversed(numbered) if backwards else numbered:
         try:
+            (claims / str(number)).mkdir()
             use(scene)
+        except FileExistsError:
+            break
         except Exception as error:
             print(f"tcc_sim: not compiled ahead: {use.__name__} of {scene.name}: {error}", file=sys.stderr)
     print(*sorted(kernel_cache.used), sep="\n")
 
 
 def ship(folder: Path) -> int:
-    """Compile the kernels into a folder, which then holds nothing else; return their number."""
-    with tempfile.TemporaryDirectory() as cache:
-        workers = [subprocess.Popen([sys.executable, "-m", "tcc_sim.study.cli.ahead", "part", str(part)],
+    """Compile the kernels in two processes into a folder, which then holds nothing else; return their number."""
+    with tempfile.TemporaryDirectory() as cache, tempfile.TemporaryDirectory() as claims:
+        workers = [subprocess.Popen([sys.executable, "-m", "tcc_sim.study.cli.ahead", claims, way],
                                     stdout=subprocess.PIPE, text=True, env={**os.environ, "NUMBA_CACHE_DIR": cache})
-                   for part in range(len(PARTS))]
+                   for way in ("forwards", "backwards")]
         names = {name for worker in workers for name in worker.communicate()[0].split()}
         contents = {name: path.read_bytes() for name in sorted(names)
                     for path in (kernel_cache.SHIPPED / name, Path(cache, "tcc_sim", name)) if path.exists()}
@@ -160,11 +150,11 @@ def ship(folder: Path) -> int:
 
 
 def run(words: list[str]) -> None:
-    """Ship the kernels into the folder that is the only word, or make the part whose number is the second one."""
+    """Ship the kernels into the folder that is the first word, or, with a second word, make uses claimed there."""
     if len(words) == 1:
         print(f"tcc_sim: {ship(Path(words[0]))} kernels compiled ahead", file=sys.stderr)
     else:
-        make(int(words[1]))
+        make(Path(words[0]), words[1] == "backwards")
 
 
 if __name__ == "__main__":
