@@ -133,35 +133,3 @@ def test_the_viewer_that_spawn_starts_listens_on_all_addresses_by_default() -> N
     said = " ".join(python("-m", "rerun_cli", "--help").stdout.split())
     assert "[default: 0.0.0.0]" in said.partition("--bind <BIND>")[2][:200]
     assert "The default port is 9876" in said
-
-
-CLAIMS = {
-    "keep their nodes on this machine":
-        "test_security.py commands_that_start_nodes_keep_discovery_on_this_machine",
-    "binds UDP ports on all addresses": "test_security.py a_node_binds_ports_on_all_addresses",
-    "takes connections on port 9876 of all addresses":
-        "test_security.py viewer_that_spawn_starts_listens_on_all_addresses",
-    "serves page and data on 127.0.0.1 alone": "nodes/test_web_viewer.py served_on_the_loopback_address_alone",
-    "unpacked bytes by the file's size":
-        "recording/test_hostile_recordings.py unpack_to_too_much_together",
-    "the work of `--verify` likewise":
-        "recording/test_hostile_recordings.py work_that_a_scene_asks_for_grows",
-    "made printable before it is printed": "recording/test_printable.py print_nothing_that_a_terminal_obeys",
-    "mode 0700; a directory that others can write to is not used":
-        "compiling/test_kernel_cache.py no_directory_is_used_that_others_can_write_to",
-    "every file has a checksum": "compiling/test_kernel_cache.py a_damaged_cache_costs_one_line",
-    "no more writable than that folder":
-        "compiling/test_kernel_cache.py a_file_may_be_as_writable_as_the_folder",
-    "without YAML tags or aliases": "test_scenes.py what_is_not_a_scene_is_refused_in_one_line",
-    "refused beyond 64 KiB": "test_scenes.py files_that_are_too_large_are_refused",
-    "nothing in a recording is executed or used as a path": "test_security.py names_in_a_recording_are_never_paths",
-}
-"""Words of the page on security, and the test that holds them to it."""
-
-
-@pytest.mark.parametrize("words", CLAIMS)
-def test_a_promise_of_the_page_on_security_has_its_test(words: str) -> None:
-    file, name = CLAIMS[words].split()
-    page = (Path(__file__).parents[1] / ".github" / "guide" / "security.md").read_text()
-    assert words in " ".join(page.split())
-    assert re.search(rf"^def test_\w*{name}", (Path(__file__).parent / file).read_text(), re.MULTILINE)

@@ -17,10 +17,8 @@ from tcc_sim.trajectory import (
     Loads,
     Runs,
     State,
-    Statistics,
     Status,
     Trajectory,
-    Transitions,
     concatenated,
     event_sequence,
     integral,
@@ -53,8 +51,8 @@ def expected(first: int, last: int) -> list[Any]:
 
 
 @pytest.mark.parametrize(("part", "first", "last"), [
-    (slice(None), 0, 5), (slice(1, 3), 1, 3), (slice(2, None), 2, 5), (slice(None, 9), 0, 5), (slice(-2, None), 3, 5),
-    (slice(4, 4), 4, 4), (slice(4, 2), 4, 4), (slice(7, None), 5, 5)])
+    (slice(None), 0, 5), (slice(1, 3), 1, 3), (slice(None, 9), 0, 5), (slice(-2, None), 3, 5), (slice(4, 2), 4, 4),
+    (slice(7, None), 5, 5)])
 def test_a_range_of_cycles_has_their_sections_on_both_sides(part: slice, first: int, last: int) -> None:
     assert numbers(CYCLES[part]) == expected(first, last)
     bare = replace(CYCLES, loads=None, starts=None)[part]
@@ -62,48 +60,34 @@ def test_a_range_of_cycles_has_their_sections_on_both_sides(part: slice, first: 
     assert len(bare) == last - first
 
 
-def test_cycles_are_taken_in_a_row_and_joined_again() -> None:
+def test_cycles_are_joined_and_split() -> None:
     for stride in (2, -1):
-        with pytest.raises(ValueError, match="must be consecutive"):
+        with pytest.raises(ValueError, match="consecutive"):
             CYCLES[::stride]
-    assert CYCLES.largest.tolist() == [0.0, 2.0, 4.0, 6.0, 8.0]
-    assert (-CYCLES.highest.min(), replace(CYCLES, highest=-3.0 * N).largest.tolist()) == (0.0, (3.0 * N).tolist())
+    assert replace(CYCLES, highest=-3.0 * N).largest.tolist() == (3.0 * N).tolist()
     assert numbers(concatenated([CYCLES[:2], CYCLES[2:3], CYCLES[3:]])) == expected(0, 5)
-    assert numbers(concatenated([CYCLES[1:3]])) == expected(1, 3)
-    some = concatenated([CYCLES[:2], replace(CYCLES[2:], loads=None)])
-    assert numbers(some) == [*expected(0, 5)[:4], None, expected(0, 5)[5]]
-    assert numbers(concatenated([replace(CYCLES[:2], starts=None), CYCLES[2:]])) == [*expected(0, 5)[:5], None]
+    some = concatenated([CYCLES[:2], replace(CYCLES[2:], loads=None, starts=None)])
+    assert numbers(some) == [*expected(0, 5)[:4], None, None]
     whole, rest = split_cycles(CYCLES, 4)
     assert (numbers(whole), rest and numbers(rest)) == (expected(0, 4), expected(4, 5))
     assert split_cycles(CYCLES, 5)[1] is None
-    nothing = no_cycles()
-    assert (len(nothing), nothing.section.shape, nothing.starts is not None and len(nothing.starts)) == (0, (0, 3), 0)
-    assert nothing.loads is None
-
-
-def test_one_of_many_runs_has_its_row_of_every_array() -> None:
-    one = RUNS.cycles(1)
-    assert one.section.tolist() == RUNS.section[1].tolist()
-    assert (one.highest[0], one.lowest[0], one.stick_time[0]) == (5.0, 15.0, 25.0)
-    assert one.loads is not None
-    assert [column[0] for column in one.loads.columns()] == [30.0, 35.0, 40.0, 45.0, 50.0, 55.0]
-    assert (one.loads.energy[1], one.loads.coupling_energy[4]) == (31.0, 59.0)
-    assert replace(RUNS, loads=None).cycles(0).loads is None
+    assert (len(no_cycles()), no_cycles().section.shape) == (0, (0, 3))
 
 
 @pytest.mark.parametrize(("chosen", "first"), [([0, 1], 0), ([0, 1], 2), ([1], 1), ([1, 0], 0), ([], 0)])
 def test_chosen_runs_keep_their_order_and_begin_at_a_cycle(chosen: list[int], first: int) -> None:
-    for loads in (RUNS.loads, None):
-        part = replace(RUNS, loads=loads).chosen(chosen, first)
-        assert part.solver == "euler"
-        for name in ("section", "highest", "lowest", "stick_time"):
-            np.testing.assert_array_equal(getattr(part, name), getattr(RUNS, name)[chosen][:, first:])
-        for name in ("seconds", "done"):
-            np.testing.assert_array_equal(getattr(part, name), getattr(RUNS, name)[chosen])
-        if loads is None:
-            assert part.loads is None
-        else:
-            np.testing.assert_array_equal(part.loads, loads[chosen][:, :, first:])
+    part = RUNS.chosen(chosen, first)
+    for name in ("section", "highest", "lowest", "stick_time"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(RUNS, name)[chosen][:, first:])
+    for name in ("seconds", "done"):
+        np.testing.assert_array_equal(getattr(part, name), getattr(RUNS, name)[chosen])
+    np.testing.assert_array_equal(part.loads, RUNS.loads[chosen][:, :, first:])
+    assert replace(RUNS, loads=None).chosen(chosen, first).loads is None
+    for row, number in enumerate(chosen):
+        one = part.cycles(row)
+        assert one.loads is not None
+        np.testing.assert_array_equal(one.section, RUNS.section[number, first:])
+        np.testing.assert_array_equal(np.array(one.loads.columns()), RUNS.loads[number][:, first:])
 
 
 def test_successive_cycles_of_runs_are_joined_and_their_times_added() -> None:
@@ -116,7 +100,6 @@ def test_successive_cycles_of_runs_are_joined_and_their_times_added() -> None:
         np.testing.assert_array_equal(getattr(both, name), getattr(RUNS, name))
     assert both.seconds.tolist() == [2.0, 4.0]
     assert joined_runs([early, replace(late, loads=None)]).loads is None
-    assert joined_runs([late]) is late
 
 
 def test_a_state_is_three_numbers_and_the_initial_one_of_a_system() -> None:
@@ -133,22 +116,18 @@ RUN = Trajectory(T, np.array([1.0, -2.0, 0.0]), np.array([0.1, 0.2, 0.4]), np.ar
 
 
 def test_a_trajectory_has_columns_units_and_a_text() -> None:
-    assert list(RUN.columns()) == ["t", "slip_speed", "plate_angle", "plate_speed", "engine_torque",
-                                   "saturation_torque", "friction_torque", "state"]
     wet = replace(RUN, system=changed(System(), {"converter.coupling": 0.5}), output_angle=T, output_speed=np.ones(3))
-    assert list(wet.columns())[8:] == ["output_angle", "output_speed", "coupling_torque"]
+    assert list(wet.columns()) == ["t", "slip_speed", "plate_angle", "plate_speed", "engine_torque",
+                                   "saturation_torque", "friction_torque", "state", "output_angle", "output_speed",
+                                   "coupling_torque"]
+    assert list(RUN.columns()) == list(wet.columns())[:8]
+    assert set(wet.columns()) == set(UNITS)
     assert wet.columns()["coupling_torque"].tolist() == [0.5, -1.0, 0.0]
-    assert UNITS == {"t": "s", "slip_speed": "rad/s", "plate_angle": "rad", "plate_speed": "rad/s",
-                     "engine_torque": "N m", "saturation_torque": "N m", "friction_torque": "N m", "state": "",
-                     "output_angle": "rad", "output_speed": "rad/s", "coupling_torque": "N m"}
     assert replace(wet, system=None).coupling_torque is RUN.coupling_torque is None
-    assert repr(RUN) == "<Trajectory by euler: 3 samples over 3 s; reached the end>"
     late = replace(RUN, t=T + 7.0, cycles=CYCLES[:1])
-    assert repr(late) == "<Trajectory by euler: 3 samples over 3 s, 1 period of excitation; reached the end>"
-    none = replace(RUN, t=np.empty(0), status=Status.REFUSED)
-    assert repr(none) == "<Trajectory by euler: 0 samples over no time; not started: the solver cannot do this case>"
-    assert RUN.statistics == Statistics(0, 0, 0, 0, 0, 0.0)
-    assert [column.dtype for column in vars(Transitions.none()).values()] == [np.float64, np.int8, np.int8]
+    for run, words in ((RUN, ("euler", "3 samples", "3 s")), (late, ("3 s", "1 period")),
+                       (replace(RUN, t=np.empty(0), status=Status.REFUSED), ("0 samples", "not started"))):
+        assert [word for word in words if word not in repr(run)] == []
 
 
 def test_the_twist_of_the_shaft_is_relative_to_its_far_end() -> None:
@@ -165,13 +144,11 @@ def test_a_trajectory_ends_at_a_state_or_with_a_sentence() -> None:
     assert replace(RUN, flywheel_angle=np.array([1.0, 2.0, 9.0])).final.flywheel_angle == 9.0
     assert RUN.raise_for_status() is RUN
     assert replace(RUN, cycles=CYCLES).solved_cycles is CYCLES
-    with pytest.raises(ValueError, match=r"^euler computes no cycles$"):
+    with pytest.raises(ValueError, match="euler"):
         _ = RUN.solved_cycles
     failed = replace(RUN, status=Status.NOT_FINITE, cycles=CYCLES)
-    for run, sentence in ((failed, "euler: stopped: the state is no longer finite at t = 3 s"),
-                          (replace(failed, detail="why", t=np.empty(0)),
-                           "euler: stopped: the state is no longer finite; why")):
-        with pytest.raises(NumericalFailure, match=f"^{sentence}$"):
+    for run, words in ((failed, "euler.* t = 3 s"), (replace(failed, detail="why", t=np.empty(0)), "euler.*why")):
+        with pytest.raises(NumericalFailure, match=words):
             run.raise_for_status()
         with pytest.raises(NumericalFailure):
             _ = run.solved_cycles
@@ -182,6 +159,5 @@ def test_integrals_are_trapezoids_and_modes_begin_beyond_the_speed_of_stick() ->
     assert integral(np.ones(1), np.ones(1)).tolist() == [0.0]
     speeds = np.array([-0.6, -0.5, 0.0, 0.5, 0.6])
     assert modes_of(speeds, 0.5).tolist() == [-1, 0, 0, 0, 1]
-    assert modes_of(speeds, 0.5).dtype == np.int8
     assert modes_of(np.array([-1e-300, 0.0, 1e-300]), 0.0).tolist() == [-1, 0, 1]
     assert event_sequence([0, 1, 2, -1]) == "S+F-"
