@@ -63,10 +63,10 @@ def test_profiles_and_spectra(tmp_path):
     for scene in ("slip", None):
         np.testing.assert_array_equal(result.spectrum.slip_speed, tcc_sim.spectrum(result, scene).slip_speed)
     assert len(result.trajectory.t) == 2  # The ends alone.
-    with pytest.raises(InputError, match=r"^the simulation has no summary, whose period a spectrum needs$"):
+    with pytest.raises(InputError, match="summary"):
         tcc_sim.spectrum(replace(result, summary=None))
     for wrong in ({"hold": "linear"}, {"from_": 0.0}, {"to": 0.0}, {"columns": "t=t"}, {"pulses": 1}):
-        with pytest.raises(InputError, match=r"^hold, columns, from_, to and pulses are for inputs from a table"):
+        with pytest.raises(InputError, match="inputs"):
             tcc_sim.simulate("slip", **wrong)
     with pytest.raises(InputError, match="a spectrum needs a periodic excitation"):
         tcc_sim.simulate("runup", spectrum=True)
@@ -78,15 +78,15 @@ def test_analyse_takes_tables(table, tmp_path):
     by = json.loads((tmp_path / "o.json").read_text())["orders"]
     result = tcc_sim.analyse(table, orders=True, columns="engine_speed=n:rpm")
     np.testing.assert_array_equal(result.orders.slip_speed, by["slip_speed"])
-    with pytest.raises(InputError, match="a table needs orders or spectrum"):
+    with pytest.raises(InputError, match="orders or spectrum"):
         tcc_sim.analyse(table)
     for wrong in ({"run": 0}, {"joints": {}}, {"topic": ""}, {"driveline": 0, "discard": 0}, {"frequency": 0.0},
                   {"verify": True, "damping": True}, {"target": 0.0}, {"rrd": tmp_path},
                   {"spawn": True, "connect": ""}):
-        with pytest.raises(InputError, match=f"^{', '.join(wrong)}: only for recordings$"):
+        with pytest.raises(InputError, match=", ".join(wrong)):
             tcc_sim.analyse(table, spectrum=True, **wrong)
     for wrong in ("columns", "pulses"):
-        with pytest.raises(InputError, match=f"^{wrong} are for tables, and .* is a recording$"):
+        with pytest.raises(InputError, match=wrong):
             tcc_sim.analyse(tmp_path, **{wrong: 1})
 
 
@@ -100,7 +100,7 @@ def test_a_recording_has_the_orders_and_the_spectrum_of_its_command(table, tmp_p
         assert (found.orders is not None, found.spectrum is not None) == wanted
         part, name = (found.orders, "orders") if wanted[0] else (found.spectrum, "spectrum")
         np.testing.assert_array_equal(part.slip_speed, by[name]["slip_speed"])
-    with pytest.raises(InputError, match=r"^pulses are those of the tacho of a table, for orders; ask for orders of a"):
+    with pytest.raises(InputError, match="pulses"):
         tcc_sim.simulate("minimal", inputs=table, pulses=2)
 
 

@@ -73,20 +73,16 @@ def functions() -> list[str]:
             if inspect.isfunction(getattr(tcc_sim, name)) and name not in ("load_scene", "plot", *OTHERS)]
 
 
-def test_every_public_function_is_tried() -> None:
+def test_every_public_function_is_tried_and_names_its_keywords() -> None:
     assert set(functions()) <= set(RESULTS)
-
-
-@pytest.mark.parametrize("name", [*functions(), *OTHERS])
-def test_its_keywords_have_names(name: str) -> None:
-    kinds = {p.kind for p in inspect.signature(getattr(tcc_sim, name)).parameters.values()}
-    assert not kinds & {inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL}
+    for name in (*functions(), *OTHERS):
+        kinds = {p.kind for p in inspect.signature(getattr(tcc_sim, name)).parameters.values()}
+        assert not kinds & {inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL}, name
 
 
 @pytest.mark.parametrize("name", RESULTS)
 def test_its_text_is_short_and_its_columns_are_a_table(name: str) -> None:
     outcome = result(name)
-    assert len(repr(outcome).splitlines()) < 20
     assert len(repr(outcome)) < 800
     assert "array(" not in repr(outcome)
     columns = outcome.columns()
