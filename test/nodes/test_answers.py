@@ -219,11 +219,11 @@ def test_in_real_time_what_was_not_sent_is_counted_and_the_count_is_recorded(ben
                              parameter_overrides=overrides({"scene": "minimal", "wait_for_subscribers": 1})))
     publisher = node.refusing
     node.start()
-    bench.until(lambda: len(publisher.taken) > 100)
+    bench.until(lambda: (recorder.drain(), len(publisher.taken) > 100)[1])
     publisher.open = False
-    bench.until(lambda: publisher.refused >= 20)
+    bench.until(lambda: (recorder.drain(), publisher.refused >= 20)[1])
     publisher.open = True
-    bench.until(lambda: len(publisher.taken) > 300)
+    bench.until(lambda: (recorder.drain(), len(publisher.taken) > 300)[1])
     node.housekeeping()
     node.loop.stop()
     assert node.loop.failure is None

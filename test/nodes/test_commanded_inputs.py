@@ -15,33 +15,10 @@ from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.loop import Outcome
 from tcc_sim.nodes.loop_topics import CommandedInput
-from tcc_sim.nodes.middleware import (
-    CHANGES,
-    COMMANDS,
-    DIAGNOSTICS,
-    LATCHED,
-    MOST_PUBLISHERS,
-    SequenceNumbers,
-    message_class,
-    poll,
-    qos_fields,
-    states,
-    subscribe,
-    time_of,
-)
+from tcc_sim.nodes.middleware import COMMANDS, MOST_PUBLISHERS, SequenceNumbers, message_class, poll, subscribe, time_of
 from tcc_sim.nodes.process import Throttle
 from tcc_sim.nodes.track import SimulatedTime, Track, UnsentCount, unsent_message
 from tcc_sim.topics import topic
-
-
-@pytest.mark.parametrize(("profile", "history", "depth", "durability"), [
-    (COMMANDS, "keep_last", 100, "volatile"), (LATCHED, "keep_last", 1, "transient_local"),
-    (CHANGES, "keep_last", 1000, "transient_local"), (DIAGNOSTICS, "keep_last", 10, "volatile"),
-    (states(0), "keep_all", 0, "volatile"), (states(250), "keep_last", 250, "volatile")])
-def test_qualities_of_service_are_those_of_the_topics(profile: Any, history: str, depth: int, durability: str) -> None:
-    fields = qos_fields(profile)
-    assert (fields["history"], fields["depth"], fields["durability"]) == (history, depth, durability)
-    assert (fields["reliability"], fields["deadline"]) == ("reliable", {"sec": 9_223_372_036, "nsec": 854_775_807})
 
 
 def test_times_have_seconds_of_31_bits_and_types_are_found_by_name() -> None:

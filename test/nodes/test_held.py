@@ -13,7 +13,6 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from benches import Commander
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64, Float64MultiArray, String
@@ -187,13 +186,3 @@ def test_inputs_that_join_are_reported_from_then_on(bench: Any) -> None:
     assert end["engine_torque"]["source"] == end["actuation_pressure"]["source"] == SCENE
     first = chain.heard["output_state"][0]
     assert first.header.frame_id == end["run"]
-
-
-def test_diagnostics_name_the_run(bench: Any) -> None:
-    node = bench.driveline(scene="slip")
-    heard = bench.listen(DiagnosticArray, "/diagnostics")
-    node.loop.begin()
-    bench.until(lambda: node.housekeeping() or heard)
-    states = bench.listen(JointState, "joint_states")
-    bench.until(lambda: node.loop.step() or states)
-    assert heard[0].status[0].hardware_id == states[0].header.frame_id

@@ -10,35 +10,18 @@ import pytest
 from ranges import check_options, of_page
 
 from tcc_sim.errors import InputError
+from tcc_sim.plant.closed_loop import ControlledRun, closed_loop
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.scene import load_scene
-from tcc_sim.solvers.fixed_step import Stepper
-
-STEP = 1e-3
 
 
-def cycle_means(slip_speed: list[float], cycle: float) -> np.ndarray:
-    """The mean over every whole period of excitation, by the trapezoidal rule."""
-    v = np.array(slip_speed)
-    angle = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]))]) * STEP
-    t = np.arange(len(v)) * STEP
-    return np.diff(np.interp(np.arange(0.0, t[-1], cycle), t, angle)) / cycle
-
-
-def closed_loop(tuning: Tuning, ticks: int, mean_torque: dict[int, float],
-                **values: object) -> tuple[list[float], list[float]]:
-    """Slip speeds and pressures of a run in lock-step; `mean_torque` has changes by tick."""
-    system = load_scene("controlled").with_values({k.replace("__", "."): v for k, v in values.items()}).system
-    stepper, controller = Stepper(system, STEP), SlipController(tuning)
-    slip_speed, pressure = [system.initial.slip_speed], []
-    terms = stepper.terms
-    for tick in range(ticks):
-        terms = terms._replace(mean_torque=mean_torque.get(tick, terms.mean_torque))
-        pressure.append(controller.update(slip_speed[-1], stepper.now()[4]))
-        stepper.use(terms._replace(mean_load=system.torque_per_pressure * pressure[-1]))
-        stepper.advance()
-        slip_speed.append(float(stepper.state[0]))
-    return slip_speed, pressure
+def held(tuning: Tuning, seconds: float, at: dict[float, dict[str, object]] | None = None,
+         **values: object) -> ControlledRun:
+    """Run of the scene `controlled` with the law, tick by tick."""
+    controller = SlipController(tuning)
+    scene = load_scene("controlled").with_values({key.replace("__", "."): value for key, value in values.items()})
+    return closed_loop(scene, lambda reading: controller.update(reading.slip_speed, reading.engine_torque), seconds,
+                       at=at)
 
 
 @pytest.mark.parametrize(("kinetic", "change", "start"), [
@@ -48,27 +31,22 @@ def test_mean_slip_is_held_under_pulsation_and_after_a_step(kinetic: float, chan
     """Also from stick, from a fast start, and with friction that the controller does not expect."""
     system = load_scene("controlled").system
     assert (system.engine.torque_amplitude, system.engine.mean_torque) == (250.0, 200.0)
-    slip_speed, _ = closed_loop(Tuning(target=20.0), 4000, {2000: 200.0 + change},
-                                friction__kinetic_coefficient=kinetic,
-                                initial__slip_speed=start)
-    means = cycle_means(slip_speed, system.cycle)
-    before, after = int(2000 * STEP / system.cycle), len(means)
-    settled = 25
-    assert np.abs(means[settled:before] - 20.0).max() < 1.0
-    assert np.abs(means[before + settled:after] - 20.0).max() < 1.0
+    run = held(Tuning(target=20.0), 4.0, {2.0: {"engine.mean_torque": 200.0 + change}},
+               friction__kinetic_coefficient=kinetic, initial__slip_speed=start)
+    t, means = run.control.t, run.control.mean_slip
+    settled = 25 * system.cycle
+    assert np.abs(means[(t > settled) & (t <= 2.0)] - 20.0).max() < 1.0
+    assert np.abs(means[t > 2.0 + settled] - 20.0).max() < 1.0
     # The pulsation has the swing that the flywheel allows, and the step disturbed the slip.
-    swing = np.ptp(slip_speed[3000:])
-    assert swing == pytest.approx(2.0 * 250.0 / (0.2 * 150.0), rel=0.05)
-    assert np.abs(means[before:before + 5] - 20.0).max() > 1.0
+    assert np.ptp(run.slip_speed[3000:]) == pytest.approx(2.0 * 250.0 / (0.2 * 150.0), rel=0.05)
+    assert np.abs(means[(t > 2.0) & (t < 2.0 + 6 * system.cycle)] - 20.0).max() > 1.0
 
 
 def test_a_limit_that_was_hit_leaves_nothing_wound_up() -> None:
     """The torque needs more than the pressure limit: slip runs away, and returns without an undershoot by windup."""
-    tuning = Tuning(pressure_limit=100e3)
-    torque = {0: 260.0, 600: 100.0}
-    slip_speed, pressure = closed_loop(tuning, 6000, torque)
+    run = held(Tuning(pressure_limit=100e3), 6.0, {0.6: {"engine.mean_torque": 100.0}}, engine__mean_torque=260.0)
+    pressure, means = run.commands["actuation_pressure"][1:], run.control.mean_slip
     assert set(pressure[200:600]) == {100e3}
-    means = cycle_means(slip_speed, load_scene("controlled").system.cycle)
     assert means[14] > 60.0
     assert means[14:].min() > 8.0
     assert np.abs(means[-20:] - 20.0).max() < 1.0
