@@ -96,7 +96,7 @@ class _Verifier:
         try:
             self._moved_ns = batch.moved_ns
             self._stated &= batch.held is not None
-            known = np.ones(len(batch), np.bool_) if batch.held is None else np.all(
+            known = np.ones(len(batch), np.bool_) if batch.held is None and not self._line.keyed else np.all(
                 [np.isfinite(batch.input(name, "source")) for name in INPUTS], axis=0)
             if batch.run != self._run:
                 self._begin(batch)

@@ -1,16 +1,19 @@
-"""Recordings whose states name their run: any order, repeat, clock, name or division gives the same figures.
+"""Recordings whose states name their run: ways to write one again x what is lost x figures.
 
-A table of ways to write a recording again and all figures of `analyse --verify`; counts and sources against the inputs
-that the driveline was given.
+Figures are sums over the states that are left, whatever their order, repeats, clocks, names and parts. Sources and
+counts of the inputs are those that the driveline was given; where messages are missing they are unknown, never wrong.
 """
 
 import json
 import math
 import random
+import struct
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from tcc_sim.cli import main
@@ -19,24 +22,32 @@ from tcc_sim.messages.held import SIZE, held_message
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.recording.bag import BagWriter
-from tcc_sim.scene import load_scene
+from tcc_sim.scene import Scene, load_scene
 from tcc_sim.topics import FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, JOINT_STATE, STRING
 
 TICK, START, TICKS = 1_000_000, 10**18, 700
 SCENE = load_scene("commands").with_values({"engine.frequency": 150.0})
-FIRST, SECOND = "692a1f3c9b02.001", "692a1f3c9b02.002"
+FIRST, SECOND, THIRD = "692a1f3c9b02.001", "692a1f3c9b02.002", "692a20000c11.001"
+OTHER = SCENE.with_values({"friction.kinetic_coefficient": 0.2, "pressure.mean": 3e5})
+"""Scene of the third run, of a driveline that was started again."""
 TYPES = {"scene": STRING, "held": FLOAT64_ARRAY, "joint_states": JOINT_STATE, "applied_pressure": FLUID_PRESSURE,
          "engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE}
 
 
 class Sent(NamedTuple):
-    """A message: name of its topic, time of sending, sequence number, bytes; and the tick of what it tells."""
+    """A message: name of its topic, time of sending, sequence number, bytes; and run, tick, and the state of what it
+    tells: slip speed, friction torque, and whether it is the end of the run.
+    """
 
     name: str
     sent: int
     number: int
     data: bytes
     tick: int = 0
+    run: str = ""
+    slip: float = 0.0
+    friction: float = 0.0
+    ends: bool = False
 
 
 def torque(k: int) -> float | None:
@@ -47,15 +58,15 @@ PAUSED, TAKEN_OVER = 450, 520
 """Ticks of the second run after which it is paused, and from which another publisher commands the pressure."""
 
 
-def run_of(name: str, ticks: int, begin: int, sequence: dict[str, int]) -> list[Sent]:
+def run_of(name: str, ticks: int, begin: int, sequence: dict[str, int], scene: Scene = SCENE) -> list[Sent]:
     """The messages of a run: torque commands act from tick 30 to 599, pressure commands by twos from tick 40 on."""
-    plant, out = Plant(SCENE), list[Sent]()
+    plant, out = Plant(scene), list[Sent]()
 
-    def send(topic: str, tick: int, data: bytes, late: int) -> None:
+    def send(topic: str, tick: int, data: bytes, late: int, *what: Any) -> None:
         sequence[topic] = sequence.get(topic, 0) + 1
-        out.append(Sent(topic, begin + tick * TICK + late, sequence[topic], data, tick))
+        out.append(Sent(topic, begin + tick * TICK + late, sequence[topic], data, tick, name, *what))
 
-    send("scene", 0, cdr.string(holding_from(SCENE.text(), 0, run=name, name="/driveline")), -5)
+    send("scene", 0, cdr.string(holding_from(scene.text(), 0, run=name, name="/driveline")), -5)
     number, received, superseded, before = 0, [0, 0], 0, None
     for k in range(ticks):
         engine, pressure = torque(k), 2e5 + 10.0 * k if k >= 40 else None
@@ -79,17 +90,19 @@ def run_of(name: str, ticks: int, begin: int, sequence: dict[str, int]) -> list[
             if after or k % 100 == 0 or [*map(str, now)] != before:
                 number, before = number + 1, [*map(str, now)]
                 values = [k, k * TICK, number, after, *now]
-                send("held", k, held_message(name, values + 2 * [3.0, *[math.nan] * 4, 0, 0, 0, 0, 0]), -2)
-                assert len(values) + 20 == SIZE
-        send("joint_states", k, cdr.joint_state(*state[:7], frame=name), 0)
+                values += 2 * [3.0, *[math.nan] * 4, 0, 0, 0, 0, 0]
+                send("held", k, held_message(name, values), -2, 0.0, 0.0, after == 1)
+                assert len(values) == SIZE
+        send("joint_states", k, cdr.joint_state(*state[:7], frame=name), 0, state.slip_speed, state.friction_torque)
         send("applied_pressure", k, cdr.fluid_pressure(state.stamp_ns, state.applied_pressure, frame=name), 1)
     return out
 
 
 def made() -> list[Sent]:
-    """A run that was reset, in the order of sending."""
+    """A run that was reset, and the run of a driveline that was started again, in the order of sending."""
     sequence: dict[str, int] = {}
-    return [*run_of(FIRST, 300, START, sequence), *run_of(SECOND, TICKS, START + 300 * TICK, sequence)]
+    return [*run_of(FIRST, 300, START, sequence), *run_of(SECOND, TICKS, START + 300 * TICK, sequence),
+            *run_of(THIRD, 400, START + 10**12, sequence, OTHER)]
 
 
 def save(folder: Path, messages: list[Sent], *, log: Callable[[Sent, int], int] = lambda one, k: one.sent,
@@ -146,83 +159,157 @@ WAYS: dict[str, Callable[[Path, list[Sent]], Path]] = {
     "parts shuffled": lambda folder, all_: save(folder, shuffled(all_), parts=4),
     "parts backwards": lambda folder, all_: save(folder, all_[::-1], parts=4),
 }
+WAYS["as it is"] = save
 DIFFER = {"warnings", "drivelines", "real_time_factor", "elapsed_s", "command", "version", "messages", "topic"}
 """Fields that may differ: names, times of receipt, and repeats."""
+PARTED = START + 550 * TICK
 
 
-def figures(path: Path, *options: str) -> dict:
+def one_of_each(messages: list[Sent]) -> list[Sent]:
+    """Without one message of every topic but the scene."""
+    gone = {next(k for k, one in enumerate(messages) if one.name == name and one.run == SECOND and one.tick == 350)
+            for name in TYPES if name != "scene"}
+    return [one for k, one in enumerate(messages) if k not in gone]
+
+
+def two_percent(messages: list[Sent]) -> list[Sent]:
+    draw = random.Random(5)
+    return [one for one in messages if one.name == "scene" or draw.random() > 0.02]
+
+
+def alone(messages: list[Sent]) -> list[Sent]:
+    """The part of a split recording after PARTED, which begins with the last scene and the last message of held."""
+    before = [one for one in messages if one.sent < PARTED]
+    latched = [next(one for one in reversed(before) if one.name == name) for name in ("scene", "held")]
+    return [*latched, *(one for one in messages if one.sent >= PARTED)]
+
+
+LEFT: dict[str, Callable[[list[Sent]], list[Sent]]] = {
+    "all": list, "without one of each topic": one_of_each, "without 2 %": two_percent, "a part alone": alone,
+    "trimmed": lambda all_: [one for one in all_ if one.sent > PARTED],
+    "joined late": lambda all_: [one for one in all_ if one.sent > START + 60 * TICK or one.name in ("scene", "held")],
+    "without a begin": lambda all_: [one for one in all_ if one.run != SECOND or one.name != "joint_states"
+                                     or one.tick >= 40],
+    "without an end": lambda all_: [one for one in all_ if one.run != SECOND or one.name != "joint_states"
+                                    or one.tick < 650],
+    "without held": lambda all_: [one for one in all_ if one.name != "held"],
+    "without applied pressures": lambda all_: [one for one in all_ if one.name != "applied_pressure"],
+}
+
+
+def figures(path: Path, *options: str) -> Any:
     out = path.parent / f"{path.name}.json"
-    assert main(["analyse", str(path), "--verify", "--discard", "1", "--frequency", "150", "--json", str(out),
-                 *options]) == 0
+    status = main(["analyse", str(path), "--verify", "--discard", "0", "--frequency", "150", "--json", str(out),
+                   *options])
     result = json.loads(out.read_text())
+    assert (status == 0) is result["verified"]
     for segment in result["segments"]:
         segment.pop("elapsed_s", None)
     return result
 
 
+class Truth:
+    """Figures of the messages that are left, by run and tick."""
+
+    def __init__(self, messages: list[Sent]) -> None:
+        states = {(one.run, one.tick): one for one in messages if one.name == "joint_states"}
+        self.runs = {run: [tick for of, tick in sorted(states) if of == run] for run in (FIRST, SECOND, THIRD)}
+        named = {one.run[:12] for one in messages if one.name == "scene"}  # Without it the driveline has no name.
+        self.runs = {run: ticks for run, ticks in self.runs.items() if ticks and run[:12] in named}
+        ends = {one.run: one.tick for one in messages if one.ends}
+        self.lost = sum(max(ends.get(run, 0), ticks[-1]) + 1 - len(ticks) for run, ticks in self.runs.items())
+        longest = max(self.runs, key=lambda run: len(self.runs[run]))
+        self.ticks = np.array(self.runs[longest])
+        slip, friction = np.array([[getattr(states[longest, tick], name) for tick in self.ticks.tolist()]
+                                   for name in ("slip", "friction")])
+        whole = np.diff(self.ticks) == 1
+        power = slip * friction
+        self.heat = float((0.5e-3 * (power[1:] + power[:-1]))[whole].sum())
+        self.fastest = float(np.abs(slip).max())
+        self.seconds = 1e-3 * int(whole.sum())
+        # What acted in the tick before each state, by the inputs that the driveline was given.
+        pairs = [(run, tick) for run, ticks in self.runs.items() for tick in ticks if tick > ticks[0]]
+        before = {run: dict(zip(ticks[1:], ticks)) for run, ticks in self.runs.items()}
+        self.by_commands = {name: 1e-3 * sum(tick - before[run][tick] for run, tick in pairs if first <= tick < last)
+                            for name, (first, last) in {"engine_torque": (30, 600),
+                                                        "actuation_pressure": (40, 10**9)}.items()}
+        spans = [(ticks[0], ticks[-1]) for ticks in self.runs.values()]
+        self.applied = {"engine_torque": sum(len(range(max(a + 1, 30), min(b, 599) + 1)) for a, b in spans),
+                        "actuation_pressure": sum(len(range(max(a + 1, 40), b + 1)) for a, b in spans)}
+
+
 @pytest.fixture(scope="module")
-def original(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Sent], dict]:
-    folder = tmp_path_factory.mktemp("named")
-    messages = made()
-    return messages, figures(save(folder / "run", messages))
+def original() -> list[Sent]:
+    return made()
 
 
-def test_a_recording_states_what_held_its_inputs_and_what_became_of_its_commands(original) -> None:
-    result = original[1]
-    assert (result["verified"], result["largest_difference"], result["states"]) == (True, 0.0, 1000)
+@pytest.fixture(scope="module")
+def expected(original: list[Sent], tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Any]:
+    return cache(lambda left: figures(save(tmp_path_factory.mktemp("named") / "run", LEFT[left](original))))
+
+
+@pytest.mark.parametrize("left", LEFT)
+def test_figures_are_sums_over_the_states_that_are_left(original: list[Sent], expected: Callable[[str], Any],
+                                                        left: str) -> None:
+    result, truth = expected(left), Truth(LEFT[left](original))
+    assert (result["runs"], result["lost_messages"]) == (len(truth.runs), truth.lost)
+    assert result["messages"] == sum(map(len, truth.runs.values()))
+    assert result["clutch_energy"] == pytest.approx(truth.heat, rel=0.04)
+    assert truth.fastest <= result["max_slip_speed"] * (1 + 1e-9) <= 1.02 * truth.fastest
+    assert result["seconds"] == pytest.approx(truth.seconds)
+    assert result["covers"] == pytest.approx([truth.ticks[0] * 1e-3, truth.ticks[-1] * 1e-3])
+    assert [one["began_by"] for one in result["segments"] if one["began_by"] in ("start", "reset", "restart")] == [
+        "start", *["reset"] * (FIRST in truth.runs), *["restart"] * (SECOND in truth.runs)]
+    unknown = left == "without held"
+    for name, one in result["inputs"].items():
+        assert (one["topic"] is None) is unknown
+        if unknown:
+            assert (one["applied"], bool(one["why"])) == (None, True)
+            continue
+        span = sum((ticks[-1] - ticks[0]) * 1e-3 for ticks in truth.runs.values())
+        assert one["topic"] + one["fallback"] + one["unknown"] == pytest.approx(span)
+        assert -1e-9 <= truth.by_commands[name] - one["topic"] <= one["unknown"] + 1e-9
+        assert 0 <= truth.applied[name] - one["applied"] <= 1e3 * one["unknown"] + 1
+        if name == "actuation_pressure":
+            assert one["superseded"] == one["applied"]
+    assert result["largest_difference"] < 1e-6
+    lossless = not unknown and all(one["unknown"] == 0.0 for one in result["inputs"].values())
+    assert result["verified"] is lossless
+
+
+@pytest.mark.parametrize("left", ["all", "without 2 %", "a part alone"])
+@pytest.mark.parametrize("way", WAYS)
+def test_a_recording_written_again_has_the_same_figures(tmp_path: Path, original: list[Sent],
+                                                        expected: Callable[[str], Any], way: str, left: str) -> None:
+    result, before = figures(WAYS[way](tmp_path / "again", LEFT[left](original))), expected(left)
+    assert {key: result[key] for key in before.keys() - DIFFER} == {key: before[key] for key in before.keys() - DIFFER}
+
+
+def test_a_recording_states_what_held_its_inputs_and_what_became_of_its_commands(expected: Callable[[str], Any]
+                                                                                 ) -> None:
+    result = expected("all")
+    assert (result["verified"], result["largest_difference"], result["states"]) == (True, 0.0, 1400)
     assert [(one["began_by"], round(one["start"] * 1e3)) for one in result["segments"]] == [
-        ("start", 0), ("reset", 0), ("pause", PAUSED + 1),
-        ("controller", TAKEN_OVER)]
+        ("start", 0), ("reset", 0), ("pause", PAUSED + 1), ("controller", TAKEN_OVER), ("restart", 0)]
     engine, pressure = (result["inputs"][name] for name in ("engine_torque", "actuation_pressure"))
-    assert (engine["topic"], engine["fallback"]) == pytest.approx((0.27 + 0.57, 0.029 + 0.029 + 0.1))
-    assert [engine[name] for name in ("applied", "superseded", "ignored", "refused", "lost")] == [840, 0, 0, 0, 0]
-    assert [pressure[name] for name in ("commands", "applied", "superseded", "ignored")] == [1840, 920, 920, 0]
+    assert [engine[name] for name in ("applied", "superseded", "ignored", "refused", "lost")] == [1210, 0, 0, 0, 0]
+    assert [pressure[name] for name in ("commands", "applied", "superseded", "ignored")] == [2560, 1280, 1280, 0]
     assert result["command_age"] == {"median": 0.0, "p95": 0.0, "largest": 0.0}
 
 
-@pytest.mark.parametrize("name", WAYS)
-def test_a_recording_written_again_has_the_same_figures(tmp_path: Path, original, name: str) -> None:
-    messages, expected = original
-    result = figures(WAYS[name](tmp_path / "again", messages))
-    assert {key: result[key] for key in expected.keys() - DIFFER} == {key: expected[key]
-                                                                     for key in expected.keys() - DIFFER}
+def test_states_without_efforts_leave_the_counts_of_commands_as_they_are(tmp_path: Path, original: list[Sent],
+                                                                         expected: Callable[[str], Any]) -> None:
+    nan = struct.pack("<2d", math.nan, math.nan)
+    result = figures(save(tmp_path / "run", [
+        one._replace(data=one.data[:-16] + nan) if one.name == "joint_states" else one for one in original]))
+    before = expected("all")
+    assert result["inputs"] == before["inputs"]
+    assert result["clutch_energy"] == pytest.approx(before["clutch_energy"], rel=0.05)
+    assert result["largest_difference"] < 1e-6
 
 
-LOST: dict[str, tuple[Callable[[Sent], bool], int]] = {
-    "the begin": (lambda one: one.sent < START + 60 * TICK and one.name not in ("scene", "held"), 60),
-    "the begin after the reset": (lambda one: one.name == "joint_states" and one.sent >= START + 300 * TICK
-                                  and one.tick < 40, 40),
-    "the end before the reset": (lambda one: one.name == "joint_states" and one.sent < START + 300 * TICK
-                                 and one.tick >= 280, 20),
-    "a gap": (lambda one: one.name == "joint_states" and 100 <= one.tick < 110, 20),
-}
-
-
-@pytest.mark.parametrize("name", LOST)
-def test_ticks_without_a_state_are_lost_wherever_they_are(tmp_path: Path, original, name: str) -> None:
-    gone, count = LOST[name]
-    result = figures(save(tmp_path / "run", [one for one in original[0] if not gone(one)]))
-    assert result["lost_messages"] == count
-    assert result["verified"]
-
-
-@pytest.mark.parametrize("name", ["applied_pressure", "held", "actuation_pressure"])
-def test_lost_messages_of_other_topics_make_nothing_wrong(tmp_path: Path, original, name: str) -> None:
-    """Without a message on an input its ticks are unknown, never wrong; an applied pressure is known by `held`."""
-    draw = random.Random(5)
-    kept = [one for one in original[0] if one.name != name or draw.random() > 0.02 or one.tick in (0, 299, 699)]
-    out = tmp_path / "j.json"
-    status = main(["analyse", str(save(tmp_path / "run", kept)), "--verify", "--discard", "1", "--frequency", "150",
-                   "--json", str(out)])
-    result = json.loads(out.read_text())
-    assert (status == 0) is result["verified"] is (name == "actuation_pressure" or name == "applied_pressure")
-    assert result["largest_difference"] < 1e-9
-    for key in ("clutch_energy", "max_slip_speed", "breakaways", "lost_messages"):
-        assert result[key] == original[1][key]
-
-
-def test_a_part_of_a_run_counts_what_acted_in_it(tmp_path: Path, original) -> None:
-    path = save(tmp_path / "run", original[0])
+def test_a_part_of_a_run_counts_what_acted_in_it(tmp_path: Path, original: list[Sent]) -> None:
+    path = save(tmp_path / "run", original)
     out = tmp_path / "j.json"
     assert main(["analyse", str(path), "--run", "1", "--from", "0.1", "--to", "0.2", "--discard", "0", "--frequency",
                  "150", "--json", str(out)]) == 0
@@ -230,11 +317,12 @@ def test_a_part_of_a_run_counts_what_acted_in_it(tmp_path: Path, original) -> No
     assert (pressure["applied"], pressure["superseded"], pressure["topic"]) == (100, 100, pytest.approx(0.1))
 
 
-def test_another_driveline_of_the_same_name_beside_it_is_listed_apart(tmp_path: Path, original) -> None:
+def test_another_driveline_of_the_same_name_beside_it_is_listed_apart(tmp_path: Path, original: list[Sent],
+                                                                      expected: Callable[[str], Any]) -> None:
     """As where a bag is played into the topics of a running driveline."""
+    mine = [one for one in original if one.run != THIRD]
     other = [one._replace(data=one.data.replace(FIRST.encode(), b"00000000ffff.001").replace(
-        SECOND.encode(), b"00000000ffff.002")) for one in original[0]]
-    mixed = [one for pair in zip(original[0], other) for one in pair]
-    result = figures(save(tmp_path / "run", mixed))
+        SECOND.encode(), b"00000000ffff.002")) for one in mine]
+    result = figures(save(tmp_path / "run", [one for pair in zip(mine, other) for one in pair]))
     assert [(one["states"], one["read"]) for one in result["drivelines"]] == [(1000, False), (1000, True)]
-    assert result["clutch_energy"] == original[1]["clutch_energy"]
+    assert result["clutch_energy"] == expected("all")["clutch_energy"]
