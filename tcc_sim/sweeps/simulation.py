@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tcc_sim.analysis.damping import Damping, damping_of_cycles
+from tcc_sim.analysis.exponents import largest_lyapunov_exponent
 from tcc_sim.analysis.manoeuvre import OrdersAtSpeeds, orders_at_speeds
 from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.analysis.orders import Orders
@@ -24,7 +25,6 @@ from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.analysis.spectra import Spectrum
 from tcc_sim.analysis.summary import Summary, cycles_of, default_discard, spans_of, summarise_cycles
 from tcc_sim.errors import InputError
-from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Result, reported, reporting
@@ -346,9 +346,8 @@ def requested(system: System, plan: Plan, kept: Cycles, first: int, period: int,
     first kept cycle.
     """
     return (damping_of_cycles(system, kept, first, period) if plan.damping else None,
-            from_later_room("largest_lyapunov_exponent")(
-                system, end.state, cycles=plan.lyapunov_cycles, start_cycle=end.cycle,
-                period=period) if plan.lyapunov else None)
+            largest_lyapunov_exponent(system, end.state, cycles=plan.lyapunov_cycles, start_cycle=end.cycle,
+                                      period=period) if plan.lyapunov else None)
 
 
 def confirming_cycles(period: int) -> int:

@@ -14,6 +14,7 @@ from independent import Piecewise, coefficient_and_slope, equations, smoothed_st
 from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.analysis.damping import damping_of_cycles
+from tcc_sim.analysis.exponents import largest_lyapunov_exponent
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.linearise import linearise
@@ -34,7 +35,6 @@ from tcc_sim.study.benchmarks.peers import xppaut_file
 from tcc_sim.study.benchmarks.references import reference, sliding_of
 from tcc_sim.study.continuation.driveline import DrivelineMap
 from tcc_sim.study.continuation.motions import continuation
-from tcc_sim.study.exponents import largest_lyapunov_exponent
 from tcc_sim.study.paper.harmonic_balance import harmonic_balance
 from tcc_sim.trajectory import State
 

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.exponents import largest_lyapunov_exponent
 from tcc_sim.analysis.multipliers import Lyapunov
 from tcc_sim.analysis.summary import Summary, summarise_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
 from tcc_sim.result import reported
 from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.study.exponents import largest_lyapunov_exponent
 from tcc_sim.study.paper.catalogue import NORMALISED, OMEGA_N, PRESSURE, STATIC, paper_system
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.results import Point

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tcc_sim.analysis.exponents import largest_lyapunov_exponent
 from tcc_sim.analysis.summary import summarise
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction
@@ -16,7 +17,6 @@ from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.quantity import Value
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.study.exponents import largest_lyapunov_exponent
 from tcc_sim.study.paper import catalogue
 from tcc_sim.study.paper import figure_results as results
 from tcc_sim.study.paper.branches_behind import motions_behind, motions_behind_each, orbit_behind

@@ -12,13 +12,7 @@ from differences import difference
 from independent import tangent_map
 from scipy.stats import sem, t
 
-from tcc_sim.errors import InputError
-from tcc_sim.model.parameters import System, replace
-from tcc_sim.scene import load_scene
-from tcc_sim.solvers import State, solve
-from tcc_sim.solvers.runs import sections
-from tcc_sim.solvers.terms import terms_of
-from tcc_sim.study.exponents import (
+from tcc_sim.analysis.exponents import (
     CONFIDENCE,
     FIRST,
     batch_means,
@@ -31,6 +25,12 @@ from tcc_sim.study.exponents import (
     natural_sizes,
     tangent_growth,
 )
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System, replace
+from tcc_sim.scene import load_scene
+from tcc_sim.solvers import State, solve
+from tcc_sim.solvers.runs import sections
+from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.simulation import simulate
 
 BASE = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,
