@@ -23,8 +23,8 @@ PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = ["errors", "code_version", "background", "later_rooms", "topics", "result", "shown_units", "model",
          "trajectory", "parameter_file", "tables", "friction_table", "scene", "messages", "compiling", "polynomials",
-         "solvers", "recording", "analysis", "plant", "sweeps", "estimation", "output", "fmi", "views", "nodes",
-         "testing", "replay", "functions", "cli", "study.continuation", "study.basins",
+         "solvers", "recording", "analysis", "plant", "sweeps", "output", "fmi", "views", "nodes",
+         "testing", "replay", "estimation", "functions", "cli", "study.continuation", "study.basins",
          "study.views", "study.paper", "study.benchmarks", "study.cli", "types", "__main__"]
 """A part imports only from itself and from parts before it; so the core, which is all but the study, imports nothing of
 the study.

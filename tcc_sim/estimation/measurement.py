@@ -11,8 +11,8 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.settings import DEFAULTS
-from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.profile import smooth_corners
+from tcc_sim.replay.applied import measured_run
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.tables.chosen_columns import CHANNELS, TIME
 from tcc_sim.tables.measured_table import HOLDS, MeasuredTable
@@ -143,7 +143,7 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
         raise InputError(f"{path} holds no scene; name the scene of the recorded driveline with --scene")
     if len({record.text for record in recorded.scenes}) > 1:
         raise InputError(f"{path}: the scene changed while it ran; identification needs one scene")
-    states, ticks = from_later_room("measured_run")(recorded, scene)
+    states, ticks = measured_run(recorded, scene)
     _check_still(path, states.output_speed)
     inputs = {name: np.concatenate([values, values[-1:]])[states.known] for name, values in ticks.items()}
     states = states[states.known]

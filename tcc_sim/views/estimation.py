@@ -10,16 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.estimation.curve import not_visited
-from tcc_sim.estimation.linearise import INPUTS, OUTPUTS
 from tcc_sim.shown_units import speed
+from tcc_sim.topics import topic
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel
 from tcc_sim.views.stored import Record
 from tcc_sim.views.style import AxisQuantity, quantities
 from tcc_sim.views.sweeps import numbers
 
-UNITS = INPUTS | OUTPUTS
 SHOWN = 400
 """Number of samples of measured and fitted speeds in the picture."""
 
@@ -28,7 +26,7 @@ def bode(values: Mapping[str, Any]) -> list[Panel]:
     """Return gain and phase of the frequency response of `linearise`, a result or its JSON."""
     inside = numbers(values["gain"]) > 0.0
     decibels = 20.0 * np.log10(np.where(inside, numbers(values["gain"]), np.nan))
-    unit = f"dB re 1 ({UNITS[values['output']]})/({UNITS[values['input']]})"
+    unit = f"dB re 1 ({topic(values['output']).unit})/({topic(values['input']).unit})"
     about = (f"{values['output']} by {values['input']}".replace("_", " ") + ", mean slip "
              + speed(values["operating_point"]["mean_slip"], 4))
 
@@ -88,8 +86,10 @@ def _curve(axis: Any, curve: Any) -> None:
     axis.fill_between(v, curve.low, curve.high, color=style.BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
     axis.plot(v, curve.coefficient, color=style.BLUE, label="found")
     axis.plot(v, curve.scene, color=style.RED, linestyle=(0, (4, 2)), label="scene")
-    for k, (low, high) in enumerate(not_visited(v, curve.visited)):
-        axis.axvspan(low, high, color=style.GREY, alpha=0.2, linewidth=0.0, label=None if k else "not visited")
+    seen = np.asarray(curve.visited)
+    between = ~(seen & np.append(seen[1:], True)) | ~np.append(True, seen[:-1])  # Up to the next visited speeds.
+    axis.fill_between(v, 0.0, 1.0, where=between, transform=axis.get_xaxis_transform(), color=style.GREY, alpha=0.2,
+                      linewidth=0.0, label="not visited")
     axis.set_xlim(0.0, v[-1])
     quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
 
