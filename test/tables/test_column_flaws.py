@@ -144,7 +144,7 @@ def run(words, tmp_path):
     return code, json.loads(path.read_text()) if code == 0 else None
 
 
-SCENE = ["--set", "pressure.amplitude=0", "--set", "initial.slip_speed=20"]
+SCENE = ["--set", "initial.slip_speed=20"]
 
 
 @pytest.mark.parametrize("name", FLAWS)
