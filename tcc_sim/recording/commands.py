@@ -173,9 +173,11 @@ class Commands:
             out[name] = Commanded(rows[inside].astype(np.int64), values[order][inside], answers[order][inside])
         return out
 
-    def recorded(self) -> dict[str, int]:
-        """Return the number of recorded commands, by topic."""
-        return {name: len(_once(parts)[0]) for name, parts in self._sent.items() if name in COMMANDS}
+    def recorded(self, runs: Sequence[JointStates]) -> dict[str, int]:
+        """Return the number of recorded commands up to the last state, behind which none can act, by topic."""
+        last = max((states.sent_ns.max() for states in runs if len(states)), default=0)
+        return {name: int(np.count_nonzero(_once(parts)[3] <= last)) for name, parts in self._sent.items()
+                if name in COMMANDS}
 
 
 def _once(parts: Sequence[tuple[Any, ...]]) -> list[Any]:

@@ -343,7 +343,7 @@ class Run:
         every = {**signals, **acted}
         return Columns(runs, {name: every[name] for name in COMMANDS if name in every},
                        {name: values for name, values in every.items() if name not in COMMANDS},
-                       {name: len(who) for name, who in commands.publishers.items()}, commands.recorded(),
+                       {name: len(who) for name, who in commands.publishers.items()}, commands.recorded(runs),
                        commands.counts(driveline.runs), keyed, commands.limits)
 
     def _warn_of_inputs(self, runs: Sequence[JointStates], untimed: int, messages: int) -> None:

@@ -17,7 +17,7 @@ from tcc_sim.errors import counted
 from tcc_sim.messages import held
 from tcc_sim.plant.closed_loop import doubt_of
 from tcc_sim.recording.columns import JointStates
-from tcc_sim.replay.timeline import Timeline
+from tcc_sim.replay.timeline import Timeline, grown
 from tcc_sim.result import reported
 from tcc_sim.topics import INPUTS
 
@@ -119,7 +119,7 @@ def _held_input(line: Timeline, name: str) -> HeldInput:
         for one in seconds:
             seconds[one] += float(steps[source == one].sum())
         unknown += float(steps[np.isnan(source)].sum())
-        counts += [_grown(states, name, what) for what in ("received", "superseded", "refused", "lost")]
+        counts += [grown(states, name, what) for what in ("received", "superseded", "refused", "lost")]
     publishers, recorded = line.publishers.get(name, 0), line.recorded.get(name, 0)
     if unknown and not stated:
         return HeldInput(None, None, seconds[held.SCENE], line.counts.get(f"{name} refused"), publishers, recorded,
@@ -130,15 +130,6 @@ def _held_input(line: Timeline, name: str) -> HeldInput:
     received, superseded, refused, lost = (int(count) for count in counts)
     return HeldInput(seconds[held.COMMAND], seconds[held.FALLBACK], seconds[held.SCENE], refused, publishers, recorded,
                      received - superseded, superseded, max(recorded - received, 0), lost, unknown)
-
-
-def _grown(states: JointStates, name: str, count: str) -> float:
-    """Return the growth of a count over the states of a run; from the begin of the run if they begin there."""
-    values = states.input(name, count)
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return np.nan
-    return float(known[-1] - (known[0] if states.stamp_ns[0] > 0 else 0.0))
 
 
 class Ages:

@@ -40,7 +40,8 @@ class Timeline:
     places : (index of the first state, number of the scene that applies from it on), not descending
     commands : commands by topic
     further : likewise the numbers of other topics that a viewer shows by themselves
-    publishers, recorded : numbers of publishers of commands, and of recorded commands, by topic
+    publishers, recorded : numbers of publishers of commands, and of recorded commands, by topic; without the commands
+        that were received outside of a window
     counts : counts of the driveline's diagnostics over the whole recording, by key
     keyed : whether the states name their runs
     limits : last limits of the pressure that a controller stated, Pa
@@ -65,7 +66,9 @@ class Timeline:
         runs = tuple(states[rows] for states in self.runs for rows in [window.rows(states)] if rows.stop > rows.start)
         commands, further = ({name: _within(runs, every) for name, every in of.items()}
                              for of in (self.commands, self.further))
-        return replace(self, runs=runs, commands=commands, further=further)
+        recorded = {name: count - _received(self.runs, name) + _received(runs, name)
+                    for name, count in self.recorded.items()}
+        return replace(self, runs=runs, commands=commands, further=further, recorded=recorded)
 
     @cached_property
     def absent(self) -> tuple[str, ...]:
@@ -177,6 +180,21 @@ def _within(runs: Sequence[JointStates], every: Commanded) -> Commanded:
         pieces.append(every.part(slice(begin, end)))
         done = end
     return Commanded(*(np.concatenate(columns) for columns in zip(*pieces)))
+
+
+def grown(states: JointStates, name: str, count: str) -> float:
+    """Return the growth of a count of an input over the states of a run; from the begin of the run if they begin there.
+    """
+    values = states.input(name, count)
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return np.nan
+    return float(known[-1] - (known[0] if states.stamp_ns[0] > 0 else 0.0))
+
+
+def _received(runs: Sequence[JointStates], name: str) -> int:
+    """Return the number of commands of an input that were received in some runs, as far as it is known."""
+    return int(np.nansum([grown(states, name, "received") for states in runs])) if name in INPUTS else 0
 
 
 def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timeline:

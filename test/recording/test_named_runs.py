@@ -297,6 +297,16 @@ def test_a_recording_states_what_held_its_inputs_and_what_became_of_its_commands
     assert result["command_age"] == {"median": 0.0, "p95": 0.0, "largest": 0.0}
 
 
+@pytest.mark.parametrize("window", [("--to", "0.2"), ("--from", "0.1", "--to", "0.3"), ("--run", "1")])
+def test_commands_outside_of_a_window_are_not_counted_as_ignored(original: list[Sent], tmp_path: Path,
+                                                                 window: tuple[str, ...]) -> None:
+    inputs, whole = (figures(save(tmp_path / str(len(options)), list(original)), *options)["inputs"]
+                     for options in (window, ()))
+    for name, one in inputs.items():
+        assert (one["ignored"], one["commands"]) == (0, one["applied"] + one["superseded"])
+        assert 0 < one["commands"] < whole[name]["commands"]
+
+
 def test_states_without_efforts_leave_the_counts_of_commands_as_they_are(tmp_path: Path, original: list[Sent],
                                                                          expected: Callable[[str], Any]) -> None:
     nan = struct.pack("<2d", math.nan, math.nan)
