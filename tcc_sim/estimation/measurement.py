@@ -14,7 +14,8 @@ from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.profile import smooth_corners
 from tcc_sim.replay.applied import measured_run
 from tcc_sim.scene import Scene, parse_scene
-from tcc_sim.tables.chosen_columns import CHANNELS, TIME
+from tcc_sim.tables.chosen_columns import CHANNELS
+from tcc_sim.tables.file_columns import TIME
 from tcc_sim.tables.measured_table import HOLDS, MeasuredTable
 from tcc_sim.topics import FAR_END, INPUTS
 from tcc_sim.trajectory import Floats

@@ -23,7 +23,8 @@ from tcc_sim.replay.recorded import Recording, read
 from tcc_sim.replay.timeline import far_columns
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
-from tcc_sim.tables.chosen_columns import DRIVING, TIME, is_table
+from tcc_sim.tables.chosen_columns import DRIVING, is_table
+from tcc_sim.tables.file_columns import TIME
 from tcc_sim.tables.measured_table import HOLDS, MeasuredTable, holes_in_words, longest_part, looks_smooth, table_in
 from tcc_sim.tables.sampling import in_words
 from tcc_sim.topics import INPUTS, topic

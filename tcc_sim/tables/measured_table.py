@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from tcc_sim.errors import InputError, counted
-from tcc_sim.tables.chosen_columns import COLUMNS, DRIVING, TIME, columns_in
+from tcc_sim.tables.chosen_columns import COLUMNS, DRIVING, columns_in
+from tcc_sim.tables.file_columns import TIME
 from tcc_sim.tables.flaws import without_flaws
 from tcc_sim.tables.sampling import (
     HOLE,

@@ -162,8 +162,9 @@ def test_orders_and_spectrum_are_those_of_the_clean_table(name, table, tmp_path)
 
 @pytest.mark.parametrize("name", FLAWS)
 def test_a_simulation_by_a_flawed_torque_is_that_by_the_clean_one_or_refused(name, table, tmp_path, capsys):
-    _, clean = run(["simulate", "fig02", *SCENE, "--inputs", table("engine_torque", "")], tmp_path)
+    status, clean = run(["simulate", "fig02", *SCENE, "--inputs", table("engine_torque", "")], tmp_path)
     code, document = run(["simulate", "fig02", *SCENE, "--inputs", table("engine_torque", name)], tmp_path)
+    assert status == 0
     if code == 2:
         assert "hole" in capsys.readouterr().err
         return

@@ -1,18 +1,15 @@
-"""Files of a few lines by hand: units, names, delimiters, cells, date-times, and whole sentences about them."""
+"""Files of a few lines by hand: units, names, delimiters, empty cells, date-times, and what is said about them."""
 
 import math
-import sys
-from importlib.machinery import ModuleSpec
-from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError
-from tcc_sim.tables.binary import mdf_contents, parquet_contents, write_mat, write_parquet
-from tcc_sim.tables.chosen_columns import columns_in, is_table, named_columns
+from tcc_sim.tables.binary import write_mat, write_parquet
+from tcc_sim.tables.chosen_columns import columns_in, is_table
 from tcc_sim.tables.measured_table import table_in
-from tcc_sim.tables.text import HEAD, LONGEST_LINE, encoding_of
+from tcc_sim.tables.text import HEAD, LONGEST_LINE
 from tcc_sim.tables.unit_names import is_unit, unit_factor, units_for
 
 DEGREE = "\N{DEGREE SIGN}"
@@ -22,8 +19,7 @@ UNITS = {
     "rad/s": {"rad/s": 1, "rad s-1": 1, "rad s^-1": 1, "rad/sec": 1, "Hz": 2 * math.pi, "rps": 2 * math.pi,
               "rev/s": 2 * math.pi, "U/s": 2 * math.pi, "deg/s": math.pi / 180, f"{DEGREE}/s": math.pi / 180,
               **dict.fromkeys(("1/min", "min-1", "min^-1", "min\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ONE}", "/min",
-               "U/min",
-                               "r/min", "rev/min", "rpm", "RPM"), math.pi / 30), "rad": None},
+                               "U/min", "r/min", "rev/min", "rpm", "RPM"), math.pi / 30), "rad": None},
     "rad": {"rad": 1, "mrad": 1e-3, "deg": math.pi / 180, DEGREE: math.pi / 180, "rev": 2 * math.pi, "rad/s": None},
     "N m": {"Nm": 1, "N m": 1, "N*m": 1, "N.m": 1, "N-m": 1, "N_m": 1, "N\N{MIDDLE DOT}m": 1, "N\N{DOT OPERATOR}m": 1,
             "nm": 1, "kNm": 1e3, "kN m": 1e3, "mNm": 1e-3, "MNm": 1e6, "MNM": None, "Ncm": 1e-2, "-": None,
@@ -44,185 +40,103 @@ def test_factors_of_units_follow_from_their_definitions(si):
 
 
 def read(path, text, **options):
-    """Columns and notes of a text, without the file's name."""
+    """Columns of a text, and what is said about it."""
     path.write_text(text) if isinstance(text, str) else path.write_bytes(text)
     result = table_in(path, **options)
-    return ({name: values.tolist() for name, values in result.columns.items()},
-            [note.removeprefix(f"{path.name}: ") for note in result.notes])
+    return {name: values.tolist() for name, values in result.columns.items()}, " ".join(result.notes)
 
 
 NAN = math.nan
 AXES = "0,200\n0.1,250\n0.3,300\n"
 READ = {"t": [0.0, 0.1, 0.3], "engine_torque": [200.0, 250.0, 300.0]}
+SCALED = ["t from t in ms", "engine_torque from engine_torque in kN m"]
 
 
-@pytest.mark.parametrize(("text", "columns", "notes"), [
-    ("t,engine_torque\n" + AXES, READ, []), ("# Bench 7\n# more words\nt,engine_torque\n" + AXES, READ, []),
-    ("Bench 7\nt,engine_torque\n" + AXES, READ, ["read as 1 line before the names, 2 columns, 2 used"]),
-    ("#t,engine_torque\n" + AXES, READ, []), ("% t, engine_torque\n" + AXES, READ, []),
-    ("t|engine_torque\n" + AXES.replace(",", "|"), READ, ["read as bars, 2 columns, 2 used"]),
-    ("t  engine_torque\n" + AXES.replace(",", "  "), READ, ["read as spaces, 2 columns, 2 used"]),
-    ("t [s]   engine_torque [Nm]\n" + AXES.replace(",", "  "), READ, ["read as spaces, 2 columns, 2 used"]),
-    ("t,engine_torque\n0,200\n\n# lost\n0.1,250\n  \n0.3,300\n", READ, []),
-    ("t,engine_torque,\n0,200,\n0.1,250,\n0.3,300,\n", READ, []),
-    ("t,engine_torque\n0,200,\n0.1,250\n0.3,300,\n", READ, []),
-    ("t,n,engine_torque\n0,-,200\n0.1,nan,250\n0.3,n/a,300\n", READ, ["3 columns, 2 used; passed over: n"]),
-    ("t/s,engine_torque / Nm\n" + AXES, READ, []),
-    ("t [ms],engine_torque (kN m)\n0,.2\n100,.25\n300,.3\n", READ,
-     ["2 columns, 2 used; t from t in ms, engine_torque from engine_torque in kN m"]),
-    *((head + AXES, READ, notes) for head, notes in (
-        ("t,engine_torque\ns,N m\n", []), ("t,engine_torque\n[s], (Nm)\n", []), ("t,engine_torque\ns,\n", []),
-        ("# words\n\nt , engine_torque\n[s], (N*m)\n", []), ("t(s),engine_torque [Nm]\n", []))),
-    ("t,engine_torque\ns,of the bench\nms,kN m\n0,.2\n100,.25\n300,.3\n", READ,
-     ["2 columns, 2 used; t from t in ms, engine_torque from engine_torque in kN m"]),
-    ("Time,Engine Torque\n" + AXES, READ, ["2 columns, 2 used; t from Time, engine_torque from Engine Torque"]),
-    ("t,a,b,c,d,e,f,engine_torque\n0,1,1,1,1,1,1,200\n0.1,1,1,1,1,1,1,250\n0.3,1,1,1,1,1,1,300\n", READ,
-     ["8 columns, 2 used; passed over: a, b, c, d, e, f"]),
-    ("t,a,b,c,d,e,f,g,engine_torque\n0,1,1,1,1,1,1,1,200\n0.1,1,1,1,1,1,1,1,250\n0.3,1,1,1,1,1,1,1,300\n", READ,
-     ["9 columns, 2 used; passed over: a, b, c, d, e, f and 1 more"]),
-    ("t,friction_torque,engine_torque\n0,7,200\n0.1,7,250\n0.3,7,300\n", READ, []),
+def torques(t, values):
+    return {"t": t, "engine_torque": values}
+
+
+@pytest.mark.parametrize(("text", "columns", "words"), [
+    *((text, READ, []) for text in (
+        "t,engine_torque\n" + AXES, "# Bench 7\n# more words\nt,engine_torque\n" + AXES, "#t,engine_torque\n" + AXES,
+        "% t, engine_torque\n" + AXES, "t,engine_torque\n0,200\n\n# lost\n0.1,250\n  \n0.3,300\n",
+        "t,engine_torque,\n0,200,\n0.1,250,\n0.3,300,\n", "t,engine_torque\n0,200,\n0.1,250\n0.3,300,\n",
+        "t/s,engine_torque / Nm\n" + AXES, "t,engine_torque\ns,N m\n" + AXES, "t,engine_torque\n[s], (Nm)\n" + AXES,
+        "t,engine_torque\ns,\n" + AXES, "# words\n\nt , engine_torque\n[s], (N*m)\n" + AXES,
+        "t(s),engine_torque [Nm]\n" + AXES, "t,friction_torque,engine_torque\n0,7,200\n0.1,7,250\n0.3,7,300\n")),
+    ("Bench 7\nt,engine_torque\n" + AXES, READ, ["1 line before"]),
+    ("t|engine_torque\n" + AXES.replace(",", "|"), READ, ["bars"]),
+    ("t  engine_torque\n" + AXES.replace(",", "  "), READ, ["spaces"]),
+    ("t [s]   engine_torque [Nm]\n" + AXES.replace(",", "  "), READ, ["spaces"]),
+    ("t,n,engine_torque\n0,-,200\n0.1,nan,250\n0.3,n/a,300\n", READ, ["passed over: n"]),
+    ("t [ms],engine_torque (kN m)\n0,.2\n100,.25\n300,.3\n", READ, SCALED),
+    ("t,engine_torque\ns,of the bench\nms,kN m\n0,.2\n100,.25\n300,.3\n", READ, SCALED),
+    ("Time,Engine Torque\n" + AXES, READ, ["t from Time", "engine_torque from Engine Torque"]),
+    ("t,a,b,c,d,e,f,g,engine_torque\n" + AXES.replace(",", ",1,1,1,1,1,1,1,"), READ, ["9 columns", "d, e, f and 1"]),
     # Rows and cells without values.
     ("t,engine_torque\n0,200\nnan,1\nna,2\n0.1,250\n0.2,\n0.3,300\n", READ,
-     ["2 rows without a time left out", "1 row without values left out"]),
+     ["2 rows without a time", "1 row without values"]),
     ("t,engine_torque,slip_speed\n0,200,1\n0.1,250,\n0.3,300,inf\n", {**READ, "slip_speed": [1.0, NAN, NAN]},
-     ["empty cells: 2 of 3 in slip_speed"]),
-    ("t,engine_torque,slip_speed,tacho\n0,200,1,\n0.1,,,5\n", {
-        "t": [0.0, 0.1], "engine_torque": [200.0, NAN], "slip_speed": [1.0, NAN], "tacho": [NAN, 5.0]},
-     ["empty cells: 1 of 2 in engine_torque, 1 of 2 in slip_speed, 1 of 2 in tacho"]),
-    ("t,engine_torque,tacho\n0,200,1\n0,200,2\n0.1,200,2\n0.1,200,2\n", {"t": [0.0, 0.05, 0.1],
-     "engine_torque": [200.0] * 3, "tacho": [1.0, 2.0, 2.0]},
-     ["1 row repeated time and values of the row before and were left out", "1 of 3 rows repeat the time of the row "
-      "before, because it is written in steps of 0.1 s; even steps of 0.05 s replace them"]),
+     ["2 of 3 in slip_speed"]),
+    ("t,engine_torque,tacho\n0,200,1\n0.1,,5\n", {**torques([0.0, 0.1], [200.0, NAN]), "tacho": [1.0, 5.0]},
+     ["1 of 2 in engine_torque"]),
+    ("t,engine_torque,tacho\n0,200,1\n0,200,2\n0.1,200,2\n0.1,200,2\n",
+     {**torques([0.0, 0.05, 0.1], [200.0] * 3), "tacho": [1.0, 2.0, 2.0]}, ["1 row repeated", "even steps of 0.05 s"]),
     # Clocks: by dates, or over midnight without them; a clock set back a little is no midnight.
-    ("t,engine_torque\n2026-02-28 23:00:00.5,1\n2026-03-02T00:00:00.5Z,2\n", {"t": [0.0, 90000.0],
-     "engine_torque": [1.0, 2.0]}, ["read as date-times from the first row, 2 columns, 2 used"]),
-    ("t,engine_torque\n28.2.2026 23:00,1\n01.03.2026 0:30:00,2\n", {"t": [0.0, 5400.0],
-     "engine_torque": [1.0, 2.0]}, ["read as date-times from the first row, 2 columns, 2 used"]),
-    ("t;engine_torque\n11:00:00,5;1,5\n23:59:59,5;2\n00:00:01,25;3\n12:00:00;4\n00:30:00;5\n", {
-        "t": [0.0, 46799.0, 46800.75, 48599.5, 89999.5], "engine_torque": [1.5, 2.0, 3.0, 5.0, 4.0]},
-     ["read as semicolons and decimal comma and date-times from the first row, 2 columns, 2 used",
-      "1 row came before an earlier one in time; the rows were sorted by time"]),
-    ("t,engine_torque\n1700000000,1\n1700000001.5,2\n", {"t": [0.0, 1.5], "engine_torque": [1.0, 2.0]},
-     ["times in s since 1970, counted from the first row"]),
-    ("t,engine_torque\n1700000000000,1\n1700000001500,2\n", {"t": [0.0, 1.5], "engine_torque": [1.0, 2.0]},
-     ["times in ms since 1970, counted from the first row"]),
-    ("t,engine_torque\n1700000000000000,1\n1700000001500000,2\n", {"t": [0.0, 1.5], "engine_torque": [1.0, 2.0]},
-     ["times in us since 1970, counted from the first row"]),
-    ("t,engine_torque\n46000.5,1\n46000.5000115741,2\n46000.5000231482,3\n", {
-        "t": [0.0, 1.000002, 2.000004], "engine_torque": [1.0, 2.0, 3.0]},
-     ["times in days as Excel counts them, counted from the first row"]),
-    ("t,engine_torque\n900000000,1\n900000001,2\n", {"t": [9e8, 900000001.0], "engine_torque": [1.0, 2.0]}, []),
-    ("t,engine_torque\n4000000000,1\n4000000001,2\n", {"t": [0.0, 1.0], "engine_torque": [1.0, 2.0]},
-     ["times in s since 1970, counted from the first row"]),
-    ("t,engine_torque\n5000000000,1\n5000000001,2\n", {"t": [5e9, 5000000001.0], "engine_torque": [1.0, 2.0]}, [])])
-def test_a_text_gives_its_numbers_and_says_how(tmp_path, text, columns, notes):
+    ("t,engine_torque\n2026-02-28 23:00:00.5,1\n2026-03-02T00:00:00.5Z,2\n", torques([0.0, 90000.0], [1.0, 2.0]),
+     ["date-times"]),
+    ("t,engine_torque\n28.2.2026 23:00,1\n01.03.2026 0:30:00,2\n", torques([0.0, 5400.0], [1.0, 2.0]), ["date-times"]),
+    ("t;engine_torque\n11:00:00,5;1,5\n23:59:59,5;2\n00:00:01,25;3\n12:00:00;4\n00:30:00;5\n",
+     torques([0.0, 46799.0, 46800.75, 48599.5, 89999.5], [1.5, 2.0, 3.0, 5.0, 4.0]),
+     ["semicolons", "decimal comma", "date-times", "1 row came before", "sorted"]),
+    ("t,engine_torque\n46000.5,1\n46000.5000115741,2\n46000.5000231482,3\n",
+     torques([0.0, 1.000002, 2.000004], [1.0, 2.0, 3.0]), ["days", "Excel"]),
+    *((f"t,engine_torque\n17{'0' * 8}{'0' * zeros},1\n17{'0' * 7}15e{zeros - 1},2\n", torques([0.0, 1.5], [1.0, 2.0]),
+       [f"times in {unit} since 1970"]) for zeros, unit in ((3, "ms"), (6, "us"))),
+    ("t,engine_torque\n1700000000,1\n1700000001.5,2\n", torques([0.0, 1.5], [1.0, 2.0]), ["times in s since 1970"]),
+    ("t,engine_torque\n4000000000,1\n4000000001,2\n", torques([0.0, 1.0], [1.0, 2.0]), ["times in s since 1970"]),
+    *((f"t,engine_torque\n{t:.0f},1\n{t + 1:.0f},2\n", torques([t, t + 1.0], [1.0, 2.0]), []) for t in (9e8, 5e9))])
+def test_a_text_gives_its_numbers_and_says_how(tmp_path, text, columns, words):
     result, said = read(tmp_path / "in.csv", text)
     assert {name: pytest.approx(values, nan_ok=True, abs=1e-9) for name, values in columns.items()} == result
-    assert said == notes
+    assert all(word in said for word in words), said
+    assert bool(said) is bool(words)
 
 
 CLEAN = "t,M_mot [Nm],engine_torque\n0,1,2\n0.1,2,3\n"
 
 
-@pytest.mark.parametrize(("text", "columns", "why"), [
-    (CLEAN, "engine_torque=M_mot", {"t": [0.0, 0.1], "engine_torque": [1.0, 2.0]}),
-    (CLEAN, "engine_torque=M_mot:kNm", "{path}: column M_mot is in Nm by the file and in kNm by --columns; leave out "
-     "one of them"), (CLEAN, "engine_torque=M_mot:N m", {"t": [0.0, 0.1], "engine_torque": [1.0, 2.0]}),
-    (CLEAN, " t =t:ms", {"t": [0.0, 1e-4], "engine_torque": [2.0, 3.0]}),
-    (CLEAN.replace("M_mot [Nm]", "n:rpm"), "engine_torque=n:rpm", {"t": [0.0, 0.1], "engine_torque": [1.0, 2.0]}),
-    (CLEAN, "engine_torque=xyz", "{path}: there is no column xyz, which --columns names for engine_torque; the file "
-     "has t, M_mot, engine_torque"),
-    (CLEAN, "engine_torque=Mmot", "{path}: there is no column Mmot, which --columns names for engine_torque; did you "
-     "mean M_mot?"),
-    (CLEAN.replace("M_mot [Nm]", "t"), None, "{path} has the column t 2 times"),
-    (CLEAN.replace("M_mot [Nm]", "T"), "slip_speed=T,t=t", {"t": [0.0, 0.1], "slip_speed": [1.0, 2.0],
-                                                             "engine_torque": [2.0, 3.0]}),
-    ("time,Time,engine_torque\n0,0,1\n1,1,2\n", None, "{path} has the column time 2 times"),
-    ("t,engine_torque\ns,bananas\n0,1\n1,2\n", None, "{path}: column engine_torque is in bananas; engine_torque must "
-     "be in "
-     "N m or one of N m, kN m, lbf ft"),
-    ("t,engine_torque [K]\n0,1\n1,2\n", None, "{path}: column engine_torque is in K; engine_torque must be in N m or "
-     "one of N m, kN m, lbf ft"),
-    ("x,engine_torque\n0,1\n1,2\n", None, "{path}: there is no column t; the file has x, and --columns t=COLUMN names "
-     "one of them"), ("engine_torque,slip_speed\n0,1\n1,2\n", None, "{path}: there is no column t"),
-    ("t,engine_torque\n,1\n,2\n", None, "{path}: column t has no times"),
-    ("t,engine_torque\n0,1\n1,two\n", None, "{path}: line 3 has no number in column engine_torque: 'two'"),
-    ("t;engine_torque\n0;1.5\n1;2,5\n", None, "{path}: line 2 has a decimal point and line 3 a decimal comma; a table "
-     "must use one of them"),
-    ("t;engine_torque\n0;1\n1;2,500.5\n", None, "{path}: line 3 has '2,500.5' in column engine_torque; write numbers "
-     "without separators of thousands"),
-    ("t;engine_torque\n0;1\n1;2,5,5\n", None, "{path}: line 3 has no number in column engine_torque: '2,5,5'"),
-    ("t;engine_torque\n0;1\n1;2,x\n", None, "{path}: line 3 has no number in column engine_torque: '2,x'"),
-    ("t,engine_torque\n2026-02-28 1:00:00,1\n2026-02-30 1:00:00,2\n", None,
-     "{path}: line 3 has no date-time in column t: '2026-02-30 1:00:00'"),
-    ("t,engine_torque,gear\n0,1,1\n1,2\n", None, {"t": [0.0, 1.0], "engine_torque": [1.0, 2.0]}),
-    ("t,gear,engine_torque\n0,1,1\n1,2\n", None, "{path}: line 3 has 2 values; the first line names 3"),
-    ("t,engine_torque\n0,1\n1,2,3\n", None, "{path}: line 3 has 3 values; the first line names 2; with a decimal "
-     "comma, another sign must stand between the columns"),
-    ("t;engine_torque\n0;1\n1;2;3\n", None, "{path}: line 3 has 3 values; the first line names 2"),
-    ("a,b\nc,d\ns,Nm\n0,1\n1,2\n", None, "{path}: there is no column t; the file has c, d, and --columns t=COLUMN "
-     "names one of them"),
-    ("words\n", None, "{path}: no columns were recognised; the first line must have their names, such as slip_speed, "
-     "t, and "
-     "the next ones a number for each"), ("", None, "{path}: there is no column t in its first line; the file is "
-     "empty"),
-    ("1,2\n2,3\n", None, "{path}: no columns were recognised; the first line must have their names, such as "
-     "slip_speed, t, and the next ones a number for each")])
-def test_chosen_and_missing_columns(tmp_path, text, columns, why):
+@pytest.mark.parametrize(("text", "columns", "result"), [
+    (CLEAN, "engine_torque=M_mot", torques([0.0, 0.1], [1.0, 2.0])),
+    (CLEAN, "engine_torque=M_mot:N m", torques([0.0, 0.1], [1.0, 2.0])),
+    (CLEAN, {"t": "t:ms"}, torques([0.0, 1e-4], [2.0, 3.0])), (CLEAN, " t =t:ms", torques([0.0, 1e-4], [2.0, 3.0])),
+    (CLEAN.replace("M_mot [Nm]", "n:rpm"), "engine_torque=n:rpm", torques([0.0, 0.1], [1.0, 2.0])),
+    (CLEAN.replace("M_mot [Nm]", "T"), "tacho=T,t=t", {**torques([0.0, 0.1], [2.0, 3.0]), "tacho": [1.0, 2.0]}),
+    ("t,engine_torque,gear\n0,1,1\n1,2\n", None, torques([0.0, 1.0], [1.0, 2.0])),
+    # Words of the refusal.
+    (CLEAN, "engine_torque=M_mot:kNm", ["M_mot", "Nm", "kNm", "--columns"]), (CLEAN, "t=xyz", ["xyz", "M_mot"]),
+    (CLEAN, "engine_torque=Mmot", ["Mmot", "did you mean M_mot?"]), (CLEAN, "F=t", ["--columns", "'F'", "slip_speed"]),
+    (CLEAN, "t=t,t=M_mot", ["--columns", "t twice"]), (CLEAN, "t=", ["--columns", "'t'", "=COLUMN"]),
+    (CLEAN.replace("M_mot [Nm]", "t"), None, ["column t", "2 times"]),
+    ("time,Time,engine_torque\n0,0,1\n1,1,2\n", None, ["column time", "2 times"]),
+    ("t,engine_torque\ns,bananas\n0,1\n1,2\n", None, ["engine_torque", "bananas", "kN m"]),
+    ("t,engine_torque [K]\n0,1\n1,2\n", None, ["engine_torque", "K", "kN m"]),
+    ("x,engine_torque\n0,1\n1,2\n", None, ["column t", "x", "--columns t=COLUMN"]),
+    ("engine_torque,slip_speed\n0,1\n1,2\n", None, ["column t"]), ("t,engine_torque\n,1\n,2\n", None, ["column t"]),
+    ("t,engine_torque\n2026-02-28 1:00:00,1\n2026-02-30 1:00:00,2\n", None, ["line 3", "column t", "2026-02-30"]),
+    ("t,gear,engine_torque\n0,1,1\n1,2\n", None, ["line 3", "2 values", "3"]),
+    ("t,engine_torque\n0,1\n1,2,3\n", None, ["line 3", "3 values", "2", "decimal comma"]),
+    ("a,b\nc,d\ns,Nm\n0,1\n1,2\n", None, ["column t", "c, d"]), ("words\n", None, ["slip_speed", "t"]),
+    ("", None, ["column t", "empty"]), ("1,2\n2,3\n", None, ["slip_speed", "t"]),
+    (b"t,engine_torque\n0,\x081\n", None, ["not a text file", ".csv"]), (bytes(20), None, ["not a text file", ".csv"])])
+def test_chosen_and_missing_columns(tmp_path, text, columns, result):
     path = tmp_path / "in.csv"
-    if isinstance(why, dict):
-        assert read(path, text, columns=columns)[0] == {name: pytest.approx(values) for name, values in why.items()}
+    if isinstance(result, dict):
+        assert read(path, text, columns=columns)[0] == {name: pytest.approx(x) for name, x in result.items()}
         return
     with pytest.raises(InputError) as error:
         read(path, text, columns=columns)
-    assert str(error.value) == why.format(path=path)
-
-
-def channel(unit, conversion=None):
-    return SimpleNamespace(unit=unit, conversion=None if conversion is None else SimpleNamespace(unit=conversion))
-
-
-class Mdf:
-    """Stands for asammdf's reader: two groups, each with its times in the first channel."""
-
-    def __init__(self, path):
-        if path.name == "broken.mf4":
-            raise KeyError("it is broken")
-        self.masters_db = {0: 0, 1: 0}
-        self.channels_db = {"t": ((0, 0), (1, 0)), "slip": ((0, 1),), "torque": ((1, 1),), "twice": ((0, 2), (1, 2)),
-                            "words": ((1, 3),), "time": ((0, 3),)}
-        self.groups = [SimpleNamespace(channels=each) for each in (
-            [channel("s"), channel("rad/s "), channel(""), channel("s")],
-            [channel("s"), channel("", "Nm\0"), channel("x"), channel(None)])]
-
-    def get(self, group, index):
-        samples = {(0, 1): [1, 2, 3], (1, 1): [7.0, 8.0, 9.0], (1, 3): ["a", "b", "c"]}[group, index]
-        bits = {(1, 1): [False, True, False], (0, 1): [True]}.get((group, index))
-        return SimpleNamespace(samples=samples, timestamps=[[0.0, 0.1, 0.2], [0.1, 0.15, 0.2]][group],
-                               invalidation_bits=bits)
-
-
-def test_channels_of_an_mdf_file_share_their_times(tmp_path, monkeypatch):
-    """With a stand-in for asammdf; a cell is empty where its channel has no sample, or one that is invalid."""
-    package = ModuleType("asammdf")
-    package.MDF, package.__spec__ = Mdf, ModuleSpec("asammdf", None)
-    monkeypatch.setitem(sys.modules, "asammdf", package)
-    contents = mdf_contents(tmp_path / "a.mf4")
-    assert (contents.names, contents.units, contents.read_as, contents.hold) == (
-        ["t", "slip", "torque", "twice", "words"], ["s", "rad/s", "Nm", "", ""], ["MDF"], {})
-    columns, said = contents.numbers([0, 2, 1], 0, 4)
-    assert said == []
-    np.testing.assert_array_equal(columns, [[0.0, 0.1, 0.15, 0.2], [NAN, 7.0, NAN, 9.0], [1.0, 2.0, NAN, 3.0]])
-    np.testing.assert_array_equal(contents.numbers([1], None, 3)[0], [[1.0, 2.0, 3.0]])
-    for chosen, most, why in (([0, 2, 1], 3, "it has more than 3 rows; it must have at most 3"),
-                              ([0], 9, "no channel was chosen; --columns NAME=CHANNEL names one"),
-                              ([0, 3], 9, "2 groups have a channel twice; export one of them"),
-                              ([4], 9, "channel words holds no numbers")):
-        with pytest.raises(InputError) as error:
-            contents.numbers(chosen, 0, most)
-        assert str(error.value) == f"{tmp_path / 'a.mf4'}: {why}"
-    with pytest.raises(InputError, match=r"broken.mf4 cannot be read as an MDF file: 'it is broken'$"):
-        mdf_contents(tmp_path / "broken.mf4")
+    assert all(word in str(error.value) for word in result), str(error.value)
 
 
 def test_columns_of_another_list_of_names(tmp_path):
@@ -230,42 +144,21 @@ def test_columns_of_another_list_of_names(tmp_path):
     path, known = tmp_path / "mu.csv", {"speed": "rad/s", "coefficient": "", "load": None}
     path.write_text("coefficient [%],speed [Hz],load [kip]\n13,1,\n12,2,7\n")
     values, notes, hold = columns_in(path, known, ("speed", "coefficient"), 2)
-    assert {name: column.tolist() for name, column in values.items()} == {
-        "coefficient": [0.13, 0.12], "speed": [2.0 * math.pi, 4.0 * math.pi], "load": [pytest.approx(NAN,
-         nan_ok=True), 7.0]}
-    assert (notes, hold) == (["3 columns, 3 used; speed from speed in Hz, coefficient from coefficient in %"], {})
-    for needed, most, why in ((("slope",), 2, "there is no column slope"), (("speed",), 1, "it has more than 1 rows; "
-     "it must have at most 1")):
-        with pytest.raises(InputError) as error:
+    for name, column in {"coefficient": [0.13, 0.12], "speed": [math.tau, 2.0 * math.tau], "load": [NAN, 7]}.items():
+        np.testing.assert_allclose(values[name], column)
+    assert (len(notes), hold) == (1, {})
+    for needed, most, words in ((("slope",), 2, "column slope"), (("speed",), 1, "1 rows")):
+        with pytest.raises(InputError, match=words):
             columns_in(path, known, needed, most)
-        assert str(error.value) == f"{path}: {why}"
-    assert named_columns({"load": "F:kN"}, known) == {"load": "F:kN"}
-    assert named_columns(None) == {}
-    with pytest.raises(InputError, match=r"^--columns names 'F'; it takes NAME"):
-        named_columns("F=load", known)
-    with pytest.raises(InputError, match=r"^--columns gives load twice$"):
-        named_columns("load=a,load=b", known)
-    with pytest.raises(InputError, match=r"^--columns names 'load' without =COLUMN; it takes NAME=COLUMN\[:UNIT\],... "
-     r"with "
-                       "the names speed, coefficient, load$"):
-        named_columns("load", known)
 
 
-@pytest.mark.parametrize(("content", "encoding"), [
-    (b"t,x\n", "utf-8-sig"), ("\ufefft,x\n".encode(), "utf-8-sig"), ("t,x\n".encode("utf-16"), "utf-16"),
-    (b"\xfe\xff" + "t".encode("utf-16-be"), "utf-16"), ("t,x\n1,2".encode("utf-16-le"), "utf-16-le"),
-    ("t,x\n1,2".encode("utf-16-be"), "utf-16-be"), ("t,\N{DEGREE SIGN}\n1,2\n".encode("cp1252"), "cp1252"),
-    ("t,\N{DEGREE SIGN}\n1,2\n".encode(), "utf-8-sig"), (b"a" * 65534 + "\N{DEGREE SIGN}\n".encode(), "utf-8-sig"),
-    (b"a" * 65535 + "\N{DEGREE SIGN}\n".encode(), "utf-8-sig"), (b"a\tb\x0b\x0c\r\n", "utf-8-sig"),
-    (b"a\x08b", None), (b"a\x0eb", None), (b"a\x1fb", None), (bytes(20), None)])
-def test_the_encoding_is_that_of_the_first_bytes(tmp_path, content, encoding):
-    path = tmp_path / "in.dat"
-    path.write_bytes(content)
-    if encoding is None:
-        with pytest.raises(InputError, match=r"not a text file, although its name ends in .dat$"):
-            encoding_of(path)
-    else:
-        assert encoding_of(path) == encoding
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252"])
+@pytest.mark.parametrize("padding", [0, 65_500, 65_501, 65_502, 65_503])
+def test_the_encoding_is_that_of_the_first_bytes(tmp_path, encoding, padding):
+    """One of the paddings cuts the sign of degrees at the end of the bytes that are looked at."""
+    text = "# " + "x" * (padding % 60_000) + "\n# " + "y" * (60_000 * (padding > 0)) + "\n"
+    text += f"t,T [{DEGREE}C],engine_torque\n{AXES.replace(',', ',0,')}"
+    assert read(tmp_path / "in.csv", text.encode(encoding))[0] == READ
 
 
 def test_names_may_stand_behind_long_comments_but_not_in_long_lines(tmp_path):
@@ -273,22 +166,16 @@ def test_names_may_stand_behind_long_comments_but_not_in_long_lines(tmp_path):
     for count in (0, HEAD - 2, HEAD, 3 * HEAD):
         path.write_text("# hold: engine_torque next, slip_speed odd\n" + "# x\n" * count + "t,engine_torque\n" + AXES)
         assert (table_in(path).hold, table_in(path).t.tolist()) == ({"engine_torque": "next"}, READ["t"])
-    for more, why in ((0, None), (1, f"{path}: it has a line of more than {LONGEST_LINE} characters")):
-        path.write_text("t,engine_torque\n" + AXES + "#" * (LONGEST_LINE - 1 + more) + "\n")
-        if why is None:
-            assert table_in(path).t.tolist() == READ["t"]
-        else:
-            with pytest.raises(InputError) as error:
-                table_in(path)
-            assert str(error.value) == why
+    text = "t,engine_torque\n" + AXES + "#" * (LONGEST_LINE - 1)
+    assert read(path, text + "\n")[0] == READ
+    with pytest.raises(InputError, match=str(LONGEST_LINE)):
+        read(path, text + "#\n")
 
 
 def test_tables_are_known_by_their_names(tmp_path):
-    assert [is_table(tmp_path / f"x{suffix}") for suffix in (".csv", ".TXT", ".pq", ".mf4", ".mcap", "")] == [
-        True, True, True, True, False, False]
-    with pytest.raises(InputError, match=r"x\.h5 is an HDF5 file, which is not read; save it as \.csv, \.txt, \.tsv, "
-     r"\.dat, "
-                       r"\.asc, \.parquet, \.pq, \.mat, \.mf4, \.mdf$"):
+    assert [is_table(tmp_path / f"x{suffix}") for suffix in (".csv", ".TXT", ".pq", ".mf4", ".tdms", ".mcap", "")] == [
+        True, True, True, True, True, False, False]
+    with pytest.raises(InputError, match=r"x\.h5 .*HDF5.*\.csv.*\.mf4"):
         is_table(tmp_path / "x.h5")
 
 
@@ -299,21 +186,13 @@ def test_binary_tables_keep_units_holds_and_numbers(tmp_path, write):
         pytest.importorskip("pyarrow")
     write(path, {"t": np.array([0.0, 100.0]), "engine_torque": np.array([0.2, np.nan]), "tacho": np.array([1, 2])},
           {"t": "ms", "engine_torque": "kN m"}, {"engine_torque": "next"}, {"scene": "a: 1\n"})
-    result = table_in(path)
-    assert {name: values.tolist() for name, values in result.columns.items()} == {
-        "t": [0.0, 0.1], "engine_torque": [200.0, pytest.approx(NAN, nan_ok=True)], "tacho": [1.0, 2.0]}
-    how = "Parquet" if write is write_parquet else "a MATLAB file"
+    result = table_in(path, most=2)
+    for name, column in {"t": [0.0, 0.1], "engine_torque": [200.0, NAN], "tacho": [1.0, 2.0]}.items():
+        np.testing.assert_array_equal(result.columns[name], column)
     assert result.hold == {"engine_torque": "next"}
-    assert [note.partition(": ")[2] for note in result.notes] == [
-        f"read as {how}, 3 columns, 3 used; t from t in ms, engine_torque from engine_torque in kN m",
-        "empty cells: 1 of 2 in engine_torque"]
-    for most, why in ((2, None), (1, f"{path}: it has more than 1 rows; it must have at most 1")):
-        if why is None:
-            table_in(path, most=most)
-        else:
-            with pytest.raises(InputError) as error:
-                table_in(path, most=most)
-            assert str(error.value) == why
+    assert all(word in " ".join(result.notes) for word in (*SCALED, "3 columns, 3 used", "1 of 2 in engine_torque"))
+    with pytest.raises(InputError, match="1 rows"):
+        table_in(path, most=1)
 
 
 def test_dates_durations_and_texts_of_parquet(tmp_path):
@@ -323,15 +202,12 @@ def test_dates_durations_and_texts_of_parquet(tmp_path):
     path = tmp_path / "x.parquet"
     for unit, per_second in (("s", 1), ("ms", 1000), ("us", 10**6), ("ns", 10**9)):
         ticks = arrow.array([None, 3 * per_second, 5 * per_second])
-        parquet.write_table(arrow.table({"a": ticks.cast(arrow.timestamp(unit)), "b": ticks.cast(arrow.duration(unit)),
-                                         "c": ["x", "y", "z"], "d": [1, 2, 3]}), path)
-        contents = parquet_contents(path)
-        values, notes = contents.numbers([0, 1, 3], 0, 3)
-        np.testing.assert_array_equal(values, [[NAN, 0.0, 2.0], [NAN, 0.0, 2.0], [1.0, 2.0, 3.0]])
-        assert (contents.names, contents.units, contents.read_as, contents.hold, notes) == (
-            ["a", "b", "c", "d"], [""] * 4, ["Parquet"], {}, [])
-    with pytest.raises(InputError, match="column c holds string, no numbers"):
-        contents.numbers([2], None, 3)
+        for kind in (arrow.timestamp(unit), arrow.duration(unit)):
+            parquet.write_table(arrow.table({"a": ticks.cast(kind), "c": ["x", "y", "z"], "d": [1, 2, 3]}), path)
+            assert table_in(path, columns="t=a,tacho=d").columns["tacho"].tolist() == [2.0, 3.0]
+            assert table_in(path, columns="t=a,tacho=d").t.tolist() == [0.0, 2.0]
+    with pytest.raises(InputError, match="column c holds string"):
+        table_in(path, columns="t=a,tacho=c")
 
 
 def test_vectors_of_matlab_structures(tmp_path):
@@ -343,10 +219,31 @@ def test_vectors_of_matlab_structures(tmp_path):
     result = table_in(path)
     assert {name: values.tolist() for name, values in result.columns.items()} == {
         "t": [0.0, 1.0, 2.0], "slip_speed": [1.0, 2.0, 3.0], "engine_torque": [7.0, 8.0, 9.0]}
-    assert result.notes == ("x.mat: read as a MATLAB file, 5 columns, 3 used; passed over: flag, two.t",)
-    with pytest.raises(InputError) as error:
+    assert "flag, two.t" in result.notes[0]
+    with pytest.raises(InputError, match=r"two\.t has 2 values.*3"):
         table_in(path, columns="tacho=two.t")
-    assert str(error.value) == f"{path}: two.t has 2 values; the times have 3"
     savemat(path, {"a": 1.0, "b": np.eye(2), "units": {"a": "s"}})
-    with pytest.raises(InputError, match=r"has no vectors of numbers; a timetable must be saved as vectors$"):
+    with pytest.raises(InputError, match="vectors"):
         table_in(path)
+
+
+def test_channels_of_an_mdf_file_share_their_times(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    file, t = asammdf.MDF(), np.array([0.0, 0.1, 0.2])
+    for stamps, name, values, more in (
+            (t, "slip_speed", t + 1.0, {}), (t, "twice", t, {}), (t, "twice", t, {}),
+            (0.1 + 0.5 * t, "engine_torque", 9.0 * t, {"invalidation_bits": np.array([False, True, False])}),
+            (t, "words", np.array([b"a"] * 3), {"encoding": "utf-8"})):
+        file.append([asammdf.Signal(values, stamps, name=name, **more)])
+    path = file.save(tmp_path / "a.mf4")
+    file.close()
+    result = table_in(path)
+    assert result.t == pytest.approx([0.0, 0.1, 0.2])
+    np.testing.assert_allclose(result.columns["slip_speed"], [1.0, 1.1, 1.2])
+    np.testing.assert_allclose(result.columns["engine_torque"], [NAN, 0.0, 1.8])
+    for columns, words in (("tacho=twice", "2 groups have a channel twice"), ("tacho=words", "words holds no numbers")):
+        with pytest.raises(InputError, match=words):
+            table_in(path, columns=columns)
+    (tmp_path / "broken.mf4").write_bytes(b"MDF " * 99)
+    with pytest.raises(InputError, match="MDF"):
+        table_in(tmp_path / "broken.mf4")

@@ -1,5 +1,7 @@
 """Times of rows made by hand: usual steps, holes, jitter, and rows out of order or with repeated times."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.stats import linregress
@@ -58,18 +60,14 @@ def test_stretches_that_touch_are_joined(spans, joined):
 
 def test_stretches_in_words():
     spans = np.array([[k, k + 0.25] for k in range(7)])
-    five = "0 to 0.25 s, 1 to 1.25 s, 2 to 2.25 s, 3 to 3.25 s, 4 to 4.25 s"
-    assert [in_words(spans[:n]) for n in (1, 5, 6, 7)] == ["0 to 0.25 s", five, f"{five} and 1 more", f"{five} and 2 "
-     f"more"]
-    assert in_words(spans, 1) == "0 to 0.25 s and 6 more"
     table = MeasuredTable({"t": np.arange(3.0)}, source="x.csv")
-    assert holes_in_words(table, spans[:1], 0.012345) == (
-        "x.csv has a hole without rows or values, 0 to 0.25 s, beside steps of 0.01235 s")
-    assert holes_in_words(table, spans[:2], 0.5) == (
-        "x.csv has 2 holes without rows or values, 0 to 0.25 s, 1 to 1.25 s, beside steps of 0.5 s")
-    assert longest_part(np.array([0.0, 9.0]), np.array([[1.0, 2.0], [5.0, 6.0]])) == (2.0, 5.0)
-    assert longest_part(np.array([0.0, 9.0]), np.array([[1.0, 2.0]])) == (2.0, 9.0)
-    assert longest_part(np.array([0.0, 9.0]), np.array([[4.0, 8.0]])) == (0.0, 4.0)
+    for count, words in ((1, ["0 to 0.25 s"]), (2, ["2 holes", "1 to 1.25 s"]), (6, ["4 to 4.25 s", "1 more"]),
+                         (7, ["4 to 4.25 s", "2 more"])):
+        text = holes_in_words(table, spans[:count], 0.012345)
+        assert in_words(spans[:count]) in text
+        assert all(word in text for word in ("x.csv", "0.01235 s", *words))
+    for holes, part in (([[1.0, 2.0], [5.0, 6.0]], (2.0, 5.0)), ([[1.0, 2.0]], (2.0, 9.0)), ([[4.0, 8.0]], (0.0, 4.0))):
+        assert longest_part(np.array([0.0, 9.0]), np.array(holes)) == part
 
 
 EVEN = np.arange(20.0)
@@ -87,75 +85,49 @@ LINE = linregress(np.arange(40), at(STAIRS, {0: -1.3}))
 
 @pytest.mark.parametrize(("t", "same", "rows", "times", "said"), [
     ([], [], [], [], []), ([3.0], [], [0], [3.0], []), (EVEN, [5], range(20), EVEN, []),
-    ([0.0, 2.0, 1.0, 3.0], [], [0, 2, 1, 3], [0.0, 1.0, 2.0, 3.0],
-     ["1 row came before an earlier one in time; the rows were sorted by time"]),
-    ([3.0, 2.0, 1.0, 0.0], [], [3, 2, 1, 0], [0.0, 1.0, 2.0, 3.0],
-     ["3 rows came before an earlier one in time; the rows were sorted by time"]),
+    ([0.0, 2.0, 1.0, 3.0], [], [0, 2, 1, 3], [0.0, 1.0, 2.0, 3.0], ["1 row came before"]),
+    ([3.0, 2.0, 1.0, 0.0], [], [3, 2, 1, 0], [0.0, 1.0, 2.0, 3.0], ["3 rows came before"]),
     # Values of the row before count only where that row is still the one before.
-    ([0.0, 1.0, 1.0, 2.0], [2], [0, 1, 3], [0.0, 1.0, 2.0],
-     ["1 row repeated time and values of the row before and were left out"]),
-    ([1.0, 1.0, 2.0, 0.0], [1], [3, 0, 2], [0.0, 1.0, 2.0],
-     ["1 row came before an earlier one in time; the rows were sorted by time",
-      "1 row repeated time and values of the row before and were left out"]),
-    ([0.0, 0.0, 0.0, 1.0], [1, 2], [0, 3], [0.0, 1.0],
-     ["2 rows repeated time and values of the row before and were left out"]),
-    ([0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0], [], range(4), [0.0, 1.0, 2.0, 3.0],
-     ["the times start again 1 time (first after row 4): only the longest of 2 runs is used, rows 1 to 4, 0 to 3 s"]),
-    ([0.0, 1.0, 0.5, 1.5, 2.5, 0.5], [], range(2, 5), [0.5, 1.5, 2.5],
-     ["the times start again 2 times (first after row 2): only the longest of 3 runs is used, rows 3 to 5, 0.5 to 2.5 "
-      "s"]),
+    ([0.0, 1.0, 1.0, 2.0], [2], [0, 1, 3], [0.0, 1.0, 2.0], ["1 row repeated time and values"]),
+    ([1.0, 1.0, 2.0, 0.0], [1], [3, 0, 2], [0.0, 1.0, 2.0], ["1 row came before", "1 row repeated time and values"]),
+    ([0.0, 0.0, 0.0, 1.0], [1, 2], [0, 3], [0.0, 1.0], ["2 rows repeated time and values"]),
+    ([0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0], [], range(4), [0.0, 1.0, 2.0, 3.0], ["1 time.*row 4.*2 runs.*rows 1 to 4,"]),
+    ([0.0, 1.0, 0.5, 1.5, 2.5, 0.5], [], range(2, 5), [0.5, 1.5, 2.5], ["2 times.*row 2.*3 runs.*rows 3 to 5,"]),
     # Interleaved closely without one equal time: two runs too, if few cuts.
-    ([*EVEN, *(EVEN[:-1] + 0.1)], [], range(20), EVEN,
-     ["the times start again 1 time (first after row 20): only the longest of 2 runs is used, rows 1 to 20, 0 to 19 "
-      "s"]),
+    ([*EVEN, *(EVEN[:-1] + 0.1)], [], range(20), EVEN, ["1 time.*row 20.*2 runs.*rows 1 to 20,"]),
     ([*EVEN, *(EVEN[:-1] + 0.4)], [], [*[k for pair in zip(range(20), range(20, 39)) for k in pair], 19],
-     np.sort([*EVEN, *(EVEN[:-1] + 0.4)]),
-     ["1 row came before an earlier one in time; the rows were sorted by time"]),
-    (at(HUNDRED, {50: 49.0}), [], range(100), at(HUNDRED, {50: 50.0}),
-     ["1 row repeated the time of the row before; each was placed between its neighbours"]),
-    (at(HUNDRED, {50: 49.0, 51: 51.5}), [], range(100), at(HUNDRED, {50: 50.25, 51: 51.5}),
-     ["1 row repeated the time of the row before; each was placed between its neighbours"]),
-    (at(HUNDRED, {99: 98.0}), [], range(100), at(HUNDRED, {99: 99.0}),
-     ["1 row repeated the time of the row before; each was placed between its neighbours"]),
+     np.sort([*EVEN, *(EVEN[:-1] + 0.4)]), ["1 row came before"]),
+    (at(HUNDRED, {50: 49.0}), [], range(100), at(HUNDRED, {50: 50.0}), ["1 row repeated the time"]),
+    (at(HUNDRED, {50: 49.0, 51: 51.5}), [], range(100), at(HUNDRED, {50: 50.25, 51: 51.5}), ["1 row repeated"]),
+    (at(HUNDRED, {99: 98.0}), [], range(100), at(HUNDRED, {99: 99.0}), ["1 row repeated the time"]),
     # Lines by least squares: slopes 1 - 0.5/665 and 33/133.25, from the first time on, or with an offset.
-    (at(EVEN, {10: 9.0}), [], range(20), (1.0 - 0.5 / 665.0) * EVEN,
-     ["1 of 20 rows repeat the time of the row before, because it is written in steps of 1 s; even steps of 0.999248 s "
-      "replace them"]),
-    (STAIRS, [], range(40), 33.0 / 133.25 * np.arange(40),
-     ["30 of 40 rows repeat the time of the row before, because it is written in steps of 1 s; even steps of 0.247655 "
-      "s replace them"]),
-    (at(STAIRS, {0: -1.3}), [], range(40), LINE.intercept + LINE.slope * np.arange(40),
-     ["29 of 40 rows repeat the time of the row before, because it is written in steps of 1 s; even steps of 0.252411 "
-      "s replace them"])])
+    (at(EVEN, {10: 9.0}), [], range(20), (1.0 - 0.5 / 665.0) * EVEN, ["1 of 20 rows.*0.999248 s"]),
+    (STAIRS, [], range(40), 33.0 / 133.25 * np.arange(40), ["30 of 40 rows.*0.247655 s"]),
+    (at(STAIRS, {0: -1.3}), [], range(40), LINE.intercept + LINE.slope * np.arange(40), ["29 of 40 rows.*0.252411 s"])])
 def test_rows_are_put_in_order_or_left_out(t, same, rows, times, said):
     flags = np.isin(np.arange(len(t)), same)
     result = rows_in_order(np.array(t, dtype=float), flags)
-    assert (result.rows.tolist(), result.said) == ([*rows], said)
+    assert result.rows.tolist() == [*rows]
+    assert len(result.said) == len(said)
+    assert all(re.search(word, each) for word, each in zip(said, result.said))
     assert result.t == pytest.approx(np.array(times), abs=1e-12)
 
 
 @pytest.mark.parametrize(("t", "why"), [
-    (np.arange(153) % 3, "the times go back 50 times, and sorting them gives no single run; export one run"),
-    (at(HUNDRED, {50: 49.0, 51: 51.75}), "row 51 repeats the time 49 s of the row before with other values, and the "
-     "row after it is 2.75 s later; remove one of the two"),
-    (at(HUNDRED, {50: 49.0, 51: 50.25}), "row 51 repeats the time 49 s of the row before with other values, and the "
-     "row after it is 1.25 s later; remove one of the two"),
-    (at(np.arange(200.0), {100: 99.0, 101: 99.0}), "row 101 repeats the time 99 s of the row before with other "
-     "values, and the row after it is 0 s later; remove one of the two"),
-    (np.square(np.arange(30) // 3),
-     "20 of 30 rows repeat the time of the row before, so that their times are not known; export the time with more "
-     "digits"),
-    ([0.0] * 5, "4 of 5 rows repeat the time of the row before, so that their times are not known; export the time "
-     "with more digits")])
+    (np.arange(153) % 3, "50 times"), (np.square(np.arange(30) // 3), "20 of 30"), ([0.0] * 5, "4 of 5"),
+    (at(HUNDRED, {50: 49.0, 51: 51.75}), "row 51 .*49 s.*2.75 s"),
+    (at(HUNDRED, {50: 49.0, 51: 50.25}), "row 51 .*49 s.*1.25 s"),
+    (at(np.arange(200.0), {100: 99.0, 101: 99.0}), "row 101 .*99 s.*0 s")])
 def test_rows_without_an_order_are_refused(t, why):
-    assert rows_in_order(np.array(t, dtype=float), np.zeros(len(t), np.bool_)) == why
+    refusal = rows_in_order(np.array(t, dtype=float), np.zeros(len(t), np.bool_))
+    assert isinstance(refusal, str)
+    assert re.search(why, refusal)
 
 
 def test_fifty_runs_are_the_most():
     result = rows_in_order(np.arange(150.0) % 3, np.zeros(150, np.bool_))
     assert result.rows.tolist() == [0, 1, 2]
-    assert result.said == ["the times start again 49 times (first after row 3): only the longest of 50 runs is used, "
-     "rows 1 to 3, 0 to 2 s"]
+    assert "50 runs" in result.said[0]
 
 
 NAN = np.nan
