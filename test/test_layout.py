@@ -51,7 +51,7 @@ MEASURING = "study.cli.measuring"
 
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
          "tqdm"]
-PROTOCOLS = {"add_arguments", "into", "main", "run", "Settings", "solve"}
+PROTOCOLS = {"into", "main", "run", "Settings", "solve"}
 """Names that every module of a kind has: verbs, pictures, programs, solvers, the settings of a room."""
 
 TEXTS = {"model/friction.py", "solvers/series.py", "study/benchmarks/references.py", "study/benchmarks/peers.py",
@@ -59,7 +59,7 @@ TEXTS = {"model/friction.py", "solvers/series.py", "study/benchmarks/references.
 """Files that may have a text of the friction law's tanh: at slip speeds, along series, and independent ones."""
 STAGED = {"compiling/unrolled.py", "solvers/law.py"}
 """Files that define tanh for staged code and its derivatives."""
-NOT_YET = {"recording", "replay", "tables", "messages"}
+NOT_YET = {"recording", "replay", "messages"}
 """Rooms whose tests still enter from inside."""
 OWN = re.compile(r"\b_[a-z]\w*")
 

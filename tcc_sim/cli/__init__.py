@@ -1,8 +1,9 @@
 """The command `tcc-sim`: one module per verb, and one for the verbs that measure, imported when the verb is used.
 
-A verb module has `add_arguments(parser)`, with each option in a titled group, and `run(arguments) -> int`; `verbs`
-describes the verbs. `arguments.words` is the command line, which JSON files name. Exit status: 0 done; 2 wrong input,
-one line on standard error and no file; 1 any other failure; 130 interrupted.
+A verb is a function `run`, whose options follow from its signature and docstring and from those of library functions
+(`options.command`); `verbs` describes the verbs.
+`arguments.words` is the command line, which JSON files name. Exit status: 0 done; 2 wrong input, one line on standard
+error and no file; 1 any other failure; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from keyword import iskeyword
 from typing import Any, NoReturn
 
 from tcc_sim import __version__
+from tcc_sim.cli.options import VerbFunction
 from tcc_sim.cli.verbs import GROUPS, MEASURING, STUDY, VERBS, verbs_by_purpose
 from tcc_sim.errors import InputError, TccError, missing_package, one_line
 from tcc_sim.output.terminal import open_streams
@@ -65,7 +67,7 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
         sub = verbs.add_parser(name, description=one.description(), epilog=one.epilog(),
                                formatter_class=argparse.RawDescriptionHelpFormatter)
         if verb in (None, name):
-            import_module(module_of(name)).add_arguments(sub)
+            command_of(name).add_arguments(sub)
     return parser
 
 
@@ -101,7 +103,7 @@ def _status_of(words: list[str]) -> int:
         show_in(getattr(arguments, "units", None) or "rad", 1.0)
         if "tcc_sim.views.style" in sys.modules or getattr(arguments, "style", None) is not None:
             import_module("tcc_sim.views.style").use_file(getattr(arguments, "style", None))
-        status: int = import_module(module_of(arguments.verb)).run(arguments)
+        status: int = command_of(arguments.verb)(arguments)
         sys.stdout.flush()
         return status
     except SystemExit as stop:
@@ -146,7 +148,12 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
         raise InputError(f"the recorded command is none of this version: {refusal.getvalue().strip()}") from None
 
 
-def module_of(verb: str) -> str:
-    """Return the name of a verb's module, with an underscore after a Python keyword."""
+def command_of(verb: str) -> VerbFunction:
+    """Return a verb: `run` of its module, whose name ends in an underscore after a Python keyword; verbs that measure
+    share one module.
+    """
     room = "tcc_sim.study.cli" if any(verb in GROUPS[group] for group in STUDY) else "tcc_sim.cli"
-    return f"{room}.{'measuring' if verb in GROUPS[MEASURING] else f'{verb}_' if iskeyword(verb) else verb}"
+    together = verb in GROUPS[MEASURING]
+    module = import_module(f"{room}.{'measuring' if together else f'{verb}_' if iskeyword(verb) else verb}")
+    found: VerbFunction = getattr(module, verb if together else "run")
+    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from tcc_sim.cli.arguments import (
@@ -17,7 +18,7 @@ from tcc_sim.cli.arguments import (
     recording_of,
     say_of_table,
 )
-from tcc_sim.cli.options import Form, add_options, keywords_of, parameters_of
+from tcc_sim.cli.options import Form, command, keywords_of, of
 from tcc_sim.errors import InputError, counted, given_in, require
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
@@ -47,22 +48,21 @@ def limits(text: str) -> tuple[float, float]:
         raise argparse.ArgumentTypeError(f"{text!r} must be LOW:HIGH, two pressures in Pa") from None
 
 
-FORMS = {**FORMS, "discard": Form("CYCLES", int), "target": Form("V|T:V,T:V", targets),
-         "limits": Form("LOW:HIGH", limits)}
+FORMS = {**FORMS, "recording": Form("RUN|FILE", Path), "discard": Form("CYCLES", int),
+         "target": Form("V|T:V,T:V", targets), "limits": Form("LOW:HIGH", limits)}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the recording, the part of it to analyse, further figures, Rerun, and outputs."""
-    parser.add_argument("recording", metavar="RUN|FILE", type=Path, help=parameters_of(ANALYSIS)["recording"].meaning)
-    add_options(parser, ANALYSIS, FORMS)
-    parser.add_argument("--layout", action="store_true", help="write a layout beside the recording, with which Rerun "
-                        "shows its signals without conversion: rerun RUN_0.mcap RUN_0.rbl")
-    add_outputs(parser, "the figures", "the samples of the analysed run as .csv, .npz, .parquet or .mat, with units "
-                "and scene")
+@command(of(ANALYSIS, FORMS, needed="recording"), partial(
+    add_outputs, json="the figures", out="the samples of the analysed run as .csv, .npz, .parquet or .mat, with units "
+    "and scene"))
+def run(arguments: argparse.Namespace, layout: bool = False) -> int:
+    """Check the outputs, analyse the recording, write the files, and print the figures.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Check the outputs, analyse the recording, write the files, and print the figures."""
+    Parameters
+    ----------
+    layout : write a layout beside the recording, with which Rerun shows its signals without conversion: rerun
+        RUN_0.mcap RUN_0.rbl
+    """
     from tcc_sim.output.samples import write_samples
     from tcc_sim.output.table_files import TABLES
     from tcc_sim.output.tables import order_lines, spectrum_lines
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
         require("rerun", "Rerun")
     recording = recording_of(arguments, arguments.recording, arguments.scene)
     show_in(order=recording.scene.system.engine.order)
-    if arguments.layout:
+    if layout:
         from tcc_sim.views.recording_layout import write_layout
 
         say(f"layout: {write_layout(arguments.recording)}")

@@ -193,7 +193,7 @@ def add_outputs(parser: argparse.ArgumentParser, json: str, out: str = "", metav
     return output
 
 
-def add_units(group: argparse._ArgumentGroup, default: str = "rad") -> None:
+def add_units(group: argparse._ActionsContainer, default: str = "rad") -> None:
     """Add --units with its default in words."""
     group.add_argument("--units", choices=list(UNITS), help="unit of printed and drawn speeds and frequencies: rad/s, "
                        f"revolutions per minute or hertz; files stay in rad/s (default: {default})")
@@ -206,7 +206,7 @@ def add_picture(parser: argparse.ArgumentParser, plot: str, title: str) -> None:
     add_layout(picture, title)
 
 
-def add_layout(group: argparse._ArgumentGroup, title: str) -> None:
+def add_layout(group: argparse._ActionsContainer, title: str) -> None:
     """Add --width, --style, and --title with its default in words."""
     group.add_argument("--style", metavar="FILE", type=Path,
                        help="matplotlib style file (.mplstyle) for fonts, sizes, lines, grid and resolution; curves "

@@ -7,6 +7,7 @@ import math
 from functools import partial
 
 from tcc_sim.cli.arguments import add_namespace, number
+from tcc_sim.cli.options import command
 from tcc_sim.output.terminal import say
 
 ACTIONS = {
@@ -21,7 +22,7 @@ ACTIONS = {
 }
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_actions(parser: argparse.ArgumentParser) -> None:
     """Add the actions with their values, and the namespace."""
     add_namespace(parser)
     actions = parser.add_subparsers(title="actions", dest="action", metavar="ACTION", required=True,
@@ -41,6 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add_namespace(action, argparse.SUPPRESS)
 
 
+@command(add_actions)
 def run(arguments: argparse.Namespace) -> int:
     """Send the request to the driveline and print its answer."""
     from tcc_sim.model.elements import list_of

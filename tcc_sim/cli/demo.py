@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import number
+from tcc_sim.cli.options import Form, command
 from tcc_sim.errors import InputError
 from tcc_sim.output.files import new_directory
 from tcc_sim.output.terminal import say, seconds_bar
@@ -27,38 +28,37 @@ STEP = 0.1
 """Time between two checks of the nodes, s."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add scene, controller, duration and directory."""
-    plant = parser.add_argument_group("scene")
-    plant.add_argument("--scene", metavar="S", help="name of a bundled scene, or a file (default: commands, with a "
-                       "node that publishes both commands)")
-    plant.add_argument("--controller", metavar="COMMAND", help="command that starts your controller instead of the "
-                       "example, such as 'python my_node.py'; the default scene is then controlled")
-    plant.add_argument("--duration", type=number(0.5, 86400.0, "s"), default=10.0, metavar="SECONDS",
-                       help="recorded time, s (default 10)")
-    parser.add_argument_group("output").add_argument(
-        "--out", type=Path, metavar="DIR", help="directory to create (default: tcc_demo_ and the time)")
+@command(forms={"scene": Form("S"), "controller": Form("COMMAND"), "duration": Form("SECONDS", number(
+    0.5, 86400.0, "s")), "out": Form("DIR", Path)})
+def run(arguments: argparse.Namespace, scene: str | None = None, controller: str | None = None, duration: float = 10.0,
+        out: Path | None = None) -> int:
+    """Record, analyse, draw, and print the summary and the files.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Record, analyse, draw, and print the summary and the files."""
+    Parameters
+    ----------
+    scene : name of a bundled scene, or a file (default: commands, with a node that publishes both commands)
+    controller : command that starts your controller instead of the example, such as 'python my_node.py'; the default
+        scene is then controlled
+    duration : recorded time, s
+    out : directory to create (default: tcc_demo_ and the time)
+    """
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.scene import NODE_SCENE, load_scene
 
-    name = arguments.scene or (CONTROLLED if arguments.controller is not None else NODE_SCENE)
-    scene = load_scene(name)
-    controller = (_words(arguments.controller, scene) if arguments.controller is not None else
-                  controller_of(scene) if arguments.scene is not None else ("commander", {}))
+    name = scene or (CONTROLLED if controller is not None else NODE_SCENE)
+    driven = load_scene(name)
+    commands = (_words(controller, driven) if controller is not None else
+                controller_of(driven) if scene is not None else ("commander", {}))
     require_ros()
-    directory = new_directory(arguments.out or Path(f"tcc_demo_{datetime.now():%Y%m%d_%H%M%S}"))
+    directory = new_directory(out or Path(f"tcc_demo_{datetime.now():%Y%m%d_%H%M%S}"))
     missing = [name for name in ("rerun", "matplotlib") if importlib.util.find_spec(name) is None]
     if missing:
         say(f"{' and '.join(missing)} not installed: no {'run.rrd' if 'rerun' in missing else 'overview.png'}"
             f"{' and no overview.png' if len(missing) == 2 else ''}; to get both: pip install 'tcc_sim[view]'")
     directory.mkdir()
     recording = directory / "recording"
-    _record(scene, name, recording, arguments.duration, controller)
-    return _analyse(scene, recording, directory, missing, arguments)
+    _record(driven, name, recording, duration, commands)
+    return _analyse(driven, recording, directory, missing, arguments)
 
 
 def _words(command: str, scene: Scene) -> list[str]:

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from typing import Any
 
 from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of
-from tcc_sim.cli.options import add_options
+from tcc_sim.cli.options import command, of
 from tcc_sim.errors import counted
 from tcc_sim.output.terminal import say
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the scene, the cost measurement, and outputs."""
-    add_scene(parser)
-    add_options(parser, "tcc_sim.functions:explanation", {})
-    add_outputs(parser, "the estimates and terms")
-
-
+@command(add_scene, of("tcc_sim.functions:explanation"), partial(add_outputs, json="the estimates and terms"))
 def run(arguments: argparse.Namespace) -> int:
     """Print the estimates, the terms in use and left out, and the cost of a step."""
     scene = scene_of(arguments)

@@ -6,18 +6,13 @@ import argparse
 from pathlib import Path
 
 from tcc_sim.cli.arguments import add_scene, new_file, number, scene_of, warn_of
-from tcc_sim.cli.options import Form, add_options
+from tcc_sim.cli.options import Form, command, of
 from tcc_sim.errors import check_suffix
 from tcc_sim.output.terminal import say
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the scene, the version of FMI, and the file."""
-    add_scene(parser)
-    add_options(parser, "tcc_sim.functions:fmu_file", {
-        "step": Form("S", number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)})
-
-
+@command(add_scene, of("tcc_sim.functions:fmu_file", {
+    "step": Form("S", number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)}))
 def run(arguments: argparse.Namespace) -> int:
     """Write the FMU and print its contents."""
     scene = scene_of(arguments)

@@ -22,7 +22,7 @@ from tcc_sim.cli.arguments import (
     refuse_swept,
     say_of_table,
 )
-from tcc_sim.cli.options import Form, add_options, parameters_of
+from tcc_sim.cli.options import Form, command, of
 from tcc_sim.errors import InputError, counted
 from tcc_sim.shown_units import speed
 
@@ -37,16 +37,11 @@ WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "li
          "next": "held up to each sample (--hold next)"}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the measurement, the scene, the free keys, further figures and outputs."""
-    parser.add_argument("measured", metavar="RUN|FILE", type=Path, help=parameters_of(IDENTIFY)["measured"].meaning)
-    add_changes(parser)
-    parser.add_argument("--free", metavar="KEY[=START]", action="append", required=True,
-                        help=f"{parameters_of(IDENTIFY)['free'].meaning}; may be repeated")
-    add_options(parser, IDENTIFY, {**FORMS, "noise": Form("CHANNEL=S,..."), "likelihood": Form("KEY")})
-    add_outputs(parser, "estimates, residuals and verdicts", "the scene with the estimated values", "SCENE.yaml")
-
-
+@command(of(IDENTIFY, {**FORMS, "measured": Form("RUN|FILE", Path), "noise": Form("CHANNEL=S,..."),
+                       "likelihood": Form("KEY"), "free": Form("KEY[=START]", repeated=True, required=True)},
+            needed="measured free"), add_changes,
+         partial(add_outputs, json="estimates, residuals and verdicts", out="the scene with the estimated values",
+                 metavar="SCENE.yaml"))
 def run(arguments: argparse.Namespace) -> int:
     """Check the input, fit, write the files, and print the verdicts."""
     from tcc_sim.output.files import draft

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,7 @@ from tcc_sim.cli.arguments import (
     refuse_swept,
     scene_of,
 )
-from tcc_sim.cli.options import Form, add_options, keywords_of, options_in
+from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
 from tcc_sim.cli.ranges import spaced
 from tcc_sim.errors import InputError, counted
 from tcc_sim.shown_units import frequency, speed
@@ -33,15 +34,27 @@ SHOWN = 7
 """Number of frequencies printed."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the scene, operating point, transfer function, further figures and outputs."""
-    add_scene(parser)
-    add_options(parser, LINEARISE, {"frequencies": Form("START:STOP:COUNT", frequencies),
-                                    "controller": Form("KP,KI", gains)})
-    add_outputs(parser, "operating point, matrices and responses", "the response as .csv or .parquet, with the "
-                "matrices as .npz or .mat")
+def gains(text: str) -> tuple[float, float]:
+    """Return the two gains KP,KI."""
+    try:
+        proportional, integral = map(float, text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} must be KP,KI, two numbers above 0") from None
+    return proportional, integral
 
 
+def frequencies(text: str) -> list[float]:
+    """Return the values of START:STOP:COUNT, evenly in logarithm."""
+    try:
+        return spaced(text, "--frequencies")
+    except InputError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+@command(add_scene, of(LINEARISE, {"frequencies": Form("START:STOP:COUNT", frequencies),
+                                   "controller": Form("KP,KI", gains)}),
+         partial(add_outputs, json="operating point, matrices and responses",
+                 out="the response as .csv or .parquet, with the matrices as .npz or .mat"))
 def run(arguments: argparse.Namespace) -> int:
     """Check the input, linearise, write the files, and print the result."""
     from tcc_sim.estimation.linearise import linearise
@@ -93,23 +106,6 @@ def _loop_lines(loop: SlipLoop) -> Iterator[str]:
                f"  unstable from a delay of {1e3 * delay:.4g} ms on")
         yield ("  stable down to a tenth of the mean slip speed" if not slip else
                f"  stable down to a mean slip speed of {speed(slip, 4)}")
-
-
-def gains(text: str) -> tuple[float, float]:
-    """Return the two gains KP,KI."""
-    try:
-        proportional, integral = map(float, text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} must be KP,KI, two numbers above 0") from None
-    return proportional, integral
-
-
-def frequencies(text: str) -> list[float]:
-    """Return the values of START:STOP:COUNT, evenly in logarithm."""
-    try:
-        return spaced(text, "--frequencies")
-    except InputError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _decibels(gain: float) -> str:

@@ -1,6 +1,7 @@
-"""Options of a verb, derived from its functions: names, types and defaults from signatures, help from docstrings.
+"""Options of a verb, derived from functions: names, types and defaults from signatures, help from docstrings.
 
-The functions are read as text, so that no parser imports more than it needs.
+A verb is a function `run(arguments, ...)` with the options of its own as further parameters; `command` adds those of
+library functions. All are read as text, so that no parser imports more than it needs.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import argparse
 import ast
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,7 +20,7 @@ KINDS = {"int": (int, "N"), "float": (float, "X"), "Path": (Path, "FILE"), "str"
 """Types of values, by the words of an annotation, and the word that stands for a value."""
 OTHERWISE = {"from_": "from", "inputs_scene": "scene", "every": "every_sample"}
 """Names of options that differ from those of keywords."""
-PYTHON = "set plan progress settings gates start head part samples_per_cycle flywheel_angle"
+PYTHON = "arguments set plan progress settings gates start head part samples_per_cycle flywheel_angle"
 """Keywords that a command has no option for, or adds itself."""
 EXCLUSIVE = (("cycles", "duration"), ("jobs", "dask"), ("rrd", "spawn", "connect", "web"))
 """Options of which a command takes one."""
@@ -32,12 +34,16 @@ class Form(NamedTuple):
     read : reader of the word, as `type` of argparse
     repeated : whether the option is given once for each of several values
     optional : the value of an option without a word; None if it needs one
+    several : whether the option takes one word or more
+    required : whether a parameter without a default is an option, instead of an argument by its place
     """
 
     metavar: str
     read: Callable[[str], Any] = str
     repeated: bool = False
     optional: Any = None
+    several: bool = False
+    required: bool = False
 
 
 class Declared(NamedTuple):
@@ -94,15 +100,22 @@ def options_in(function: str, without: str = "") -> list[str]:
             if name not in left_out and declared.default is not None]
 
 
-def add_options(parser: Any, function: str, forms: Mapping[str, Form], names: str | Iterable[str] = "",
-                **changed: Any) -> None:
-    """Add an option for each keyword of a function, or for some of them by name.
+def add_options(parser: Any, function: str, forms: Mapping[str, Form], names: str | Iterable[str],
+                needed: str | Iterable[str] = "", **changed: Any) -> None:
+    """Add an option for each of these keywords of a function.
 
+    needed : names of parameters without a default, which are added before in this order
     forms : the values that a command line writes otherwise, by keyword
     changed : defaults that the command has in place of those of the function
     """
     known, groups = parameters_of(function), dict[tuple[str, ...], Any]()
-    for name in (names.split() if isinstance(names, str) else names) or options_in(function):
+    for name in needed.split() if isinstance(needed, str) else needed:
+        if forms[name].required:
+            _add(parser, name, known[name], forms[name])
+        else:
+            parser.add_argument(name, metavar=forms[name].metavar, type=forms[name].read,
+                                help=known[name].meaning.replace("%", "%%"))
+    for name in names.split() if isinstance(names, str) else names:
         together = next((each for each in EXCLUSIVE if name in each), None)
         if together is not None and together not in groups:
             groups[together] = parser.add_mutually_exclusive_group()
@@ -121,13 +134,16 @@ def _add(where: Any, name: str, found: Declared, form: Form | None) -> None:
         default = ast.literal_eval(found.default or "None")
     except ValueError:
         default = argparse.SUPPRESS  # A constant of the function, which is then called without it.
-    stated = f" (default {default})" if default not in (None, "", (), [], argparse.SUPPRESS, 0) else ""
+    shown = f"{default:g}" if isinstance(default, float) else default
+    stated = f" (default {shown})" if default not in (None, "", (), [], argparse.SUPPRESS, 0) else ""
     repeated = "; may be repeated" if form is not None and form.repeated else ""
     how: dict[str, Any] = {"dest": name, "help": (found.meaning + stated + repeated).replace("%", "%%")}
     if form is not None:
         how |= {"type": form.read, "metavar": form.metavar}
         how |= {"action": "append", "default": []} if form.repeated else {"default": default}
         how |= {"nargs": "?", "const": form.optional} if form.optional is not None else {}
+        how |= {"nargs": "+"} if form.several else {}
+        how |= {"required": True} if form.required else {}
     else:
         how |= {"choices": choices, "default": default} if choices else {
             "type": kind, "metavar": word, "default": default}
@@ -138,3 +154,47 @@ def keywords_of(arguments: argparse.Namespace, names: str | Iterable[str]) -> di
     """Return some arguments of a command, as far as it has them, as keywords of its function."""
     given = vars(arguments)
     return {name: given[name] for name in (names.split() if isinstance(names, str) else names) if name in given}
+
+
+Source = Callable[[argparse.ArgumentParser], object]
+
+
+@dataclass(frozen=True)
+class VerbFunction:
+    """A verb: its function, further options, and forms of the words for its own parameters."""
+
+    function: Callable[..., int]
+    sources: tuple[Source, ...] = ()
+    forms: Mapping[str, Form] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """Return the function as "module:name"."""
+        return f"{self.function.__module__}:{self.function.__name__}"
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        """Add the options of the sources, and those of the function's own parameters."""
+        for source in self.sources:
+            source(parser)
+        own = parameters_of(self.name).items()
+        add_options(parser, self.name, self.forms, options_in(self.name), [
+            name for name, declared in own if declared.default is None and name != "arguments"])
+
+    def __call__(self, arguments: argparse.Namespace) -> int:
+        """Run the verb and return the exit status."""
+        return self.function(arguments, **keywords_of(arguments, parameters_of(self.name)))
+
+
+def command(*sources: Source, forms: Mapping[str, Form] | None = None) -> Callable[[Callable[..., int]], VerbFunction]:
+    """Return the decorator that makes a verb of a function.
+
+    sources : functions that add options beside those of the function's own parameters, in this order
+    forms : the values that a command line writes otherwise, by name
+    """
+    return lambda function: VerbFunction(function, sources, forms or {})
+
+
+def of(function: str, forms: Mapping[str, Form] | None = None, names: str = "", needed: str = "",
+       **changed: Any) -> Source:
+    """Return the source of a library function's options, as `add_options` takes them."""
+    return lambda parser: add_options(parser, function, forms or {}, names or options_in(function), needed, **changed)

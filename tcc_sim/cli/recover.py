@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from tcc_sim.cli.options import Form, command
 from tcc_sim.errors import counted, one_line, printable
 from tcc_sim.output.terminal import say
 
@@ -12,21 +13,19 @@ TOPICS_SHOWN = 100
 """Largest number of topics listed."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the recording and the new directory."""
-    parser.add_argument_group("recording").add_argument(
-        "recording", metavar="RUN", type=Path, help="bag directory or .mcap file, which stays unchanged")
-    parser.add_argument_group("output").add_argument(
-        "--out", metavar="DIR", type=Path, help="directory to create (default: RUN_recovered beside it)")
+@command(forms={"recording": Form("RUN", Path), "out": Form("DIR", Path)})
+def run(arguments: argparse.Namespace, recording: Path, out: Path | None = None) -> int:
+    """Recover the recording and print the missing parts.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Recover the recording and print the missing parts."""
+    Parameters
+    ----------
+    recording : bag directory or .mcap file, which stays unchanged
+    out : directory to create (default: RUN_recovered beside it)
+    """
     from tcc_sim.recording.reader import open_run
     from tcc_sim.recording.recovery import default_directory, recover
 
-    recording = open_run(arguments.recording)
-    result = recover(recording, arguments.out or default_directory(arguments.recording))
+    result = recover(open_run(recording), out or default_directory(recording))
     say(printable(f"recovered {counted(sum(result.messages.values()), 'message')} into {result.directory}"))
     for topic, count in list(result.messages.items())[:TOPICS_SHOWN]:
         say(f"  {one_line(topic)}: {count}")

@@ -5,24 +5,24 @@ from __future__ import annotations
 import argparse
 import sys
 
+from tcc_sim.cli.arguments import add_changes
+from tcc_sim.cli.options import command
 from tcc_sim.errors import InputError
 from tcc_sim.output.terminal import say
 from tcc_sim.parameter_file import description_in
 from tcc_sim.scene import bundled_scenes, load_scene, parse_assignments
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the scene to print."""
-    scene = parser.add_argument_group("scene")
-    scene.add_argument("--show", metavar="NAME", help="print this scene (or a file) as a parameter file with every key")
-    scene.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
-                       help="change a key of that scene; may be repeated")
+@command(add_changes)
+def run(arguments: argparse.Namespace, show: str | None = None) -> int:
+    """Print name and description of every bundled scene, or one scene in full.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Print name and description of every bundled scene, or one scene in full."""
-    if arguments.show is not None:
-        sys.stdout.write(load_scene(arguments.show).with_changes(parse_assignments(arguments.set)).text())
+    Parameters
+    ----------
+    show : print this scene (or a file) as a parameter file with every key
+    """
+    if show is not None:
+        sys.stdout.write(load_scene(show).with_changes(parse_assignments(arguments.set)).text())
         return 0
     if arguments.set:
         raise InputError("--set changes the scene that --show prints; give --show NAME too")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from tcc_sim.background import awaited
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import add_options, option_of
+from tcc_sim.cli.options import command, of, option_of
 from tcc_sim.errors import InputError, counted
 
 if TYPE_CHECKING:
@@ -23,18 +24,15 @@ would be more than MOST_DRAWN, and none where SAMPLES of them would be more than
 """
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add scene, inputs, length, solver, further figures and outputs."""
-    common.add_scene(parser)
-    add_options(parser, common.SIMULATION, common.FORMS)
-    add_options(parser, common.PLAN, common.FORMS, common.PLANNED)
-    output = common.add_outputs(parser, "the summary", "the samples: .npz, .csv, .parquet, .mat or .mcap")
-    output.add_argument("--samples", metavar="N", type=int, default=SAMPLES,
-                        help=f"samples per period of excitation in --out (default {SAMPLES})")
+@command(common.add_scene, of(common.SIMULATION, common.FORMS), of(common.PLAN, common.FORMS, common.PLANNED),
+         partial(common.add_outputs, json="the summary", out="the samples: .npz, .csv, .parquet, .mat or .mcap"))
+def run(arguments: argparse.Namespace, samples: int = 200) -> int:
+    """Check the input, solve, write the files, and print the summary.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Check the input, solve, write the files, and print the summary."""
+    Parameters
+    ----------
+    samples : samples per period of excitation in --out
+    """
     from tcc_sim.analysis.orders import OrderComparison
     from tcc_sim.output.samples import SUFFIXES, write_samples
     from tcc_sim.output.tables import comparison_lines, order_lines, simulation_lines, spectrum_lines

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli import arguments as common
 from tcc_sim.cli.analyse import limits, targets
-from tcc_sim.cli.options import Form, add_options, keywords_of, option_of, parameters_of
+from tcc_sim.cli.options import Form, command, keywords_of, of, option_of
 from tcc_sim.cli.ranges import bounds_of_range, values_of_range
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
 from tcc_sim.model.crank_speed import ORDER
@@ -26,26 +27,25 @@ if TYPE_CHECKING:
     from tcc_sim.sweeps.results import Curve, Sweep
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add scene, values, samples, length, solver, workers and outputs."""
-    common.add_scene(parser)
-    parser.add_argument("--over", metavar="KEY=START:STOP:COUNT[:log]|KEY=V,V,...", action="append", default=[],
-                        help="scene key and its values; given twice, a grid of two keys; friction.coefficients takes "
-                        "factors of a whole table")
-    parser.add_argument("--scatter", metavar="KEY=LOW:HIGH", action="append", default=[],
-                        help=f"{parameters_of(SCATTER)['bounds'].meaning}; may be repeated")
-    add_options(parser, SCATTER, FORMS, "samples seed quantiles every", quantiles=None)
-    add_options(parser, common.PLAN, FORMS, f"direction {common.PLANNED} orders")
-    add_options(parser, GAINS, FORMS, "law target limits", target=None)
-    add_options(parser, "tcc_sim.sweeps.sweep:sweep_curves", FORMS, "jobs dask")
-    common.add_outputs(parser, "results in value order", "a table with a row per value as .csv, .parquet, .mat or "
-                       ".npz, and until it is complete each point as soon as it is solved in FILE.part; with any other "
-                       "suffix the points alone; the same command resumes from them",
-                       force="replace an existing --json file, table or picture")
+@command(common.add_scene, of(SCATTER, FORMS, "samples seed quantiles every", quantiles=None),
+         of(common.PLAN, FORMS, f"direction {common.PLANNED} orders"),
+         of(GAINS, FORMS, "law target limits", target=None),
+         of("tcc_sim.sweeps.sweep:sweep_curves", FORMS, "jobs dask"), partial(
+             common.add_outputs, json="results in value order", out="a table with a row per value as .csv, .parquet, "
+             ".mat or .npz, and until it is complete each point as soon as it is solved in FILE.part; with any other "
+             "suffix the points alone; the same command resumes from them",
+             force="replace an existing --json file, table or picture"),
+         forms={"over": Form("KEY=START:STOP:COUNT[:log]|KEY=V,V,...", repeated=True),
+                "scatter": Form("KEY=LOW:HIGH", repeated=True)})
+def run(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequence[str] = ()) -> int:
+    """Sweep, write the files, and print a table unless a file holds the points.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Sweep, write the files, and print a table unless a file holds the points."""
+    Parameters
+    ----------
+    over : scene key and its values; given twice, a grid of two keys; friction.coefficients takes factors of a whole
+        table
+    scatter : scene key and the bounds of its tolerance; samples give quantiles of every result
+    """
     from tcc_sim.output.provenance import HEAD, head_of
     from tcc_sim.output.table_files import TABLES, write_result
     from tcc_sim.output.tables import doubtful_lines, quantile_lines, sweep_lines, unsettled_lines

@@ -135,7 +135,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     Parameters
     ----------
     scene : a scene, its name or file, or a system
-    plane : an initial.* key and its values, twice
+    plane : an initial.* key and its values, for each of two axes
     cycles : most periods of excitation solved for a cell, 16 to 1000000 (default 600)
     over : a scene key and its values; there is a plane for each, and attractors have the same numbers in all
     jobs : threads (default: all available cores)

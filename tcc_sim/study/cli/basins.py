@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import (
@@ -18,7 +19,7 @@ from tcc_sim.cli.arguments import (
     refuse_swept,
     scene_of,
 )
-from tcc_sim.cli.options import Form, add_options, keywords_of
+from tcc_sim.cli.options import Form, command, keywords_of, of
 from tcc_sim.cli.ranges import values_of_range
 from tcc_sim.errors import BasinsInterrupted, counted
 from tcc_sim.shown_units import key_value
@@ -29,19 +30,18 @@ if TYPE_CHECKING:
     from tcc_sim.study.basins.results import Axis, Basins
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add scene, plane, length of the simulations, further figures, workers and outputs."""
-    add_scene(parser)
-    parser.add_argument("--plane", metavar="KEY=START:STOP:COUNT", action="append", required=True,
-                        help="an initial.* key and its evenly spaced values; give this option twice")
-    add_options(parser, BASINS, {**FORMS, "over": Form("KEY=START:STOP:COUNT")})
-    parser.add_argument("--boundary", action="store_true", help="add the uncertainty exponent of the basin boundary")
-    add_outputs(parser, "attractors and fractions", "label and cycles of every cell: .npz, .mat, .csv or .parquet; "
-                "until it is complete, finished rows are in FILE.part, and the same command resumes from them")
+@command(add_scene, of(BASINS, {**FORMS, "plane": Form("KEY=START:STOP:COUNT", repeated=True, required=True),
+                                "over": Form("KEY=START:STOP:COUNT")}, needed="plane"),
+         partial(add_outputs, json="attractors and fractions", out="label and cycles of every cell: .npz, .mat, .csv "
+                 "or .parquet; until it is complete, finished rows are in FILE.part, and the same command resumes "
+                 "from them"))
+def run(arguments: argparse.Namespace, boundary: bool = False) -> int:
+    """Check the input, compute the basins, write the files, and print a summary.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Check the input, compute the basins, write the files, and print a summary."""
+    Parameters
+    ----------
+    boundary : add the uncertainty exponent of the basin boundary
+    """
     from tcc_sim.output.provenance import head_of
     from tcc_sim.output.table_files import TABLES
     from tcc_sim.study.basins.compute import basins
@@ -57,14 +57,14 @@ def run(arguments: argparse.Namespace) -> int:
         result = basins(scene, plane, over=over, **keywords_of(arguments, "cycles jobs dask"), part=part, progress=True,
                         head=head_of("basin_rows", scene, arguments.words))
         # Drawing takes longest; if it is interrupted, no file is written, and the same command resumes.
-        values = Planes(result, over, arguments.boundary)
+        values = Planes(result, over, boundary)
         with drawn(arguments, result, scene.name):
             if arguments.out is not None:
                 from tcc_sim.study.basins.results import write_basins
 
                 write_basins(arguments.out, result, over, document_of(arguments, scene, values))
             present(arguments, scene, values,
-                    _lines(result, over, arguments.boundary))
+                    _lines(result, over, boundary))
     except (BasinsInterrupted, KeyboardInterrupt):
         resume = f"; the same command resumes from {part}" if part is not None else ""
         print(f"tcc-sim: interrupted{resume}", file=sys.stderr)

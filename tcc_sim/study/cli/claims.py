@@ -4,37 +4,34 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from tcc_sim.cli.arguments import check_outputs, number, present
+from tcc_sim.cli.options import Form, command
 from tcc_sim.errors import InputError
 from tcc_sim.output.terminal import say
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add pressures and thresholds, threads, and outputs."""
-    judged = parser.add_argument_group("judgement")
-    judged.add_argument("--pressures", metavar="KPA", type=number(100.0, 1000.0, "kPa"), nargs="+",
-                        help="mean pressures at which claims of Figs. 4 to 18 are judged, kPa (default 225 230 240)")
-    judged.add_argument("--figures", metavar="N", nargs="+",
-                        help="only claims of these figures or equations, as the page names them: 3 '(35)'")
-    judged.add_argument("--thresholds", action="store_true",
-                        help="judge again with every threshold halved and doubled, at the first pressure")
-    parser.add_argument_group("workers").add_argument("--jobs", metavar="N", type=int,
-                                                      help="threads (default: all cores)")
-    output = parser.add_argument_group("output")
-    output.add_argument("--json", metavar="FILE", type=Path,
-                        help="write claims with numbers, criteria and verdicts as JSON; - is standard output")
-    output.add_argument("--markdown", metavar="FILE", type=Path, help="write the claims as a Markdown page")
-    output.add_argument("--errata", metavar="FILE", type=Path,
-                        help="write the errata of the paper, with numbers, as a Markdown page")
-    output.add_argument("--kept", metavar="FILE", type=Path,
-                        help="write each judged claim at once; an interrupted command resumes from this file")
-    output.add_argument("--force", action="store_true", help="replace existing files")
+@command(forms={"pressures": Form("KPA", number(100.0, 1000.0, "kPa"), several=True),
+                "figures": Form("N", several=True)})
+def run(arguments: argparse.Namespace, pressures: Sequence[float] = (), figures: Sequence[str] = (),
+        thresholds: bool = False, jobs: int | None = None, json: Path | None = None, markdown: Path | None = None,
+        errata: Path | None = None, kept: Path | None = None, force: bool = False) -> int:
+    """Judge every claim, print each verdict at once, and write the files.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Judge every claim, print each verdict at once, and write the files."""
+    Parameters
+    ----------
+    pressures : mean pressures at which claims of Figs. 4 to 18 are judged, kPa (default 225 230 240)
+    figures : only claims of these figures or equations, as the page names them: 3 '(35)'
+    thresholds : judge again with every threshold halved and doubled, at the first pressure
+    jobs : threads (default: all cores)
+    json : write claims with numbers, criteria and verdicts as JSON; - is standard output
+    markdown : write the claims as a Markdown page
+    errata : write the errata of the paper, with numbers, as a Markdown page
+    kept : write each judged claim at once; an interrupted command resumes from this file
+    force : replace existing files
+    """
     from tcc_sim.output.files import draft
     from tcc_sim.output.tables import text
     from tcc_sim.result import json_of
@@ -42,14 +39,14 @@ def run(arguments: argparse.Namespace) -> int:
     from tcc_sim.study.paper.claims import CLAIMS, PRESSURES, ClaimsReport, Verdict, claims_page, counts_of, judge
     from tcc_sim.study.paper.errata import errata_page
 
-    claims = [claim for claim in CLAIMS if claim.figure in (arguments.figures or [claim.figure])]
-    for name in arguments.figures or ():
+    claims = [claim for claim in CLAIMS if claim.figure in (figures or [claim.figure])]
+    for name in figures:
         if name not in {claim.figure for claim in claims}:
             known = ", ".join(dict.fromkeys(claim.figure for claim in CLAIMS))
             raise InputError(f"figures has {name!r}; there are claims of {known}")
-    check_outputs(arguments, (), arguments.markdown, arguments.errata)
-    if arguments.jobs is not None and arguments.jobs < 1:
-        raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
+    check_outputs(arguments, (), markdown, errata)
+    if jobs is not None and jobs < 1:
+        raise InputError(f"jobs is {jobs}; it must be 1 or more")
 
     verdicts: list[Verdict] = []
     interrupted = False
@@ -67,11 +64,11 @@ def run(arguments: argparse.Namespace) -> int:
             say(f"{'':<32}{verdict.why}", flush=True)
 
     try:
-        chosen = tuple(1e3 * p for p in arguments.pressures or ()) or PRESSURES
-        judge(claims, pressures=chosen, kept=arguments.kept, thresholds=arguments.thresholds, jobs=arguments.jobs,
+        chosen = tuple(1e3 * p for p in pressures) or PRESSURES
+        judge(claims, pressures=chosen, kept=kept, thresholds=thresholds, jobs=jobs,
               progress=True, each=show)
-        if arguments.errata is not None:
-            with draft(arguments.errata) as part:
+        if errata is not None:
+            with draft(errata) as part:
                 part.write_text(errata_page())
     except KeyboardInterrupt:
         interrupted = True
@@ -80,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 130
     say(counts_of(verdicts))
     present(arguments, paper_system(), ClaimsReport(verdicts, not interrupted))
-    if arguments.markdown is not None:
-        with draft(arguments.markdown) as part:
+    if markdown is not None:
+        with draft(markdown) as part:
             part.write_text(claims_page(verdicts, complete=not interrupted))
     return 130 if interrupted else 0

@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of
-from tcc_sim.cli.options import Form, add_options
+from tcc_sim.cli.options import Form, command, of
 from tcc_sim.cli.ranges import bounds_of_range
 from tcc_sim.errors import counted
 from tcc_sim.shown_units import key_value, speed
@@ -20,31 +21,30 @@ if TYPE_CHECKING:
     from tcc_sim.study.continuation.motions import Motions
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the scene, the key to follow, further branches and curves, and outputs."""
-    add_scene(parser, "; for the key of --over, its first value")
-    parser.add_argument("--over", metavar="KEY=START:STOP", required=True, help="scene key to vary, and its range")
-    add_options(parser, PLAN, {}, "period")
-    parser.add_argument("--seeds", metavar="FILE", type=Path,
-                        help="start from the attractors in FILE, which basins --json wrote")
-    add_options(parser, PLAN, {"switch": Form("DEPTH", int, optional=1), "at": Form("VALUE", float, repeated=True),
-                               "second": Form("KEY=START:STOP")}, "switch at second")
-    add_outputs(parser, "branches, bifurcations and curves")
+@command(partial(add_scene, more="; for the key of --over, its first value"),
+         of(PLAN, {"switch": Form("DEPTH", int, optional=1), "at": Form("VALUE", float, repeated=True),
+                   "second": Form("KEY=START:STOP")}, "period switch at second"),
+         partial(add_outputs, json="branches, bifurcations and curves"),
+         forms={"over": Form("KEY=START:STOP", required=True)})
+def run(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> int:
+    """Follow the branches, write the files, and print branches and bifurcations.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Follow the branches, write the files, and print branches and bifurcations."""
+    Parameters
+    ----------
+    over : scene key to vary, and its range
+    seeds : start from the attractors in FILE, which basins --json wrote
+    """
     from tcc_sim.output.files import read_json
     from tcc_sim.study.continuation.driveline import seeds_in
     from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
     from tcc_sim.sweeps.progress import point_bar
 
     scene = scene_of(arguments)
-    key, low, high = bounds_of_range(arguments.over, "--over")
+    key, low, high = bounds_of_range(over, "--over")
     second = None if arguments.second is None else bounds_of_range(arguments.second, "--second")
-    seeds = () if arguments.seeds is None else seeds_in(read_json(arguments.seeds), scene.system, key, low, high)
+    starts = () if seeds is None else seeds_in(read_json(seeds), scene.system, key, low, high)
     plan = ContinuationPlan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch,
-                            second, seeds)
+                            second, starts)
     check(scene.system, plan)
     check_outputs(arguments)
     motions, interrupted = Motions(plan, scene.system), False

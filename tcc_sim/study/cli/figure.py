@@ -9,10 +9,11 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from tcc_sim.background import without_working_directory
 from tcc_sim.cli.arguments import add_layout, add_units
+from tcc_sim.cli.options import Form, command
 from tcc_sim.errors import InputError, RecordingError, printable, require
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
@@ -22,58 +23,52 @@ if TYPE_CHECKING:
     from tcc_sim.study.paper.figure_results import Figure
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the figures, their options, threads, and the directory."""
-    figure = parser.add_argument_group("figure")
-    figure.add_argument("figure", metavar="N|all", help="number of a figure in the paper, 2 to 18, or all of them")
-    figure.add_argument("--quick", action="store_true", help="compute only a quarter of the values")
-    figure.add_argument("--law", choices=("smoothed", "set_valued"), default="smoothed",
-                        help="friction law: smoothed (7), as in the paper (default), or set_valued (6), solved exactly")
-    figure.add_argument("--direction", choices=("cold", "up", "down"),
-                        help="start of each value in a sweep: cold from the initial state, up or down from the last "
-                        "state of the neighbour below or above (default: by figure)")
-    figure.add_argument("--branches", action="store_true",
-                        help="draw branches of periodic motions, stable and unstable, and name the bifurcation at each "
-                        "jump; with all, for the figures that have points on branches")
-    parser.add_argument_group("workers").add_argument("--jobs", metavar="N", type=int,
-                                                      help="threads (default: all cores)")
-    output = parser.add_argument_group("output")
-    output.add_argument("--out", metavar="DIR", type=Path, default=Path("figures"),
-                        help="directory for figNN.png, figNN.svg and figNN.json (default: figures)")
-    add_layout(output, "its number and title; not with all")
-    add_units(output)
-    output.add_argument("--force", action="store_true", help="replace existing figures")
+@command(partial(add_layout, title="its number and title; not with all"), add_units,
+         forms={"figure": Form("N|all"), "out": Form("DIR", Path)})
+def run(arguments: argparse.Namespace, figure: str, quick: bool = False,
+        law: Literal["smoothed", "set_valued"] = "smoothed", direction: Literal["cold", "up", "down"] | None = None,
+        branches: bool = False, jobs: int | None = None, out: Path = Path("figures"), force: bool = False) -> int:
+    """Compute, draw and write the figures.
 
-
-def run(arguments: argparse.Namespace) -> int:
-    """Compute, draw and write the figures."""
+    Parameters
+    ----------
+    figure : number of a figure in the paper, 2 to 18, or all of them
+    quick : compute only a quarter of the values
+    law : friction law: smoothed (7), as in the paper, or set_valued (6), solved exactly
+    direction : start of each value in a sweep: cold from the initial state, up or down from the last state of the
+        neighbour below or above (default: by figure)
+    branches : draw branches of periodic motions, stable and unstable, and name the bifurcation at each jump; with all,
+        for the figures that have points on branches
+    jobs : threads (default: all cores)
+    out : directory for figNN.png, figNN.svg and figNN.json (default: figures)
+    force : replace existing figures
+    """
     from tcc_sim.output.files import replaceable
     from tcc_sim.study.paper.catalogue import FIGURES, FigureOptions, check_options
     from tcc_sim.study.paper.drawings import draw
     from tcc_sim.views.style import width_of
 
     try:
-        numbers = list(FIGURES) if arguments.figure == "all" else [int(arguments.figure)]
+        numbers = list(FIGURES) if figure == "all" else [int(figure)]
     except ValueError:
-        raise InputError(f"figure is {arguments.figure!r}; it must be {min(FIGURES)} to {max(FIGURES)}, "
+        raise InputError(f"figure is {figure!r}; it must be {min(FIGURES)} to {max(FIGURES)}, "
                          "or all") from None
     if numbers[0] not in FIGURES:
         raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(FIGURES)}, or all")
-    stems = {number: arguments.out / f"fig{number:02d}" for number in numbers}
+    stems = {number: out / f"fig{number:02d}" for number in numbers}
     files = [stem.with_suffix(suffix) for stem in stems.values() for suffix in (".png", ".svg", ".json")]
     existing = [path for path in files if replaceable(path)]
-    if existing and not arguments.force:
+    if existing and not force:
         raise RecordingError(f"{existing[0]} exists already; choose another --out, or give --force to replace it")
     if arguments.title and len(numbers) > 1:
         raise InputError("--title is for one figure; leave it out with all")
-    if arguments.jobs is not None and arguments.jobs < 1:
-        raise InputError(f"jobs is {arguments.jobs}; it must be 1 or more")
-    options = FigureOptions(arguments.quick, arguments.direction, arguments.law, arguments.jobs, progress=True,
-                    branches=arguments.branches)
+    if jobs is not None and jobs < 1:
+        raise InputError(f"jobs is {jobs}; it must be 1 or more")
+    options = FigureOptions(quick, direction, law, jobs, progress=True, branches=branches)
     if len(numbers) == 1:
         check_options(numbers[0], options)
     require("matplotlib", "a picture")
-    arguments.out.mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     draw_one = partial(draw, title=printable(arguments.title or ""), width=width_of(arguments.width))
     if len(stems) == 1:
         (number, stem), = stems.items()

@@ -3,82 +3,95 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tcc_sim.cli.arguments import add_layout, new_file, number, present
+from tcc_sim.cli.options import Form, command
 from tcc_sim.errors import printable, require
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.terminal import counted_bar, say, seconds_bar
 
-if TYPE_CHECKING:
-    from tcc_sim.study.benchmarks.pacing_benchmark import PacingFigures
 
-REPORTS = {"precision": "shorter ladders, about 40 s of computing on one core",
-           "stability": "fewer scenes, some seconds"}
-"""Verbs that write a report, with the help of --quick."""
+@command(partial(add_layout, title="none"), forms={"scenes": Form("NAME", several=True), "out": Form("DIR", Path)})
+def precision(arguments: argparse.Namespace, quick: bool = False, scenes: Sequence[str] = (),
+              out: Path = Path("precision")) -> int:
+    """Measure error and run time of every solver, write a report, and print its first table.
 
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add extent and directory of a report, or rate, duration, settings and file of a run of nodes."""
-    verb = parser.prog.rpartition(" ")[2]
-    extent, output = parser.add_argument_group("extent"), parser.add_argument_group("output")
-    if verb in REPORTS:
-        extent.add_argument("--quick", action="store_true", help=REPORTS[verb])
-        if verb == "precision":
-            extent.add_argument("--scenes", nargs="+", default=[], metavar="NAME",
-                                help="scenes of the report (default: all)")
-        output.add_argument("--out", type=Path, default=Path(verb), metavar="DIR",
-                            help=f"new directory for {verb}.png, .svg, .json and .md (default {verb})")
-        add_layout(output, "none")
-        return
-    extent.add_argument("--rate", type=number(1.0, 20000.0, "Hz"), default=1000.0, metavar="HZ",
-                        help="rate of the ticks, Hz (default 1000)")
-    extent.add_argument("--duration", type=number(0.5, 1e6, "s"), default=60.0, metavar="S",
-                        help="duration of the measurement, s (default 60)")
-    output.add_argument("--json", type=Path, metavar="FILE", help="write all numbers as JSON")
-    loops = parser.add_argument_group("both loops")
-    loops.add_argument("--recorder", action="store_true",
-                       help="run a recorder in another process, which competes for the cores")
-    loops.add_argument("--thread-priority", type=number(0, 99, kind=int), default=0, metavar="N",
-                       help="SCHED_FIFO priority; 0, the default, changes nothing")
-    loops.add_argument("--cpu-affinity", type=number(0, 1023, kind=int), nargs="+", default=[], metavar="CORE",
-                       help="cores to run on (default: all)")
-    loops.add_argument("--lock-memory", action="store_true", help="lock memory")
+    Parameters
+    ----------
+    quick : shorter ladders, about 40 s of computing on one core
+    scenes : scenes of the report (default: all)
+    out : new directory for precision.png, .svg, .json and .md (default: precision)
+    """
+    return _report(arguments, out, scenes)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Check the outputs, measure, print the results, and write them."""
-    if arguments.verb in REPORTS:
-        folder = new_directory(arguments.out)
-        require("matplotlib", "a picture")
-        return _report(arguments, folder)
+@command(partial(add_layout, title="none"), forms={"out": Form("DIR", Path)})
+def stability(arguments: argparse.Namespace, quick: bool = False, out: Path = Path("stability")) -> int:
+    """Try every solver on extreme scenes, write a report, and print its first table.
+
+    Parameters
+    ----------
+    quick : fewer scenes, some seconds
+    out : new directory for stability.png, .svg, .json and .md (default: stability)
+    """
+    return _report(arguments, out)
+
+
+@command(forms={"rate": Form("HZ", number(1.0, 20000.0, "Hz")), "duration": Form("S", number(0.5, 1e6, "s")),
+                "thread_priority": Form("N", number(0, 99, kind=int)),
+                "cpu_affinity": Form("CORE", number(0, 1023, kind=int), several=True)})
+def realtime(arguments: argparse.Namespace, rate: float = 1000.0, duration: float = 60.0, json: Path | None = None,
+             recorder: bool = False, thread_priority: int = 0, cpu_affinity: Sequence[int] = (),
+             lock_memory: bool = False) -> int:
+    """Measure the pacing of the driveline node and of a bare absolute-deadline loop, and print the figures.
+
+    Parameters
+    ----------
+    rate : rate of the ticks, Hz
+    duration : duration of the measurement, s
+    json : write all numbers as JSON
+    recorder : run a recorder in another process, which competes for the cores
+    thread_priority : SCHED_FIFO priority; 0, the default, changes nothing
+    cpu_affinity : cores to run on (default: all)
+    lock_memory : lock memory
+    """
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.scene import load_scene
 
     require_ros()
-    if arguments.json is not None:
-        new_file(arguments.json)
-    present(arguments, load_scene("fig02").with_values({"rate": arguments.rate}), _realtime(arguments))
+    if json is not None:
+        new_file(json)
+    from tcc_sim.study.benchmarks.pacing_benchmark import Settings, measure
+
+    with seconds_bar("realtime", 2.0 * duration) as done:
+        figures = measure(rate, duration, lambda part: done(2.0 * duration * part), recorder,
+                          Settings(thread_priority, tuple(cpu_affinity), lock_memory))
+    _say_pacing(figures.as_json())
+    present(arguments, load_scene("fig02").with_values({"rate": rate}), figures)
     return 0
 
 
-def _report(arguments: argparse.Namespace, folder: Path) -> int:
+def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()) -> int:
     """Measure, write JSON, tables and a picture, and print the first table; an interrupted report has what is done."""
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene
     from tcc_sim.study.benchmarks import precision, report_drawings, stability
     from tcc_sim.views.style import width_of
 
+    folder = new_directory(out)
+    require("matplotlib", "a picture")
     verb, rows = arguments.verb, list[Any]()
     measured: Iterator[Any]
     with counted_bar("run") as running:
         if verb == "precision":
             effort = precision.QUICK if arguments.quick else precision.FULL
-            measured = precision.precision_study(replace(effort, scenes=tuple(arguments.scenes)), running.done)
+            measured = precision.precision_study(replace(effort, scenes=tuple(scenes)), running.done)
         else:
             measured = stability.grid(arguments.quick, running.done)
         for row in measured:
@@ -101,15 +114,8 @@ def _report(arguments: argparse.Namespace, folder: Path) -> int:
     return 0 if running.complete else 130
 
 
-def _realtime(arguments: argparse.Namespace) -> PacingFigures:
-    """Measure the pacing of the driveline node and of a bare absolute-deadline loop."""
-    from tcc_sim.study.benchmarks.pacing_benchmark import Settings, measure
-
-    settings = Settings(arguments.thread_priority, tuple(arguments.cpu_affinity), arguments.lock_memory)
-    with seconds_bar("realtime", 2.0 * arguments.duration) as done:
-        figures = measure(arguments.rate, arguments.duration, lambda part: done(2.0 * arguments.duration * part),
-                          arguments.recorder, settings)
-    shown = figures.as_json()
+def _say_pacing(shown: dict[str, Any]) -> None:
+    """Print the figures of both loops, and of the bare loop with every setting."""
     say(f"{shown['ticks']:.0f} ticks at {shown['rate']:g} Hz, {100.0 * shown['late_share']:.3g} % more than a period "
         f"late, {shown['missed_ticks']:.0f} missed, drift {shown['drift_s'] * 1e3:.3f} ms")
     say(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
@@ -126,4 +132,3 @@ def _realtime(arguments: argparse.Namespace) -> PacingFigures:
         say(f"{trial['name']:<26}{row}{'  refused' if trial['refused'] else ''}")
     for sentence in sorted({sentence for trial in shown["settings"] for sentence in trial["refused"]}):
         say(f"  {sentence}")
-    return figures
