@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.summary import Span, Summary, dropped_of, spans_of, summarise_cycles
+from tcc_sim.analysis.summary import CycleTimes, Span, Summary, cycle_times_of, dropped_of, summarise_cycles
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
@@ -281,23 +281,21 @@ class CycleStream:
         if run is self.runs[-1] and (rest := self._rest()) is not None:
             parts.append(rest)
         if not self.clock.identified:
-            summary = summarise_cycles(kept.cycles, lengths_of(kept.cycles), partial=parts, span=kept.span)
+            summary = summarise_cycles(kept.cycles, CycleTimes(lengths_of(kept.cycles)), partial=parts, span=kept.span)
             return replace(summary, period=0, section=[], section_states=[], cycles=0, broken=0, settled=False,
                            section_change=math.nan, longest_period=0)
-        return summarise_cycles(kept.cycles, first=kept.first, tolerance=DEFAULTS.recording_tolerance, partial=parts,
-                                dropped=kept.dropped, broken=kept.broken, span=kept.span,
-                                **self._excitation_of(kept.cycles, kept.first))
+        times = self._cycle_times_of(kept.cycles, kept.first)
+        return summarise_cycles(kept.cycles, times, tolerance=DEFAULTS.recording_tolerance, dropped=kept.dropped,
+                                broken=kept.broken, partial=parts, span=kept.span)
 
-    def _excitation_of(self, cycles: Cycles, first: int) -> dict[str, Any]:
-        """Return `summary.spans_of`; without a scene's profile, the lengths of the cycles show changes of the
-        excitation.
-        """
+    def _cycle_times_of(self, cycles: Cycles, first: int) -> CycleTimes:
+        """Return the timing of cycles; without a scene's profile, their lengths show changes of the excitation."""
         if not isinstance(self.clock, Tracked):
             system = self.clock.system if isinstance(self.clock, Scheduled) else None
-            return spans_of(system, self.clock.cycle, first, len(cycles))
+            return cycle_times_of(system, self.clock.cycle, first, len(cycles))
         cycle = lengths_of(cycles)
         drifts = np.flatnonzero(np.abs(cycle / np.median(cycle[-DEFAULTS.at_the_end:]) - 1.0) > DEFAULTS.drifting)
-        return {"cycle": cycle, "varied": int(drifts[-1]) + 1 if len(drifts) else 0}
+        return CycleTimes(cycle, first, varied=int(drifts[-1]) + 1 if len(drifts) else 0)
 
     def _take(self, rows: Floats, run: int) -> list[CyclePiece]:
         """Add samples to the waiting ones, and return the cycles that are now whole."""

@@ -80,21 +80,34 @@ def varying(trajectory: Trajectory) -> System | None:
     return trajectory.system if trajectory.system is not None and trajectory.system.profile is not None else None
 
 
-def spans_of(system: System | None, cycle: float, first: int, count: int) -> dict[str, Any]:
-    """Return arguments of `summarise_cycles` for `count` engine cycles from number `first` on.
+class CycleTimes(NamedTuple):
+    """Times of consecutive engine cycles, and how the excitation varies over them.
 
-    `cycle`: their lengths, s; `since`: their start, s; `varied`: the number of them in which the excitation still
-    changes; `carried`: whether friction in fast slip carries the mean torque at their end. Without a system all have
-    the length `cycle`.
+    cycle : length of a cycle, s; an array if they differ
+    first : number of the first of them, which sets the start of the section of a period
+    since : their start, s
+    varied : number of first cycles in which the excitation still changes; only later ones can have a period
+    carried : whether friction in fast slip carries the torque at the end of a varying excitation, so that slip that
+        grows with it is no runaway
     """
+
+    cycle: float | Floats
+    first: int = 0
+    since: float = 0.0
+    varied: int = 0
+    carried: bool = False
+
+
+def cycle_times_of(system: System | None, cycle: float, first: int, count: int) -> CycleTimes:
+    """Return the times of `count` engine cycles from number `first` on; without a system of the length `cycle`, s."""
     if system is None or system.profile is None:
         cycle = cycle if system is None else system.cycle
-        return {"cycle": cycle, "since": first * cycle}
+        return CycleTimes(cycle, first, first * cycle)
     starts = system.cycle_start(first + np.arange(count + 1))
     _, torque, pressure = along(system.profile, float(starts[-1]))
-    return {"cycle": np.diff(starts), "since": float(starts[0]),
-            "carried": bool(abs(torque) < system.torque_per_pressure * pressure),
-            "varied": max(math.ceil(system.cycles_until(float(system.profile[-1, TIME])) - 1e-9) - first, 0)}
+    varied = max(math.ceil(system.cycles_until(float(system.profile[-1, TIME])) - 1e-9) - first, 0)
+    return CycleTimes(np.diff(starts), first, float(starts[0]), varied,
+                  bool(abs(torque) < system.torque_per_pressure * pressure))
 
 
 def default_discard(cycles: int) -> int:
@@ -216,31 +229,25 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
     before, cycles, behind = cycle_parts_of(trajectory)
     dropped = dropped_of(len(cycles), discard) if len(cycles) or behind is None or discard else 0
     first = first_cycle_of(trajectory) + dropped
-    return summarise_cycles(cycles[dropped:], first=first, tolerance=tolerance, dropped=dropped, by=trajectory,
-                            partial=[part for part in (before if not dropped else None, behind) if part is not None],
-                            **spans_of(varying(trajectory), trajectory.cycle, first, len(cycles) - dropped))
+    times = cycle_times_of(varying(trajectory), trajectory.cycle, first, len(cycles) - dropped)
+    return summarise_cycles(cycles[dropped:], times, tolerance=tolerance, dropped=dropped, by=trajectory,
+                            partial=[part for part in (before if not dropped else None, behind) if part is not None])
 
 
-def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, tolerance: float = DEFAULTS.tolerance,
-                     varied: int = 0, carried: bool = False, dropped: int = 0, broken: int = 0, since: float = 0.0,
-                     partial: Sequence[Cycles] = (), span: Span | None = None,
+def summarise_cycles(cycles: Cycles, times: CycleTimes, *, tolerance: float = DEFAULTS.tolerance, dropped: int = 0,
+                     broken: int = 0, partial: Sequence[Cycles] = (), span: Span | None = None,
                      by: Trajectory | None = None) -> Summary:
     """Summarise consecutive cycles; NaN marks those that were not observed.
 
     Parameters
     ----------
     cycles : the whole cycles that were kept
-    cycle : length of an engine cycle, s; an array if they differ
-    first : number of the first of them, which sets the start of the section of a period
+    times : of these cycles
     tolerance : of the period, relative to the size of the motion
-    varied : number of first cycles in which the excitation still changes; only later ones can have a period
-    carried : whether friction in fast slip carries the torque at the end of a varying excitation, so that slip that
-        grows with it is no runaway
     dropped : number of observed cycles before them
-    since : their start, s
     broken : number of cycles among them that a gap interrupts or hides, where NaN marks the gap
     partial : parts of cycles before, between and after them, which period and section leave out
-    span : time that cycles and parts cover; None for that of `cycle`, `since` and the `starts` of the parts
+    span : time that cycles and parts cover; None for that of `times` and the `starts` of the parts
     by : trajectory with the solver and time that the summary names
 
     Raises
@@ -252,16 +259,16 @@ def summarise_cycles(cycles: Cycles, cycle: float | Floats, *, first: int = 0, t
     count = int(observed.sum())
     if not (count or partial):
         raise OutOfRange("there is no whole period of excitation to summarise")
-    steady = cycles[min(varied, len(cycles)):] if varied else cycles
-    runaway = not carried and runs_away(cycles, varied, tolerance)
+    steady = cycles[min(times.varied, len(cycles)):] if times.varied else cycles
+    runaway = not times.carried and runs_away(cycles, times.varied, tolerance)
     repetition = periodicity(steady, tolerance)
-    span = span or _span_of(observed, cycle, since, partial)
+    span = span or _span_of(observed, times, partial)
     summary = without_section(
         repetition, runaway, not repetition.period and not runaway and cycles_drift(steady), span,
         sums_of(concatenated([cycles, *partial]) if partial else cycles, span.seconds), cycles=count + broken + dropped,
         dropped=dropped, broken=broken, solver=by.solver if by is not None else "",
         elapsed=by.statistics.seconds if by is not None else 0.0)
-    points = section_of(cycles.section[1:], first, summary.period)
+    points = section_of(cycles.section[1:], times.first, summary.period)
     points = points[np.isfinite(points).all(axis=1)]
     return replace(summary, section=[(angle, v) for v, angle, _ in points.tolist()],
                    section_states=[(angle, v, speed) for v, angle, speed in points.tolist()])
@@ -302,8 +309,9 @@ class Span(NamedTuple):
         return self.end - self.begin - self.lost
 
 
-def _span_of(observed: NDArray[np.bool_], cycle: float | Floats, since: float, partial: Sequence[Cycles]) -> Span:
-    """Return the time of consecutive cycles of these lengths, s, from `since` on, and of parts before and after."""
+def _span_of(observed: NDArray[np.bool_], times: CycleTimes, partial: Sequence[Cycles]) -> Span:
+    """Return the time of consecutive cycles, and of parts before and after."""
+    cycle, since = times.cycle, times.since
     if isinstance(cycle, np.ndarray):
         lasts, lost = float(cycle.sum()), float(cycle[~observed].sum())
     else:

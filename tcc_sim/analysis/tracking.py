@@ -17,8 +17,17 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.control import CycleMeans, Steps
 from tcc_sim.analysis.engine_clock import EngineClock
-from tcc_sim.analysis.judder import NO_SIGNAL, Signal, judder_line, means_without
-from tcc_sim.analysis.loop_verdict import Errors, Judged, LoopVerdict, loop_verdict, noise_of_means
+from tcc_sim.analysis.loop_verdict import (
+    NO_SIGNAL,
+    Errors,
+    Judged,
+    LoopVerdict,
+    Signal,
+    judder_line,
+    loop_verdict,
+    means_without,
+    noise_of_means,
+)
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.stream import CyclePiece, CycleStream
 from tcc_sim.errors import InputError

@@ -23,7 +23,7 @@ from tcc_sim.analysis.orders import Orders
 from tcc_sim.analysis.periodicity import repeats_finely, stays
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.analysis.spectra import Spectrum
-from tcc_sim.analysis.summary import Summary, cycles_of, default_discard, spans_of, summarise_cycles
+from tcc_sim.analysis.summary import Summary, cycle_times_of, cycles_of, default_discard, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
@@ -323,9 +323,8 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
     cycles = cycles if cycles is not None else cycles_of(run)
     kept = cycles[discarded:]
     end = Start(State(*cycles.section[-1].tolist()), start.cycle + len(cycles)) if len(cycles) else start
-    summary = summarise_cycles(kept, first=start.cycle + discarded, dropped=discarded, by=run,
-                               partial=[run.rest] if run.rest is not None else [],
-                               **spans_of(system, 0.0, start.cycle + discarded, len(kept)))
+    summary = summarise_cycles(kept, cycle_times_of(system, 0.0, start.cycle + discarded, len(kept)), dropped=discarded,
+                               by=run, partial=[run.rest] if run.rest is not None else [])
     if plan.discard == "auto" and not (summary.settled or summary.runaway):
         summary = replace(summary, transient=True)
     return Simulation(run, summary, _confirmed(system, plan, kept, summary, end), angles_of(plan, kept),

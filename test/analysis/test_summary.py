@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis.summary import (
+    CycleTimes,
     Span,
     Summary,
     cycle_parts_of,
+    cycle_times_of,
     dropped_of,
     error_of_thirds,
     first_cycle_of,
@@ -18,7 +20,6 @@ from tcc_sim.analysis.summary import (
     runs_away,
     section_of,
     slip_grows,
-    spans_of,
     summarise,
     summarise_cycles,
     sums_from,
@@ -109,7 +110,7 @@ def test_every_figure_of_a_summary_is_that_of_its_cycles():
         column[2] = math.nan
     parts = [with_field(before, starts=np.array([0.42, 0.5])), with_field(behind, starts=np.array([1.7, 1.78]))]
     by = with_field(trajectory_of(*sine(0.0, 1.0, 0.0), 1), statistics=Statistics(seconds=0.75))
-    summary = summarise_cycles(cycles, 0.1, first=5, dropped=5, broken=3, since=0.5, partial=parts, by=by)
+    summary = summarise_cycles(cycles, CycleTimes(0.1, 5, 0.5), dropped=5, broken=3, partial=parts, by=by)
     n = np.array([4.0, 5.0, 6.0, *range(8, 18)])
     expected = Summary(
         max_slip_speed=67.0, min_slip_speed=-31.0, period=0, section=[], stick_fraction=0.13 / 1.26,
@@ -133,11 +134,11 @@ def vars_of(summary):
 def test_lengths_of_cycles_that_differ_are_added_up():
     cycles = numbered(8)
     cycles.highest[3] = cycles.lowest[5] = cycles.stick_time[6] = math.nan
-    summary = summarise_cycles(cycles, 0.1 + 0.01 * np.arange(8.0), since=2.0)
+    summary = summarise_cycles(cycles, CycleTimes(0.1 + 0.01 * np.arange(8.0), since=2.0))
     assert summary.covers == pytest.approx((2.0, 2.0 + 0.8 + 0.28))
     assert (summary.lost_seconds, summary.seconds) == pytest.approx((0.3 + 0.14, 0.64), abs=1e-12)
     assert (summary.cycles, summary.breakaways) == (5, 10)
-    given = summarise_cycles(numbered(3), 0.1, span=Span(1.0, 4.0, 0.5))
+    given = summarise_cycles(numbered(3), CycleTimes(0.1), span=Span(1.0, 4.0, 0.5))
     assert (given.covers, given.seconds, given.lost_seconds, given.stick_fraction) == ((1.0, 4.0), 2.5, 0.5, 0.03 / 2.5)
 
 
@@ -172,10 +173,10 @@ def test_what_leaves_no_cycle_is_refused(cycles, discard, sentence):
     assert (dropped_of(3, 2), dropped_of(3, None), dropped_of(1, 0)) == (2, 1, 0)
 
 
-def test_spans_of_a_profile_are_those_of_its_phase():
+def test_times_of_a_profile_are_those_of_its_phase():
     """omega goes from 100 to 200 rad/s in 2 s: phi = 100 t + 25 t^2, and 300 + 200 (t - 2) later, 47.7 cycles."""
-    assert spans_of(None, 0.25, 3, 4) == {"cycle": 0.25, "since": 0.75}
-    assert spans_of(SYSTEM, 0.25, 3, 4) == {"cycle": CYCLE, "since": 3.0 * CYCLE}
+    assert cycle_times_of(None, 0.25, 3, 4) == (0.25, 3, 0.75, 0, False)
+    assert cycle_times_of(SYSTEM, 0.25, 3, 4) == (CYCLE, 3, 3.0 * CYCLE, 0, False)
     values = {"engine.frequency_times": (0.0, 2.0), "engine.frequency_values": (100.0, 200.0),
               "engine.mean_torque_times": (0.0, 2.0), "engine.mean_torque_values": (0.0, -430.0),
               "pressure.mean": 225e3, "friction.kinetic_coefficient": 0.24}
@@ -187,15 +188,15 @@ def test_spans_of_a_profile_are_those_of_its_phase():
         return -2.0 + math.sqrt(4.0 + phase / 25.0) if phase < 300.0 else 2.0 + (phase - 300.0) / 200.0
 
     for first, count, varied in ((3, 50, 45), (47, 4, 1), (48, 4, 0)):
-        spans = spans_of(system, 0.25, first, count)
-        assert spans["since"] == pytest.approx(start(first))
-        assert spans["cycle"] == pytest.approx(np.diff([start(n) for n in range(first, first + count + 1)]))
-        assert (spans["varied"], spans["carried"]) == (varied, True)
+        times = cycle_times_of(system, 0.25, first, count)
+        assert times.since == pytest.approx(start(first))
+        assert times.cycle == pytest.approx(np.diff([start(n) for n in range(first, first + count + 1)]))
+        assert (times.first, times.varied, times.carried) == (first, varied, True)
     whole = replace(System(), {"engine.frequency": 20.0 * math.pi, "engine.mean_torque_times": (0.0, 0.5),
                                "engine.mean_torque_values": (0.0, 1.0)})
-    assert spans_of(whole, 0.1, 0, 9)["varied"] == 5
+    assert cycle_times_of(whole, 0.1, 0, 9).varied == 5
     heavier = replace(system, {"engine.mean_torque_values": (0.0, -433.0)})
-    assert spans_of(heavier, 0.25, 47, 4)["carried"] is False
+    assert cycle_times_of(heavier, 0.25, 47, 4).carried is False
 
 
 @pytest.mark.parametrize(("begin", "end", "early", "whole", "late"), [
@@ -233,7 +234,7 @@ def test_samples_without_a_system_or_too_few_have_no_cycles():
 
 def test_a_trajectory_shorter_than_a_cycle_is_refused():
     with pytest.raises(InputError, match="no whole period of excitation"):
-        summarise_cycles(Cycles(np.zeros((1, 3)), np.empty(0), np.empty(0), np.empty(0)), CYCLE)
+        summarise_cycles(Cycles(np.zeros((1, 3)), np.empty(0), np.empty(0), np.empty(0)), CycleTimes(CYCLE))
     with pytest.raises(InputError, match="no whole period of excitation"):
         summarise(part_of(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 200), 1)
     part = summarise(part_of(trajectory_of(*sine(5.0, 20.0, 0.3), 1), 201))
@@ -260,7 +261,7 @@ def test_slip_that_grows_to_the_end_is_a_runaway(slip, stick, grows, sign) -> No
     cycles = speeds(sign * slip(n), sign * 5.0)
     cycles.stick_time[:] = stick(n)
     assert slip_grows(cycles) is grows
-    summary = summarise_cycles(cycles, CYCLE)
+    summary = summarise_cycles(cycles, CycleTimes(CYCLE))
     assert summary.runaway is grows
     assert not (grows and (summary.period or summary.settled))
     few = speeds(sign * (20.0 + 0.3 * n), sign * 5.0)
@@ -370,7 +371,7 @@ def test_few_cycles_after_a_gap_show_no_growth(kept: int, grows: bool) -> None:
     result = speeds(20.0 + 0.3 * np.arange(9.0 if kept < 9 else 24.0))
     result.highest[-kept - 1] = np.nan
     assert slip_grows(result) is grows
-    assert summarise_cycles(result, CYCLE).runaway is grows
+    assert summarise_cycles(result, CycleTimes(CYCLE)).runaway is grows
 
 
 def scatter_of_twelve():

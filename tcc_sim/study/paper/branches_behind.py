@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.summary import summarise_cycles
+from tcc_sim.analysis.summary import CycleTimes, summarise_cycles
 from tcc_sim.errors import counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles
@@ -76,7 +76,7 @@ def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
         system = sweep.curve.at(k)
         together = math.lcm(summary.period, common_cycles(system) or 1)
         cycles = solve(system, cycles=together, start_cycle=point.end.cycle, state=point.end.state).solved_cycles
-        amplitude = summarise_cycles(cycles, system.cycle).max_slip_speed
+        amplitude = summarise_cycles(cycles, CycleTimes(system.cycle)).max_slip_speed
     return SettledMotion(value, np.array(point.end.state.numbers), point.end.cycle, summary.period, amplitude)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.exponents import largest_lyapunov_exponent
 from tcc_sim.analysis.multipliers import Lyapunov
-from tcc_sim.analysis.summary import Summary, summarise_cycles
+from tcc_sim.analysis.summary import CycleTimes, Summary, summarise_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
 from tcc_sim.result import reported
@@ -238,7 +238,7 @@ def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summ
     if run.status is not Status.DONE or run.cycles is None:
         return None
     first = start.cycle + LATER - LAST
-    return summarise_cycles(run.cycles[LATER - LAST:], system.cycle, first=first), Start(run.final, first + LAST)
+    return summarise_cycles(run.cycles[LATER - LAST:], CycleTimes(system.cycle, first)), Start(run.final, first + LAST)
 
 
 def steep(values: Floats, jump: float = JUMP) -> NDArray[np.int64]:

@@ -8,11 +8,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.blocks import confirmed_by_repetition, summaries_of
 from tcc_sim.analysis.periodicity import repeats_finely
-from tcc_sim.analysis.summary import summarise_cycles
+from tcc_sim.analysis.summary import CycleTimes, summarise_cycles
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import system_of
+from tcc_sim.sweeps.blocks import confirmed_by_repetition, summaries_of
 from tcc_sim.sweeps.simulation import Plan
 from tcc_sim.sweeps.sweep import solve_point, solve_points
 from tcc_sim.trajectory import Cycles, Loads, Runs
@@ -59,7 +59,7 @@ def stacked(runs):
 
 
 def test_every_kind_of_run_is_judged_as_alone():
-    alone = [summarise_cycles(each, 0.05, first=50, dropped=50, since=2.5) for each in RUNS]
+    alone = [summarise_cycles(each, CycleTimes(0.05, 50, 2.5), dropped=50) for each in RUNS]
     together, sections = summaries_of(stacked(RUNS), [0.05] * len(RUNS), [50] * len(RUNS), 50)
     assert [dataclasses.replace(each, section=[], section_states=None) for each in alone] == together
     assert [each.section_states for each in alone] == [[(x, v, w) for v, x, w in each.tolist()] for each in sections]
