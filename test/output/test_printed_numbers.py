@@ -3,14 +3,12 @@
 import json
 import math
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from driveline_bags import bag, ticked
 
 from tcc_sim.cli import main
-from tcc_sim.output.tables import covers_row
 from tcc_sim.scene import load_scene
 
 EQUATION = r"\(\d+[a-c]?\)"
@@ -110,14 +108,6 @@ def test_basins_print_what_their_json_keeps(capsys, tmp_path):
     capsys.readouterr()
     with np.load(tmp_path / "a.npz") as arrays:
         agrees(words, capsys, tmp_path, more_columns=(arrays["cycles"].size, arrays["cycles"].mean()))
-
-
-@pytest.mark.parametrize(("begin", "first", "lost", "words"), [
-    (0.0, 0.0, 0.0, ""), (0.5, 0.5, 0.0, ""), (0.5, 1.5, 0.0, "1.5 to 3 s of 0.5 to 3 s"),
-    (0.5, 0.5, 0.25, "0.5 to 3 s of 0.5 to 3 s; 0.25 s of them were lost, which leaves 2.25 s")])
-def test_the_time_that_figures_cover_is_printed_unless_it_is_all(begin, first, lost, words):
-    summary = SimpleNamespace(covers=(first, 3.0), lost_seconds=lost, seconds=3.0 - first - lost)
-    assert covers_row(summary, begin, 3.0) == ([("figures cover", words)] if words else [])
 
 
 def test_a_recording_and_a_fit_print_what_their_json_keeps(capsys, tmp_path):
