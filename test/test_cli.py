@@ -40,7 +40,7 @@ HUNDRED = "engine.frequency=100:200:3"
     (["claims", "--json", "a", "--markdown", "a"], "a"), (["simulte", "fig02"], "simulate?"), (["xyzzy"], "--help"),
     (["scenes", "--show", "caos"], "chaos?"), (["scenes", "--set", "engine.frequency=120"], "--show"),
     (["scenes", "--show", "fig02", "--set", "rate=20000.0000001"], "20000.0000001 Hz"),
-    (["simulate", "fig02", "--set", "friction.kinetic_coefficient=0.01499999999"], "0.01499999999; it must be 0.015"),
+    (["simulate", "fig02", "--set", "friction.kinetic_coefficient=0.01499999999"], "0.01499999999"),
     (["sweep", "fig20", "--over", HUNDRED], "fig02?"), ([*SWEEP, "engine.frequncy=1:2:3"], "engine.frequency?"),
     ([*SWEEP, HUNDRED, "--set", "no.key=1"], "no.key"), ([*SWEEP, "engine.frequency=1:2"], "engine.frequency=1:2"),
     ([*SWEEP, "engine.frequency=-5:2:3"], "0.001 to 100000 rad/s"),

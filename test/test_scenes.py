@@ -193,7 +193,8 @@ def test_profiles_are_times_and_values(words: list[str], values: dict[str, objec
     (["clutch.area=0:1"], "clutch.area=0:1"), (["engine.harmonic_amplitudes=0:1"], "engine.harmonic_amplitudes=0:1"),
     (["pressure.mean=0:1", "pressure.mean=0:1"], "pressure.mean"), (["pressure.mean"], "pressure.mean"),
     (["pressure.mean=0:1:2"], "pressure.mean=0:1:2"), (["pressure.mean=0:x"], "pressure.mean=0:x"),
-    (["engine.frequency=0:1500rpm"], "engine.frequency")])
+    (["engine.frequency=0:1500rpm"], "engine.speed=1500rpm"), (["engine.speeds=0:1"], "engine.speeds"),
+    (["engine.frequency=0:60,20"], "engine.frequency=0:60,20"), (["pressure.mean=0:8rpm"], "pressure.mean=0:8rpm")])
 def test_a_wrong_profile_is_named(words: list[str], shown: str) -> None:
     with pytest.raises(InputError) as caught:
         parse_profiles(words)

@@ -282,9 +282,8 @@ def test_limits_of_stick_exist_where_stick_begins_or_ends():
         expected = {2: closed, 1: (None, *closed), 0: (None, None)}[count]
         assert [x and round(x, 6) for x in limits] == [x and round(x, 6) for x in expected]
     for low, high in ((0.0, 1.0), (2.0, 2.0), (3.0, 2.0)):
-        with pytest.raises(InputError, match=f"^the frequency range is {low:g} to {high:g} rad/s; it must be above 0 "
-                           "and increasing$"):
+        with pytest.raises(InputError, match=f"{low:g} to {high:g} rad/s"):
             pure_stick.stick_limits(BASE, low, high)
     for values in ({"pressure.amplitude": 1.0}, RICH, {"engine.torque_amplitude": 0.0}):
-        with pytest.raises(InputError, match=r"^the closed-form stick limits need pressure.amplitude 0 and exactly "):
+        with pytest.raises(InputError, match=r"pressure.amplitude"):
             pure_stick.constant_load_limits(system_of(values))

@@ -138,6 +138,5 @@ def test_an_actuator_delays_commands_by_whole_ticks() -> None:
     assert (acted.pressure, acted.highest, acted.advance(5.0)) == (-1.0, 0.0, (-1.0, -1.0))
     assert [delay_ticks(Pressure(source="topic", delay=x), 0.001) for x in (0.0, 0.003, 0.003 + 9e-10)] == [0, 3, 3]
     for delay in (0.0035, 0.003 + 1.1e-9, 0.003 - 1.1e-9):
-        with pytest.raises(InputError, match=rf"^pressure.delay is {delay:g} s; it must be a whole number of ticks of "
-                                             r"0.001 s$"):
+        with pytest.raises(InputError, match=rf"pressure.delay.* {delay:g} s.*0.001 s"):
             delay_ticks(Pressure(source="topic", delay=delay), 0.001)

@@ -138,10 +138,10 @@ def test_stick_ends_before_a_hump_and_at_the_peak_of_a_falling_table():
 
 
 @pytest.mark.parametrize(("speeds", "coefficients", "sentence"), [
-    ((0.0, 1.0), (0.1, 0.1), "has 2 values; a friction table needs 3 to 1000"),
-    ((0.0, 1.0, 2.0), (0.1, 0.1), "has 2 values; it must have as many as friction.slip_speeds, 3"),
-    ((0.1, 1.0, 2.0), (0.1, 0.1, 0.1), "begins at 0.1 rad/s; the first slip speed must be 0"),
-    ((0.0, 2.0, 2.0), (0.1, 0.1, 0.1), "has 2 rad/s after 2 rad/s; the slip speeds must increase"),
+    ((0.0, 1.0), (0.1, 0.1), "2 values.* 3 to 1000"),
+    ((0.0, 1.0, 2.0), (0.1, 0.1), "2 values.*friction.slip_speeds, 3"),
+    ((0.1, 1.0, 2.0), (0.1, 0.1, 0.1), "0.1 rad/s.* 0"),
+    ((0.0, 2.0, 2.0), (0.1, 0.1, 0.1), "2 rad/s after 2 rad/s"),
     ((0.0, 5.0, 50.0), (0.15, 0.12, 0.14), r"with 1 decaying exponential, .* 3 points allow, .*11.1% off at 5"),
     ((0.0, 1.0, 2.0), (1e-3, 1.0, 2.0), "smooth the table"),
 ])
@@ -195,7 +195,7 @@ def test_the_coefficients_are_at_most_a_factor_of_twenty_apart(static: float, ki
     keys = ("friction.static_coefficient", "friction.kinetic_coefficient")
     assert replace(System(), dict(zip(keys, (static, kinetic)))).friction_ratio == static / kinetic
     further = math.nextafter(static, math.inf if static > kinetic else 0.0)
-    with pytest.raises(InputError, match=r"friction.kinetic_coefficient is .*; it must be .*, one twentieth to twenty"):
+    with pytest.raises(InputError, match=r"friction.kinetic_coefficient .* to "):
         replace(System(), dict(zip(keys, (further, kinetic))))
 
 
@@ -226,5 +226,5 @@ def test_a_poor_fit_is_doubted_with_its_error_and_place():
     lone = Friction(slip_speeds=(0.0, 1.0, 2.0), coefficients=(0.2, 0.2, 0.2))
     assert (lone.static, lone.kinetic, lone.stribeck) == (pytest.approx(0.2), pytest.approx(0.2), None)
     for tables in ({"slip_speeds": (0.0, 1.0, 2.0)}, {"coefficients": (0.1, 0.2, 0.2)}):
-        with pytest.raises(InputError, match="it must have as many as"):
+        with pytest.raises(InputError, match=r"friction\.slip_speeds"):
             Friction(**tables)

@@ -99,7 +99,7 @@ def test_a_pressure_from_data_is_never_below_0():
             (((0.0, 1.0, 0.0), (1.0, -2e-9, 1.0)), 2.0, "-2e-09 Pa at 1 s"),
             (((0.0, 1.0, 0.0), (3.0, 2.0, -1.0)), 1.0, "")):
         if words:
-            with pytest.raises(InputError, match=f"^the pressure at the plates is {words}; it must be 0 or more$"):
+            with pytest.raises(InputError, match=f"{words}.* 0 or more"):
                 Inputs(None, np.array(lines), end)
         else:
             Inputs(None, np.array(lines), end)
@@ -157,11 +157,11 @@ def test_a_profile_has_a_row_for_each_interval_with_every_course_in_it():
 
 
 @pytest.mark.parametrize(("values", "message"), [
-    ({"engine.frequency_times": [0.0, 1.0], "engine.frequency_values": [100.0]}, "has 1 values; it must have as many"),
+    ({"engine.frequency_times": [0.0, 1.0], "engine.frequency_values": [100.0]}, "1 values.* 2"),
     ({"engine.frequency_times": [0.5, 1.0], "engine.frequency_values": [100.0, 90.0]}, "begins at 0.5 s"),
     ({"pressure.mean_times": [0.0, 1.0, 1.0], "pressure.mean_values": [1e5, 1e5, 2e5]}, "1 s after 1 s"),
-    ({"engine.frequency_times": [0.0, 1.0], "engine.frequency_values": [100.0, 0.0]}, "must be 0.001 to 100000"),
-    ({"engine.mean_torque_times": [0.0, float("nan")], "engine.mean_torque_values": [1.0, 1.0]}, "must be 0 to 1e"),
+    ({"engine.frequency_times": [0.0, 1.0], "engine.frequency_values": [100.0, 0.0]}, "0 rad/s.* 0.001 to 100000"),
+    ({"engine.mean_torque_times": [0.0, float("nan")], "engine.mean_torque_values": [1.0, 1.0]}, "nan s.* 0 to 1e"),
     ({"pressure.mean_times": list(map(float, range(1001))), "pressure.mean_values": [1e5] * 1001}, "at most 1000"),
 ])
 def test_what_is_no_profile_is_refused(values, message):
@@ -169,26 +169,9 @@ def test_what_is_no_profile_is_refused(values, message):
         replace(System(), values)
 
 
-def test_a_key_in_whose_place_a_profile_stands_cannot_be_changed_alone():
-    with pytest.raises(InputError, match=r"engine\.frequency is not used where engine\.frequency_times is given"):
-        replace(VARYING, {"engine.frequency": 100.0})
+def test_a_key_whose_profile_is_taken_away_may_change():
     assert replace(VARYING, {"engine.frequency_times": [], "engine.frequency_values": [],
                              "engine.frequency": 100.0}).engine.frequency == 100.0
-
-
-def test_profiles_of_a_command_line():
-    result = parse_profiles(["engine.frequency=0:60,20:600", "pressure.mean=0:1e5"])
-    assert result == {"engine.frequency_times": [0.0, 20.0], "engine.frequency_values": [60.0, 600.0],
-                      "pressure.mean_times": [0.0], "pressure.mean_values": [1e5]}
-    for words, message in ((["engine.speeds=0:1"], "the keys that have a profile are engine.frequency"),
-                           (["engine.frequency=0:60,20"], "is not KEY=TIME:VALUE"),
-                           (["engine.frequency=0:a"], "is not KEY=TIME:VALUE"),
-                           (["engine.frequency"], "is not KEY=TIME:VALUE"),
-                           (["engine.frequency=0:800rpm"], "give the crankshaft's speed in rpm as engine.speed=800rpm"),
-                           (["pressure.mean=0:8rpm"], "is not KEY=TIME:VALUE"),
-                           (["pressure.mean=0:1", "pressure.mean=0:2"], "given twice")):
-        with pytest.raises(InputError, match=message):
-            parse_profiles(words)
 
 
 HARMONICS = replace(System(), {"engine.harmonic_amplitudes": [60.0, 0.0, 20.0],
@@ -207,16 +190,14 @@ def test_one_harmonic_of_the_list_is_set_and_profiled():
 
 
 @pytest.mark.parametrize(("values", "message"), [
-    ({"engine.harmonic_amplitudes[4]": 1.0}, r"has 3 values, \[1\] to \[3\]"),
-    ({"engine.harmonic_amplitudes[0]": 1.0}, "does not exist"),
-    ({"engine.frequency[1]": 1.0}, "engine.frequency is not a list"),
-    ({"engine.harmonic_amplitudes[1]": "loud"}, "'loud'; it must be a number"),
-    ({"engine.harmonic_amplitudes[1]": -1.0}, "must be 0 to 100000"),
-    ({"engine.harmonic_phases[1]_times": [0.0], "engine.harmonic_phases[1]_values": [0.0]}, "lists with profiles are"),
-    ({"engine.harmonic_amplitudes_times": [0.0, 1.0], "engine.harmonic_amplitudes_values": [1.0, 2.0]},
-     "must have 3 for each of the 2"),
-    ({"engine.torque_amplitude_times": [0.0, 1.0], "engine.torque_amplitude_values": [1.0]}, "must have as many as"),
-])
+    ({"engine.harmonic_amplitudes[4]": 1.0}, r"\[4\].*\[3\]"), ({"engine.harmonic_amplitudes[0]": 1.0}, r"\[0\]"),
+    ({"engine.frequency[1]": 1.0}, "engine.frequency"),
+    ({"engine.harmonic_amplitudes[1]": "loud"}, r"engine.harmonic_amplitudes\[1\].*'loud'"),
+    ({"engine.harmonic_amplitudes[1]": -1.0}, "-1 N m.* 0 to 100000"),
+    ({"engine.harmonic_phases[1]_times": [0.0], "engine.harmonic_phases[1]_values": [0.0]}, "engine.harmonic_phases"),
+    ({"engine.harmonic_amplitudes_times": [0.0, 1.0], "engine.harmonic_amplitudes_values": [1.0, 2.0]}, "3 .*2"),
+    ({"engine.torque_amplitude_times": [0.0, 1.0], "engine.torque_amplitude_values": [1.0]},
+     "engine.torque_amplitude_values.* 1 .* 2")])
 def test_numbers_of_a_list_and_their_profiles_that_do_not_fit_are_refused(values, message):
     with pytest.raises(InputError, match=message):
         replace(HARMONICS, values)
