@@ -59,8 +59,6 @@ TEXTS = {"model/friction.py", "solvers/series.py", "study/benchmarks/references.
 """Files that may have a text of the friction law's tanh: at slip speeds, along series, and independent ones."""
 STAGED = {"compiling/unrolled.py", "solvers/law.py"}
 """Files that define tanh for staged code and its derivatives."""
-NOT_YET = {"recording", "replay", "messages"}
-"""Rooms whose tests still enter from inside."""
 OWN = re.compile(r"\b_[a-z]\w*")
 
 
@@ -330,6 +328,5 @@ def broken_rules(path: Path) -> Iterator[str]:
 
 def test_tests_enter_from_outside() -> None:
     """A test imports no private name of the package and replaces none of its functions."""
-    files = [path for path in sorted((ROOT / "test").rglob("*.py"))
-             if path.relative_to(ROOT / "test").parts[0] not in NOT_YET]
+    files = sorted((ROOT / "test").rglob("*.py"))
     assert [line for path in files for line in broken_rules(path)] == []

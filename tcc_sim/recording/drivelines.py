@@ -251,7 +251,11 @@ class Inventory:
     def _named(self, chain: Sequence[_Sent], scenes: Sequence[SceneRecord]) -> RecordedDriveline:
         """Return the driveline of runs that are named."""
         runs, names = tuple(one.run for one in chain), sum((one.names for one in chain), Counter[tuple[str, ...]]())
-        latest = {one.text: one for one in sorted(scenes, key=lambda one: one.log_ns) if one.run in runs}
+        latest: dict[str, SceneRecord] = {}
+        for one in sorted(scenes, key=lambda one: one.log_ns):
+            if one.run in runs:  # A message on the topic does not state the version, which a metadata record does.
+                known = latest.get(one.text, one).version
+                latest[one.text] = replace(one, version=one.version or known)
         mine = tuple(sorted(latest.values(), key=lambda one: (runs.index(one.run), one.first_stamp_ns, one.log_ns)))
         zeros = {one.run: one.zero_ns for one in mine}
         stamps = [stamp - zeros.get(one.run, 0) for one in chain for stamp in one.stamps]

@@ -12,7 +12,7 @@ import pytest
 from tcc_sim import topics
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.messages.definitions import CARRIED, Definition, _dependencies, definition, type_parts
+from tcc_sim.messages.definitions import CARRIED, Definition, definition, type_parts
 
 
 def values(count):
@@ -263,7 +263,15 @@ def test_a_type_has_a_package_and_a_name():
             type_parts(name)
 
 
-def test_the_types_of_fields_are_found_behind_bounds_and_comments() -> None:
-    text = "Point[3] corners  # of Box\nstd_msgs/Header[<=2] heads\nstring<=5 name\nuint8 LARGE=2\nfloat64 x\nPose at\n"
-    assert list(_dependencies("geometry_msgs/msg/Shape", text)) == [
-        "geometry_msgs/msg/Point", "std_msgs/msg/Header", "geometry_msgs/msg/Pose"]
+def test_the_types_of_fields_are_found_behind_bounds_and_comments(tmp_path, monkeypatch) -> None:
+    texts = {"Shape": "Point[3] corners  # of Box\nstd_msgs/Header[<=2] heads\nstring<=5 name\n"
+             "uint8 LARGE=2\nPose at\n",
+             "Point": "float64 x\n", "Pose": "Point at\n"}
+    folder = tmp_path / "share" / "geometry_msgs" / "msg"
+    folder.mkdir(parents=True)
+    for name, text in texts.items():
+        (folder / f"{name}.msg").write_text(text)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    lines = definition("geometry_msgs/msg/Shape").text.splitlines()
+    assert [line.removeprefix("MSG: ") for line in lines if line.startswith("MSG: ")] == [
+        "geometry_msgs/Point", "std_msgs/Header", "geometry_msgs/Pose", "builtin_interfaces/Time"]

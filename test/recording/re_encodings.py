@@ -1,5 +1,6 @@
 """One short recording, and every way of MCAP and rosbag2 to write it again."""
 
+import math
 import random
 import shutil
 import struct
@@ -17,14 +18,16 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, IndexType, Writer
 
 from tcc_sim.messages import cdr
+from tcc_sim.messages.held import held_message
+from tcc_sim.recording.announcements import holding_from
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
-from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER, JOINT_STATE, STRING
+from tcc_sim.topics import FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, JOINT_STATE, STRING
 
 SCENE = load_scene("commands").with_values({"rate": 1000.0})
 OF_PACKAGE, OTHER = "0" * 23 + "1", "0" * 23 + "2"
 """Identifiers of the processes of driveline and controller."""
-STATES, SCENES = "/joint_states", "/scene"
+STATES, SCENES, REPORTS = "/joint_states", "/scene", "/held"
 
 
 class Channel(NamedTuple):
@@ -77,27 +80,41 @@ class Recording(NamedTuple):
                              messages=out)
 
 
-def made(folder, ticks=700):
-    """Write a driveline on commands, then on its fallback, as the recorder does; return the recording."""
+RUN = "692a1f3c9b02.001"
+
+
+def made(folder, ticks=700, named=True):
+    """Write a driveline on commands, then on its fallback, as the recorder does; return the recording.
+
+    Without `named` it is one of version 1.0: no run in the frames, and the topic input_source in place of held."""
     said, sources = [], []
     rows = ticked(SCENE, ticks, torque=lambda k: 300.0 + 250.0 * np.sin(0.15 * k) if 30 < k < 600 else None,
                   pressure=lambda k: 2.4e5 + 1e3 * (k // 100) if 30 < k < 600 else None, said=said, sources=sources)
-    writer = BagWriter(folder, SCENE.text())
+    scene, frame = holding_from(SCENE.text(), 0, run=RUN, name="/driveline") if named else SCENE.text(), RUN * named
+    writer = BagWriter(folder, scene)
     draw = random.Random(1)
     one = {name: writer.channel(name, kind, publisher=who + end) for name, kind, who, end in (
-        (SCENES, STRING, OF_PACKAGE, "01"), ("/input_source", HEADER, OF_PACKAGE, "02"), (STATES, JOINT_STATE,
-                                                                                          OF_PACKAGE, "03"),
+        (SCENES, STRING, OF_PACKAGE, "01"), (REPORTS, FLOAT64_ARRAY, OF_PACKAGE, "02") if named else (
+            "/input_source", HEADER, OF_PACKAGE, "02"), (STATES, JOINT_STATE, OF_PACKAGE, "03"),
         ("/applied_pressure", FLUID_PRESSURE, OF_PACKAGE, "04"), ("/slip_speed", FLOAT64, OF_PACKAGE, "05"),
         ("/engine_torque", FLOAT64, OTHER, "01"), ("/actuation_pressure", FLUID_PRESSURE, OTHER, "02"))}
-    writer.write(one[SCENES], START - TICK, START - TICK, cdr.string(SCENE.text()), 1)
+    writer.write(one[SCENES], START - TICK, START - TICK, cdr.string(scene), 1)
     changes = {row: (stamp, text) for row, stamp, text in sources}
     for k, (stamp, *values, pressure) in enumerate(rows):
         sent = START + k * TICK
         log = sent + draw.randrange(20_000, 60_000)
-        if k in changes:
+        if named:
+            acts, count = 30 < k < 600, min(max(k - 30, 0), 569)
+            inputs = [entry for value, answered in ((values[4], math.nan), (pressure, float(stamp - TICK)))
+                      for entry in ((2.0, value, value, answered, k, 1, count, 0, 0, 0) if acts else
+                                    (1.0, *[math.nan] * 4, 0, count, 0, 0, 0))]
+            writer.write(one[REPORTS], log - 1000, sent - 1000, held_message(RUN, [
+                k, stamp, k + 1, k == ticks - 1, *inputs, *2 * [3.0, *[math.nan] * 4, 0, 0, 0, 0, 0]]), k + 1)
+        elif k in changes:
             writer.write(one["/input_source"], log - 1000, sent - 1000, cdr.header(*changes[k]), k + 1)
-        writer.write(one[STATES], log, sent, cdr.joint_state(stamp, *values), k + 1)
-        writer.write(one["/applied_pressure"], log + 1000, sent + 1000, cdr.fluid_pressure(stamp, pressure), k + 1)
+        writer.write(one[STATES], log, sent, cdr.joint_state(stamp, *values, frame=frame), k + 1)
+        writer.write(one["/applied_pressure"], log + 1000, sent + 1000,
+                     cdr.fluid_pressure(stamp, pressure, frame=frame), k + 1)
         writer.write(one["/slip_speed"], log + 2000, sent + 2000, cdr.float64(values[2] - values[3]), k + 1)
         if 29 < k < min(599, ticks - 1):
             log += 300_000
@@ -168,9 +185,14 @@ def listing(folder, names, **more):
 
 def joints(data):
     """Stamp (ns) and values of a message of the driveline's."""
-    record = np.frombuffer(data, cdr.JOINT_STATE)[0]
-    stamp, *values = (record[name].item() for name in ("sec", *cdr.JOINT_STATE.names[1:]))
+    (record,), _ = cdr.own_records([data], JOINT_STATE)
+    stamp, *values = (record[name].item() for name in record.dtype.names)
     return stamp * 10**9 + values[0], *values[1:]
+
+
+def frame_of(data):
+    """Frame of a message of the driveline's."""
+    return cdr.read_frame(data, JOINT_STATE)
 
 
 def joint_state(stamp, names, columns, frame=""):
@@ -197,19 +219,21 @@ def without(what):
         stamp, *values = joints(data)
         columns = {"positions": values[:2], "velocities": values[2:4], "efforts": values[4:]}
         columns |= {"efforts": [np.nan] * 2} if what == "NaN" else {what: []}
-        return joint_state(stamp, ["flywheel", "clutch_plate"], list(columns.values()))
+        return joint_state(stamp, ["flywheel", "clutch_plate"], list(columns.values()), frame_of(data))
     return change
 
 
-def laid_out(names, frame=""):
-    """Function that lays a state out again with these joints, flywheel and clutch_plate among them."""
+def laid_out(names, frame=None):
+    """Function that lays a state out again with these joints, flywheel and clutch_plate among them; None keeps its
+    frame.
+    """
     def change(_, data):
         stamp, *values = joints(data)
         columns = []
         for pair in zip(values[::2], values[1::2]):
             given = dict(zip(("flywheel", "clutch_plate"), pair))
             columns.append([given.get(name, 7.0) for name in names])
-        return joint_state(stamp, names, columns, frame)
+        return joint_state(stamp, names, columns, frame_of(data) if frame is None else frame)
     return change
 
 
@@ -251,38 +275,6 @@ plainly("small_chunks", chunk_size=2000)
 plainly("one_chunk", chunk_size=1 << 30)
 plainly("data_checksum", enable_data_crcs=True)
 NO_PUBLISHER = ("drivelines",)
-
-
-@way()
-def by_topic(folder, source):
-    save(folder / "run_0.mcap", source._replace(messages=sorted(source.messages, key=lambda m: m.channel)))
-
-
-@way()
-def by_topic_backwards(folder, source):
-    save(folder / "run_0.mcap", source._replace(messages=sorted(source.messages, key=lambda m: -m.channel)),
-         chunk_size=5000)
-
-
-@way()
-def within_chunks_backwards(folder, source):
-    out = []
-    for begin in range(0, len(source.messages), 100):
-        out += source.messages[begin:begin + 100][::-1]
-    save(folder / "run_0.mcap", source._replace(messages=out))
-
-
-@way()
-def blocks_exchanged(folder, source):
-    blocks = [source.messages[k:k + 150] for k in range(0, len(source.messages), 150)]
-    for k in range(0, len(blocks) - 1, 2):
-        blocks[k], blocks[k + 1] = blocks[k + 1], blocks[k]
-    save(folder / "run_0.mcap", source._replace(messages=[m for block in blocks for m in block]))
-
-
-@way("drivelines", "topic")
-def namespace(folder, source):
-    save(folder / "run_0.mcap", source.channel(lambda c: c._replace(topic="/left/driveline" + c.topic)))
 
 
 @way()
@@ -335,37 +327,6 @@ def scene_on_its_topic(folder, source):
 @way(*NO_PUBLISHER, "warnings", sentence="recorded by an unknown version")
 def by_rosbag2(folder, source):
     save(folder / "run_0.mcap", as_rosbag2(source))
-
-
-@way("real_time_factor", "warnings", sentence="times of receipt went back by 2.0000")
-def clock_set_back(folder, source):
-    half = len(source.messages) // 2
-    save(folder / "run_0.mcap", source._replace(messages=[
-        *source.messages[:half], *(m._replace(log=m.log - 2 * 10**9, sent=m.sent - 2 * 10**9)
-                                   for m in source.messages[half:])]))
-
-
-@way("real_time_factor", "warnings", sentence="no time of receipt or sending was recorded")
-def log_times_zero(folder, source):
-    save(folder / "run_0.mcap", source._replace(messages=[m._replace(log=0, sent=0) for m in source.messages]))
-
-
-@way("real_time_factor")
-def coarse_log_times(folder, source):
-    save(folder / "run_0.mcap", source._replace(messages=[
-        m._replace(log=m.log // 50_000_000 * 50_000_000) for m in source.messages]))
-
-
-@way("messages", "warnings", "drivelines", sentence="700 repeated stamps left out")
-def every_message_twice(folder, source):
-    save(folder / "run_0.mcap", source._replace(messages=[m for m in source.messages for _ in range(2)]))
-
-
-@way("messages", "warnings", "drivelines", sentence="repeated stamps left out")
-def overlapping_parts(folder, source):
-    third = len(source.messages) // 3
-    for number, begin in enumerate((0, third, 2 * third)):
-        save(folder / f"run_{number}.mcap", source._replace(messages=source.messages[begin:begin + third + 300]))
 
 
 def in_parts(folder, source, names, **options):
@@ -425,12 +386,6 @@ def part_listed_and_absent(folder, source):
 def listing_not_valid(folder, source):
     in_parts(folder, source, NEW[:3])
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: [\n")
-
-
-@way()
-def parts_that_alternate(folder, source):
-    for number in range(2):
-        save(folder / f"run_{number}.mcap", source._replace(messages=source.messages[number::2]))
 
 
 @way()
@@ -549,17 +504,18 @@ def another_node_on_the_topic(folder, source):
     save(folder / "run_0.mcap", source._replace(messages=out))
 
 
-@way("drivelines", "warnings", sentence="not read: /joint_states: 69 states")
+@way("drivelines", "warnings", sentence="not read: /joint_states:")
 def joint_states_of_a_robot_beside(folder, source):
     source = source.channel(lambda c: c._replace(topic="/clutch" + c.topic))
     save(folder / "run_0.mcap", source.with_topic(STATES, JOINT_STATE, FINGER, every=47))
 
 
 def twice(source, right):
-    """The recording with a copy of every message on other channels."""
+    """The recording with a copy of every message, of another run, on other channels."""
     return source._replace(
         channels={**source.channels, **{100 + number: right(channel) for number, channel in source.channels.items()}},
-        messages=[one for m in source.messages for one in (m, m._replace(channel=m.channel + 100))])
+        messages=[one for m in source.messages for one in (m, m._replace(channel=m.channel + 100, data=m.data.replace(
+            RUN.encode(), b"00000000ffff.001")))])
 
 
 @way("drivelines", "warnings", sentence="not read: /right/joint_states")

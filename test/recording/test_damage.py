@@ -1,7 +1,6 @@
 """Recordings that are cut, flipped or zeroed anywhere: a result or one line, and no wrong figure without a warning."""
 
 import contextlib
-import errno
 import random
 import struct
 
@@ -9,12 +8,13 @@ import numpy as np
 import pytest
 import zstandard
 from driveline_bags import bag, ticked
+from full_disk import full_disk
 from mcap.opcode import Opcode
 from test_bag_round_trip import SCENE, TICK, columns, read, write
 
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
-from tcc_sim.recording import records, recovery
+from tcc_sim.recording import records
 from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import recover
 from tcc_sim.scene import load_scene
@@ -132,16 +132,12 @@ def test_the_verb_recovers_beside_the_original_and_says_what_is_missing(tmp_path
     refused("recover", tmp_path / "nothing")
 
 
-def test_a_recovery_that_fails_takes_its_bag_away_again(tmp_path, original, monkeypatch, capsys):
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
+def test_a_recovery_that_fails_takes_its_bag_away_again(tmp_path, original, capsys):
     path = tmp_path / "x.mcap"
     path.write_bytes(original[0])
-    with monkeypatch.context() as patch:
-        patch.setattr(recovery.BagWriter, "close", full)
+    with full_disk(5000):
         assert main(["recover", str(path)]) == 1
-    assert capsys.readouterr().err == f"tcc-sim: {tmp_path / 'x_recovered'}: No space left on device\n"
+    assert capsys.readouterr().err == f"tcc-sim: {tmp_path / 'x_recovered'}: File too large\n"
     assert [p.name for p in tmp_path.iterdir()] == ["x.mcap"]
     assert main(["recover", str(path)]) == 0
 

@@ -24,8 +24,9 @@ from tcc_sim.recording import contents, records
 from tcc_sim.recording.mcap_file import RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, McapFile, digest
 from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.recovery import recover
-from tcc_sim.replay import verification
+from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
+from tcc_sim.replay.verification import SMALLEST_WORK, WORK_PER_BYTE, verify
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import JOINT_STATE
 
@@ -118,11 +119,9 @@ def test_what_a_file_may_unpack_to_is_16_mib_and_a_hundred_times_its_size_and_te
             expansion.take(1, used)
 
 
-def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path,
-                                                                  monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(records, "SMALLEST_EXPANSION", 1 << 17)
-    full = chunk(message(9, 0) * 900)
-    path = written(tmp_path / "x.mcap", schema(), channel(1), chunk(message(1, TICK)), *[full] * 20)
+def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path) -> None:
+    full = chunk(message(9, 0) * 20_000)
+    path = written(tmp_path / "x.mcap", schema(), channel(1), chunk(message(1, TICK)), *[full] * 10)
     limit = records.SMALLEST_EXPANSION + records.LARGEST_EXPANSION * path.stat().st_size
     said, peak = cost(path)
     assert f"the recording would unpack to more than {limit} bytes" in said
@@ -130,14 +129,13 @@ def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path,
     assert peak < MEMORY
 
 
-def test_more_topics_than_any_recording_has_are_passed_over(tmp_path: Path,
-                                                                monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(contents, "MOST_TOPICS", 100)
-    many = b"".join(channel(n, f"/{n}/joint_states") for n in range(150))
-    small = [chunk(message(n, TICK)) for n in range(100)]
-    run = open_run(written(tmp_path / "x.mcap", chunk(schema() + many), *small))
+def test_more_topics_than_any_recording_has_are_passed_over(tmp_path: Path) -> None:
+    count = contents.MOST_TOPICS + 50
+    many = b"".join(channel(n, f"/{n}/x") for n in range(count))
+    run = open_run(written(tmp_path / "x.mcap", chunk(schema() + many), channel(count, "/joint_states"), schema(),
+                           channel(1), chunk(message(1, TICK))))
     list(run.states())
-    assert len(run.topics) == 100
+    assert len(run.topics) == contents.MOST_TOPICS
 
 
 def test_extreme_stamps_are_a_sentence_and_no_memory(tmp_path: Path, refused: Callable[..., str]) -> None:
@@ -158,17 +156,13 @@ def test_a_gap_of_years_is_not_solved_through(tmp_path: Path) -> None:
     assert "1 gap could not be solved through within the limit" in outcome.sentence
 
 
-def test_work_that_a_scene_asks_for_grows_with_the_file_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(verification, "SMALLEST_WORK", 100_000)
-    monkeypatch.setattr(verification, "WORK_PER_BYTE", 1)
-    heavy = SCENE.with_values({"engine.frequency": 1e5, "rate": 130.0, "friction.smoothing": 1.0})
-    text = heavy.text()
-    states = chunk(b"".join(message(1, round(n * 1e9 / 130.0), (1.0, 0.0, 1.0, 0.0, 300.0, 0.0)) for n in range(2000)))
-    path = written(tmp_path / "x.mcap", scene(text), schema(), channel(1), states)
-    outcome = replay(path, frequency=50.0, verify=True).verification
-    assert outcome is not None
+def test_work_that_a_scene_asks_for_is_bounded_by_the_size_of_the_file(tmp_path: Path) -> None:
+    rows = ticked(SCENE, 300)
+    line = read(bag(tmp_path / "run", rows[50:], SCENE)).line()
+    assert verify(line, 0).verified
+    outcome = verify(line, (1000 - SMALLEST_WORK) // WORK_PER_BYTE)
     assert not outcome.verified
-    assert "sub-steps, the most allowed for a recording of its size" in outcome.sentence
+    assert "1000 sub-steps, the most allowed for a recording of its size" in outcome.sentence
 
 
 def test_bad_metadata_is_counted_and_not_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -27,7 +27,7 @@ SAME = ("max_slip_speed", "min_slip_speed", "clutch_energy", "breakaways", "stic
 
 def of_package(folder: Path) -> None:
     """A recording of version 1.0, as `ros2 bag record` makes it, without 20 states."""
-    source = as_rosbag2(re_encodings.made(folder.parent / "own", 400))
+    source = as_rosbag2(re_encodings.made(folder.parent / "own", 400, named=False))
     re_encodings.save(folder / "run_0.mcap", source.changed(STATES, lambda k, data: None if 150 <= k < 170 else data))
 
 
@@ -40,7 +40,7 @@ def of_others(folder: Path) -> None:
         columns = [[*values[k:k + 2], 0.5] for k in (0, 2, 4)]
         return joint_state(stamp + whole, ["engine", "turbine", "wheel"], columns, "base")
 
-    source = as_rosbag2(re_encodings.made(folder.parent / "own", 400)).changed(STATES, change)
+    source = as_rosbag2(re_encodings.made(folder.parent / "own", 400, named=False)).changed(STATES, change)
     kept = {number for name in (re_encodings.SCENES, "/input_source") for number in source.numbers(name)}
     re_encodings.save(folder / "run_0.mcap", source._replace(
         messages=[one for one in source.messages if one.channel not in kept]))
@@ -97,7 +97,7 @@ def test_an_imported_bag_has_the_figures_of_the_original(tmp_path: Path, origina
         assert "tcc-sim import" in refused("analyse", bag)
     capsys.readouterr()
     assert main(["import", str(bag), str(run), *options]) == 0
-    assert f" of {2 if content == 'named runs' else 1} run" in capsys.readouterr().out
+    assert f" of {3 if content == 'named runs' else 1} run" in capsys.readouterr().out
     result = analysed(run, "--scene", str(scene))
     for name in SAME:
         assert result[name] == pytest.approx(expected[name], rel=1e-6), name

@@ -64,9 +64,35 @@ def test_the_original_is_a_driveline_on_commands_and_then_on_its_fallback(origin
     assert [(one["states"], one["read"]) for one in result["drivelines"]] == [(700, True)]
 
 
-@pytest.mark.parametrize("name", WAYS)
-def test_a_recording_written_again_is_the_same(tmp_path, original, name):
-    source, (expected, before) = original
+@pytest.fixture(scope="module")
+def unnamed(tmp_path_factory):
+    """The same driveline as a recording of version 1.0."""
+    folder = tmp_path_factory.mktemp("unnamed") / "run"
+    return made(folder, named=False), figures(folder)
+
+
+def test_a_recording_of_version_1_0_is_read_with_what_it_knows(original, unnamed):
+    """The sources are announced there; what became of the commands is not."""
+    (new, _), (old, _) = original[1], unnamed[1]
+    for name in new.keys() - {"inputs", "drivelines", "warnings", "command_age", "segments", "units"}:
+        assert old[name] == new[name], name
+    for name, one in old["inputs"].items():
+        assert {field: one[field] for field in ("topic", "fallback", "scene", "commands")} == {
+            field: new["inputs"][name][field] for field in ("topic", "fallback", "scene", "commands")}
+        assert ([one[field] for field in ("applied", "superseded", "ignored", "lost")], bool(one["why"])) == (
+            [None] * 4, True)
+
+
+OLD_WAYS = ("no_publisher", "no_publisher_and_number", "by_rosbag2", "parts", "parts_listed", "frames",
+            "forgotten_driveline", "forgotten_driveline_received_later", "forgotten_driveline_without_pressure")
+ONLY_OLD = set(OLD_WAYS[5:])
+"""Ways whose frames or publishers tell runs apart, which a run's name does otherwise."""
+
+
+@pytest.mark.parametrize(("name", "old"), [*((name, False) for name in WAYS if name not in ONLY_OLD),
+                                           *((name, True) for name in OLD_WAYS)])
+def test_a_recording_written_again_is_the_same(tmp_path, original, unnamed, name, old):
+    source, (expected, before) = unnamed if old else original
     fields, sentence = DIFFERS.get(name, (set(), ""))
     result, warnings = figures(case(tmp_path / name, name, source))
     assert {key: result.get(key) for key in expected if key not in fields} == {
@@ -129,9 +155,12 @@ def one_velocity(_, data):
     (lambda source: source._replace(metadata=[], messages=[m for m in source.messages if m.channel != 1]),
      "holds no scene; name the scene of the recorded driveline with --scene"),
 ], ids=["equal stamps", "short array", "stamps", "joints", "positions", "no driveline", "ROS 1", "mixed", "no scene"])
-def test_a_recording_that_cannot_be_analysed_is_refused_for_its_own_reason(tmp_path, original, change, sentence):
-    save(tmp_path / "run" / "run_0.mcap", change(original[0]))
-    assert sentence in refusal(tmp_path / "run")
+def test_a_recording_that_cannot_be_analysed_is_refused_for_its_own_reason(tmp_path, original, unnamed, change,
+                                                                            sentence):
+    mixed = change in (two_with_equal_stamps, two_that_cannot_be_told_apart)
+    for number, (source, _) in enumerate((unnamed,) if mixed else (unnamed, original)):
+        save(tmp_path / f"run{number}" / "run_0.mcap", change(source))
+        assert sentence in refusal(tmp_path / f"run{number}")
 
 
 def test_a_file_of_another_kind_is_named(tmp_path):
