@@ -48,6 +48,18 @@ def test_a_fixed_step_keeps_the_criteria_or_is_refused_with_a_reason(keys, statu
         assert row.error < 0.02
 
 
+def test_an_error_is_that_of_the_final_state_beside_an_independent_solution():
+    """Two cycles of the base case by LSODA at 2000 samples each; the error is relative to each signal's largest."""
+    keys = stability.case_of({})
+    system, step = replace(System(), stability.scene_keys(keys)), System().cycle / math.ceil(System().cycle / 1e-3)
+    i = system.initial
+    states = smoothed_states(system, [i.slip_speed, i.plate_angle, i.plate_speed, 0.0], 2, 2000)[:, :3]
+    end = solve(system, cycles=2, solver="fixed_step", step=step).solved_cycles.section[-1]
+    expected = (np.abs(end - states[-1]) / np.abs(states).max(axis=0)).max()
+    row = stability.examine(keys, "fixed_step", stability.truth_of(keys, "smoothed"))
+    assert row.error == pytest.approx(expected, rel=1e-2)
+
+
 def run_by_hand(scale=1.0, work=1.0):
     """Two cycles of SciPy's solution at 2000 samples each; `scale` of the speeds, `work` of the friction torque."""
     system = replace(System(), {"friction.smoothing": 20.0})
