@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -11,7 +12,16 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.result import Described, reported, reporting
-from tcc_sim.study.continuation.follow import FLAT_STEP, Continuation, End, StopReason
+from tcc_sim.study.continuation.follow import (
+    FLAT_STEP,
+    Continuation,
+    End,
+    Rules,
+    StopReason,
+    back_at_start,
+    own_start,
+    predicted,
+)
 from tcc_sim.study.continuation.newton import SAME, Orbit, OrbitFigures, newton, shifts
 from tcc_sim.study.continuation.palc import (
     Bracket,
@@ -103,143 +113,156 @@ class Branch(Described):
         return [end.reason.name.lower() for end in self.ended]
 
 
-class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
-    """One direction of a branch of periodic orbits along one parameter."""
+BranchTrack = Continuation[ContinuationPoint, Bifurcation]
+"""One direction of a branch."""
 
-    cut_at = 0
-    """Number of points when a failed step last cut the orbit into other segments."""
 
-    def first_again(self) -> list[tuple[Floats, Floats]]:
-        """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may begin."""
-        out, first = super().first_again(), self.here
-        shooting, z = first.shooting, first.solution.z
-        of, size, tangent = shooting.map, shooting.size, shooting.outer(first.solution.tangent)
-        x, values = shooting.nodes(z)[0], shooting.values(z)
-        sizes = np.concatenate([of.scales, shooting.widths])
-        for k, shifted in enumerate(shifts(of, x, values, shooting.period)[1:], 1):
-            image = of.evaluate(x, values, 0, k * of.forcing_period)
-            way = np.concatenate([image.derivatives @ (sizes * tangent) / of.scales, tangent[of.dimension:]])
-            out.append((np.concatenate([shifted / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
-        return out
+def _every_start(track: BranchTrack) -> list[tuple[Floats, Floats]]:
+    """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may begin."""
+    out, first = own_start(track), track.here
+    shooting, z = first.shooting, first.solution.z
+    of, size, tangent = shooting.map, shooting.size, shooting.outer(first.solution.tangent)
+    x, values = shooting.nodes(z)[0], shooting.values(z)
+    sizes = np.concatenate([of.scales, shooting.widths])
+    for k, shifted in enumerate(shifts(of, x, values, shooting.period)[1:], 1):
+        image = of.evaluate(x, values, 0, k * of.forcing_period)
+        way = np.concatenate([image.derivatives @ (sizes * tangent) / of.scales, tangent[of.dimension:]])
+        out.append((np.concatenate([shifted / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
+    return out
 
-    def unresolved(self, new: ContinuationPoint) -> End | None:
-        """The end before a point with a multiplier that double precision does not resolve."""
-        if abs(new.orbit.multipliers[0]) <= self.settings.canard:
+
+def _unresolved(track: BranchTrack, new: ContinuationPoint) -> End | None:
+    """The end before a point with a multiplier that double precision does not resolve."""
+    if abs(new.orbit.multipliers[0]) <= track.settings.canard:
+        return None
+    return track.end(StopReason.CANARD, limit=track.settings.canard)
+
+
+def _ended(track: BranchTrack, new: ContinuationPoint, special: list[Bifurcation],
+           stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
+    """The end of the branch where the orbit's period becomes shorter, or at its first point."""
+    shorter = period_doubling_end(track.here, new) if track.here.solution.sign != new.solution.sign else None
+    if shorter is not None:
+        # Beyond it the branch is its own shift: the multiplier of 1 there is no fold and no branch point.
+        special, span = [f for f in special if f.kind not in ("branch_point", "fold")], shorter.shooting.ranges[0]
+        while not special and track.special and track.special[-1][1].kind in ("branch_point", "fold") and abs(
+                span.scaled(track.special[-1][1].value) - span.scaled(shorter.value)) < SAME_END:
+            track.special.pop()
+        return shorter, special, stop or track.end(StopReason.DOUBLING, shorter)
+    return back_at_start(track, new, special, stop)
+
+
+def _stuck(track: BranchTrack) -> End | None:
+    """The end where some length of the branch has motions with a multiplier of 1 at one parameter."""
+    # Two points do not show it: beside a doubling, where the parameter grows as the square of the length, it hardly
+    # changes and a multiplier is 1 as well.
+    last = track.here
+    for point in reversed(track.points):
+        if abs(point.slope) > FAMILY or np.abs(point.orbit.multipliers - 1.0).min() > FAMILY:
             return None
-        return self.end(StopReason.CANARD, limit=self.settings.canard)
+        away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
+        if float(np.linalg.norm(away)) >= FAMILY_LENGTH:
+            return track.end(StopReason.FAMILY)
+    return None
 
-    def special_between(self, new: ContinuationPoint) -> list[Bifurcation] | None:
-        """The bifurcations up to `new`; None where the step has skipped a piece of the branch."""
-        return special_points_between(self.here, new)
 
-    def ended_by(self, new: ContinuationPoint, special: list[Bifurcation],
-                 stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
-        """The end of the branch where the orbit's period becomes shorter, or at its first point."""
-        shorter = period_doubling_end(self.here, new) if self.here.solution.sign != new.solution.sign else None
-        if shorter is not None:
-            # Beyond it the branch is its own shift: the multiplier of 1 there is no fold and no branch point.
-            special, span = [f for f in special if f.kind not in ("branch_point", "fold")], shorter.shooting.ranges[0]
-            while not special and self.special and self.special[-1][1].kind in ("branch_point", "fold") and abs(
-                    span.scaled(self.special[-1][1].value) - span.scaled(shorter.value)) < SAME_END:
-                self.special.pop()
-            return shorter, special, stop or self.end(StopReason.DOUBLING, shorter)
-        return super().ended_by(new, special, stop)
+def _went_on(track: BranchTrack, before: ContinuationPoint, corner: bool) -> None:
+    """Update the predictor for a new last point, and cut its orbit into other segments where needed."""
+    here = track.here
+    predicted(track, before, corner or (before.shooting.map.piecewise
+                                        and differ(before.orbit.seen.events, here.orbit.seen.events)))
+    if not corner:
+        _remesh(track)
 
-    def stuck(self) -> End | None:
-        """The end where some length of the branch has motions with a multiplier of 1 at one parameter."""
-        # Two points do not show it: beside a doubling, where the parameter grows as the square of the length, it hardly
-        # changes and a multiplier is 1 as well.
-        last = self.here
-        for point in reversed(self.points):
-            if abs(point.slope) > FAMILY or np.abs(point.orbit.multipliers - 1.0).min() > FAMILY:
-                return None
-            away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
-            if float(np.linalg.norm(away)) >= FAMILY_LENGTH:
-                return self.end(StopReason.FAMILY)
+
+def _cut_anew(track: BranchTrack) -> bool:
+    """Cut the orbit into other segments where no step succeeds; return whether there are any."""
+    # A segment may start at an onset of slip, and Newton's method then alternates between two event sequences. The
+    # onset moves along a branch, so segments are cut by growth. This passes the canards behind both folds of period
+    # two, with either law.
+    if track.cut[0] == len(track.points):
+        return False
+    track.cut = len(track.points), math.inf
+    if not _remesh(track, anew=True):
+        return False
+    track.length = FLAT_STEP
+    return True
+
+
+def _remesh(track: BranchTrack, anew: bool = False) -> bool:
+    """Cut the last orbit into other segments where the growth over one is large, or `anew`; now and then fewer."""
+    here, shooting, settings = track.here, track.here.shooting, track.here.shooting.settings
+    blocks, count = here.solution.linearised.blocks, len(shooting.segments)
+    fewer = count > 1 and len(track.points) % settings.fewer_after == 0
+    if shooting.keeps_segments(blocks, settings.regrowth, fewer or anew):
+        return False
+    finer, z = shooting.cut(here.solution.z)
+    if len(finer.segments) == count and not anew and shooting.keeps_segments(blocks, settings.regrowth, False):
+        return False
+    if anew and finer.segments == shooting.segments:
+        return False
+    polished = newton(finer, z)
+    if polished is None:
+        return False
+    linearised = finer.linearise(polished)
+    along, n = np.zeros(len(z)), shooting.map.dimension
+    along[:n], along[-1] = here.solution.tangent[:n], here.solution.tangent[-1]
+    track.points[-1] = point_at(finer, solution_at(polished, linearised, tangent_of(linearised, along)))
+    track.before = []
+    return True
+
+
+def _beyond_corner(track: BranchTrack) -> ContinuationPoint | None:
+    """The next point beyond a change of the event sequence at which the branch has a corner; None without one."""
+    # An end of slip that passes phase 0 is a corner too, as motions that stick there have no slip speed.
+    here, shooting = track.here, track.here.shooting
+    if not shooting.map.piecewise:
         return None
+    for distance in CORNER_DISTANCES:
+        try:
+            linearised = shooting.linearise(here.solution.z + distance * here.solution.tangent)
+            along = oriented(solution_at(here.solution.z, linearised, null_direction(linearised)),
+                             here.solution.sign).tangent
+            z = here.solution.z + distance * along
+            events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
+        except FAILURES:
+            continue
+        new = None if events == here.orbit.seen.events else _beyond(track, linearised, along, distance)
+        if new is not None:
+            return new
+    return None
 
-    def went_on(self, before: ContinuationPoint, corner: bool) -> None:
-        """Update the predictor for a new last point, and cut its orbit into other segments where needed."""
-        here = self.here
-        super().went_on(before, corner or (before.shooting.map.piecewise
-                                           and differ(before.orbit.seen.events, here.orbit.seen.events)))
-        if not corner:
-            self._remesh()
 
-    def cut_anew(self) -> bool:
-        """Cut the orbit into other segments where no step succeeds; return whether there are any."""
-        # A segment may start at an onset of slip, and Newton's method then alternates between two event sequences. The
-        # onset moves along a branch, so segments are cut by growth. This passes the canards behind both folds of period
-        # two, with either law.
-        if self.cut_at == len(self.points):
-            return False
-        self.cut_at = len(self.points)
-        if not self._remesh(anew=True):
-            return False
-        self.length = FLAT_STEP
-        return True
+def _beyond(track: BranchTrack, linearised: Linearised, along: Floats,
+            distance: float) -> ContinuationPoint | None:
+    """The next point beyond a corner at the last one; None where none is found."""
+    # linearised : derivative at a distance from the corner; where it belongs to neither piece, the one along the
+    # other piece
+    here, shooting, z = track.here, track.here.shooting, track.here.solution.z
+    settings = replace(shooting.settings, first_step=distance, smallest_step=CORNER_STEP)
+    for known in (linearised, None):
+        try:
+            start = known or shooting.linearise(z + distance * along)
+            short: Continuation[CurvePoint, None] = Continuation(CurvePoint(
+                solution_at(z, start, tangent_of(start, along)), replace(shooting, settings=settings)))
+            moved = short.step(by_amplitude=False)
+            new = None if moved is None else here.moved(moved, by_amplitude=False)
+        except FAILURES:
+            continue
+        if new is not None and new.orbit.seen.events != here.orbit.seen.events:
+            track.length = short.length
+            return new
+    return None
 
-    def _remesh(self, anew: bool = False) -> bool:
-        """Cut the last orbit into other segments where the growth over one is large, or `anew`; now and then fewer."""
-        here, shooting, settings = self.here, self.here.shooting, self.here.shooting.settings
-        blocks, count = here.solution.linearised.blocks, len(shooting.segments)
-        fewer = count > 1 and len(self.points) % settings.fewer_after == 0
-        if shooting.keeps_segments(blocks, settings.regrowth, fewer or anew):
-            return False
-        finer, z = shooting.cut(here.solution.z)
-        if len(finer.segments) == count and not anew and shooting.keeps_segments(blocks, settings.regrowth, False):
-            return False
-        if anew and finer.segments == shooting.segments:
-            return False
-        polished = newton(finer, z)
-        if polished is None:
-            return False
-        linearised = finer.linearise(polished)
-        along, n = np.zeros(len(z)), shooting.map.dimension
-        along[:n], along[-1] = here.solution.tangent[:n], here.solution.tangent[-1]
-        self.points[-1] = point_at(finer, solution_at(polished, linearised, tangent_of(linearised, along)))
-        self.before = []
-        return True
 
-    def beyond_corner(self) -> ContinuationPoint | None:
-        """The next point beyond a change of the event sequence at which the branch has a corner; None without one."""
-        # An end of slip that passes phase 0 is a corner too, as motions that stick there have no slip speed.
-        here, shooting = self.here, self.here.shooting
-        if not shooting.map.piecewise:
-            return None
-        for distance in CORNER_DISTANCES:
-            try:
-                linearised = shooting.linearise(here.solution.z + distance * here.solution.tangent)
-                along = oriented(solution_at(here.solution.z, linearised, null_direction(linearised)),
-                                 here.solution.sign).tangent
-                z = here.solution.z + distance * along
-                events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
-            except FAILURES:
-                continue
-            new = None if events == here.orbit.seen.events else self._beyond(linearised, along, distance)
-            if new is not None:
-                return new
-        return None
+def _bifurcations(track: BranchTrack, new: ContinuationPoint) -> list[Bifurcation] | None:
+    """Return the bifurcations up to `new`; None where the step has skipped a piece of the branch."""
+    return special_points_between(track.here, new)
 
-    def _beyond(self, linearised: Linearised, along: Floats, distance: float) -> ContinuationPoint | None:
-        """The next point beyond a corner at the last one; None where none is found."""
-        # linearised : derivative at a distance from the corner; where it belongs to neither piece, the one along the
-        # other piece
-        here, shooting, z = self.here, self.here.shooting, self.here.solution.z
-        settings = replace(shooting.settings, first_step=distance, smallest_step=CORNER_STEP)
-        for known in (linearised, None):
-            try:
-                start = known or shooting.linearise(z + distance * along)
-                short: Continuation[CurvePoint, None] = Continuation(CurvePoint(
-                    solution_at(z, start, tangent_of(start, along)), replace(shooting, settings=settings)))
-                moved = short.step(by_amplitude=False)
-                new = None if moved is None else here.moved(moved, by_amplitude=False)
-            except FAILURES:
-                continue
-            if new is not None and new.orbit.seen.events != here.orbit.seen.events:
-                self.length = short.length
-                return new
-        return None
+
+BRANCH = Rules(_every_start, _unresolved, _bifurcations, _ended, _stuck, _went_on, _cut_anew,
+               beyond_corner=_beyond_corner)
+"""A branch of periodic orbits along one parameter."""
 
 
 def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, number: int = 0, *, both: bool = True,
@@ -249,7 +272,7 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, numbe
     began : the end it starts at, where only one way is followed
     keep : takes the branch, also its part up to Ctrl-C
     """
-    tracks = [BranchTrack(start) for start in ((first, first.turned()) if both else (first,))]
+    tracks = [Continuation(start, BRANCH) for start in ((first, first.turned()) if both else (first,))]
     ahead, behind = tracks[0], tracks[-1]
     try:
         for track in tracks:

@@ -20,7 +20,16 @@ from tcc_sim.analysis.multipliers import multipliers_of
 from tcc_sim.result import Described, reported, reporting
 from tcc_sim.shown_units import key_unit
 from tcc_sim.study.continuation.bordered import BORDER_HALVINGS, MinimallyAugmented, cyclic, nearest_margins
-from tcc_sim.study.continuation.follow import FLAT_STEP, Continuation, End, StopReason
+from tcc_sim.study.continuation.follow import (
+    FLAT_STEP,
+    Continuation,
+    End,
+    Rules,
+    StopReason,
+    back_at_start,
+    gave_up,
+    predicted,
+)
 from tcc_sim.study.continuation.palc import (
     OPPOSITE,
     Bracket,
@@ -307,154 +316,159 @@ class BifurcationCurve(Described):
         return [str(end) for end in self.ended]
 
 
-class CurveTrack(Continuation[AugmentedPoint, Special]):
-    """One direction of a curve of bifurcations in two parameters.
+CurveTrack = Continuation[AugmentedPoint, Special]
+"""One direction of a curve of bifurcations in two parameters."""
 
-    A point of codimension two is listed where its test function has two signs, each of which is resolved: larger than
-    the changes that other difference steps and one more Newton step make.
-    """
 
-    cut_to = math.inf
-    """Growth over a segment below which failed steps have cut the orbit at the last point."""
+def _unresolved(track: CurveTrack, new: AugmentedPoint) -> End | None:
+    """The end before a motion along a part of which disturbances grow beyond double precision."""
+    blocks, most = new.solution.linearised.blocks, 0.0
+    ahead = np.broadcast_to(np.eye(blocks.shape[1]), blocks.shape)
+    for k in range(len(blocks)):
+        ahead = np.roll(blocks, -k, axis=0) @ ahead
+        most = max(most, float(np.abs(ahead).max()))
+    return None if most <= track.settings.canard else track.end(StopReason.CANARD_CURVE, limit=track.settings.canard)
 
-    def __init__(self, first: AugmentedPoint) -> None:
-        super().__init__(first)
-        self.signs: dict[str, list[tuple[AugmentedPoint, float]]] = {}
-        """Points and values of each test, since the last change of its sign."""
-        self._test(first)
 
-    def unresolved(self, new: AugmentedPoint) -> End | None:
-        """The end before a motion along a part of which disturbances grow beyond double precision."""
-        blocks, most = new.solution.linearised.blocks, 0.0
-        ahead = np.broadcast_to(np.eye(blocks.shape[1]), blocks.shape)
-        for k in range(len(blocks)):
-            ahead = np.roll(blocks, -k, axis=0) @ ahead
-            most = max(most, float(np.abs(ahead).max()))
-        return None if most <= self.settings.canard else self.end(StopReason.CANARD_CURVE, limit=self.settings.canard)
+def _special(track: CurveTrack, new: AugmentedPoint) -> list[Special]:
+    """The special points up to `new`, in order."""
+    here = track.here
+    if here.equations.shooting.map.piecewise and differ(here.events, new.events):
+        track.tests.clear()
+        _test(track, new)
+        return [change_of_events(here, new)]
+    way = new.solution.z - here.solution.z
+    return sorted(_test(track, new), key=lambda s: float(way @ s.point.solution.z))
 
-    def special_between(self, new: AugmentedPoint) -> list[Special]:
-        """The special points up to `new`, in order."""
-        here = self.here
-        if here.equations.shooting.map.piecewise and differ(here.events, new.events):
-            self.signs.clear()
-            self._test(new)
-            return [change_of_events(here, new)]
-        way = new.solution.z - here.solution.z
-        return sorted(self._test(new), key=lambda s: float(way @ s.point.solution.z))
 
-    def _test(self, new: AugmentedPoint) -> list[Special]:
-        """Evaluate the tests at a point, and locate special points where their signs have changed."""
-        out: list[Special] = []
-        for name, value in values_of_tests(new).items():
-            known = self.signs.setdefault(name, [])
-            if not known or known[-1][1] * value > 0.0:
-                known.append((new, value))
-            else:
-                out += self._crossed(name, new)
-        return out
+def _test(track: CurveTrack, new: AugmentedPoint) -> list[Special]:
+    """Evaluate the tests at a point, and locate special points where their signs have changed."""
+    out: list[Special] = []
+    for name, value in values_of_tests(new).items():
+        known = track.tests.setdefault(name, [])
+        if not known or known[-1][1] * value > 0.0:
+            known.append((new, value))
+        else:
+            out += _crossed(track, name, new)
+    return out
 
-    def _crossed(self, name: str, new: AugmentedPoint) -> list[Special]:
-        """The special point between the last point at which a test is resolved and a new one with another sign."""
-        def test(point: AugmentedPoint, longer: float) -> float:
-            return values_of_tests(point, longer)[name]
 
-        known, factor, before = self.signs[name], RESOLVED, 0.0
-        value, noise, _ = measured(new, test)
-        if not abs(value) > factor * noise:
-            return []
-        while known:
-            before, noise, _ = measured(known[-1][0], test)
-            if abs(before) > factor * noise:
-                break
-            known.pop()
-        last = known[-1][0] if known and before * value < 0.0 else None
-        known.append((new, value))
-        if last is None:
-            return []
-        apart = ENDING.get((new.equations.kind, name))
-        end = None if apart is None else singular_end(name, self.points, apart, new)
-        return [end or special_point(name, last, new, test)]
+def _crossed(track: CurveTrack, name: str, new: AugmentedPoint) -> list[Special]:
+    """The special point between the last point at which a test is resolved and a new one with another sign."""
+    def test(point: AugmentedPoint, longer: float) -> float:
+        return values_of_tests(point, longer)[name]
 
-    def ended_by(self, new: AugmentedPoint, special: list[Special],
-                 stop: End | None) -> tuple[AugmentedPoint, list[Special], End | None]:
-        """The end of the curve in a special point, or at its first point."""
-        equations = self.here.equations
-        last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
-        if equations.doubled:
-            halves = equations.between_halves(self.here.solution.z)
-            if turned_round(halves, equations.between_halves(new.solution.z), OPPOSITE):
-                last = singular_end("generalised_doubling", self.points, self._apart(), new)
-                special = [*special, *([] if last is None else [last])]
-        if last is None:
-            return super().ended_by(new, special, stop)
-        return last.point, special, self.end(StopReason.SPECIAL, last.point, what=last.kind)
+    known, factor, before = track.tests[name], RESOLVED, 0.0
+    value, noise, _ = measured(new, test)
+    if not abs(value) > factor * noise:
+        return []
+    while known:
+        before, noise, _ = measured(known[-1][0], test)
+        if abs(before) > factor * noise:
+            break
+        known.pop()
+    last = known[-1][0] if known and before * value < 0.0 else None
+    known.append((new, value))
+    if last is None:
+        return []
+    apart = ENDING.get((new.equations.kind, name))
+    end = None if apart is None else singular_end(name, track.points, apart, new)
+    return [end or special_point(name, last, new, test)]
 
-    def lost(self) -> tuple[list[Special], End]:
-        """The special point and the end where no step succeeds."""
-        # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
-        # doublings of the halves, so that the equations are singular.
-        last = None
-        if self.here.equations.doubled and (apart := self._apart())(self.here) <= HALVES_MET:
-            last = singular_end("generalised_doubling", self.points, apart)
-        return super().lost() if last is None else ([last], self.end(StopReason.SPECIAL, last.point, what=last.kind))
 
-    def _apart(self) -> Callable[[AugmentedPoint], float]:
-        """The distance between the halves of an orbit, along that of the last point."""
-        equations = self.here.equations
-        halves = equations.between_halves(self.here.solution.z)
-        unit = halves / max(float(np.linalg.norm(halves)), 1e-300)
-        return lambda s: float(unit @ equations.between_halves(s.solution.z))
+def _ended(track: CurveTrack, new: AugmentedPoint, special: list[Special],
+           stop: End | None) -> tuple[AugmentedPoint, list[Special], End | None]:
+    """The end of the curve in a special point, or at its first point."""
+    equations = track.here.equations
+    last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
+    if equations.doubled:
+        halves = equations.between_halves(track.here.solution.z)
+        if turned_round(halves, equations.between_halves(new.solution.z), OPPOSITE):
+            last = singular_end("generalised_doubling", track.points, _apart(track), new)
+            special = [*special, *([] if last is None else [last])]
+    if last is None:
+        return back_at_start(track, new, special, stop)
+    return last.point, special, track.end(StopReason.SPECIAL, last.point, what=last.kind)
 
-    def went_on(self, before: AugmentedPoint, corner: bool) -> None:
-        """Update predictor and borders for a new last point, and cut its orbit into other segments where needed."""
-        super().went_on(before, corner)
-        self.cut_to, here = math.inf, self.here
-        here.equations.update_borders(here.solution.z, here.solution.linearised)
-        self._remesh(others=(len(self.points) - 1) % self.settings.fewer_after == 0)
 
-    def cut_anew(self) -> bool:
-        """Cut the orbit into segments over which disturbances grow less; return whether there are any."""
-        # Where disturbances grow by 1e3 in slip and stick removes them within one segment, its derivative is not large,
-        # but changes within 1e-5, and its error is the state's over that length. Curves pass cusps only in segments
-        # over which disturbances grow by about 10.
-        equations = self.here.equations
-        for growth in FINER_GROWTHS:
-            if growth <= equations.shooting.settings.growth and growth < self.cut_to:
-                self.cut_to = growth
-                if self._remesh(growth):
-                    self.length = FLAT_STEP
-                    return True
+def _lost(track: CurveTrack) -> tuple[list[Special], End]:
+    """The special point and the end where no step succeeds."""
+    # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
+    # doublings of the halves, so that the equations are singular.
+    last = None
+    if track.here.equations.doubled and (apart := _apart(track))(track.here) <= HALVES_MET:
+        last = singular_end("generalised_doubling", track.points, apart)
+    return gave_up(track) if last is None else ([last], track.end(StopReason.SPECIAL, last.point, what=last.kind))
+
+
+def _apart(track: CurveTrack) -> Callable[[AugmentedPoint], float]:
+    """The distance between the halves of an orbit, along that of the last point."""
+    equations = track.here.equations
+    halves = equations.between_halves(track.here.solution.z)
+    unit = halves / max(float(np.linalg.norm(halves)), 1e-300)
+    return lambda s: float(unit @ equations.between_halves(s.solution.z))
+
+
+def _went_on(track: CurveTrack, before: AugmentedPoint, corner: bool) -> None:
+    """Update predictor and borders for a new last point, and cut its orbit into other segments where needed."""
+    predicted(track, before, corner)
+    track.cut, here = (0, math.inf), track.here
+    here.equations.update_borders(here.solution.z, here.solution.linearised)
+    _remesh(track, others=(len(track.points) - 1) % track.settings.fewer_after == 0)
+
+
+def _cut_anew(track: CurveTrack) -> bool:
+    """Cut the orbit into segments over which disturbances grow less; return whether there are any."""
+    # Where disturbances grow by 1e3 in slip and stick removes them within one segment, its derivative is not large,
+    # but changes within 1e-5, and its error is the state's over that length. Curves pass cusps only in segments
+    # over which disturbances grow by about 10.
+    equations = track.here.equations
+    for growth in FINER_GROWTHS:
+        if growth <= equations.shooting.settings.growth and growth < track.cut[1]:
+            track.cut = len(track.points), growth
+            if _remesh(track, growth):
+                track.length = FLAT_STEP
+                return True
+    return False
+
+
+def _remesh(track: CurveTrack, growth: float | None = None, others: bool = False) -> bool:
+    """Cut the last orbit into other segments if growth is large, above `growth`, or `others` may do."""
+    here, old = track.here, track.here.equations
+    settings, shooting = old.settings, old.shooting
+    # Only a thorough search finds growth that the same segment removes again.
+    others = others and (settings.thorough or len(shooting.segments) > 1)
+    if shooting.keeps_segments(here.solution.linearised.blocks, settings.regrowth, others or growth is not None):
         return False
+    if growth is not None:
+        shooting = replace(shooting, settings=replace(shooting.settings, growth=growth, thorough=True))
+    try:
+        finer, z = shooting.cut(here.solution.z[:old.unknowns])
+        if finer.segments == shooting.segments:
+            return False
+        other = MinimallyAugmented(old.kind, finer, z)
+        start = np.append(z, here.solution.z[-1:]) if old.turning else z
+        linearised = other.linearise(start)
+        other.update_borders(start, linearised, old)
+        polished = corrector(other, start, null_direction(linearised))
+    except FAILURES:
+        return False
+    if polished is None:
+        return False
+    # The first node and the parameters do not depend on the segments; the other nodes have the motion's errors.
+    sign = 1.0 if float(old.outer(here.solution.tangent) @ other.outer(polished.tangent)) > 0.0 else -1.0
+    track.points[-1] = AugmentedPoint(solution_at(polished.z, polished.linearised, sign * polished.tangent), other)
+    track.before = []
+    track.note(_test(track, track.here))
+    return True
 
-    def _remesh(self, growth: float | None = None, others: bool = False) -> bool:
-        """Cut the last orbit into other segments if growth is large, above `growth`, or `others` may do."""
-        here, old = self.here, self.here.equations
-        settings, shooting = old.settings, old.shooting
-        # Only a thorough search finds growth that the same segment removes again.
-        others = others and (settings.thorough or len(shooting.segments) > 1)
-        if shooting.keeps_segments(here.solution.linearised.blocks, settings.regrowth, others or growth is not None):
-            return False
-        if growth is not None:
-            shooting = replace(shooting, settings=replace(shooting.settings, growth=growth, thorough=True))
-        try:
-            finer, z = shooting.cut(here.solution.z[:old.unknowns])
-            if finer.segments == shooting.segments:
-                return False
-            other = MinimallyAugmented(old.kind, finer, z)
-            start = np.append(z, here.solution.z[-1:]) if old.turning else z
-            linearised = other.linearise(start)
-            other.update_borders(start, linearised, old)
-            polished = corrector(other, start, null_direction(linearised))
-        except FAILURES:
-            return False
-        if polished is None:
-            return False
-        # The first node and the parameters do not depend on the segments; the other nodes have the motion's errors.
-        sign = 1.0 if float(old.outer(here.solution.tangent) @ other.outer(polished.tangent)) > 0.0 else -1.0
-        self.points[-1] = AugmentedPoint(solution_at(polished.z, polished.linearised, sign * polished.tangent), other)
-        self.before = []
-        self.note(self._test(self.here))
-        return True
+
+CURVE = Rules(unresolved=_unresolved, special=_special, ended=_ended, went_on=_went_on, cut_anew=_cut_anew, lost=_lost)
+"""A curve of bifurcations in two parameters.
+
+A point of codimension two is listed where its test function has two signs, each of which is resolved: larger than the
+changes that other difference steps and one more Newton step make.
+"""
 
 
 def start_of_curve(equations: MinimallyAugmented) -> AugmentedPoint:
@@ -510,7 +524,9 @@ def bifurcation_curve(bifurcation: Bifurcation, of: ParameterMap, ranges: Ranges
 
     def begun(forward: bool) -> CurveTrack:
         finer, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], second)))
-        return CurveTrack(facing(start_of_curve(MinimallyAugmented(bifurcation.kind, finer, z)), forward))
+        track = Continuation(facing(start_of_curve(MinimallyAugmented(bifurcation.kind, finer, z)), forward), CURVE)
+        _test(track, track.here)
+        return track
 
     return _both_ways(bifurcation.kind, begun, End(StopReason.STEP, ranges[0].name, bifurcation.value,
                                                    shooting.settings.residual),

@@ -1,14 +1,14 @@
 """Follow a curve of solutions one way from its first point, and collect the special points on it.
 
 A `Continuation` is the state of a curve that is being followed, and its iterator: it predicts, corrects and adapts the
-step. `BranchTrack` is one of periodic orbits along a parameter, `CurveTrack` one of their bifurcations in two. After
-the iterator of BifurcationKit.jl.
+step. Functions in `Rules` say what belongs to one kind of curve: branches of periodic orbits along a parameter, or
+curves of their bifurcations in two. After the iterator of BifurcationKit.jl.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
@@ -98,9 +98,60 @@ S = TypeVar("S")
 """Kind of special point."""
 
 
+def back_at_start(track: Continuation[P, S], new: P, special: list[S],
+                  stop: End | None) -> tuple[P, list[S], End | None]:
+    """Return the end of a curve at its first point, if the step to `new` passes it; else the arguments."""
+    if track.passes_start(new):
+        return track.points[0], special, stop or track.end(StopReason.CLOSED, track.points[0])
+    return new, special, stop
+
+
+def predicted(track: Continuation[P, S], before: P, corner: bool) -> None:
+    """Update the predictor for a new last point."""
+    track.before = [] if corner else [*track.before[1 - NODES:], before.solution]
+
+
+def gave_up(track: Continuation[P, S]) -> tuple[list[S], End]:
+    """Return the end of a curve without a special point, where no step succeeds."""
+    return [], track.end(StopReason.STEP, limit=track.settings.residual)
+
+
+def own_start(track: Continuation[P, S]) -> list[tuple[Floats, Floats]]:
+    """Return unknowns and tangent of the first point."""
+    equations, solution = track.here.equations, track.here.solution
+    return [(equations.outer(solution.z), equations.outer(solution.tangent))]
+
+
+@dataclass(frozen=True)
+class Rules(Generic[P, S]):
+    """Functions of a continuation for one kind of curve.
+
+    starts : unknowns and tangents with which the curve may pass its first point again
+    unresolved : the end where double precision does not resolve a new point
+    special : special points up to a new point; None where the step has skipped a piece of the curve
+    ended : the last point, its special points and the end where the curve ends before a new point; else the arguments
+    stuck : the end where points pile up around the last one
+    went_on : update for a new last point; the curve is not smooth between it and the one before if the flag is true
+    cut_anew : cut the orbit into other segments where no step succeeds; return whether there are any
+    lost : special points and the end where no step succeeds
+    beyond_corner : the next point beyond a corner of the curve at the last point; None where there is no corner
+    """
+
+    starts: Callable[[Continuation[P, S]], list[tuple[Floats, Floats]]] = own_start
+    unresolved: Callable[[Continuation[P, S], P], End | None] = lambda track, new: None
+    special: Callable[[Continuation[P, S], P], list[S] | None] = lambda track, new: []
+    ended: Callable[[Continuation[P, S], P, list[S], End | None], tuple[P, list[S], End | None]] = back_at_start
+    stuck: Callable[[Continuation[P, S]], End | None] = lambda track: None
+    went_on: Callable[[Continuation[P, S], P, bool], None] = predicted
+    cut_anew: Callable[[Continuation[P, S]], bool] = lambda track: False
+    lost: Callable[[Continuation[P, S]], tuple[list[S], End]] = gave_up
+    beyond_corner: Callable[[Continuation[P, S]], P | None] = lambda track: None
+
+
 class Continuation(Generic[P, S]):
     """One direction of a curve; lengths are in natural sizes.
 
+    rules : what belongs to its kind
     points : all so far
     special : special points so far, each with the number of the point before it
     stop : why the curve ended; None until then
@@ -108,16 +159,21 @@ class Continuation(Generic[P, S]):
     length : of the next step
     longest : longest next step, after one that has left the range or skipped a piece of the curve
     tried : number of steps tried
+    cut : number of points, and growth over a segment, at which failed steps last cut the orbit anew
+    tests : points and values of each test function since the last change of its sign
     """
 
-    def __init__(self, first: P) -> None:
+    def __init__(self, first: P, rules: Rules[P, S] | None = None) -> None:
+        self.rules: Rules[P, S] = rules or Rules()
         self.points = [first]
         self.special: list[tuple[int, S]] = []
         self.stop: End | None = None
         self.settings: Settings = first.equations.settings
         self.before: list[Solution] = []
         self.length, self.longest, self.tried = self.settings.first_step, math.inf, 0
-        self.starts = self.first_again()
+        self.cut: tuple[int, float] = (0, math.inf)
+        self.tests: dict[str, list[tuple[P, float]]] = {}
+        self.starts = self.rules.starts(self)
 
     @property
     def here(self) -> P:
@@ -157,30 +213,30 @@ class Continuation(Generic[P, S]):
                 self.stop = self.end(StopReason.RANGE, number=bound)
                 return
             new = self.onward() if edge is None else edge
-            corner = new is None and (new := self.beyond_corner()) is not None
+            corner = new is None and (new := self.rules.beyond_corner(self)) is not None
             if new is None:
-                if not self.cut_anew():
-                    special, self.stop = self.lost()
+                if not self.rules.cut_anew(self):
+                    special, self.stop = self.rules.lost(self)
                     self.note(special)
                 continue
             first = new.equations.size
             inside = corner or edge is not None or all(
                 0.0 <= scaled <= 1.0 for scaled in new.solution.z[first:first + len(new.equations.ranges)])
-            self.stop = self.unresolved(new) if inside and not corner else None
+            self.stop = self.rules.unresolved(self, new) if inside and not corner else None
             if self.stop is not None:
                 return
-            special_points = self.special_between(new) if inside else None
+            special_points = self.rules.special(self, new) if inside else None
             if special_points is None and not corner:
                 self.longest = 0.5 * min(float(np.linalg.norm(new.solution.z - here.solution.z)), self.longest)
                 continue
             self.longest = math.inf
             stop = None if edge is None else self.end(StopReason.RANGE, edge, number=bound)
-            new, special, stop = self.ended_by(new, special_points or [], stop)
+            new, special, stop = self.rules.ended(self, new, special_points or [], stop)
             self.note(special)
             self.points.append(new)
-            self.stop = stop or (None if corner else self.stuck())
+            self.stop = stop or (None if corner else self.rules.stuck(self))
             if self.stop is None:
-                self.went_on(here, corner)
+                self.rules.went_on(self, here, corner)
             yield self.here
 
     def onward(self) -> P | None:
@@ -295,42 +351,3 @@ class Continuation(Generic[P, S]):
                     PASSED * length, SAME):
                 return True
         return False
-
-    def first_again(self) -> list[tuple[Floats, Floats]]:
-        """Unknowns and tangents with which the curve may pass its first point again."""
-        first = self.here
-        return [(first.equations.outer(first.solution.z), first.equations.outer(first.solution.tangent))]
-
-    def beyond_corner(self) -> P | None:
-        """The next point beyond a corner of the curve at the last point; None where there is no corner."""
-        return None
-
-    def unresolved(self, new: P) -> End | None:
-        """The end where double precision does not resolve a point."""
-        return None
-
-    def special_between(self, new: P) -> list[S] | None:
-        """The special points up to `new`; None where the step has skipped a piece of the curve."""
-        return []
-
-    def ended_by(self, new: P, special: list[S], stop: End | None) -> tuple[P, list[S], End | None]:
-        """The last point, its special points and the end where the curve ends before `new`; else the arguments."""
-        if self.passes_start(new):
-            return self.points[0], special, stop or self.end(StopReason.CLOSED, self.points[0])
-        return new, special, stop
-
-    def stuck(self) -> End | None:
-        """The end where points pile up around the last one."""
-        return None
-
-    def went_on(self, before: P, corner: bool) -> None:
-        """Update the predictor for a new last point; `corner`: the curve is not smooth between it and `before`."""
-        self.before = [] if corner else [*self.before[1 - NODES:], before.solution]
-
-    def cut_anew(self) -> bool:
-        """Cut the orbit into other segments where no step succeeds; return whether there are any."""
-        return False
-
-    def lost(self) -> tuple[list[S], End]:
-        """The special point and the end where no step succeeds."""
-        return [], self.end(StopReason.STEP, limit=self.settings.residual)
