@@ -107,9 +107,8 @@ class StampCounter:
     """Split batches of stamps, in the order of recording, into pieces without gaps, and count gaps and runs.
 
     A difference of more than one and a half ticks is a gap; a repeated stamp is left out (a paused driveline repeats
-    it). A run begins where a stamp decreases (a reset) and where another publisher takes over (a restart). If the
-    recording does not identify publishers, a decrease of both stamp and sequence number is a restart. Each run has its
-    own tick.
+    it). A run begins where a stamp decreases (a reset) and where another publisher takes over (a restart). Each run has
+    its own tick.
     """
 
     messages: int = 0
@@ -126,7 +125,6 @@ class StampCounter:
     _longest: tuple[int, int, int] = (0, 0, 0)
     _settled: tuple[int, int, int] = (0, 0, 0)
     _publisher: int = 0
-    _number: int = 0
     _former: int | None = None
     _gone: set[int] = field(default_factory=set)
 
@@ -154,31 +152,28 @@ class StampCounter:
                     self._run.gaps += self._run.jitter > 0
                     self._run.lost += count * (self._run.jitter > 0)
 
-    def pieces(self, stamps: Stamps, publisher: NDArray[np.int64] | int = 0,
-               numbers: NDArray[np.int64] | None = None) -> list[tuple[slice, Break]]:
+    def pieces(self, stamps: Stamps, publisher: NDArray[np.int64] | int = 0) -> list[tuple[slice, Break]]:
         """Return the pieces of the next batch, each with the break before it.
 
         Parameters
         ----------
         stamps : (n,) array, ns
         publisher : number of each stamp's publisher, one number or (n,) array; 0 if it is not identified
-        numbers : (n,) array, publisher's sequence numbers; all 0 without them
         """
         pieces: list[tuple[slice, Break]] = []
         if not len(stamps):
             return pieces
         stamps = np.asarray(stamps, dtype=np.int64)
         who = np.broadcast_to(np.asarray(publisher, dtype=np.int64), stamps.shape)
-        given = np.zeros(len(stamps), np.int64) if numbers is None else np.asarray(numbers, dtype=np.int64)
         cuts = (1 + np.flatnonzero(np.diff(who))).tolist()
         for begin, end in zip([0, *cuts], [*cuts, len(stamps)]):
             if int(who[begin]) in self._gone:
                 self.late += end - begin
             else:
-                self._one_publisher(stamps[begin:end], int(who[begin]), given[begin:end], begin, pieces)
+                self._one_publisher(stamps[begin:end], int(who[begin]), begin, pieces)
         return pieces
 
-    def _one_publisher(self, stamps: Stamps, publisher: int, numbers: Stamps, offset: int,
+    def _one_publisher(self, stamps: Stamps, publisher: int, offset: int,
                        pieces: list[tuple[slice, Break]]) -> None:
         """Split stamps of one publisher."""
         taken_over = self.last is not None and publisher != self._publisher
@@ -194,12 +189,12 @@ class StampCounter:
         for number, (begin, end) in enumerate(pairwise(bounds)):
             kind = Break.NOTHING
             if number or (starts and starts[0] == 0):
-                kind = self._begin(publisher, int(numbers[begin]), fresh and begin == 0)
+                kind = self._begin(publisher, fresh and begin == 0)
             self._cut(stamps, steps, slice(begin, end), kind, offset, pieces)
-            self.last, self._number = int(stamps[end - 1]), int(numbers[end - 1])
+            self.last = int(stamps[end - 1])
         self._publisher = publisher
 
-    def _begin(self, publisher: int, number: int, fresh: bool) -> Break:
+    def _begin(self, publisher: int, fresh: bool) -> Break:
         """Begin a run; return the kind of its start."""
         self._settle()
         self.runs += 1
@@ -207,8 +202,7 @@ class StampCounter:
             return Break.START
         if not fresh and publisher == 0:
             self._former = self.last
-        fallen = publisher == 0 and 0 < number < self._number
-        if fresh or fallen:
+        if fresh:
             self.restarts += 1
             return Break.RESTART
         self.resets += 1

@@ -1,23 +1,16 @@
 """Announced scenes: the comment line that says from when a scene holds is read back, and no other line counts."""
 
-import struct
 
 import numpy as np
 import pytest
 
-from tcc_sim.messages import cdr
 from tcc_sim.model.profile import START, Origin
 from tcc_sim.recording.announcements import (
-    HEAD,
-    LONGEST,
     SceneRecord,
     holding_from,
-    read_source,
     simulation_ns,
-    source_text,
     zeros_of,
 )
-from tcc_sim.topics import INPUTS
 
 NO_ZEROS = np.empty(0, np.int64)
 TEXT = "a: 1\nb: 2\n"
@@ -58,19 +51,3 @@ def test_stamps_of_the_wall_clock_count_from_the_last_zero_before_them() -> None
     stamps = np.array([0, 199, 200, 201, 499, 500, 900])
     assert simulation_ns(stamps, zeros).tolist() == [0, 199, 0, 1, 299, 0, 400]
     assert simulation_ns(stamps, zeros_of([TEXT])) is stamps
-
-
-@pytest.mark.parametrize(("sent", "since", "text", "zeros", "source"), [
-    (7, 300, "engine_torque: command, actuation_pressure: fallback", [], (7, 300, {"engine_torque"})),
-    (0, 300, "engine_torque: command, actuation_pressure: command", [100], (5, 200, {*INPUTS})),
-    (7, 300, "engine_torque: fallback, other: command", [], (7, 300, set())), (7, 300, "", [], (7, 300, set()))])
-def test_sources_of_inputs(sent: int, since: int, text: str, zeros: list[int],
-                           source: tuple[int, int, set[str]]) -> None:
-    record = struct.pack("<HIQQ", 1, 2, 5, sent) + cdr.header(since, text)
-    result = read_source(record, np.array(zeros, np.int64))
-    assert (result.log_ns, result.first_stamp_ns, set(result.commanded)) == source
-    assert [read_source(record.ljust(length, b"\0")[:length], NO_ZEROS) is None
-            for length in (HEAD, HEAD + 1, LONGEST, LONGEST + 1)] == [True, True, False, True]
-    if source[2]:
-        held = {name: name in source[2] for name in INPUTS}
-        assert source_text(held) == text

@@ -84,42 +84,6 @@ def test_what_the_recorder_counted_as_lost_is_told(tmp_path):
     assert read(tmp_path / "run")[0].warnings == ["7 messages of /slip_speed lost while recording"]
 
 
-def test_one_cut_short_gives_what_was_flushed_and_says_so(tmp_path):
-    rows, stamps = columns(100), [n * TICK for n in range(100)]
-    write(tmp_path / "run", rows, stamps, close=False)
-    run, _, result, table = read(tmp_path / "run")
-    assert (result == stamps).all()
-    assert (table == rows).all()
-    assert not run.complete
-    assert run.scene_text == SCENE
-    assert run.result is None
-    assert any("cut short" in sentence for sentence in run.warnings)
-
-
-def test_missing_stamps_and_restarts_are_counted(tmp_path):
-    stamps = [n * TICK for n in range(3, 100) if n not in (4, 50, 51, 97)] + [n * TICK for n in range(20)]
-    write(tmp_path / "run", columns(len(stamps)), stamps)
-    run, batches, result, _ = read(tmp_path / "run")
-    assert result.tolist() == stamps
-    assert run.lost_messages == 4
-    assert run.stamps.tick == TICK
-    assert [batch.run for batch in batches][-1] == 1
-    for number in (0, 1):
-        assert (np.diff(np.concatenate([b.stamp_ns for b in batches if b.run == number])) > 0).all()
-    assert sum("started again 1 time " in sentence for sentence in run.warnings) == 1
-
-
-@pytest.mark.parametrize("restart", [False, True])
-def test_pressures_stand_beside_the_joint_states_of_their_stamp(tmp_path, restart):
-    stamps = [n * TICK for n in range(140)] + ([n * TICK for n in range(60)] if restart else [])
-    pressures = [1e5 + n for n in range(len(stamps))]
-    write(tmp_path / "run", columns(len(stamps)), stamps, pressures=pressures)
-    run, batches, result, _ = read(tmp_path / "run")
-    assert result.tolist() == stamps
-    assert np.concatenate([batch.applied_pressure for batch in batches]).tolist() == pressures
-    assert len(run.warnings) == (1 if restart else 0)
-
-
 def test_an_existing_output_is_refused_and_left_alone(tmp_path):
     (tmp_path / "run").mkdir()
     with pytest.raises(RecordingError, match="exists already"):

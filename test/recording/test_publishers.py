@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from driveline_bags import TICK, bag, ticked
-from test_bag_round_trip import columns, read, write
 
 from tcc_sim.errors import RecordingError
 from tcc_sim.recording.reader import open_run
@@ -13,15 +12,6 @@ from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 
 MINIMAL, COMMANDS = load_scene("minimal"), load_scene("commands")
-
-
-def test_a_thousand_resets_stay_readable(tmp_path):
-    stamps = [n * TICK for _ in range(1200) for n in range(4)]
-    write(tmp_path / "run", columns(len(stamps)), stamps, flush_every=500)
-    run, batches, result, _ = read(tmp_path / "run")
-    assert result.tolist() == stamps
-    assert (run.stamps.runs, run.stamps.resets, batches[-1].run) == (1200, 1199, 1199)
-    assert "simulation time started again 1199 times (1199 resets, 0 restarts): these are separate runs" in run.warnings
 
 
 def two(tmp_path, order):
@@ -66,67 +56,6 @@ def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):
     mixed = [row for pair in zip(rows[500:800], rows[:300]) for row in pair]
     with pytest.raises(RecordingError, match="publishers are mixed and cannot be separated"):
         list(open_run(bag(tmp_path / "run", mixed, MINIMAL)).states())
-
-
-def test_pressures_follow_their_own_publisher(tmp_path):
-    solved = ticked(COMMANDS, 300, pressure=lambda k: 2e5)
-    rows = [(stamp, *rest[:-1], 1e5 + n) for n, (stamp, *rest) in enumerate(solved)]
-    path = bag(tmp_path / "run", rows[:150] + rows[200:], COMMANDS, publishers=[(0, "a1"), (150, "b2")])
-    run = open_run(path)
-    values = np.concatenate([batch.applied_pressure for batch in run.states()])
-    assert values.tolist() == [row[-1] for row in rows[:150] + rows[200:]]
-    assert not any("pressure is missing" in sentence for sentence in run.warnings)
-
-
-@pytest.mark.parametrize("left_out", [range(40, 47), range(5), range(195, 200)])
-def test_missing_pressures_are_counted_and_nan(tmp_path, left_out):
-    rows = columns(200)
-    path = write(tmp_path / "run", rows, [n * TICK for n in range(200)], pressures=[float(n) for n in range(200)])
-    from mcap.reader import make_reader
-
-    from tcc_sim.recording.mcap_file import McapFile
-    from tcc_sim.topics import topic
-
-    with path.open("rb") as file:
-        messages = list(make_reader(file).iter_messages(log_time_order=False))
-    output = McapFile(tmp_path / "less.mcap")
-    numbers = {name: output.channel(name, topic(name[1:]).type) for name in ("/joint_states", "/slip_speed",
-                                                                           "/applied_pressure")}
-    for _, channel, message in messages:
-        if channel.topic != "/applied_pressure" or message.sequence not in left_out:
-            output.write(numbers[channel.topic], message.log_time, message.publish_time, message.data, message.sequence)
-    output.close()
-    run = open_run(tmp_path / "less.mcap")
-    values = np.concatenate([batch.applied_pressure for batch in run.states()])
-    assert np.flatnonzero(np.isnan(values)).tolist() == list(left_out)
-    assert f"the applied pressure is missing at {len(left_out)} ticks" in run.warnings
-
-
-def test_recovery_keeps_who_published(tmp_path):
-    path = two(tmp_path, "a" * 100 + "b" * 200)
-    recovered = recover(open_run(path), tmp_path / "saved")
-    assert recovered.messages["/joint_states"] == 300
-    again = open_run(tmp_path / "saved")
-    list(again.states())
-    assert again.stamps.restarts == 1
-
-
-def test_a_cut_recording_in_a_namespace_is_read(tmp_path):
-    """Without an index the reader finds the topics in the first chunks."""
-    from tcc_sim.messages import cdr
-    from tcc_sim.recording.bag import BagWriter
-    from tcc_sim.topics import JOINT_STATE
-
-    writer = BagWriter(tmp_path / "run", MINIMAL.text())
-    joints = writer.channel("/left/driveline/joint_states", JOINT_STATE)
-    for n in range(300):
-        writer.write(joints, n, n, cdr.joint_state(n * TICK, *[0.0] * 6), n)
-    writer.file.flush()
-    writer.abandon()
-    run = open_run(tmp_path / "run")
-    assert run.joint_states_topic == "/left/driveline/joint_states"
-    assert sum(map(len, run.states())) == 300
-    assert not run.complete
 
 
 def test_a_recording_without_quality_of_service_is_recovered(tmp_path):

@@ -20,6 +20,7 @@ from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
+from tcc_sim.replay.segments import MOST_SEGMENTS
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLUID_PRESSURE
 
@@ -203,14 +204,12 @@ def test_a_target_that_is_no_number_is_none(tmp_path):
     assert segment["tracking"]["target"] == 20.0
 
 
-@pytest.mark.parametrize(("most", "words"), [(39, "only the first 39 of 40 segments are analysed"), (40, None)])
-def test_more_segments_than_are_told_are_counted(tmp_path, monkeypatch, most, words):
-    for room in ("segments", "replay"):
-        monkeypatch.setattr(f"tcc_sim.replay.{room}.MOST_SEGMENTS", most)
-    rows = steady(0.06, 150.0) + [row for _ in range(39) for row in steady(0.003, 150.0)]
+def test_more_segments_than_are_told_are_counted(tmp_path):
+    rows = steady(0.06, 150.0) + [row for _ in range(MOST_SEGMENTS) for row in steady(0.003, 150.0)]
     result = replay(bag(tmp_path / "run", rows, SLIP), discard=0)
-    assert len(result.segments) == most
-    assert [text for text in result.warnings if "segments" in text] == ([words] if words else [])
+    assert len(result.segments) == MOST_SEGMENTS
+    assert [text for text in result.warnings if "segments" in text] == [
+        f"only the first {MOST_SEGMENTS} of {MOST_SEGMENTS + 1} segments are analysed"]
     assert len(result.lines()) < 65
 
 
