@@ -1,6 +1,6 @@
-"""Kernels that an installation compiles ahead, so that first runs need not wait: all kinds of solves, ticks and
-windows, and maps of laws with at most one exponential. `python -m tcc_sim.study.cli.ahead FOLDER` compiles them into a
-folder, on two processors.
+"""Kernels that an installation compiles ahead, so that first runs need not wait: all kinds of ticks and windows, solves
+but those of a friction table with a profile, and maps of laws with at most one exponential.
+`python -m tcc_sim.study.cli.ahead FOLDER` compiles them into a folder, on two processors.
 
 A use calls the package's own functions on a scene, for an engine cycle or a tick, so the kinds of kernels follow from
 the scenes.
@@ -100,7 +100,7 @@ def scenes(name: str, *choices: tuple[Values, ...]) -> Iterator[Scene]:
 
 def uses() -> Iterator[tuple[Use, Scene]]:
     """Yield every use with its scenes; those of a law follow each other, since their kernels share compiled parts."""
-    for scene in scenes("minimal", EXPONENTIALS, PROFILE):
+    for scene in (*scenes("minimal", EXPONENTIALS), *scenes("minimal", EXPONENTIALS[:2], PROFILE[1:])):
         yield solve_cycle, scene
     for scene in scenes("minimal", EXPONENTIALS[:2], PULSATION):
         yield map_cycle, scene
