@@ -77,15 +77,17 @@ class JointStates:
             return np.full(len(self), np.nan)
         values: Floats = self.held.rows[self.held_row, index_in_held(name, field)]
         unknown = (values == held.NOBODY) & (field == "source" and name in INPUTS)
-        return np.asarray(np.where((self.held_row >= 0) & ~unknown, values, np.nan))
+        out: Floats = np.where((self.held_row >= 0) & ~unknown, values, np.nan)
+        return out
 
     @property
     def pauses(self) -> Floats:
         """Stamps after which the driveline was paused, ns."""
         if self.held is None:
             return np.empty(0)
-        rows = self.held.rows
-        return rows[rows[:, held.LAST] == held.PAUSED, held.TIME]
+        rows: Floats = self.held.rows
+        stamps: Floats = rows[rows[:, held.LAST] == held.PAUSED, held.TIME]
+        return stamps
 
     @property
     def far_end(self) -> FarEnd:
