@@ -96,7 +96,7 @@ def test_without_a_compiler_cvode_has_a_reason(monkeypatch):
 
 
 TINY = precision.Effort(
-    4, 0.01, 1.0,
+    4, 0.01, 8.0,
     {"smoothed": (("LSODA", 1e-10), ("LSODA", 1e-12)), "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
     {"smoothed": (1e-4, 1e-9), "event_driven": (1e-10,), "lsoda": (1e-3,), "dop853": (1e-6,),
      "solve_ivp LSODA": (1e-8,)}, 20, 400, 2, ("fig02", "minimal, set-valued"))

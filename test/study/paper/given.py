@@ -106,6 +106,13 @@ def run_with(section: Any = ((0.0, 0.0, 0.0),), largest: Any = 0.0, stick: float
                       statistics=Statistics(seconds=seconds))
 
 
+def leaves(value: Any) -> list[Any]:
+    """The numbers and words of nested results, in order."""
+    if isinstance(value, dict):
+        value = list(value.values())
+    return [x for part in value for x in leaves(part)] if isinstance(value, (list, tuple)) else [value]
+
+
 def law_of(row: Any) -> str:
     return str(row.get("friction.law", "smoothed"))
 

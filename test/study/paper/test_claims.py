@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from documents import valid
-from given import Given, record, rows
+from given import Given, leaves, record, rows
 from independent import equations
 from scipy.integrate import solve_ivp
 
@@ -85,13 +85,6 @@ def test_creep_and_slip_of_stick_and_of_positive_trend(cheap: dict[str, Finding]
     assert cheap["smoothed_stick_creeps"].verdict == CONFIRMED
     assert cheap["pure_slip_guaranteed"].verdict == DEPENDS
     assert 35.0 < next(v for k, v in cheap["pure_slip_guaranteed"].values.items() if "for ever" in k) < 35.2
-
-
-def leaves(value: Any) -> list[Any]:
-    """The numbers and words of nested results, in order."""
-    if isinstance(value, dict):
-        value = list(value.values())
-    return [x for part in value for x in leaves(part)] if isinstance(value, (list, tuple)) else [value]
 
 
 @pytest.mark.parametrize(("name", "verdict", "numbers"), [

@@ -21,6 +21,7 @@ from given import (
     growing,
     hills,
     law_of,
+    leaves,
     lowest,
     next_to,
     orbit,
@@ -372,13 +373,6 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
 REAL = {"classical_differs", "maximum_falls", "slope_turns_negative", "pure_slip_guaranteed", "series_balance",
         "limits_of_stick", "stick_limits_varying", "smoothed_stick_creeps", "balance_unsuitable", "solvers_agree"}
 """Claims that take no curves or motions from the evidence."""
-
-
-def leaves(value: Any) -> list[Any]:
-    """The numbers and words of nested results, in order."""
-    if isinstance(value, dict):
-        value = list(value.values())
-    return [x for part in value for x in leaves(part)] if isinstance(value, (list, tuple)) else [value]
 
 
 @pytest.mark.parametrize(("name", "case"), [pytest.param(name.split()[0], case, id=f"{name}-{case[1]}-{k}")
