@@ -243,19 +243,19 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
     from tcc_sim.recording.window import Window
     from tcc_sim.replay.recorded import Recording, read
 
-    if isinstance(recording, (str, Path)) and is_table(Path(recording)):
-        others = {"run": run, "joints": joints, "topic": topic, "driveline": driveline, "discard": discard,
-                  "frequency": frequency, "verify": verify, "damping": damping, "target": target, "limits": limits,
-                  "rrd": rrd, "spawn": spawn, "connect": connect}
-        given = given_in(others)
-        if given or not (orders or spectrum):
-            raise InputError(f"{', '.join(given)}: only for recordings" if given else
-                             "a table needs orders or spectrum; ask for one of them")
-        table = table_in(Path(recording), ("slip_speed",), columns=columns).part(from_, to)
-        return analyse_table(table, as_scene(scene or "fig02").system, orders=orders, spectrum=spectrum, pulses=pulses)
-    for name, value in (("columns", columns), ("pulses", pulses)):
-        if value is not None:
-            raise InputError(f"{name} are for tables, and {recording} is a recording")
+    others = {"run": run, "joints": joints, "topic": topic, "driveline": driveline, "discard": discard,
+              "frequency": frequency, "verify": verify, "damping": damping, "target": target, "limits": limits,
+              "rrd": rrd, "spawn": spawn, "connect": connect}
+    table = isinstance(recording, (str, Path)) and is_table(Path(recording))
+    if given := [f"--{name}" for name in given_in(others if table else {"columns": columns, "pulses": pulses})]:
+        raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --columns, "
+                         "--from, --to, --scene and --pulses" if table else
+                         f"{', '.join(given)} is for tables, and {recording} is a recording")
+    if table:
+        if not (orders or spectrum):
+            raise InputError("a table needs --orders or --spectrum; give one of them")
+        rows = table_in(Path(str(recording)), ("slip_speed",), columns=columns).part(from_, to)
+        return analyse_table(rows, as_scene(scene or "fig02").system, orders=orders, spectrum=spectrum, pulses=pulses)
     opened = recording if isinstance(recording, Recording) else read(recording, scene, joints, topic, driveline)
     result = replay(opened, window=Window(run, from_, to), discard=discard, frequency=frequency, verify=verify,
                     damping=damping, target=target, band=band, limits=limits, rrd=rrd, spawn=spawn, connect=connect,

@@ -78,12 +78,12 @@ def test_analyse_takes_tables(table, tmp_path):
     by = json.loads((tmp_path / "o.json").read_text())["orders"]
     result = tcc_sim.analyse(table, orders=True, columns="engine_speed=n:rpm")
     np.testing.assert_array_equal(result.orders.slip_speed, by["slip_speed"])
-    with pytest.raises(InputError, match="orders or spectrum"):
+    with pytest.raises(InputError, match="--orders or --spectrum"):
         tcc_sim.analyse(table)
     for wrong in ({"run": 0}, {"joints": {}}, {"topic": ""}, {"driveline": 0, "discard": 0}, {"frequency": 0.0},
                   {"verify": True, "damping": True}, {"target": 0.0}, {"rrd": tmp_path},
                   {"spawn": True, "connect": ""}):
-        with pytest.raises(InputError, match=", ".join(wrong)):
+        with pytest.raises(InputError, match=", ".join(f"--{name}" for name in wrong)):
             tcc_sim.analyse(table, spectrum=True, **wrong)
     for wrong in ("columns", "pulses"):
         with pytest.raises(InputError, match=wrong):

@@ -18,8 +18,8 @@ from tcc_sim.cli.arguments import (
     recording_of,
     say_of_table,
 )
-from tcc_sim.cli.options import Form, command, keywords_of, of
-from tcc_sim.errors import InputError, counted, given_in, require
+from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
+from tcc_sim.errors import InputError, counted, require
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
 
@@ -63,80 +63,50 @@ def run(arguments: argparse.Namespace, layout: bool = False) -> int:
     layout : write a layout beside the recording, with which Rerun shows its signals without conversion: rerun
         RUN_0.mcap RUN_0.rbl
     """
+    from tcc_sim.functions import analysis
     from tcc_sim.output.samples import write_samples
     from tcc_sim.output.table_files import TABLES
     from tcc_sim.output.tables import order_lines, spectrum_lines
-    from tcc_sim.recording.window import Window
-    from tcc_sim.replay.replay import replay
+    from tcc_sim.replay.measured import MeasuredRun
+    from tcc_sim.scene import load_scene
     from tcc_sim.tables.chosen_columns import is_table
 
-    if is_table(arguments.recording):
-        return _table(arguments)
-    for name in ("columns", "pulses"):
-        if getattr(arguments, name) is not None:
-            raise InputError(f"--{name} is for tables, and {arguments.recording} is a recording")
-    window = Window(arguments.run, arguments.from_, arguments.to)
+    path, source = arguments.recording, arguments.recording
+    drawn: object
+    table = is_table(path)
+    for name in ("out", "layout") if table else ("columns", "pulses"):
+        if getattr(arguments, name):
+            raise InputError(f"--{name} is for recordings, and {path} is a table" if table else
+                             f"--{name} is for tables, and {path} is a recording")
     check_outputs(arguments, TABLES, arguments.rrd)
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
         require("rerun", "Rerun")
-    recording = recording_of(arguments, arguments.recording, arguments.scene)
-    show_in(order=recording.scene.system.engine.order)
+    if not table:
+        source = recording_of(arguments, path, arguments.scene)
+    scene = load_scene(arguments.scene or "fig02") if table else source.scene
+    show_in(order=scene.system.engine.order)
     if layout:
         from tcc_sim.views.recording_layout import write_layout
 
-        say(f"layout: {write_layout(arguments.recording)}")
-    result = replay(recording, window=window, progress=True, **keywords_of(
-        arguments, "rrd spawn connect discard frequency verify damping target band limits"))
-    lines = result.lines()
-    drawn: object = result
-    # A manoeuvre is drawn whole, as by `simulate --plot`; any other run by its last cycles and its maxima.
-    whole = arguments.plot is not None and result.scene.system.profile is not None
-    if arguments.out is not None or arguments.orders or arguments.spectrum or whole:
-        samples = recording.trajectory(result.run, arguments.from_, arguments.to)
-        drawn = replace(samples, control=result.control) if whole else result
-    if arguments.orders or arguments.spectrum:
-        from tcc_sim.functions import with_recorded_figures
-
-        result = with_recorded_figures(result, samples, orders=arguments.orders, spectrum=arguments.spectrum)
-    if result.orders is not None:
-        drawn = result.orders
-        lines += order_lines(result.orders)
-    if result.spectrum is not None:
-        drawn = drawn if arguments.orders else result
-        lines += spectrum_lines(result.spectrum)
-    if arguments.out is not None:
-        write_samples(arguments.out, samples, recording.scene.text(), recorded=True,
-                      document=document_of(arguments, result.scene, result))
-    plot_result(arguments, drawn, arguments.recording.name)
-    present(arguments, result.scene, result, lines)
-    return 0 if result.verification is None or result.verification.verified else 1
-
-
-def _table(arguments: argparse.Namespace) -> int:
-    """Print and write orders and spectrum of a table of measurements."""
-    from tcc_sim.output.tables import order_lines, spectrum_lines
-    from tcc_sim.replay.measured import analyse_table
-    from tcc_sim.scene import load_scene
-    from tcc_sim.tables.measured_table import table_in
-
-    others = ("rrd", "spawn", "connect", "out", "discard", "frequency", "damping", "verify", "run", "joints",
-              "topic", "driveline", "target", "limits")
-    given = [f"--{name}" for name in given_in({name: getattr(arguments, name) for name in others})]
-    if given:
-        raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --columns, "
-                         "--from, --to, --scene and --pulses")
-    if not (arguments.orders or arguments.spectrum):
-        raise InputError("a table needs --orders or --spectrum; give one of them")
-    check_outputs(arguments)
-    scene = load_scene(arguments.scene or "fig02")
-    show_in(order=scene.system.engine.order)
-    table = table_in(arguments.recording, ("slip_speed",), columns=arguments.columns)
-    result = analyse_table(table.part(arguments.from_, arguments.to), scene.system, orders=arguments.orders,
-                           spectrum=arguments.spectrum, pulses=arguments.pulses)
-    lines = [f"{arguments.recording}: {counted(result.samples, 'row')} over {result.seconds:.6g} s"]
-    say_of_table(result.warnings)
+        say(f"layout: {write_layout(path)}")
+    result = analysis(source, **keywords_of(arguments, options_in(ANALYSIS)), progress=True)
+    if isinstance(result, MeasuredRun):
+        say_of_table(result.warnings)
+        lines = [f"{path}: {counted(result.samples, 'row')} over {result.seconds:.6g} s"]
+        drawn = result.orders or result.spectrum
+    else:
+        scene, lines, drawn = result.scene, result.lines(), result if result.orders is None else result.orders
+        # A manoeuvre is drawn whole, as by `simulate --plot`; any other run by its last cycles and its maxima.
+        whole = arguments.plot is not None and scene.system.profile is not None
+        if arguments.out is not None or whole:
+            samples = source.trajectory(result.run, arguments.from_, arguments.to)
+            if whole and result.orders is None and result.spectrum is None:
+                drawn = replace(samples, control=result.control)
+        if arguments.out is not None:
+            write_samples(arguments.out, samples, source.scene.text(), recorded=True,
+                          document=document_of(arguments, scene, result))
     lines += order_lines(result.orders) if result.orders is not None else []
     lines += spectrum_lines(result.spectrum) if result.spectrum is not None else []
-    plot_result(arguments, result.orders or result.spectrum, arguments.recording.name)
+    plot_result(arguments, drawn, path.name)
     present(arguments, scene, result, lines)
-    return 0
+    return 0 if isinstance(result, MeasuredRun) or result.verification is None or result.verification.verified else 1

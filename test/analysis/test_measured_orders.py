@@ -15,7 +15,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.tables.measured_table import MeasuredTable
 
 I1, I2, C23, K23, MU_S, MU_K, ALPHA, SIGMA, LOAD = 0.2, 0.02, 0.6, 3000.0, 0.3, 0.24, 2.0, 50.0, 225e3 * 0.08 * 0.1
-SCENE = ["fig02", "--set", "pressure.amplitude=0", "--set", "initial.slip_speed=5"]
+SCENE = ["fig02", "--set", "initial.slip_speed=5"]
 END = 2.0
 
 
