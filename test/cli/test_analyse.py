@@ -18,21 +18,6 @@ KEYS = {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction
 SWING = 250.0 / (0.2 * 150.0)
 
 
-@pytest.mark.parametrize("words", [
-    ["--orders", "--discard", "0"], ["--orders", "--target", "0"], ["--orders", "--run", "0"],
-    ["--orders", "--driveline", "0"],
-    ["--orders", "--frequency", "0"], ["--spectrum", "--rrd", "a.rrd"], ["--spectrum", "--damping"],
-    ["--spectrum", "--verify"], ["--spectrum", "--spawn"], ["--spectrum", "--topic", "a"]])
-def test_options_of_recordings_are_refused_for_a_table(words, tmp_path, refused):
-    (tmp_path / "a.csv").write_text("t,slip_speed\n0,1\n1,2\n")
-    assert words[1] in refused("analyse", "a.csv", *words)
-
-
-def test_a_table_without_a_request_is_refused(tmp_path, refused):
-    (tmp_path / "a.csv").write_text("t,slip_speed\n0,1\n1,2\n")
-    assert "--orders" in refused("analyse", "a.csv", "--scene", "fig02")
-
-
 @pytest.fixture
 def recording(tmp_path):
     """Steady pure slip by the corrected (17a), 2 s."""
@@ -128,39 +113,35 @@ def test_a_spectrum_covers_the_kept_cycles_at_the_frequency_of_the_figures(tmp_p
         assert float(spectrum["window"].split()[-4]) > 0.9
 
 
-def test_the_table_and_the_files(capsys, recording, tmp_path):
-    assert main(["analyse", str(recording), "--json", str(tmp_path / "a.json"), "--frequency", "75"]) == 0
+def test_a_frequency_that_is_given_is_that_of_the_figures(capsys, recording, tmp_path):
+    words = ["analyse", str(recording), "--json", str(tmp_path / "a.json"), "--frequency", "75", "--damping"]
+    assert main(words) == 0
+    document = json.loads((tmp_path / "a.json").read_text())
+    assert (document["frequency"], document["equivalent_damping"], document["negative_slope_mean"]) == (75.0, 0.0, 0.0)
     out = capsys.readouterr().out
-    for words in ("complete", "2001 of joint_states", "1 ms apart, no gap", "75 rad/s, as given",
-                  "largest |slip speed|"):
-        assert words in out
-    assert json.loads((tmp_path / "a.json").read_text())["frequency"] == 75.0
+    assert not [word for word in ("complete", "2001", "1 ms", "75 rad/s", "slip speed", "N m s/rad") if word not in out]
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (["--discard", "47"], "--discard 47"), (["--discard", "x"], "--discard"),
-    (["--frequency", "0"], "frequency is 0 rad/s"), (["--scene", "nowhere"], "there is no scene"),
-    (["--from", "nan"], "the window's start is nan s"), (["--to=-inf"], "the window's end is -inf s"),
-    (["--rrd", "no/run.rrd"], "no directory"), (["--json", "."], "is a directory"),
-    (["--rrd", "x", "--json", "x"], "two options name the file x"),
-    (["--spawn", "--rrd", "x"], "not allowed with"), (["--connect", "http://x"], "is not the URL"),
-])
-def test_wrong_input_ends_with_status_2_and_writes_nothing(refused, recording, arguments, words):
-    if "--connect" in arguments:
+TABLE = ("run.csv", "--orders")
+
+
+@pytest.mark.parametrize(("words", "says"), [
+    *(((*TABLE, *words), words[0]) for words in (
+        ("--discard", "0"), ("--target", "0"), ("--run", "0"), ("--driveline", "0"), ("--frequency", "0"),
+        ("--rrd", "a.rrd"), ("--damping",), ("--verify",), ("--spawn",), ("--topic", "a"))),
+    (("run.csv", "--scene", "fig02"), "--orders"), (("nowhere.mcap",), "nowhere.mcap"), ((".",), ".mcap"),
+    (("empty.mcap",), "empty.mcap"), (("run.mcap", "--discard", "47"), "47"), (("run.mcap", "--discard", "x"), "x"),
+    (("run.mcap", "--frequency", "0"), "0 rad/s"), (("run.mcap", "--scene", "nowhere"), "nowhere"),
+    (("run.mcap", "--from", "nan"), "nan s"), (("run.mcap", "--to=-inf"), "-inf s"),
+    (("run.mcap", "--rrd", "no/run.rrd"), "no"), (("run.mcap", "--json", "."), "."),
+    (("run.mcap", "--rrd", "x", "--json", "x"), "x"), (("run.mcap", "--spawn", "--rrd", "x"), "--rrd"),
+    (("run.mcap", "--connect", "http://x"), "http://x")])
+def test_wrong_input_ends_with_status_2_and_writes_nothing(refused, recording, words, says, tmp_path):
+    if "--connect" in words:
         pytest.importorskip("rerun")
-    assert words in refused("analyse", recording, *arguments)
-
-
-def test_what_is_no_recording(refused, tmp_path):
-    assert "cannot be read" in refused("analyse", "nowhere.mcap")
-    assert "no .mcap file" in refused("analyse", tmp_path)
-    (tmp_path / "a.mcap").write_bytes(b"nothing of the kind")
-    refused("analyse", "a.mcap")
-
-
-def test_damping_is_that_of_pure_slip(capsys, recording):
-    assert main(["analyse", str(recording), "--damping", "--json", "-"]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert (document["equivalent_damping"], document["negative_slope_mean"]) == (0.0, 0.0)
-    assert main(["analyse", str(recording), "--damping"]) == 0
-    assert "0 N m s/rad, mean of the negative slope 0; -C23 is -0.6" in capsys.readouterr().out
+    (tmp_path / "run.csv").write_text("t,slip_speed\n0,1\n1,2\n")
+    (tmp_path / "empty.mcap").write_bytes(b"nothing of the kind")
+    if words == (".",):
+        recording.unlink()
+        (tmp_path / "empty.mcap").unlink()
+    assert says in refused("analyse", *words)
