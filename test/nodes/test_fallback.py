@@ -95,25 +95,6 @@ def test_commands_time_outs_changes_and_resets_are_verified_to_the_last_bit(benc
     assert answers["/joint_states"] == 0
 
 
-def test_one_input_may_fall_back_to_its_mean_and_the_other_to_its_harmonics(bench: Any, tmp_path: Path) -> None:
-    chain = Commanded(bench, tmp_path / "run", scene="commands", engine__fallback="mean", command_timeout=0.03)
-    chain.send(torque=310.0, pressure=2.1e5)
-    chain.run(300)
-    exactly(chain.close(), runs=1)
-    engine = np.concatenate([b.engine_torque for b in open_run(tmp_path / "run").states()])
-    assert set(engine.tolist()) == {300.0, 310.0}
-
-
-def test_the_recorded_source_decides_not_the_value(bench: Any, tmp_path: Path) -> None:
-    """A command may equal the fallback at the end of a tick; only the recorded source separates them."""
-    chain = Commanded(bench, tmp_path / "run", scene="commands", command_timeout=0.0)
-    chain.send(torque=310.0, pressure=2.1e5)
-    for _ in range(3):
-        chain.send(torque=300.0 + 250.0 * math.sin(50.0 * np.pi * 1e-3 * (chain.loop.plant.stepper.tick + 2)))
-    chain.run(100)
-    exactly(chain.close(), runs=1)
-
-
 def test_a_scene_file_is_that_scene_and_not_a_change_of_the_default(bench: Any) -> None:
     """Where parameters state the sources of inputs, other keys have the defaults of a scene file."""
     node = bench.driveline(engine__source="harmonic", pressure__source="topic", cpu_affinity=[0])

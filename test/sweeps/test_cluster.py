@@ -18,6 +18,7 @@ import pytest
 from tcc_sim.errors import InputError, WorkersLost
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.sweeps.executors import cluster, each_done, in_time
+from tcc_sim.sweeps.gains import gain_map
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep, sweep_curves
 
 distributed = pytest.importorskip("distributed")
@@ -59,6 +60,11 @@ def test_a_cluster_without_workers_and_one_whose_processes_die(tmp_path, refused
         near = sweep(system, "engine.frequency", values, Plan(cycles=100))
         for one, other in zip(far.records, near.records):
             assert {**one, "elapsed_s": 0.0} == {**other, "elapsed_s": 0.0}
+        (tmp_path / "law.py").write_text("def law(gain):\n    return lambda state: 80e3 + gain * state.slip_speed\n")
+        maps = [gain_map("controlled", f"{tmp_path / 'law.py'}:law", {"gain": [500.0, 2000.0]}, 20.0, 0.3, **where)
+                for where in ({"dask": address}, {"jobs": 1})]
+        for name, column in maps[0].columns().items():
+            np.testing.assert_array_equal(column, maps[1].columns()[name])
         tasks = iter(range(1000))
 
         def killed_after(results) -> int:
