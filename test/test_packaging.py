@@ -154,18 +154,12 @@ def test_the_wheel_finds_its_scenes_outside_the_checkout(built, tmp_path):
     assert scenes.split() == sorted(path.stem for path in (ROOT / "config").glob("*.yaml"))
 
 
-def test_the_metadata_are_whole_and_hold_no_placeholder(built):
+def test_the_metadata_name_every_extra(built):
     with zipfile.ZipFile(built[1]) as file:
         name, = (n for n in file.namelist() if n.endswith("METADATA"))
-        text = file.read(name).decode()
-    head = text.partition("\n\n")[0]
-    assert "example.org" not in head
-    assert "example.org" not in (ROOT / "package.xml").read_text()
-    assert head.count("Classifier: ") >= 8
-    assert "Keywords: " in head
-    extras = {"ros", "view", "cluster", "table", "mf4", "fmu", "test", "all"}
-    assert extras == set(re.findall(r"Provides-Extra: (\S+)", head))
-    assert "Requires-Dist: tcc_sim[cluster,ros,table,view]; extra == \"all\"" in head
+        head = file.read(name).decode().partition("\n\n")[0]
+    assert "example.org" not in head + (ROOT / "package.xml").read_text()
+    assert set(CONFIGURATION["options.extras_require"]) == set(re.findall(r"Provides-Extra: (\S+)", head))
     assert "Project-URL: Repository" in head
 
 
@@ -177,20 +171,8 @@ def test_the_page_on_installation_lists_every_extra_and_the_contents_of_all():
     assert re.findall(r"`\[(\w+)\]`", rows["all"]) == held.split(",")
 
 
-def test_the_paper_is_cited_as_its_copy_prints_it():
-    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert cited["version"] == __version__
-    paper, = cited["references"]
-    assert [author["family-names"] for author in paper["authors"]] == ["Duan", "Singh"]
-    assert paper["title"].startswith("Influence of harmonically varying normal load on steady-state behavior of a 2dof")
-    assert paper.keys() == {"type", "title", "authors"}  # The copy prints no journal, volume, year or DOI.
-
-
-def test_every_requirement_has_a_floor_that_can_be_tested():
-    extras = CONFIGURATION["options.extras_require"]
-    lists = CONFIGURATION["options"]["install_requires"], extras["view"], extras["cluster"], extras["table"]
-    for requirement in "".join(lists).split():
-        assert re.fullmatch(r"[A-Za-z0-9_.-]+>=[0-9.]+(,<[0-9.]+)?", requirement), requirement
+def test_the_citation_has_the_version():
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == __version__
 
 
 def test_an_absent_package_is_asked_for_in_the_versions_that_are_allowed():

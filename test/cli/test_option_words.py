@@ -65,8 +65,6 @@ def test_ranges_of_other_options() -> None:
     (SWEEP, "--over"), ([*SWEEP, *OVER * 3], "--over"), ([*SWEEP, *OVER, "--quantiles", "0.5"], "--scatter"),
     ([*SWEEP, *OVER, "--every-sample"], "--scatter"), ([*SWEEP, *OVER, "--samples", "3"], "--scatter"),
     ([*SWEEP, *SCATTER[:2]], "--samples"), ([*SWEEP, *SCATTER, *OVER * 2], "--over"),
-    ([*SWEEP, *OVER, "--set", "engine.speed=3"], "engine.speed"),
-    ([*SWEEP, *SCATTER, "--set", "pressure.mean=3e5"], "pressure.mean"),
     ([*SWEEP, *SCATTER, "--quantiles", "0.1,x"], "--quantiles"), ([*SWEEP, *SCATTER, "--quantiles", "1.5"], "1.5"),
     ([*SWEEP, *OVER, "--orders", "100,x"], "--orders"), ([*SWEEP, *OVER, "--discard", "1.5"], "--discard"),
     (["linearise", "slip", "--controller", "1"], "--controller"),

@@ -43,41 +43,17 @@ def test_samples_in_npz_end_at_the_end_and_satisfy_the_equations(tmp_path):
         assert momentum - momentum[0] == pytest.approx(impulse, abs=2e-3 * float(np.ptp(momentum)))
 
 
-def test_csv_keeps_every_digit(tmp_path):
-    one, two = tmp_path / "run.npz", tmp_path / "run.csv"
-    for path in (one, two):
-        assert main(["simulate", "minimal", "--cycles", "3", "--samples", "20", "--out", str(path)]) == 0
-    names, units, *_ = two.read_text().splitlines()
-    assert dict(zip(names.split(","), units.split(","))) == {
-        "t": "s", "slip_speed": "rad/s", "plate_angle": "rad", "plate_speed": "rad/s", "engine_torque": "N m",
-        "saturation_torque": "N m", "friction_torque": "N m", "state": ""}
-    table = np.genfromtxt(two, delimiter=",", names=names.split(","), skip_header=2)
-    with np.load(one) as arrays:
-        assert len(table) == 61
-        for name in set(arrays) - set(ABOUT):
-            assert np.array_equal(table[name], arrays[name])
-
-
-def test_mcap_is_a_recording_that_holds_its_scene(tmp_path):
-    pytest.importorskip("mcap")
-    from tcc_sim.recording.reader import open_run
-
-    path = tmp_path / "run.mcap"
-    words = ["fig02", "--set", "engine.mean_torque=501", "--cycles", "3", "--samples", "50", "--out", str(path)]
-    assert main(["simulate", *words]) == 0
-    run = open_run(path)
-    assert sum(map(len, run.states())) == 151
-    assert "501.0" in run.scene_text
-
-
-def test_a_recording_has_every_cycle_although_its_stamps_are_whole_nanoseconds(capsys, tmp_path):
+def test_a_recording_has_its_scene_and_every_cycle_although_its_stamps_are_whole_nanoseconds(capsys, tmp_path):
     """Cycles of 2 pi/150 s end between nanoseconds, and the stamp of the last state may lie before the end."""
+    pytest.importorskip("mcap")
     for cycles in (6, 10, 23):
         path = tmp_path / f"{cycles}.mcap"
-        solved = values_of(capsys, "fig02", "--cycles", cycles, "--samples", 50, "--out", path, "--discard", 2)
+        solved = values_of(capsys, "fig02", "--cycles", cycles, "--samples", 50, "--out", path, "--discard", 2, "--set",
+                           "engine.mean_torque=301")
         assert main(["analyse", str(path), "--discard", "2", "--json", "-"]) == 0
         document = json.loads(capsys.readouterr().out)
         assert (document["cycles"], document["breakaways"]) == (cycles, solved["breakaways"])
+        assert (document["messages"], document["scene"]["engine.mean_torque"]) == (50 * cycles + 1, 301.0)
 
 
 def test_the_defaults_are_150_cycles_and_50_dropped(capsys):
