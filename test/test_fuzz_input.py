@@ -26,17 +26,14 @@ HEAD = "/**:\n  ros__parameters:\n"
 
 SCALARS = st.sampled_from([
     "1", "-1", "0", "1e308", "-1e309", ".inf", "-.inf", ".nan", "9" * 400, "0x10", "0o7", "0b1", "1_0", "1:30",
-    "2001-01-01",
-    "2001-99-99", "2001-12-14t21:59:43.10-05:00", "~", "null", "true", "no", "''", "'", "\"", "\"\\x\"", "\"\\ud800\"",
-    "[]",
-    "{}", "[1", "{a", "<<", "=", "*a", "&a 1", "!!int 1", "!x y", "!!python/object:os.system x", "!!binary aGk=", "? a",
-    "- a", "|", ">", "%YAML 9.9", "---", "...", "# x", "\t", "\0", "\ufeff", "\u2028", "\U0001f600", "@", "`",
-    "harmonic",
-    "topic", "smoothed", "set_valued", "lockstep", "1.5", "[1, 2]", "[[1]]", "{a: 1}", "[a]", "[1e999]", "[true]"])
+    "2001-01-01", "2001-99-99", "2001-12-14t21:59:43.10-05:00", "~", "null", "true", "no", "''", "'", "\"",
+    "\"\\x\"", "\"\\ud800\"", "[]", "{}", "[1", "{a", "<<", "=", "*a", "&a 1", "!!int 1", "!x y",
+    "!!python/object:os.system x", "!!binary aGk=", "? a", "- a", "|", ">", "%YAML 9.9", "---", "...", "# x", "\t",
+    "\0", "\ufeff", "\u2028", "\U0001f600", "@", "`", "harmonic", "topic", "smoothed", "set_valued", "lockstep",
+    "1.5", "[1, 2]", "[[1]]", "{a: 1}", "[a]", "[1e999]", "[true]"])
 KEYS = st.sampled_from([
     *KNOWN_KEYS, "engine", "pressure", "friction", "/**", "ros__parameters", "<<", "", "~", "1", "true", "[1]", "{}",
-    "a.b.c",
-    "engine."])
+    "a.b.c", "engine."])
 
 
 @st.composite
@@ -132,13 +129,10 @@ QUICK = ("scenes", "simulate", "analyse", "recover")
 """Verbs that run; of the others, which take their time, only the command line is read."""
 WORDS = st.one_of(st.sampled_from([
     "", "-", "--", "=", "-1", "0", "1e999", "nan", "inf", "x" * 500, "\n", "\t", "\udcff", "\U0001f600", "../..", "/",
-    ".",
-    "/dev/null", "/proc/self/mem", "/nowhere/x.json", "x.json", "x.npz", "x.csv", "x.mcap", "fig02", "minimal", "fig20",
-    "1:2:3", "-h", "--version", "--help=3", "rate=3", "engine.frequency=-1", "engine.frequency=120",
-    "engine.frequency=1:2:3",
-    "pressure.mean=[[", "pressure.mean=2001-99-99", "3", "1.5", "event_driven", "fixed_step", "euler", "*", "$(id)",
-    "`id`",
-    "; id", "%s", "{0}"]), st.text(
+    ".", "/dev/null", "/proc/self/mem", "/nowhere/x.json", "x.json", "x.npz", "x.csv", "x.mcap", "fig02", "minimal",
+    "fig20", "1:2:3", "-h", "--version", "--help=3", "rate=3", "engine.frequency=-1", "engine.frequency=120",
+    "engine.frequency=1:2:3", "pressure.mean=[[", "pressure.mean=2001-99-99", "3", "1.5", "event_driven",
+    "fixed_step", "euler", "*", "$(id)", "`id`", "; id", "%s", "{0}"]), st.text(
         max_size=8).filter(lambda text: "\0" not in text))
 
 
@@ -172,9 +166,10 @@ def test_any_command_line(tmp_path_factory: pytest.TempPathFactory, words: list[
     out, err = io.TextIOWrapper(io.BytesIO(), "utf-8"), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         patch.chdir(folder)
-        for verb in cli.VERBS:
-            if verb not in QUICK:
-                patch.setattr(f"{cli.module_of(verb)}.run", lambda _: 0)
+        if words[0] in cli.VERBS and words[0] not in QUICK:
+            with contextlib.suppress(InputError):
+                cli.arguments_of(words)
+            return
         status = cli.main(words)
     assert status in (0, 1, 2)
     if status == 2:
