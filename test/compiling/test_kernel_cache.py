@@ -10,6 +10,7 @@ import stat
 import sys
 import time
 from collections import namedtuple
+from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -25,6 +26,20 @@ from tcc_sim.solvers import fixed_step
 
 NAME, DAY = "room.kernel-0123", 86400.0
 NEEDS_ROOT = pytest.mark.skipif(os.geteuid() != 0, reason="only root may give files away")
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """Return the path of a cache that does not exist yet; the package prints its messages anew."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
+    printed = set(kernel_cache.announced)
+    kernel_cache.announced.clear()
+    kernel_cache.directory.cache_clear()
+    yield tmp_path / "caches" / "tcc_sim"
+    kernel_cache.directory.cache_clear()
+    kernel_cache.announced.clear()
+    kernel_cache.announced.update(printed)
 
 
 def stored(content: bytes = b"code", name: str = NAME, shipped: Path = Path("/nowhere")) -> tuple[bytes, bool]:
