@@ -69,12 +69,18 @@ class GainMap(Result):
             name: [list(row) for row in itertools.zip_longest(*[iter(each)] * n)] for name, each in flat.items()}
 
     def columns(self) -> dict[str, Any]:
-        """Return keys, values and figures of all loops, (n,) each."""
+        """Return values of keys and figures of all loops, (n,) each; unknown ones are NaN or empty.
+
+        A figure that has the name of a key has `tracking_` in front.
+        """
         n, others = len(self.values), self.second_values or (0.0,)
-        second = {self.second_key: np.repeat(others, n)} if self.second_key else {}
-        figures = {name: np.array([getattr(point.tracking, name) for point in self.points]) for name in COLUMNS}
-        return {**second, self.key: np.tile(self.values, len(others)), **figures,
-                "refused": np.array([point.refused for point in self.points])}
+        keys = {self.key: np.tile(self.values, len(others))}
+        if self.second_key:
+            keys = {self.second_key: np.repeat(others, n), **keys}
+        rows = [{**vars(point.tracking), "refused": point.refused} for point in self.points]
+        return {**keys, **{f"tracking_{name}" if name in keys else name: np.array(
+            [("" if name == "verdict" else np.nan) if row[name] is None else row[name] for row in rows])
+            for name in (*COLUMNS, "refused")}}
 
 
 @dataclass(frozen=True)

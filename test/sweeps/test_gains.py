@@ -100,6 +100,8 @@ def test_a_law_that_fails_is_named_with_its_values(law: type, capsys: Any) -> No
     said = capsys.readouterr().err
     assert [part for part in ("kp 2", "ZeroDivisionError") if part not in said] == []
     assert not Path("a.json").exists()
+    columns = tcc_sim.gain_map("controlled", lambda gain: lambda state: gain, {"gain": [1e5, 2e5]}, 20.0, 0.1).columns()
+    assert (columns["gain"].tolist(), np.isnan(columns["tracking_gain"]).all()) == ([1e5, 2e5], True)
     with pytest.raises(InputError, match="jobs=1"):
         tcc_sim.gain_map("controlled", lambda kp: lambda reading: 1e5, {"kp": [1.0, 2.0]}, 20.0, jobs=2)
     with pytest.raises(TccError, match="kp 1"):
