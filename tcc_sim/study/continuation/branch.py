@@ -255,13 +255,8 @@ def _beyond(track: BranchTrack, linearised: Linearised, along: Floats,
     return None
 
 
-def _bifurcations(track: BranchTrack, new: ContinuationPoint) -> list[Bifurcation] | None:
-    """Return the bifurcations up to `new`; None where the step has skipped a piece of the branch."""
-    return special_points_between(track.here, new)
-
-
-BRANCH = Rules(_every_start, _unresolved, _bifurcations, _ended, _stuck, _went_on, _cut_anew,
-               beyond_corner=_beyond_corner)
+BRANCH = Rules(_every_start, _unresolved, lambda track, new: special_points_between(track.here, new), _ended, _stuck,
+               _went_on, _cut_anew, beyond_corner=_beyond_corner)
 """A branch of periodic orbits along one parameter."""
 
 

@@ -3,10 +3,8 @@
 import math
 from types import SimpleNamespace
 
-import independent
 import numpy as np
 import pytest
-from scipy.integrate import trapezoid
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.study.benchmarks import references
@@ -94,26 +92,6 @@ def test_scales_below_which_errors_are_absolute():
                                 ({"engine.mean_torque": 0.0, "engine.torque_amplitude": 0.5}, 0.02, 1.0 / 3000.0)):
         scales = references.error_scales(replace(System(), {**base, **change}))
         assert scales == pytest.approx([slip, angle, angle * natural])
-
-
-def test_multipliers_in_closed_form_and_by_liouville():
-    """Those of stick, exp(lambda T), at the motion (8a); and their product along a motion of the smoothed law."""
-    stick = replace(System(), {"friction.law": "set_valued", "pressure.mean": 400e3, "pressure.amplitude": 0.0,
-                               "engine.frequency": 60.0})
-    answer = 250.0 / complex(3000.0 - 0.22 * 3600.0, 0.6 * 60.0)
-    x = np.array([0.0, 0.1 + answer.imag, 60.0 * answer.real])
-    expected = np.exp(np.roots([0.22, 0.6, 3000.0]) * stick.cycle)
-    assert sorted(independent.multipliers(stick, x, 1), key=lambda m: m.imag) == pytest.approx(
-        sorted(expected, key=lambda m: m.imag), abs=1e-7)
-    with pytest.raises(Unfinished):
-        independent.multipliers(stick, x + np.array([0.0, 1e-3, 0.0]), 1)
-    soft = replace(System(), {"friction.smoothing": 2.0, "friction.kinetic_coefficient": 0.27})
-    settled = independent.smoothed_states(soft, [5.0, 0.1, 0.0, 0.0], 300, 1, rtol=1e-10)[-1]
-    states = independent.smoothed_states(soft, [*settled[:3], 0.0], 1, 4000)
-    t = np.linspace(0.0, soft.cycle, 4001)
-    trace = [np.trace(np.array(independent.equations(soft)[1](a, y))[:3, :3]) for a, y in zip(t, states)]
-    product = np.prod(independent.multipliers(soft, states[0, :3], 1))
-    assert product == pytest.approx(np.exp(trapezoid(trace, t)), rel=1e-4, abs=1e-9)
 
 
 def test_a_reference_ends_after_its_evaluations():
