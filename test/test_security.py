@@ -1,4 +1,4 @@
-"""No text in a recording decides where a file is written, and the table of topics is whole."""
+"""No text in a recording decides where a file is written."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from interpreter import python
 
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
-from tcc_sim.messages.definitions import Definition, type_parts
+from tcc_sim.messages.definitions import Definition
 from tcc_sim.nodes.children import PrivateEnvironment
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
-from tcc_sim.topics import JOINT_NAMES, JOINT_STATE, TOPICS, topic
+from tcc_sim.topics import JOINT_STATE
 
 TICKS = 300
 WATCHED: list[list[str]] = []
@@ -87,19 +87,6 @@ def test_commands_that_start_nodes_keep_discovery_on_this_machine_unless_told_ot
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     result = PrivateEnvironment().values
     assert (result["ROS_AUTOMATIC_DISCOVERY_RANGE"], result["ROS_DOMAIN_ID"]) == ("SUBNET", "7")
-
-
-def test_every_row_is_whole_and_found_by_its_name():
-    assert len({row.name for row in TOPICS}) == len(TOPICS)
-    assert len({row.view for row in TOPICS if row.view}) == sum(bool(row.view) for row in TOPICS)
-    for row in TOPICS:
-        assert topic(row.name) is row
-        assert row.direction in ("in", "out", "other")
-        assert row.carries
-        type_parts(row.type)
-    assert JOINT_NAMES == ("flywheel", "clutch_plate")
-    with pytest.raises(KeyError):
-        topic("clutch")
 
 
 def bound(domain: int) -> set[str]:

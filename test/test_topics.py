@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from tcc_sim.messages.definitions import type_parts
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import FAR_END, FLOAT64, FLUID_PRESSURE, INPUTS, INT8, STRING, TOPICS, Topic, shown, topic
 
@@ -30,6 +31,9 @@ def test_a_topic_is_created_where_its_condition_holds(row: Topic) -> None:
     assert row.wanted(scene.value) is always
     for key, value in row.created_when:
         assert row.wanted(scene.with_values({key: value}).value)
+    assert row.carries
+    assert [each for each in TOPICS if each.name == row.name] == [topic(row.name)] == [row]
+    type_parts(row.type)
     assert row.latched is (row.name in ("scene", "held", "target_slip_speed", "pressure_limits", "unsent_messages"))
 
 
