@@ -207,7 +207,11 @@ FULL = Effort(
 QUICK = replace(
     FULL, cycles=4, patience=0.08, longest=2.8, long_cycles=500, steady_cycles=1000, further=0,
     references={"smoothed": (("Radau", 1e-9), ("LSODA", 1e-13)), "set_valued": (("DOP853", 1e-13), ("LSODA", 1e-12))},
-    ladders={name: ladder[1::3] for name, ladder in FULL.ladders.items() if len(ladder) > 2 and "2rb" not in name})
+    ladders={
+        "fixed_step": (1e-3, 5e-5, 1e-5), "smoothed": (1e-4, 1e-6, 1e-8, 1e-10), "event_driven": (1e-6, 1e-10),
+        "rk45": (1e-5,), "dop853": (1e-6,), "radau": (1e-4,), "bdf": (1e-4,), "lsoda": (1e-4, 1e-6, 1e-8),
+        "rk4": (0.9,), "numbalsoda": (1e-8, 1e-10), "solve_ivp LSODA": (1e-6, 1e-8), "CVODE": (1e-8, 1e-10),
+        "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10)})
 
 
 def cases(effort: Effort) -> list[Case]:
