@@ -20,10 +20,10 @@ from scipy.stats import qmc
 
 from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.estimation.curve import CURVE, SHARES, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
-from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of, read_recording
+from tcc_sim.estimation.measurement import EXACT, MOST_SAMPLES, Measurement, measurement_in, noise_of, read_recording
 from tcc_sim.estimation.multiple_shooting import Fit, fit
 from tcc_sim.estimation.residuals import Whiteness, judge_residuals
-from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
+from tcc_sim.estimation.settings import FitSettings, Gates
 from tcc_sim.estimation.verdicts import Parameter, check_sampling, judged, why_no_noise, why_not
 from tcc_sim.estimation.windows import KINETIC, OFFSETS, STATIC, Model, check_key, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, values_of
@@ -264,7 +264,7 @@ class _Search:
             values = begin * np.where([k in SHARES for k in keys], point, factors)
             if STATIC in keys and KINETIC in keys:
                 at, other = keys.index(STATIC), keys.index(KINETIC)
-                values[at] = on_its_side(values[at], values[other], 1.02, falls=begin[at] >= begin[other])
+                values[at] = on_its_side(values[at], values[other], begin[at] >= begin[other], 1.02)
             yield values
 
 
@@ -297,7 +297,7 @@ def _profile_likelihood(model: Model, noise: dict[str, float], settings: FitSett
 
 def _noise_of_residuals(measured: Measurement, best: Fit) -> tuple[dict[str, float], bool]:
     """Return the rms of the residuals by channel, not below the solver's precision, and whether all are at it."""
-    least = {name: DEFAULTS.exact * float(np.abs(column).max()) for name, column in measured.channels.items()}
+    least = {name: EXACT * float(np.abs(column).max()) for name, column in measured.channels.items()}
     left = {name: float(np.sqrt(np.mean(column**2))) for name, column in best.residuals.items()}
     return {name: max(left[name], least[name]) for name in left}, all(left[name] <= least[name] for name in left)
 
@@ -319,7 +319,7 @@ def given(measured: Measurement | str | Path, scene: Scene | None = None,
     if not isinstance(measured, Measurement):
         path = Path(measured)
         if is_table(path):
-            measured = measurement_in(table_in(path, ("slip_speed",), DEFAULTS.most, columns).part(start, end))
+            measured = measurement_in(table_in(path, ("slip_speed",), MOST_SAMPLES, columns).part(start, end))
         elif columns is not None or start is not None or end is not None:
             raise InputError(f"--columns, --from and --to are for tables, and {path} is a recording")
         else:
@@ -352,7 +352,7 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], meas
             raise InputError(f"{key} begins at {out[key]:g} {QUANTITIES[key].unit}; the start must be above 0")
     kinetic = out.get(KINETIC, values[KINETIC])
     if STATIC in out:
-        out[STATIC] = on_its_side(out[STATIC], float(kinetic), DEFAULTS.least_ratio)  # type: ignore[arg-type]
+        out[STATIC] = on_its_side(out[STATIC], float(kinetic))  # type: ignore[arg-type]
     scene.with_values({k: out[k] for k in requested if k not in OFFSETS})
     if likelihood is not None and likelihood not in out:
         raise InputError(f"likelihood is {likelihood}; it must be one of the free keys")

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.multipliers import largest_first, multipliers_of
 from tcc_sim.errors import InputError, counted
 from tcc_sim.estimation.operating_point import (
+    SEGMENTS,
     Constant,
     Periodic,
     halved,
@@ -34,7 +35,6 @@ from tcc_sim.estimation.operating_point import (
     refined,
     stuck_segments,
 )
-from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.estimation.slip_loop import SlipLoop, slip_loop
 from tcc_sim.model.equations import linear_of
 from tcc_sim.model.parameters import System, replace
@@ -43,6 +43,18 @@ from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Floats
 
+MOST_SEGMENTS = 65536
+"""Most segments of a motion, over each of which an input is held."""
+LARGEST_TURN = 0.4
+"""Most of a period of the input in one segment, rad."""
+RESPONSE_ERROR = 0.01
+"""Largest relative error of a response."""
+LOWEST = 2.0
+"""Lowest default frequency, rad/s."""
+FREQUENCIES = 240
+"""Default number of frequencies, to three times the slipping mode, evenly in logarithm."""
+MOST_FREQUENCIES = 100_000
+"""Largest number of frequencies."""
 Complex = NDArray[np.complex128]
 
 INPUTS = {"actuation_pressure": "Pa", "engine_torque": "N m"}
@@ -189,10 +201,10 @@ def linearise(scene: SceneLike, *, input: Literal["actuation_pressure", "engine_
 
 def _frequencies(system: System, requested: Sequence[float] | None) -> Floats:
     if requested is None:
-        return np.geomspace(DEFAULTS.lowest, 3.0 * max(system.natural_frequency, DEFAULTS.lowest), DEFAULTS.count)
+        return np.geomspace(LOWEST, 3.0 * max(system.natural_frequency, LOWEST), FREQUENCIES)
     out = np.asarray(requested, dtype=np.float64).ravel()
-    if not 1 <= len(out) <= DEFAULTS.most_frequencies:
-        raise InputError(f"there are {len(out)} frequencies; 1 to {DEFAULTS.most_frequencies} are allowed")
+    if not 1 <= len(out) <= MOST_FREQUENCIES:
+        raise InputError(f"there are {len(out)} frequencies; 1 to {MOST_FREQUENCIES} are allowed")
     for value in out:
         if not 1e-6 <= value <= 1e6:
             raise InputError(f"a frequency is {value:g} rad/s; it must be 1e-06 to 1e+06 rad/s")
@@ -238,23 +250,23 @@ def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
 
 
 def response_of(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
-    """Return the harmonic transfer function within DEFAULTS.within; raise InputError if it needs too many segments."""
-    out, count = np.zeros(len(omegas), np.complex128), DEFAULTS.segments
+    """Return the harmonic transfer function within RESPONSE_ERROR; raise InputError if it needs too many segments."""
+    out, count = np.zeros(len(omegas), np.complex128), SEGMENTS
     left = np.arange(len(omegas))
     while len(left):
-        if count * motion.period > DEFAULTS.most_segments:
-            raise InputError(f"a response at {omegas[left].min():g} rad/s needs more than {DEFAULTS.most_segments} "
+        if count * motion.period > MOST_SEGMENTS:
+            raise InputError(f"a response at {omegas[left].min():g} rad/s needs more than {MOST_SEGMENTS} "
                              f"segments of a motion of {motion.seconds:.4g} s to be right within "
-                             f"{100.0 * DEFAULTS.within:g} %; ask for lower frequencies")
+                             f"{100.0 * RESPONSE_ERROR:g} %; ask for lower frequencies")
         turn = omegas[left] * motion.system.cycle / count
-        ready = left[turn <= DEFAULTS.turn]
+        ready = left[turn <= LARGEST_TURN]
         if len(ready):
             if count * motion.period > len(motion.segments):
                 motion = refined(motion, count)
             out[ready] = harmonic_transfer(motion, inputs, output, omegas[ready])
             half = harmonic_transfer(halved(motion), inputs, output, omegas[ready])
             # The error is of second order in the length of the segments: a third of the difference; half is assumed.
-            good = np.abs(out[ready] - half) <= 2.0 * DEFAULTS.within * np.abs(out[ready])
+            good = np.abs(out[ready] - half) <= 2.0 * RESPONSE_ERROR * np.abs(out[ready])
             left = np.setdiff1d(left, ready[good])
         count *= 2
     return out

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.profile import smooth_corners
 from tcc_sim.replay.applied import measured_run
 from tcc_sim.scene import Scene, parse_scene
@@ -19,6 +18,17 @@ from tcc_sim.tables.file_columns import TIME
 from tcc_sim.tables.measured_table import HOLDS, MeasuredTable
 from tcc_sim.topics import FAR_END, INPUTS
 from tcc_sim.trajectory import Floats
+
+UNEVEN = 1e-3
+"""Largest deviation of a step between samples from the others, relative."""
+FEWEST_SAMPLES = 50
+"""Shortest measurement, samples."""
+MOST_SAMPLES = 1_000_000
+"""Longest measurement, samples."""
+DEAD = 1e-12
+"""A channel whose spread is below this part of its size is dead."""
+EXACT = 1e-4
+"""Precision of the real-time solver and least noise, relative to a signal's largest value."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +75,8 @@ class Measurement:
 
     def __post_init__(self) -> None:
         n = len(self.t)
-        if not DEFAULTS.fewest <= n <= DEFAULTS.most:
-            raise InputError(f"{self.source} has {n} samples; {DEFAULTS.fewest} to {DEFAULTS.most} are needed")
+        if not FEWEST_SAMPLES <= n <= MOST_SAMPLES:
+            raise InputError(f"{self.source} has {n} samples; {FEWEST_SAMPLES} to {MOST_SAMPLES} are needed")
         if "slip_speed" not in self.channels:
             raise InputError(f"{self.source} has no slip_speed; identification needs it")
         for name, column in (("t", self.t), *self.channels.items(), *self.inputs.items()):
@@ -82,11 +92,11 @@ class Measurement:
             raise InputError(f"{self.source} has a gap of {steps[gaps[0]]:.4g} s at {self.t[gaps[0]]:.6g} s beside "
                              f"steps of {usual:.4g} s; identification needs evenly spaced samples: take a part "
                              "by --from and --to")
-        if abs(steps[worst] - usual) > DEFAULTS.even * usual:
+        if abs(steps[worst] - usual) > UNEVEN * usual:
             raise InputError(f"{self.source} has a step of {steps[worst]:.6g} s at {self.t[worst]:.6g} s beside steps "
                              f"of {usual:.6g} s; identification needs evenly spaced samples")
         for name, column in self.channels.items():
-            if np.ptp(column) <= DEFAULTS.still * max(1.0, float(np.abs(column).max())):
+            if np.ptp(column) <= DEAD * max(1.0, float(np.abs(column).max())):
                 raise InputError(f"{self.source}: {name} is {column[0]:g} {CHANNELS[name]} throughout; the channel is "
                                  "dead, or nothing moved")
 
@@ -161,7 +171,7 @@ def _evenly_spaced(t: Floats, source: str) -> tuple[int, tuple[str, ...]]:
     A simulation whose duration is no multiple of its output step ends with such a step.
     """
     usual, last = (float(np.median(np.diff(t))), float(t[-1] - t[-2])) if len(t) > 1 else (0.0, 0.0)
-    if last >= (1.0 - DEFAULTS.even) * usual:
+    if last >= (1.0 - UNEVEN) * usual:
         return len(t), ()
     return len(t) - 1, (f"{source}: the last sample is left out; its step of {last:.6g} s is shorter than the others, "
                         f"{usual:.6g} s",)
@@ -177,7 +187,7 @@ def noise_of(signal: Floats) -> float:
     """Return the standard deviation of the white noise on a signal, from its sixth differences.
 
     They leave (w h)^6 of a signal of frequency w, and sqrt(924) of white noise; the median ignores kinks of the signal.
-    It is an upper estimate for coarse sampling, and at least DEFAULTS.exact.
+    It is an upper estimate for coarse sampling, and at least EXACT.
     """
     noise = float(np.median(np.abs(np.diff(signal, 6)))) / 0.6745 / math.sqrt(924.0)
-    return max(noise, DEFAULTS.exact * float(np.abs(signal).max()))
+    return max(noise, EXACT * float(np.abs(signal).max()))

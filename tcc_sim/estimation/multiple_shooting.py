@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from tcc_sim.errors import NumericalFailure
-from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Stage
+from tcc_sim.estimation.settings import FitSettings, Stage
 from tcc_sim.estimation.windows import (
     KINETIC,
     LINEAR,
@@ -262,9 +262,9 @@ class MultipleShooting:
                             coefficient(KINETIC, friction.kinetic_coefficient, of)) for of in (values, out))
         falls = before[0] >= before[1]
         if STATIC in keys:
-            out[keys.index(STATIC)] = on_its_side(after[0], after[1], DEFAULTS.least_ratio, falls)
+            out[keys.index(STATIC)] = on_its_side(after[0], after[1], falls)
         elif KINETIC in keys:
-            out[keys.index(KINETIC)] = on_its_side(after[1], after[0], DEFAULTS.least_ratio, not falls)
+            out[keys.index(KINETIC)] = on_its_side(after[1], after[0], not falls)
         return out
 
     def _fitted(self, states: Floats) -> Floats:

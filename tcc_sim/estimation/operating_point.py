@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
-from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model import friction
 from tcc_sim.model.equations import linear_of, matrix_of
 from tcc_sim.model.parameters import System, replace
@@ -29,6 +28,20 @@ from tcc_sim.solvers.terms import Terms, excitation_frequency, stick_speed_of, t
 from tcc_sim.sweeps.steady_state import settled_from_start
 from tcc_sim.trajectory import Floats
 
+SEGMENTS = 512
+"""Fewest segments of a period of excitation; even, for Simpson's rule."""
+STILL_SLIP = 1e-9
+"""Slip speed of a section of the set-valued law that counts as stick, rad/s."""
+PRESSURE_FACTORS = (0.95, 2.0, 16)
+"""Lowest and highest factor of the pressure that are tried, and their number."""
+ENGINE_RTOL = 1e-10
+"""Relative tolerance of the engine."""
+CLOSED = 1e-8
+"""Largest residual of a periodic motion, natural sizes."""
+MOST_ITERATIONS = 40
+"""Most iterations of Newton's method."""
+LONGEST_RUN = 400
+"""Longest run from the initial state, periods of excitation."""
 PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
 """Scene keys whose change is that of the actuation pressure and of the engine torque."""
 BALANCED = 1e-9
@@ -128,7 +141,7 @@ def _from_settled(system: System, pressure: float, slip: float, failed: Numerica
     Newton's method cannot cross a change in the sequence of stick and slip; one of many pressures has the right one.
     """
     motions = []
-    for factor in np.geomspace(*DEFAULTS.pressures):
+    for factor in np.geomspace(*PRESSURE_FACTORS):
         try:
             load = replace(system, {PRESSURE: min(float(factor) * pressure, 1e7)})
             motions.append(closed(load, *_settled(load), None))
@@ -163,7 +176,7 @@ def _constant(system: System, slip: float | None) -> Constant:
 
     if by_slip == 0.0 and abs(torque) > system.largest_friction_ratio * terms.mean_load:
         raise runaway(system.largest_friction_ratio)
-    run = solve(system, cycles=DEFAULTS.cycles, rtol=DEFAULTS.rtol, samples_per_cycle=0).raise_for_status()
+    run = solve(system, cycles=LONGEST_RUN, rtol=ENGINE_RTOL, samples_per_cycle=0).raise_for_status()
     v = run.final.slip_speed
     coefficient, slope = _law(terms, v)
     if by_slip == 0.0 and abs(v) > stick_speed_of(terms) and slope <= 0.0:   # Friction that does not rise with slip.
@@ -227,7 +240,7 @@ def matrices_of(motion: Constant, pressure: bool) -> tuple[Floats, Floats, dict[
 
 def _settled(system: System) -> tuple[int, Floats]:
     """Return the period in engine cycles and the section point of the motion from the scene's initial state."""
-    cycles, period = settled_from_start(system, DEFAULTS.cycles, rtol=1e-9)
+    cycles, period = settled_from_start(system, LONGEST_RUN, rtol=1e-9)
     if period == 0:
         if not cycles.stick_time[len(cycles) // 2:].any() and abs(system.engine.mean_torque) > system.saturation_mean:
             raise OutOfRange(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
@@ -235,7 +248,7 @@ def _settled(system: System) -> tuple[int, Floats]:
                              "pressure")
         raise OutOfRange(f"the scene settles in no motion of a period up to {ANALYSIS.maximum_period} periods of "
                          "excitation "
-                         f"within {DEFAULTS.cycles}; there is nothing to linearise about")
+                         f"within {LONGEST_RUN}; there is nothing to linearise about")
     return period, cycles.section[-1]
 
 
@@ -248,9 +261,9 @@ def closed(system: System, period: int, state: Floats, slip: float | None) -> Pe
     pressure, least, damping = system.pressure.mean, math.inf, 1.0
     step = np.zeros(4)
     sizes = np.append(SCALES, max(abs(system.engine.mean_torque) / system.torque_per_pressure, 1e3))
-    for _ in range(DEFAULTS.iterations):
+    for _ in range(MOST_ITERATIONS):
         trial, load = state + damping * step[:3], pressure + damping * float(step[3])
-        if system.friction.law == "set_valued" and abs(trial[0]) < DEFAULTS.still_slip:
+        if system.friction.law == "set_valued" and abs(trial[0]) < STILL_SLIP:
             trial[0] = 0.0
         try:
             if not 0.0 < load <= 1e7:
@@ -262,7 +275,7 @@ def closed(system: System, period: int, state: Floats, slip: float | None) -> Pe
             norm = float(np.abs(residual).max())
         except NumericalFailure:
             norm = math.inf
-        if norm < DEFAULTS.closed:
+        if norm < CLOSED:
             segments[0] = _landed(system, segments[0])
             return Periodic(replace(system, {PRESSURE: load}), period, segments, mean)
         if norm >= least:
@@ -322,9 +335,9 @@ def halved(motion: Periodic) -> Periodic:
 
 
 def _segments(system: System, period: int, state: Floats,
-              count: int = DEFAULTS.segments) -> tuple[list[MotionSegment], Floats]:
+              count: int = SEGMENTS) -> tuple[list[MotionSegment], Floats]:
     """Return the segments from `state` on, `count` a cycle, and the state at their end."""
-    of = Prepared(system, (PRESSURE, TORQUE), DEFAULTS.rtol)
+    of = Prepared(system, (PRESSURE, TORQUE), ENGINE_RTOL)
     segments = []
     for cycle in range(period):
         for i in range(count):

@@ -21,7 +21,7 @@ from scipy.stats import chi2
 
 from tcc_sim.estimation.curve import CONSTANT, CURVE
 from tcc_sim.estimation.multiple_shooting import Fit, MultipleShooting
-from tcc_sim.estimation.settings import DEFAULTS, FitSettings
+from tcc_sim.estimation.settings import FitSettings
 from tcc_sim.estimation.windows import FREE, LINEAR, OFFSETS, Model, largest_errors
 from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import QUANTITIES, values_of
@@ -29,6 +29,20 @@ from tcc_sim.result import reported
 from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.trajectory import Floats
 
+LONGEST_AUTOREGRESSION = 4
+"""Longest autoregression of residuals, samples."""
+LONGEST_MEMORY = 200
+"""Longest correlation of the noise, samples."""
+LAGS = 20
+"""Correlations of the residuals of the autoregression in one test, samples."""
+ENGINE_LINES = 12
+"""Multiples of the engine's frequency that are tested in them."""
+SHORTEST_SHOWN = 4.0
+"""Shortest measurement for this test, periods of excitation."""
+UNSEEN = 4.0
+"""Standard errors up to which residuals do not show an error of a fixed key."""
+MOVED = 2.0
+"""Standard errors by which such a key must move a free one to be named."""
 UNITS = {"engine_torque.offset": "N m", "actuation_pressure.offset": "Pa"}
 EMPTY, PART = 1e-12, 1e-3
 """Information about a direction of the free keys, relative to that about single ones, that is rounding; and the least
@@ -145,9 +159,9 @@ def _correlations(series: Floats, lags: int) -> Floats:
 
 def autoregression(series: Floats) -> Floats:
     """Return the coefficients of a series by its previous values, as many as Bayes' criterion selects."""
-    n, correlations = len(series), _correlations(series, DEFAULTS.orders)
+    n, correlations = len(series), _correlations(series, LONGEST_AUTOREGRESSION)
     best, least = np.empty(0), 0.0
-    for order in range(1, DEFAULTS.orders + 1):
+    for order in range(1, LONGEST_AUTOREGRESSION + 1):
         factors = solve_toeplitz(correlations[:order], correlations[1:order + 1])
         left = 1.0 - float(factors @ correlations[1:order + 1])
         if left > 0.0 and n * math.log(left) + order * math.log(n) < least:
@@ -157,11 +171,11 @@ def autoregression(series: Floats) -> Floats:
 
 def _spread(derivatives: Floats, noise: Floats) -> Floats:
     """Return the variance (Q, Q) of the slope of a sum of squares with (n, Q) derivatives, for an autoregression."""
-    answer = lfilter([1.0], np.append(1.0, -noise), np.eye(1, DEFAULTS.memory)[0])
+    answer = lfilter([1.0], np.append(1.0, -noise), np.eye(1, LONGEST_MEMORY)[0])
     covariances = np.correlate(answer, answer, "full")[len(answer) - 1:]
     covariances /= covariances[0]
     out = derivatives.T @ derivatives
-    for lag in range(1, min(len(derivatives), DEFAULTS.memory)):
+    for lag in range(1, min(len(derivatives), LONGEST_MEMORY)):
         if abs(covariances[lag:]).max() < 1e-4:
             break
         shifted = covariances[lag] * derivatives[lag:].T @ derivatives[:-lag]
@@ -172,13 +186,13 @@ def _spread(derivatives: Floats, noise: Floats) -> Floats:
 def probability_of(residuals: Floats, noise: Floats, model: Model) -> float:
     """Return the least probability that noise has so much correlation, and so much of the engine's frequencies."""
     left = lfilter(np.append(1.0, -noise), [1.0], residuals)[len(noise):]
-    n, lags = len(left), min(DEFAULTS.lags, len(left) // 4)
+    n, lags = len(left), min(LAGS, len(left) // 4)
     correlations = _correlations(left, lags)[1:]
     portmanteau = n * (n + 2.0) * float(np.sum(correlations**2 / (n - np.arange(1.0, lags + 1.0))))
     least = float(chi2.sf(portmanteau, max(lags - len(noise), 1)))
     base, step = model.system.engine.frequency, model.measured.step
-    orders = np.arange(1.0, min(0.5 * math.pi / step / base, DEFAULTS.lines) + 0.5)
-    if len(orders) and n * step > DEFAULTS.shown * model.system.cycle:
+    orders = np.arange(1.0, min(0.5 * math.pi / step / base, ENGINE_LINES) + 0.5)
+    if len(orders) and n * step > SHORTEST_SHOWN * model.system.cycle:
         waves = np.exp(-1j * np.outer(orders * base, step * np.arange(n)))
         power = np.abs(waves @ left) ** 2 / (0.5 * n * float(np.mean(left**2)))
         least = min(least, float(chi2.sf(power.sum(), 2 * len(orders))))
@@ -212,8 +226,8 @@ def _explanation(squares: Floats, slope: Floats, spread: Floats, size: int, name
 
 
 def _hidden(squares: Floats, spread: Floats, keys: tuple[str, ...], others: list[str]) -> dict[str, tuple[str, float]]:
-    """Return `Whiteness.hidden`: fixed keys whose change by HIDDEN stays within DEFAULTS.unseen standard errors."""
-    size, out = len(keys), dict.fromkeys(keys, ("", DEFAULTS.moved))
+    """Return `Whiteness.hidden`: fixed keys whose change by HIDDEN stays within UNSEEN standard errors."""
+    size, out = len(keys), dict.fromkeys(keys, ("", MOVED))
     root = np.sqrt(np.diag(squares)[:size])
     if not (root > 0.0).all() or not keys:
         return {}
@@ -226,7 +240,7 @@ def _hidden(squares: Floats, spread: Floats, keys: tuple[str, ...], others: list
         alone = np.append(follow, 1.0)   # Effect of the key after the free ones have followed it.
         which = np.ix_(near := [*range(size), place], near)
         left = float(alone @ squares[which] @ alone)
-        if HIDDEN * left > DEFAULTS.unseen * math.sqrt(max(float(alone @ spread[which] @ alone), 0.0)):
+        if HIDDEN * left > UNSEEN * math.sqrt(max(float(alone @ spread[which] @ alone), 0.0)):
             continue
         for key, shift, error in zip(keys, follow, errors):
             if HIDDEN * abs(shift) > out[key][1] * error:

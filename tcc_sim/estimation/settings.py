@@ -1,7 +1,4 @@
-"""Settings of the room: tolerances, lengths and bounds of measurements, settled motions and their responses.
-
-Callers of `identify` may give `FitSettings` and `Gates`.
-"""
+"""Settings that callers of `identify` may give: stages and steps of the fit, and limits of an acceptable one."""
 
 from __future__ import annotations
 
@@ -9,43 +6,6 @@ import math
 from dataclasses import dataclass
 
 from tcc_sim.model.quantity import quantity
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Settings of the check of measurements, the search for motions, and their responses."""
-
-    segments: int = quantity(512, "fewest segments of a period of excitation; even, for Simpson's rule")
-    most_segments: int = quantity(65536, "most segments of a motion, over each of which an input is held")
-    turn: float = quantity(0.4, "most of a period of the input in one segment", "rad")
-    still_slip: float = quantity(1e-9, "slip speed of a section of the set-valued law that counts as stick", "rad/s")
-    within: float = quantity(0.01, "largest relative error of a response")
-    pressures: tuple[float, float, int] = (0.95, 2.0, 16)
-    rtol: float = quantity(1e-10, "relative tolerance of the engine")
-    closed: float = quantity(1e-8, "largest residual of a periodic motion", "natural sizes")
-    iterations: int = quantity(40, "most iterations of Newton's method")
-    cycles: int = quantity(400, "longest run from the initial state", "periods of excitation")
-    lowest: float = quantity(2.0, "lowest default frequency", "rad/s")
-    count: int = quantity(240, "default number of frequencies, to three times the slipping mode, evenly in logarithm")
-    most_frequencies: int = quantity(100_000, "largest number of frequencies")
-    even: float = quantity(1e-3, "largest deviation of a step between samples from the others, relative")
-    fewest: int = quantity(50, "shortest measurement", "samples")
-    most: int = quantity(1_000_000, "longest measurement", "samples")
-    still: float = quantity(1e-12, "a channel whose spread is below this part of its size is dead")
-    exact: float = quantity(1e-4, "precision of the real-time solver and least noise, relative to a signal's "
-                            "largest value")
-    least_ratio: float = quantity(1.0005, "least ratio of mu_s and mu_k while one is free: at 1 decay has no effect")
-    orders: int = quantity(4, "longest autoregression of residuals", "samples")
-    memory: int = quantity(200, "longest correlation of the noise", "samples")
-    lags: int = quantity(20, "correlations of the residuals of the autoregression in one test", "samples")
-    lines: int = quantity(12, "multiples of the engine's frequency that are tested in them")
-    shown: float = quantity(4.0, "shortest measurement for this test", "periods of excitation")
-    unseen: float = quantity(4.0, "standard errors up to which residuals do not show an error of a fixed key")
-    moved: float = quantity(2.0, "standard errors by which such a key must move a free one to be named")
-    spare: float = quantity(1.25, "sub-steps relative to those that the values need")
-
-
-DEFAULTS = Settings()
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.estimation.measurement import Measurement, noise_of
 from tcc_sim.estimation.multiple_shooting import Fit, fit
 from tcc_sim.estimation.residuals import HIDDEN, Whiteness, autoregression, probability_of
-from tcc_sim.estimation.settings import DEFAULTS, FitSettings, Gates
-from tcc_sim.estimation.windows import FREE, KINETIC, OFFSETS, STATIC, Model
+from tcc_sim.estimation.settings import FitSettings, Gates
+from tcc_sim.estimation.windows import FREE, KINETIC, LEAST_RATIO, OFFSETS, STATIC, Model
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.result import reported
 from tcc_sim.tables.chosen_columns import CHANNELS
@@ -147,7 +147,7 @@ def _at_bound(model: Model, i: int, values: Floats, errors: Floats) -> bool:
     friction = model.system.friction
     ratio = named.get(STATIC, friction.static_coefficient) / named.get(KINETIC, friction.kinetic_coefficient)
     both = all(math.isfinite(error) for other, error in zip(model.keys, errors) if other in (STATIC, KINETIC))
-    if both and key in (STATIC, KINETIC) and max(ratio, 1.0 / ratio) <= DEFAULTS.least_ratio * (1.0 + 1e-9):
+    if both and key in (STATIC, KINETIC) and max(ratio, 1.0 / ratio) <= LEAST_RATIO * (1.0 + 1e-9):
         return True
     quantity = QUANTITIES[key]
     return (value <= quantity.low + AT_BOUND * max(abs(quantity.low), _scale_of(model, key))

@@ -15,7 +15,6 @@ import numpy as np
 from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.estimation.curve import CONSTANT, CURVE, LARGEST_SHARE, RATES, SHARES, pairs_of, rates_allowed
 from tcc_sim.estimation.measurement import Measurement
-from tcc_sim.estimation.settings import DEFAULTS
 from tcc_sim.model.groups import TABLE
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import QUANTITIES, System, replace, unknown_key
@@ -34,6 +33,10 @@ from tcc_sim.solvers.terms import Terms, holding, least_mean_load, substeps, ter
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
+LEAST_RATIO = 1.0005
+"""Least ratio of mu_s and mu_k while one is free: at 1 decay has no effect."""
+SPARE = 1.25
+"""Sub-steps relative to those that the values need."""
 OFFSETS = {f"{name}.offset": name for name in INPUTS}
 """Free parameters besides scene keys: the offset of an input's sensor, N m or Pa."""
 FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
@@ -49,7 +52,7 @@ UNKNOWN = 100.0
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 
 
-def on_its_side(value: float, other: float, ratio: float, falls: bool | None = None) -> float:
+def on_its_side(value: float, other: float, falls: bool | None = None, ratio: float = LEAST_RATIO) -> float:
     """Return a coefficient at least `ratio` above another one, or as much below it if friction does not fall."""
     above = value >= other if falls is None else falls
     return max(value, other * ratio) if above else min(value, other / ratio)
@@ -145,7 +148,7 @@ class Model:
         terms, held, _ = self.drive(values)
         most = 0.0 if held is None else float(held[..., 1].max())
         try:
-            return math.ceil(DEFAULTS.spare * substeps(terms, self.measured.step, most))
+            return math.ceil(SPARE * substeps(terms, self.measured.step, most))
         except OutOfRange as error:
             raise NumericalFailure(str(error)) from None
 
