@@ -233,8 +233,10 @@ class RerunStream:
                 return False
             if time.monotonic() - since > self._patience:
                 raise InputError(f"the Rerun viewer did not take the run: nothing for {self._patience:g} s")
-            assert self._asked is not None
-            wait_for([self._asked[1]], 0.1)
+            if self._asked is None:  # The answer was late; the next question follows soon.
+                time.sleep(0.1 * _FLUSH_PERIOD)
+            else:
+                wait_for([self._asked[1]], 0.1)
         self._stalled = False
         return True
 
