@@ -57,9 +57,8 @@ def test_orders_at_speeds_are_those_where_the_frequency_passes_them():
     assert within == pytest.approx(np.linspace(known.min(), known.max(), 7)[1:-1])
     late = orders_at_speeds(UP, (), 2.0).speeds   # Windows that begin at 2 s, at 140 rad/s, or later.
     assert 147.0 < late[0] < 160.0
-    with pytest.raises(InputError) as refusal:
+    with pytest.raises(InputError, match="16 periods"):
         orders_at_speeds(UP, (), 4.9)
-    assert str(refusal.value) == "orders need a window of 16 periods of the excitation after the dropped ones"
 
 
 def test_a_constant_frequency_has_its_own_speed_alone():

@@ -100,9 +100,8 @@ def test_holes_of_a_table_are_bridged_or_blank_and_named():
     assert found[:2] == pytest.approx(20.0 + np.sin(OMEGA * np.array([1.0, 1.6])), abs=1e-3)
     few = np.where(np.arange(2001) < 3, slip, np.nan)
     for columns, sentence in (
-            ({"slip_speed": few}, "t.csv: the column slip_speed has 3 values; 4 or more are needed"),
+            ({"slip_speed": few}, r"t.csv: .*slip_speed .*3 .*4 or more"),
             ({"slip_speed": np.where(FAST < 1.0, slip, np.nan), "engine_speed": np.where(FAST > 2.0, OMEGA, np.nan)},
-             "t.csv: the phase of the excitation is known from 2.002 to 4 s only, where there is no slip speed")):
-        with pytest.raises(InputError) as refusal:
+             r"t.csv: .*2.002 to 4 s")):
+        with pytest.raises(InputError, match=sentence):
             signals_in(table(**{"engine_speed": np.full(2001, OMEGA), **columns}), System())
-        assert str(refusal.value) == sentence

@@ -198,13 +198,11 @@ def test_windows_that_touch_a_hole_are_left_out_and_blank():
 
 
 @pytest.mark.parametrize(("periods", "per_cycle", "sentence"), [
-    (15.9, 64, "orders need 16 periods of the excitation, and there are 15"),
-    (20.0, 7.9, "orders need 8 samples in a period of the excitation, and there are 7.95")])
+    (15.9, 64, "16 periods .* 15"), (20.0, 7.9, r"8 samples .* 7\.95")])
 def test_the_least_run_and_the_fewest_samples_of_orders(periods, per_cycle, sentence):
     cycle = 2.0 * np.pi / 150.0
-    with pytest.raises(InputError) as refusal:
+    with pytest.raises(InputError, match=sentence):
         orders_of(at_150(wave(1.0, 2.0), wave(1.0, 9.0), wave(1.0, 60.0), periods * cycle, per_cycle=per_cycle))
-    assert str(refusal.value) == sentence
     least = orders_of(at_150(wave(1.0, 2.0), wave(1.0, 9.0), wave(1.0, 60.0), 16.0 * cycle, per_cycle=8.0))
     assert (len(least.time), least.order[-1]) == (1, 4.0)
 

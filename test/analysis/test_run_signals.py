@@ -50,9 +50,8 @@ def test_signals_between_samples_have_the_rates_of_the_equations():
 def test_a_phase_that_is_given_replaces_that_of_the_scene():
     signals = run_signals(run_of(), (np.array([2.0, 4.0]), lambda turns: 0.5 * np.asarray(turns) - 1.0))
     assert signals.turns == pytest.approx(2.0 + 2.0 * T)
-    with pytest.raises(InputError) as refusal:
+    with pytest.raises(InputError, match="no system"):
         run_signals(replace(run_of(), system=None))
-    assert str(refusal.value) == "the trajectory has no system, which says what the engine's phase is"
 
 
 def test_turns_follow_a_profile():
@@ -92,7 +91,5 @@ def test_a_commanded_torque_has_the_phase_of_its_cycles():
     assert run_signals(replace(run, t=T)).holes.tolist() == [[0.3, 0.5]]
     assert run_signals(run).driven is None
     for wrong in (None, cycles([0.1]), cycles([0.1, math.nan, 0.5])):
-        with pytest.raises(InputError) as refusal:
+        with pytest.raises(InputError, match=r"commanded.* not known"):
             phase_of_cycles(replace(run, cycles=wrong))
-        assert str(refusal.value) == ("the torque was commanded, and its periods of excitation are not known: there "
-                                      "are no orders and no spectrum")

@@ -175,19 +175,16 @@ def test_a_recording_without_a_whole_cycle_is_refused():
     known = CycleStream(TENTH, Tracked(0.1, {0: (np.array([4, 5]), np.array([0.1, 0.2]))}))
     known.feed(*rising(np.arange(250)))
     for refused, discard, sentence in (
-            (stream, None, "the recording holds no whole period of excitation: its states go from 0 to 0.099 s"),
-            (gaps, 3, "--discard 3 leaves none of the 3 cycles"), (empty, None, "the recording holds no samples"),
-            (known, 1, "--discard 1 leaves none of the only cycle"),
-            (missing, None,
-             "the recording holds no samples: none of its 3 states has finite angles, speeds and torques")):
-        with pytest.raises(InputError) as refusal:
+            (stream, None, "no whole period .* 0 to 0.099 s"), (gaps, 3, "--discard 3 .* 3 cycles"),
+            (empty, None, "no samples"), (known, 1, "--discard 1 .* only cycle"),
+            (missing, None, "no samples: .* 3 states .* finite")):
+        with pytest.raises(InputError, match=sentence):
             refused.summary(discard)
-        assert str(refusal.value) == sentence
     hidden, _ = fed(rising(np.concatenate([np.arange(0, 230), np.arange(280, 420)])), sizes_like("random"), TENTH)
     assert hidden.summary(1).cycles == 4
     hidden, _ = fed(rising(np.concatenate([np.arange(0, 230), np.arange(280, 330), np.arange(360, 401)])),
                     sizes_like("random"), TENTH)
-    with pytest.raises(InputError, match="gaps interrupt or hide every period of excitation after the first 2"):
+    with pytest.raises(InputError, match=r"gaps .* first 2"):
         hidden.summary(2)
 
 

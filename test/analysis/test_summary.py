@@ -152,24 +152,21 @@ def test_a_section_begins_at_a_multiple_of_its_period(first, count, period, rows
     assert not period or (first + rows[0] + 1) % period == 0
 
 
-@pytest.mark.parametrize(("torque", "sentence"), [
-    (300.0, "the clutch carries 432 N m in slip, but not at the instants at which the engine asks for it"),
-    (-431.9, "the clutch carries 432 N m in slip, but not at the instants at which the engine asks for it"),
-    (-440.0, "mean torque -440 N m exceeds what the clutch carries in slip, 432 N m at a mean pressure of 225000 Pa")])
-def test_a_runaway_has_its_cause_in_a_sentence(torque, sentence):
+@pytest.mark.parametrize(("torque", "words"), [
+    (300.0, ["432 N m", "instants"]), (-431.9, ["432 N m", "instants"]),
+    (-440.0, ["-440 N m", "432 N m", "225000 Pa"])])
+def test_a_runaway_has_its_cause_in_a_sentence(torque, words):
     values = {"engine.mean_torque": torque, "pressure.mean": 225e3, "friction.kinetic_coefficient": 0.24}
-    assert runaway_cause(replace(load_scene("fig02").system, values)) == sentence
+    cause = runaway_cause(replace(load_scene("fig02").system, values))
+    assert [word for word in words if word not in cause] == []
 
 
 @pytest.mark.parametrize(("cycles", "discard", "sentence"), [
-    (0, None, "there is no whole period of excitation to summarise"),
-    (3, -1, "--discard is -1; it must be 0 or more cycles"),
-    (3, 3, "--discard 3 leaves none of the 3 cycles"), (1, 1, "--discard 1 leaves none of the only cycle"),
-    (0, 2, "there is no whole period of excitation to summarise")])
+    (0, None, "no whole period"), (3, -1, "--discard is -1.* 0 or more"), (3, 3, "--discard 3 .* 3 cycles"),
+    (1, 1, "--discard 1 .* only cycle"), (0, 2, "no whole period")])
 def test_what_leaves_no_cycle_is_refused(cycles, discard, sentence):
-    with pytest.raises(InputError) as refusal:
+    with pytest.raises(InputError, match=sentence):
         dropped_of(cycles, discard)
-    assert str(refusal.value) == sentence
     assert (dropped_of(3, 2), dropped_of(3, None), dropped_of(1, 0)) == (2, 1, 0)
 
 
@@ -222,13 +219,9 @@ def test_a_run_has_whole_cycles_between_parts_of_cycles(begin, end, early, whole
 
 def test_samples_without_a_system_or_too_few_have_no_cycles():
     run = trajectory_of(*sine(5.0, 20.0, 0.3), 3)
-    for without, sentence in (
-            (with_field(run, system=None),
-             "the trajectory has neither per-cycle results nor the system to work them out with"),
-            (part_of(run, 1), "the trajectory has fewer than two samples")):
-        with pytest.raises(InputError) as refusal:
+    for without, sentence in ((with_field(run, system=None), "system"), (part_of(run, 1), "two samples")):
+        with pytest.raises(InputError, match=sentence):
             cycle_parts_of(without)
-        assert str(refusal.value) == sentence
     assert len(cycle_parts_of(part_of(run, 2))[1]) == 0
 
 
