@@ -176,8 +176,17 @@ class Commands:
     def recorded(self, runs: Sequence[JointStates]) -> dict[str, int]:
         """Return the number of recorded commands up to the last state, behind which none can act, by topic."""
         last = max((states.sent_ns.max() for states in runs if len(states)), default=0)
-        return {name: int(np.count_nonzero(_once(parts)[3] <= last)) for name, parts in self._sent.items()
-                if name in COMMANDS}
+        return {name: _not_behind(parts, last) for name, parts in self._sent.items() if name in COMMANDS}
+
+
+def _not_behind(parts: Sequence[tuple[Any, ...]], last: int) -> int:
+    """Return the number of messages without the last ones of each publisher, all sent after `last`, ns."""
+    who, numbers, _, sent, *_ = _once(parts)
+    order, count = np.lexsort((sent, numbers, who)), 0
+    for publisher in np.unique(who).tolist():
+        before = np.flatnonzero(sent[order][who[order] == publisher] <= last)
+        count += int(before[-1]) + 1 if len(before) else 0
+    return count
 
 
 def _once(parts: Sequence[tuple[Any, ...]]) -> list[Any]:

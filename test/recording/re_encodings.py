@@ -344,6 +344,13 @@ def parts(folder, source):
     in_parts(folder, source, OLD)
 
 
+@way("real_time_factor", "warnings", sentence="times of receipt went back by 2.0000")
+def parts_after_the_clock_was_set_back(folder, source):
+    half = len(source.messages) // 2
+    in_parts(folder, source._replace(messages=[*source.messages[:half], *(
+        m._replace(log=m.log - 2 * 10**9, sent=m.sent - 2 * 10**9) for m in source.messages[half:])]), OLD)
+
+
 @way()
 def parts_listed(folder, source):
     in_parts(folder, source, OLD)
