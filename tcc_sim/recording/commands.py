@@ -157,9 +157,10 @@ class Commands:
     def placed(self, runs: Sequence[JointStates], without: Sequence[str] = ()) -> dict[str, Commanded]:
         """Return the numbers by the name of their topic, each at the first state sent after it, leaving out `without`.
 
-        Of a message that was recorded twice only one counts; messages after the last state are left out.
+        Of a message that was recorded twice only one counts; messages after the last state are left out, and all of a
+        recording without times.
         """
-        if not runs:
+        if not any(states.sent_ns.any() for states in runs):
             return {}
         sent_ns = np.maximum.accumulate(np.concatenate([states.sent_ns for states in runs]))
         out = {}

@@ -41,7 +41,6 @@ from tcc_sim.recording.records import (
     Messages,
     RecordStream,
     Warnings,
-    with_places,
 )
 from tcc_sim.recording.runs import commands_held, keyed_runs, unkeyed_runs
 from tcc_sim.recording.stamps import StampCounter
@@ -305,10 +304,8 @@ class Run:
             ("applied_pressure", Layouts(FLUID_PRESSURE, (), ("fluid_pressure",))),
             ("output_state", Layouts(JOINT_STATE, (OUTPUT_JOINT,), _FAR_FIELDS)))}
         commands, rows = Commands(space, NO_ZEROS if keyed else zeros), dict[int, list[NDArray[np.float64]]]()
-        place = untimed = 0
+        place = 0
         for data, messages, channels in self._chunks():
-            if not keyed and (numbered := with_places(data, messages, place)) is not None:
-                data, untimed = numbered, untimed + len(messages.channel)
             array = np.frombuffer(data, dtype=np.uint8)
             here = [(number, channels[number]) for number in np.flatnonzero(np.bincount(messages.channel)).tolist()
                     if number in channels] if len(messages.channel) else []
@@ -336,7 +333,7 @@ class Run:
         if self._differing:
             self.warnings.append(f"{counted(self._differing, 'message')} left out: their {'run and ' * keyed}stamp "
                                  "came before with other values")
-        self._warn_of_inputs(runs, untimed, place)
+        self._warn_of_inputs(runs)
         self._pass_over(kinds)
         acted = commands_held(runs) if keyed else {}
         signals = commands.placed(runs, (*INPUTS, TARGET) if keyed else ())
@@ -346,7 +343,7 @@ class Run:
                        {name: len(who) for name, who in commands.publishers.items()}, commands.recorded(runs),
                        commands.counts(driveline.runs), keyed, commands.limits)
 
-    def _warn_of_inputs(self, runs: Sequence[JointStates], untimed: int, messages: int) -> None:
+    def _warn_of_inputs(self, runs: Sequence[JointStates]) -> None:
         """Add warnings about inputs of which messages are missing."""
         missing = sum(int(np.isnan(one.applied_pressure).sum()) for one in runs if one.applied_pressure is not None)
         if missing:
@@ -354,9 +351,9 @@ class Run:
         unknown = sum(int(np.count_nonzero(one.held_row < 0)) for one in runs if one.held_row is not None)
         if unknown:
             self.warnings.append(f"inputs are unknown at {counted(unknown, 'tick')}: messages of held are missing")
-        if 2 * untimed > messages:
-            self.warnings.append("no time of receipt or sending was recorded (all are 0): a command belongs to the "
-                                 "next state in the file")
+        if not self.driveline.runs and not any(one.sent_ns.any() for one in runs):
+            self.warnings.append("no time of receipt or sending was recorded (all are 0): commands and targets are "
+                                 "left out, as nothing states when they were sent")
 
     def _chunks(self) -> Iterator[tuple[bytes, Messages, Mapping[int, Channel]]]:
         """Iterate over the chunks of all files that hold wanted messages."""

@@ -415,21 +415,6 @@ def joined(bodies: list[bytes], channels: NDArray[np.uint16]) -> tuple[bytes, Me
     return b"".join(bodies), Messages(np.cumsum(length) - length, length, channels, [])
 
 
-def with_places(data: bytes, messages: Messages, place: int) -> bytes | None:
-    """Return a chunk whose messages have no times of receipt and sending (all are 0) with their places in the recording
-    instead, counted from `place`; None for another chunk.
-    """
-    if not len(messages.offset):
-        return None
-    times = sliding_window_view(np.frombuffer(data, np.uint8), 16)[messages.offset + 6]
-    if times.any():
-        return None
-    text = np.frombuffer(data, np.uint8).copy()
-    numbers = (place + np.arange(1, len(times) + 1)).astype("<i8")[:, None].view(np.uint8)
-    sliding_window_view(text, 8, writeable=True)[messages.offset + 6] = numbers
-    return bytes(text)
-
-
 def starts_with(data: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
                 start: bytes) -> NDArray[np.bool_]:
     """Return which of these messages start with some bytes."""

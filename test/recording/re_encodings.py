@@ -344,6 +344,11 @@ def parts(folder, source):
     in_parts(folder, source, OLD)
 
 
+@way("real_time_factor", "warnings", sentence="no time of receipt or sending was recorded")
+def no_times(folder, source):
+    save(folder / "run_0.mcap", source._replace(messages=[m._replace(log=0, sent=0) for m in source.messages]))
+
+
 @way("real_time_factor", "warnings", sentence="times of receipt went back by 2.0000")
 def parts_after_the_clock_was_set_back(folder, source):
     half = len(source.messages) // 2
