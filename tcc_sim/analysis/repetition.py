@@ -338,7 +338,7 @@ def repetition(points: Any, count: int, most: int, tolerance: float, columns: An
 @compiled
 def judge_runs(runs: Any, most: int, tolerance: float, columns: Any, triangle: Any, shares: Any, limit: Any,
           results: Any) -> None:
-    """Fill a row of `found` with period, settled and change of every run."""
+    """Fill a row of `results` with period, settled and change of every run."""
     for k in range(runs.shape[0]):
         period, settled, change = repetition(runs[k], runs.shape[1], most, tolerance, columns, triangle, shares, limit)
         results[k, 0], results[k, 1], results[k, 2] = period, 1.0 if settled else 0.0, change
@@ -354,5 +354,5 @@ def repetitions(runs: Floats, most: int, tolerance: float) -> list[tuple[int, bo
     """
     results = np.empty((len(runs), 3))
     judge_runs(np.ascontiguousarray(runs), most, tolerance, np.empty((MODES + 1, 3 * runs.shape[1])),
-          np.empty((MODES, MODES + 1)), np.empty(MODES), np.empty((most, 3)), results)
+               np.empty((MODES, MODES + 1)), np.empty(MODES), np.empty((most, 3)), results)
     return [(int(period), settled > 0.0, change) for period, settled, change in results.tolist()]

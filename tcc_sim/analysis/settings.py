@@ -152,7 +152,7 @@ class Settings:
                                 "that counts as one step", "s")
     observed: float = quantity(0.9, "least part of a segment whose cycles must be known for a verdict")
 
-    # Judder (`judder.py`).
+    # Judder (`loop_verdict.py`).
     judder: float = quantity(1.0 / 3.0, "least frequency, relative to that of the excitation: cycle means show "
                              "slower ones")
     judder_cycles: int = quantity(12, "shortest stretch that shows it", "periods of excitation")

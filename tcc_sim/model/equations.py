@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 class Linear(NamedTuple):
     """Linear part of the equations of motion, as torques that flywheel and plate lose:
 
-        I1 theta1'' = Te - Tf - (f_v v + f_w omega2),
+        I1 theta1'' = Te - Tf - f_v v,
         I2 theta2'' = Tf - C23 (omega2 - omega3) - K23 (theta2 - theta3) - p_v v.
 
     Coefficients that are None are compiled out. `matrix_of` gives the matrix A of x' = A x + ..., x = (v, theta2,
@@ -26,8 +26,7 @@ class Linear(NamedTuple):
 
     flywheel, plate : I1, I2, kg m^2
     damping, stiffness : C23, N m s/rad, and K23, N m/rad, between the plate and the shaft's far end
-    flywheel_by_slip, flywheel_by_speed : f_v and f_w, by slip speed and by plate speed, N m s/rad
-    plate_by_slip : p_v, N m s/rad
+    flywheel_by_slip, plate_by_slip : f_v and p_v, N m s/rad
     """
 
     flywheel: float
@@ -35,7 +34,6 @@ class Linear(NamedTuple):
     damping: float
     stiffness: float
     flywheel_by_slip: float | None = None
-    flywheel_by_speed: float | None = None
     plate_by_slip: float | None = None
 
 
@@ -74,20 +72,17 @@ def completed(linear: Linear) -> Linear:
     return linear._replace(**{name: 0.0 for name in _BROUGHT if getattr(linear, name) is None})
 
 
-Coefficients = tuple[float, float, float, float, float, float, float]
-
-
-def coefficients_of(linear: Linear) -> Coefficients:
+def coefficients_of(linear: Linear) -> tuple[float, float, float, float, float, float]:
     """Return the coefficients in the order of Linear, absent ones as 0."""
-    i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = linear
-    return i1, i2, damping, stiffness, by_slip or 0.0, by_speed or 0.0, plate_by_slip or 0.0
+    i1, i2, damping, stiffness, by_slip, plate_by_slip = linear
+    return i1, i2, damping, stiffness, by_slip or 0.0, plate_by_slip or 0.0
 
 
 def matrix_of(linear: Linear) -> NDArray[np.float64]:
     """Return A of x' = A x + ..., (3, 3), for x = (v, theta2, omega2)."""
-    i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = coefficients_of(linear)
+    i1, i2, damping, stiffness, by_slip, plate_by_slip = coefficients_of(linear)
     plate = np.array([-plate_by_slip, -stiffness, -damping]) / i2
-    return np.array([np.array([-by_slip, 0.0, -by_speed]) / i1 - plate, [0.0, 0.0, 1.0], plate])
+    return np.array([np.array([-by_slip, 0.0, 0.0]) / i1 - plate, [0.0, 0.0, 1.0], plate])
 
 
 def decay_of_slip(linear: Linear) -> float:
@@ -95,15 +90,12 @@ def decay_of_slip(linear: Linear) -> float:
     return (linear.flywheel_by_slip or 0.0) / linear.flywheel - (linear.plate_by_slip or 0.0) / linear.plate
 
 
-def lost_torque(slip_speed: Any, plate_speed: Any, by_slip: float | None, by_speed: float | None) -> Any:
-    """Return by_slip v + by_speed omega2, N m, without the coefficients that are None."""
+def lost_torque(slip_speed: Any, by_slip: float | None) -> Any:
+    """Return by_slip v, N m; 0 where the coefficient is None."""
     if by_slip is None:
-        out = 0.0
+        return 0.0
     else:
-        out = by_slip * slip_speed
-    if by_speed is not None:
-        out = out + by_speed * plate_speed
-    return out
+        return by_slip * slip_speed
 
 
 def engine_torque(t: Any, mean: float, torque: tuple[float, float] | None,
@@ -144,13 +136,11 @@ def accelerations(slip_speed: Any, plate_angle: Any, plate_speed: Any, engine: A
     far_angle, far_speed : theta3 (rad) and omega3 (rad/s) of the shaft's far end
     """
     plate = (friction - linear.damping * (plate_speed - far_speed) - linear.stiffness * (plate_angle - far_angle)
-             - lost_torque(slip_speed, plate_speed, linear.plate_by_slip, None)) / linear.plate
-    lost = lost_torque(slip_speed, plate_speed, linear.flywheel_by_slip, linear.flywheel_by_speed)
-    return (engine - friction - lost) / linear.flywheel - plate, plate
+             - lost_torque(slip_speed, linear.plate_by_slip)) / linear.plate
+    return (engine - friction - lost_torque(slip_speed, linear.flywheel_by_slip)) / linear.flywheel - plate, plate
 
 
 def interface_torque(plate_angle: Any, plate_speed: Any, engine: Any, linear: Linear) -> Any:
     """The friction torque lambda that stick needs (v' = 0), N m: (I2 Te + I1 (C23 theta2' + K23 theta2))/(I1 + I2)."""
     spring = linear.damping * plate_speed + linear.stiffness * plate_angle
-    driving = engine - lost_torque(0.0, plate_speed, None, linear.flywheel_by_speed)
-    return (linear.plate * driving + linear.flywheel * spring) / (linear.flywheel + linear.plate)
+    return (linear.plate * engine + linear.flywheel * spring) / (linear.flywheel + linear.plate)

@@ -50,8 +50,8 @@ SHORTEST = 1e-8
 """Least duration, in engine cycles: a multiple of the engines' tolerance at the end of a cycle."""
 
 SOLVERS: dict[str, Entry] = {row.name: row for row in (
-    Entry("fixed_step", "fixed_step_solve", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks",
-          "step", 1e-3),
+    Entry("fixed_step", "fixed_step", "solve", "real-time solver: SDIRK3, implicit friction, fixed ticks", "step",
+          1e-3),
     Entry("smoothed", "smoothed_engine", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
           "rtol", 1e-8),
     Entry("event_driven", "exact_engine", "solve", "exact: closed forms between located events", "rtol", 1e-10),

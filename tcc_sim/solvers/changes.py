@@ -155,9 +155,8 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coeff
         else:
             friction = load[k] * sign
         part, pull = 1.0 / (k + 1), friction - part_of.damping * u - part_of.stiffness * x
-        pull = pull - lost_torque(moving[SLIP, k], 0.0, part_of.plate_by_slip, None)
-        push = moving[ENGINE, k] - friction - lost_torque(moving[SLIP, k], u, part_of.flywheel_by_slip,
-                                                    part_of.flywheel_by_speed)
+        pull = pull - lost_torque(moving[SLIP, k], part_of.plate_by_slip)
+        push = moving[ENGINE, k] - friction - lost_torque(moving[SLIP, k], part_of.flywheel_by_slip)
         moving[SLIP, k + 1] = part * (per_flywheel * push - per_plate * pull)
         moving[SPEED, k + 1] = part * per_plate * pull
         moving[ANGLE, k + 1] = part * time * u

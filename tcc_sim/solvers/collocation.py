@@ -217,13 +217,13 @@ def ladder_of(fastest: float, period: float) -> tuple[int, int]:
 @lru_cache(maxsize=16)
 def response(linear: Linear, top: int, levels: int) -> Response:
     """Return the response of theta2 and w on every step size to their start, the torque and the slip."""
-    i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = coefficients_of(linear)
+    i1, i2, damping, stiffness, by_slip, plate_by_slip = coefficients_of(linear)
     inertia, kappa = i1 + i2, i1 / (i1 + i2)
-    # M w' = Te - K23 theta2 - (C23 + f_w) theta2' - (f_v + p_v) v, with theta2' = w - kappa v.
-    damped, slipping = damping + by_speed, kappa * (damping + by_speed) - (by_slip + plate_by_slip)
+    # M w' = Te - K23 theta2 - C23 theta2' - (f_v + p_v) v, with theta2' = w - kappa v.
+    slipping = kappa * damping - (by_slip + plate_by_slip)
     lengths = ladder_lengths(top, levels)
     nodal, series = np.empty((levels, 2, NODES, SIDES)), np.empty((levels, 2, TERMS, SIDES))
-    _respond(lengths, stiffness / inertia, damped / inertia, slipping / inertia, kappa, 1.0 / inertia, A, SQUARE,
+    _respond(lengths, stiffness / inertia, damping / inertia, slipping / inertia, kappa, 1.0 / inertia, A, SQUARE,
              TO_CHEBYSHEV, np.empty((NODES, NODES)), nodal, series)
     (x, w), (x_series, w_series) = nodal.transpose(1, 0, 2, 3), series.transpose(1, 0, 2, 3)
     eye = np.broadcast_to(np.eye(NODES), (levels, NODES, NODES))
@@ -233,12 +233,12 @@ def response(linear: Linear, top: int, levels: int) -> Response:
     step_sizes["start"] = -RATES[:, 0] / lengths[:, None]
     u = w[..., start:] - kappa * np.eye(NODES)
     coupling = RATES[:, 1:] / lengths[:, None, None] - (damping * u + stiffness * x[..., start:]) / i2
-    coupling = coupling + by_speed / i1 * u + decay_of_slip(linear) * np.eye(NODES)
+    coupling = coupling + decay_of_slip(linear) * np.eye(NODES)
     step_sizes["coupling"], step_sizes["diagonal"] = coupling.transpose(0, 2, 1), coupling.diagonal(axis1=1, axis2=2)
     step_sizes["angle"], step_sizes["speed"] = (y[..., start:].transpose(0, 2, 1) for y in (x_series, w_series))
     step_sizes["end_angle"], step_sizes["end_speed"] = x[:, -1, start:], w[:, -1, start:]
     applied = np.concatenate([np.zeros((levels, NODES, 2)), eye], axis=2)
-    balance = (applied - by_speed * w[..., :start]) / i1 + (damping * w[..., :start] + stiffness * x[..., :start]) / i2
+    balance = applied / i1 + (damping * w[..., :start] + stiffness * x[..., :start]) / i2
     source = np.concatenate([balance, x_series[..., :start], w_series[..., :start], x[:, -1:, :start],
                              w[:, -1:, :start]], axis=1)
     source[:, NODES:NODES + TERMS, FROM_ANGLE] += TO_CHEBYSHEV[0]

@@ -14,7 +14,6 @@ import numpy as np
 
 from tcc_sim.compiling.compiled import exponentials_at, fast, lost_torque, steepness
 from tcc_sim.compiling.unrolled import unrolled
-from tcc_sim.model import equations
 from tcc_sim.model.equations import Linear, coefficients_of, decay_of_slip
 from tcc_sim.model.friction import Stribeck, exponentials, largest_ratio, sliding
 from tcc_sim.polynomials import polynomial
@@ -86,8 +85,8 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
 
     A cycle may have 1000 events, and 40 for each natural or excitation period in it.
     """
-    flywheel, plate, damping, stiffness, _, by_speed, _ = coefficients_of(terms.linear)
-    slip_decay = decay_of_slip(terms.linear) + by_speed / flywheel
+    flywheel, plate, damping, stiffness, _, _ = coefficients_of(terms.linear)
+    slip_decay = decay_of_slip(terms.linear)
     pairs = exponentials(terms.stribeck)
     ratio = float(sliding(0.0, 1.0, terms.stribeck))
     friction = largest_ratio(terms.stribeck) * peak_load(terms)
@@ -103,7 +102,7 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
     return Bounds(
         period=period, ratio=ratio, clamped=terms.pulsation is not None and terms.pulsation[0] > terms.mean_load,
         slip_rate=math.sqrt(stiffness / plate) + damping / plate + slip_decay + excitation,
-        stick_rate=math.sqrt(stiffness / (flywheel + plate)) + (damping + by_speed) / (flywheel + plate) + excitation,
+        stick_rate=math.sqrt(stiffness / (flywheel + plate)) + damping / (flywheel + plate) + excitation,
         far=far, truncation=truncation, torque_tolerance=tolerance, slip_tolerance=1e-14 * scale, speed_scale=scale,
         slip_decay=slip_decay, steps=STEPS_ALLOWED * steps_allowed(terms, period),
         events=EVENTS + int(min(40.0 * max(math.sqrt(stiffness / plate), excitation) * period / (2.0 * math.pi), 1e6)))
@@ -156,7 +155,7 @@ def stuck(rows: Any, unit: Any, linear: Any, ratio: Any, pulsation: Any) -> Iter
     x, u = rows[ANGLE, 0], rows[SPEED, 0]
     for k in range(LINEAR_ORDER + 1):
         spring = damping * u + stiffness * x
-        torque = rows[ENGINE, k] - equations.lost_torque(0.0, u, None, linear.flywheel_by_speed)
+        torque = rows[ENGINE, k]
         need = share * spring + other * torque
         load = ratio * rows[LOAD, k] if pulsation is not None or k == 0 else 0.0
         rows[UPWARD, k] = load - need
@@ -262,8 +261,8 @@ def returning_at(stribeck: tuple[float, ...], speed: float) -> float:
 def accelerations_at(linear: Linear, v: float, state: Any, engine: float, friction: float) -> tuple[float, float]:
     """Return v' and omega2' of a state with the slip speed v, rad/s^2, for given engine and friction torque."""
     pull = (friction - linear.damping * state.plate_speed - linear.stiffness * state.plate_angle
-            - lost_torque(v, state.plate_speed, linear.plate_by_slip, None))
-    push = engine - friction - lost_torque(v, state.plate_speed, linear.flywheel_by_slip, linear.flywheel_by_speed)
+            - lost_torque(v, linear.plate_by_slip))
+    push = engine - friction - lost_torque(v, linear.flywheel_by_slip)
     return push / linear.flywheel - pull / linear.plate, pull / linear.plate
 
 
@@ -337,17 +336,15 @@ def mode_at_rest(plate_angle: float, plate_speed: float, drive: Any, ratio: floa
     flywheel, plate, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
     both = flywheel + plate
     spring = damping * plate_speed + stiffness * plate_angle
-    engine = drive.torque - lost_torque(0.0, plate_speed, None, linear.flywheel_by_speed)
-    torque = (plate * engine + flywheel * spring) / both
+    torque = (plate * drive.torque + flywheel * spring) / both
     margin = ratio * drive.load - abs(torque)
     if margin > tolerance:
         return STICK
     direction = POSITIVE if torque > 0.0 else NEGATIVE
     if margin < -tolerance:
         return direction
-    acceleration = (engine - spring) / both
-    engine_rate = drive.torque_rate - lost_torque(0.0, acceleration, None, linear.flywheel_by_speed)
-    torque_rate = (plate * engine_rate + flywheel * (damping * acceleration + stiffness * plate_speed)) / both
+    acceleration = (drive.torque - spring) / both
+    torque_rate = (plate * drive.torque_rate + flywheel * (damping * acceleration + stiffness * plate_speed)) / both
     growth = ratio * drive.load_rate - (torque_rate if torque > 0.0 else -torque_rate)
     return STICK if growth >= 0.0 else direction
 

@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.compiling.changing import Changing
-from tcc_sim.compiling.compiled import compiled, fast, lost_torque, steepness
+from tcc_sim.compiling.compiled import compiled, fast, steepness
 from tcc_sim.compiling.unrolled import unrolled
-from tcc_sim.model import equations
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
@@ -124,7 +123,6 @@ def arrival_change(out: Any, now: Any, by: Any, angle: Any, speed: Any, engine: 
     sine, load_sine, load_cosine = sines
     spring = part.damping * turning + part.stiffness * Changing(angle, now.row(1))
     engine = Changing(engine, by.row(of.MEAN_TORQUE) + by.row(of.TORQUE_AMPLITUDE) * sine)
-    engine = engine - equations.lost_torque(0.0, turning, None, part.flywheel_by_speed)
     load = Changing(load, by.row(of.MEAN_LOAD) + by.row(of.LOAD_AMPLITUDE) * load_sine
                     + by.row(of.LOAD_PHASE) * (amplitude * load_cosine))
     torque = (plate * engine + flywheel * spring) / (flywheel + plate)
@@ -178,17 +176,16 @@ def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, 
     flywheel, plate, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
     both = flywheel + plate
     spring = damping * state.plate_speed + stiffness * state.plate_angle
-    engine = drive.torque - lost_torque(0.0, state.plate_speed, None, linear.flywheel_by_speed)
-    margin = ratio * drive.load + mode * (plate * engine + flywheel * spring) / both
+    margin = ratio * drive.load + mode * (plate * drive.torque + flywheel * spring) / both
     friction = mode * ratio * drive.load
     slip_rate, speed_rate = accelerations_at(linear, 0.0, state, drive.torque, friction)
     if abs(margin) >= abs(least[ARRIVAL, VALUE]) or slip_rate == 0.0:
         return
     least[ARRIVAL, VALUE] = margin
-    stuck_rate = (engine - spring) / both
+    stuck_rate = (drive.torque - spring) / both
     still = (ratio * drive.load_rate
              + mode * (plate * drive.torque_rate + flywheel * stiffness * state.plate_speed) / both)
-    resisted = flywheel * damping - plate * lost_torque(0.0, 1.0, None, linear.flywheel_by_speed)
+    resisted = flywheel * damping
     least[ARRIVAL, GROWS] = 1.0 if still + mode * resisted * stuck_rate / both > 0.0 else 0.0
     rate = still + mode * resisted * speed_rate / both
     sine = polynomial.value(sines, OF_ENGINE, step.degree, step.x)
@@ -281,8 +278,7 @@ def land(mode: int, following: int, state: Any, drive: Any, ratio: float, linear
         share /= slip_rate
     else:
         spring = linear.damping * state.plate_speed + linear.stiffness * state.plate_angle
-        engine = drive.torque - lost_torque(0.0, state.plate_speed, None, linear.flywheel_by_speed)
-        share, new_rate = 0.0, (engine - spring) / (linear.flywheel + linear.plate)
+        share, new_rate = 0.0, (drive.torque - spring) / (linear.flywheel + linear.plate)
     for b in range(groups.shape[0]):
         now = groups[b].now
         for lane in range(LANES):

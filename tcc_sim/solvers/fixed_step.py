@@ -20,6 +20,8 @@ bracket is short. So after a halving the equation itself is checked, and halving
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,17 +35,20 @@ from tcc_sim.compiling.compiled import (
     smoothed_coefficient,
     step_after,
     step_at,
+    timed,
 )
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model.actuator import approach_between
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import FAR_ANGLE, FAR_SPEED
 from tcc_sim.model.supported_terms import check_supported
+from tcc_sim.solvers.per_cycle import STAMP, cycles_of_states, hermite
+from tcc_sim.solvers.problem import Problem, assemble, rates_along
 from tcc_sim.solvers.terms import Terms, for_ticks, holding, same_but_means, substeps, terms_of
 from tcc_sim.solvers.torques import break_after, piece_at, pull_of_far_end, torques_now
-from tcc_sim.trajectory import Floats
+from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated, split_cycles
 
 NEWTON_LIMIT = 20
 SATURATED = 19.1
@@ -126,32 +131,21 @@ def stage(known: tuple[float, float, float], guess: float, engine: float, load: 
     free = share * known[2] - drop * known[1]
     if far is not None:
         free += gain * pull_of_far_end(t, far, piece, linear)
-    w = slip_over_all(known[0] + known[2] - weighted(free, push, linear.flywheel_by_speed) + push * engine, push, gain,
-                      linear.flywheel_by_slip, linear.flywheel_by_speed, linear.plate_by_slip)
+    w = slip_over_all(known[0] + known[2] - free + push * engine, push, gain, linear.flywheel_by_slip,
+                      linear.plate_by_slip)
     v, count = scalar_root(w, slip * load, guess, smoothing, stribeck)
-    omega = free + gain * ((w - v) * per_slip - lost_torque(v, 0.0, linear.plate_by_slip, None))
+    omega = free + gain * ((w - v) * per_slip - lost_torque(v, linear.plate_by_slip))
     return v, known[1] + hg * omega, omega, count
 
 
 @compiled
-def weighted(plate: float, push: float, by_speed: float | None) -> float:
-    """Return (1 + push f_w) times a speed of the plate: the share in v' + omega2' of I1 theta1'' = ... - f_w omega2."""
-    if by_speed is None:
-        return plate
-    else:
-        return plate + push * by_speed * plate
-
-
-@compiled
-def slip_over_all(known: float, push: float, gain: float, by_slip: float | None, by_speed: float | None,
-                  plate_by_slip: float | None) -> float:
-    """Return v of v (1 + push f_v) - (1 + push f_w) gain p_v v = known, the terms of the slip speed in a stage."""
+def slip_over_all(known: float, push: float, gain: float, by_slip: float | None, plate_by_slip: float | None) -> float:
+    """Return v of v (1 + push f_v - gain p_v) = known, the terms of the slip speed in a stage."""
     if by_slip is None:  # noqa: SIM102 (Numba leaves out what None rules out only where it is a test of its own)
         if plate_by_slip is None:
             return known
-    total = 1.0 + push * lost_torque(1.0, 0.0, by_slip, None)
-    passed = weighted(gain * lost_torque(1.0, 0.0, plate_by_slip, None), push, by_speed)
-    return known / (total - passed)  # type: ignore[no-any-return]
+    total = 1.0 + push * lost_torque(1.0, by_slip)
+    return known / (total - gain * lost_torque(1.0, plate_by_slip))  # type: ignore[no-any-return]
 
 
 @compiled
@@ -160,8 +154,7 @@ def plate_of(hg: float, linear: Linear) -> tuple[float, float, float, float, flo
     share = 1.0 / (1.0 + hg * (linear.damping + hg * linear.stiffness) / linear.plate)
     gain = share * hg / linear.plate
     push = hg / linear.flywheel
-    slip = slip_over_all(push + weighted(gain, push, linear.flywheel_by_speed), push, gain, linear.flywheel_by_slip,
-                         linear.flywheel_by_speed, linear.plate_by_slip)
+    slip = slip_over_all(push + gain, push, gain, linear.flywheel_by_slip, linear.plate_by_slip)
     return share, gain, gain * linear.stiffness, push, slip, 1.0 / slip
 
 
@@ -456,3 +449,55 @@ def advance_ticks(state: Floats, start: float, step: float, first: int, ticks: i
         total += count
         most = max(most, worst)
     return total, most
+
+
+BATCH = 400_000
+"""Sub-steps kept in memory at a time."""
+
+
+def solve(problem: Problem) -> Trajectory:
+    """Solve a problem offline in the ticks that the node would take; `problem.step` is the tick, 1 ms by default.
+
+    Results within a cycle come from every sub-step, so they are as exact as the method and not as coarse as the ticks.
+    """
+    step = problem.step or 1e-3
+    terms = terms_of(problem.system)
+    kernel_terms = for_ticks(terms)
+    state, flywheel = np.array(problem.first), True if problem.flywheel_angle else None
+    t, states = np.array([problem.start]), state[None, :].copy()
+    try:
+        n = substeps(terms, step)
+    except OutOfRange as error:
+        return assemble(problem, "fixed_step", t, states, status=Status.REFUSED, detail=str(error))
+    ticks = math.ceil((problem.end - problem.start) / step * (1.0 - 1e-13))
+    times = problem.sample_times()
+    samples, cycles, ends = [states[:0]], [], problem.cycle_starts()
+    kept, first, done, total, most, status, seconds = 0, 0, 0, 0, 0, Status.DONE, 0.0
+    while done < ticks:
+        block = min(ticks - done, max(1, BATCH // n))
+        out = np.empty((block * n, len(state)))
+        (count, worst), spent = timed(advance_ticks, state, problem.start, step, done, block, n, kernel_terms,
+                                       flywheel, out)
+        seconds += spent
+        total, most = total + count, max(most, worst)
+        fresh = problem.start + np.arange(done, done + block)[:, None] * step + np.arange(1, n + 1) * (step / n)
+        t, states = np.concatenate([t, fresh.ravel()]), np.concatenate([states, out])
+        done += block
+        if not np.all(np.isfinite(out)):
+            status = Status.NOT_FINITE
+            break
+        rates = rates_along(t, states, terms)
+        due = len(times) if done == ticks else int(np.searchsorted(times, t[-1], side="right"))
+        samples.append(np.stack([hermite(times[kept:due], t, states[:, i], rates[:, i]) for i in range(len(state))],
+                                axis=1))
+        kept = due
+        starts = ends[first:] if done == ticks else ends[first:np.searchsorted(ends, t[-1] + STAMP, side="right")]
+        cycles.append(replace(cycles_of_states(t, states, terms, starts), starts=starts))
+        first += len(cycles[-1])
+        keep = max(int(np.searchsorted(t, min(ends[first], t[-1]), side="right")) - 2, 0)
+        t, states = t[keep:], states[keep:]
+    statistics = Statistics(steps=done * n, iterations=total, iterations_max=most, iterations_bound=ITERATION_BOUND,
+                            seconds=seconds)
+    whole, rest = split_cycles(concatenated(cycles), problem.whole_cycles) if cycles else (None, None)
+    return assemble(problem, "fixed_step", times[:kept], np.concatenate(samples), cycles=whole, rest=rest,
+                    status=status, statistics=statistics)

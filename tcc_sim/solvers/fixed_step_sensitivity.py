@@ -20,7 +20,7 @@ from tcc_sim.model.equations import Linear
 from tcc_sim.model.profile import LOAD, TORQUE
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.changes import CHANGES, LANES, changing_linear
-from tcc_sim.solvers.fixed_step import GAMMA, plate_of, slip_over_all, stage, stages, weighted, with_means
+from tcc_sim.solvers.fixed_step import GAMMA, plate_of, slip_over_all, stage, stages, with_means
 from tcc_sim.solvers.law import FRICTION, NUMBERS_OF_ALL, OF_SLIP, mubar_at, numbers_of
 from tcc_sim.solvers.series import added
 from tcc_sim.solvers.terms import Terms, for_ticks
@@ -63,9 +63,8 @@ def changed_step(now: Any, by: Any, law: Any, start: Any, speeds: Any, torques: 
     names: dict[str, Any] = {"scalar_root": root, "torques_now": lambda *_: next(applied), "piece_at": lambda *_: 0}
     time = Changing(h)
     part = changing_linear(linear, by)
-    over_all = {"weighted": rebound(weighted), "lost_torque": equations.lost_torque}
-    names["slip_over_all"] = rebound(slip_over_all, **over_all)
-    names |= over_all
+    names["lost_torque"] = equations.lost_torque
+    names["slip_over_all"] = rebound(slip_over_all, lost_torque=equations.lost_torque)
     plate = rebound(plate_of, **names)(time * GAMMA, part)
     state = [Changing(number, now.row(i)) for i, number in enumerate(start)]
     terms = Terms(linear=part, mean_torque=0.0, torque=None, harmonics=None, mean_load=0.0, pulsation=None,

@@ -253,13 +253,13 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
     integrand has the jumps of Tf.
     """
     t, starts, place = grid.t, grid.starts, grid.place
-    i1, i2, damping, stiffness, by_slip, by_speed, plate_by_slip = coefficients_of(linear)
+    i1, i2, damping, stiffness, by_slip, plate_by_slip = coefficients_of(linear)
     h = np.diff(t)
     far_angle, far_speed, far_acceleration = np.broadcast_to(far.angle, t.shape), far.speed, far.acceleration
     twist, twisting, jerking = angle - far_angle, speed - far_speed, plate - far_acceleration
     shaft, rise = damping * twisting + stiffness * twist, damping * jerking + stiffness * twisting
     friction = i2 * plate + shaft + plate_by_slip * v
-    lost, losing = by_slip * v + by_speed * speed, by_slip * slip + by_speed * plate
+    lost, losing = by_slip * v, by_slip * slip
     engine = friction + i1 * (slip + plate) + lost
     net = ((engine - lost) * (v + speed) - plate_by_slip * v * speed - damping * twisting**2 - shaft * far_speed)
     change = ((slopes_between_jumps(t, engine) - losing) * (v + speed) + (engine - lost) * (slip + plate)

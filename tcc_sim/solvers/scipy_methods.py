@@ -67,11 +67,11 @@ def _jacobian(t: float, y: Floats, terms: Any, out: Floats) -> None:
     rate = slope * torques_now(t, piece_at(terms.profile, t), terms.profile, terms)[1]
     linear = terms.linear
     flywheel, plate = linear.flywheel, linear.plate
-    on_plate = lost_torque(1.0, 0.0, linear.plate_by_slip, None)
+    on_plate = lost_torque(1.0, linear.plate_by_slip)
     out[0, 0] = (-rate * (1.0 / flywheel + 1.0 / plate) + on_plate / plate
-                 - lost_torque(1.0, 0.0, linear.flywheel_by_slip, None) / flywheel)
+                 - lost_torque(1.0, linear.flywheel_by_slip) / flywheel)
     out[0, 1] = linear.stiffness / plate
-    out[0, 2] = linear.damping / plate - lost_torque(0.0, 1.0, None, linear.flywheel_by_speed) / flywheel
+    out[0, 2] = linear.damping / plate
     out[1, 2] = 1.0
     out[2, 0] = (rate - on_plate) / plate
     out[2, 1] = -linear.stiffness / plate

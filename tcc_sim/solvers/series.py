@@ -153,8 +153,8 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
     """
     flywheel, plate = unit / linear.flywheel, unit / linear.plate
     both, damping, stiffness = flywheel + plate, plate * linear.damping, plate * linear.stiffness
-    on_flywheel, by_speed, on_plate = (None if loss is None else share * loss for share, loss in (
-        (flywheel, linear.flywheel_by_slip), (flywheel, linear.flywheel_by_speed), (plate, linear.plate_by_slip)))
+    on_flywheel, on_plate = (None if loss is None else share * loss for share, loss in (
+        (flywheel, linear.flywheel_by_slip), (plate, linear.plate_by_slip)))
     v, x, u = [rows[SLIP, 0]], [rows[ANGLE, 0]], [rows[SPEED, 0]]
     rates = [] if stribeck is None else [-rate * sign for rate in stribeck[1::2]]
     each = [[share] for share in excesses(stribeck, excess, sign * v[0])]
@@ -175,12 +175,10 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
     for k in range(ORDER_MAXIMUM if stribeck is None and tanh is None else FRICTION_ORDER_MAXIMUM):
         spring = damping * u[k] + stiffness * x[k]
         push = flywheel * rows[ENGINE, k] + spring
-        if by_speed is not None:
-            push = push - by_speed * u[k]
         if k == 0:
             friction = load[0] * law[0]
-            push = push - lost_torque(v[0], 0.0, on_flywheel, None)
-            speed = push - both * friction + lost_torque(v[0], 0.0, on_plate, None)
+            push = push - lost_torque(v[0], on_flywheel)
+            speed = push - both * friction + lost_torque(v[0], on_plate)
         else:
             load.append(0.0 if pulsation is None else rows[LOAD, k])
             *by_each, by_t, by_both, by_load = side_by_side(pairs, packed, k)
@@ -201,7 +199,7 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
         part = 1.0 / (k + 1)
         weighted.append(speed)
         v.append(part * speed)
-        u.append(part * (plate * friction - spring - lost_torque(v[k], 0.0, on_plate, None)))
+        u.append(part * (plate * friction - spring - lost_torque(v[k], on_plate)))
         x.append(part * unit * u[k])
         rows[SLIP, k + 1], rows[SPEED, k + 1], rows[ANGLE, k + 1] = v[k + 1], u[k + 1], x[k + 1]
         if k % 2 == 1 and k >= 7:

@@ -193,7 +193,7 @@ def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, exce
     """
     sigma, stribeck = terms.smoothing, terms.stribeck
     assert sigma is not None
-    i1, i2, damping, stiffness, _, by_speed, _ = coefficients_of(terms.linear)
+    i1, i2, damping, stiffness, _, _ = coefficients_of(terms.linear)
     local = max(LOCAL * rtol, 1e-14)
     stick_speed = stick_speed_of(scene_terms)
     creep_speed, peak = friction.peak(sigma, scene_terms.stribeck)
@@ -212,7 +212,7 @@ def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, exce
     excitation = 2.0 * math.pi / period + excitation_frequency(terms) + load_frequency(terms)
     fast_slip = slip_decay > FAST * (math.sqrt(stiffness / i2) + excitation)
     base_rate = (math.sqrt(stiffness / i2) + damping / i2 + 2.0 * math.pi / period + excitation_frequency(terms)
-                 + load_frequency(terms) + slip_decay + by_speed / i1)
+                 + load_frequency(terms) + slip_decay)
     fastest = base_rate + strength * sigma * peak
     errors = StepErrors(
         relative=local, slip_floor=0.01 / sigma, speed_floor=1e-6 * speed + 1e-12,
@@ -261,7 +261,7 @@ CONTROL = np.dtype([("method", np.int64), ("level", np.int64), ("rate", np.float
                     ("unsettled", np.float64)])
 """Data by which steps are chosen.
 
-method, level : the present method, and the rung of the next collocation step
+method, level : the present method, and the number of the next collocation step's length
 rate : rho = beta Ts mubar' at the end of the last collocation step, 1/s
 released : that rate when the series took over in stick; 0 if they did not
 waited, calm : series steps in the layer since then, and their number after which collocation is tried again
@@ -324,8 +324,8 @@ def friction_here(place: Place, state: Any, limits: Limits, terms: Terms, drive:
     linear, v, plate_speed = terms.linear, state.slip_speed, state.plate_speed
     torque = law * drive.load
     pull = (torque - (linear.damping * plate_speed + linear.stiffness * state.plate_angle)
-            - lost_torque(v, plate_speed, linear.plate_by_slip, None))
-    push = drive.torque - torque - lost_torque(v, plate_speed, linear.flywheel_by_slip, linear.flywheel_by_speed)
+            - lost_torque(v, linear.plate_by_slip))
+    push = drive.torque - torque - lost_torque(v, linear.flywheel_by_slip)
     return LocalFriction(law, slope, excess, tanh, sech, push / linear.flywheel - pull / linear.plate)
 
 
@@ -677,10 +677,8 @@ def distance_to_creep(friction: LocalFriction, rho: float, state: Any, limits: L
     """
     linear = terms.linear
     i1, i2, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
-    push = (drive.torque - damping * state.plate_speed - stiffness * state.plate_angle
-            - lost_torque(0.0, state.plate_speed, None, linear.flywheel_by_speed)) / (i1 + i2)
+    push = (drive.torque - damping * state.plate_speed - stiffness * state.plate_angle) / (i1 + i2)
     creep = (drive.torque_rate / i1 + (damping * push + stiffness * state.plate_speed) / i2
-             - lost_torque(0.0, push, None, linear.flywheel_by_speed) / i1
              - limits.beta * drive.load_rate * friction.law) / rho
     return float((friction.acceleration - creep) / rho)
 

@@ -151,7 +151,7 @@ def change_at_nodes(group: Any, lane: int, level: int, loaded: bool, limits: Lim
         pull = -(by[of.PLATE_INERTIA, lane] * plate + by[of.DAMPING, lane] * plate_speed
                  + by[of.STIFFNESS, lane] * polynomial.value(rows, ANGLE, DEGREE, C[n])
                  + by[of.PLATE_BY_SLIP, lane] * v)
-        torque -= by[of.FLYWHEEL_BY_SLIP, lane] * v + by[of.FLYWHEEL_BY_SPEED, lane] * plate_speed
+        torque -= by[of.FLYWHEEL_BY_SLIP, lane] * v
         group.applied[lane, n] = torque - by[of.FLYWHEEL_INERTIA, lane] * (slip + plate) + pull
         group.nodes[lane, n] -= limits.beta * (work.law[n] * load + pull)
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.compiling.compiled import fast, lost_torque
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.model import profile as of
 from tcc_sim.model.equations import completed
 from tcc_sim.model.friction import Stribeck
@@ -96,8 +96,7 @@ def region_of(state: Any, loaded: bool, control: Any, limits: Limits, terms: Ter
         if size < 0.1 * limits.errors.nearly_zero:
             linear = terms.linear
             spring = linear.damping * state.plate_speed + linear.stiffness * state.plate_angle
-            engine = drive.torque - lost_torque(0.0, state.plate_speed, None, linear.flywheel_by_speed)
-            sign = 1.0 if engine / linear.flywheel + spring / linear.plate >= 0.0 else -1.0
+            sign = 1.0 if drive.torque / linear.flywheel + spring / linear.plate >= 0.0 else -1.0
     elif size <= limits.speeds.far * (1.0 + EDGE):
         region = FALLING
         slip_tolerance = min(slip_tolerance, limits.errors.falling)
