@@ -17,7 +17,7 @@ from tcc_sim.replay.given_inputs import doubts_about, driven_by, input_table
 from tcc_sim.replay.measured import MeasuredRun, analyse_table, at_measured_speed
 from tcc_sim.replay.replay import replay
 from tcc_sim.replay.result import Replay
-from tcc_sim.scene import SceneLike, as_scene, parse_profiles, refuse_driven
+from tcc_sim.scene import SceneLike, as_scene, parse_profiles, unused_beside
 from tcc_sim.sweeps.simulation import Plan, Simulation, simulate, with_plan_fields
 from tcc_sim.tables.chosen_columns import is_table
 from tcc_sim.tables.measured_table import MeasuredTable, table_in
@@ -43,7 +43,8 @@ def driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | No
     driven = driven_by(scene, source, hold)
     inputs = driven.system.inputs
     assert inputs is not None
-    refuse_driven(keys, [name for name, data in zip(INPUTS, (inputs.torque, inputs.pressure)) if data is not None])
+    given = [name for name, data in zip(INPUTS, (inputs.torque, inputs.pressure)) if data is not None]
+    driven = replace(driven, notes=unused_beside(keys, given))
     if orders and isinstance(source, MeasuredTable):
         return at_measured_speed(driven, source, pulses)
     if pulses is not None:

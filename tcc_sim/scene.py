@@ -103,12 +103,15 @@ class Scene:
     description: str = ""
     unused: tuple[str, ...] = field(default=(), compare=False)
     """Keys that were given together with a friction table, which replaces them."""
+    notes: tuple[str, ...] = field(default=(), compare=False)
+    """Further warnings."""
 
     def warnings(self) -> list[str]:
         """Return the warnings about the scene that accompany every result."""
         friction = self.system.friction
         unused = self.unused if friction.curve is not None else ()
-        return [*(f"{key} is not used, because the friction table replaces it" for key in unused), *friction.doubts]
+        return [*(f"{key} is not used, because the friction table replaces it" for key in unused), *friction.doubts,
+                *self.notes]
 
     def __post_init__(self) -> None:
         delay_ticks(self.system.pressure, 1.0 / self.operation.rate)
@@ -291,11 +294,10 @@ def meaning_of(key: str) -> Quantity:
     return known[list_of(key)]
 
 
-def refuse_driven(keys: Iterable[str], inputs: Iterable[str]) -> None:
-    """Raise InputError if a command gives a key of an input that data replaces; `inputs` are those of the data."""
-    for key, name in itertools.product(keys, inputs):
-        if key.startswith(DRIVEN.get(name, ())):
-            raise InputError(f"{key} is not used, because the data have {name}; remove one of the two")
+def unused_beside(keys: Iterable[str], inputs: Iterable[str]) -> tuple[str, ...]:
+    """Return a sentence for each key of a command that belongs to one of the inputs, by topic, that come from data."""
+    return tuple(f"{key} is not used, because the data have {name}" for key, name in itertools.product(keys, inputs)
+                 if key.startswith(DRIVEN.get(name, ())))
 
 
 def parse_assignments(assignments: list[str]) -> dict[str, object]:

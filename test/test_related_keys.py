@@ -85,6 +85,19 @@ def test_a_speed_that_is_none_or_given_twice_is_refused(given, words):
     assert all(word in str(caught.value) for word in words)
 
 
+@pytest.mark.parametrize("words", [
+    ("simulate", "fig02", "--inputs", "T.csv", "--set", "engine.mean_torque=3"),
+    ("simulate", "fig02", "--inputs", "T.csv", "--profile", "engine.torque_amplitude=0:3"),
+    ("identify", "T.csv", "--scene", "fig02", "--free", "driveline.stiffness", "--set", "engine.mean_torque=3")])
+def test_data_in_the_place_of_a_key_are_said(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "T.csv").write_text("t,slip_speed,engine_torque\n" + "".join(
+        f"{k}e-3,{100 + math.sin(0.3 * k)},{300 + k % 7}\n" for k in range(60)))
+    assert main([*words, "--json", "out.json"]) in (0, 1)
+    key = words[-1].partition("=")[0]
+    assert any(key in line for line in json.loads((tmp_path / "out.json").read_text())["warnings"])
+
+
 COLD = {"cycles": 12, "discard": 4}
 ORDERS = [1.0, 2.0, 3.0]
 
@@ -158,9 +171,6 @@ TABLE = "slip_speed,coefficient\n0,0.3\n2,0.26\n10,0.24\n40,0.24\n"
     ("sweep", "runup", "--over", SPEED), ("sweep", "runup", "--over", FREQUENCY),
     ("simulate", "runup", "--set", "engine.speed=3", "--profile", "engine.speed=0:3,1:4"),
     ("simulate", "fig02", "--set", "pressure.mean=3", "--profile", "pressure.mean=0:3"),
-    ("simulate", "fig02", "--inputs", "T.csv", "--set", "engine.mean_torque=3"),
-    ("simulate", "fig02", "--inputs", "T.csv", "--profile", "engine.torque_amplitude=0:3"),
-    (*IDENTIFY, "--free", "driveline.stiffness", "--set", "engine.mean_torque=3"),
     (*IDENTIFY, "--free", "friction.decay=3", "--set", "friction.decay=2"),
     (*IDENTIFY, "--free", "engine.speed=3"), (*IDENTIFY, "--free", "engine.frequency=3"),
     (*IDENTIFY, "--free", "friction.curve=2", "--free", "friction.decay"),

@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
 def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Identification]]:
     """Return the scene and `identify` with every argument but `progress`."""
     from tcc_sim.estimation.identify import given, identify
-    from tcc_sim.scene import load_scene, parse_assignments, refuse_driven
+    from tcc_sim.scene import load_scene, parse_assignments, unused_beside
     from tcc_sim.tables.chosen_columns import is_table
 
     free: dict[str, float | None] = {}
@@ -82,8 +83,7 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
                             arguments.columns, arguments.from_, arguments.to, **driveline_of(arguments))
     values = parse_assignments(arguments.set)
     refuse_swept(arguments.set, [key for key, start in free.items() if start is not None])
-    refuse_driven(values, measured.inputs)
-    scene = scene.with_changes(values)
+    scene = replace(scene.with_changes(values), notes=unused_beside(values, measured.inputs))
     return scene, partial(identify, measured, free, scene=scene, noise=noise, hold=arguments.hold,
                           likelihood=arguments.likelihood)
 
