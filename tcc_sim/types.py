@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tcc_sim.estimation.linearise import Linearisation
     from tcc_sim.estimation.measurement import Measurement
     from tcc_sim.estimation.settings import FitSettings, Gates
+    from tcc_sim.fmi.controller import FmuController
     from tcc_sim.plant.closed_loop import ControlledRun
     from tcc_sim.plant.driveline import Reading
     from tcc_sim.plant.sensors import Sensor
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from tcc_sim.study.continuation.driveline import Seed
     from tcc_sim.study.continuation.motions import Motions
     from tcc_sim.study.paper.figure_results import Figure
+    from tcc_sim.sweeps.gains import GainMap
     from tcc_sim.sweeps.results import Grid, Sweep
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.simulation import Plan, Simulation
@@ -37,23 +39,23 @@ if TYPE_CHECKING:
     from tcc_sim.testing.run import LockstepRun
     from tcc_sim.trajectory import Status, Transitions
 
-__all__ = ["Axis", "Basins", "Branch", "ControlledRun", "Figure", "FitSettings", "Gates", "Grid", "Identification",
-           "InputError", "Linearisation", "LockstepRun", "MeasuredRun", "MeasuredTable", "Measurement", "Motions",
-           "Orders", "Plan", "Planes", "Reading", "RecordedRun", "Recording", "Replay", "Rig", "Scattered", "Seed",
-           "Sensor", "Signals", "Simulation", "Spectrum", "Start", "Status", "Steps", "Summary", "Sweep", "Tracking",
-           "Transitions"]
+__all__ = ["Axis", "Basins", "Branch", "ControlledRun", "Figure", "FitSettings", "FmuController", "GainMap", "Gates",
+           "Grid", "Identification", "InputError", "Linearisation", "LockstepRun", "MeasuredRun", "MeasuredTable",
+           "Measurement", "Motions", "Orders", "Plan", "Planes", "Reading", "RecordedRun", "Recording", "Replay", "Rig",
+           "Scattered", "Seed", "Sensor", "Signals", "Simulation", "Spectrum", "Start", "Status", "Steps", "Summary",
+           "Sweep", "Tracking", "Transitions"]
 
 _MODULES = {
     "analysis.control": "Steps", "analysis.orders": "Orders", "analysis.signals": "Signals",
     "analysis.spectra": "Spectrum", "analysis.summary": "Summary", "analysis.tracking": "Tracking",
     "errors": "InputError", "estimation.identify": "Identification", "estimation.linearise": "Linearisation",
     "estimation.measurement": "Measurement", "estimation.settings": "FitSettings Gates",
-    "plant.closed_loop": "ControlledRun", "plant.driveline": "Reading",
+    "fmi.controller": "FmuController", "plant.closed_loop": "ControlledRun", "plant.driveline": "Reading",
     "plant.sensors": "Sensor", "replay.measured": "MeasuredRun", "replay.recorded": "RecordedRun Recording",
     "replay.result": "Replay", "study.basins.results": "Axis Basins Planes", "study.continuation.branch": "Branch",
     "study.continuation.driveline": "Seed", "study.continuation.motions": "Motions",
-    "study.paper.figure_results": "Figure", "sweeps.results": "Grid Sweep", "sweeps.scatter": "Scattered",
-    "sweeps.simulation": "Plan Simulation", "sweeps.steady_state": "Start",
+    "study.paper.figure_results": "Figure", "sweeps.gains": "GainMap", "sweeps.results": "Grid Sweep",
+    "sweeps.scatter": "Scattered", "sweeps.simulation": "Plan Simulation", "sweeps.steady_state": "Start",
     "tables.measured_table": "MeasuredTable", "testing.rig": "Rig", "testing.run": "LockstepRun",
     "trajectory": "Status Transitions"}
 _PLACES = {name: f"tcc_sim.{module}" for module, names in _MODULES.items() for name in names.split()}

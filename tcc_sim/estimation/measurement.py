@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,12 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.profile import smooth_corners
 from tcc_sim.replay.applied import measured_run
+from tcc_sim.replay.given_inputs import BRIDGED
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.tables.file_columns import TIME
-from tcc_sim.tables.measured_table import HOLDS, MeasuredTable
+from tcc_sim.tables.measured_table import HOLDS, MeasuredTable, longest_part
+from tcc_sim.tables.sampling import in_words
 from tcc_sim.topics import FAR_END, INPUTS
 from tcc_sim.trajectory import Floats
 
@@ -110,6 +112,7 @@ def measurement_in(table: MeasuredTable) -> Measurement:
         The far end of the shaft moves, or the data cannot be used.
     """
     _check_still(Path(table.source), table.columns.get(FAR_END))
+    table = _without_holes(table)
     rows = np.isfinite(table.columns["slip_speed"])
     columns = {name: values[rows] for name, values in table.columns.items()
                if name in (TIME, "slip_speed") or np.isfinite(values).any()}
@@ -129,6 +132,29 @@ def measurement_in(table: MeasuredTable) -> Measurement:
     return Measurement(columns[TIME][:n], {name: columns[name][:n] for name in CHANNELS if name in columns},
                        {name: columns[name][:n] for name in INPUTS if name in columns}, table.source,
                        held.pop() if len(held) == 1 else None, (*table.notes, *notes))
+
+
+def _without_holes(table: MeasuredTable) -> MeasuredTable:
+    """Return the longest part of a table without a hole in a column that is used. Holes of one or two rows in an input
+    are bridged by straight lines, as `simulate --inputs` bridges them.
+    """
+    used = [name for name in (*CHANNELS, *INPUTS)
+            if name in table.columns and np.isfinite(table.columns[name]).any()]
+    columns, bridged = dict(table.columns), []
+    for name in (name for name in used if name in INPUTS):
+        short = table.holes(name)
+        short = short[np.diff(short)[:, 0] < BRIDGED * table.usual_step(name)]
+        inside = ((table.t[:, None] > short[:, 0]) & (table.t[:, None] < short[:, 1])).any(axis=1)
+        if inside.any():
+            columns[name] = np.where(inside, np.interp(table.t, *table.filled(name)), columns[name])
+            bridged.append(f"{table.source}: {name} is joined by straight lines over {in_words(short)}")
+    table = replace(table, columns=columns).noting(*bridged)
+    holes = table.holes(*used)
+    if not len(holes):
+        return table
+    begin, end = longest_part(table.t, holes)
+    return table.part(begin, end).noting(f"{table.source}: only {begin:.6g} to {end:.6g} s is used, the longest part "
+                                         "without a hole")
 
 
 def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> tuple[Measurement, Scene]:

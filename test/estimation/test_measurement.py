@@ -173,3 +173,16 @@ def test_derivatives_by_every_key_are_those_of_differences() -> None:
             ends = [states_of(of, starts, 4, at + s * value * np.eye(len(at))[i], n) for s in (1e-5, -1e-5)]
             slope = (ends[0] - ends[1]) / (2e-5 * value)
             np.testing.assert_allclose(by[..., 3 + i], slope, rtol=1e-4, atol=1e-3 * np.abs(slope).max(), err_msg=key)
+
+
+@pytest.mark.parametrize("name", ["slip_speed", "plate_speed", "engine_torque"])
+def test_a_flawed_stretch_leaves_the_longest_part_and_one_row_of_an_input_is_bridged(name: str) -> None:
+    t = 2e-3 * np.arange(200)
+    columns = {"t": t, "slip_speed": np.sin(40.0 * t), "plate_speed": np.cos(40.0 * t), "engine_torque": 5.0 * t}
+    columns[name] = np.where((np.arange(200) >= 60) & (np.arange(200) < 90), np.nan, columns[name])
+    columns["engine_torque"] = np.where(np.arange(200) == 120, np.nan, columns["engine_torque"])
+    found = measurement_in(MeasuredTable(columns, {}, "x.csv"))
+    assert found.t.tolist() == t[90:].tolist()
+    assert found.inputs["engine_torque"] == pytest.approx(5.0 * found.t)
+    assert any("0.18 to 0.398 s" in note for note in found.notes)
+    assert any("engine_torque" in note and "0.238 to 0.242 s" in note for note in found.notes)
