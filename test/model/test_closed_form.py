@@ -281,6 +281,9 @@ def test_limits_of_stick_exist_where_stick_begins_or_ends():
             assert abs(mean) + amplitude * gain == pytest.approx(540.0)
         expected = {2: closed, 1: (None, *closed), 0: (None, None)}[count]
         assert [x and round(x, 6) for x in limits] == [x and round(x, 6) for x in expected]
+    second = {"engine.harmonic_amplitudes": (150.0,), "engine.harmonic_phases": (0.0,), "engine.torque_amplitude": 0.0}
+    half = 0.5 * np.array(pure_stick.constant_load_limits(system_of(**{"engine.torque_amplitude": 150.0})))
+    assert list(pure_stick.stick_limits(system_of(second), 5.0, 2000.0, 2)) == pytest.approx(half.tolist())
     for low, high in ((0.0, 1.0), (2.0, 2.0), (3.0, 2.0)):
         with pytest.raises(InputError, match=f"{low:g} to {high:g} rad/s"):
             pure_stick.stick_limits(BASE, low, high)
