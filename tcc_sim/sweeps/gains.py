@@ -102,9 +102,9 @@ class LawFile:
 @functools.cache
 def _executed(law: LawFile) -> Callable[..., Any]:
     """Return the class or function that a file defines. Modules beside the file are found after all others."""
-    module = ModuleType(Path(law.path).stem)
+    module = ModuleType(f"{law.path} of a map of gains")  # A name that no import statement finds.
     module.__file__ = law.path
-    sys.modules.setdefault(module.__name__, module)  # Where dataclasses look their annotations up.
+    sys.modules[module.__name__] = module  # Where dataclasses look their annotations up.
     if (folder := str(Path(law.path).parent)) not in sys.path:
         sys.path.append(folder)
     try:

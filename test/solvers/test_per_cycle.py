@@ -23,7 +23,7 @@ from tcc_sim.solvers.per_cycle import (
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import FarEnd
 
-EVERY = Linear(0.2, 0.02, 0.6, 3000.0, 15.0, 4.0, -11.0)
+EVERY = Linear(0.2, 0.02, 0.6, 3000.0, 15.0, -11.0)
 W, CYCLE = 40.0, 0.15
 """Fastest frequency of the motion, rad/s, and length of a cycle, s."""
 
