@@ -56,6 +56,6 @@ def _spin(node: CommanderNode) -> NoReturn:
     """Answer states until the context ends."""
     signals.end_in_order()
     log(node, f"answers every state of {node.states.topic_name}")
-    spinner = Spinner(node)
+    spinner = Spinner(node, busy=True)
     while True:
         spinner.once()

@@ -140,6 +140,6 @@ def _spin(node: SlipControllerNode) -> NoReturn:
     """Answer states until the context ends."""
     signals.end_in_order()
     node.report()
-    spinner = Spinner(node)
+    spinner = Spinner(node, busy=True)
     while True:
         spinner.once()
