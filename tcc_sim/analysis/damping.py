@@ -104,7 +104,7 @@ def integrals_of_arcs(run: Trajectory) -> Floats:
     terms, changes = terms_of(run.system), run.transitions
     left, right, mode = _pieces(run)
     h = right - left
-    ends = [_end(run, terms, at, np.where(mode == FREE, 1, mode), after)
+    ends = [_end_of_pieces(run, terms, at, np.where(mode == FREE, 1, mode), after)
             for at, after in ((left, True), (right, False))]
     held = changes.time[(changes.before != FREE) & (changes.after != FREE)]
     (p, dp), (q, dq) = ((np.where(np.isin(at, held), 0.0, v), h * a) for (v, a), at in zip(ends, (left, right)))
@@ -133,7 +133,7 @@ def _pieces(run: Trajectory) -> tuple[Floats, Floats, Floats]:
     return left, right, modes[place]
 
 
-def _end(run: Trajectory, terms: Terms, at: Floats, mode: Floats, after: bool) -> tuple[Floats, Floats]:
+def _end_of_pieces(run: Trajectory, terms: Terms, at: Floats, mode: Floats, after: bool) -> tuple[Floats, Floats]:
     """Return slip speed and acceleration at one end of every piece, by Taylor's series from the sample on its side."""
     # `after`: the end is the start of a piece
     assert run.system is not None

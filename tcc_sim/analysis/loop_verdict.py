@@ -292,7 +292,7 @@ def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
     if len(sizes) < DEFAULTS.swings and not (_regular(swings) and scatter <= DEFAULTS.irregular):
         return None
     part = errors.t >= errors.t[-1] - swings.quiet - float(durations.sum())
-    share, period = _line(errors.t[part], free[part], swings.period)
+    share, period = _best_sine(errors.t[part], free[part], swings.period)
     by_chance = 1.0 - DEFAULTS.chance ** (2.0 / max(np.count_nonzero(part) - 3, 1))
     regular = max(share, _repeats(errors.t[part], free[part], swings.period)) >= max(DEFAULTS.coherent, by_chance)
     if errors.noise > 0.0:   # The extremes of a noisy swing exceed it.
@@ -324,7 +324,7 @@ def _decays_on(swings: Swings, rate: float) -> bool:
     return math.log(float(sizes[-2:].mean()) / float(sizes[-4:-2].mean())) < DEFAULTS.decays_on * rate * apart
 
 
-def _line(t: Floats, signal: Floats, period: float) -> tuple[float, float]:
+def _best_sine(t: Floats, signal: Floats, period: float) -> tuple[float, float]:
     """Return the part of a signal's variance that a sine of about this period, s, holds, and its best period."""
     about, best = signal - signal.mean(), (0.0, period)
     for near in (np.linspace(0.8, 1.25, 19), np.linspace(0.98, 1.02, 9)):

@@ -86,7 +86,7 @@ def _within(curve: Callable[[Floats], Floats], holes: Spans) -> Callable[[Floats
     return at
 
 
-def _unknown(times: Floats) -> Floats:
+def _nothing_known(times: Floats) -> Floats:
     """Return NaN for every time."""
     return np.full(len(times), np.nan)
 
@@ -94,10 +94,10 @@ def _unknown(times: Floats) -> Floats:
 def _curve(table: MeasuredTable, name: str, phase: MeasuredPhase) -> Callable[[Floats], Floats]:
     """Return a column as a curve, NaN in its holes; NaN throughout if it is not there."""
     if name not in table.columns:
-        return _unknown
+        return _nothing_known
     t, values = table.filled(name)
     holes = long_holes(table.holes(name), phase.turns, phase.times)
-    return _unknown if len(t) < 4 else _within(_cubic(t, values), holes)
+    return _nothing_known if len(t) < 4 else _within(_cubic(t, values), holes)
 
 
 def _shaft_torque(table: MeasuredTable, system: System, phase: MeasuredPhase) -> Callable[[Floats], Floats]:
@@ -105,7 +105,7 @@ def _shaft_torque(table: MeasuredTable, system: System, phase: MeasuredPhase) ->
     names = [name for name in ("plate_angle", "plate_speed", FAR_END, "output_angle") if name in table.columns]
     complete = np.all([np.isfinite(table.columns[name]) for name in ("t", *names)], axis=0)
     if "plate_angle" not in names or np.count_nonzero(complete) < 4:
-        return _unknown
+        return _nothing_known
     t, d = table.t[complete], system.driveline
     columns = {name: table.columns[name][complete] for name in names}
     angle = columns["plate_angle"]

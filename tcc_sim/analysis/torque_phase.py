@@ -142,7 +142,7 @@ class _Run:
                 return False
             size = len(self._t)
         self._tried = size
-        line = _line(self._t[:size], self._torque[:size])
+        line = _strongest_line(self._t[:size], self._torque[:size])
         if line is not None:
             frequency, drift = line
             self._model = float(self._t[0]), 0.0, frequency, drift * frequency
@@ -275,7 +275,7 @@ def _fit_of(t: Floats, given: Floats) -> _Fit:
                 math.hypot(in_phase, ahead))
 
 
-def _line(t: Floats, torque: Floats) -> tuple[float, float] | None:
+def _strongest_line(t: Floats, torque: Floats) -> tuple[float, float] | None:
     """Return frequency (rad/s) at the start and relative drift (1/s) of the strongest line; None for none."""
     # In the time s = (t - t0) + drift (t - t0)^2/2 a drifting line is one of constant frequency.
     span, best = float(t[-1] - t[0]), (0.0, 0.0, 0.0)

@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace, scene: str | None = None, controller: str
 
     name = scene or (CONTROLLED if controller is not None else NODE_SCENE)
     driven = load_scene(name)
-    commands = (_words(controller, driven) if controller is not None else
+    commands = (_split_command(controller, driven) if controller is not None else
                 controller_of(driven) if scene is not None else ("commander", {}))
     require_ros()
     directory = new_directory(out or Path(f"tcc_demo_{datetime.now():%Y%m%d_%H%M%S}"))
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace, scene: str | None = None, controller: str
     return _analyse(driven, recording, directory, missing, arguments)
 
 
-def _words(command: str, scene: Scene) -> list[str]:
+def _split_command(command: str, scene: Scene) -> list[str]:
     """Split the command that starts a controller into words, as a shell would."""
     try:
         words = shlex.split(command)

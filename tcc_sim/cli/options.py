@@ -74,16 +74,16 @@ def _declared(found: ast.FunctionDef | ast.ClassDef) -> Iterator[tuple[str, str,
     if isinstance(found, ast.ClassDef):
         for node in found.body:
             if isinstance(node, ast.AnnAssign):
-                yield ast.unparse(node.target), ast.unparse(node.annotation), _text(node.value)
+                yield ast.unparse(node.target), ast.unparse(node.annotation), _source_text(node.value)
         return
     given = found.args
     plain = [*given.posonlyargs, *given.args]
     defaults = [*[None] * (len(plain) - len(given.defaults)), *given.defaults, *given.kw_defaults]
     for argument, default in zip([*plain, *given.kwonlyargs], defaults):
-        yield argument.arg, _text(argument.annotation) or "", _text(default)
+        yield argument.arg, _source_text(argument.annotation) or "", _source_text(default)
 
 
-def _text(node: ast.expr | None) -> str | None:
+def _source_text(node: ast.expr | None) -> str | None:
     """Return the source of an expression."""
     return None if node is None else ast.unparse(node)
 

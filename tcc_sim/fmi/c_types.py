@@ -176,10 +176,10 @@ def struct_of(source: type[Any], tables: dict[str, Table], lengths: dict[str, in
     """
     hints = typing.get_type_hints(source)
     return Struct(source.__name__, tuple((name, Static(None) if name in absent else
-                                          _kind(name, hints[name], tables, lengths)) for name in hints))
+                                          _kind_of(name, hints[name], tables, lengths)) for name in hints))
 
 
-def _kind(name: str, hint: Any, tables: dict[str, Table], lengths: dict[str, int]) -> Kind:
+def _kind_of(name: str, hint: Any, tables: dict[str, Table], lengths: dict[str, int]) -> Kind:
     """Return the type of a field from its annotation; a number that may be None exists in the real-time solver."""
     choices = typing.get_args(hint) if isinstance(hint, types.UnionType) or typing.get_origin(
         hint) is typing.Union else (hint,)

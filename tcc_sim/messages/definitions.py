@@ -67,14 +67,14 @@ def definition(type_name: str) -> Definition:
     InputError
         The name is not a message type, or its definition is not available.
     """
-    text = _text(type_name)
+    text = _text_of_type(type_name)
     parts, needed, seen = [text], list(_dependencies(type_name, text)), {type_name}
     while needed:
         name = needed.pop(0)
         if name in seen:
             continue
         seen.add(name)
-        text = _text(name)
+        text = _text_of_type(name)
         package, _, short = name.split("/")
         parts.append(f"\n{'=' * 80}\nMSG: {package}/{short}\n{text}")
         needed.extend(_dependencies(name, text))
@@ -108,7 +108,7 @@ def installed_text(type_name: str, suffix: str) -> str | None:
     return None
 
 
-def _text(type_name: str) -> str:
+def _text_of_type(type_name: str) -> str:
     """Return the .msg text of one type."""
     text = installed_text(type_name, ".msg")
     if text is None and type_name not in CARRIED:

@@ -180,7 +180,7 @@ def explained(scene: Scene, *, cost: bool = False) -> SceneExplanation:
         step = StepFigures(TICK, substeps(terms, TICK), **figures)
     return SceneExplanation(
         scene.name, scene.description, choose(scene.system, "auto"), estimates_of(scene.system),
-        Held(*held_and_left_out(terms)), {name: _kind(value) for name, value in zip(terms._fields, terms)}, topics,
+        Held(*held_and_left_out(terms)), {name: _what_is(value) for name, value in zip(terms._fields, terms)}, topics,
         Held([], OPTIONAL_MODULES),  # No solver of this package imports them.
         step, closed_forms(scene.system), friction_of(scene.system))
 
@@ -221,7 +221,7 @@ def friction_lines(law: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _kind(value: object) -> str:
+def _what_is(value: object) -> str:
     if value is None:
         return "left out"
     if isinstance(value, np.ndarray):

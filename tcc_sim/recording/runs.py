@@ -39,7 +39,7 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
     origin, stamp = states.origin[order], states.stamp_ns[order]
     fresh = np.append(True, (np.diff(origin) != 0) | (np.diff(stamp) != 0))[:len(order)]
     counter.repeated = int(np.count_nonzero(~fresh))
-    differing = _differing(states, order, fresh)
+    differing = _count_differing(states, order, fresh)
     order, origin = order[fresh], origin[fresh]
     sorted_joined = {name: _by_key(messages) for name, messages in joined.items()}
     runs: list[JointStates] = []
@@ -112,7 +112,7 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
         runs.append(_filled(JointStates(**columns, run=number, began=kind, index=index)))
         index += len(mine)
     fresh = np.append(True, (np.diff(states.origin[order]) != 0) | (np.diff(states.stamp_ns[order]) != 0))[:len(order)]
-    return _with_sources(runs, sources), _differing(states, order, fresh)
+    return _with_sources(runs, sources), _count_differing(states, order, fresh)
 
 
 def placed(messages: Sequence[SceneRecord | InputSource], runs: Sequence[JointStates]) -> list[tuple[int, int]]:
@@ -168,7 +168,7 @@ def _join(columns: dict[str, Any], messages: StampedMessages, its: Positions) ->
             columns[name][same] = values[messages.kept[its]][nearest[same]]
 
 
-def _differing(states: StampedMessages, order: Positions, fresh: NDArray[np.bool_]) -> int:
+def _count_differing(states: StampedMessages, order: Positions, fresh: NDArray[np.bool_]) -> int:
     """Return how many repeated messages differ from the one before them."""
     again = np.flatnonzero(~fresh)
     one, other = states.kept[order[again]], states.kept[order[again - 1]]

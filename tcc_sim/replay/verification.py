@@ -76,7 +76,7 @@ class _Verifier:
         self._exact = False
         self._largest = np.zeros(len(COLUMNS))
         self._size = np.zeros(len(COLUMNS))
-        self._compared = self._exactly = self._solved = self._unknown = 0
+        self._count_compared = self._exactly = self._solved = self._unknown = 0
         self._stated = True
         self._broken: float | None = None
         self._first: int | None = None
@@ -120,7 +120,7 @@ class _Verifier:
 
     def result(self) -> Verification:
         """Return the result of all batches."""
-        if self._refusal or not self._compared:
+        if self._refusal or not self._count_compared:
             return Verification(False, math.inf, 0, 0, 0, None, self._refusal or "the recording holds no joint_states")
         ratio = np.divide(self._largest, self._size, out=self._largest.copy(), where=self._size > 0.0)
         largest, detail = float(ratio.max()), ""
@@ -134,7 +134,7 @@ class _Verifier:
             if any(self._harmonic) and not self._stated:
                 detail += "; the recording does not state the sources of its inputs, so every one counts as commanded"
         elif self._unknown:
-            detail = f"{self._unknown} of {counted(self._compared, 'state')} have no known input"
+            detail = f"{self._unknown} of {counted(self._count_compared, 'state')} have no known input"
         elif self._broken is not None:
             detail = (f"a run begins at {self._broken:.9g} s after a reset, which must lead to 0: messages are missing "
                       "or mixed up")
@@ -143,7 +143,7 @@ class _Verifier:
         if self._absent.any():
             detail += f"; not recorded, so not compared: {', '.join(self._line.absent)}"
         verified = self._first is None and self._solved > 0 and not self._unknown and self._broken is None
-        return Verification(verified, largest, self._compared, self._solved, self._exactly, self._first, detail)
+        return Verification(verified, largest, self._count_compared, self._solved, self._exactly, self._first, detail)
 
     def _begin(self, batch: JointStates) -> None:
         """Begin a new run with the scene that applies."""
@@ -278,7 +278,7 @@ class _Verifier:
         difference[np.isnan(difference)] = math.inf
         difference[:, self._absent] = 0.0
         self._largest = np.maximum(self._largest, difference.max(axis=0))
-        self._compared += len(batch)
+        self._count_compared += len(batch)
         self._exactly += int(np.count_nonzero(exact))
         allowed = np.where(exact[:, None], 0.0, STEP_TOLERANCE * self._size)
         wrong = np.flatnonzero((difference > allowed).any(axis=1))

@@ -139,7 +139,7 @@ def decoded_line(line: bytes) -> dict[str, Any]:
 def _object(text: bytes) -> dict[str, Any]:
     """Return a JSON object of finite numbers; raise ValueError for anything else."""
     try:
-        document = json.loads(text, parse_constant=_refused, parse_float=_finite)
+        document = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite)
     except RecursionError:
         raise ValueError("it is nested too deep") from None
     except UnicodeDecodeError:
@@ -149,7 +149,7 @@ def _object(text: bytes) -> dict[str, Any]:
     return document
 
 
-def _refused(name: str) -> NoReturn:
+def _refuse_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is not a number in JSON")
 
 

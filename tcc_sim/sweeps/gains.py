@@ -154,14 +154,14 @@ class Loops:
                 warnings.simplefilter("ignore")  # The number of refused commands stands in the result.
                 run = closed_loop(scene, law, self.seconds, scene.operation.rate)
         except InputError as error:
-            raise InputError(f"with {_words(values)}: {error}") from None
+            raise InputError(f"with {_values_text(values)}: {error}") from None
         except Exception as error:
-            raise TccError(f"the law failed with {_words(values)}: {type(error).__name__}: "
+            raise TccError(f"the law failed with {_values_text(values)}: {type(error).__name__}: "
                            f"{one_line(str(error))}") from error
         return GainPoint(run.tracking_of(self.target, limits=self.limits), run.refused)
 
 
-def _words(values: Mapping[str, float]) -> str:
+def _values_text(values: Mapping[str, float]) -> str:
     return ", ".join(f"{key} {value:g}" for key, value in values.items())
 
 

@@ -108,7 +108,7 @@ def columns_in(path: Path, known: Mapping[str, str | None], needed: Sequence[str
     chosen = named_columns(columns, known, option)
     contents = contents_of(path, [*known, *_TIMES, *UNITS, *(word.rpartition(":")[0] or word
                                                              for word in chosen.values())])
-    places = _places(path, contents, known, chosen, option)
+    places = _columns_by_name(path, contents, known, chosen, option)
     for name in needed:
         if name not in places:
             raise InputError(_lacking(path, contents, name, places, option))
@@ -121,7 +121,7 @@ def columns_in(path: Path, known: Mapping[str, str | None], needed: Sequence[str
     return arrays, _notes_on(contents, read_as, places, dict(zip(order, factors)), known), dict(contents.hold)
 
 
-def _places(path: Path, contents: FileColumns, known: Mapping[str, str | None],
+def _columns_by_name(path: Path, contents: FileColumns, known: Mapping[str, str | None],
             chosen: Mapping[str, str], option: str) -> dict[str, tuple[int, str]]:
     """Return number and unit of the file's column for each known name that it has."""
     names = [name.strip() for name in contents.names]

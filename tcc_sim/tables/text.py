@@ -178,7 +178,7 @@ def _cells(lines: Iterator[str] | list[str], delimiter: str) -> Iterator[list[st
     return csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
 
 
-def _kind(cell: str) -> str:
+def _kind_of_cell(cell: str) -> str:
     """Return n for a number or a date-time, e for an empty cell, t for other text."""
     text = cell.strip()
     if text.lower() in _EMPTY:
@@ -228,14 +228,14 @@ def _with_delimiter(lines: list[str], encoding: str, delimiter: str,
         return None
     tail = filled[-max(1, len(filled) // 3):]
     width = max((len(rows[k]) for k in tail), key=[len(rows[k]) for k in tail].count)
-    kinds = [[_kind(cell) for cell in rows[k]] for k in tail if len(rows[k]) == width]
+    kinds = [[_kind_of_cell(cell) for cell in rows[k]] for k in tail if len(rows[k]) == width]
     numeric = [j for j in range(width) if sum(row[j] != "t" for row in kinds) * 2 > len(kinds)
                and any(row[j] == "n" for row in kinds)]
     if not numeric:
         return None
     start = next((k for k in filled if abs(len(rows[k]) - width) <= 1 and all(
-        j < len(rows[k]) and _kind(rows[k][j]) != "t" for j in numeric)
-        and any(_kind(rows[k][j]) == "n" for j in numeric)), None)
+        j < len(rows[k]) and _kind_of_cell(rows[k][j]) != "t" for j in numeric)
+        and any(_kind_of_cell(rows[k][j]) == "n" for j in numeric)), None)
     if start is None:
         return None
     head = _names_before(lines, rows, comment, start, width, delimiter, known)
@@ -273,7 +273,7 @@ def _names_before(lines: list[str], rows: list[list[str]], comment: list[bool], 
     parted = [_parted(cell) for cell in cells]
     names, units = [name for name, _ in parted], [unit for _, unit in parted]
     for line, below in above[place + 1:]:
-        if any(_kind(cell) == "n" and cell != "1" for cell in below):
+        if any(_kind_of_cell(cell) == "n" and cell != "1" for cell in below):
             return at, names, units, line
         shown = [cell.strip("[]() ") for cell in below]
         if sum(map(is_unit, shown)) * 2 > len(shown) or len(above) == place + 2:

@@ -114,14 +114,14 @@ class Worker:
             while thread.is_alive():
                 thread.join(LOOK)
                 if thread.is_alive() and time.monotonic() - self._beat > patience:
-                    raise failed(_place(sys._current_frames().get(thread.ident or 0)))
+                    raise failed(_innermost_line(sys._current_frames().get(thread.ident or 0)))
         finally:
             self._abandoned += [thread] * thread.is_alive()
             self.stuck = thread.is_alive() and not _ended(thread)
         return outcome.result()
 
 
-def _place(frame: FrameType | None) -> str:
+def _innermost_line(frame: FrameType | None) -> str:
     """Return the innermost line of a thread that belongs neither to this package nor to a library."""
     innermost = frame
     while frame is not None:

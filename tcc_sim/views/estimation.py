@@ -31,7 +31,7 @@ def bode(values: Mapping[str, Any]) -> list[Panel]:
              + speed(values["operating_point"]["mean_slip"], 4))
 
     def curve(axis: Any, y: Any, quantity: AxisQuantity) -> None:
-        axis.semilogx(values["frequencies"], y, label=_name(values))
+        axis.semilogx(values["frequencies"], y, label=_name_of_model(values))
         quantities(axis, style.FREQUENCY, quantity)
 
     return [Panel(about, partial(curve, y=decibels, quantity=AxisQuantity("gain", unit)), 2.3),
@@ -39,7 +39,7 @@ def bode(values: Mapping[str, Any]) -> list[Panel]:
                                    quantity=AxisQuantity("phase", "degrees")), 2.0, over=True, named=False)]
 
 
-def _name(values: Mapping[str, Any]) -> str:
+def _name_of_model(values: Mapping[str, Any]) -> str:
     kind = values["kind"]
     return "harmonic transfer function" if kind == "periodic" else f"linear model about constant {kind}"
 

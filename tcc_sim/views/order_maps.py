@@ -41,7 +41,7 @@ def order_panels(orders: Orders) -> list[Panel]:
     known = bool(np.isfinite(orders.shaft_torque).any())
     shaft = "shaft_torque" if known else "slip_speed"
     blank = partial(_unmeasured, orders=orders)
-    maps = [Panel(_title(name), partial(_map, orders=orders, amplitude=getattr(orders, name), of=name) if measured
+    maps = [Panel(_capitalised(name), partial(_map, orders=orders, amplitude=getattr(orders, name), of=name) if measured
                   else blank, 2.3, beside=name == "slip_speed", named=False)
             for name, measured in (("shaft_torque", known), ("slip_speed", True))]
     if not known:
@@ -82,7 +82,7 @@ def spectrum_panels(spectrum: Spectrum) -> list[Panel]:
                   beside=name == "shaft_torque") for name, quantity in SIGNALS.items()]
 
 
-def _title(name: str) -> str:
+def _capitalised(name: str) -> str:
     return SIGNALS[name].name.capitalize()
 
 

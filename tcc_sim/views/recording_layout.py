@@ -65,7 +65,7 @@ def write_layout(recording: Path) -> Path:
     path = layout_path(recording)
     rrb = rerun().blueprint
     shown_views = [rrb.TimeSeriesView(origin="/", name=name, contents=list(given),
-                                overrides={topic: _line(_row(topic)) for topic in given})
+                                overrides={topic: _style_of_line(_row(topic)) for topic in given})
              for name, given in views().items()]
     shown_views.append(rrb.TimeSeriesView(origin=JOINTS, name="Joint states"))
     shown = rrb.Blueprint(rrb.Vertical(*shown_views), collapse_panels=True, auto_views=False)
@@ -83,7 +83,7 @@ def _row(path: str) -> Topic:
     return next(row for row in topics.TOPICS if row.name == path[1:])
 
 
-def _line(row: Topic) -> Any:
+def _style_of_line(row: Topic) -> Any:
     from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
     component, selector = PARTS[row.type]

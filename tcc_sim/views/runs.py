@@ -87,7 +87,7 @@ def manoeuvre(run: Trajectory, control: Control | None = None) -> list[Panel]:
     shaft = driveline.damping * twisting + driveline.stiffness * twist
 
     def over_time(axis: Any, values: Floats, colour: str, quantity: AxisQuantity) -> None:
-        _line(axis, run, values, colour)
+        _draw_line(axis, run, values, colour)
         quantities(axis, style.TIME, quantity)
 
     return [Panel("Torques", partial(_torques, run=run), 1.9, alone=partial(_slip_alone, run=run)),
@@ -146,26 +146,26 @@ def _last(tail: Trajectory, cycles: int) -> slice:
     return slice(max(first, 0), int(np.searchsorted(tail.t, end - slack)) + 1)
 
 
-def _line(axis: Any, run: Trajectory, values: Floats, colour: str, label: str | None = None, **look: Any) -> None:
+def _draw_line(axis: Any, run: Trajectory, values: Floats, colour: str, label: str | None = None, **look: Any) -> None:
     axis.plot(run.t, values, color=colour, label=label, rasterized=len(run.t) > SHARP,
               **{"linewidth": 0.9, **look})
 
 
 def _torques(axis: Any, run: Trajectory) -> None:
-    _line(axis, run, run.engine_torque, style.ORANGE, "engine")
-    _line(axis, run, run.friction_torque, style.BLUE, "friction")
+    _draw_line(axis, run, run.engine_torque, style.ORANGE, "engine")
+    _draw_line(axis, run, run.friction_torque, style.BLUE, "friction")
     load = run.saturation_torque
     if np.isfinite(load).any():
         ratio = run.system.friction_ratio if run.system is not None else 1.0
-        _line(axis, run, load, style.GREY, r"$\mu_k N R$", linestyle=DASHED)
+        _draw_line(axis, run, load, style.GREY, r"$\mu_k N R$", linestyle=DASHED)
         if ratio != 1.0:
-            _line(axis, run, ratio * load, style.GREY, r"$\mu_s N R$", linestyle=DOTTED)
+            _draw_line(axis, run, ratio * load, style.GREY, r"$\mu_s N R$", linestyle=DOTTED)
     quantities(axis, style.TIME, style.TORQUE)
     axis.set_xlim(run.t[0], run.t[-1])
 
 
 def _slip(axis: Any, run: Trajectory, control: Control | None) -> None:
-    _line(axis, run, run.slip_speed, style.BLUE, "slip speed")
+    _draw_line(axis, run, run.slip_speed, style.BLUE, "slip speed")
     shade_stick(axis, run.t, stuck_in(run))
     if control is not None:
         _target(axis, control, float(run.t[-1]))

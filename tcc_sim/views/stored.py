@@ -159,7 +159,7 @@ def revived(values: Mapping[str, Any]) -> Any:
         return _of(Spectrum, values["spectrum"])
     if kind in ("simulate", "analyse"):
         raise InputError(f"the JSON of {kind} has no samples to draw; give the file of samples that this command "
-                         f"writes: tcc-sim {shlex.join([*_command(values), '--out', 'FILE.npz'])}")
+                         f"writes: tcc-sim {shlex.join([*_command_of(values), '--out', 'FILE.npz'])}")
     if kind == "explain":
         return Scene(title_of(values), System(), Operation()).with_values(values["scene"])
     if kind == "basins" and "arrays" in values:
@@ -171,7 +171,7 @@ def revived(values: Mapping[str, Any]) -> Any:
     raise InputError(f"there is no picture of a JSON of {kind}" if kind else "this is no result of a command")
 
 
-def _command(values: Mapping[str, Any]) -> list[str]:
+def _command_of(values: Mapping[str, Any]) -> list[str]:
     """Return the command that wrote a JSON without the options of its files; `analyse` of the recording for `demo`."""
     words = list(values.get("command") or ["simulate", "SCENE"])
     if words[0] == "demo":

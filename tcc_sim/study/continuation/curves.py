@@ -391,7 +391,7 @@ def _ended(track: CurveTrack, new: AugmentedPoint, special: list[Special],
     return last.point, special, track.end(StopReason.SPECIAL, last.point, what=last.kind)
 
 
-def _lost(track: CurveTrack) -> tuple[list[Special], End]:
+def _stuck(track: CurveTrack) -> tuple[list[Special], End]:
     """The special point and the end where no step succeeds."""
     # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
     # doublings of the halves, so that the equations are singular.
@@ -463,7 +463,7 @@ def _remesh(track: CurveTrack, growth: float | None = None, others: bool = False
     return True
 
 
-CURVE = Rules(unresolved=_unresolved, special=_special, ended=_ended, went_on=_went_on, cut_anew=_cut_anew, lost=_lost)
+CURVE = Rules(unresolved=_unresolved, special=_special, ended=_ended, went_on=_went_on, cut_anew=_cut_anew, lost=_stuck)
 """A curve of bifurcations in two parameters.
 
 A point of codimension two is listed where its test function has two signs, each of which is resolved: larger than the

@@ -77,7 +77,8 @@ def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: f
     out = []
     for number, branch in enumerate(branches):
         for first, last in _runs(branch.points):
-            ends = [_end(branches, branch, first, -1, span, unit), _end(branches, branch, last, 1, span, unit)]
+            ends = [_end_of_segment(branches, branch, point, beyond, span, unit)
+                    for point, beyond in ((first, -1), (last, 1))]
             part = branch.points[first:last + 1]
             values, amplitudes = [s.value / unit for s in part], [s.orbit.seen.largest for s in part]
             if values[-1] < values[0]:
@@ -108,7 +109,7 @@ def _runs(points: Sequence[ContinuationPoint]) -> list[tuple[int, int]]:
     return out
 
 
-def _end(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, span: tuple[float, float],
+def _end_of_segment(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, span: tuple[float, float],
          unit: float) -> SegmentEnd:
     """The end of a segment at one of its points, towards the neighbour `beyond`."""
     at, width = branch.points[point], span[1] - span[0]
