@@ -93,13 +93,13 @@ def test_what_the_node_refuses_is_refused_counted_and_said_and_the_value_before_
     assert repr(run).endswith("5 commands refused>")
     with pytest.raises(InputError, match=r"engine_torque command of 100000\.01 N m refused"):
         check_command("engine_torque", 100000.01)
-    with pytest.warns(UserWarning, match=r"engine_torque command of nan N m refused; it must be -100000 to 100000 N m"):
+    with pytest.warns(UserWarning, match=r"engine_torque command of nan N m refused; it .* -100000 to 100000 N m"):
         tcc_sim.closed_loop(scene, lambda _: (math.nan, None), 0.1, rate=10.0)
 
 
 @pytest.mark.parametrize(("scene", "answer", "match"), [
-    ("controlled", "much", r"the law answered actuation_pressure 'much'; it must be a number or None"),
-    ("controlled", 10**400, r"0+; it must be a number or None"),
+    ("controlled", "much", r"the law answered actuation_pressure 'much'; it .* a number or None"),
+    ("controlled", 10**400, r"0+; it .* a number or None"),
     ("controlled", (1.0, 2.0, 3.0, 4.0), r"it must answer a pressure, \(torque, pressure\) or \(torque, "),
     ("controlled", (5.0, 1e5), "engine_torque 5.0, which the scene sets; answer None to use the scene's value, "
                                "or set engine.source=topic to let the law command it"),
@@ -110,10 +110,10 @@ def test_an_answer_that_makes_no_sense_ends_the_run_with_a_line(scene: str, answ
 
 
 @pytest.mark.parametrize(("words", "match"), [
-    ({"seconds": -1.0}, "seconds is -1; it must be 0 to 100000 s at 1000 Hz"),
+    ({"seconds": -1.0}, "seconds is -1; it .* 0 to 100000 s at 1000 Hz"),
     ({"seconds": math.nan}, "seconds is nan"),
     ({"seconds": 1e9}, "seconds is 1e"),
-    ({"seconds": 1.0, "rate": 0.5}, "rate is 0.5 Hz; it must be 1 to 20000 Hz")])
+    ({"seconds": 1.0, "rate": 0.5}, "rate is 0.5 Hz; it .* 1 to 20000 Hz")])
 def test_a_senseless_duration_or_rate_is_refused(words: dict[str, float], match: str) -> None:
     with pytest.raises(InputError, match=match):
         tcc_sim.closed_loop("controlled", lambda _: None, **words)
@@ -142,7 +142,7 @@ def test_a_run_has_the_means_of_its_slip_over_whole_cycles(changes: dict[float, 
 
 
 @pytest.mark.parametrize(("changes", "sentence"), [
-    ({0.0005: {"engine.mean_torque": 1.0}}, "a change at 0.0005 s is not possible; it must be a whole number of ticks"),
+    ({0.0005: {"engine.mean_torque": 1.0}}, "a change at 0.0005 s is not possible; it .* a whole number of ticks"),
     ({0.1: {"engine.mean_torqe": 1.0}}, "did you mean engine.mean_torque"),
     ({0.1: {"driveline.stiffness": 1.0}}, "driveline.stiffness cannot change while the driveline runs")])
 def test_a_change_that_cannot_be_made_is_refused_before_the_run(changes: object, sentence: str) -> None:

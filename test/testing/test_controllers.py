@@ -49,7 +49,7 @@ def test_an_answer_is_awaited_every_command_period_and_held_between(driveline: A
 
 @pytest.mark.parametrize(("period", "rate"), [(0.0015, 1000.0), (0.01, 150.0)])
 def test_a_command_period_is_whole_ticks(period: float, rate: float) -> None:
-    with pytest.raises(InputError, match=rf"command_period is {period} s; it must be a whole number of ticks"):
+    with pytest.raises(InputError, match=rf"command_period is {period} s; it .* a whole number of ticks"):
         load_scene("controlled").with_values({"command_period": period, "rate": rate})
 
 

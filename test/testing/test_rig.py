@@ -83,7 +83,7 @@ def test_runs_go_on_where_the_one_before_ended_with_changed_parameters_and_a_tar
     first = plant.run(ticks=100)
     plant.pause(0.02)
     plant.change({"engine.mean_torque": 300.0})
-    with pytest.raises(InputError, match=r"engine.mean_torque is 1e\+06 N m; it must be -100000 to 100000 N m"):
+    with pytest.raises(InputError, match=r"engine.mean_torque is 1e\+06 N m; it .* -100000 to 100000 N m"):
         plant.change(engine__mean_torque=1e6)
     with pytest.raises(InputError, match=r"driveline.stiffness cannot change while the driveline runs"):
         plant.change({"driveline.stiffness": 1e4})
@@ -347,8 +347,8 @@ def test_stamps_of_the_wall_clock_are_refused(driveline: Any) -> None:
 
 
 @pytest.mark.parametrize(("faults", "match"), [
-    ({"drop": -1}, "drop is -1; it must be 0 or more"),
-    ({"delay_ticks": 0}, "delay_ticks is 0; it must be 1 or more"),
+    ({"drop": -1}, "drop is -1; it .* 0 or more"),
+    ({"delay_ticks": 0}, "delay_ticks is 0; it .* 1 or more"),
     ({"loss": 3}, "loss is not a fault; the faults are drop, delay, duplicate, corrupt, delay_ticks, seed")])
 def test_senseless_faults_are_refused(driveline: Any, faults: dict[str, int], match: str) -> None:
     with pytest.raises(InputError, match=match):
