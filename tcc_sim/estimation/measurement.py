@@ -144,7 +144,7 @@ def _without_holes(table: MeasuredTable) -> MeasuredTable:
     for name in (name for name in used if name in INPUTS):
         short = table.holes(name)
         short = short[np.diff(short)[:, 0] < BRIDGED * table.usual_step(name)]
-        inside = ((table.t[:, None] > short[:, 0]) & (table.t[:, None] < short[:, 1])).any(axis=1)
+        inside = np.searchsorted(short[:, 0], table.t) > np.searchsorted(short[:, 1], table.t, side="right")
         if inside.any():
             columns[name] = np.where(inside, np.interp(table.t, *table.filled(name)), columns[name])
             bridged.append(f"{table.source}: {name} is joined by straight lines over {in_words(short)}")
