@@ -249,7 +249,7 @@ UNEQUAL = ("scene", "command", "seconds", "wall_s", "elapsed_s", "fit_s")
 
 
 def figures(verb, keys, changes, drivelines):
-    """What a verb computes from a scene file with some keys and from changes of them; None if it refuses them."""
+    """Results of a verb from a scene file with some keys and from changes of them; None if it refuses them."""
     scene = load_scene("fig02").with_values(keys)
     Path("own.yaml").write_text(scene.text())
     try:

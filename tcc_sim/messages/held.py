@@ -29,7 +29,7 @@ SCENE, FALLBACK, COMMAND, NOBODY = range(4)
 TICK, TIME, NUMBER, LAST, HEAD = range(5)
 """Places of tick, simulation time (ns), number of the message in the run, and what follows it; and their number."""
 GOES_ON, ENDED, PAUSED = range(3)
-"""What follows a message: further ticks, the end of the run, or a pause after its tick."""
+"""Events after a message: further ticks, the end of the run, or a pause after its tick."""
 FIELDS = ("source", "value", "applied", "stamp", "since", "publisher", "received", "superseded", "refused", "lost")
 """Values of each input: its source, value held and value at the end of the tick (of the pressure: behind the actuator),
 stamp of the command (ns since the run's zero; NaN without), first tick that the command acts on, number of its

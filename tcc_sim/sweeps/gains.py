@@ -136,7 +136,7 @@ def law_in(text: str) -> LawFile:
 
 @dataclass(frozen=True)
 class Loops:
-    """What the closed loops of a map share."""
+    """Settings that all closed loops of a map share."""
 
     scene: Scene
     law: LawFile | Callable[..., Any]

@@ -1,4 +1,4 @@
-"""Files of a few lines by hand: units, names, delimiters, empty cells, date-times, and what is said about them."""
+"""Files of a few lines by hand: units, names, delimiters, empty cells, date-times, and the notes on them."""
 
 import math
 
@@ -40,7 +40,7 @@ def test_factors_of_units_follow_from_their_definitions(si):
 
 
 def read(path, text, **options):
-    """Columns of a text, and what is said about it."""
+    """Columns of a text, and the notes on it."""
     path.write_text(text) if isinstance(text, str) else path.write_bytes(text)
     result = table_in(path, **options)
     return {name: values.tolist() for name, values in result.columns.items()}, " ".join(result.notes)
