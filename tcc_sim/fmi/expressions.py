@@ -12,7 +12,7 @@ import math
 import operator
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -140,11 +140,10 @@ class Expressions:
 
     def _expression(self, node: ast.expr) -> Text:
         """Print an expression of any kind."""
-        method = getattr(self, f"_{type(node).__name__.lower()}", None)
-        if method is None:
+        printed = self._nodes.get(type(node))
+        if printed is None:
             raise self._refused(node)
-        text: Text = method(node)
-        return text
+        return printed(self, node)
 
     def _number(self, node: ast.expr) -> Text:
         """Print an expression that is a number."""
@@ -516,8 +515,6 @@ class Expressions:
                 parts.append(self._expression(part))
         return "", Items(tuple(parts))
 
-    _list = _tuple
-
     def _items(self, node: ast.expr) -> list[Text]:
         """Return the parts of an expression that is a list or tuple, a range, or lists side by side."""
         if isinstance(node, ast.Call) and (called := self._resolved(node.func)) in (range, zip, enumerate):
@@ -547,8 +544,6 @@ class Expressions:
         self._names = before
         return "", Items(tuple(parts))
 
-    _listcomp = _generatorexp
-
     def _bind(self, target: ast.expr, part: Text) -> None:
         """Let names stand for an expression, or for its parts."""
         if isinstance(target, ast.Name):
@@ -571,9 +566,8 @@ class Expressions:
         if isinstance(node.func, ast.Attribute) and self._of_value(node.func.value):
             return self._method(node, node.func)
         called = self._resolved(node.func)
-        if called in ARRAYS:
-            printed: Text = getattr(self, f"_np_{ARRAYS[called]}")(node)
-            return printed
+        if called in self._arrays:
+            return self._arrays[called](self, node)
         if isinstance(called, type) and hasattr(called, "_fields"):
             return self._built(node, self._library.structure(called), called)
         plain = inspect.unwrap(getattr(called, "py_func", called)) if callable(called) else called
@@ -813,11 +807,16 @@ class Expressions:
             return getattr(self._resolved(node.value), node.attr, None)
         raise self._refused(node)
 
-
-ARRAYS: dict[Any, str] = {getattr(np, name): name for name in (
-    "searchsorted", "moveaxis", "zeros", "array", "diff", "arange", "concatenate", "unique", "cumsum", "argmax")}
-ARRAYS[any] = "any"
-"""Functions of arrays that are printed as loops."""
+    _nodes: ClassVar[dict[type[ast.expr], Callable[[Expressions, Any], Text]]] = {
+        ast.Constant: _constant, ast.Name: _name, ast.Attribute: _attribute, ast.Subscript: _subscript,
+        ast.BinOp: _binop, ast.UnaryOp: _unaryop, ast.BoolOp: _boolop, ast.Compare: _compare, ast.IfExp: _ifexp,
+        ast.NamedExpr: _namedexpr, ast.Tuple: _tuple, ast.List: _tuple, ast.GeneratorExp: _generatorexp,
+        ast.ListComp: _generatorexp, ast.Call: _call}
+    _arrays: ClassVar[dict[Any, Callable[[Expressions, ast.Call], Text]]] = {
+        np.searchsorted: _np_searchsorted, np.moveaxis: _np_moveaxis, np.zeros: _np_zeros, np.array: _np_array,
+        np.diff: _np_diff, np.arange: _np_arange, np.concatenate: _np_concatenate, np.unique: _np_unique,
+        np.cumsum: _np_cumsum, np.argmax: _np_argmax, any: _np_any}
+    """Functions of arrays that are printed as loops."""
 
 
 def word(name: str) -> str:
