@@ -138,14 +138,6 @@ def help_of(verb: str) -> str:
     return out.getvalue()
 
 
-def test_the_quick_start_is_one_line_each() -> None:
-    blocks = re.findall(r"^```\w*\n(.*?)^```", README.read_text(), re.DOTALL | re.MULTILINE)
-    assert blocks[0].count("\n") == 1
-    assert blocks[0].endswith("tcc-sim demo\n")
-    assert blocks[1].count("\n") == 1
-    assert "pytest -n 3" in blocks[1]
-
-
 @pytest.mark.parametrize("page", [README, *sorted((ROOT / ".github").glob("*/*.md"))], ids=lambda page: page.stem)
 def test_every_file_that_a_page_names_is_there(page: Path) -> None:
     for target in re.findall(r"\]\((?!http)([^)#]+)\)", page.read_text()):

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from interpreter import python
 
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
@@ -87,36 +85,3 @@ def test_commands_that_start_nodes_keep_discovery_on_this_machine_unless_told_ot
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     result = PrivateEnvironment().values
     assert (result["ROS_AUTOMATIC_DISCOVERY_RANGE"], result["ROS_DOMAIN_ID"]) == ("SUBNET", "7")
-
-
-def bound(domain: int) -> set[str]:
-    """Addresses, in the kernel's notation, that are bound on the UDP ports of a ROS domain."""
-    rows = [line.split()[1].split(":") for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
-    return {address for address, port in rows if int(port, 16) - 7400 in range(250 * domain, 250 * (domain + 1))}
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="ports are read from /proc")
-def test_a_node_binds_ports_on_all_addresses_where_its_discovery_is_kept_on_this_machine_too(
-        monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID"):
-        monkeypatch.delenv(name, raising=False)
-    environment = PrivateEnvironment()
-    domain = int(environment.values["ROS_DOMAIN_ID"])
-    before = bound(domain) - {"0100007F"}  # A domain is claimed by a socket on the loopback address.
-    code = "import rclpy, sys; rclpy.init(); n = rclpy.create_node('n'); print(flush=True); sys.stdin.read()"
-    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                          env={**os.environ, **environment.values}) as node:
-        assert node.stdout is not None
-        node.stdout.readline()
-        after = bound(domain) - {"0100007F"}
-        node.kill()
-    environment.close()
-    assert (before, after) == (set(), {"00000000"})
-
-
-def test_the_viewer_that_spawn_starts_listens_on_all_addresses_by_default() -> None:
-    pytest.importorskip("rerun")
-    said = " ".join(python("-m", "rerun_cli", "--help").stdout.split())
-    assert "[default: 0.0.0.0]" in said.partition("--bind <BIND>")[2][:200]
-    assert "The default port is 9876" in said

@@ -21,8 +21,6 @@ from tcc_sim.analysis.exponents import (
     floquet_exponent,
     largest_lyapunov_exponent,
     mapped,
-    natural_frequency,
-    natural_sizes,
     tangent_growth,
 )
 from tcc_sim.errors import InputError
@@ -30,7 +28,6 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import State, solve
 from tcc_sim.solvers.runs import sections
-from tcc_sim.solvers.terms import terms_of
 from tcc_sim.sweeps.simulation import simulate
 
 BASE = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,
@@ -65,13 +62,6 @@ def test_the_tangent_map_is_that_of_scipys_variational_equations(scene: str, val
     at, matrix = mapped(system, start, 31, 1, 1e-9)
     assert at == pytest.approx(state, rel=1e-6, abs=1e-6)
     assert matrix == pytest.approx(tangent, rel=1e-5, abs=1e-5 * np.abs(tangent).max())
-
-
-def test_sizes_are_those_of_the_torques() -> None:
-    system = load_scene("fig02").system
-    speed, angle, other = natural_sizes(terms_of(system))
-    assert angle == pytest.approx((300.0 + 250.0 + abs(terms_of(system).mean_load)) / 3000.0)
-    assert speed == other == pytest.approx(angle * natural_frequency(terms_of(system)))
 
 
 def test_a_step_that_cannot_be_taken_is_said_and_no_exponent_is_given() -> None:
@@ -242,16 +232,6 @@ def test_slip_under_a_load_of_a_golden_ratio_is_quasi_periodic() -> None:
     assert change_of_averages(points) < 1e-8
     chaos = solve(load_scene("chaos"), cycles=2000).cycles.section[100:]
     assert change_of_averages(chaos) > 1e-4  # Some 1e-3, by how the motion happens to go.
-
-
-def test_bump_averages_over_halves_of_a_section() -> None:
-    """By their definition; the first of an odd number of points to be left out is the last."""
-    points = np.random.default_rng(3).normal(size=(2 * 7 + 1, 3)) * np.array([10.0, 0.1, 1.0])
-    weights = np.array([math.exp(-1.0 / (k / 8.0 * (1.0 - k / 8.0))) for k in range(1, 8)])
-    halves = [(weights[:, None] * part).sum(axis=0) / weights.sum() for part in (points[:7], points[7:14])]
-    assert change_of_averages(points) == pytest.approx(
-        (np.abs(halves[1] - halves[0]) / np.abs(points).max(axis=0)).max(), rel=1e-12)
-    assert change_of_averages(np.array([[1.0, 0.0, 2.0]] * 6)) == 0.0
 
 
 @pytest.mark.parametrize("cycles", [39, 10_000_001])

@@ -10,20 +10,12 @@ from scipy.integrate import quad
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.profile import (
-    PHASE,
-    SWELL,
-    SWELLS,
-    TIME,
     Inputs,
-    Origin,
-    along,
     far_end_at,
     lines_through,
     motion_of_far_end,
     phase_at,
-    profile_of,
     smooth_corners,
-    swelling,
     time_at,
 )
 from tcc_sim.scene import parse_profiles
@@ -114,46 +106,6 @@ def test_the_far_end_turns_by_the_integral_of_its_speed():
     np.testing.assert_allclose(motion.T, [at, *expected])
     assert np.array(far_end_at(motion, at + 0.0)) == pytest.approx(np.array(expected))
     assert far_end_at(motion, 0.75) == pytest.approx((2.0625, 3.5, 2.0))
-
-
-def test_a_profile_has_a_row_for_each_interval_with_every_course_in_it():
-    """Beside interpolation; inputs replace the scene's courses, and an origin moves the phase unless omega has a
-    course of its own.
-    """
-    system = replace(System(), {
-        "engine.torque_amplitude_times": [0.0, 2.0], "engine.torque_amplitude_values": [100.0, 200.0],
-        "engine.harmonic_phases": [0.3, 0.7], "engine.harmonic_amplitudes": [1.0, 2.0],
-        "engine.harmonic_amplitudes_times": [0.0, 1.0], "engine.harmonic_amplitudes_values": [10.0, 0.0, 30.0, 0.0],
-        "engine.mean_torque_times": [0.0, 4.0], "engine.mean_torque_values": [300.0, 100.0]})
-    profile = system.profile
-    assert profile[:, TIME].tolist() == [0.0, 1.0, 2.0, 4.0]
-    assert profile.shape[1] == SWELLS + 3 * SWELL
-    assert profile[:, SWELLS::SWELL].tolist() == [[1.0, 2.0, 0.0]] * 4
-    assert profile[:, SWELLS + 1::SWELL].tolist() == [[0.0, 0.3, 0.7]] * 4
-    for t in (0.0, 0.25, 1.0, 1.75, 3.0, 5.0):
-        row = profile[int(np.searchsorted(profile[:, TIME], t, side="right")) - 1]
-        first, second = (np.interp(t, *xy) for xy in (((0.0, 2.0), (100.0, 200.0)), ((0.0, 1.0), (10.0, 30.0))))
-        assert along(profile, t) == pytest.approx((150.0 * t, np.interp(t, (0.0, 4.0), (300.0, 100.0)),
-                                                   system.pressure.mean))
-        assert swelling(t, 0.4, row) == pytest.approx(first * math.sin(0.4) + second * math.sin(0.8 + 0.3))
-    origin = Origin(1.5, 7.0, 0.1)
-    later = profile_of(system.engine, system.pressure, None, origin)
-    assert later[:, TIME].tolist() == [1.5, 2.0, 4.0]
-    assert later[:, PHASE] == pytest.approx([7.0, 7.0 + 75.0, 7.0 + 375.0])
-    for t in (1.5, 1.75, 4.5):
-        assert along(later, t)[1:] == pytest.approx(along(profile, t)[1:])
-    np.testing.assert_array_equal(profile_of(VARYING.engine, VARYING.pressure, None, origin), VARYING.profile)
-    torque, pressure = (np.array([[0.0, x, 1.0], [0.5, 2.0 * x, 0.0]]) for x in (7.0, 1e5))
-    speed = np.array([[0.0, 1.0, 0.0], [0.25, 2.0, 0.0]])
-    for inputs, times, at, swells in (
-            (Inputs(torque, None, 1.0), [0.0, 0.5], (7.4, system.pressure.mean), 0),
-            (Inputs(None, pressure, 1.0), [0.0, 0.5, 1.0, 2.0, 4.0], (280.0, 1e5 + 0.4), 3),
-            (Inputs(torque, pressure, 1.0, speed), [0.0, 0.25, 0.5], (7.4, 1e5 + 0.4), 0)):
-        driven = profile_of(system.engine, system.pressure, inputs)
-        assert (driven[:, TIME].tolist(), driven.shape[1]) == (times, SWELLS + swells * SWELL)
-        assert along(driven, 0.4)[1:] == pytest.approx(at)
-    commanded = replace(system, {"engine.source": "topic"})
-    assert commanded.profile.shape[1] == SWELLS   # Its fallback is the mean.
 
 
 @pytest.mark.parametrize(("values", "message"), [

@@ -1,9 +1,8 @@
-"""Figures of `explain` about friction and torques, on a grid and by hand; arrays and units of results."""
+"""Figures of `explain` about friction and torques, on a grid and by hand."""
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,6 @@ import pytest
 
 from tcc_sim.output.estimates import estimates_of
 from tcc_sim.output.explanation import friction_of
-from tcc_sim.output.fields import unit_of_key
-from tcc_sim.output.stored_files import read_arrays
 from tcc_sim.scene import load_scene
 
 TABLE = {"friction.slip_speeds": [0.0, 1.0, 2.0, 4.0], "friction.coefficients": [0.14, 0.12, 0.11, 0.105]}
@@ -60,18 +57,3 @@ def test_a_pressure_that_repeats_after_two_cycles_has_its_extremes_in_both() -> 
     half = scene.with_values({"pressure.frequency_ratio": 0.5, "pressure.amplitude": 0.2 * scene.system.pressure.mean})
     kinetic = estimates_of(half.system).kinetic
     assert (kinetic.low / kinetic.mean, kinetic.high / kinetic.mean) == pytest.approx((0.8, 1.2), rel=1e-5)
-
-
-@pytest.mark.parametrize("array", [np.arange(6.0).reshape(2, 3), np.asfortranarray(np.arange(6.0).reshape(2, 3)),
-                                   np.array("text"), np.array([1, 2], np.int8), np.array([True]), np.empty(0),
-                                   np.array([1.0 + 2.0j])])
-def test_arrays_come_back_as_they_were(array: Any, tmp_path: Path) -> None:
-    np.savez(tmp_path / "a.npz", a=array, b=np.zeros(3))
-    found = read_arrays(tmp_path / "a.npz", ["a", "c"])["a"]
-    np.testing.assert_array_equal(found, array)
-    assert (found.dtype, found.flags.writeable) == (array.dtype, True)
-
-
-def test_units_of_keys_and_of_their_parts() -> None:
-    keys = ("engine.frequency", "engine.speed", "slip_speed", "engine_torque.offset", "regime", "nothing")
-    assert [unit_of_key(key) for key in keys] == ["rad/s", "rad/s", "rad/s", "N m", "", ""]

@@ -15,7 +15,6 @@ from tcc_sim.cli import main
 from tcc_sim.output.estimates import estimates_of
 from tcc_sim.output.explanation import explain
 from tcc_sim.scene import load_scene
-from tcc_sim.topics import topic
 
 
 def test_a_scene_leaves_out_what_it_does_not_have() -> None:
@@ -29,15 +28,6 @@ def test_a_scene_leaves_out_what_it_does_not_have() -> None:
     assert not set(result["terms"]["held"]) & set(result["terms"]["left_out"])
     assert "smoothing tanh" in exact["terms"]["left_out"]
     assert (exact["solver"], exact["step"]) == ("event_driven", None)
-
-
-@pytest.mark.parametrize(("name", "values", "created"), [
-    ("joint_states", {}, True), ("slip_speed", {}, True), ("slip_speed", {"publish_scalars": False}, False),
-    ("/clock", {}, False), ("/clock", {"publish_clock": True}, True), ("engine_torque", {}, False),
-    ("engine_torque", {"engine.source": "topic"}, True), ("applied_pressure", {"pressure.source": "topic"}, True),
-    ("/diagnostics", {"publish_diagnostics": False}, False)])
-def test_a_topic_is_there_where_its_switch_says_so(name: str, values: dict[str, object], created: bool) -> None:
-    assert topic(name).wanted(load_scene("fig02").with_values(values).value) is created
 
 
 def test_the_command_writes_and_overwrites_nothing(tmp_path: Path) -> None:

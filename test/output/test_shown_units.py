@@ -98,20 +98,6 @@ def test_axes_keep_their_data_and_change_their_ticks():
             np.testing.assert_allclose(places * factor / 10.0, np.round(places * factor / 10.0), atol=1e-9)
 
 
-@pytest.mark.parametrize(("values", "labels"), [
-    ([2e-3, 8e-3], ["0.02", "0.03", "0.05"]), ([1e-6, 1e-3], [f"$10^{{{n}}}$" for n in (-5, -4, -3)])])
-def test_logarithmic_axes_have_labels_within_a_decade_too(values, labels):
-    show_in("rpm")
-    with style.figure() as drawn:
-        axes = drawn.subplots()
-        axes.plot([0.0, 1.0], values)
-        axes.set(yscale="log", ylim=values)
-        style.quantities(axes, None, style.SLIP)
-        drawn.canvas.draw()
-        shown = [tick for tick in axes.yaxis.get_major_ticks() if values[0] <= tick.get_loc() <= values[1]]
-        assert [tick.label1.get_text() for tick in shown] == labels
-
-
 @pytest.mark.parametrize("words", [
     ["simulate", "slip", "--cycles", "20", "--spectrum"], ["simulate", "slip", "--duration", "2", "--orders"],
     ["explain", "slip"],

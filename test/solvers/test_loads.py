@@ -1,4 +1,4 @@
-"""Results of each cycle: work and power of the clutch, shaft torque, extremes, sections and stick times."""
+"""Loads of each cycle beside dense samples, and those that samples have."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tcc_sim.analysis.summary import cycles_of
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.trajectory import Loads, concatenated
+from tcc_sim.trajectory import Loads
 
 FIRST, LAST = 6, 12
 
@@ -20,26 +20,6 @@ def loads_by(system: System, cycles: int = LAST, first: int = 0, **settings: obj
     """The loads of a run."""
     result = solve(system, cycles=cycles, loads_from=first, **settings).raise_for_status().cycles
     return result.loads
-
-
-@pytest.mark.parametrize(("scene", "values"), [
-    ("fig02", {}), ("fig02", {"friction.law": "set_valued"}), ("fig02", {"friction.smoothing": 1e4}), ("chaos", {}),
-    ("fig02", {"pressure.amplitude": 3e5}), ("fig02", {"pressure.amplitude": 3e5, "friction.law": "set_valued"}),
-    ("fig02", {"driveline.damping": 20.0}), ("fig02", {"driveline.damping": 200.0, "friction.law": "set_valued"})])
-def test_the_engine_s_work_is_what_clutch_and_damper_turn_to_heat_and_what_is_stored(scene, values):
-    """Work of the engine and dissipation in C23 by sums over samples, which converge fast on smooth integrands."""
-    system = replace(load_scene(scene).system, values)
-    d, per_cycle = system.driveline, 4000
-    run = solve(system, cycles=LAST, samples_per_cycle=per_cycle, loads_from=FIRST, rtol=1e-10)
-    assert np.isnan(run.cycles.loads.energy[:FIRST]).all()
-    flywheel = run.slip_speed + run.plate_speed
-    net = (run.engine_torque * flywheel - d.damping * run.plate_speed**2)[per_cycle * FIRST:]
-    h = system.cycle / per_cycle
-    work = h * (net.sum() - 0.5 * (net[0] + net[-1]))
-    v, angle, speed = run.cycles.section[[FIRST, LAST]].T
-    stored = 0.5 * (d.flywheel_inertia * (v + speed) ** 2 + d.plate_inertia * speed**2 + d.stiffness * angle**2)
-    heat = work - (stored[1] - stored[0])
-    assert run.cycles.loads.energy[FIRST:].sum() == pytest.approx(heat, rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize(("values", "rtol"), [
@@ -63,13 +43,6 @@ def test_the_shaft_s_torque_is_largest_anywhere_in_a_long_step(values: dict[str,
             assert loads.lowest_shaft_torque[n] == pytest.approx(part.min(), abs=1e-6 * np.abs(part).max())
 
 
-def test_stick_turns_nothing_to_heat() -> None:
-    system = replace(load_scene("stick").system, {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.24})
-    result = loads_by(system, 60, 50)
-    assert result.energy[50:] == pytest.approx(np.zeros(10), abs=0.0)
-    assert result.breakaways[50:].sum() == 0
-
-
 @pytest.mark.parametrize("solver", ["smoothed", "fixed_step", "lsoda"])
 def test_samples_have_the_loads_of_the_steps(solver: str) -> None:
     """Ticks of 0.1 ms, and the samples of LSODA."""
@@ -84,13 +57,6 @@ def test_samples_have_the_loads_of_the_steps(solver: str) -> None:
         assert getattr(result, name) == pytest.approx(getattr(exact, name), rel=rel)
     assert result.lowest_shaft_torque == pytest.approx(exact.lowest_shaft_torque, abs=0.5)
     assert result.breakaways.sum() == exact.breakaways.sum()
-
-
-def test_loads_follow_their_cycles() -> None:
-    run = solve(load_scene("fig02"), cycles=8, loads_from=0).cycles
-    parts = concatenated([run[:3], run[3:]])
-    assert np.array_equal(parts.loads.energy, run.loads.energy)
-    assert concatenated([run[:3], solve(load_scene("fig02"), cycles=8).cycles[3:]]).loads is None
 
 
 @pytest.mark.parametrize(("samples", "missed"), [(40, 0.4), (800, 0.1)])

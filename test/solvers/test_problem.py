@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -133,20 +132,3 @@ def test_a_held_input_is_constant_and_nothing_else_changes() -> None:
         expected = mean + swell * math.sin(phase) + 7.0 * math.sin(3 * phase + 0.2) + 3.0 * math.sin(4 * phase + 0.3)
         pressure = max(2e5 - 1.5e5 * line + 1e5 * math.sin(6.5 * phase + 0.4), 0.0)
         assert plain == (pytest.approx(expected, rel=1e-12), pytest.approx(0.002 * pressure, rel=1e-12))
-
-
-def test_sub_steps_that_a_tick_takes() -> None:
-    """A tick resolves the fastest oscillation by 0.04 rad, and keeps the scalar equation's root unique."""
-    natural = math.sqrt(3000.0 / 0.02)
-    less: dict[str, Any] = {"pressure.amplitude": 0.0, "engine.harmonic_amplitudes": [], "pressure.mean": 1e3,
-                            "engine.harmonic_phases": []}
-    fast, slow = (terms.terms_of(replace(System(), {**EVERY, **more})) for more in ({"converter.coupling": 0.0}, less))
-    assert terms.substeps(slow, 1e-3) == math.ceil(1e-3 * natural / 0.04)
-    assert terms.substeps(fast, 1e-3, 200.0) == math.ceil(2.0 * 1e-3 * 55.0 * (600.0 + 200.0) * 0.2 * 2.0)
-    assert terms.substeps(slow, 1e-9) == 1
-    plain = terms.terms_of(replace(System(), {**BARE, "pressure.mean": 1e9 / 240.0, "engine.torque_amplitude": 1.0,
-                                              "engine.frequency": 4000.0}))
-    assert [terms.substeps(plain, n * 1e-5 * f) for n, f in ((3, 1.0), (3, 1.0001), (1, 1.0))] == [3, 4, 1]
-    assert terms.substeps(plain, 20_000 * 1e-5) == 20_000
-    with pytest.raises(InputError, match=r"0\.20001 s .*20001"):
-        terms.substeps(plain, 20_001 * 1e-5)

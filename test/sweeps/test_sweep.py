@@ -23,7 +23,6 @@ from tcc_sim.sweeps.steady_state import repeats_after
 from tcc_sim.sweeps.sweep import (
     Curve,
     Plan,
-    solve_point,
     solve_points,
     sweep,
     sweep_curves,
@@ -206,21 +205,6 @@ def test_values_that_are_no_numbers_are_wrong_input(values: list[float]) -> None
 
 
 SMOOTHED = replace(system(0.36), {"friction.law": "smoothed"})
-
-
-@pytest.mark.parametrize("plan", [
-    Plan(cycles=90, section_points=5, damping=True, lyapunov=True, lyapunov_cycles=60), Plan(cycles=120,
-        discard="auto"),
-    Plan(cycles=60, discard=3), Plan(cycles=30, solver="event_driven")], ids=["extras", "auto", "discard", "solver"])
-def test_points_solved_together_are_those_solved_alone(plan: Plan) -> None:
-    """Periods one and two, one that does not settle and one that runs away."""
-    values = (0.3, 0.258, 0.192, 0.06)
-    systems = [replace(system(0.36), {KINETIC: x}) for x in values]
-    together = solve_points(systems, values, plan, None)
-    for one, value, each in zip(together, values, systems):
-        alone, with_others = solve_point(each, value, plan).as_record(), one.as_record()
-        assert with_others == {**alone, "elapsed_s": with_others["elapsed_s"]}
-    assert {each.summary.runaway for each in together} == {False, True}
 
 
 @pytest.mark.parametrize(("plan", "rtol"), [

@@ -56,21 +56,6 @@ def test_between_ticks_the_recorded_motion_is_a_curve(recorded):
     assert np.abs(exact[1] - dense.plate_angle[inside]).max() < 1e-5
 
 
-def test_the_friction_torque_between_ticks_has_no_spikes_in_stick(recorded):
-    dense = between(recorded.trajectory)
-    stuck = dense.state == 0
-    sampled = np.isin(np.arange(len(dense.t)), np.searchsorted(dense.t, recorded.trajectory.t - 1e-9))
-    inner = stuck & np.roll(stuck, 1) & np.roll(stuck, -1) & ~sampled
-    jumps = np.abs(np.diff(dense.friction_torque))[inner[1:] & inner[:-1]]
-    assert len(jumps) > 1000
-    assert jumps.max() < 2.0  # N m between neighbours; what the ticks themselves hold jumps by more than 100
-    trajectory = recorded.trajectory
-    both = (trajectory.state[1:] == 0) & (trajectory.state[:-1] == 0)
-    assert np.abs(np.diff(trajectory.friction_torque))[both].max() > 30.0
-    most = trajectory.system.friction_ratio * dense.saturation_torque
-    assert (np.abs(dense.friction_torque) <= most * (1.0 + 1e-9)).all()
-
-
 def test_changed_parameters_and_gaps_are_not_drawn_as_if_solved(recorded):
     tail = recorded.trajectory
     other = replace(tail, system=load_scene("slip").system)  # ticks of another scene lead elsewhere: interpolated

@@ -55,13 +55,6 @@ def test_a_style_file_is_read_line_by_line(text: str | None, settings: dict[str,
         style.use_file(None)
 
 
-@pytest.mark.parametrize(("limits", "wider"), [
-    ((0.0, 10.0), (0.0, 10.0)), ((10.0, 10.0), (9.9, 10.1)), ((-10.0, -10.0), (-10.1, -9.9)),
-    ((99.5, 100.5), (99.5 - 0.505, 100.5 + 0.505)), ((98.0, 100.0), (98.0, 100.0)), ((0.0, 0.0), (0.0, 0.0))])
-def test_a_narrow_axis_is_widened_to_a_fiftieth(limits: tuple[float, float], wider: tuple[float, float]) -> None:
-    assert style.widened(limits) == pytest.approx(wider)
-
-
 @pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
 @pytest.mark.parametrize("below", [False, True])
 @pytest.mark.parametrize("names", [["a", "b"], ["a long name of a line"] * 4, [f"{'n' * 20}{k}" for k in range(9)],

@@ -1,4 +1,4 @@
-"""The search for attractors on maps of a line: orbits of forced maps, capture radii, numbers, and equal attractors."""
+"""The search for attractors on maps of a line: orbits of forced maps, numbers, and equal attractors."""
 
 from __future__ import annotations
 
@@ -89,38 +89,6 @@ def test_an_orbit_of_the_longest_period_is_found_from_any_phase() -> None:
     assert (orbit.period, orbit.phases.tolist()) == (16, [0, 1, 2, 3] * 4)
     of_four = [0.874997263602464, 0.382819683017324, 0.826940706591439, 0.500884210307218]
     assert sorted(set(orbit.section[:, 0].round(12))) == pytest.approx(sorted(of_four), abs=1e-11)
-
-
-class Slow(TextbookMap):
-    """0 attracts within a distance and takes motions to it at once; further away nothing moves."""
-
-    def __init__(self, within: float) -> None:
-        super().__init__(lambda x, p: (0.5 * x if abs(x[0]) <= within else x, np.array([[0.5]]), np.zeros((1, 0))), 1)
-
-
-@pytest.mark.parametrize(("within", "radius", "validated"), [
-    (9.0, 0.2, True), (0.06, 0.05, True), (0.05, 0.05, True), (0.049, 0.025, True), (1e-5, 0.2 / 2.0**11, False)])
-def test_a_capture_radius_is_halved_until_all_probes_return(within: float, radius: float, validated: bool) -> None:
-    """Down to 1e-4."""
-    of: Any = Motion(Slow(within * (1.0 + 1e-9)))
-    (result,) = find_attractors(of, [np.array([1e-9])], settings=Settings(settling=40))
-    assert (result.radius, result.validated) == (pytest.approx(radius), validated)
-
-
-def test_capture_spheres_are_apart_and_a_valid_one_stays() -> None:
-    """0.4 of the distance, 3 and then 0.45 natural sizes; a smaller radius is kept without probes."""
-    settings = Settings(settling=40)
-
-    def steps(x, p):
-        at = min((0.0, 0.9, 6.0), key=lambda c: abs(x[0] - c))
-        return at + 0.1 * (x - at), np.array([[0.1]]), np.zeros((1, 0))
-
-    of: Any = Motion(TextbookMap(steps, 1), 2.0)
-    first = find_attractors(of, [np.array([0.01]), np.array([6.1])], settings=settings)
-    assert [(a.section[0, 0], a.radius) for a in first] == [(pytest.approx(at, abs=1e-9), 0.2) for at in (0.0, 6.0)]
-    more = find_attractors(of, [np.array([0.8])], first, settings)
-    assert [a.radius for a in more] == [pytest.approx(0.18), 0.2, pytest.approx(0.18)]
-    assert find_attractors(of, [np.array([0.91])], more, settings) == more
 
 
 def test_chaos_is_one_cloud_that_fills_its_interval() -> None:

@@ -224,16 +224,6 @@ def test_basins_end_where_they_do_for_motions_solved_finely(law):
         assert labelled(coarse, mapper, start, 100)[0].tolist() == labelled(fine, mapper, start, 100)[0].tolist()
 
 
-@pytest.mark.parametrize("law", ["smoothed", "set_valued"])
-def test_attractors_are_found_from_motions_that_are_solved_finely(law):
-    """As coarsely as cells are followed, a chaotic attractor is left for a periodic motion that is none."""
-    system = replace(COEXISTENCE, {"friction.law": law})
-    start = np.array([[60.0, 0.1, 0.0]])
-    result, fine = (motion.sections(start, 0, 6) for motion in (DrivelineMotion(system),
-                                                                DrivelineMotion(system, 1e-11)))
-    assert (np.abs(result - fine) / np.abs(fine).max(axis=(0, 1))).max() < 1e-8
-
-
 def test_slip_that_runs_away_has_a_label_of_its_own():
     plane = (Axis("initial.slip_speed", (-200.0, 0.0, 30.0, 300.0, 3000.0)), Axis("initial.plate_speed", (0.0,)))
     result, = basins(RUNNING_AWAY, plane)

@@ -209,10 +209,3 @@ def test_another_scene_is_refused(refused):
     assert "fig03" in refused("precision", "--scenes", "fig03")
     with pytest.raises(InputError):
         precision.cases(with_fields(TINY, scenes=("fig02", "fig03")))
-
-
-def test_calls_are_repeated_until_patience_ends():
-    times = iter(range(100))
-    assert peers.repeated(lambda: "done", 5, 3.0, lambda: float(next(times))) == ([1.0] * 3, "done")
-    assert len(peers.repeated(lambda: 0, 2)[0]) == 2
-    assert len(peers.repeated(lambda: 0, 0)[0]) == 1

@@ -16,16 +16,6 @@ from tcc_sim.study.benchmarks import stability
 from tcc_sim.trajectory import Trajectory
 
 
-def test_the_grid_is_large_different_and_has_every_value_alone():
-    result = stability.extreme_cases(420)
-    assert len({repr(sorted(keys.items())) for keys in result}) == 420
-    alone = [{}, *({key: value} for key, values in stability.RANGES.items() for value in values)]
-    for keys in map(stability.case_of, [*alone, *stability.grazing(), *stability.command_steps()]):
-        system = replace(System(), stability.scene_keys(keys))
-        assert keys in result or system.natural_frequency * system.cycle > stability.LONGEST
-    assert max(keys.get("cycles", 0) for keys in result) == stability.MANY
-
-
 def test_the_undamped_grazing_motions_stick_up_to_the_breakaway_torque():
     """(10) by hand: the largest torque of stick, Tm + Tp (K23 - I2 w^2)/(K23 - (I1 + I2) w^2), is mu_s N R."""
     largest = 300.0 + 100.0 * (3000.0 - 0.02 * 3600.0) / (3000.0 - 0.22 * 3600.0)

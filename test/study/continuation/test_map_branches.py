@@ -31,7 +31,7 @@ from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.study.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at
 from tcc_sim.study.continuation.diagram import switch
 from tcc_sim.study.continuation.follow import StopReason
-from tcc_sim.study.continuation.newton import find_orbit, minimal_period, newton, orbit_at, shifts
+from tcc_sim.study.continuation.newton import find_orbit, minimal_period, newton, orbit_at
 from tcc_sim.study.continuation.shooting import DEFAULTS, ParameterRange, Settings, Shooting
 
 
@@ -219,19 +219,6 @@ def test_a_branch_reaches_both_ends_of_its_range_from_beside_them(value: float) 
     assert len(set(values)) == len(values)
 
 
-def test_a_branch_begins_towards_growing_parameters() -> None:
-    """Whichever way the Jacobian's null vector points: for one in twelve linear maps of the plane the other way."""
-    random = np.random.default_rng(0)
-    for _ in range(40):
-        slopes = random.normal(size=(2, 3))
-
-        def linear(x, p, slopes=slopes):
-            return x + slopes @ [*x, p[0]], np.eye(2) + slopes[:, :2], slopes[:, 2:]
-
-        shooting = Shooting.single(TextbookMap(linear, 2), 1, ParameterRange(-1.0, 1.0))
-        assert first_point(shooting, shooting.unknowns(np.zeros((1, 2)), (0.0,))).slope > 0.0
-
-
 def test_doublings_of_the_logistic_map_are_switched_to_again_and_again() -> None:
     branches = [branch_of(TextbookMap(logistic, 1), 2.5, 3.56, 2.7, [0.6])]
     switch(branches, 3)
@@ -342,29 +329,6 @@ def test_an_orbit_of_a_shorter_period_is_passed_over() -> None:
     assert sorted([result.section[0], after]) == pytest.approx([(r + 1.0 - root) / (2.0 * r),
                                                                 (r + 1.0 + root) / (2.0 * r)], abs=1e-11)
     assert minimal_period(map_, result.section, (r,), 4) == 2
-
-
-def test_the_points_and_the_least_period_of_an_orbit() -> None:
-    of = TextbookMap(lambda x, p: (np.array([(x[0] + 1.0) % 6.0]), np.eye(1), np.zeros((1, 0))), 1)
-    x = np.array([4.0])
-    assert [float(p[0]) for p in shifts(of, x, (), 6)] == [4.0, 5.0, 0.0, 1.0, 2.0, 3.0]
-    assert [minimal_period(of, x, (), period) for period in (1, 5, 6, 12, 18)] == [1, 5, 6, 6, 6]
-    of.forcing_period = 2
-    assert [float(p[0]) for p in shifts(of, x, (), 6)] == [4.0, 0.0, 2.0]
-    assert [minimal_period(of, x, (), period) for period in (2, 6, 12)] == [2, 6, 6]
-    with pytest.raises(InputError) as error:
-        Shooting.single(of, 3, ParameterRange(0.5, 4.0))
-    assert "3" in str(error.value)
-
-
-@pytest.mark.parametrize("growth", [3.0, 10.0, 1e9])
-def test_an_orbit_is_cut_between_cycles_where_a_disturbance_has_grown(growth: float) -> None:
-    of = TextbookMap(lambda x, p: (2.0 * x + p[0], np.array([[2.0]]), np.array([[1.0]])), 1)
-    whole = Shooting.single(of, 6, ParameterRange(0.0, 2.0), settings=Settings(growth=growth))
-    finer, z = whole.cut(whole.unknowns(np.array([[1.0]]), (1.0,)))
-    count = {3.0: 1, 10.0: 3, 1e9: 6}[growth]
-    assert finer.segments == (count,) * (6 // count)
-    assert finer.nodes(z)[:, 0].tolist() == [2.0 ** (k * count + 1) - 1.0 for k in range(6 // count)]
 
 
 def test_a_motion_that_runs_away_is_no_orbit_however_short_newtons_step_is() -> None:

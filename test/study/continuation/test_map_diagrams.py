@@ -235,13 +235,3 @@ def test_a_motion_of_a_sweep_begins_at_the_next_phase_0(side: float) -> None:
         assert (point.orbit.period, point.orbit.section) == (3, pytest.approx([side]))
     assert [SettledMotion(0.0, np.zeros(1), 0, n, 1.0).has_period(6, 2) for n in (0, 2, 3, 4, 6)] == [
         False, False, True, False, True]
-
-
-def test_the_size_of_a_sweep_is_that_of_its_periodic_motions_unless_they_are_next_to_nothing() -> None:
-    def seen(amplitude: float, n: int = 2) -> SettledMotion:
-        return SettledMotion(0.2, np.zeros(3), 0, n, amplitude)
-
-    assert amplitude_of([]) == 0.0
-    assert amplitude_of([seen(5.0), seen(7.0), seen(90.0, 0)]) == 7.0
-    assert amplitude_of([seen(0.09), seen(90.0, 0)]) == 90.0
-    assert amplitude_of([seen(0.091), seen(90.0, 0)]) == 0.091

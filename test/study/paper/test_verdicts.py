@@ -41,7 +41,7 @@ from given import (
 )
 
 from tcc_sim.study.paper import measures
-from tcc_sim.study.paper.branches_behind import StableMotions, highest_shares
+from tcc_sim.study.paper.branches_behind import StableMotions
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N
 from tcc_sim.study.paper.evidence import KINETIC, T, first_half
 from tcc_sim.study.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, equal, holds, near, shares
@@ -409,33 +409,6 @@ def test_criteria(criterion: Any, judged: Any, verdict: str) -> None:
     assert criterion.verdict(judged, lambda name: getattr(T, name)) == verdict
 
 
-@pytest.mark.parametrize(("sizes", "periods", "abrupt", "verdict"), [
-    ([1, 2, 3], [1, 2, 3], 1.0, YES), ([1, 2, 3], [3, 2, 1], -1.0, NO), ([1, 2, 3], [2, 2, 2], 0.0, NO),
-    ([1, 2, 3], [1, 2, 0], 1.0, YES), ([-3, -2, -1], [3, 2, 1], 1.0, YES)])
-def test_severity_is_a_rank_correlation(sizes: Any, periods: Any, abrupt: float, verdict: str) -> None:
-    """A motion without a period ranks above period 16, a jump down counts by its size, and equal ranks link nothing."""
-    places = (0.2, 0.3, 0.4)
-
-    class Jumps(Given):
-        def jumps(self, row, axis):  # type: ignore[no-untyped-def]
-            return list(zip(places, sizes))
-
-    result = rows["severity_follows_abruptness"](Jumps(lambda row, x, d: record(
-        10.0, period=periods[min(range(3), key=lambda k: abs(x - places[k]))])))
-    assert (result.verdict, *result.values.values()) == (verdict, 9, pytest.approx(abrupt), 0.0)
-
-
-def test_a_crossing_is_found_to_1e_5_within_003_of_its_place() -> None:
-    """Two lines that cross at 0.3016, the curves of psi = 0 and of psi = pi."""
-    lagging = FIGURES[8].series[2].values
-
-    def slip(row: Any, x: float, direction: str) -> Any:
-        return record(10.0 + (20.0 * (x - 0.3016) if row["pressure.phase"] == lagging["pressure.phase"] else 0.0))
-
-    assert measures.crossing(Given(slip), {}, OMEGA_N, 0.30) == pytest.approx(0.3016, abs=1e-5)
-    assert measures.crossing(Given(slip), {}, OMEGA_N, 0.34) is None
-
-
 def test_two_torques_have_the_frequencies_and_amplitudes_of_engine_and_load() -> None:
     """Of M/N = 2/3: 250 N m at 150 rad/s, and a quarter of mu_k N R = 540 N m at 100 rad/s."""
     seen: list[Any] = []
@@ -483,14 +456,6 @@ def test_slip_in_the_first_half_of_the_cycle_by_hand(phases: Any, slip: Any, sta
     """A phase of 1/2 belongs to the second half, and one that rounding leaves just below 1 to the next cycle."""
     run = run_with(t=4.0 * np.array(phases), cycle=4.0, slip_speed=np.array(slip), state=np.array(state))
     assert first_half(run) == pytest.approx(share, nan_ok=True)
-
-
-@pytest.mark.parametrize(("curves", "shares"), [
-    ([[[1.0], [1.0]], [[0.5, 3.0], [1.5]]], (0.0, 0.5)), ([[[0.5, 3.0], [1.5]], [[1.0], [1.0]]], (0.5, 1.0)),
-    ([[[2.0], [2.0]], [[1.0], [1.0]]], (1.0, 1.0)), ([[[1.95], [1.9]], [[2.0], [2.0]]], (0.5, 0.5)),
-    ([[[0.125], [0.01]], [[0.0], [0.0]]], (1.0, 1.0))])
-def test_the_first_curve_is_the_highest_for_every_and_for_some_motion(curves: Any, shares: Any) -> None:
-    assert highest_shares(curves, np.ones(2, bool)) == shares
 
 
 def test_stretches_cover_down_to_a_gap_and_series_repeat() -> None:
