@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from pathlib import Path
 
 from tcc_sim.estimation.identify import Identification
@@ -20,7 +21,7 @@ from tcc_sim.study.continuation.motions import Motions
 from tcc_sim.study.paper.claims import ClaimsReport
 from tcc_sim.study.paper.figure_results import Figure
 from tcc_sim.sweeps.gains import GainMap
-from tcc_sim.sweeps.results import Grid, Point, Sweep
+from tcc_sim.sweeps.results import Grid, Sweep
 from tcc_sim.sweeps.scatter import Scattered
 from tcc_sim.sweeps.simulation import Simulation
 
@@ -41,17 +42,17 @@ KINDS: dict[str, tuple[str, tuple[type, ...]]] = {
     "precision": ("precision.json of tcc-sim precision", (PrecisionReport,)),
     "stability": ("stability.json of tcc-sim stability", (StabilityReport,)),
     "realtime": ("tcc-sim realtime --json", ())}
-INTRODUCTION = """`.ci/instruments/fields_page.py` writes this page from the classes of results. Files are in SI units;
-the key `units` of a file gives the unit of every field that has one. A file is an object with the fields of its class
-below. A field with an arrow holds an object of that class, or a list or mapping of such objects. "Fields of" a class
-stand directly in the object; "lists of" a class are one list for each field, with an entry for each member."""
+INTRODUCTION = """`.ci/instruments/fields_page.py` writes this page. A file is an object with the fields of its class
+below. Units follow the name; a cycle is a period of excitation. A field with a link holds an object of that class, or
+a list or mapping of such objects. "Fields of" a class stand directly in the object; "lists of" a class are one list for
+each field."""
 LINES = """## Files of lines: `--out FILE.jsonl` of tcc-sim sweep, `FILE.part` of sweep and basins with another --out
 
 The first line begins as every file does and says which work it is of. Each further line is an object: `curve` and
 `index` are the numbers of the curve and of its value or row, `record` is the result, `crc32` the CRC-32 of the text
-before it. The record of a point has its `value`, {}, `final` (slip speed, plate angle and plate speed at the end) and
-`final_cycle`; that of a row of cells has `attractors` (number of those known), `labels`, and `cycles` until each cell
-was decided."""
+before it. The record of a point has its `value`, the fields of [Point](#point), `final` (slip speed, plate angle and
+plate speed at the end) and `final_cycle`; that of a row of cells has `attractors` (number of those known), `labels`,
+and `cycles` until each cell was decided."""
 
 
 def classes_of(kind: str) -> tuple[type, ...]:
@@ -72,7 +73,8 @@ def unit_of(entry: Reported) -> str:
     """Return a unit as the page prints it."""
     if entry.unit == "{*}":
         return "of each key"
-    return entry.unit.replace("{", "unit of `").replace("}", "`") if "{" in entry.unit else entry.unit
+    unit = entry.unit.replace("periods of excitation", "cycles")
+    return unit.replace("{", "unit of `").replace("}", "`") if "{" in unit else unit
 
 
 def link_to(kind: type) -> str:
@@ -80,18 +82,33 @@ def link_to(kind: type) -> str:
     return f"[{kind.__name__}](#{kind.__name__.lower()})"
 
 
-def list_of(kind: type, later: list[type]) -> list[str]:
-    """The fields of a class, each with a link to the class of its value; adds classes not yet listed to `later`."""
-    own, spread = [], []
+def list_of(kind: type, later: list[type], before: dict[str, type]) -> list[str]:
+    """The fields of a class, each with a link to the class of its value; rows of an earlier class are named only.
+
+    Adds classes not yet listed to `later`, and new rows with their class to `before`.
+    """
+    own, spread, listed, known = [], [], [], defaultdict(list)
     for attribute, entry, below in reported_parts(kind):
         later += [part for part in dict.fromkeys(below) if part not in later]
-        links, unit = ", ".join(map(link_to, dict.fromkeys(below))), entry.unit and f", {unit_of(entry)}"
+        links, unit = [link_to(part) for part in dict.fromkeys(below)], entry.unit and f", {unit_of(entry)}"
         if below and (entry.spread or entry.listed):
-            spread.append(f"- {'lists of' if entry.listed else 'fields of'} {links}")
+            (listed if entry.listed else spread).extend(links)
+            continue
+        name = "of each key" if entry.spread else f"`{entry.name or attribute}`"
+        named = f"[{name}]({links[0].partition('](')[2]}" if len(links) == 1 else " ".join([name, *links])
+        ending = ": " + "`".join(text if k % 2 else escape(text) for k, text in enumerate(entry.meaning.split("`")))
+        row = f"- {named}{unit}{ending}"
+        if before.setdefault(row, kind) is kind:
+            if own and own[-1].endswith(ending):
+                own[-1] = f"{own[-1].removesuffix(ending)}, {named}{unit}{ending}"
+            else:
+                own.append(row)
         else:
-            name = "of each key" if entry.spread else f"`{entry.name or attribute}`"
-            own.append(f"- {name}{unit}: {escape(entry.meaning)}{f' -> {links}' if below else ''}")
-    return own + spread
+            known[before[row]].append((named, row))
+    own += [rows[0][1] for rows in known.values() if len(rows) == 1]
+    alike = {of: ", ".join(named for named, _ in rows) for of, rows in known.items() if len(rows) > 1}
+    return [*own, *(f"- {names} as of {link_to(of)}" for of, names in alike.items()),
+            *(f"- {word} of {', '.join(links)}" for word, links in (("fields", spread), ("lists", listed)) if links)]
 
 
 def page() -> str:
@@ -100,13 +117,13 @@ def page() -> str:
              *(f"- `{name}`: {meaning}" for name, meaning in HEAD.items()), "",
              "## Classes by file", ""]
     classes: list[type] = []
+    before: dict[str, type] = {}
     for kind, (title, _) in KINDS.items():
         classes += [of for of in classes_of(kind) if of not in classes]
         lines.append(f"- {title}: " + ", ".join(map(link_to, classes_of(kind))))
     for of in classes:  # It grows meanwhile.
-        lines += ["", f"## {of.__name__}", "", *list_of(of, classes)]
-    of_points = ", ".join(f"`{name}`" for name in dict(fields_of(Point)) if "." not in name)
-    return "\n".join([*lines, "", LINES.format(of_points), ""])
+        lines += ["", f"## {of.__name__}", "", *list_of(of, classes, before)]
+    return "\n".join([*lines, "", LINES, ""])
 
 
 if __name__ == "__main__":

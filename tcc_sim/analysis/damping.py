@@ -33,10 +33,10 @@ class Damping(Described):
     """
 
     weighted: float = field(metadata=reported(
-        "Cf of (21) as printed, dT/dv weighted with v^2; null where there is no slip",
+        "Cf of (21), dT/dv weighted with v^2; null without slip",
         "N m s/rad", name="equivalent_damping", scatters=True))
     negative_mean: float = field(metadata=reported(
-        "time mean of the negative part of dT/dv, the reading of Fig. 5 that has the printed order",
+        "time mean of the negative part of dT/dv",
         "N m s/rad", name="negative_slope_mean", scatters=True))
     threshold: float
 

@@ -26,7 +26,7 @@ class JudderFigures:
     """Judder over all whole periods of excitation that are kept."""
 
     rms: float = field(metadata=reported(
-        "rms of the slip speed about its mean over each period of excitation", "rad/s", name="judder_rms",
+        "rms of the slip speed about its mean over each cycle", "rad/s", name="judder_rms",
         scatters=True))
     peak: float = field(metadata=reported(
         "largest deviation from that mean", "rad/s", name="judder_peak", scatters=True))
@@ -39,8 +39,8 @@ class OrdersAtSpeeds:
     speeds: Floats = field(metadata=reported("frequencies of the excitation, (S,)", "rad/s"))
     order: Floats = field(metadata=reported("crank orders, (K,)"))
     slip_speed: Floats = field(metadata=reported(
-        "amplitude of the sine, (S, K); the largest where a run passes a speed repeatedly", "rad/s"))
-    shaft_torque: Floats = field(metadata=reported("likewise of the shaft torque, (S, K)", "N m"))
+        "amplitudes, (S, K); the largest where a run passes a speed repeatedly", "rad/s"))
+    shaft_torque: Floats = field(metadata=reported("likewise, (S, K)", "N m"))
 
 
 def judder_of(run: Trajectory, since: float) -> JudderFigures:

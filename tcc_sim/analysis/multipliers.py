@@ -77,16 +77,15 @@ class Lyapunov(Described):
 
     exponent: float = field(metadata=reported("mean growth rate of a small disturbance", "1/s"))
     low: float = field(metadata=reported(
-        "lower end of the interval that holds the errors of steps and of sampling", "1/s"))
-    high: float = field(metadata=reported("upper end of that interval", "1/s"))
-    confidence: float = field(metadata=reported("confidence of the sampling, that of batch means"))
-    cycles: int = field(metadata=reported("number of periods of excitation averaged, or those of the period"))
+        "lower end of its interval, for errors of steps and of sampling", "1/s"))
+    high: float = field(metadata=reported("upper end", "1/s"))
+    confidence: float = field(metadata=reported("confidence of the sampling, by batch means"))
+    cycles: int = field(metadata=reported("cycles averaged, or those of the period"))
     diagnosis: str = field(metadata=reported(
-        "periodic (a period up to `long_period` was found), chaotic (the whole interval is above 0), contracting (it "
-        "is below 0, and there is no period: disturbances die out, so the motion has a longer period, has not settled "
-        "yet, or follows an excitation that does not repeat), quasi-periodic (a narrow interval around 0, and "
-        "averages over the section converge as those on a torus do), runaway (slip grows and never sticks), or "
-        "unresolved"))
+        "periodic (up to `long_period`), chaotic (interval above 0), contracting (below 0 without a "
+        "period: the period is longer, the motion has not settled, or the excitation does not repeat), "
+        "quasi-periodic (narrow interval around 0, averages over the section converge as on a torus), "
+        "runaway, or unresolved"))
 
     def _text(self) -> str:
         return f"Lyapunov {self.exponent:.6g} 1/s ({self.low:.6g} to {self.high:.6g}): {self.diagnosis}"

@@ -34,32 +34,32 @@ class Judder:
     """Oscillation of the slip speed in each of W windows."""
 
     rms: Floats = field(metadata=reported(
-        "rms of the slip speed about its mean over each period of excitation, (W,)", "rad/s"))
-    peak: Floats = field(metadata=reported("largest deviation from that mean, (W,)", "rad/s"))
-    breakaways: Floats = field(metadata=reported("changes from stick to slip in a second, (W,)", "1/s"))
+        "rms about the mean over each cycle, (W,)", "rad/s"))
+    peak: Floats = field(metadata=reported("largest deviation from the mean, (W,)", "rad/s"))
+    breakaways: Floats = field(metadata=reported("changes from stick to slip, (W,)", "1/s"))
 
 
 @dataclass(frozen=True, repr=False)
 class Orders(Result):
     """Orders in windows of 16 periods of the excitation along a run; W windows, N orders, K of the engine torque."""
 
-    time: Floats = field(metadata=reported("middle of each window without a gap between samples, (W,)", "s"))
+    time: Floats = field(metadata=reported("middle of each window without gaps, (W,)", "s"))
     frequency: Floats = field(metadata=reported("frequency of the excitation there, (W,)", "rad/s"))
     order: Floats = field(metadata=reported(
-        "crank orders: multiples of the excitation's frequency times engine.order, (N,)"))
+        "crank orders, (N,)"))
     slip_speed: Floats = field(metadata=reported(
-        "amplitudes of the sines, (W, N); of order 0 the mean's size", "rad/s"))
+        "amplitudes, (W, N); of order 0 the mean's size", "rad/s"))
     shaft_torque: Floats = field(metadata=reported(
-        "amplitudes of the sines, (W, N); of order 0 the mean's size", "N m"))
-    torque_order: Floats = field(metadata=reported("crank orders that the engine torque has, (K,)"))
-    transmissibility: Floats = field(metadata=reported("shaft torque over engine torque at these orders, (W, K)"))
-    judder: Judder = field(metadata=reported("how the slip speed shakes in each window"))
-    heat: Floats = field(metadata=reported("work of the friction torque from the start of the run to there, (W,)", "J"))
+        "amplitudes, (W, N); of order 0 the mean's size", "N m"))
+    torque_order: Floats = field(metadata=reported("crank orders of the engine torque, (K,)"))
+    transmissibility: Floats = field(metadata=reported("shaft torque over engine torque there, (W, K)"))
+    judder: Judder = field(metadata=reported("shaking of the slip speed in each window"))
+    heat: Floats = field(metadata=reported("work of friction since the start, (W,)", "J"))
     modes: tuple[float, float] = field(metadata=reported(
-        "natural frequencies with the clutch stuck and slipping", "rad/s"))
+        "natural frequencies, stuck and slipping", "rad/s"))
     per_revolution: float = field(default=1.0, metadata=reported(
-        "engine.order, periods of the excitation in a crank revolution"))
-    left_out: int = field(default=0, metadata=reported("number of windows left out because of gaps between samples"))
+        "engine.order: cycles in a crank revolution"))
+    left_out: int = field(default=0, metadata=reported("windows left out because of gaps"))
 
     def _text(self) -> str:
         return (f"Orders: {len(self.time)} windows, {self.frequency.min():.6g} to {self.frequency.max():.6g} rad/s, "

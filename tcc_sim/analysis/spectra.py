@@ -25,19 +25,18 @@ class Spectrum(Result):
     frequency: Floats = field(metadata=reported("angular frequency of each line, (N,)", "rad/s"))
     order: Floats = field(metadata=reported("crank order of each line, (N,)"))
     window: str = field(metadata=reported(
-        "window in time, the cycles of the excitation in it, and the time that it covers"))
-    period: int = field(metadata=reported("period of the motion in cycles of the excitation, 0 where it has none"))
+        "window in time, its cycles, and the time that it covers"))
+    period: int = field(metadata=reported("period of the motion in cycles, 0 for none"))
     subharmonics: Floats = field(metadata=reported(
-        "crank orders between the multiples of the excitation's whose slip speed or shaft torque is above a thousandth "
-        "of the largest line"))
+        "crank orders between multiples of the excitation's, with a line above a thousandth of the largest"))
     slip_speed: Floats | None = field(metadata=reported(
-        "amplitudes of the sines, (N,); of order 0 the mean", "rad/s", optional=True))
+        "amplitudes, (N,); of order 0 the mean", "rad/s", optional=True))
     shaft_torque: Floats | None = field(metadata=reported(
-        "amplitudes of the sines, (N,); of order 0 the mean", "N m", optional=True))
+        "amplitudes, (N,); of order 0 the mean", "N m", optional=True))
     slip_speed_density: Floats | None = field(metadata=reported(
-        "one-sided power density, (N,), of a motion without a period", "(rad/s)^2/Hz", optional=True))
+        "one-sided power density of a motion without a period, (N,)", "(rad/s)^2/Hz", optional=True))
     shaft_torque_density: Floats | None = field(metadata=reported(
-        "one-sided power density, (N,), of a motion without a period", "(N m)^2/Hz", optional=True))
+        "one-sided power density of a motion without a period, (N,)", "(N m)^2/Hz", optional=True))
 
     def _text(self) -> str:
         return (f"Spectrum: {len(self.order)} {'lines' if self.period else 'densities'} up to order "

@@ -143,61 +143,56 @@ class Summary(Result):
     """
 
     max_slip_speed: float = field(metadata=reported(
-        "largest |slip speed| over the kept cycles", "rad/s", scatters=True))
+        "largest |slip speed|", "rad/s", scatters=True))
     min_slip_speed: float = field(metadata=reported("smallest slip speed, signed", "rad/s", scatters=True))
     period: int = field(metadata=reported(
-        "period of the motion; 0 if none is found up to 16, and up to a third of the kept ones",
+        "period of the motion; 0 if none up to `longest_period`",
         "periods of excitation", scatters=True))
     section: list[tuple[float, float]] = field(metadata=reported(
-        "plate angle and slip speed at t = 2 pi n/omega over the last whole period, in order and from an n that is a "
-        "multiple of the period; over all kept cycles if the period is 0", "rad, rad/s"))
+        "plate angle and slip speed at t = 2 pi n/omega over the last period, n a multiple of it at first; "
+        "over all kept cycles if it is 0", "rad, rad/s"))
     stick_fraction: float = field(metadata=reported("time in stick over time", scatters=True))
     regime: str = field(metadata=reported(
-        "stick, slip or stick-slip; a stick fraction within 0.005 of 0 or 1 counts as slip or stick"))
-    cycles: int = field(metadata=reported("number of periods of excitation solved or observed"))
-    discarded: int = field(metadata=reported("number of periods of excitation dropped at the start"))
+        "stick, slip or stick-slip; stick fractions within 0.005 of 0 or 1 count as slip or stick"))
+    cycles: int = field(metadata=reported("cycles solved or observed"))
+    discarded: int = field(metadata=reported("cycles dropped at the start"))
     settled: bool = field(metadata=reported(
-        "whether the section repeats within the tolerance; a period that is not settled is that of the limit to which "
-        "the section decays"))
+        "whether the section repeats within the tolerance; if not, the period is that of its limit"))
     section_change: float = field(metadata=reported(
-        "largest change of the section over the last period, relative to the size of the motion"))
+        "largest change of the section over the last period, relative to the motion"))
     solver: str = field(metadata=reported("name of the solver"))
     elapsed_s: float = field(metadata=reported(
-        "computing time; of a point of a sweep its share, by steps, in that of the points solved with it", "s"))
+        "computing time; of a point of a sweep its share by steps", "s"))
     section_states: list[tuple[float, float, float]] | None = field(default=None, metadata=reported(
-        "plate angle, slip speed and plate speed at the points of the section", "rad, rad/s, rad/s", optional=True))
+        "`section` with the plate speed", "rad, rad/s, rad/s", optional=True))
     runaway: bool = field(default=False, metadata=reported(
-        "whether slip grows and never sticks, for instance because the friction torque is below the mean engine "
-        "torque; such a motion has no period and has not settled", scatters=True))
+        "whether slip grows and never sticks", scatters=True))
     transient: bool = field(default=False, metadata=reported(
-        "whether the motion has not settled: its period is that of a limit, or its cycles still grow or decay"))
+        "whether its period is that of a limit, or its cycles still grow or decay"))
     covers: tuple[float, float] = field(default=(math.nan, math.nan), metadata=reported(
-        "start and end of the time covered by extremes, stick, energies, powers, torques and breakaways: all that was "
-        "solved or recorded and not dropped; period and section are those of its whole cycles", "s"))
+        "start and end of the time of these figures; period and section are of its whole cycles", "s"))
     seconds: float = field(default=math.nan, metadata=reported(
-        "time within `covers` over which these figures were summed: all of it that was solved or recorded", "s"))
+        "time within `covers` that was solved or recorded", "s"))
     lost_seconds: float = field(default=math.nan, metadata=reported(
-        "time within `covers` between states that do not follow each other, because messages were lost or were not "
-        "finite; no figure contains it", "s"))
+        "time within `covers` hidden by messages that were lost or not finite; no figure contains it", "s"))
     broken: int = field(default=0, metadata=reported(
-        "number of kept periods of excitation that lost messages interrupt or hide; a single lost state is bridged"))
+        "kept cycles that lost messages interrupt; a single lost state is bridged"))
     longest_period: int = field(default=0, metadata=reported(
-        "longest period looked for: 16, or a third of the kept periods of excitation since the last gap; 0 for too few",
+        "longest period looked for: 16, or a third of the kept cycles since the last gap; 0 for too few",
         "periods of excitation"))
     clutch_energy: float = field(default=math.nan, metadata=reported(
-        "work of the friction torque, integral of Tf v; null if it was not computed", "J", scatters=True))
+        "work of friction, integral of Tf v; null if not computed", "J", scatters=True))
     mean_power: float = field(default=math.nan, metadata=reported("clutch energy over its time", "W", scatters=True))
     peak_power: float = field(default=math.nan, metadata=reported(
-        "largest power of the friction torque, Tf v", "W", scatters=True))
+        "largest power of friction, Tf v", "W", scatters=True))
     max_shaft_torque: float = field(default=math.nan, metadata=reported(
-        "largest torque in the shaft, C23 (theta2' - theta3') + K23 (theta2 - theta3); the angle theta3 of the "
-        "shaft's far end is 0 where the far end stands still", "N m", scatters=True))
+        "largest torque in the shaft, C23 (theta2' - theta3') + K23 (theta2 - theta3)", "N m", scatters=True))
     min_shaft_torque: float = field(default=math.nan, metadata=reported(
         "smallest torque in the shaft", "N m", scatters=True))
     breakaways: int | None = field(default=None, metadata=reported(
-        "number of changes from stick to slip", scatters=True))
+        "changes from stick to slip", scatters=True))
     coupling_energy: float = field(default=math.nan, metadata=reported(
-        "heat of the converter's fluid, integral of b v^2; 0 without converter.coupling, null if it was not computed",
+        "heat of the converter's fluid, integral of b v^2; null if not computed",
         "J", scatters=True))
 
     def _text(self) -> str:

@@ -48,69 +48,68 @@ class Tracking:
     """Slip speed against a target; the fields are JSON keys of `analyse`. NaN marks what was not observed."""
 
     target: float = field(metadata=reported("target slip speed at the end", "rad/s"))
-    mean_slip: float = field(default=math.nan, metadata=reported("mean slip speed over the kept cycles", "rad/s"))
+    mean_slip: float = field(default=math.nan, metadata=reported("mean over the kept cycles", "rad/s"))
     rms_error: float = field(default=math.nan, metadata=reported(
-        "rms of the cycle mean minus the target over the kept cycles, which are all unless --discard is given",
+        "rms of cycle mean minus target over the kept cycles",
         "rad/s"))
     largest_error: float = field(default=math.nan, metadata=reported("largest size of that difference", "rad/s"))
     overshoot: float = field(default=math.nan, metadata=reported(
-        "how far the cycle mean went beyond the target in the direction of the step to it, which counts from the last "
-        "cycle mean before it; without a step, how far it went to either side", "rad/s"))
+        "largest distance of the cycle mean beyond the target, in the direction of the step; without one, "
+        "to either side", "rad/s"))
     settling_time: float = field(default=math.nan, metadata=reported(
-        "time from the start of the segment until the cycle mean stays within `band` of the target; null unless the "
-        "verdict is settled", "s"))
-    target_low: float = field(default=math.nan, metadata=reported("smallest target; that of a moving target is below "
-                                                                  "`target_high`", "rad/s"))
+        "from the segment's start until the cycle mean stays within `band`; null unless settled", "s"))
+    target_low: float = field(default=math.nan, metadata=reported("smallest target, below `target_high` if "
+                                                                  "it moves", "rad/s"))
     target_high: float = field(default=math.nan, metadata=reported("largest target", "rad/s"))
     verdict: str | None = field(default=None, metadata=reported(
-        "settled, hunting, growing, saturated, sticking, off target (the error stays outside of the band), follows (it "
-        "stays within the band of a moving target), too short to judge, or too little observed; null if there is no "
-        "cycle mean"))
+        "settled, hunting, growing, saturated, sticking, off target (outside of the band), follows (within "
+        "the band of a moving target), too short to judge, or too little observed; null without a cycle "
+        "mean"))
     verdict_why: str = field(default="", metadata=reported("reason of the verdict, or why there is none"))
     band: float = field(default=math.nan, metadata=reported(
-        "error within which the mean counts as settled: 2 % of the step, of the range of a moving target or of the "
-        "peak deviation, four standard deviations of a noise of the cycle means, and --band at least", "rad/s"))
-    overshoot_time: float = field(default=math.nan, metadata=reported("simulation time of the overshoot", "s"))
+        "error that counts as settled: largest of --band, four standard deviations of the cycle means' "
+        "noise, and 2 % of the step, of a moving target's range or of the peak deviation", "rad/s"))
+    overshoot_time: float = field(default=math.nan, metadata=reported("simulation time", "s"))
     peak_deviation: float = field(default=math.nan, metadata=reported(
-        "largest deviation of the cycle mean from the target, signed, after the mean has first reached the target "
-        "behind a step; in the approach to it, only a deviation larger than the step counts", "rad/s"))
-    peak_time: float = field(default=math.nan, metadata=reported("simulation time of that peak", "s"))
+        "largest deviation of the cycle mean, signed, after it reached the target; before that only if "
+        "larger than the step", "rad/s"))
+    peak_time: float = field(default=math.nan, metadata=reported("simulation time", "s"))
     hunting_amplitude: float = field(default=math.nan, metadata=reported(
-        "amplitude of an oscillation of the cycle mean that does not decay; null without one", "rad/s"))
+        "amplitude of a lasting oscillation of the cycle mean; null without one", "rad/s"))
     hunting_period: float = field(default=math.nan, metadata=reported("its period; null without one", "s"))
     judder_amplitude: float = field(default=math.nan, metadata=reported(
-        "amplitude of an oscillation of the slip speed that is faster than a third of the excitation and does not "
-        "repeat with it; null without one", "rad/s"))
+        "amplitude of a slip oscillation above a third of the excitation's frequency that does not repeat "
+        "with it; null without one", "rad/s"))
     judder_frequency: float = field(default=math.nan, metadata=reported("its frequency; null without one", "Hz"))
     lag: float = field(default=math.nan, metadata=reported(
-        "delay of the cycle mean behind a moving target; null without one", "s"))
+        "delay behind a moving target; null without one", "s"))
     gain: float = field(default=math.nan, metadata=reported(
-        "size of its motion, relative to that of the target; null likewise"))
+        "motion of the cycle mean over that of the target; null likewise"))
     peak_mean: float = field(default=math.nan, metadata=reported(
-        "largest size of the deviation of the cycle mean in all cycles, the approach included", "rad/s"))
+        "largest deviation of the cycle mean in size, approach included", "rad/s"))
     peak_slip: float = field(default=math.nan, metadata=reported(
-        "largest size of the deviation of the slip speed itself, likewise", "rad/s"))
+        "that of the slip speed itself", "rad/s"))
     iae: float = field(default=math.nan, metadata=reported(
-        "integral of the cycle mean's |error| over all cycles", "rad"))
+        "integral of the cycle mean's |error|", "rad"))
     ripple: float = field(default=math.nan, metadata=reported(
         "rms of the slip speed about its mean over each cycle", "rad/s"))
     stick_fraction: float = field(default=math.nan, metadata=reported("time in stick over time"))
     pressure_low: float = field(default=math.nan, metadata=reported("least applied pressure", "Pa"))
     pressure_high: float = field(default=math.nan, metadata=reported("largest applied pressure", "Pa"))
-    pressure_rate: float = field(default=math.nan, metadata=reported("rms of the rate of the applied pressure", "Pa/s"))
+    pressure_rate: float = field(default=math.nan, metadata=reported("rms of its rate", "Pa/s"))
     time_at_limit: float = field(default=math.nan, metadata=reported(
-        "share of time in which the applied pressure is at one of `limits`"))
+        "share of time at one of `limits`"))
     limits: Limits = field(default=UNKNOWN, metadata=reported(
-        "lower and upper limit of the pressure as stated; else 0 and null", "Pa"))
+        "limits of the pressure as stated; else 0 and null", "Pa"))
     command_rate: float = field(default=math.nan, metadata=reported(
-        "applied pressure commands per second of simulated time; null without recorded commands", "Hz"))
+        "pressure commands applied per simulated second; null without recorded commands", "Hz"))
     commands_applied: int | None = field(default=None, metadata=reported(
-        "number of pressure commands that the driveline held during a tick or more; null likewise"))
+        "pressure commands held during a tick or more; null likewise"))
     commands_superseded: int | None = field(default=None, metadata=reported(
-        "number of pressure commands that a later one replaced before the next tick; null likewise"))
-    seconds: float = field(default=0.0, metadata=reported("time of the observed cycles of these figures", "s"))
+        "pressure commands replaced before the next tick; null likewise"))
+    seconds: float = field(default=0.0, metadata=reported("time observed", "s"))
     lost_seconds: float = field(default=0.0, metadata=reported(
-        "time within them and between them for which no states were recorded", "s"))
+        "time without recorded states within and between cycles", "s"))
 
     @property
     def settled(self) -> bool:

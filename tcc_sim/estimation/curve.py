@@ -55,15 +55,15 @@ class IdentifiedCurve:
     """
 
     slip_speeds: Floats = field(metadata=reported(
-        "slip speeds, from 0 to beyond the fastest that was visited", "rad/s"))
-    coefficient: Floats = field(metadata=reported("friction coefficient mu; null where the slip speed was not visited"))
+        "from 0 to beyond the fastest visited", "rad/s"))
+    coefficient: Floats = field(metadata=reported("friction coefficient mu; null if not visited"))
     low: Floats = field(metadata=reported(
         "lower end of the band that contains the whole curve with a probability of at least 95 %"))
-    high: Floats = field(metadata=reported("upper end of the band"))
+    high: Floats = field(metadata=reported("upper end"))
     visited: NDArray[np.bool_] = field(metadata=reported(
-        "whether at least 8 samples slip at speeds within a factor of 1.5, outside of the layer where tanh hides mu"))
+        "whether at least 8 samples slip within a factor of 1.5, outside of the layer where tanh hides mu"))
     constant: float = field(metadata=reported(
-        "coefficient of fast slip in mu(v) = constant + sum of amplitudes exp(-rates |v|)"))
+        "of mu(v) = constant + sum of amplitudes exp(-rates |v|)"))
     amplitudes: tuple[float, ...] = field(metadata=reported("amplitudes of the exponentials"))
     rates: tuple[float, ...] = field(metadata=reported("rates of the exponentials", "s/rad"))
     scene: Floats = field(

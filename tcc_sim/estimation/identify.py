@@ -59,15 +59,16 @@ class Identification(Result):
     """
 
     parameters: tuple[Parameter, ...] = field(metadata=reported(
-        "free parameters in the order in which they were given"))
-    correlations: Floats = field(metadata=reported("correlations of the parameters, (P, P)"))
+        "free parameters, in order"))
+    correlations: Floats = field(metadata=reported("of the parameters, (P, P)"))
     chi2_per_dof: float = field(metadata=reported(
-        "chi-square per degree of freedom of the residuals, for the noise given or estimated from the signals"))
-    accepted: bool = field(metadata=reported("whether the fit is acceptable; otherwise the parameters are no result"))
-    why: str = field(metadata=reported("reason for refusing the fit; empty if it is accepted"))
+        "chi-square per degree of freedom, for the noise given or estimated"))
+    accepted: bool = field(metadata=reported("whether the fit is acceptable; if not, the parameters are no "
+                                             "result"))
+    why: str = field(metadata=reported("why not; empty if accepted"))
     noise: dict[str, float] = field(metadata=reported("standard deviation by channel", "{*}"))
-    windows: int = field(metadata=reported("number of windows of the last stage"))
-    starts: int = field(metadata=reported("number of starts that were tried"))
+    windows: int = field(metadata=reported("windows of the last stage"))
+    starts: int = field(metadata=reported("starts that were tried"))
     seconds: float = field(metadata=reported("computing time", "s"))
     scene: Scene
     measurement: Measurement
@@ -80,7 +81,7 @@ class Identification(Result):
     curve: IdentifiedCurve | None = field(default=None, metadata=reported(
         "sliding friction over slip speed, if friction.curve was free", optional=True))
     warnings: tuple[str, ...] = field(default=(), metadata=reported(
-        "sentences on how a file was read, and on what was converted, mended or left out"))
+        "sentences on what was converted, mended or left out"))
 
     def _text(self) -> str:
         estimates = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)

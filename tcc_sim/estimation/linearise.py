@@ -71,7 +71,7 @@ class OperatingPoint:
     mean_slip: float = field(metadata=reported("mean slip speed", "rad/s"))
     pressure: float = field(metadata=reported("mean pressure", "Pa"))
     engine_torque: float = field(metadata=reported("mean engine torque", "N m"))
-    period: int = field(metadata=reported("period of the motion; 1 for a constant one", "periods of excitation"))
+    period: int = field(metadata=reported("1 for a constant motion", "periods of excitation"))
 
 
 @dataclass(frozen=True, repr=False)
@@ -82,15 +82,15 @@ class Linearisation(Result):
     response : (m,) output over input at each frequency
     """
 
-    input: str = field(metadata=reported("input of the transfer function"))
-    output: str = field(metadata=reported("output of the transfer function"))
+    input: str = field(metadata=reported("of the transfer function"))
+    output: str = field(metadata=reported("of the transfer function"))
     kind: str = field(metadata=reported("slip or stick (a constant motion), or periodic"))
     mean_slip: float
     pressure: float
     engine_torque: float
     period: int
     multipliers: Complex = field(metadata=reported(
-        "Floquet multipliers of the motion over its period, real and imaginary part each"))
+        "Floquet multipliers, [re, im]"))
     a: Floats = field(metadata=reported("state matrix, (n, n)", name="A"))
     b: Floats = field(metadata=reported("input matrix, (n, 1)", name="B"))
     c: Floats = field(metadata=reported("output matrix, (1, n)", name="C"))
@@ -101,7 +101,7 @@ class Linearisation(Result):
     response: Complex
     system: System
     controller: SlipLoop | None = field(default=None, metadata=reported(
-        "closed loop with the slip controller, with --controller", optional=True))
+        "closed loop, with --controller", optional=True))
 
     def _text(self) -> str:
         return (f"Linearisation of {self.output} by {self.input}: {self.kind}, mean slip {self.mean_slip:.6g} rad/s, "
@@ -120,7 +120,7 @@ class Linearisation(Result):
         return np.abs(self.response)
 
     @property
-    @reporting("phase by which the output leads, without jumps of 2 pi", "rad")
+    @reporting("by which the output leads, without jumps of 2 pi", "rad")
     def phase(self) -> Floats:
         """(m,) phase by which the output leads, without jumps of 2 pi, rad."""
         return np.unwrap(np.angle(self.response))

@@ -57,11 +57,11 @@ class Explanation:
     """Change of a held quantity that would explain residuals."""
 
     what: str = field(metadata=reported("key, or offset, scale or delay of a channel"))
-    amount: float = field(metadata=reported("size of the change; relative where the unit is %"))
-    unit: str = field(metadata=reported("unit of the change"))
+    amount: float = field(metadata=reported("its size"))
+    unit: str = field(metadata=reported("its unit; % is relative"))
     errors: float = field(metadata=reported("the change over its standard error"))
     alike: tuple[str, ...] = field(default=(), metadata=reported(
-        "other held quantities whose change would explain them as well, within 1 of chi-square"))
+        "others that would explain them as well, within 1 of chi-square"))
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,13 @@ class Whiteness:
     """Tests of whether residuals are noise."""
 
     correlation: dict[str, float] = field(metadata=reported(
-        "by channel, correlation of residuals with those one sample later"))
+        "by channel, correlation of residuals one sample apart"))
     p_value: dict[str, float] = field(metadata=reported(
         "by channel, least probability of the residuals after their autoregression, if they were noise"))
-    explanation: Explanation | None = field(metadata=reported("change of a held quantity that would explain most"))
+    explanation: Explanation | None = field(metadata=reported("change of a held quantity that explains most"))
     hidden: dict[str, tuple[str, float]] = field(metadata=reported(
-        "by free key the fixed key that it depends on most, and by how many of its standard errors a change of the "
-        "latter by 20 %, which residuals would not show, moves it"))
+        "by free key the fixed key that it depends on most, and by how many standard errors 20 % of the "
+        "latter move it, unseen in residuals"))
     exact: bool = field(metadata=reported("whether the residuals are below the precision of the real-time solver"))
 
 

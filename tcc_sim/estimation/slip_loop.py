@@ -40,25 +40,23 @@ LOWEST, SLOWER, WITHIN = 0.1, 0.93, 1e-3
 class SlipLoop(Described):
     """Stability and margins of a closed loop with the slip controller."""
 
-    proportional: float = field(metadata=reported("proportional gain of the slip controller", "N m s/rad"))
-    integral: float = field(metadata=reported("integral gain of the slip controller", "N m/rad"))
+    proportional: float = field(metadata=reported("proportional gain", "N m s/rad"))
+    integral: float = field(metadata=reported("integral gain", "N m/rad"))
     step: float = field(metadata=reported("time between two commands: a whole part of the period of excitation", "s"))
     stable: bool = field(metadata=reported("whether every multiplier is inside the unit circle"))
     multipliers: Complex = field(metadata=reported(
-        "of the closed loop over the motion's period, [re, im], largest modulus first; those below 1e-6 are left out"))
+        "those of the closed loop above 1e-6, [re, im], largest first"))
     gain_margin: float | None = field(metadata=reported(
-        "factor by which both gains may be raised until the loop is unstable; null where it is unstable already or "
-        "stable up to a factor of 1000"))
+        "factor on both gains that makes the loop unstable; null if unstable already, or stable up to 1000"))
     phase_margin: float | None = field(metadata=reported(
-        "least distance of the open loop's phase from -180 degrees where its gain is 1; null where it is 1 nowhere",
+        "least distance of the open loop's phase from -180 degrees at gain 1; null without one",
         "rad"))
     largest_delay: float | None = field(metadata=reported(
-        "delay of commands, in whole ticks, from which on the loop is unstable; null where it is unstable already or "
-        "stable up to 512 ticks", "s"))
+        "delay of commands, in whole ticks, from which on the loop is unstable; null if unstable already, "
+        "or stable up to 512 ticks", "s"))
     smallest_stable_slip: float | None = field(metadata=reported(
-        "mean slip speed down to which the loop with these gains remains stable, a root within 0.1 % in the first "
-        "step of 7 % down to an unstable one; null where it is unstable already, and 0 where it is stable down to a "
-        "tenth of the mean slip speed", "rad/s"))
+        "mean slip speed below which the loop becomes unstable, searched in steps of 7 %; null if unstable "
+        "already, 0 if stable down to a tenth of it", "rad/s"))
 
 
 def slip_loop(motion: Constant | Periodic, gains: tuple[float, float], rate: float,

@@ -38,11 +38,11 @@ class Parameter:
     """One free parameter."""
 
     key: str = field(metadata=reported("scene key, or the offset of the sensor of an input"))
-    start: float = field(metadata=reported("value that the fit began with", "{key}"))
-    value: float = field(metadata=reported("value found", "{key}"))
+    start: float = field(metadata=reported("first value of the fit", "{key}"))
+    value: float = field(metadata=reported("result", "{key}"))
     standard_error: float = field(metadata=reported("standard error", "{key}"))
     low: float = field(metadata=reported("lower end of the 95 % interval", "{key}"))
-    high: float = field(metadata=reported("upper end of the 95 % interval", "{key}"))
+    high: float = field(metadata=reported("upper end", "{key}"))
     verdict: str = field(metadata=reported("identified, not identifiable, or at its bound"))
     why: str = field(metadata=reported("reason in a sentence"))
 

@@ -42,7 +42,7 @@ class Torque:
     The mean is an integral over the phase of whole engine cycles.
     """
 
-    low: float = field(metadata=reported("smallest value over the excitation's period, or over the profiles", "N m"))
+    low: float = field(metadata=reported("smallest over a cycle, or over the profiles", "N m"))
     mean: float = field(metadata=reported("mean value", "N m"))
     high: float = field(metadata=reported("largest value", "N m"))
 
@@ -55,10 +55,10 @@ class ActuatorEffect:
     delay: float = field(metadata=reported("dead time", "s"))
     rate_limit: float = field(metadata=reported("rate limit; 0 for none", "Pa/s"))
     phase: float = field(metadata=reported(
-        "phase of the applied pressure over the commanded one at the slipping mode, without jumps of 2 pi", "rad"))
-    gain: float = field(metadata=reported("amplitude over that of the commanded pressure there"))
+        "phase of the applied over the commanded pressure at the slipping mode, without jumps of 2 pi", "rad"))
+    gain: float = field(metadata=reported("ratio of their amplitudes there"))
     largest_amplitude: float | None = field(metadata=reported(
-        "amplitude of the applied pressure there at which the rate limit is reached; null without one", "Pa"))
+        "amplitude of the applied pressure at which the rate limit acts; null without one", "Pa"))
 
 
 @dataclass(frozen=True)
@@ -68,28 +68,26 @@ class Estimates:
     slipping: Mode = field(metadata=reported("mode sqrt(K23/I2) (17c) of the slipping clutch"))
     stuck: Mode = field(metadata=reported("mode sqrt(K23/(I1 + I2)) (27) of the stuck clutch"))
     engine: Torque = field(metadata=reported("engine torque"))
-    static: Torque = field(metadata=reported("mu_s N R of the clutch"))
+    static: Torque = field(metadata=reported("mu_s N R"))
     kinetic: Torque = field(metadata=reported(
-        "mu_k N R of the clutch; with a friction table mu N R at its last slip speed"))
+        "mu_k N R; with a friction table mu N R at its last slip speed"))
     stick_margin: float | None = field(metadata=reported(
-        "smallest mu_s N R - |interface torque| of pure stick (10); null where there is no closed form", "N m"))
+        "smallest mu_s N R - |interface torque| of pure stick (10); null without a closed form", "N m"))
     expected: str = field(metadata=reported("stick, slip, stick-slip or runaway, from these torques"))
-    why: str = field(metadata=reported("reason for it, a sentence"))
+    why: str = field(metadata=reported("reason"))
     critical_slope: float | None = field(metadata=reported(
-        "slope of the friction torque over slip speed below which the oscillation at constant slip is no longer "
-        "damped: where the pair of roots of (22) crosses, near -C23 of (23), less converter.coupling; null where it "
-        "never does", "N m s/rad"))
+        "slope of friction torque over slip speed below which constant slip is unstable: near -C23 of "
+        "(23), less converter.coupling; null without one", "N m s/rad"))
     steepest_slope: float = field(metadata=reported(
-        "steepest fall of the friction torque of this scene at its mean pressure, over the range of a friction table",
+        "steepest fall of this scene's friction torque at its mean pressure",
         "N m s/rad"))
     critical_frequency: float = field(metadata=reported(
-        "sqrt(K23/(I1 + I2)) of (28): below it positive slip falls into the first half of a cycle, above it into the "
-        "second", "rad/s"))
+        "sqrt(K23/(I1 + I2)) of (28): below it positive slip falls into the first half of a cycle", "rad/s"))
     engine_frequency: tuple[float, float] = field(metadata=reported(
-        "lowest and highest frequency of the engine", "rad/s"))
-    profiles: bool = field(default=False, metadata=reported("whether the torques are those over profiles in time"))
+        "lowest and highest", "rad/s"))
+    profiles: bool = field(default=False, metadata=reported("whether the torques are over profiles in time"))
     fastest: float | None = field(default=None, metadata=reported(
-        "last slip speed of the friction table; null without one", "rad/s"))
+        "last slip speed of the friction table", "rad/s"))
     actuator: ActuatorEffect | None = field(default=None, metadata=reported(
         "actuator of the commanded pressure", optional=True))
 

@@ -54,20 +54,20 @@ class StepFigures:
     """A tick of the real-time solver."""
 
     tick_s: float = field(metadata=reported("tick", "s"))
-    sub_steps: int = field(metadata=reported("number of sub-steps in a tick"))
-    own_calls: Mapping[str, float] = field(metadata=reported("calls of functions in a sub-step, with this kernel"))
-    general_calls: Mapping[str, float] = field(metadata=reported("calls of functions in a sub-step with every term on"))
+    sub_steps: int = field(metadata=reported("sub-steps in a tick"))
+    own_calls: Mapping[str, float] = field(metadata=reported("function calls in a sub-step"))
+    general_calls: Mapping[str, float] = field(metadata=reported("those with every term on"))
     own_s: float | None = field(default=None, metadata=reported(
-        "time of a tick with the scene's kernel, with --cost", "s", optional=True))
+        "time of a tick, with --cost", "s", optional=True))
     general_s: float | None = field(default=None, metadata=reported(
-        "time of a tick with every term on", "s", optional=True))
+        "that with every term on", "s", optional=True))
     ratio: float | None = field(default=None, metadata=reported("general_s over own_s", optional=True))
     noise_s: float | None = field(default=None, metadata=reported(
-        "noise of these times; smaller differences than twice this are null", "s", optional=True))
+        "noise of these times; differences below twice this are null", "s", optional=True))
     terms_s: Mapping[str, float | None] | None = field(default=None, metadata=reported(
-        "time that each term held adds to a tick", "s", optional=True))
+        "time that each held term adds to a tick", "s", optional=True))
     saved_s: Mapping[str, float | None] | None = field(default=None, metadata=reported(
-        "time that each term left out would add to a tick", "s", optional=True))
+        "time that each other term would add", "s", optional=True))
 
 
 @dataclass(frozen=True)
@@ -78,23 +78,22 @@ class FrictionFigures:
     amplitudes: Sequence[float] = field(metadata=reported("amplitudes of the exponentials"))
     rates: Sequence[float] = field(metadata=reported("rates of the exponentials", "s/rad"))
     fit_error: float | None = field(metadata=reported(
-        "largest error of the fit of a table, relative to its largest coefficient; null without a table"))
+        "largest error of a table's fit, relative to its largest coefficient; null without one"))
     fit_error_at: float | None = field(metadata=reported(
-        "slip speed of the largest error; null without a table", "rad/s"))
+        "its slip speed", "rad/s"))
     fit_error_between: float | None = field(metadata=reported(
-        "largest difference of the fit from a monotone interpolation of the table, likewise"))
+        "largest difference from a monotone interpolation of the table, likewise"))
     fit_error_between_at: float | None = field(metadata=reported(
-        "slip speed of that difference; null without a table", "rad/s"))
+        "its slip speed", "rad/s"))
     slip_speeds: tuple[float, float] = field(metadata=reported(
-        "first and last slip speed that coefficients and slopes are given for: the range of the table, or as far as "
-        "the exponential lasts", "rad/s"))
-    coefficients: tuple[float, float] = field(metadata=reported("coefficient at the first and at the last of them"))
+        "first and last slip speed of the table, or as far as the exponential lasts", "rad/s"))
+    coefficients: tuple[float, float] = field(metadata=reported("coefficients there"))
     slopes: tuple[float, float] = field(metadata=reported(
-        "least and largest slope of the coefficient over slip speed between them", "s/rad"))
+        "least and largest slope of the coefficient between them", "s/rad"))
     stick_speed: float = field(metadata=reported(
-        "slip speed up to which the law counts as stick; 0 for the set-valued law", "rad/s"))
+        "slip speed up to which the law counts as stick; 0 if set-valued", "rad/s"))
     largest_coefficient: float = field(metadata=reported(
-        "largest friction coefficient up to the stick speed"))
+        "largest one up to the stick speed"))
 
 
 @dataclass(frozen=True)
@@ -107,12 +106,12 @@ class PureSlipFigures:
     growth: float = field(metadata=reported("a1", "rad/s^2"))
     margin: float | None = field(metadata=reported("margin of (16)", "rad/s"))
     least: float | None = field(metadata=reported(
-        "smallest slip speed with the transient; null where the slip ends", "rad/s"))
-    least_is_bound: bool = field(metadata=reported("whether `least` is a lower bound, which slip need not reach"))
+        "smallest slip speed with the transient; null if the slip ends", "rad/s"))
+    least_is_bound: bool = field(metadata=reported("whether `least` is only a lower bound"))
     pure_slip: bool | None = field(metadata=reported(
-        "whether it lasts for ever; null where the bound does not decide"))
+        "whether it lasts for ever; null if the bound does not decide"))
     tick_difference: float | None = field(metadata=reported(
-        "largest difference of the real-time solver from (14) in 500 ticks of 1 ms; null where that does not apply",
+        "largest difference of the real-time solver from (14) in 500 ticks of 1 ms; null if not applicable",
         "rad/s"))
 
 
@@ -131,11 +130,11 @@ class ClosedForms:
     """Closed forms of the paper."""
 
     slip: PureSlipFigures | None = field(metadata=reported(
-        "pure slip (12) to (18); null where the scene has no such closed form"))
+        "pure slip (12) to (18); null without such a closed form"))
     stick: PureStickFigures | None = field(metadata=reported(
-        "pure stick (8) to (11); null where the scene has no such closed form"))
-    slip_why: str = field(metadata=reported("reason why there is no pure slip in closed form; empty where there is"))
-    stick_why: str = field(metadata=reported("likewise for pure stick"))
+        "pure stick (8) to (11); null likewise"))
+    slip_why: str = field(metadata=reported("why `slip` is null"))
+    stick_why: str = field(metadata=reported("why `stick` is null"))
 
 
 @dataclass(frozen=True)
@@ -143,7 +142,7 @@ class SceneExplanation(Described):
     """Expected behaviour of a scene, and its terms, topics and packages in use and left out."""
 
     name: str = field(metadata=reported("name of the scene"))
-    description: str = field(metadata=reported("description of the scene"))
+    description: str = field(metadata=reported("of the scene"))
     solver: str = field(metadata=reported("solver that auto takes offline"))
     estimates: Estimates = field(metadata=reported("estimates from the parameters alone"))
     terms: Held = field(metadata=reported("terms of the equations"))
@@ -151,7 +150,7 @@ class SceneExplanation(Described):
     topics: Held = field(metadata=reported("topics of the driveline node"))
     modules: Held = field(metadata=reported("optional packages"))
     step: StepFigures | None = field(metadata=reported(
-        "tick of the real-time solver; null for the set-valued law, which it does not take"))
+        "tick of the real-time solver; null for the set-valued law"))
     closed_forms: dict[str, Any] | None = field(metadata=reported(
         "closed forms of the paper; null where a torque comes from a topic", of=(ClosedForms,)))
     friction: dict[str, Any] = field(metadata=reported(

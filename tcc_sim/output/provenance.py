@@ -25,12 +25,12 @@ FORMATS: dict[str, int] = {
     "linearise": 1, "identify": 1}
 """Format number of each kind of JSON; files of sweep_points and basin_rows have one line per point or row."""
 HEAD = {"format": "kind of file and number of its format",
-        "version": "release of the package that wrote it, and a digest of its code",
-        "scene": "every key of the scene with its value; node options too where a whole scene was given. Of identify "
-        "it is the scene before the fit, whose results are in `parameters` and in the file of --out",
-        "environment": "versions of python, numpy, scipy and numba (null where not installed), and the processor",
+        "version": "release that wrote it, and a digest of its code",
+        "scene": "every key of the scene, and node options of a whole one; of identify before the fit",
+        "environment": "versions of python, numpy, scipy and numba (null where not installed), and the "
+                       "processor",
         "command": "arguments of tcc-sim, the verb first", "units": "unit by field",
-        "warnings": "sentences on the scene, where there are some"}
+        "warnings": "sentences on the scene, if any"}
 """Keys that begin every JSON, with their meaning."""
 
 

@@ -61,12 +61,12 @@ class RecordedDriveline:
 
     topic: str = field(metadata=reported("topic of its joint_states"))
     publisher: str = field(metadata=reported(
-        "identifier of its latest publisher in the middleware; empty if it was not recorded"))
-    joints: tuple[str, ...] = field(metadata=reported("names of its joints"))
+        "identifier of its latest publisher; empty if not recorded"))
+    joints: tuple[str, ...] = field(metadata=reported("their names"))
     scene: str | None = field(metadata=reported("description of its first scene; null without a scene"))
-    states: int = field(metadata=reported("number of its joint_states"))
-    start: float = field(metadata=reported("smallest stamp of its states, simulation time", "s"))
-    end: float = field(metadata=reported("largest stamp of its states, simulation time", "s"))
+    states: int = field(metadata=reported("its joint_states"))
+    start: float = field(metadata=reported("smallest stamp of its states", "s"))
+    end: float = field(metadata=reported("largest one", "s"))
     read: bool = field(metadata=reported("whether it was analysed"))
     publishers: tuple[str, ...] = ()
     runs: tuple[str, ...] = ()

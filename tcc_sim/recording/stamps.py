@@ -112,7 +112,7 @@ class StampCounter:
     """
 
     messages: int = 0
-    runs: int = field(default=0, metadata=reported("number of runs: starts, resets and restarts"))
+    runs: int = field(default=0, metadata=reported("starts, resets and restarts"))
     resets: int = 0
     restarts: int = 0
     repeated: int = 0
@@ -274,7 +274,7 @@ class StampCounter:
         return self.tick * 1e-9
 
     @property
-    @reporting("number of gaps between stamps")
+    @reporting("gaps between stamps")
     def gaps(self) -> int:
         """Number of gaps within runs."""
         return self._figures()[0]
@@ -285,7 +285,7 @@ class StampCounter:
         return self._figures()[1]
 
     @property
-    @reporting("number of stamps that are not multiples of the tick", name="uneven_stamps")
+    @reporting("stamps that are not multiples of the tick", name="uneven_stamps")
     def uneven(self) -> int:
         """Number of differences, except gaps, that deviate from the tick by more than 1 %."""
         return self._figures()[2]

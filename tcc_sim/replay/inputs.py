@@ -33,24 +33,24 @@ class HeldInput:
     """Sources of one input over time; the fields are JSON keys of `analyse`."""
 
     topic: float | None = field(metadata=reported(
-        "simulation time during which it followed commands; null if the recording does not state it", "s"))
+        "time in which it followed commands; null if not recorded", "s"))
     fallback: float | None = field(metadata=reported(
-        "simulation time on the fallback, without a command although its source is topic; null likewise", "s"))
-    scene: float = field(metadata=reported("simulation time during which the scene set it", "s"))
-    refused: int | None = field(metadata=reported("number of commands that the driveline refused; null likewise"))
-    publishers: int = field(metadata=reported("number of publishers of its commands"))
-    commands: int = field(default=0, metadata=reported("number of recorded commands"))
+        "time on the fallback, without a command; null likewise", "s"))
+    scene: float = field(metadata=reported("time in which the scene set it", "s"))
+    refused: int | None = field(metadata=reported("commands that the driveline refused; null likewise"))
+    publishers: int = field(metadata=reported("publishers of its commands"))
+    commands: int = field(default=0, metadata=reported("recorded commands"))
     applied: int | None = field(default=None, metadata=reported(
-        "number of commands that the driveline held during a tick or more; null likewise"))
+        "commands held during a tick or more; null likewise"))
     superseded: int | None = field(default=None, metadata=reported(
-        "number of commands that a later one replaced before the next tick; null likewise"))
+        "commands replaced before the next tick; null likewise"))
     ignored: int | None = field(default=None, metadata=reported(
-        "number of recorded commands that the driveline did not receive or refused; null likewise"))
+        "recorded commands not received, or refused; null likewise"))
     lost: int | None = field(default=None, metadata=reported(
-        "number of commands that were lost between publisher and driveline; null likewise"))
+        "commands lost between publisher and driveline; null likewise"))
     unknown: float = field(default=0.0, metadata=reported(
-        "simulation time during which the source is unknown, because messages are missing", "s"))
-    why: str = field(default="", metadata=reported("reason of the fields that are null"))
+        "time of missing messages and unknown source", "s"))
+    why: str = field(default="", metadata=reported("why fields are null"))
 
     def sentence(self) -> str:
         """Return the sources as text."""
@@ -72,9 +72,9 @@ class HeldInput:
 class CommandAge:
     """Simulation time, s, from the state that the held command answers to each tick; 0 in lock-step."""
 
-    median: float = field(metadata=reported("median age over the ticks", "s"))
-    p95: float = field(metadata=reported("95th percentile of the age", "s"))
-    largest: float = field(metadata=reported("largest age", "s"))
+    median: float = field(metadata=reported("over the ticks", "s"))
+    p95: float = field(metadata=reported("95th percentile", "s"))
+    largest: float = field(metadata=reported("largest one", "s"))
 
     def sentence(self) -> str:
         """Return the ages as text."""

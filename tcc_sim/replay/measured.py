@@ -29,14 +29,14 @@ from tcc_sim.trajectory import Cycles, Floats
 class MeasuredRun(Result):
     """Orders and spectrum of measurements."""
 
-    samples: int = field(metadata=reported("number of rows of the table"))
-    seconds: float = field(metadata=reported("time from the first to the last row", "s"))
+    samples: int = field(metadata=reported("rows of the table"))
+    seconds: float = field(metadata=reported("from the first to the last row", "s"))
     orders: Orders | None = field(default=None, metadata=reported(
         "orders, transmissibility and judder", optional=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
         "amplitudes over frequency and order", optional=True))
     warnings: tuple[str, ...] = field(default=(), metadata=reported(
-        "sentences on how the table was read, and on what was converted, mended or left out"))
+        "sentences on what was converted, mended or left out"))
 
     def columns(self) -> dict[str, Floats]:
         """Return the columns of the orders or, without these, of the spectrum."""

@@ -44,13 +44,13 @@ class Verification:
     """
 
     verified: bool = field(metadata=reported(
-        "whether every recorded value agrees with its solution, to the last bit if the run was recorded from its "
-        "start, else within a tolerance, and the inputs of every state are known"))
+        "whether all inputs are known and every value agrees with its solution, to the last bit if "
+        "recorded from the start"))
     largest_difference: float = field(metadata=reported(
-        "largest difference of any value, relative to its signal's maximum; null if not finite"))
-    compared: int = field(metadata=reported("number of states compared", name="states"))
+        "of any value, relative to its signal's maximum; null if not finite"))
+    compared: int = field(metadata=reported("states compared", name="states"))
     solved: int = field(metadata=reported(
-        "number of compared states that were solved; a state without one before it, after a start or a gap, is not"))
+        "those that were solved; the first after a start or a gap is not"))
     exact: int
     first_difference_ns: int | None
     detail: str
@@ -93,38 +93,38 @@ class Replay(Result):
     first_cycle: int
     timing: Timing = field(metadata=reported("timing of the periods of excitation", spread=True))
     continuity: StampCounter = field(metadata=reported("gaps, resets and restarts by the stamps", spread=True))
-    messages: int = field(metadata=reported("number of joint_states read"))
-    lost_messages: int = field(metadata=reported("number of joint_states missing according to the stamps"))
+    messages: int = field(metadata=reported("joint_states read"))
+    lost_messages: int = field(metadata=reported("joint_states missing by their stamps"))
     complete: bool = field(metadata=reported("false if the recording was cut short"))
     warnings: tuple[str, ...] = field(metadata=reported("one sentence for each damage"))
     pace: float = field(metadata=reported(
-        "simulated time per real time between the first and the last message, by times of receipt; null if no real "
-        "time was recorded", name="real_time_factor"))
+        "simulated over real time from first to last receipt; null if not recorded", name="real_time_factor"))
     control: Control
     run: int = 0
     parts_missing: bool = False
     segments: tuple[Segment, ...] = field(default=(), metadata=reported(
-        "figures from each start, reset, restart or change of parameters to the next"))
+        "parts of the run, in order"))
     verification: Verification | None = field(default=None, metadata=reported(
         "comparison with the recording solved again", spread=True, optional=True))
     damping: Damping | None = field(default=None, metadata=reported("equivalent damping", spread=True, optional=True))
-    inputs: Mapping[str, HeldInput] = field(default_factory=dict, metadata=reported("sources of each input, by topic"))
+    inputs: Mapping[str, HeldInput] = field(default_factory=dict, metadata=reported("sources of each "
+                                                                                    "input, by topic"))
     command_age: CommandAge | None = field(default=None, metadata=reported(
-        "simulation time from the state that a command answers to the first tick that applies it, 0 in lock-step; "
-        "null if most commands have no stamp", "s"))
+        "from the state that a command answers to the first tick that applies it; null if most commands "
+        "have no stamp", "s"))
     drivelines: tuple[RecordedDriveline, ...] = field(default=(), metadata=reported(
-        "drivelines of the recording, and other nodes with joint states"))
+        "drivelines and other nodes with joint states"))
     missed_ticks: int | None = field(default=None, metadata=reported(
-        "number of ticks that the driveline missed in real time; null without recorded diagnostics"))
+        "ticks missed; null without recorded diagnostics"))
     late_ticks: int | None = field(default=None, metadata=reported(
-        "number of ticks that came more than a period late; null likewise"))
+        "ticks more than a period late; null likewise"))
     late_share: float = field(default=math.nan, metadata=reported(
-        "the same as a share of the ticks that were paced in real time; null likewise"))
+        "their share of paced ticks; null likewise"))
     late_first: float = field(default=math.nan, metadata=reported(
-        "simulation time of the first late tick; null without one, or if the driveline did not say", "s"))
+        "simulation time of the first one; null if not stated", "s"))
     late_last: float = field(default=math.nan, metadata=reported(
-        "simulation time of the last late tick; null likewise", "s"))
-    latest_tick: float = field(default=math.nan, metadata=reported("largest lateness of a tick; null likewise", "s"))
+        "that of the last; null likewise", "s"))
+    latest_tick: float = field(default=math.nan, metadata=reported("largest lateness; null likewise", "s"))
     orders: Orders | None = field(default=None, metadata=reported(
         "orders, transmissibility and judder", optional=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(

@@ -37,18 +37,18 @@ MOST_SEGMENTS = 1000
 class Segment(Described):
     """Part of a recording from a start, reset, restart or change of parameters to the next."""
 
-    start: float = field(metadata=reported("simulation time of the start", "s"))
-    end: float = field(metadata=reported("simulation time of the end", "s"))
+    start: float = field(metadata=reported("simulation time", "s"))
+    end: float = field(metadata=reported("simulation time", "s"))
     began_by: str = field(metadata=reported(
-        "start, reset, restart, parameters, fallback (it replaced the commands), controller (commands came first or "
-        "again, or from a new publisher) or pause"))
+        "start, reset, restart, parameters, fallback (it replaced the commands), controller (commands "
+        "begin, return, or come from a new publisher) or pause"))
     changes: Mapping[str, object] = field(metadata=reported(
         "new values of changed scene keys or target_slip_speed", "{*}"))
     summary: Summary | None = field(metadata=reported(
         "figures of the segment; null without a whole period of excitation after the dropped ones",
         spread=True, of=(Summary,)))
     tracking: Tracking | None = field(metadata=reported(
-        "tracking error of the target, if a target was recorded", optional=True))
+        "tracking of a recorded target", optional=True))
 
     def rows(self, number: int) -> list[tuple[str, str]]:
         """Return the segment as rows for a terminal."""

@@ -56,7 +56,7 @@ class Timing:
 
     clock: EngineClock
     source: str = field(metadata=reported(
-        "given, scene, found, or none if no period of excitation was identified", name="frequency_source"))
+        "given, scene, found or none", name="frequency_source"))
     low: float
     high: float
     note: str = ""
@@ -67,13 +67,13 @@ class Timing:
         return None if self.source == "scene" else self.clock
 
     @property
-    @reporting("smallest and largest frequency in the longest run; equal if constant, null if unknown", "rad/s")
+    @reporting("in the longest run; null if unknown", "rad/s")
     def frequency_range(self) -> tuple[float, float]:
         """Smallest and largest frequency in the longest run, rad/s; NaN if unknown."""
         return self.low, self.high
 
     @property
-    @reporting("frequency of a typical period of excitation; null if no cycle was identified", "rad/s")
+    @reporting("that of a typical cycle; null if no cycle was identified", "rad/s")
     def frequency(self) -> float:
         """Frequency of a typical engine cycle, rad/s; NaN if no cycle was identified."""
         if not self.clock.identified:

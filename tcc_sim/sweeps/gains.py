@@ -35,7 +35,7 @@ class GainPoint:
     """One closed loop of a map."""
 
     tracking: Tracking = field(metadata=reported("figures of the loop", spread=True, of=(Tracking,)))
-    refused: int = field(metadata=reported("number of refused commands"))
+    refused: int = field(metadata=reported("refused commands"))
 
 
 @dataclass(frozen=True, repr=False)

@@ -55,14 +55,14 @@ class Point:
     confirmed: bool | None = field(metadata=reported(CONFIRMED))
     status: str = field(metadata=reported("how the solver ended, a sentence"))
     theta2: Floats | None = field(metadata=reported(
-        "plate angle on the section over the last cycles, oldest first, (n,)", "rad", optional=True))
+        "plate angle on the last sections, oldest first, (n,)", "rad", optional=True))
     damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, optional=True))
     lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", optional=True))
     end: Start
     judder: JudderFigures | None = field(default=None, metadata=reported(
         "judder of a manoeuvre or with orders", spread=True, optional=True))
     orders: OrdersAtSpeeds | None = field(default=None, metadata=reported(
-        "orders at given speeds of the engine", optional=True))
+        "orders at given engine speeds", optional=True))
 
     def as_record(self) -> dict[str, Any]:
         """Return the value, the results and the end of the motion as JSON values: a line in the file of a sweep."""
@@ -171,13 +171,13 @@ class Course:
     """How the sweeps of one call were done."""
 
     direction: str = field(metadata=reported(
-        "cold: every value starts from the initial state; up, down: from the neighbour's last one"))
-    discard: int | str = field(metadata=reported("number of periods of excitation dropped, default or auto"))
+        "cold: each value starts from the initial state; up, down: from the neighbour's last one"))
+    discard: int | str = field(metadata=reported("cycles dropped, default or auto"))
     duration: float | None = field(metadata=reported(
-        "time solved instead of whole periods of excitation; null for cycles", "s"))
+        "time solved; null for whole cycles", "s"))
     varying: Sequence[str] = field(metadata=reported("what varies in time"))
     complete: bool = field(metadata=reported("whether every value was tried"))
-    not_settled: int = field(metadata=reported("number of motions that are still transients"))
+    not_settled: int = field(metadata=reported("motions that are still transients"))
     seconds: float = field(metadata=reported("computing time of the whole sweep", "s", name="wall_s"))
 
 

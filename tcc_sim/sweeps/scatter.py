@@ -46,8 +46,8 @@ class Tolerances:
     """
 
     bounds: tuple[tuple[str, float, float], ...]
-    samples: int = field(metadata=reported("number of samples"))
-    seed: int = field(default=0, metadata=reported("seed of the scrambling; the same seed gives the same samples"))
+    samples: int = field(metadata=reported("samples"))
+    seed: int = field(default=0, metadata=reported("seed of the samples"))
     probabilities: tuple[float, ...] = field(default=PROBABILITIES, metadata=reported("probabilities of the quantiles"))
 
     def __post_init__(self) -> None:
@@ -154,22 +154,21 @@ class Scattered(Result):
                 **{name: column for name, column in stacked(self.sweeps).items() if name not in sampled}}
 
     @property
-    @reporting("results that quantiles leave out: runaway, and not settled")
+    @reporting("results without part in quantiles: runaway, and not settled")
     def left_out(self) -> dict[str, int]:
         """Number of results that quantiles leave out, by reason."""
         return dict(zip(COUNTED, (0 if self.every else int(mask.sum()) for mask in self._unsteady())))
 
     @property
-    @reporting("quantiles of every result over the samples, one for each probability; with over, a list of them per "
-               "value", "{*}", name="quantiles")
+    @reporting("quantiles of every result by probability; with over, a list per value", "{*}", name="quantiles")
     def all_quantiles(self) -> dict[str, NDArray[np.float64]]:
         """Quantiles of every computed result in numbers."""
         lists = self.sweeps[0].lists
         return {name: self.quantiles(name)[slice(None) if self.over else 0] for name in NUMBERS if name in lists}
 
     @property
-    @reporting("quantiles of the amplitudes of orders over the samples: slip_speed (rad/s) and shaft_torque (N m), for "
-               "each speed a list of orders with a quantile for each probability; with over, a list of them per value",
+    @reporting("those of slip_speed (rad/s) and shaft_torque (N m), by speed, order and probability; "
+               "likewise",
                optional=True)
     def order_quantiles(self) -> dict[str, NDArray[np.float64]] | None:
         """Quantiles of `OrdersAtSpeeds`; None without orders."""

@@ -177,9 +177,9 @@ class Simulation(Result):
     orders: Orders | None = field(default=None, metadata=reported(
         "orders, transmissibility and judder", optional=True))
     measured_orders: Orders | None = field(default=None, metadata=reported(
-        "the same of the measurement in --inputs", optional=True))
+        "those of the measurement in --inputs", optional=True))
     orders_at_speeds: OrdersAtSpeeds | None = field(default=None, metadata=reported(
-        "amplitudes of orders at given speeds of the engine", optional=True))
+        "orders at given engine speeds", optional=True))
     spectrum: Spectrum | None = field(default=None, metadata=reported(
         "amplitudes over frequency and order", optional=True))
     notes: tuple[str, ...] = ()
@@ -200,7 +200,7 @@ class Simulation(Result):
         return f"{run.status.value}; {run.detail}" if run.detail else run.status.value
 
     @property
-    @reporting("sentences on the scene and the solver, where there are some", optional=True)
+    @reporting("sentences on the scene and the solver, if any", optional=True)
     def warnings(self) -> list[str] | None:
         """Doubts about the solution; None if there are none."""
         run = self.trajectory

@@ -53,19 +53,19 @@ class Boundary:
 class AttractorFigures:
     """Attractor in JSON."""
 
-    number: int = field(metadata=reported("number, the same at all values of over at which the attractor continues"))
+    number: int = field(metadata=reported("number, the same at all values of over at which it continues"))
     period: int = field(metadata=reported("period of the motion; 0 for none", "periods of excitation"))
     max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
     section: NDArray[np.float64] = field(metadata=reported(
         "plate angle and slip speed at t = 2 pi n/omega", "rad, rad/s"))
     section_states: NDArray[np.float64] = field(metadata=reported(
-        "plate angle, slip speed and plate speed at t = 2 pi n/omega", "rad, rad/s, rad/s"))
+        "with the plate speed", "rad, rad/s, rad/s"))
     multipliers: NDArray[np.complex128] | None = field(metadata=reported(
-        "Floquet multipliers, real and imaginary part each; null without a period"))
+        "Floquet multipliers, [re, im]; null without a period"))
     fraction: float = field(metadata=reported("share of the plane"))
     radius: float = field(metadata=reported(
-        "capture radius around the section points, in natural sizes of the three states"))
-    validated: bool = field(metadata=reported("whether motions that start at that radius return to it"))
+        "capture radius around section points, in natural sizes of states"))
+    validated: bool = field(metadata=reported("whether motions that start there return"))
     state: NDArray[np.float64] | None = field(metadata=reported(
         "slip speed, plate angle and plate speed at t = 0; null without a period", "rad/s, rad, rad/s"))
 
@@ -106,13 +106,13 @@ class Basins(Result):
                 for k, a in enumerate(self.attractors)]
 
     @property
-    @reporting("share of the plane that reached no attractor within the allowed cycles")
+    @reporting("share of the plane that reached no attractor")
     def undecided(self) -> float:
         """Return the share of cells that are undecided."""
         return self.fraction(UNDECIDED)
 
     @property
-    @reporting("share of the plane whose slip grows for ever")
+    @reporting("share of the plane in which slip grows for ever")
     def runaway(self) -> float:
         """Return the share of cells that run away."""
         return self.fraction(RUNAWAY)
@@ -150,7 +150,7 @@ class Bounded:
     """Plane with the uncertainty of its boundary."""
 
     basins: Basins = field(metadata=reported("the plane", spread=True))
-    boundary: Boundary | None = field(metadata=reported("with --boundary, unless too few cells differ",
+    boundary: Boundary | None = field(metadata=reported("with --boundary; null if too few cells differ",
                                                         optional=True))
 
 

@@ -70,10 +70,10 @@ class LoopFigures:
     """Lateness and processor time of a loop."""
 
     lateness_p50_s: float = field(metadata=reported("median lateness of a tick", "s"))
-    lateness_p99_s: float = field(metadata=reported("99th percentile of the lateness", "s"))
+    lateness_p99_s: float = field(metadata=reported("99th percentile", "s"))
     lateness_max_s: float = field(metadata=reported("largest lateness", "s"))
     late_share: float = field(metadata=reported("share of ticks more than a period late"))
-    cpu_fraction: float = field(metadata=reported("processor time, as a fraction of one core"))
+    cpu_fraction: float = field(metadata=reported("processor time over that of one core"))
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Trial(LoopFigures):
     """The bare loop with some settings."""
 
     name: str = field(metadata=reported("the settings"))
-    refused: list[str] = field(metadata=reported("sentences on the settings that the system refused"))
+    refused: list[str] = field(metadata=reported("sentences on settings that the system refused"))
 
 
 @dataclass(frozen=True)
@@ -89,15 +89,15 @@ class PacingFigures(LoopFigures, Described):
     """Figures of the driveline node's loop and of a bare loop."""
 
     rate: float = field(metadata=reported("ticks per second", "Hz"))
-    ticks: int = field(metadata=reported("number of ticks of the node"))
-    missed_ticks: int = field(metadata=reported("number of ticks dropped beyond the catch-up bound"))
-    drift_s: float = field(metadata=reported("largest drift of the node's clock against real time", "s"))
-    bare_lateness_p50_s: float = field(metadata=reported("median lateness of the bare loop", "s"))
-    bare_lateness_p99_s: float = field(metadata=reported("99th percentile of the lateness of the bare loop", "s"))
-    bare_lateness_max_s: float = field(metadata=reported("largest lateness of the bare loop", "s"))
-    bare_late_share: float = field(metadata=reported("share of ticks of the bare loop more than a period late"))
-    bare_cpu_fraction: float = field(metadata=reported("processor time of the bare loop, as a fraction of one core"))
-    settings: list[Trial] = field(metadata=reported("the bare loop with each setting by itself"))
+    ticks: int = field(metadata=reported("ticks of the node"))
+    missed_ticks: int = field(metadata=reported("ticks dropped beyond the catch-up bound"))
+    drift_s: float = field(metadata=reported("largest drift of the node's clock", "s"))
+    bare_lateness_p50_s: float = field(metadata=reported("likewise of the bare loop", "s"))
+    bare_lateness_p99_s: float = field(metadata=reported("likewise", "s"))
+    bare_lateness_max_s: float = field(metadata=reported("likewise", "s"))
+    bare_late_share: float = field(metadata=reported("likewise"))
+    bare_cpu_fraction: float = field(metadata=reported("likewise"))
+    settings: list[Trial] = field(metadata=reported("the bare loop with each setting"))
 
 
 class Stretches:

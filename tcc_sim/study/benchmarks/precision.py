@@ -59,19 +59,19 @@ class References:
     """Names of two references, and their difference, below which an error is not resolved."""
 
     solvers: Sequence[str] = field(metadata=reported("names of the two references"))
-    floor: float = field(metadata=reported("relative difference of the references; an error below it is not resolved"))
+    floor: float = field(metadata=reported("their relative difference; errors below it are not resolved"))
 
 
 @dataclass(frozen=True)
 class SteadyState:
     """Steady motion from the initial state."""
 
-    cycles: int = field(metadata=reported("number of periods of excitation from the initial state"))
+    cycles: int = field(metadata=reported("cycles from the initial state"))
     period: int = field(metadata=reported("period of the motion; 0 for none up to 16", "periods of excitation"))
     max_slip_speed: float | None = field(default=None, metadata=reported(
-        "largest |slip speed| of SciPy's solution; null if the motion has no period or SciPy failed", "rad/s"))
+        "that of SciPy's solution; null without a period, or if SciPy failed", "rad/s"))
     closure: float | None = field(default=None, metadata=reported(
-        "distance of SciPy's solution from its start after one period, relative to each signal's maximum"))
+        "distance of that solution from its start after one period, relative to each signal's maximum"))
 
 
 @dataclass(frozen=True)
@@ -86,11 +86,11 @@ class SolverSetting:
 class PrecisionResult(SolverSetting):
     """Errors, fastest and slowest run time, s, and number of steps of a solver at a setting; None if not measured."""
 
-    error_final: float = field(metadata=reported("error of the final state, relative to each signal's maximum"))
+    error_final: float = field(metadata=reported("of the final state, relative to each signal's maximum"))
     error_section: float = field(metadata=reported("largest error on the section, relative to each signal's maximum"))
     error_max_slip: float = field(metadata=reported("relative error of the largest |slip speed|"))
     error_steady: float | None = field(metadata=reported(
-        "relative error of the largest |slip speed| of the steady state; null if not measured"))
+        "the same of the steady state; null if not measured"))
     seconds: float = field(metadata=reported("run time, minimum of several runs", "s"))
     slowest: float = field(metadata=reported("run time, maximum of several runs", "s"))
     steps: int | None = field(metadata=reported("number of steps; null if unknown"))
@@ -112,9 +112,9 @@ class Omitted(SolverSetting):
 class LongRun(SolverSetting):
     """Run time of a solver over so many cycles that the cost of a call is negligible."""
 
-    cycles: int = field(metadata=reported("number of periods of excitation"))
+    cycles: int = field(metadata=reported("cycles"))
     seconds_per_100_cycles: float = field(metadata=reported(
-        "run time of 100 periods of excitation in a run so long that the cost of a call is negligible", "s"))
+        "run time of 100 cycles in a long run", "s"))
 
 
 @dataclass(frozen=True)
@@ -122,16 +122,16 @@ class StudiedScene:
     """Measurements on one scene."""
 
     scene: str = field(metadata=reported("name of the scene"))
-    description: str = field(metadata=reported("description of the scene"))
+    description: str = field(metadata=reported("of the scene"))
     law: str = field(metadata=reported("friction law"))
-    cycles: int = field(metadata=reported("number of periods of excitation solved"))
+    cycles: int = field(metadata=reported("cycles solved"))
     reference: References = field(metadata=reported("the two references"))
     steady: SteadyState = field(metadata=reported("steady motion from the initial state"))
     results: Sequence[PrecisionResult] = field(metadata=reported("errors and run times"))
     omitted: Sequence[Omitted] = field(metadata=reported("solvers without a result"))
     warm_up: Mapping[str, float] = field(metadata=reported("time of each solver's first call, which compiles", "s"))
     long_run: Sequence[LongRun] = field(metadata=reported(
-        "run times of long runs, in which the cost of a call is negligible"))
+        "run times of runs so long that a call costs nothing"))
 
     def fastest(self, target: float) -> dict[str, PrecisionResult]:
         """Return for each solver the fastest result with all three errors at most `target`."""

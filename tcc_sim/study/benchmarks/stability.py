@@ -148,13 +148,13 @@ class Examined:
     keys: Mapping[str, Any] = field(metadata=reported(
         "scene keys that differ from `scene`, periods of excitation and friction law", "{*}", spread=True))
     solver: str = field(metadata=reported("name of the solver"))
-    step: float | None = field(metadata=reported("step; null for an engine that chooses its own", "s"))
+    step: float | None = field(metadata=reported("null for an engine that chooses its own", "s"))
     status: str = field(default="REFUSED", metadata=reported("how the solver ended"))
-    why: str = field(default="", metadata=reported("reason of a refusal or stop, or of a missing reference"))
+    why: str = field(default="", metadata=reported("reason of a refusal, stop or missing reference"))
     finite: bool | None = field(default=None, metadata=reported("whether the states are finite"))
     bounded: bool | None = field(default=None, metadata=reported("whether they stay below the energy bound"))
     error: float | None = field(default=None, metadata=reported(
-        "error of the final state, relative to each signal's maximum"))
+        "of the final state, relative to each signal's maximum"))
     iterations_max: int | None = field(default=None, metadata=reported("most iterations in a stage"))
     iterations_bound: int | None = field(default=None, metadata=reported("its bound"))
     power_residual: float | None = field(default=None, metadata=reported("residual of the power balance"))

@@ -88,8 +88,8 @@ class Branch(Described):
     bifurcations: list[Bifurcation] = field(default_factory=list)
 
     @property
-    @reporting("start, or the kind and value of the bifurcation or attractor that it was begun at, with the number of "
-               "its branch or its own", name="origin")
+    @reporting("start, or kind, value and number of the bifurcation's branch or attractor at which it "
+               "begins", name="origin")
     def begun(self) -> str | dict[str, Any]:
         """Where it begins, as in JSON."""
         return self.origin.as_json()

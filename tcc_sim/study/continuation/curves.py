@@ -77,7 +77,7 @@ class Special:
     error: float = field(metadata=reported("error of `value`", "{over}"))
     second_error: float = field(metadata=reported("error of `second`", "{second_over}"))
     located: bool = field(default=True, metadata=reported(
-        "whether it was found; else a test has two signs, each larger than its noise, within the errors"))
+        "whether it was found; else a test has two significant signs within the errors"))
     point: AugmentedPoint = field(kw_only=True, repr=False)
 
     @staticmethod

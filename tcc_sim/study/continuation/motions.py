@@ -94,7 +94,7 @@ class OrbitAt(Described):
 
     branch: int = field(metadata=reported("number of the branch"))
     period: int = field(metadata=reported("period of the motion", "periods of excitation"))
-    origin: str | dict[str, Any] = field(metadata=reported("where the branch was begun, as in `branches`"))
+    origin: str | dict[str, Any] = field(metadata=reported("as of its branch"))
     orbit: OrbitFigures = field(metadata=reported("the motion", spread=True))
 
 
@@ -131,7 +131,7 @@ class Motions(Result):
         return self.system.friction.law
 
     @property
-    @reporting("bifurcations of all branches, in order")
+    @reporting("of all branches, in order")
     def bifurcations(self) -> list[Bifurcation]:
         """Bifurcations of all branches, in order."""
         return [f for branch in self.branches for f in branch.bifurcations]

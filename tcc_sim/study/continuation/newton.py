@@ -35,12 +35,12 @@ class OrbitState:
     """Section, size and multipliers of a periodic orbit."""
 
     value: float = field(metadata=reported("value of the key", "{over}"))
-    slip_speed: float = field(metadata=reported("slip speed on the section at phase 0", "rad/s"))
-    plate_angle: float = field(metadata=reported("plate angle on the section", "rad"))
-    plate_speed: float = field(metadata=reported("plate speed on the section", "rad/s"))
+    slip_speed: float = field(metadata=reported("on the section at phase 0", "rad/s"))
+    plate_angle: float = field(metadata=reported("on the section", "rad"))
+    plate_speed: float = field(metadata=reported("on the section", "rad/s"))
     max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
     multipliers: NDArray[np.complex128] = field(metadata=reported(
-        "Floquet multipliers, largest modulus first, real and imaginary part each"))
+        "Floquet multipliers, [re, im], largest first"))
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class OrbitFigures(OrbitState, Described):
     stick_fraction: float = field(metadata=reported("time in stick over time"))
     stable: bool = field(metadata=reported("whether every multiplier is inside the unit circle"))
     events: str = field(metadata=reported("sequence of slip (+, -) and stick (S)"))
-    residual: float = field(metadata=reported("largest residual of the orbit's equations, in natural sizes"))
+    residual: float = field(metadata=reported("largest residual of the equations, in natural sizes"))
 
 
 @dataclass(frozen=True)

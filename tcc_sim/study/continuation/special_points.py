@@ -85,10 +85,9 @@ class Bifurcation(Described):
         "adding_sliding or stick_border"))
     point: ContinuationPoint
     residual: float = field(metadata=reported(
-        "for a smooth one the distance of the multiplier from where it must be, or the scaled test function; for a "
-        "change of the event sequence the margin that vanishes; never below the residual of the orbit itself"))
-    branch: int = field(default=0, metadata=reported("number of the branch that it lies on"))
-    after: int = field(default=0, metadata=reported("number of the point of that branch before it"))
+        "of its condition, scaled; at least that of the orbit"))
+    branch: int = field(default=0, metadata=reported("number of its branch"))
+    after: int = field(default=0, metadata=reported("number of the point before it"))
     changes_stability: bool = field(default=False, metadata=reported(
         "whether motions are stable on one side of it only"))
 

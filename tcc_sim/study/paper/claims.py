@@ -91,7 +91,7 @@ class Verdict:
         return verdicts.pop() if len(verdicts := set(self.pressures.values())) == 1 else DEPENDS
 
     @property
-    @reporting("pressure, tolerance or part (of the claim), on which the verdict depends; null for another verdict")
+    @reporting("pressure, tolerance or part (of the claim); null for another verdict")
     def depends_on(self) -> str | None:
         """Pressure, tolerance or part (of the claim), on which the verdict depends; None for another verdict."""
         if self.verdict != DEPENDS:
@@ -106,7 +106,7 @@ class Verdict:
         return self.verdict + on[self.depends_on]
 
     @property
-    @reporting("explanation of the verdict")
+    @reporting("of the verdict")
     def why(self) -> str:
         """Explanation of the verdict."""
         changes = ["the verdict changes with the tolerance"] * any(len(set(v)) > 1 for v in self.judged.values())

@@ -33,8 +33,8 @@ class Coexisting:
 
     index: int = field(metadata=reported("number of the value along the curve"))
     value: float = field(metadata=reported("value of the key", "{over}"))
-    max_slip_speed: float = field(metadata=reported("largest |slip speed| of the cold start's motion", "rad/s"))
-    period: int = field(metadata=reported("period of the cold start's motion", "periods of excitation"))
+    max_slip_speed: float = field(metadata=reported("that of the cold start", "rad/s"))
+    period: int = field(metadata=reported("that of the cold start", "periods of excitation"))
     other: Reached = field(metadata=reported("the other motion"))
     spike: bool = field(metadata=reported("whether the cold start stands out from both of its neighbours"))
 
@@ -47,9 +47,8 @@ class JumpBehind:
     between: tuple[float, float] = field(metadata=reported("the two values of the key", "{over}"))
     max_slip_speed: tuple[float, float] = field(metadata=reported("largest |slip speed| before and after", "rad/s"))
     cause: str = field(metadata=reported(
-        "kind of the bifurcation (stick_border: one at which the motion still creeps in stick, too), or "
-        "basin_boundary (both motions go on), steep (one motion all the way), aperiodic (a motion without a period "
-        "beside it) or not_followed"))
+        "kind of the bifurcation (stick_border: the motion still creeps in stick), or basin_boundary (both "
+        "motions go on), steep (one motion), aperiodic (beside a motion without a period) or not_followed"))
     bifurcation: int | None = field(metadata=reported("its number in bifurcations"))
 
 
@@ -60,15 +59,15 @@ class MotionsBehind:
     branches: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them", of=(Branch,)))
     bifurcations: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them", of=(Bifurcation,)))
     jumps: list[JumpBehind] = field(metadata=reported(
-        "changes of the largest slip speed between neighbours, and their causes"))
-    left_out: list[str] = field(metadata=reported("sentences on motions and branches that were not followed"))
+        "jumps of the largest slip speed between neighbours"))
+    left_out: list[str] = field(metadata=reported("sentences on what was not followed"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Labelled:
     """Curve or panel of a figure: label and series; series that it lacks are None."""
 
-    label: str = field(metadata=reported("label of the curve or panel"))
+    label: str = field(metadata=reported("of the curve or panel"))
     values: Any = field(default=None, metadata=optional("scene keys that set it apart", "{*}"))
     direction: Any = field(default=None, metadata=optional("direction of the sweep"))
     max_slip_speed: Any = field(default=None, metadata=same(Summary, "max_slip_speed"))
@@ -121,9 +120,9 @@ class Figure(Described):
     """Numbers of one figure with its title and caption; numbers that its kind lacks are None."""
 
     figure: int = field(metadata=reported("number in the paper"))
-    kind: str = field(metadata=reported("kind of the figure, on which its other fields depend"))
-    title: str = field(metadata=reported("title in our words"))
-    caption: str = field(metadata=reported("caption in our words"))
+    kind: str = field(metadata=reported("kind of the figure; other fields depend on it"))
+    title: str = field(metadata=reported("in our words"))
+    caption: str = field(metadata=reported("in our words"))
     law: str = field(metadata=reported("friction law"))
     quick: bool = field(metadata=reported("whether it has a quarter of the values"))
     parameters: Mapping[str, Any] = field(metadata=reported("scene keys that all of its curves share", "{*}"))

@@ -109,7 +109,7 @@ class Finding:
     verdict: str
     why: str = ""
     motions: Sequence[Mapping[str, Any]] = field(default=(), metadata=reported(
-        "where motions coexist: the stable ones that were found", of=(Motion,)))
+        "stable motions found where motions coexist", of=(Motion,)))
     thresholds: Sequence[str] = ()
 
 
