@@ -187,13 +187,3 @@ sys.argv = ["tcc-sim", "scenes"]
 def test_ctrl_c_while_the_program_is_loaded_prints_nothing(start: str) -> None:
     ended = python("-c", EARLY.format(start=start))
     assert (ended.returncode, ended.stdout, ended.stderr) == (-signal.SIGINT, "", "")
-
-
-@pytest.mark.parametrize("given", [None, "2"])
-def test_the_program_takes_one_thread_for_small_matrices_unless_told(given):
-    variables = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
-    code = "import os, tcc_sim.__main__; print(os.environ['OPENBLAS_NUM_THREADS'])"
-    done = subprocess.run([sys.executable, "-c", code],
-                          env=variables | ({"OPENBLAS_NUM_THREADS": given} if given else {}),
-                          capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == (given or "1")

@@ -42,19 +42,10 @@ ROOMS = {
 }
 """Rooms that may import an optional or slow package."""
 
-MEASURING = "study.cli.measuring"
-"""Module that may import `study.benchmarks`."""
 
 HEAVY = ["numpy", "numba", "scipy", "yaml", "mcap", "zstandard", "lz4", "rclpy", "rerun", "matplotlib", "distributed",
          "tqdm"]
-PROTOCOLS = {"into", "main", "run", "Settings", "solve"}
-"""Names that every module of a kind has: verbs, pictures, programs, solvers, the settings of a room."""
 
-TEXTS = {"model/friction.py", "solvers/series.py", "study/benchmarks/references.py", "study/benchmarks/peers.py",
-         "study/benchmarks/cvode.c"}
-"""Files that may have a text of the friction law's tanh: at slip speeds, along series, and independent ones."""
-STAGED = {"compiling/unrolled.py", "solvers/law.py"}
-"""Files that define tanh for staged code and its derivatives."""
 OWN = re.compile(r"\b_[a-z]\w*")
 
 
@@ -159,18 +150,6 @@ def test_what_is_heavy_or_optional_is_imported_in_its_room_only(part: str) -> No
                                    for r in room), f"{place} imports {imported}"
 
 
-@pytest.mark.parametrize("part", ["study.continuation", "study.basins"])
-def test_orbits_and_basins_know_the_solvers_through_one_adapter_each(part: str) -> None:
-    for module, place, imported in imports_in(part):
-        assert module == f"{part}.driveline" or not imported.startswith("tcc_sim.solvers"), place
-
-
-@parts
-def test_what_is_measured_is_for_one_module_of_verbs_only(part: str) -> None:
-    for module, place, imported in imports_in(part) if part != "study.benchmarks" else []:
-        assert module == MEASURING or not imported.startswith("tcc_sim.study.benchmarks"), place
-
-
 def loaded_by(statement: str) -> set[str]:
     """Heavy packages that a fresh interpreter has loaded after a statement."""
     code = f"import sys; before = set(sys.modules); {statement}; print(*set(sys.modules) - before)"
@@ -193,19 +172,6 @@ def test_no_parser_needs_an_optional_package() -> None:
             "for name in ('rclpy', 'rerun', 'matplotlib', 'distributed'): sys.modules[name] = None\n"
             "from tcc_sim.cli import build_parser; build_parser()")
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-
-
-def test_a_name_means_one_thing() -> None:
-    """A public function or class is defined once; the two engines share names of their parts."""
-    meanings: dict[str, set[str]] = {}
-    for path in MODULES:
-        of = name_of(path)
-        if of.startswith(("solvers.smoothed", "solvers.exact")):
-            of = "solvers.engine"
-        for node in tree_of(path).body:
-            if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
-                meanings.setdefault(node.name, set()).add(of)
-    assert {name: each for name, each in meanings.items() if len(each) > 1 and name not in PROTOCOLS} == {}
 
 
 def keys_in(path: Path) -> dict[str, object]:
@@ -245,16 +211,6 @@ def test_installed_files_and_versions_agree() -> None:
     messages = {line.split(".")[0] for path in (PACKAGE / "nodes").glob("*.py") for _, line in imports_of(path)}
     assert {name for name in messages if name.endswith(("_msgs", "_srvs", "_interfaces"))
             or name == "rclpy"} <= set(keys)
-
-
-def test_the_friction_law_has_few_texts() -> None:
-    """Only these files call a hyperbolic tangent, or print one; other code runs the law on other numbers."""
-    files = {path.relative_to(PACKAGE).as_posix() for path in MODULES for node in ast.walk(tree_of(path))
-             if (isinstance(node, ast.Call) and re.search(r"(^|\.)tanh$", ast.unparse(node.func)))
-             or (isinstance(node, ast.JoinedStr) and "tanh(" in ast.unparse(node))}
-    files |= {path.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*.[ch]") if re.search(
-        r"\btanh\(", re.sub(r"/[*].*?[*]/", "", path.read_text(), flags=re.DOTALL))}
-    assert files <= TEXTS | STAGED
 
 
 def broken_rules(path: Path) -> Iterator[str]:

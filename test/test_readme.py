@@ -145,20 +145,6 @@ def test_every_file_that_a_page_names_is_there(page: Path) -> None:
         assert absent or (page.parent / target).exists(), target
 
 
-def test_every_module_that_contributing_names_is_there() -> None:
-    text = (ROOT / ".github" / "internals" / "contributing.md").read_text().partition("## Mutants")[0]
-    modules = [str(path.relative_to(ROOT)) for room in ("tcc_sim", "test", ".ci")
-               for path in (ROOT / room).rglob("*.py")]
-    named = re.findall(r"[\w./]+\.py\b", text)
-    assert named
-    assert [name for name in named if not any(f"/{module}".endswith(f"/{name}") for module in modules)] == []
-    rows = "".join(re.findall(r"^\|(.*?\|.*?)\|", text.partition("Tests mirror")[0], re.MULTILINE))
-    rooms = {f"tcc_sim/{room}" for room in re.findall(r"`(\w+)/?`", rows)}
-    there = {str(path.relative_to(ROOT).with_suffix("")) for path in (ROOT / "tcc_sim").glob("[!_]*.py")}
-    there |= {str(path.parent.relative_to(ROOT)) for path in (ROOT / "tcc_sim").glob("*/__init__.py")}
-    assert rooms == there
-
-
 def test_the_run_times_of_the_readme_are_those_of_the_report() -> None:
     page = (ROOT / ".github" / "internals" / "precision.md").read_text()
     measured = [re.search(rf"^\| {name} \| (.+?) \|", page, re.MULTILINE) for name in ("numbalsoda", "XPPAUT cvode")]

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tcc_sim import basins, closed_loop, load_scene, scatter, simulate, sweep
+from tcc_sim import closed_loop, load_scene, scatter, simulate, sweep
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.scene import parse_profiles, parse_scene
 from tcc_sim.sweeps.sweep import sweep_grid
 
 RPM = math.pi / 30.0
-SPEEDS = {"engine.speed": "1500rpm"}
 PROFILE = {"engine.speed_times": [0.0, 3.0], "engine.speed_values": ["800rpm", "50hz"]}
 
 
@@ -135,16 +134,6 @@ def test_grids_and_scatters_of_order_and_speed_are_single_runs():
     orders = result.tolerances.sampled["engine.order"]
     np.testing.assert_allclose(result.result("max_slip_speed"),
                                [[largest(order, speed) for speed in speeds] for order in orders], rtol=1e-4)
-
-
-def test_basins_over_the_order_are_those_over_the_frequency():
-    plane = [("initial.slip_speed", (0.0, 20.0)), ("initial.plate_angle", (0.0, 0.1))]
-    scene = load_scene("stick").with_values({"engine.speed": 100.0})
-    by_order = basins(scene, plane, over=("engine.order", [1.0, 2.0]))
-    by_frequency = basins("stick", plane, over=("engine.frequency", [100.0, 200.0]))
-    for one, other in zip(by_order, by_frequency):
-        np.testing.assert_array_equal([each.section for each in one.attractors],
-                                      [each.section for each in other.attractors])
 
 
 def test_points_on_disk_are_those_of_the_same_rule(tmp_path):

@@ -15,14 +15,12 @@ from tcc_sim.trajectory import (
     UNITS,
     Cycles,
     Loads,
-    Runs,
     State,
     Status,
     Trajectory,
     concatenated,
     event_sequence,
     integral,
-    joined_runs,
     modes_of,
     no_cycles,
     split_cycles,
@@ -31,8 +29,6 @@ from tcc_sim.trajectory import (
 N = np.arange(5.0)
 LOADS = Loads(*(100.0 * k + N for k in range(6)))
 CYCLES = Cycles(np.stack([np.arange(6.0)] * 3, axis=1), N, -2.0 * N, 10.0 + N, LOADS, 20.0 + np.arange(6.0))
-RUNS = Runs("euler", np.arange(36.0).reshape(2, 6, 3), *(10.0 * k + np.arange(10.0).reshape(2, 5) for k in range(3)),
-            np.arange(60.0).reshape(2, 6, 5), np.array([1.0, 2.0]), np.array([True, False]))
 
 
 def numbers(cycles: Cycles) -> list[Any]:
@@ -72,34 +68,6 @@ def test_cycles_are_joined_and_split() -> None:
     assert (numbers(whole), rest and numbers(rest)) == (expected(0, 4), expected(4, 5))
     assert split_cycles(CYCLES, 5)[1] is None
     assert (len(no_cycles()), no_cycles().section.shape) == (0, (0, 3))
-
-
-@pytest.mark.parametrize(("chosen", "first"), [([0, 1], 0), ([0, 1], 2), ([1], 1), ([1, 0], 0), ([], 0)])
-def test_chosen_runs_keep_their_order_and_begin_at_a_cycle(chosen: list[int], first: int) -> None:
-    part = RUNS.chosen(chosen, first)
-    for name in ("section", "highest", "lowest", "stick_time"):
-        np.testing.assert_array_equal(getattr(part, name), getattr(RUNS, name)[chosen][:, first:])
-    for name in ("seconds", "done"):
-        np.testing.assert_array_equal(getattr(part, name), getattr(RUNS, name)[chosen])
-    np.testing.assert_array_equal(part.loads, RUNS.loads[chosen][:, :, first:])
-    assert replace(RUNS, loads=None).chosen(chosen, first).loads is None
-    for row, number in enumerate(chosen):
-        one = part.cycles(row)
-        assert one.loads is not None
-        np.testing.assert_array_equal(one.section, RUNS.section[number, first:])
-        np.testing.assert_array_equal(np.array(one.loads.columns()), RUNS.loads[number][:, first:])
-
-
-def test_successive_cycles_of_runs_are_joined_and_their_times_added() -> None:
-    early = replace(RUNS.chosen([0, 1]), section=RUNS.section[:, :3], highest=RUNS.highest[:, :2],
-                    lowest=RUNS.lowest[:, :2], stick_time=RUNS.stick_time[:, :2], loads=RUNS.loads[:, :, :2],
-                    done=np.array([True, True]))
-    late = RUNS.chosen([0, 1], 2)
-    both = joined_runs([early, late])
-    for name in ("section", "highest", "lowest", "stick_time", "loads", "done"):
-        np.testing.assert_array_equal(getattr(both, name), getattr(RUNS, name))
-    assert both.seconds.tolist() == [2.0, 4.0]
-    assert joined_runs([early, replace(late, loads=None)]).loads is None
 
 
 def test_a_state_is_three_numbers_and_the_initial_one_of_a_system() -> None:

@@ -132,20 +132,6 @@ def test_a_recording_with_steps_has_no_power_beyond_its_samples() -> None:
     assert summarise(stepped, 0).peak_power == pytest.approx(power.max(), rel=1e-4)
 
 
-SETTLING = {"driveline.damping": 0.1233, "engine.frequency": 1161.858217}
-
-
-def test_auto_drops_half_of_what_never_settles() -> None:
-    scene = load_scene("slip").with_values(SETTLING)
-    summary = simulate(scene, cycles=400, discard="auto").summary
-    assert (summary.cycles, summary.discarded, summary.transient) == (400, 200, True)
-    settled = simulate("slip", cycles=400, discard="auto", samples_per_cycle=10)
-    assert settled.summary.settled
-    assert not settled.summary.transient
-    assert len(settled.trajectory.t) == 10 * settled.summary.cycles + 1
-    assert main(["simulate", "slip", "--discard", "auto", "--cycles", "400", "--json", "-"]) == 0
-
-
 def test_chaos_is_no_transient() -> None:
     summary = simulate("chaos", cycles=400).summary
     assert (summary.period, summary.settled, summary.transient) == (0, False, False)

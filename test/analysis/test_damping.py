@@ -104,14 +104,3 @@ def test_the_slope_at_the_samples_is_that_of_20b_and_0_where_the_set_valued_law_
                                            -360.0 * np.exp(-2.0 * np.abs(stuck.slip_speed))))
     with pytest.raises(InputError, match="system"):
         slope_of_friction(with_field(run, system=None))
-
-
-@pytest.mark.parametrize(("period", "count"), [(0, 16), (1, 16), (3, 18), (16, 16), (17, 17)])
-def test_the_last_sixteen_cycles_in_whole_periods_count(period, count):
-    """While the motion settles every cycle has another average."""
-    system = replace(System(), LOADED)
-    cycles = solve(system, cycles=40).cycles
-    damping = damping_of_cycles(system, cycles, 0, period)
-    assert damping == damping_of_cycles(system, cycles[40 - count:], 40 - count, period)
-    assert damping != damping_of_cycles(system, cycles[39 - count:], 39 - count, 1000)
-    assert damping != damping_of_cycles(system, cycles[41 - count:], 41 - count, 1000)

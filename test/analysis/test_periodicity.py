@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.periodicity import Periodicity, drifts, of_points, periodicity, repeats_finely, sizes_of, stays
+from tcc_sim.analysis.periodicity import Periodicity, of_points, periodicity, repeats_finely, stays
 from tcc_sim.trajectory import Cycles
 
 
@@ -175,35 +175,6 @@ def test_a_spiral_near_a_resonance_has_no_multiple_of_its_period(angle, rate):
         repetition = periodicity(cycles_through(section))
         assert repetition.period in (0, 1)
         assert not repetition.settled or size == 1e-4
-
-
-
-
-@pytest.mark.parametrize(("scatter", "level", "least"), [
-    (0.5, 1.0, 4.0 * 0.5 * math.sqrt(2.0 / 5.0)),   # Four standard errors of means of five.
-    (0.0, 40.0, 40.0 * 1e-4)])
-def test_a_drift_exceeds_its_standard_errors_and_the_tolerance(scatter, level, least):
-    """Quarters of five cycles, whose values are their mean and s (1, -1, 1, -1, 0) sqrt(5/4) about it."""
-    about = scatter * math.sqrt(1.25) * np.array([1.0, -1.0, 1.0, -1.0, 0.0])
-    for change, drift in ((0.98 * least, False), (1.02 * least, True)):
-        steps = change * np.array([0.0, 0.2, 0.7, 1.0])
-        rising = level + (steps[:, None] + about).ravel()
-        falling, back = rising[::-1], (np.array([0.0, 0.7, 0.2, 1.0])[:, None] * change + about).ravel() + level
-        runs = np.stack([rising, falling, back])
-        if scatter:   # Two cycles before the quarters do not count.
-            runs = np.concatenate([np.full((3, 3), 9.0), runs], axis=1)
-        assert drifts(runs).tolist() == [drift, drift, False]
-    assert drifts(np.ones((2, 7))).tolist() == [True, True]
-    assert drifts(np.ones((2, 8))).tolist() == [False, False]
-
-
-def test_the_size_of_a_motion_is_that_of_its_largest_speed_and_angle():
-    points = np.array([[3.0, -0.2, 1.0], [-2.0, 0.1, 4.0]])
-    assert sizes_of(points).tolist() == [4.0, 0.2, 4.0]
-    assert sizes_of(points, np.array([-7.0, 5.0]), np.empty(0)).tolist() == [7.0, 0.2, 7.0]
-    assert sizes_of(points * [0.0, 1.0, 0.0]).tolist() == [2e-7, 0.2, 2e-7]
-    assert sizes_of(points * [1.0, 0.0, 1.0]).tolist() == [4.0, 4e-6, 4.0]
-    assert sizes_of(0.0 * points).tolist() == sizes_of(points[:0]).tolist() == [1.0, 1.0, 1.0]
 
 
 def test_too_few_points_have_a_change_and_no_period():

@@ -13,7 +13,6 @@ from tcc_sim.analysis.summary import (
     cycle_parts_of,
     cycle_times_of,
     dropped_of,
-    error_of_thirds,
     first_cycle_of,
     regime_of,
     runaway_cause,
@@ -365,29 +364,3 @@ def test_few_cycles_after_a_gap_show_no_growth(kept: int, grows: bool) -> None:
     result.highest[-kept - 1] = np.nan
     assert slip_grows(result) is grows
     assert summarise_cycles(result, CycleTimes(CYCLE)).runaway is grows
-
-
-def scatter_of_twelve():
-    """Twelve numbers of squares that add up to 1, in which no third has a mean and which no parabola fits better."""
-    n = np.arange(12.0)
-    known = np.stack([n**0, n, n**2, n < 4, n >= 8], axis=1).astype(float)
-    basis = np.linalg.qr(known)[0]
-    found = np.array([1.0, -2.0, 3.0, -1.0, 2.0, 1.0, -3.0, 1.0, 2.0, -1.0, 1.0, -2.0])
-    found -= basis @ (basis.T @ found)
-    return found / np.linalg.norm(found)
-
-
-@pytest.mark.parametrize(("steps", "least"), [
-    # Thirds at -g, 0 and g: the second step is g/2 more than half of the first, of 2 sqrt(3.5) errors of s/6.
-    (lambda g: (-g, 0.0, g), 4.0 * math.sqrt(3.5) / 6.0),
-    # At 0, g/100 and g: the whole rise must be 4 sqrt(2) errors.
-    (lambda g: (0.0, 0.01 * g, g), 4.0 * math.sqrt(2.0) / 6.0)])
-def test_growth_must_exceed_its_standard_errors(steps, least):
-    """A parabola through the thirds' means, and a scatter whose squares add up to s^2: batches of one cycle each."""
-    n, scatter = np.arange(12.0), 0.5 * scatter_of_twelve()
-    third = np.stack([n < 4, (n >= 4) & (n < 8), n >= 8]) / 4.0
-    for factor, grows in ((0.98, False), (1.02, True)):
-        means = np.array(steps(0.5 * factor * least))
-        parabola = np.vander(n - 5.5, 3) @ np.linalg.solve(third @ np.vander(n - 5.5, 3), means)
-        assert error_of_thirds((parabola + scatter).reshape(3, 4)) == pytest.approx(0.5 / 6.0)
-        assert slip_grows(speeds(30.0 + parabola + scatter)) is grows

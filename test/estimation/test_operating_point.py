@@ -11,13 +11,7 @@ from scipy.optimize import brentq
 
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.estimation.linearise import OperatingPoint, linearise
-from tcc_sim.estimation.operating_point import (
-    Periodic,
-    closed,
-    halved,
-    operating_point,
-    refined,
-)
+from tcc_sim.estimation.operating_point import operating_point
 from tcc_sim.model.parameters import System
 from tcc_sim.scene import Scene, load_scene
 
@@ -130,27 +124,3 @@ def test_a_linearisation_has_columns_arrays_and_a_text() -> None:
     assert np.abs(found.multipliers) == pytest.approx(np.sort(sizes)[::-1])
     stiff = linearise(STILL.with_values({"driveline.stiffness": 1.0, "driveline.plate_inertia": 10.0}), slip=5.0)
     assert (len(stiff.frequencies), stiff.frequencies[0], stiff.frequencies[-1]) == (240, 2.0, pytest.approx(6.0))
-
-
-@pytest.fixture(scope="module")
-def halves() -> Periodic:
-    """A motion of period two with stick in it."""
-    scene = load_scene("controlled").with_values({"pressure.source": "harmonic", "pressure.amplitude": 2e4,
-                                                  "pressure.frequency_ratio": 0.5})
-    return operating_point(scene.system, 6.0)
-
-
-def test_a_motion_is_cut_more_finely_or_more_coarsely(halves: Periodic) -> None:
-    assert (halves.period, len(halves.segments), halves.seconds) == (2, 1024, pytest.approx(2.0 * halves.system.cycle))
-    fine, coarse = refined(halves, 1024), halved(halves)
-    assert (len(fine.segments), len(coarse.segments)) == (2048, 512)
-    for k in (0, 17, 511):
-        np.testing.assert_allclose(coarse.segments[k].state, halves.segments[2 * k].state)
-    for other in (coarse, halved(fine)):
-        for one, each in zip(halves.carried, other.carried):
-            np.testing.assert_allclose(each[-1], one[-1], rtol=1e-6, atol=1e-6 * np.abs(one[-1]).max())
-    again = closed(halves.system, 2, halves.segments[0].state * (1.0 + 1e-4), None)
-    np.testing.assert_allclose(again.segments[0].state, halves.segments[0].state, atol=1e-6)
-    weights = np.array([1.0, *[4.0, 2.0] * 511, 4.0, 1.0]) / 3072.0
-    slips = [each.state[0] for each in halves.segments]
-    assert weights @ [*slips, slips[0]] == pytest.approx(6.0, abs=1e-6)

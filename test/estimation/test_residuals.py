@@ -8,16 +8,11 @@ import numpy as np
 import pytest
 from fig02_measured import FIG02, KEYS, ONCE, measured, moved
 from scipy.signal import lfilter
-from scipy.stats import chi2
 
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import fit
-from tcc_sim.estimation.residuals import (
-    autoregression,
-    judge_residuals,
-    probability_of,
-)
+from tcc_sim.estimation.residuals import autoregression, judge_residuals, probability_of
 from tcc_sim.estimation.settings import FitSettings, Gates
 from tcc_sim.estimation.verdicts import why_no_noise
 from tcc_sim.estimation.windows import Model
@@ -108,34 +103,3 @@ def test_without_noise_the_interval_is_that_of_the_tolerance() -> None:
     for p in result.parameters:
         assert abs(p.value - KEYS[p.key]) < p.standard_error, p
         assert 1e-5 < p.standard_error / p.value < 0.05, p
-
-
-KEPT = ("driveline.damping", "engine_torque.offset")
-HELD = ["driveline.stiffness", "actuation_pressure.offset"]
-
-
-def made(count: int = 400, columns: int = 5, seed: int = 3) -> np.ndarray:
-    """Derivatives of residuals by keys and held quantities, (n, Q)."""
-    return np.random.default_rng(seed).normal(size=(count, columns))
-
-
-def test_the_probability_of_noise_is_that_of_ljung_and_box_and_of_lines() -> None:
-    """Of 20 lags, or a quarter of the samples, less those of the autoregression; lines only from four cycles on."""
-    rng = np.random.default_rng(4)
-    for count, noise in ((100, np.empty(0)), (60, np.array([0.5])), (3000, np.array([0.5, -0.2]))):
-        series = lfilter([1.0], np.append(1.0, -noise), rng.standard_normal(count))
-        left = series[len(noise):].copy()
-        for k, factor in enumerate(noise):
-            left -= factor * series[len(noise) - 1 - k:len(series) - 1 - k]
-        n, lags = len(left), min(20, len(left) // 4)
-        apart = left - left.mean()
-        rho = np.array([apart[k:] @ apart[:-k] for k in range(1, lags + 1)]) / (apart @ apart)
-        q = n * (n + 2.0) * np.sum(rho**2 / (n - np.arange(1, lags + 1)))
-        expected = float(chi2.sf(q, lags - len(noise)))
-        t = np.arange(count) * 1e-3
-        if n * 1e-3 > 4.0 * FIG02.system.cycle:
-            orders = [k for k in range(1, 13) if 150.0 * k < 0.5 * np.pi / 1e-3 + 75.0]
-            power = sum(abs(np.exp(-150j * k * t[:n]) @ left) ** 2 for k in orders) / (0.5 * n * np.mean(left**2))
-            expected = min(expected, float(chi2.sf(power, 2 * len(orders))))
-        model = Model(FIG02.system, (), Measurement(np.arange(100) * 1e-3, {"slip_speed": np.sin(np.arange(100.0))}))
-        assert probability_of(series, noise, model) == pytest.approx(expected, rel=1e-6)

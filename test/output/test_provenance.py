@@ -59,19 +59,6 @@ def test_the_document_of_a_file_of_arrays_is_taken_out_of_them_or_refused(tmp_pa
             document_in(tmp_path, {} if wrong is None else {"document": wrong})
 
 
-def test_a_document_that_lacks_a_key_or_has_another_is_told() -> None:
-    document = provenance.document("claims", {"claims": [], "complete": True}, System(), ["claims"])
-    valid("claims", document)
-    for key in ("version", "scene", "command", "units", "claims"):
-        with pytest.raises((AssertionError, KeyError)):
-            valid("claims", {k: v for k, v in document.items() if k != key})
-    for more in ({"x": 1}, {"claims": [{"figure": "3", "x": 1}]}, {"units": {"claims": "m"}}, {"complete": "yes"},
-                 {"complete": None}, {"claims": {}}):
-        with pytest.raises(AssertionError):
-            valid("claims", {**document, **more})
-    assert provenance.document("claims", {"scene": "mine", "x": 1}, System(), [])["scene"]["clutch.radius"] == 0.1
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("documents")

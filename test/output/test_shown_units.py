@@ -8,16 +8,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.cli import main
-from tcc_sim.shown_units import (
-    engine_speed,
-    frequency,
-    key_unit,
-    show_in,
-    shown_axis,
-    shown_in,
-    shown_unit,
-    speed,
-)
+from tcc_sim.shown_units import engine_speed, frequency, key_unit, show_in, shown_axis, shown_in, shown_unit, speed
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 from tcc_sim.views import style

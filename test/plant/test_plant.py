@@ -9,11 +9,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.errors import InputError
-from tcc_sim.plant.driveline import (
-    MEASURED,
-    SHARE,
-    Plant,
-)
+from tcc_sim.plant.driveline import MEASURED, SHARE, Plant
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.terms import SUBSTEP_LIMIT
 

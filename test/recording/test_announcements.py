@@ -5,12 +5,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.model.profile import START, Origin
-from tcc_sim.recording.announcements import (
-    SceneRecord,
-    holding_from,
-    simulation_ns,
-    zeros_of,
-)
+from tcc_sim.recording.announcements import SceneRecord, holding_from, simulation_ns, zeros_of
 
 NO_ZEROS = np.empty(0, np.int64)
 TEXT = "a: 1\nb: 2\n"

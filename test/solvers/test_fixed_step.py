@@ -15,13 +15,7 @@ from tcc_sim.model import friction, pure_stick
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.fixed_step import (
-    ITERATION_BOUND,
-    Stepper,
-    advance,
-    engine_and_friction,
-    scalar_root,
-)
+from tcc_sim.solvers.fixed_step import ITERATION_BOUND, Stepper, advance, engine_and_friction, scalar_root
 from tcc_sim.solvers.terms import holding, substeps, terms_of
 
 TIGHT = {"solver": "radau", "rtol": 1e-10}

@@ -13,13 +13,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.profile import Inputs
-from tcc_sim.solvers.per_cycle import (
-    cycle_starts,
-    cycles_from_samples,
-    cycles_of_states,
-    starts_of,
-    with_peaks,
-)
+from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples, cycles_of_states, starts_of, with_peaks
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import FarEnd
 

@@ -10,7 +10,7 @@ import pytest
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.study.basins.compute import basins, check_plane, halton, seeds_of, starts
+from tcc_sim.study.basins.compute import basins, check_plane
 from tcc_sim.study.basins.driveline import DrivelineMotion
 from tcc_sim.study.basins.results import Axis
 
@@ -46,24 +46,6 @@ def test_a_plane_is_given_by_axes_or_by_keys_and_values_of_any_type() -> None:
     axes = Axis(V, (0.0, 50.0)), Axis(ANGLE, (0.0, 0.1))
     assert check_plane(axes) == check_plane([(V, np.array([0, 50])), (ANGLE, [0.0, 0.1])]) == axes
     assert len(check_plane([(V, range(2000)), (SPEED, range(2000))])[1].values) == 2000
-
-
-def test_the_cells_of_a_row_and_the_seeds_of_a_plane() -> None:
-    """The scene's own start, middle and corners, then a Halton set; the third state is the scene's."""
-    system = replace(System(), {V: 7.0, ANGLE: 0.3, SPEED: 9.0})
-    plane = Axis(SPEED, (30.0, 10.0, 20.0)), Axis(V, (1.0, 5.0))
-    assert starts(system, plane, 1).tolist() == [[5.0, 0.3, 30.0], [5.0, 0.3, 10.0], [5.0, 0.3, 20.0]]
-    seeds = seeds_of(system, plane)
-    assert seeds[:6].tolist() == [[7.0, 0.3, 9.0], [3.0, 0.3, 20.0], [1.0, 0.3, 10.0], [1.0, 0.3, 30.0],
-                                  [5.0, 0.3, 10.0], [5.0, 0.3, 30.0]]
-
-    def mirrored(k: int, base: int) -> float:
-        """The digits of k behind the point."""
-        return 0.0 if k == 0 else (k % base + mirrored(k // base, base)) / base
-
-    unit = [[mirrored(k, 2), mirrored(k, 3)] for k in range(1, 49)]
-    assert halton(48, 2) == pytest.approx(np.array(unit))
-    assert seeds[6:] == pytest.approx(np.array([[1.0 + 4.0 * b, 0.3, 10.0 + 20.0 * a] for a, b in unit]))
 
 
 @pytest.mark.parametrize(("changes", "away"), [

@@ -14,14 +14,7 @@ from independent import multipliers, smoothed_states
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 from tcc_sim.study.paper import branches_behind
-from tcc_sim.study.paper.branches_behind import (
-    HIGHEST,
-    LOWEST,
-    StableMotions,
-    motions_behind,
-    seen_in,
-    still_higher,
-)
+from tcc_sim.study.paper.branches_behind import HIGHEST, LOWEST, StableMotions, motions_behind, seen_in, still_higher
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, paper_system
 from tcc_sim.study.paper.evidence import KINETIC, with_kinetic
 from tcc_sim.study.paper.measures import AT_036

@@ -22,7 +22,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.study.paper import rules
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, FigureOptions, paper_system
-from tcc_sim.study.paper.figures import coexisting, figure_data, stands_out
+from tcc_sim.study.paper.figures import coexisting, figure_data
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 
 FALLING, THIRDS, HALVES, PHASES = (1.0, 0.83, 0.75, 0.667), (2 / 3, 1.0, 4 / 3), (0.5, 1.0, 2.0), (0.0, 0.5, 1.0)
@@ -200,14 +200,6 @@ def test_a_spike_of_a_cold_start_is_apart_from_the_coexisting_motion() -> None:
     wild = replace(point, summary=replace(point.summary, period=0))
     for points in ([swept.points[0], wild, swept.points[2]], [None, point, None]):
         assert coexisting(replace(swept, points=points), 1) == []
-
-
-@pytest.mark.parametrize(("values", "k", "least", "out"), [
-    ([0.0, 3.0, 0.0], 1, 2.0, True), ([0.0, 2.0, 0.0], 1, 2.0, False), ([3.0, 0.0, 3.0], 1, 2.0, True),
-    ([0.0, 3.0, 6.0], 1, 2.0, False), ([0.0, 3.0, 2.0], 1, 2.0, False), ([0.0, 3.0, 3.0], 1, 2.0, False),
-    ([9.0, 0.0, 9.0], 0, 1.0, False), ([0.0, 9.0], 1, 1.0, False)])
-def test_a_value_stands_out_from_both_neighbours(values: Any, k: int, least: float, out: bool) -> None:
-    assert stands_out(np.array(values), k, least) is out
 
 
 def test_figures_share_the_curves_that_they_have_in_common() -> None:
