@@ -13,7 +13,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tcc_sim.analysis.orders import orders_of as orders
+    from tcc_sim.analysis.measured.orders import orders_of as orders
     from tcc_sim.estimation.identify import identify
     from tcc_sim.estimation.linearise import linearise
     from tcc_sim.fmi.controller import fmu_controller
@@ -42,7 +42,7 @@ _PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load
            "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.functions",
            "scatter": "tcc_sim.sweeps.scatter", "sweep": "tcc_sim.sweeps.sweep", "sweep_grid": "tcc_sim.sweeps.sweep",
            "analyse": "tcc_sim.functions", "explain": "tcc_sim.functions", "fmu": "tcc_sim.functions",
-           "orders": "tcc_sim.analysis.orders", "spectrum": "tcc_sim.functions",
+           "orders": "tcc_sim.analysis.measured.orders", "spectrum": "tcc_sim.functions",
            "figure": "tcc_sim.study.paper.drawings",
            "continuation": "tcc_sim.study.continuation.motions", "basins": "tcc_sim.study.basins.compute",
            "linearise": "tcc_sim.estimation.linearise", "identify": "tcc_sim.estimation.identify",

@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from tcc_sim.analysis.loop.tracking import Limits
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.tracking import Limits
 from tcc_sim.errors import InputError, given_in
 from tcc_sim.replay.given_inputs import doubts_about, driven_by, input_table
 from tcc_sim.replay.measured import MeasuredRun, analyse_table, at_measured_speed
@@ -24,8 +24,8 @@ from tcc_sim.tables.measured_table import MeasuredTable, table_in
 from tcc_sim.topics import INPUTS
 
 if TYPE_CHECKING:
-    from tcc_sim.analysis.signals import Signals
-    from tcc_sim.analysis.spectra import Spectrum
+    from tcc_sim.analysis.measured.signals import Signals
+    from tcc_sim.analysis.measured.spectra import Spectrum
     from tcc_sim.replay.recorded import Recording
     from tcc_sim.scene import Scene
     from tcc_sim.sweeps.steady_state import Start
@@ -55,7 +55,7 @@ def driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | No
 def with_figures(result: Simulation, scene: Scene, table: MeasuredTable | None, measured: Signals | None, *,
                  orders: bool, spectrum: bool) -> Simulation:
     """Return a simulation with notes on its table and, if wanted, orders (also the measured ones) and spectrum."""
-    from tcc_sim.analysis.orders import compared, orders_of
+    from tcc_sim.analysis.measured.orders import compared, orders_of
 
     if table is not None:
         result = replace(result, notes=(*table.notes, *doubts_about(table), *(measured.notes if measured else ())))
@@ -172,9 +172,9 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
 
 def with_recorded_figures(result: Replay, samples: Trajectory, *, orders: bool, spectrum: bool) -> Replay:
     """Return an analysis with orders and spectrum of its run, if wanted, from the samples of that run."""
-    from tcc_sim.analysis.orders import orders_of
-    from tcc_sim.analysis.signals import run_signals
-    from tcc_sim.analysis.spectra import spectrum_of
+    from tcc_sim.analysis.measured.orders import orders_of
+    from tcc_sim.analysis.measured.signals import run_signals
+    from tcc_sim.analysis.measured.spectra import spectrum_of
 
     if not (orders or spectrum):
         return result

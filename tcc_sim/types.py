@@ -6,12 +6,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tcc_sim.analysis.control import Steps
-    from tcc_sim.analysis.orders import Orders
-    from tcc_sim.analysis.signals import Signals
-    from tcc_sim.analysis.spectra import Spectrum
-    from tcc_sim.analysis.summary import Summary
-    from tcc_sim.analysis.tracking import Tracking
+    from tcc_sim.analysis.loop.control import Steps
+    from tcc_sim.analysis.loop.tracking import Tracking
+    from tcc_sim.analysis.measured.orders import Orders
+    from tcc_sim.analysis.measured.signals import Signals
+    from tcc_sim.analysis.measured.spectra import Spectrum
+    from tcc_sim.analysis.steady.summary import Summary
     from tcc_sim.errors import InputError
     from tcc_sim.estimation.identify import Identification
     from tcc_sim.estimation.linearise import Linearisation
@@ -46,8 +46,8 @@ __all__ = ["Axis", "Basins", "Branch", "ControlledRun", "Figure", "FitSettings",
            "Sweep", "Tracking", "Transitions"]
 
 _MODULES = {
-    "analysis.control": "Steps", "analysis.orders": "Orders", "analysis.signals": "Signals",
-    "analysis.spectra": "Spectrum", "analysis.summary": "Summary", "analysis.tracking": "Tracking",
+    "analysis.loop.control": "Steps", "analysis.measured.orders": "Orders", "analysis.measured.signals": "Signals",
+    "analysis.measured.spectra": "Spectrum", "analysis.steady.summary": "Summary", "analysis.loop.tracking": "Tracking",
     "errors": "InputError", "estimation.identify": "Identification", "estimation.linearise": "Linearisation",
     "estimation.measurement": "Measurement", "estimation.settings": "FitSettings Gates",
     "fmi.controller": "FmuController", "plant.closed_loop": "ControlledRun", "plant.driveline": "Reading",

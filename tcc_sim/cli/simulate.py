@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace, samples: int = 200) -> int:
     ----------
     samples : samples per period of excitation in --out
     """
-    from tcc_sim.analysis.orders import OrderComparison
+    from tcc_sim.analysis.measured.orders import OrderComparison
     from tcc_sim.output.samples import SUFFIXES, write_samples
     from tcc_sim.output.tables import comparison_lines, order_lines, simulation_lines, spectrum_lines
     from tcc_sim.scene import parse_assignments, parse_profiles

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.node import Node
 
-from tcc_sim.analysis.control import CycleMeans, Event, joined_means
-from tcc_sim.analysis.engine_clock import Uniform
-from tcc_sim.analysis.stream import CycleStream
+from tcc_sim.analysis.loop.control import CycleMeans, Event, joined_means
+from tcc_sim.analysis.measured.engine_clock import Uniform
+from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr, held
 from tcc_sim.nodes import signals

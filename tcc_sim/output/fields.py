@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import is_dataclass
 from typing import Any
 
-from tcc_sim.analysis.damping import Damping
-from tcc_sim.analysis.orders import Orders
-from tcc_sim.analysis.summary import Summary
+from tcc_sim.analysis.measured.orders import Orders
+from tcc_sim.analysis.steady.damping import Damping
+from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.model.crank_speed import DERIVED
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.result import fields_of, reported_of

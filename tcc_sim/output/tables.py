@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tcc_sim.analysis.manoeuvre import JudderFigures
+from tcc_sim.analysis.loop.manoeuvre import JudderFigures
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.summary import Summary, runaway_cause
+from tcc_sim.analysis.steady.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
 from tcc_sim.result import units_of_columns
 from tcc_sim.shown_units import engine_speed, frequency, key_unit, key_value, shown_unit, speed
 from tcc_sim.trajectory import Floats, Status
 
 if TYPE_CHECKING:
-    from tcc_sim.analysis.damping import Damping
-    from tcc_sim.analysis.multipliers import Lyapunov
-    from tcc_sim.analysis.orders import OrderComparison, Orders
-    from tcc_sim.analysis.spectra import Spectrum
-    from tcc_sim.analysis.tracking import Tracking
+    from tcc_sim.analysis.loop.tracking import Tracking
+    from tcc_sim.analysis.measured.orders import OrderComparison, Orders
+    from tcc_sim.analysis.measured.spectra import Spectrum
+    from tcc_sim.analysis.steady.damping import Damping
+    from tcc_sim.analysis.steady.multipliers import Lyapunov
     from tcc_sim.sweeps.gains import GainMap
     from tcc_sim.sweeps.results import Grid, Sweep
     from tcc_sim.sweeps.scatter import Scattered
@@ -98,7 +98,7 @@ def order_lines(orders: Orders) -> list[str]:
 
 def comparison_lines(comparison: OrderComparison) -> list[str]:
     """Return the differences of simulated and measured orders, where an order is within 30 dB of its largest value."""
-    from tcc_sim.analysis.orders import level
+    from tcc_sim.analysis.measured.orders import level
 
     pairs = []
     for name in ("slip_speed", "shaft_torque"):

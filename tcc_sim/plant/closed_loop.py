@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.control import Control, CycleMeans, Steps, joined_means
-from tcc_sim.analysis.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
+from tcc_sim.analysis.loop.control import Control, CycleMeans, Steps, joined_means
+from tcc_sim.analysis.loop.tracking import Counts, Limits, Loop, Tracking, checked_limits, loop_of, target_steps
+from tcc_sim.analysis.measured.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.tracking import Counts, Limits, Loop, Tracking, checked_limits, loop_of, target_steps
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.model.profile import Origin, phase_at, profile_of

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.control import Control, CycleMeans, Event, Steps, joined_means
-from tcc_sim.analysis.engine_clock import EngineClock
+from tcc_sim.analysis.loop.control import Control, CycleMeans, Event, Steps, joined_means
+from tcc_sim.analysis.measured.engine_clock import EngineClock
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.messages.held import COMMAND, FALLBACK
 from tcc_sim.model.parameters import values_of

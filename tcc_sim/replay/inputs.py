@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.tracking import Counts
+from tcc_sim.analysis.loop.tracking import Counts
 from tcc_sim.errors import counted
 from tcc_sim.messages import held
 from tcc_sim.plant.closed_loop import doubt_of

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tcc_sim.analysis.measured_phase import measured_phase
-from tcc_sim.analysis.measured_signals import signals_in
-from tcc_sim.analysis.orders import Orders, orders_of
-from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.analysis.measured.measured_phase import measured_phase
+from tcc_sim.analysis.measured.measured_signals import signals_in
+from tcc_sim.analysis.measured.orders import Orders, orders_of
+from tcc_sim.analysis.measured.signals import Signals
+from tcc_sim.analysis.measured.spectra import Spectrum, spectrum_of
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.signals import Signals
-from tcc_sim.analysis.spectra import Spectrum, spectrum_of
-from tcc_sim.analysis.summary import default_discard
+from tcc_sim.analysis.steady.periodicity import periodicity
+from tcc_sim.analysis.steady.summary import default_discard
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.parameters import replace as changed
@@ -58,7 +58,7 @@ def analyse_table(table: MeasuredTable, system: System, *, orders: bool, spectru
     Raises
     ------
     InputError
-        Fewer than four rows; or as `analysis.measured_signals.signals_in`, `orders_of` and `spectrum_of`.
+        Fewer than four rows; or as `analysis.measured.measured_signals.signals_in`, `orders_of` and `spectrum_of`.
     """
     t = table.t
     if len(t) < 4:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.control import Control
-from tcc_sim.analysis.stream import CycleStream
+from tcc_sim.analysis.loop.control import Control
+from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.errors import counted, require
 from tcc_sim.recording.drivelines import RecordedDriveline
 from tcc_sim.recording.reader import TooManyStates, open_run

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tcc_sim.analysis.damping import damping_of_cycles
+from tcc_sim.analysis.loop.tracking import LARGEST_BAND, Limits, checked_limits, target_steps
+from tcc_sim.analysis.measured.stream import CyclePiece, CycleStream
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.stream import CyclePiece, CycleStream
-from tcc_sim.analysis.tracking import LARGEST_BAND, Limits, checked_limits, target_steps
+from tcc_sim.analysis.steady.damping import damping_of_cycles
 from tcc_sim.code_version import differences_from
 from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.parameters import System

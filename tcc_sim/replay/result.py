@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.control import Control
-from tcc_sim.analysis.damping import Damping
-from tcc_sim.analysis.orders import Orders
-from tcc_sim.analysis.spectra import Spectrum
-from tcc_sim.analysis.summary import Summary
+from tcc_sim.analysis.loop.control import Control
+from tcc_sim.analysis.measured.orders import Orders
+from tcc_sim.analysis.measured.spectra import Spectrum
+from tcc_sim.analysis.steady.damping import Damping
+from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import counted, printable
 from tcc_sim.output.tables import aligned, covers_row, damping_row, summary_rows
 from tcc_sim.recording.drivelines import RecordedDriveline

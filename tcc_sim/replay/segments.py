@@ -10,12 +10,12 @@ from functools import cached_property
 
 import numpy as np
 
-from tcc_sim.analysis.control import handovers
-from tcc_sim.analysis.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
+from tcc_sim.analysis.loop.control import handovers
+from tcc_sim.analysis.loop.tracking import Limits, Loop, LoopReader, Pressures, Tracking, target_jumps
+from tcc_sim.analysis.measured.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
+from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.stream import CycleStream
-from tcc_sim.analysis.summary import Summary
-from tcc_sim.analysis.tracking import Limits, Loop, LoopReader, Pressures, Tracking, target_jumps
+from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import OutOfRange, counted
 from tcc_sim.model.parameters import values_of
 from tcc_sim.output.tables import tracking_lines

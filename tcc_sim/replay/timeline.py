@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.control import Steps
-from tcc_sim.analysis.engine_clock import EngineClock
+from tcc_sim.analysis.loop.control import Steps
+from tcc_sim.analysis.measured.engine_clock import EngineClock
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.messages.held import COMMAND

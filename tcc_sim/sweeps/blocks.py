@@ -7,10 +7,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import Periodicity, drifts, finely_repeated, longest_tried, of_points, stays
 from tcc_sim.analysis.repetition import repetitions
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
-from tcc_sim.analysis.summary import (
+from tcc_sim.analysis.steady.periodicity import Periodicity, drifts, finely_repeated, longest_tried, of_points, stays
+from tcc_sim.analysis.steady.summary import (
     Span,
     Summary,
     default_discard,

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.tracking import Limits, Tracking, checked_limits, target_steps
+from tcc_sim.analysis.loop.tracking import Limits, Tracking, checked_limits, target_steps
 from tcc_sim.errors import InputError, TccError, one_line
 from tcc_sim.model.quantity import MOST_VALUES
 from tcc_sim.plant.closed_loop import closed_loop

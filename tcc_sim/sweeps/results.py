@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.damping import Damping, threshold_of
-from tcc_sim.analysis.manoeuvre import JudderFigures, OrdersAtSpeeds
-from tcc_sim.analysis.multipliers import Lyapunov
-from tcc_sim.analysis.summary import Summary
+from tcc_sim.analysis.loop.manoeuvre import JudderFigures, OrdersAtSpeeds
+from tcc_sim.analysis.steady.damping import Damping, threshold_of
+from tcc_sim.analysis.steady.multipliers import Lyapunov
+from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key
 from tcc_sim.model.quantity import MOST_VALUES

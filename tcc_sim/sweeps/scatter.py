@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.damping import Damping
-from tcc_sim.analysis.manoeuvre import JudderFigures, OrdersAtSpeeds
-from tcc_sim.analysis.summary import Summary
+from tcc_sim.analysis.loop.manoeuvre import JudderFigures, OrdersAtSpeeds
+from tcc_sim.analysis.steady.damping import Damping
+from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, refuse_related, replace
 from tcc_sim.model.quantity import MOST_VALUES, sequence_of_numbers

@@ -15,15 +15,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tcc_sim.analysis.damping import Damping, damping_of_cycles
-from tcc_sim.analysis.exponents import largest_lyapunov_exponent
-from tcc_sim.analysis.manoeuvre import OrdersAtSpeeds, orders_at_speeds
-from tcc_sim.analysis.multipliers import Lyapunov
-from tcc_sim.analysis.orders import Orders
-from tcc_sim.analysis.periodicity import repeats_finely, stays
+from tcc_sim.analysis.loop.manoeuvre import OrdersAtSpeeds, orders_at_speeds
+from tcc_sim.analysis.measured.orders import Orders
+from tcc_sim.analysis.measured.spectra import Spectrum
 from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
-from tcc_sim.analysis.spectra import Spectrum
-from tcc_sim.analysis.summary import Summary, cycle_times_of, cycles_of, default_discard, summarise_cycles
+from tcc_sim.analysis.steady.damping import Damping, damping_of_cycles
+from tcc_sim.analysis.steady.exponents import largest_lyapunov_exponent
+from tcc_sim.analysis.steady.multipliers import Lyapunov
+from tcc_sim.analysis.steady.periodicity import repeats_finely, stays
+from tcc_sim.analysis.steady.summary import Summary, cycle_times_of, cycles_of, default_discard, summarise_cycles
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import Float64, Float64MultiArray
 
-from tcc_sim.analysis.tracking import Limits, checked_limits
+from tcc_sim.analysis.loop.tracking import Limits, checked_limits
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.model.elements import with_whole_lists

@@ -16,8 +16,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from tcc_sim.analysis.control import Steps, handovers
-from tcc_sim.analysis.tracking import Limits, Tracking
+from tcc_sim.analysis.loop.control import Steps, handovers
+from tcc_sim.analysis.loop.tracking import Limits, Tracking
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.plant.closed_loop import ControlledRun

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.orders import OrderComparison, Orders, level
-from tcc_sim.analysis.spectra import Spectrum
+from tcc_sim.analysis.measured.orders import OrderComparison, Orders, level
+from tcc_sim.analysis.measured.spectra import Spectrum
 from tcc_sim.shown_units import UNITS, frequency
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style

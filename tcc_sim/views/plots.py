@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from tcc_sim.analysis.summary import cycles_of, first_cycle_of, summarise
+from tcc_sim.analysis.steady.summary import cycles_of, first_cycle_of, summarise
 from tcc_sim.errors import InputError, check_suffix, require
 from tcc_sim.later_rooms import from_later_room
 from tcc_sim.output.files import replaceable

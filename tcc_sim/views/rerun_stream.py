@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.control import Event
+from tcc_sim.analysis.loop.control import Event
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.trajectory import Cycles, Floats

@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.control import CycleMeans, joined_means
-from tcc_sim.analysis.engine_clock import Tracked, Uniform
-from tcc_sim.analysis.tracking import LoopReader
+from tcc_sim.analysis.loop.control import CycleMeans, joined_means
+from tcc_sim.analysis.loop.tracking import LoopReader
+from tcc_sim.analysis.measured.engine_clock import Tracked, Uniform
 
 CYCLE = 0.05
 

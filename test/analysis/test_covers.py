@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tcc_sim.analysis.summary import summarise
+from tcc_sim.analysis.steady.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import Scene, load_scene

@@ -8,7 +8,7 @@ import pytest
 from independent import Piecewise, coefficient_and_slope, equations
 from scipy.integrate import solve_ivp
 
-from tcc_sim.analysis.damping import damping_of_cycles, slope_of_friction
+from tcc_sim.analysis.steady.damping import damping_of_cycles, slope_of_friction
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.engine_clock import Scheduled, Tracked, Uniform, clock_of_scene
+from tcc_sim.analysis.measured.engine_clock import Scheduled, Tracked, Uniform, clock_of_scene
 from tcc_sim.scene import load_scene
 
 TURN = 2.0 * math.pi

@@ -12,7 +12,7 @@ from differences import difference
 from independent import tangent_map
 from scipy.stats import sem, t
 
-from tcc_sim.analysis.exponents import (
+from tcc_sim.analysis.steady.exponents import (
     CONFIDENCE,
     FIRST,
     batch_means,

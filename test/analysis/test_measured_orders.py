@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tcc_sim.analysis.measured_signals import signals_in
-from tcc_sim.analysis.orders import orders_of
+from tcc_sim.analysis.measured.measured_signals import signals_in
+from tcc_sim.analysis.measured.orders import orders_of
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System
 from tcc_sim.tables.measured_table import MeasuredTable

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.periodicity import longest_tried, periodicity
 from tcc_sim.analysis.repetition import repetitions
+from tcc_sim.analysis.steady.periodicity import longest_tried, periodicity
 from tcc_sim.trajectory import Cycles
 
 WAY = np.array([1.0, 0.4, -0.6])

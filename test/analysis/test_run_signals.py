@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.signals import driven_orders, gaps_between, phase_of_cycles, run_signals, turns_at
+from tcc_sim.analysis.measured.signals import driven_orders, gaps_between, phase_of_cycles, run_signals, turns_at
 from tcc_sim.errors import InputError
 from tcc_sim.scene import load_scene
 from tcc_sim.trajectory import Cycles, Trajectory, Transitions

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.engine_clock import Tracked, Uniform
-from tcc_sim.analysis.stream import CycleStream
-from tcc_sim.analysis.summary import cycles_of
+from tcc_sim.analysis.measured.engine_clock import Tracked, Uniform
+from tcc_sim.analysis.measured.stream import CycleStream
+from tcc_sim.analysis.steady.summary import cycles_of
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.trajectory import Trajectory

@@ -6,7 +6,7 @@ from dataclasses import replace as with_field
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.summary import (
+from tcc_sim.analysis.steady.summary import (
     CycleTimes,
     Span,
     Summary,

@@ -14,10 +14,9 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import tcc_sim
-from tcc_sim.analysis.control import Steps
-from tcc_sim.analysis.engine_clock import Uniform
-from tcc_sim.analysis.loop_verdict import LoopVerdict
-from tcc_sim.analysis.tracking import (
+from tcc_sim.analysis.loop.control import Steps
+from tcc_sim.analysis.loop.loop_verdict import LoopVerdict
+from tcc_sim.analysis.loop.tracking import (
     Counts,
     Loop,
     LoopCycles,
@@ -28,6 +27,7 @@ from tcc_sim.analysis.tracking import (
     target_jumps,
     target_steps,
 )
+from tcc_sim.analysis.measured.engine_clock import Uniform
 from tcc_sim.errors import InputError
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.result import json_of

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from tcc_sim.analysis.summary import summarise
+from tcc_sim.analysis.steady.summary import summarise
 
 
 def test_its_commands_answer_every_state_and_settle_on_one_motion(driveline: Any) -> None:

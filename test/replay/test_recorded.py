@@ -14,7 +14,7 @@ from driveline_bags import TICK, bag, by_hand, ticked
 
 import tcc_sim
 from tcc_sim import cli
-from tcc_sim.analysis.summary import summarise
+from tcc_sim.analysis.steady.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, MissingPackage
 from tcc_sim.replay.given_inputs import twin_of

@@ -13,7 +13,7 @@ from diagnostics_by_hand import diagnostics
 from driveline_bags import START, TICK, bag, by_hand, ticked
 
 import tcc_sim
-from tcc_sim.analysis.tracking import Tracking
+from tcc_sim.analysis.loop.tracking import Tracking
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
 from tcc_sim.plant.slip_control import SlipController, Tuning

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.summary import cycles_of
+from tcc_sim.analysis.steady.summary import cycles_of
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve

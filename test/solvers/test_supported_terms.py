@@ -13,8 +13,8 @@ from differences import difference
 from independent import Piecewise, coefficient_and_slope, equations, smoothed_states, tangent_map
 from scipy.integrate import solve_ivp, trapezoid
 
-from tcc_sim.analysis.damping import damping_of_cycles
-from tcc_sim.analysis.exponents import largest_lyapunov_exponent
+from tcc_sim.analysis.steady.damping import damping_of_cycles
+from tcc_sim.analysis.steady.exponents import largest_lyapunov_exponent
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.linearise import linearise

@@ -11,7 +11,7 @@ import pytest
 from documents import valid
 from scipy.stats import qmc
 
-from tcc_sim.analysis.summary import summarise
+from tcc_sim.analysis.steady.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import replace

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.summary import summarise
+from tcc_sim.analysis.steady.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import replace

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from waiting import until
 
-from tcc_sim.analysis.summary import summarise
+from tcc_sim.analysis.steady.summary import summarise
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace

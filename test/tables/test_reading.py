@@ -7,8 +7,8 @@ import os
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.measured_signals import signals_in
-from tcc_sim.analysis.orders import orders_of
+from tcc_sim.analysis.measured.measured_signals import signals_in
+from tcc_sim.analysis.measured.orders import orders_of
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.output.samples import write_samples

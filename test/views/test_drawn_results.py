@@ -30,7 +30,7 @@ from results_by_hand import (
 )
 
 import tcc_sim
-from tcc_sim.analysis.orders import OrderComparison
+from tcc_sim.analysis.measured.orders import OrderComparison
 from tcc_sim.errors import InputError
 from tcc_sim.replay.given_inputs import Twin
 

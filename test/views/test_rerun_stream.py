@@ -18,7 +18,7 @@ from full_disk import full_disk
 from interpreter import python
 from pictures import passes, rerun_line, shown_in_rerun
 
-from tcc_sim.analysis.control import Event
+from tcc_sim.analysis.loop.control import Event
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.scene import load_scene

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tcc_sim.analysis.multipliers import multipliers_of
+from tcc_sim.analysis.steady.multipliers import multipliers_of
 from tcc_sim.study.basins.proximity import (
     DEFAULTS,
     UNDECIDED,

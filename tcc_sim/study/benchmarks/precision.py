@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.analysis.steady.periodicity import periodicity
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.model import parameters
 from tcc_sim.model.parameters import System

@@ -18,7 +18,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.multipliers import multipliers_of
+from tcc_sim.analysis.steady.multipliers import multipliers_of
 from tcc_sim.study.continuation.newton import NEWTON_PARTS
 from tcc_sim.study.continuation.problem import FAILURES, MARGINS, Floats, Margin, Margins, differ
 from tcc_sim.study.continuation.shooting import Linearised, Shooting, layout

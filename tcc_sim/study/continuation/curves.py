@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.multipliers import multipliers_of
+from tcc_sim.analysis.steady.multipliers import multipliers_of
 from tcc_sim.result import Described, reported, reporting
 from tcc_sim.shown_units import key_unit
 from tcc_sim.study.continuation.bordered import BORDER_HALVINGS, MinimallyAugmented, cyclic, nearest_margins

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.multipliers import product_of
+from tcc_sim.analysis.steady.multipliers import product_of
 from tcc_sim.study.continuation.branch import Branch, BranchOrigin, Tick, branch_through, first_point
 from tcc_sim.study.continuation.follow import End, StopReason
 from tcc_sim.study.continuation.newton import find_orbit, minimal_period, shifts

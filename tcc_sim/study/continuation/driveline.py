@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.summary import runaway_cause, slip_grows
+from tcc_sim.analysis.steady.summary import runaway_cause, slip_grows
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.crank_speed import SPEED
 from tcc_sim.model.elements import list_of

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.multipliers import multipliers_of
+from tcc_sim.analysis.steady.multipliers import multipliers_of
 from tcc_sim.result import Described, reported
 from tcc_sim.study.continuation.problem import FAILURES, Floats, Observation, ParameterMap, Values
 from tcc_sim.study.continuation.shooting import Linearised, Shooting

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.summary import CycleTimes, summarise_cycles
+from tcc_sim.analysis.steady.summary import CycleTimes, summarise_cycles
 from tcc_sim.errors import counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from tcc_sim.analysis.damping import damping_of_cycles
+from tcc_sim.analysis.steady.damping import damping_of_cycles
 from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.output.tables import escape, markdown_table, text
 from tcc_sim.solvers import solve

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.exponents import largest_lyapunov_exponent
-from tcc_sim.analysis.multipliers import Lyapunov
-from tcc_sim.analysis.summary import CycleTimes, Summary, summarise_cycles
+from tcc_sim.analysis.steady.exponents import largest_lyapunov_exponent
+from tcc_sim.analysis.steady.multipliers import Lyapunov
+from tcc_sim.analysis.steady.summary import CycleTimes, Summary, summarise_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
 from tcc_sim.result import reported

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from tcc_sim.analysis.damping import Damping
-from tcc_sim.analysis.multipliers import Lyapunov
-from tcc_sim.analysis.summary import Summary
+from tcc_sim.analysis.steady.damping import Damping
+from tcc_sim.analysis.steady.multipliers import Lyapunov
+from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.result import Described, as_in, reported
 from tcc_sim.study.continuation.branch import Branch
 from tcc_sim.study.continuation.newton import OrbitFigures

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.exponents import largest_lyapunov_exponent
-from tcc_sim.analysis.summary import summarise
+from tcc_sim.analysis.steady.exponents import largest_lyapunov_exponent
+from tcc_sim.analysis.steady.summary import summarise
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace, values_of

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import spearmanr
 
-from tcc_sim.analysis.damping import slope_of_friction
-from tcc_sim.analysis.periodicity import periodicity
+from tcc_sim.analysis.steady.damping import slope_of_friction
+from tcc_sim.analysis.steady.periodicity import periodicity
 from tcc_sim.errors import NumericalFailure, counted
 from tcc_sim.model import friction, pure_slip, pure_stick
 from tcc_sim.model.parameters import System, replace

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.damping import Damping
-from tcc_sim.analysis.multipliers import Lyapunov
-from tcc_sim.analysis.summary import Summary
+from tcc_sim.analysis.steady.damping import Damping
+from tcc_sim.analysis.steady.multipliers import Lyapunov
+from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.model.parameters import System
 from tcc_sim.study.continuation.loss_of_stability import SegmentEnd, StableSegment
 from tcc_sim.study.paper.branches_behind import StableMotions

@@ -18,9 +18,9 @@ import math
 
 import numpy as np
 
-from tcc_sim.analysis.multipliers import Lyapunov
-from tcc_sim.analysis.periodicity import periodicity
-from tcc_sim.analysis.summary import slip_grows
+from tcc_sim.analysis.steady.multipliers import Lyapunov
+from tcc_sim.analysis.steady.periodicity import periodicity
+from tcc_sim.analysis.steady.summary import slip_grows
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System
 from tcc_sim.model.sines import common_cycles

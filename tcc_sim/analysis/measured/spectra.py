@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tcc_sim.analysis.measured.signals import Signals
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.signals import Signals
 from tcc_sim.errors import InputError, counted
 from tcc_sim.result import Result, reported
 from tcc_sim.trajectory import Floats

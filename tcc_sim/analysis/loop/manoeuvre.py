@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tcc_sim.analysis.orders import Orders, orders_of, slip_about_cycle_mean
+from tcc_sim.analysis.measured.orders import Orders, orders_of, slip_about_cycle_mean
+from tcc_sim.analysis.measured.signals import run_signals
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.signals import run_signals
 from tcc_sim.errors import InputError
 from tcc_sim.result import reported
 from tcc_sim.trajectory import Floats, Trajectory

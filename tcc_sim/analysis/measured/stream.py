@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
+from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.summary import CycleTimes, Span, Summary, cycle_times_of, dropped_of, summarise_cycles
+from tcc_sim.analysis.steady.summary import CycleTimes, Span, Summary, cycle_times_of, dropped_of, summarise_cycles
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.engine_clock import Block, Blocks, RunPhase, Tracked, cycles_between, trim
+from tcc_sim.analysis.measured.engine_clock import Block, Blocks, RunPhase, Tracked, cycles_between, trim
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.trajectory import Floats

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.engine_clock import RunPhase
+from tcc_sim.analysis.measured.engine_clock import RunPhase
+from tcc_sim.analysis.measured.torque_phase import PhaseTracker
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.torque_phase import PhaseTracker
 from tcc_sim.errors import InputError, counted
 from tcc_sim.tables.chosen_columns import REFERENCES
 from tcc_sim.tables.measured_table import MeasuredTable, longest_part

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tcc_sim.analysis.measured_phase import MeasuredPhase, long_holes, measured_phase
-from tcc_sim.analysis.signals import Signals, driven_orders
+from tcc_sim.analysis.measured.measured_phase import MeasuredPhase, long_holes, measured_phase
+from tcc_sim.analysis.measured.signals import Signals, driven_orders
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System
 from tcc_sim.tables.measured_table import MeasuredTable

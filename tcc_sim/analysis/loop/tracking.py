@@ -15,9 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.control import CycleMeans, Steps
-from tcc_sim.analysis.engine_clock import EngineClock
-from tcc_sim.analysis.loop_verdict import (
+from tcc_sim.analysis.loop.control import CycleMeans, Steps
+from tcc_sim.analysis.loop.loop_verdict import (
     NO_SIGNAL,
     Errors,
     Judged,
@@ -28,8 +27,9 @@ from tcc_sim.analysis.loop_verdict import (
     means_without,
     noise_of_means,
 )
+from tcc_sim.analysis.measured.engine_clock import EngineClock
+from tcc_sim.analysis.measured.stream import CyclePiece, CycleStream
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.stream import CyclePiece, CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.result import reported
 from tcc_sim.shown_units import speed

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.engine_clock import EngineClock
+from tcc_sim.analysis.measured.engine_clock import EngineClock
 from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.trajectory import Floats, integral
 

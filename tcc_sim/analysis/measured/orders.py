@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.measured.signals import Signals, run_signals
 from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.signals import Signals, run_signals
 from tcc_sim.errors import InputError
 from tcc_sim.result import Result, reported
 from tcc_sim.tables.sampling import in_words

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.periodicity import Periodicity, cycles_drift, enough_after_a_gap, periodicity, sizes_of
 from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.steady.periodicity import Periodicity, cycles_drift, enough_after_a_gap, periodicity, sizes_of
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System

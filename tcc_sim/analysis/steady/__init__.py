@@ -1,0 +1,1 @@
+"""Section states, cycles and periods of a motion -> its summary, exponents and damping."""
