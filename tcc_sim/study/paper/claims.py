@@ -100,12 +100,6 @@ class Verdict:
         return "pressure" if len(set(self.pressures.values())) > 1 else "tolerance" if tolerances else "part"
 
     @property
-    def words(self) -> str:
-        """The verdict as words of the page."""
-        on = {None: "", "pressure": " on the pressure", "tolerance": " on the tolerance", "part": ": it holds in part"}
-        return self.verdict + on[self.depends_on]
-
-    @property
     @reporting("of the verdict")
     def why(self) -> str:
         """Explanation of the verdict."""
@@ -176,28 +170,31 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
 
 
 def claims_page(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
-    """Return a summary, a table of the claims by verdict, and reasons of those that are not confirmed."""
+    """Return a summary and the claims by verdict, with the reasons of those that are not confirmed."""
     places = list(dict.fromkeys(p for v in verdicts for p in v.pressures))
-    kpa = f"{', '.join(places)} kPa"
-    chosen = [v for name in VERDICTS for v in verdicts if v.verdict == name]
     lines = ["# The paper's claims", "", f"{counts_of(verdicts)}.", "", INTRODUCTION.format(
-        fitting=", ".join(f"{p / 1e3:g}" for p in PRESSURES), first=places[0], tighter=TIGHTER, tolerance=TOLERANCE)]
-    lines += markdown_table(["Fig.", "Section", "claim", "verdict", f"at {kpa}"], map(claim_row, chosen))
-    lines += ["", "**Interrupted: not every claim was judged.**"] * (not complete)
-    for name in (NOT_CONFIRMED, DEPENDS):
-        if named := [v for v in chosen if v.verdict == name]:
-            lines += ["", f"## {name.capitalize()}", "", *map(claim_line, named)]
+        fitting=", ".join(f"{p / 1e3:g}" for p in PRESSURES), first=places[0], tighter=TIGHTER, tolerance=TOLERANCE,
+        judged=", ".join(places))]
+    lines += ["**Interrupted: not every claim was judged.**", ""] * (not complete)
+    for name in VERDICTS:
+        if named := [v for v in verdicts if v.verdict == name]:
+            lines += [f"## {name.capitalize()}", "", *map(claim_line, named), ""]
     if any(v.varied for v in verdicts):
-        lines += ["", f"## Thresholds halved and doubled, at {places[0]} kPa", "",
+        lines += [f"## Thresholds halved and doubled, at {places[0]} kPa", "",
                   *markdown_table(["threshold", "meaning", "value", "halved", "doubled"],
-                                  [threshold_row(verdicts, item) for item in fields(T)])]
-    return "\n".join(lines) + "\n"
+                                  [threshold_row(verdicts, item) for item in fields(T)]), ""]
+    return "\n".join(lines)
 
 
-def claim_row(v: Verdict) -> list[str]:
-    """Return the cells of the table on one claim."""
-    at = "any" if v.row.alone else ", ".join(VERDICTS[x][0] for x in v.pressures.values())
-    return [v.row.figure, v.row.where, escape(v.row.sentence), v.words, at + " (fitted)" * v.row.fitted]
+def claim_line(v: Verdict) -> str:
+    """Return one claim as an entry of a list: what its verdict depends on, reason."""
+    by = {"pressure": ", ".join(VERDICTS[x][0] for x in v.pressures.values()), "tolerance": "by tolerance"}
+    notes = [by.get(v.depends_on or "", ""), "fitted" * v.row.fitted, "any pressure" * v.row.alone]
+    said = f" [{'; '.join(filter(None, notes))}]" if any(notes) else ""
+    reasons = [f"Criterion: {v.row.criterion.words}" * (v.verdict == NOT_CONFIRMED),
+               v.finding.why * (v.verdict != CONFIRMED)]
+    because = "".join(f" {escape(text[0].upper() + text[1:])}." for text in reasons if text)
+    return f"- **{v.row.figure}** ({v.row.where}): {escape(v.row.sentence)}{said}.{because}"
 
 
 def threshold_row(verdicts: Sequence[Verdict], item: Field[float]) -> list[str]:
@@ -208,13 +205,6 @@ def threshold_row(verdicts: Sequence[Verdict], item: Field[float]) -> list[str]:
     meaning = item.metadata["reported"]
     return [f"`{item.name}`, in {counted(len(judged), 'claim')}", escape(meaning.meaning),
             f"{item.default:g} {meaning.unit}".rstrip(), *changes]
-
-
-def claim_line(v: Verdict) -> str:
-    """Return one claim as an entry of a list: its reason, and its criterion where it is not confirmed."""
-    why = f" {escape(v.why[0].upper() + v.why[1:])}." if v.why else ""
-    judged = f" Criterion: {escape(v.row.criterion.words)}." * (v.verdict == NOT_CONFIRMED)
-    return f"- **{v.row.figure}: {escape(v.row.sentence)}.**{judged}{why}"
 
 
 def counts_of(verdicts: Sequence[Verdict]) -> str:
