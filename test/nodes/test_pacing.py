@@ -4,139 +4,93 @@ from __future__ import annotations
 
 import ctypes
 import os
+import random
 import resource
 import sys
 import threading
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tcc_sim.nodes.pacing import CATCH_UP, LEAD, LEAD_PART, SLICE, Pacer, attend, prepare_thread
 
-START = 5_000_000_000
+START, NS = 5_000_000_000, 1e-9
 _PR_GET_TIMERSLACK = 30
 linux = pytest.mark.skipif(sys.platform != "linux", reason="Linux only")
 
 
 class Clock:
-    """Time advances by sleeps and by steps of the test."""
+    """Time advances by steps of the test, and by sleeps, which end `late` ns of their number after the time asked for.
 
-    def __init__(self) -> None:
-        self.now = START
+    Each reading takes `reading` ns.
+    """
+
+    def __init__(self, late: Callable[[int], int] = lambda _: 0, reading: int = 0) -> None:
+        self.now, self.late, self.reading = START, late, reading
         self.slept: list[float] = []
 
     def __call__(self) -> int:
+        self.now += self.reading
         return self.now
 
     def sleep(self, seconds: float) -> None:
         self.slept.append(seconds)
-        self.now += round(seconds * 1e9)
+        self.now += round(seconds * 1e9) + self.late(len(self.slept))
 
-
-def paced(period: float) -> tuple[Clock, Pacer]:
-    clock = Clock()
-    return clock, Pacer(period, clock=clock, sleep=clock.sleep)
+    def pacer(self, period: float, **options: Any) -> Pacer:
+        return Pacer(period, clock=self, sleep=self.sleep, **options)
 
 
 def never() -> bool:
     return False
 
 
-def test_deadlines_are_one_period_apart_whatever_a_tick_takes() -> None:
-    clock, pacer = paced(1e-3)
-    for tick in range(1, 101):
-        clock.now += 137_000 + 1_000 * (tick % 7)
-        assert pacer.wait(never)
-        assert clock.now == START + tick * 1_000_000
-    assert (pacer.ticks, pacer.late_ticks, pacer.missed_ticks, pacer.lateness_max, pacer.drift) == (100, 0, 0, 0.0, 0.0)
-
-
-def test_a_late_tick_is_made_good_and_counted_late_only_beyond_a_period() -> None:
-    clock, pacer = paced(1e-3)
-    clock.now += 2_000_000
-    assert pacer.wait(never)
-    assert (pacer.late_ticks, pacer.lateness_max, clock.slept) == (0, 1e-3, [])
-    clock.now += 1_500_001
-    assert pacer.wait(never)
-    assert (pacer.late_ticks, clock.slept) == (1, [])
-    assert pacer.lateness_max == pytest.approx(1.500001e-3)
-    assert pacer.drift == pytest.approx(1.500001e-3)
-    for _ in range(2):
-        assert pacer.wait(never)
-    assert (clock.now, clock.slept) == (START + 4_000_000, [pytest.approx(0.499999e-3)])
-    assert (pacer.late_ticks, pacer.missed_ticks) == (1, 0)
-
-
-@pytest.mark.parametrize(("late", "missed"), [(CATCH_UP, 0), (CATCH_UP + 1e-9, 100), (CATCH_UP + 2.5e-3, 102)])
-def test_beyond_the_catch_up_the_deadlines_move_and_what_was_missed_is_counted(late: float, missed: int) -> None:
-    clock, pacer = paced(1e-3)
-    clock.now += 1_000_000 + round(late * 1e9)
-    began = clock.now
-    assert pacer.wait(never)
-    assert pacer.missed_ticks == missed
-    assert pacer.missed_by == pytest.approx(late if missed else 0.0)
-    assert pacer.wait(never)
-    assert clock.now == (began + 1_000_000 if missed else began)
-
-
-def test_an_interrupted_wait_keeps_its_deadline() -> None:
-    clock, pacer = paced(10.0)
-    looks = iter([False, False, True])
-    assert not pacer.wait(lambda: next(looks))
-    assert clock.slept == [SLICE, SLICE]
-    assert (pacer.ticks, clock.now) == (0, START + round(2 * SLICE * 1e9))
-    assert not pacer.wait(lambda: True)
-    assert pacer.wait(never)
-    assert (pacer.ticks, clock.now, pacer.lateness_max) == (1, START + 10_000_000_000, 0.0)
-    assert max(clock.slept) == SLICE
-
-
-def test_what_has_passed_is_not_interrupted() -> None:
-    clock, pacer = paced(1e-3)
-    clock.now += 3_000_000
-    assert pacer.wait(lambda: True)
-    assert pacer.wait(lambda: True)
-
-
-def test_an_anchor_counts_from_now_with_the_new_period() -> None:
-    clock, pacer = paced(1e-3)
-    assert pacer.wait(never)
-    clock.now += 777
-    pacer.period_ns = 2e6
-    pacer.anchor()
-    assert pacer.wait(never)
-    assert clock.now == START + 1_000_777 + 2_000_000
-    assert pacer.drift == 0.0
-
-
-def test_the_last_latenesses_are_kept() -> None:
-    clock = Clock()
-    pacer = Pacer(1e-3, kept=3, clock=clock, sleep=clock.sleep)
-    assert pacer.lateness() == (0.0, 0.0)
-    for tick, late in enumerate((5, 1, 2, 4), 1):
-        clock.now = START + tick * 1_000_000 + late * 1000
-        assert pacer.wait(never)
-    assert sorted(pacer.latenesses().tolist()) == pytest.approx([1e-6, 2e-6, 4e-6])
-    middle, high = pacer.lateness()
-    assert middle == pytest.approx(2e-6)
-    assert 2e-6 < high <= pacer.lateness_max == pytest.approx(5e-6)
-
-
-class Sleepy(Clock):
-    """Wakes late by `late` of the number of sleeps; each reading takes a microsecond."""
-
-    def __init__(self, late: Callable[[int], int]) -> None:
-        super().__init__()
-        self.late = late
-
-    def __call__(self) -> int:
-        self.now += 1_000
-        return self.now
-
-    def sleep(self, seconds: float) -> None:
-        super().sleep(seconds)
-        self.now += self.late(len(self.slept))
+@pytest.mark.parametrize("period", [200_000, 1_000_000, 250_000_000])
+@pytest.mark.parametrize("seed", range(4))
+def test_every_tick_and_count_is_that_of_a_plain_schedule(period: int, seed: int) -> None:
+    """Work of any length between ticks, interruptions, and new anchors with another period; all in whole ns."""
+    draw, clock = random.Random(seed), Clock()
+    pacer = clock.pacer(period / 1e9, kept=50)
+    most = round(CATCH_UP * 1e9)
+    works = [0, period // 7, period - 1, period, period + 1, 2 * period, 2 * period + 1, 3 * period, period + most,
+             period + most + 1, period + most + 5 * period // 2]
+    anchor = first = clock.now
+    n = since = late = missed = 0
+    missed_by, lateness = 0, []
+    for _ in range(400):
+        clock.now += draw.choice(works)
+        deadline, looks = anchor + (n + 1) * period, draw.choice([1, 2, 9])
+        if draw.random() < 0.1:
+            began, looked = clock.now, iter([*[False] * (looks - 1), True, *[True] * 9])
+            if deadline - began > looks * SLICE * 1e9 or (looks == 1 and deadline > began):
+                assert not pacer.wait(lambda it=looked: next(it))
+                assert clock.now == began + (looks - 1) * round(SLICE * 1e9)
+        due, passed = max(clock.now, deadline), clock.now >= deadline
+        assert pacer.wait(lambda it=passed: it)  # What has passed is not interrupted.
+        assert clock.now == due
+        n, since = n + 1, since + 1
+        lateness.append(due - deadline)
+        late += due - deadline > period
+        if due - deadline > most:
+            missed, missed_by = missed + (due - deadline) // period, due - deadline
+            anchor, n = due, 0
+        assert (pacer.ticks, pacer.late_ticks, pacer.missed_ticks) == (len(lateness), late, missed)
+        assert (pacer.missed_by, pacer.lateness_max, pacer.drift) == pytest.approx(
+            (missed_by * NS, max(lateness) * NS, (due - first - since * period) * NS), abs=1e-12)
+        if draw.random() < 0.03:
+            clock.now += 777
+            period = draw.choice([period // 2, 2 * period])
+            pacer.period_ns = float(period)
+            pacer.anchor()
+            anchor, first, n, since = clock.now, clock.now, 0, 0
+    assert min(late, missed) > 0
+    assert max(clock.slept) <= SLICE
+    last = np.array(lateness[-50:]) * NS
+    assert sorted(pacer.latenesses()) == pytest.approx(sorted(last), abs=1e-12)
+    assert pacer.lateness() == pytest.approx((np.median(last), np.percentile(last, 99)), abs=1e-12)
+    assert clock.pacer(1e-3).lateness() == (0.0, 0.0)
 
 
 def latenesses(pacer: Pacer, clock: Clock, ticks: int) -> list[float]:
@@ -149,21 +103,23 @@ def latenesses(pacer: Pacer, clock: Clock, ticks: int) -> list[float]:
 
 
 def test_a_sleep_ends_ahead_by_what_wake_ups_are_late_and_no_tick_is_early() -> None:
-    clock = Sleepy(lambda count: 15_000 + 13_000 * (count % 4 == 0))
-    result = latenesses(Pacer(1e-3, clock=clock, sleep=clock.sleep), clock, 600)
+    def wakes(count: int) -> int:
+        return 15_000 + 13_000 * (count % 4 == 0)
+
+    clock, plain = Clock(wakes, 1000), Clock(wakes, 1000)
+    result = latenesses(clock.pacer(1e-3), clock, 600)
     assert min(result) >= 0.0
     assert result[0] >= 15e-6
     settled = sorted(result[100:])
     assert settled[len(settled) // 2] < 3e-6
     assert settled[-1] < 20e-6
-    plain = Sleepy(clock.late)
-    assert min(latenesses(Pacer(1e-3, clock=plain, sleep=plain.sleep, lead=0.0), plain, 600)) >= 15e-6
+    assert min(latenesses(plain.pacer(1e-3, lead=0.0), plain, 600)) >= 15e-6
 
 
 @pytest.mark.parametrize("period", [1e-2, 1e-3, 2e-4])
 def test_the_lead_is_bounded(period: float) -> None:
-    clock = Sleepy(lambda count: round(0.3e9 * period) if count < 300 else 0)
-    pacer = Pacer(period, clock=clock, sleep=clock.sleep)
+    clock = Clock(lambda count: round(0.3e9 * period) if count < 300 else 0, 1000)
+    pacer = clock.pacer(period)
     latenesses(pacer, clock, 301)
     began = clock.now
     pacer.anchor()
@@ -186,18 +142,12 @@ def slack() -> int:
 
 
 @linux
-def test_the_timer_slack_of_this_thread_alone_is_a_nanosecond() -> None:
-    before = slack()
-    assert in_a_thread(lambda: (prepare_thread(), slack())) == ([], 1)
-    assert slack() == before > 1
-
-
-@linux
-def test_the_thread_runs_on_the_cores_asked_for() -> None:
-    mine = os.sched_getaffinity(0)
+def test_timer_slack_and_cores_are_those_of_this_thread_alone() -> None:
+    before, mine = slack(), os.sched_getaffinity(0)
     core = max(mine)
-    assert in_a_thread(lambda: (prepare_thread(cores=[core]), os.sched_getaffinity(0))) == ([], {core})
-    assert os.sched_getaffinity(0) == mine
+    assert in_a_thread(lambda: (prepare_thread(cores=[core]), slack(), os.sched_getaffinity(0))) == ([], 1, {core})
+    assert (slack(), os.sched_getaffinity(0)) == (before, mine)
+    assert before > 1
 
 
 def without_rights(body: Callable[[], list[str]]) -> list[str]:
