@@ -5,7 +5,6 @@ import random
 import shutil
 import struct
 from collections.abc import Mapping
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -223,303 +222,136 @@ def without(what):
     return change
 
 
-def laid_out(names, frame=None):
-    """Function that lays a state out again with these joints, flywheel and clutch_plate among them; None keeps its
-    frame.
-    """
+def laid_out(names, frame=None, flywheel="flywheel", clutch_plate="clutch_plate"):
+    """Function that lays a state out again with these joints, the two among them; None keeps its frame."""
     def change(_, data):
         stamp, *values = joints(data)
         columns = []
         for pair in zip(values[::2], values[1::2]):
-            given = dict(zip(("flywheel", "clutch_plate"), pair))
+            given = dict(zip((flywheel, clutch_plate), pair))
             columns.append([given.get(name, 7.0) for name in names])
         return joint_state(stamp, names, columns, frame_of(data) if frame is None else frame)
     return change
 
 
 FINGER = joint_state(123, ["finger"], [[0.0], [0.0], [0.0]])
-WAYS = {}
-DIFFERS = {}
-"""By way: names of the fields that may differ, and a part of the sentence that gives the reason."""
+OLD = [f"run_{number}.mcap" for number in range(11)]
+NEW = [f"{number}_run_2026_11_27-10_{58 - 5 * number:02d}_{50 - number}.mcap" for number in range(11)]
 
 
-def way(*fields, sentence=""):
-    """Register a function (folder, recording) that writes the recording again."""
-    def register(function):
-        WAYS[function.__name__] = function
-        if fields or sentence:
-            DIFFERS[function.__name__] = set(fields), sentence
-        return function
-    return register
+def by(change=lambda source: source, **options):
+    """Way that changes the recording and writes it with options of the writer."""
+    return lambda folder, source: save(folder / "run_0.mcap", change(source), **options)
 
 
-def plainly(name, *fields, sentence="", **options):
-    """Register a way that is an option of the writer."""
+def by_channel(change):
+    """Way that changes the topic, or the name, encoding and text of the schema, of every channel."""
+    return by(lambda source: source.channel(change))
+
+
+def by_state(change):
+    """Way that changes the data of the state k."""
+    return by(lambda source: source.changed(STATES, change))
+
+
+def with_schema(change):
+    return by_channel(lambda c: c._replace(schema=change(*c.schema)))
+
+
+def with_record(opcode, body):
+    """Way that puts a record of this kind at the beginning."""
+    return by(start=lambda _, file: file.write(struct.pack("<BQ", opcode, len(body)) + body))
+
+
+def with_bytes(change):
+    """Way that changes the bytes of the file."""
     def write(folder, source):
-        save(folder / "run_0.mcap", source, **options)
-    write.__name__ = name
-    way(*fields, sentence=sentence)(write)
+        save(folder / "x.mcap", source)
+        (folder / "run_0.mcap").write_bytes(change((folder / "x.mcap").read_bytes()))
+        (folder / "x.mcap").unlink()
+    return write
 
 
-UNCHECKED = "some messages have no checksum"
-plainly("lz4", compression=CompressionType.LZ4)
-plainly("no_compression", compression=CompressionType.NONE)
-plainly("no_summary", index_types=IndexType.NONE, repeat_channels=False, repeat_schemas=False, use_statistics=False,
-        use_summary_offsets=False)
-plainly("no_chunk_index", index_types=IndexType.ATTACHMENT | IndexType.METADATA)
-plainly("no_message_index", index_types=IndexType.CHUNK)
-plainly("no_statistics", use_statistics=False)
-plainly("outside_chunks", "warnings", sentence=UNCHECKED, use_chunking=False)
-plainly("no_checksums", "warnings", sentence=UNCHECKED, enable_crcs=False)
-plainly("small_chunks", chunk_size=2000)
-plainly("one_chunk", chunk_size=1 << 30)
-plainly("data_checksum", enable_data_crcs=True)
-NO_PUBLISHER = ("drivelines",)
-
-
-@way()
-def no_leading_slash(folder, source):
-    save(folder / "run_0.mcap", source.channel(lambda c: c._replace(topic=c.topic[1:])))
-
-
-@way()
-def schema_without_text(folder, source):
-    save(folder / "run_0.mcap", source.channel(lambda c: c._replace(schema=(c.schema[0], "", b""))))
-
-
-@way()
-def schema_zero(folder, source):
-    save(folder / "run_0.mcap", source.channel(lambda c: c._replace(schema=None)))
-
-
-@way()
-def types_without_msg(folder, source):
-    save(folder / "run_0.mcap", source.channel(
-        lambda c: c._replace(schema=(c.schema[0].replace("/msg/", "/"), *c.schema[1:]))))
+def in_parts(names, after=None, change=lambda source: source):
+    """Way that writes parts; `after(folder)` adds to them."""
+    def write(folder, source):
+        source = change(source)
+        size = len(source.messages) // len(names) + 1
+        for number, name in enumerate(names):
+            save(folder / name, source._replace(messages=source.messages[number * size:(number + 1) * size]))
+        if after is not None:
+            after(folder)
+    return write
 
 
 def without_publishers(source):
     return source.channel(lambda c: c._replace(metadata={k: v for k, v in c.metadata.items() if k != "publisher"}))
 
 
-@way(*NO_PUBLISHER)
-def no_publisher(folder, source):
-    save(folder / "run_0.mcap", without_publishers(source))
-
-
-@way(*NO_PUBLISHER)
-def no_publisher_and_number(folder, source):
-    source = without_publishers(source)
-    save(folder / "run_0.mcap", source._replace(messages=[m._replace(number=0) for m in source.messages]))
+def with_messages(source, change):
+    return source._replace(messages=list(map(change, source.messages)))
 
 
 def as_rosbag2(source):
     """The recording as `ros2 bag record -a` makes it: no metadata, publisher, number or time of sending."""
-    source = without_publishers(source)
-    return source._replace(metadata=[], messages=[m._replace(number=0, sent=m.log) for m in source.messages])
+    return with_messages(without_publishers(source)._replace(metadata=[]), lambda m: m._replace(number=0, sent=m.log))
 
 
-@way("warnings", sentence="recorded by an unknown version")
-def scene_on_its_topic(folder, source):
-    save(folder / "run_0.mcap", source, metadata=False)
-
-
-@way(*NO_PUBLISHER, "warnings", sentence="recorded by an unknown version")
-def by_rosbag2(folder, source):
-    save(folder / "run_0.mcap", as_rosbag2(source))
-
-
-def in_parts(folder, source, names, **options):
-    size = len(source.messages) // len(names) + 1
-    for number, name in enumerate(names):
-        save(folder / name, source._replace(messages=source.messages[number * size:(number + 1) * size]), **options)
-
-
-OLD = [f"run_{number}.mcap" for number in range(11)]
-NEW = [f"{number}_run_2026_11_27-10_{58 - 5 * number:02d}_{50 - number}.mcap" for number in range(11)]
-
-
-@way()
-def parts(folder, source):
-    in_parts(folder, source, OLD)
-
-
-@way("real_time_factor", "warnings", sentence="no time of receipt or sending was recorded")
-def no_times(folder, source):
-    save(folder / "run_0.mcap", source._replace(messages=[m._replace(log=0, sent=0) for m in source.messages]))
-
-
-@way("real_time_factor", "warnings", sentence="times of receipt went back by 2.0000")
-def parts_after_the_clock_was_set_back(folder, source):
+def set_back(source):
+    """The clock is set back by 2 s in the middle."""
     half = len(source.messages) // 2
-    in_parts(folder, source._replace(messages=[*source.messages[:half], *(
-        m._replace(log=m.log - 2 * 10**9, sent=m.sent - 2 * 10**9) for m in source.messages[half:])]), OLD)
+    return source._replace(messages=[*source.messages[:half], *(
+        m._replace(log=m.log - 2 * 10**9, sent=m.sent - 2 * 10**9) for m in source.messages[half:])])
 
 
-@way()
-def parts_listed(folder, source):
-    in_parts(folder, source, OLD)
-    listing(folder, OLD)
-
-
-@way()
-def parts_named_counter_first(folder, source):
-    in_parts(folder, source, NEW)
-    listing(folder, NEW)
-
-
-@way()
-def parts_named_counter_first_without_listing(folder, source):
-    in_parts(folder, source, NEW)
-
-
-@way()
-def parts_of_any_name_listed(folder, source):
-    names = ["z 1.mcap", "a'2.mcap", "m: 3.mcap"]
-    in_parts(folder, source, names)
-    (folder / "metadata.yaml").write_text("# quoted\nrosbag2_bagfile_information: {relative_file_paths: ["
-                                          "'z 1.mcap', \"a'2.mcap\", 'm: 3.mcap']}\n")
-
-
-@way("warnings", sentence="left out: metadata.yaml does not list copy_7.mcap")
-def part_not_listed(folder, source):
-    in_parts(folder, source, OLD[:3])
-    shutil.copy(folder / OLD[0], folder / "copy_7.mcap")
-    listing(folder, OLD[:3])
-
-
-@way("warnings", "complete", sentence="the part run_3.mcap, which metadata.yaml lists, is missing")
-def part_listed_and_absent(folder, source):
-    in_parts(folder, source, OLD[:3])
-    listing(folder, OLD[:4])
-
-
-@way("warnings", sentence="metadata.yaml lists no parts that can be read")
-def listing_not_valid(folder, source):
-    in_parts(folder, source, NEW[:3])
-    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information: [\n")
-
-
-@way()
-def a_channel_for_every_tenth_message(folder, source):
+def repeated_channels(source):
     """Channels of the same topic and publisher; their schemas have the same name and other texts."""
     channels, out = {}, []
     for k, message in enumerate(source.messages):
         number, old = 1 + message.channel + 20 * (k % 10), source.channels[message.channel]
         channels[number] = old._replace(schema=(old.schema[0], "ros2msg", old.schema[2] + b"#" * (k % 10)))
         out.append(message._replace(channel=number))
-    save(folder / "run_0.mcap", source._replace(channels=channels, messages=out))
+    return source._replace(channels=channels, messages=out)
 
 
-def private(opcode, size):
-    def write(folder, source):
-        def add(_, file):
-            file.write(struct.pack("<BQ", opcode, size) + bytes(size))
-
-        save(folder / "run_0.mcap", source, start=add)
-    return write
+UNKNOWN_CHUNK = struct.pack("<QQQI", 5, 6, 9, 0) + struct.pack("<I", 2) + b"xz" + struct.pack("<Q", 4) + b"abcd"
 
 
-for code in (0x10, 0x7F, 0x80, 0xFF):
-    WAYS[f"record_{code:x}"] = private(code, 5)
-WAYS["large_private_record"] = private(0x91, 20 << 20)
-
-
-@way()
-def large_attachment(folder, source):
-    save(folder / "run_0.mcap", source, start=lambda writer, _: writer.add_attachment(0, 0, "x", "y", bytes(20 << 20)))
-
-
-@way()
-def chunk_without_messages(folder, source):
-    empty = struct.pack("<QQQI", 0, 0, 0, 0) + struct.pack("<I", 0) + struct.pack("<Q", 0)
-    save(folder / "run_0.mcap", source, start=lambda _, file: file.write(struct.pack("<BQ", 6, len(empty)) + empty))
-
-
-@way("warnings", sentence="is left out: its compression 'xz' is unknown")
-def chunk_of_unknown_compression(folder, source):
-    packed = struct.pack("<QQQI", 5, 6, 9, 0) + struct.pack("<I", 2) + b"xz" + struct.pack("<Q", 4) + b"abcd"
-    save(folder / "run_0.mcap", source, start=lambda _, file: file.write(struct.pack("<BQ", 6, len(packed)) + packed))
-
-
-@way()
-def chunk_of_unknown_compression_without_driveline(folder, source):
+def another_topic_in_a_chunk_of_unknown_compression(writer, file):
     """Its index says that it holds another topic alone."""
-    packed = struct.pack("<QQQI", 5, 6, 9, 0) + struct.pack("<I", 2) + b"xz" + struct.pack("<Q", 4) + b"abcd"
+    schema = writer.register_schema("sensor_msgs/msg/Image", "ros2msg", b"")
+    writer.register_channel("/image", "cdr", schema, {})
     index = struct.pack("<HIQQ", 1, 16, 5, 0)
-
-    def add(writer, file):
-        schema = writer.register_schema("sensor_msgs/msg/Image", "ros2msg", b"")
-        writer.register_channel("/image", "cdr", schema, {})
-        file.write(struct.pack("<BQ", 6, len(packed)) + packed + struct.pack("<BQ", 7, len(index)) + index)
-
-    save(folder / "run_0.mcap", source, start=add, use_statistics=False)
+    for opcode, body in ((6, UNKNOWN_CHUNK), (7, index)):
+        file.write(struct.pack("<BQ", opcode, len(body)) + body)
 
 
-@way()
-def blank_map_beside(folder, source):
-    save(folder / "run_0.mcap", source.with_topic("/map", "nav_msgs/msg/OccupancyGrid", bytes(1 << 20), every=60),
-         chunk_size=1 << 20)
-
-
-@way("warnings", sentence=UNCHECKED)
-def image_outside_chunks(folder, source):
-    save(folder / "run_0.mcap", source.with_topic("/image", "sensor_msgs/msg/Image", bytes(20 << 20), every=10**9),
-         use_chunking=False)
-
-
-@way()
-def no_data_end(folder, source):
-    save(folder / "x.mcap", source)
-    data = (folder / "x.mcap").read_bytes()
+def without_data_end(data):
     place = data.rindex(struct.pack("<BQ", 15, 4))
-    (folder / "run_0.mcap").write_bytes(data[:place] + data[place + 13:])
-    (folder / "x.mcap").unlink()
+    return data[:place] + data[place + 13:]
 
 
-@way()
-def wrong_summary_checksum(folder, source):
-    save(folder / "run_0.mcap", source)
-    data = bytearray((folder / "run_0.mcap").read_bytes())
-    data[-9] ^= 1
-    (folder / "run_0.mcap").write_bytes(data)
-
-
-@way("warnings", "complete", sentence="cut short")
-def no_footer(folder, source):
-    save(folder / "run_0.mcap", source)
-    data = (folder / "run_0.mcap").read_bytes()
-    (folder / "run_0.mcap").write_bytes(data[:-37])
-
-
-@way()
 def compressed_messages(folder, source):
     pack = zstandard.ZstdCompressor().compress
-    save(folder / "run_0.mcap", source._replace(messages=[m._replace(data=pack(m.data)) for m in source.messages]))
+    save(folder / "run_0.mcap", with_messages(source, lambda m: m._replace(data=pack(m.data))))
     listing(folder, ["run_0.mcap"], compression_format="zstd", compression_mode="MESSAGE")
 
 
-@way()
-def compressed_files(folder, source):
-    in_parts(folder, source, OLD[:3])
+def compress_files(folder):
     for name in OLD[:3]:
         (folder / f"{name}.zstd").write_bytes(zstandard.ZstdCompressor().compress((folder / name).read_bytes()))
         (folder / name).unlink()
     listing(folder, [f"{name}.zstd" for name in OLD[:3]], compression_format="zstd", compression_mode="FILE")
 
 
-@way("drivelines", "warnings", sentence="not read: /joint_states")
-def another_node_on_the_topic(folder, source):
-    mine, out = source.numbers(STATES), []
-    for message in source.messages:
-        out += [message._replace(data=FINGER), message] if message.channel in mine else [message]
-    save(folder / "run_0.mcap", source._replace(messages=out))
+def with_another_node(source):
+    mine = source.numbers(STATES)
+    return source._replace(messages=[one for m in source.messages for one in (
+        (m._replace(data=FINGER), m) if m.channel in mine else (m,))])
 
 
-@way("drivelines", "warnings", sentence="not read: /joint_states:")
-def joint_states_of_a_robot_beside(folder, source):
-    source = source.channel(lambda c: c._replace(topic="/clutch" + c.topic))
-    save(folder / "run_0.mcap", source.with_topic(STATES, JOINT_STATE, FINGER, every=47))
+def moved(source, to):
+    return source.channel(lambda c: c._replace(topic=to + c.topic))
 
 
 def twice(source, right):
@@ -530,14 +362,11 @@ def twice(source, right):
             RUN.encode(), b"00000000ffff.001")))])
 
 
-@way("drivelines", "warnings", sentence="not read: /right/joint_states")
-def left_and_right(folder, source):
-    left = source.channel(lambda c: c._replace(topic="/lef" + c.topic))
-    both = twice(left, lambda c: c._replace(topic=c.topic.replace("/lef/", "/right/")))
-    save(folder / "run_0.mcap", as_rosbag2(both))
+def left_and_right(source):
+    return as_rosbag2(twice(moved(source, "/lef"), lambda c: c._replace(topic=c.topic.replace("/lef/", "/right/"))))
 
 
-def forgotten(source, who, ahead=50):
+def forgotten(source, who="3" * 24, ahead=50):
     """The recording beside an older driveline with another scene on the same topics, received some ticks ahead."""
     older = twice(source, lambda c: c._replace(metadata={
         **c.metadata, "publisher": who + c.metadata["publisher"][24:]}))
@@ -559,49 +388,19 @@ def forgotten(source, who, ahead=50):
     return older._replace(messages=sorted(out, key=lambda m: m.log))
 
 
-@way("drivelines", "warnings", sentence="not read: /joint_states of publisher 3")
-def forgotten_driveline(folder, source):
-    save(folder / "run_0.mcap", forgotten(source, "3" * 24))
-
-
-@way("drivelines", "warnings", sentence="not read: /joint_states of publisher 3")
-def forgotten_driveline_received_later(folder, source):
-    """The recorder discovers the older driveline after the one that waited for it."""
-    save(folder / "run_0.mcap", forgotten(source, "3" * 24, -5))
-
-
-@way("drivelines", "warnings", sentence="not read: /joint_states of publisher 3")
-def forgotten_driveline_without_pressure(folder, source):
+def forgotten_without_pressure(source):
     """Only the older one publishes the topic, and only the newer one is read."""
-    both = forgotten(source, "3" * 24)
+    both = forgotten(source)
     numbers = {number for number in both.numbers("/applied_pressure") if number > 100}
-    save(folder / "run_0.mcap", both._replace(messages=[m for m in both.messages if m.channel not in numbers]))
+    return both._replace(messages=[m for m in both.messages if m.channel not in numbers])
 
 
-@way("drivelines")
-def further_joints(folder, source):
-    save(folder / "run_0.mcap", source.changed(STATES, laid_out(["wheel", "clutch_plate", "a", "flywheel"])))
-
-
-@way()
-def joints_that_alternate(folder, source):
-    ways = [laid_out(names) for names in (["flywheel", "clutch_plate"], ["clutch_plate", "flywheel"])]
-    save(folder / "run_0.mcap", source.changed(STATES, lambda k, data: ways[k % 2](k, data)))
-
-
-@way()
-def first_message_odd(folder, source):
-    odd = laid_out(["arm", "flywheel", "clutch_plate"])
-    save(folder / "run_0.mcap", source.changed(STATES, lambda k, data: data if k else odd(k, data)))
-
-
-@way()
-def frames(folder, source):
+def with_frames(source):
     ways = [laid_out(["flywheel", "clutch_plate"], "x" * length) for length in range(9)]
     source = source.changed(STATES, lambda k, data: ways[k % 9](k, data))
     for topic in ("/applied_pressure", "/actuation_pressure"):
         source = source.changed(topic, lambda k, data: framed(data, "f" * (k % 9)))
-    save(folder / "run_0.mcap", source)
+    return source
 
 
 def framed(data, frame):
@@ -610,18 +409,93 @@ def framed(data, frame):
     return data[:4] + body + bytes(-len(body) % 8) + data[20:36]
 
 
-@way("drivelines")
-def messages_of_another_type_on_the_topic(folder, source):
-    save(folder / "run_0.mcap", source.with_topic(STATES, "sensor_msgs/msg/Image", b"\0\1\0\0" + bytes(200)))
-
-
-@way("warnings", "drivelines", sentence="messages of /joint_states left out: their layout differs")
-def messages_that_are_no_joint_states(folder, source):
-    save(folder / "run_0.mcap", source.with_topic(STATES, JOINT_STATE, b"\0\1\0\0" + bytes(7)))
-
-
-def case(folder, name, source):
-    """Write the recording in one way, and return its path."""
-    folder.mkdir()
-    WAYS[name](folder, source)
-    return Path(folder)
+ORDERS = [laid_out(names) for names in (["flywheel", "clutch_plate"], ["clutch_plate", "flywheel"])]
+FIRST_ODD = laid_out(["arm", "flywheel", "clutch_plate"])
+WAYS = {
+    # Storage.
+    "lz4": by(compression=CompressionType.LZ4), "no_compression": by(compression=CompressionType.NONE),
+    "no_summary": by(index_types=IndexType.NONE, repeat_channels=False, repeat_schemas=False, use_statistics=False,
+                     use_summary_offsets=False),
+    "no_chunk_index": by(index_types=IndexType.ATTACHMENT | IndexType.METADATA),
+    "no_message_index": by(index_types=IndexType.CHUNK), "no_statistics": by(use_statistics=False),
+    "outside_chunks": by(use_chunking=False), "no_checksums": by(enable_crcs=False),
+    "small_chunks": by(chunk_size=2000), "one_chunk": by(chunk_size=1 << 30),
+    "data_checksum": by(enable_data_crcs=True), "record_10": with_record(0x10, bytes(5)),
+    "record_ff": with_record(0xFF, bytes(5)),
+    "large_private_record": with_record(0x91, bytes(20 << 20)),
+    "large_attachment": by(start=lambda writer, _: writer.add_attachment(0, 0, "x", "y", bytes(20 << 20))),
+    "chunk_without_messages": with_record(6, bytes(40)),
+    "chunk_of_unknown_compression": with_record(6, UNKNOWN_CHUNK),
+    "chunk_of_unknown_compression_without_driveline": by(start=another_topic_in_a_chunk_of_unknown_compression,
+                                                         use_statistics=False),
+    "blank_map_beside": by(lambda source: source.with_topic("/map", "nav_msgs/msg/OccupancyGrid", bytes(1 << 20),
+                                                            every=60), chunk_size=1 << 20),
+    "image_outside_chunks": by(lambda source: source.with_topic("/image", "sensor_msgs/msg/Image", bytes(20 << 20),
+                                                                every=10**9), use_chunking=False),
+    "no_data_end": with_bytes(without_data_end), "no_footer": with_bytes(lambda data: data[:-37]),
+    "wrong_summary_checksum": with_bytes(lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:]),
+    "compressed_messages": compressed_messages, "compressed_files": in_parts(OLD[:3], compress_files),
+    # Topics, types, channels and times.
+    "no_leading_slash": by_channel(lambda c: c._replace(topic=c.topic[1:])),
+    "schema_without_text": with_schema(lambda name, *_: (name, "", b"")),
+    "schema_zero": by_channel(lambda c: c._replace(schema=None)),
+    "types_without_msg": with_schema(lambda name, *rest: (name.replace("/msg/", "/"), *rest)),
+    "a_channel_for_every_tenth_message": by(repeated_channels), "no_publisher": by(without_publishers),
+    "no_publisher_and_number": by(lambda source: with_messages(without_publishers(source),
+                                                               lambda m: m._replace(number=0))),
+    "scene_on_its_topic": by(metadata=False), "by_rosbag2": by(as_rosbag2),
+    "no_times": by(lambda source: with_messages(source, lambda m: m._replace(log=0, sent=0))),
+    # Parts.
+    "parts": in_parts(OLD), "parts_listed": in_parts(OLD, lambda folder: listing(folder, OLD)),
+    "parts_after_the_clock_was_set_back": in_parts(OLD, change=set_back),
+    "parts_named_counter_first": in_parts(NEW, lambda folder: listing(folder, NEW)),
+    "parts_named_counter_first_without_listing": in_parts(NEW),
+    "parts_of_any_name_listed": in_parts(["z 1.mcap", "a'2.mcap", "m: 3.mcap"], lambda folder: (
+        folder / "metadata.yaml").write_text("# quoted\nrosbag2_bagfile_information: {relative_file_paths: ["
+                                             "'z 1.mcap', \"a'2.mcap\", 'm: 3.mcap']}\n")),
+    "part_not_listed": in_parts(OLD[:3], lambda folder: (shutil.copy(folder / OLD[0], folder / "copy_7.mcap"),
+                                                         listing(folder, OLD[:3]))),
+    "part_listed_and_absent": in_parts(OLD[:3], lambda folder: listing(folder, OLD[:4])),
+    "listing_not_valid": in_parts(NEW[:3], lambda folder: (folder / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information: [\n")),
+    # Other nodes.
+    "another_node_on_the_topic": by(with_another_node),
+    "joint_states_of_a_robot_beside": by(lambda source: moved(source, "/clutch").with_topic(STATES, JOINT_STATE, FINGER,
+                                                                                            every=47)),
+    "left_and_right": by(left_and_right), "forgotten_driveline": by(forgotten),
+    # The recorder discovers the older driveline after the one that waited for it.
+    "forgotten_driveline_received_later": by(lambda source: forgotten(source, ahead=-5)),
+    "forgotten_driveline_without_pressure": by(forgotten_without_pressure),
+    "messages_of_another_type_on_the_topic": by(lambda source: source.with_topic(
+        STATES, "sensor_msgs/msg/Image", b"\0\1\0\0" + bytes(200))),
+    "messages_that_are_no_joint_states": by(lambda source: source.with_topic(STATES, JOINT_STATE,
+                                                                             b"\0\1\0\0" + bytes(7))),
+    # Layout of the states.
+    "further_joints": by_state(laid_out(["wheel", "clutch_plate", "a", "flywheel"])),
+    "joints_that_alternate": by_state(lambda k, data: ORDERS[k % 2](k, data)),
+    "first_message_odd": by_state(lambda k, data: data if k else FIRST_ODD(k, data)), "frames": by(with_frames),
+}
+"""Functions (folder, recording) that write the recording again, by name."""
+UNCHECKED, UNKNOWN = ({"warnings"}, "some messages have no checksum"), "recorded by an unknown version"
+FORGOTTEN = {"drivelines", "warnings"}, "not read: /joint_states of publisher 3"
+DIFFERS = {
+    "outside_chunks": UNCHECKED, "no_checksums": UNCHECKED, "image_outside_chunks": UNCHECKED,
+    "no_publisher": ({"drivelines"}, ""), "no_publisher_and_number": ({"drivelines"}, ""),
+    "scene_on_its_topic": ({"warnings"}, UNKNOWN), "by_rosbag2": ({"drivelines", "warnings"}, UNKNOWN),
+    "no_times": ({"real_time_factor", "warnings"}, "no time of receipt or sending was recorded"),
+    "parts_after_the_clock_was_set_back": ({"real_time_factor", "warnings"}, "times of receipt went back by 2.0000"),
+    "part_not_listed": ({"warnings"}, "left out: metadata.yaml does not list copy_7.mcap"),
+    "part_listed_and_absent": ({"warnings", "complete"}, "the part run_3.mcap, which metadata.yaml lists, is missing"),
+    "listing_not_valid": ({"warnings"}, "metadata.yaml lists no parts that can be read"),
+    "chunk_of_unknown_compression": ({"warnings"}, "is left out: its compression 'xz' is unknown"),
+    "no_footer": ({"warnings", "complete"}, "cut short"),
+    "another_node_on_the_topic": ({"drivelines", "warnings"}, "not read: /joint_states"),
+    "joint_states_of_a_robot_beside": ({"drivelines", "warnings"}, "not read: /joint_states:"),
+    "left_and_right": ({"drivelines", "warnings"}, "not read: /right/joint_states"),
+    **dict.fromkeys(("forgotten_driveline", "forgotten_driveline_received_later",
+                     "forgotten_driveline_without_pressure"), FORGOTTEN),
+    "further_joints": ({"drivelines"}, ""), "messages_of_another_type_on_the_topic": ({"drivelines"}, ""),
+    "messages_that_are_no_joint_states": ({"warnings", "drivelines"},
+                                          "messages of /joint_states left out: their layout differs"),
+}
+"""By way: names of the fields that may differ, and a part of the sentence that gives the reason."""

@@ -7,15 +7,11 @@ from re_encodings import (
     SCENE,
     STATES,
     WAYS,
-    another_node_on_the_topic,
     as_rosbag2,
-    case,
     forgotten,
     joint_state,
     joints,
     laid_out,
-    large_attachment,
-    left_and_right,
     made,
     save,
     without,
@@ -35,11 +31,16 @@ from tcc_sim.topics import JOINT_STATE
 NOT_COMPARED = {"elapsed_s", "command", "version"}
 
 
-def figures(path):
+def figures(path, joints=None):
     """The JSON of `analyse --verify`, without what differs from run to run."""
-    recording = read(path)
+    recording = read(path, joints=joints)
     result = replay(recording, discard=1, verify=True)
     return cleaned(document("analyse", result, recording.scene, [])), result.warnings
+
+
+def written(folder, name, source):
+    WAYS[name](folder, source)
+    return folder
 
 
 def cleaned(value):
@@ -95,7 +96,7 @@ ONLY_OLD = set(OLD_WAYS[6:])
 def test_a_recording_written_again_is_the_same(tmp_path, original, unnamed, name, old):
     source, (expected, before) = unnamed if old else original
     fields, sentence = DIFFERS.get(name, (set(), ""))
-    result, warnings = figures(case(tmp_path / name, name, source))
+    result, warnings = figures(written(tmp_path / name, name, source))
     assert {key: result.get(key) for key in expected if key not in fields} == {
         key: value for key, value in expected.items() if key not in fields}
     assert result.keys() == expected.keys()
@@ -123,12 +124,12 @@ def of_ros1(source):
 
 
 def two_that_cannot_be_told_apart(source):
-    return as_rosbag2(forgotten(source, "3" * 24))
+    return as_rosbag2(forgotten(source))
 
 
 def two_with_equal_stamps(source):
     """Another driveline on the same topics, with states of its own at the same times."""
-    both = forgotten(source, "3" * 24, 0)
+    both = forgotten(source, ahead=0)
     out = []
     for message in both.messages:
         if message.channel >= 100 and both.channels[message.channel].topic == STATES:
@@ -210,7 +211,7 @@ def test_a_state_without_a_number_costs_itself_and_is_counted(tmp_path, original
 
 
 def test_a_driveline_is_chosen_by_topic_or_number(tmp_path, original):
-    left_and_right(tmp_path / "run", original[0])
+    written(tmp_path / "run", "left_and_right", original[0])
     right = {"topic": "right/joint_states"}
     for options, number in (({}, 0), (right, 1), ({"driveline": 1}, 1), ({"driveline": 0}, 0)):
         assert [one.read for one in read(tmp_path / "run", **options).drivelines] == [number == 0, number == 1]
@@ -221,10 +222,19 @@ def test_a_driveline_is_chosen_by_topic_or_number(tmp_path, original):
             read(tmp_path / "run", **options)
 
 
-def test_a_joint_state_of_another_node_is_asked_for_its_joints(tmp_path, original):
-    another_node_on_the_topic(tmp_path / "run", original[0])
+@pytest.mark.parametrize(("names", "joints"), [
+    (["engine", "turbine"], {"flywheel": "engine", "clutch_plate": "turbine"}),
+    (["a_longer_name", "b", "clutch_plate"], {"flywheel": "b"})])
+def test_joints_of_other_names_are_asked_for_and_found(tmp_path, original, names, joints, refused):
+    source, (expected, _) = original
+    save(tmp_path / "run" / "run_0.mcap", source.changed(STATES, laid_out(names, **joints)))
+    line = refused("analyse", tmp_path / "run")
+    assert all(word in line for word in (*names, "--joints flywheel=NAME,clutch_plate=NAME"))
+    result, _ = figures(tmp_path / "run", joints)
+    assert result | {"drivelines": 0} == expected | {"drivelines": 0}
+    written(tmp_path / "other", "another_node_on_the_topic", source)
     with pytest.raises(InputError, match="its joints are finger; say which of them"):
-        read(tmp_path / "run", driveline=1)
+        read(tmp_path / "other", driveline=1)
 
 
 @pytest.mark.parametrize("verb", [
@@ -246,7 +256,8 @@ def test_every_verb_takes_the_same_recordings_and_options(tmp_path, original, ca
 
 
 def test_a_recovery_names_what_it_does_not_copy(tmp_path, original, capsys):
-    large_attachment(tmp_path / "run", original[0]._replace(metadata=[*original[0].metadata, ("other", {"a": "b"})]))
+    written(tmp_path / "run", "large_attachment", original[0]._replace(
+        metadata=[*original[0].metadata, ("other", {"a": "b"})]))
     assert main(["recover", str(tmp_path / "run")]) == 0
     output = capsys.readouterr().out
     assert "note: 1 attachment of other programs not copied" in output

@@ -1,19 +1,12 @@
-"""Gaps, runs and the tick of stamps: counts against a stream made by hand, in batches of any size; joints by name."""
+"""Gaps, runs and the tick of stamps: counts against a stream made by hand, in batches of any size."""
 
 import random
-import re
-import struct
 
 import numpy as np
 import pytest
-from driveline_bags import TICK, by_hand
+from driveline_bags import TICK
 
-from tcc_sim.cli import main
-from tcc_sim.recording.bag import BagWriter
-from tcc_sim.recording.reader import open_run
 from tcc_sim.recording.stamps import Break, StampCounter
-from tcc_sim.scene import load_scene
-from tcc_sim.topics import JOINT_STATE
 
 
 def fed(values, sizes=(10**6,), publisher=None):
@@ -121,70 +114,3 @@ def test_so_many_samples_to_a_cycle_of_a_run_up_leave_no_gap(first: float, last:
         lossy.pieces(missing[k:k + batch])
     assert (whole.gaps, whole.lost) == (0, 0)
     assert lossy.gaps == 1
-
-
-def joint_state(stamp, frame, names, columns):
-    """A JointState in CDR, encoded without the package."""
-    out = bytearray(struct.pack("<iI", stamp // 10**9, stamp % 10**9))
-
-    def align(size):
-        out.extend(b"\xaa" * (-len(out) % size))
-
-    def text(word):
-        align(4)
-        out.extend(struct.pack("<I", len(word) + 1) + word.encode() + b"\0")
-
-    text(frame)
-    align(4)
-    out.extend(struct.pack("<I", len(names)))
-    for name in names:
-        text(name)
-    for column in columns:
-        align(4)
-        out.extend(struct.pack("<I", len(column)))
-        align(8)
-        out.extend(struct.pack(f"<{len(column)}d", *column))
-    return b"\0\1\0\0" + bytes(out)
-
-
-def foreign(path, names, places, frame="base_link", scene="slip"):
-    """1.5 s of steady slip with flywheel and plate at these places among the joints."""
-    rows = by_hand(1.5, lambda t: 150.0 + 0.0 * t, lambda t: 0.1 + 0.0 * t, lambda t: 0.0 * t,
-                   lambda t: 300.0 + 250.0 * np.sin(150.0 * t), lambda t: 300.0 + 0.0 * t)
-    writer = BagWriter(path, load_scene(scene).text())
-    channel = writer.channel("/joint_states", JOINT_STATE)
-    for stamp, *values, _ in rows:
-        columns = []
-        for pair in zip(values[::2], values[1::2]):
-            column = [7.0] * len(names)
-            for place, value in zip(places, pair):
-                column[place] = value
-            columns.append(column)
-        writer.write(channel, stamp, stamp, joint_state(stamp, frame, names, columns))
-    writer.close()
-    return rows
-
-
-@pytest.mark.parametrize(("names", "places", "joints"), [
-    (("clutch_plate", "flywheel"), (1, 0), None),
-    (("wheel_left", "flywheel", "x", "clutch_plate"), (1, 3), None),
-    (("engine", "turbine"), (0, 1), {"flywheel": "engine", "clutch_plate": "turbine"}),
-    (("a_longer_name", "b", "clutch_plate"), (1, 2), {"flywheel": "b"}),
-])
-def test_joints_stand_where_their_names_do(tmp_path, names, places, joints):
-    rows = np.array(foreign(tmp_path / "run", names, places))
-    run = open_run(tmp_path / "run", joints=joints)
-    (batch,) = run.states()
-    for name, column in (("flywheel_angle", 1), ("plate_angle", 2), ("flywheel_speed", 3), ("plate_speed", 4),
-                         ("engine_torque", 5), ("friction_torque", 6)):
-        assert np.array_equal(getattr(batch, name), rows[:, column])
-    assert run.warnings == []
-
-
-def test_other_joints_are_asked_for(tmp_path, capsys, refused):
-    foreign(tmp_path / "run", ("engine", "turbine"), (0, 1))
-    assert ("its joints are engine, turbine; say which of them are flywheel and clutch plate: "
-            "--joints flywheel=NAME,clutch_plate=NAME") in refused("analyse", tmp_path / "run")
-    assert main(["analyse", str(tmp_path / "run"), "--joints", "flywheel=engine,clutch_plate=turbine"]) == 0
-    assert re.search(r"largest \|slip speed\| +15\d", capsys.readouterr().out)
-    assert "must be flywheel=NAME,clutch_plate=NAME" in refused("analyse", tmp_path / "run", "--joints", "wheel=engine")
