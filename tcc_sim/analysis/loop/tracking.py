@@ -67,7 +67,7 @@ class Tracking:
         "mean"))
     verdict_why: str = field(default="", metadata=reported("reason of the verdict, or why there is none"))
     band: float = field(default=math.nan, metadata=reported(
-        "error that counts as settled: largest of --band, four standard deviations of the cycle means' "
+        "error that counts as settled: largest of --band, 4.5 standard deviations of the cycle means' "
         "noise, and 2 % of the step, of a moving target's range or of the peak deviation", "rad/s"))
     overshoot_time: float = field(default=math.nan, metadata=reported("simulation time", "s"))
     peak_deviation: float = field(default=math.nan, metadata=reported(
