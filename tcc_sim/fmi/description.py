@@ -247,7 +247,6 @@ def _units_and_types(version: int, root: ET.Element, rows: list[Variable]) -> No
 
 
 def _variable(version: int, listed: ET.Element, reference: int, row: Variable) -> None:
-    """Add one variable."""
     head = {"name": row.name, "valueReference": str(reference), "causality": row.causality,
             "variability": row.variability, "description": row.description}
     if row.causality == "parameter":
@@ -278,6 +277,5 @@ def build_description(identifier: str) -> str:
 
 
 def _written(root: ET.Element) -> str:
-    """Return XML as text."""
     ET.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'

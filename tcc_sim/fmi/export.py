@@ -209,7 +209,6 @@ def _entries(scene: Scene, terms: Struct, origin: Struct, keys: Keys, pressure: 
 
 
 def _getter(owner: type[Any], name: str) -> Any:
-    """Return the function of a property."""
     return vars(owner)[name].fget
 
 

@@ -98,7 +98,6 @@ class Expressions:
         return Refused(f"{self._title}: {ast.unparse(node)[:200]}")
 
     def _put(self, text: str) -> None:
-        """Add a line."""
         self._written.append("    " * (self._depth + 1) + text)
 
     def _variable(self, kind: Kind) -> str:
@@ -130,7 +129,6 @@ class Expressions:
 
     @contextmanager
     def _loop(self, length: str) -> Iterator[str]:
-        """Print a loop over an index."""
         k = self._variable(INT)
         self._put(f"for ({k} = 0; {k} < {length}; {k}++) {{")
         self._depth += 1
@@ -139,14 +137,12 @@ class Expressions:
         self._put("}")
 
     def _expression(self, node: ast.expr) -> Text:
-        """Print an expression of any kind."""
         printed = self._nodes.get(type(node))
         if printed is None:
             raise self._refused(node)
         return printed(self, node)
 
     def _number(self, node: ast.expr) -> Text:
-        """Print an expression that is a number."""
         text, kind = self._expression(node)
         if isinstance(kind, Static) and isinstance(kind.value, bool):
             return text, INT
@@ -351,7 +347,6 @@ class Expressions:
         return Vector(str(kind.length), kind.length, lambda k: f"{text}[{k}{stride}]", DOUBLE)
 
     def _binop(self, node: ast.BinOp) -> Text:
-        """Print arithmetic on two numbers."""
         squared = isinstance(node.op, ast.Pow) and isinstance(node.right, ast.Constant) and node.right.value == 2
 
         def combined(one: Text, other: Text) -> Text:
@@ -369,7 +364,6 @@ class Expressions:
         return self._each(combined, self._expression(node.left), self._expression(node.right))
 
     def _unaryop(self, node: ast.UnaryOp) -> Text:
-        """Print minus or not."""
         if isinstance(node.op, ast.Not):
             text, kind = self._test(node.operand)
             return (f"(!{text})", INT) if kind == INT else self._value(not kind.value, node)  # type: ignore[union-attr]
@@ -378,7 +372,6 @@ class Expressions:
         raise self._refused(node)
 
     def _boolop(self, node: ast.BoolOp) -> Text:
-        """Print and, or, without the parts that are known."""
         deciding, sign = (False, "&&") if isinstance(node.op, ast.And) else (True, "||")
         texts = []
         for part in node.values:
@@ -396,7 +389,6 @@ class Expressions:
         return texts[0] if len(texts) == 1 else f"({f' {sign} '.join(texts)})", INT
 
     def _namedexpr(self, node: ast.NamedExpr) -> Text:
-        """Print an assignment within an expression."""
         text, kind = self._number(node.value)
         self._declare(node.target.id, kind, node)
         return f"({word(node.target.id)} = {text[1:-1] if enclosed(text) else text})", kind
@@ -411,7 +403,6 @@ class Expressions:
         self._kinds[name] = kind
 
     def _compare(self, node: ast.Compare) -> Text:
-        """Print comparisons of numbers, of texts and structures, or with None."""
         if isinstance(node.ops[0], (ast.Is, ast.IsNot)):
             return self._absent(node.left, isinstance(node.ops[0], ast.Is))
         parts, left = list[Text](), node.left
@@ -423,7 +414,6 @@ class Expressions:
         return f"({' && '.join(text.removeprefix('(').removesuffix(')') for text, _ in parts)})", INT
 
     def _compared(self, sign: ast.cmpop, one: Text, other: Text, node: ast.AST) -> Text:
-        """Print one comparison."""
         (left, first), (right, second) = one, other
         if isinstance(first, Static) and isinstance(sign, (ast.In, ast.NotIn)) and isinstance(second, Items):
             return self._value((first in [kind for _, kind in second.parts]) == isinstance(sign, ast.In), node)
@@ -506,7 +496,6 @@ class Expressions:
             raise self._refused(node)
 
     def _tuple(self, node: ast.Tuple | ast.List) -> Text:
-        """Print the parts of a tuple or list."""
         parts = list[Text]()
         for part in node.elts:
             if isinstance(part, ast.Starred):
@@ -600,7 +589,6 @@ class Expressions:
             isinstance(kind, Vector) for _, kind in given) else self._called(plain, given)
 
     def _called(self, plain: Any, given: Any) -> Text:
-        """Print a call of a printed function."""
         name, result = self._library.function(plain, tuple(kind for _, kind in given))
         if isinstance(result, (Static, Items)):
             return name, result
@@ -713,7 +701,6 @@ class Expressions:
         return self._new(Table(columns, most), rows)
 
     def _new(self, kind: Table, rows: str) -> Text:
-        """Print a new array of zeros."""
         name = self._variable(kind)
         self._put(f"memset(&{name}, 0, sizeof {name});")
         self._put(f"{name}.has = 1;")
@@ -721,7 +708,6 @@ class Expressions:
         return f"&{name}", kind
 
     def _np_array(self, node: ast.Call) -> Text:
-        """Print an array of given rows."""
         rows = [kind.parts for _, kind in self._items(node.args[0]) if isinstance(kind, Items)]
         if len(set(map(len, rows))) != 1:
             raise self._refused(node)
@@ -732,13 +718,11 @@ class Expressions:
         return text, kind
 
     def _np_diff(self, node: ast.Call) -> Text:
-        """Print differences of neighbouring numbers."""
         vector = self._vector(*self._numbers(node.args[0]))
         return "", Vector(f"({vector.length} - 1)", vector.most,
                           lambda k: f"({vector.at(_sum(k, '1'))} - {vector.at(k)})", vector.kind)
 
     def _np_arange(self, node: ast.Call) -> Text:
-        """Print whole numbers from 0 on, as doubles."""
         text = self._place(node.args[0])
         return "", Vector(text, int(text) if text.isdigit() else 0, lambda k: f"(double){k}", DOUBLE)
 
@@ -830,7 +814,6 @@ def target_of(text: str) -> str:
 
 
 def _sum(k: str, first: str) -> str:
-    """Print the sum of two indices."""
     if k.isdigit() and first.isdigit():
         return str(int(k) + int(first))
     return k if first == "0" else f"{k} + {first}"

@@ -212,7 +212,6 @@ class Function(Expressions):
         return any(self._statement(node) for node in body)
 
     def _nested(self, head: str, body: list[ast.stmt]) -> None:
-        """Print a nested block."""
         self._put(head)
         self._depth += 1
         self._block(body)
@@ -255,7 +254,6 @@ class Function(Expressions):
         return False
 
     def _return(self, node: ast.Return) -> None:
-        """Print a return."""
         assert node.value is not None
         text, kind = self._stored(*self._expression(node.value))
         self._returned.append(kind)

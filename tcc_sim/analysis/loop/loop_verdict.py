@@ -517,7 +517,6 @@ def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> Jud
 
 
 def _longest_run(starts: Floats, ends: Floats) -> slice:
-    """Return the longest run of cycles that follow each other."""
     breaks = np.flatnonzero(starts[1:] > ends[:-1] + 1e-6 * np.diff(starts)) + 1
     edges = [0, *breaks.tolist(), len(starts)]
     return max((slice(a, b) for a, b in pairwise(edges)), key=lambda part: part.stop - part.start)

@@ -550,7 +550,6 @@ class Loop:
         return self.limits or (0.0, math.nan)
 
     def _pressure_figures(self, pressed: Pressures | None) -> dict[str, Any]:
-        """Return the fields of a Tracking that come from the applied pressure."""
         limits = self._used_limits
         if pressed is None:
             return {"limits": limits if self.limits is not None else UNKNOWN}
@@ -565,7 +564,6 @@ class Loop:
 
     def _verdict(self, errors: Errors, course: LoopCycles, pressed: Pressures | None, tail: np.ndarray,
                  whole: float) -> Judged:
-        """Return the verdict on a segment."""
         if len(errors.error) < DEFAULTS.settled_cycles or not tail.any():
             return loop_verdict(errors, whole)
         if pressed is not None and (limit := self._saturated(errors, course, tail, pressed)):

@@ -67,7 +67,6 @@ def signals_in(table: MeasuredTable, system: System, pulses: int | None = None) 
 
 
 def _cubic(t: Floats, values: Floats) -> Callable[[Floats], Floats]:
-    """Return the cubic spline through samples."""
     from scipy.interpolate import CubicSpline
 
     curve: Callable[[Floats], Floats] = CubicSpline(t, values)
@@ -87,7 +86,6 @@ def _within(curve: Callable[[Floats], Floats], holes: Spans) -> Callable[[Floats
 
 
 def _nothing_known(times: Floats) -> Floats:
-    """Return NaN for every time."""
     return np.full(len(times), np.nan)
 
 

@@ -151,7 +151,6 @@ class RunCycles:
 
 
 def _follows(a: CyclePiece, b: CyclePiece) -> bool:
-    """Return whether b starts where a ends."""
     return b.first == a.first + len(a.cycles)
 
 
@@ -275,7 +274,6 @@ class CycleStream:
         return run.summary[1]
 
     def _summary_of(self, run: RunCycles, discard: int | None) -> Summary:
-        """Summarise a run."""
         kept = run.kept(discard if self.clock.identified else 0)
         parts = [kept.parts]
         if run is self.runs[-1] and (rest := self._rest()) is not None:

@@ -155,7 +155,6 @@ class _Run:
         return True
 
     def _expected(self, t: Floats) -> Floats:
-        """Return the phase that the model predicts."""
         assert self._model is not None
         at, phase, frequency, change = self._model
         return phase + (t - at) * (frequency + 0.5 * change * (t - at))
@@ -234,7 +233,6 @@ class _Run:
         self._model = at, now, frequency, min(max(change, -limit), limit)
 
     def _release(self) -> None:
-        """End the current stretch."""
         if self._stretch is not None and len(self._stretch) > DEFAULTS.misses:
             trim(self._stretch)
             self._done.append(self._stretch)

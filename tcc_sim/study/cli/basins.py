@@ -75,7 +75,6 @@ def run(arguments: argparse.Namespace, boundary: bool = False) -> int:
 
 
 def _axis(option: str, text: str) -> Axis:
-    """Return the axis KEY=START:STOP:COUNT of an option."""
     from tcc_sim.study.basins.results import Axis
 
     key, values = values_of_range(text, option, even=True)
@@ -83,7 +82,6 @@ def _axis(option: str, text: str) -> Axis:
 
 
 def _lines(planes: list[Basins], over: Axis | None, boundary: bool) -> Iterator[str]:
-    """Yield the lines of the summary."""
     for k, one in enumerate(planes):
         if over is not None:
             yield key_value(over.key, over.values[k])

@@ -63,7 +63,6 @@ def run(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> 
 
 
 def _lines(motions: Motions) -> Iterator[str]:
-    """Yield lines for the branches, their ends and their bifurcations."""
     key, second = motions.plan.over, motions.plan.second_over or ""
     for number, branch in enumerate(motions.branches):
         values = [s.value for s in branch.points]

@@ -241,7 +241,6 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
 
 
 def _present(system: System, key: str) -> float:
-    """The scene's value of a key with one number."""
     value = dict(values_of(system))[key]
     assert isinstance(value, float)
     return value

@@ -96,7 +96,6 @@ def plain(label: str) -> str:
 
 
 def _figure(number: int, row: Mapping[str, Any]) -> PaperFigure:
-    """Return a figure of figures.yaml."""
     keys = set(row) - {"label", "common", "curves"}
     fields: dict[str, Any] = {k: tuple(row[k]) if isinstance(row[k], list) else row[k] for k in keys}
     key, choices = row["curves"]

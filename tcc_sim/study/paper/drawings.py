@@ -237,7 +237,6 @@ def _note(axis: Any, words: str) -> None:
 
 
 def _torque_axis(axis: Any, colour: str) -> Any:
-    """Return an axis for torques at the right of another one."""
     other = axis.twinx()
     other.grid(False)
     other.spines["right"].set_visible(True)
@@ -637,7 +636,6 @@ def shade_slipping_away(axis: Any, x: Sequence[float], data: Figure) -> None:
 
 
 def _height(data: Figure, wide: bool) -> float:
-    """Return the height of the picture without its caption, inch."""
     branched = data.kind in ("map", "orbit") and data.curves[0].behind is not None
     if data.kind == "orbit":
         return (3.0 if len({c.direction == "cold" for c in data.curves}) == 1 else 5.0) + 3.4 * branched
