@@ -12,11 +12,10 @@ import pytest
 from fig02_measured import FIG02, ONCE, measured, moved
 
 from tcc_sim.errors import InputError
-from tcc_sim.estimation.identify import Identification, identify
+from tcc_sim.estimation.identify import Identification, identify, judged
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import Fit
 from tcc_sim.estimation.settings import FitSettings
-from tcc_sim.estimation.verdicts import judged
 from tcc_sim.estimation.windows import LEAST_RATIO, Model
 from tcc_sim.scene import Scene
 

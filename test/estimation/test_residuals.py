@@ -9,12 +9,11 @@ import pytest
 from fig02_measured import FIG02, KEYS, ONCE, measured, moved
 from scipy.signal import lfilter
 
-from tcc_sim.estimation.identify import identify
+from tcc_sim.estimation.identify import identify, why_no_noise
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import fit
 from tcc_sim.estimation.residuals import autoregression, judge_residuals, probability_of
 from tcc_sim.estimation.settings import FitSettings, Gates
-from tcc_sim.estimation.verdicts import why_no_noise
 from tcc_sim.estimation.windows import Model
 
 
