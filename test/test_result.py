@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tcc_sim.model.parameters import System
-from tcc_sim.result import html_of, json_of, system_behind
+from tcc_sim.result import html_of, json_of, system_behind, units_of_columns
+from tcc_sim.sweeps.simulation import Simulation
 
 
 @pytest.mark.parametrize(("value", "shown"), [
@@ -42,3 +43,8 @@ def test_the_system_behind_a_result_is_found_through_its_parts() -> None:
         assert system_behind(result) is system
     assert system_behind(SimpleNamespace(system=None)) is None
     assert system_behind(3.0) is None
+
+
+def test_a_column_has_the_unit_of_the_outer_field_of_its_name() -> None:
+    """The period of a run, not that of its spectrum."""
+    assert units_of_columns(Simulation, ["period"]) == {"period": "periods of excitation"}

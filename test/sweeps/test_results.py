@@ -144,6 +144,7 @@ def test_columns_are_the_figures_of_single_runs_and_missing_ones_are_empty() -> 
             assert math.isnan(some.column(name)[1])
     document = some.as_json()
     assert (document["complete"], whole.as_json()["complete"]) == (False, True)
+    assert with_fields(whole, points=[None, whole.points[1]]).as_json().keys() == document.keys()
     assert (document["over"], document["values"], document["max_slip_speed"][1]) == (KINETIC, values, None)
     # A row that has fewer results is filled.
     plain = sweep(load_scene("chaos").system, KINETIC, values, cycles=20)
