@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import errno
+import itertools
 import json
 import math
 import os
@@ -20,8 +21,9 @@ from tcc_sim.model.groups import Friction
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.output.explanation import friction_lines, friction_of
 from tcc_sim.scene import load_scene, parse_assignments, parse_scene
-from tcc_sim.solvers import solve
-from tcc_sim.solvers.key_derivatives import CURVE
+from tcc_sim.solvers import law, series, solve
+from tcc_sim.solvers.key_derivatives import BREAKAWAY, CURVE, DECAYS, EXCESSES, LOAD_AMPLITUDE, MEAN_LOAD, SMOOTHING
+from tcc_sim.solvers.key_derivatives import key_derivatives as by_keys
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import State
@@ -129,6 +131,69 @@ def test_derivatives_are_those_of_differences(law: str) -> None:
     for k, key in enumerate(keys + FIT):
         assert apart(1e-6, image.by_parameter[:, k] * 1e-5 * value_of(system, key), lambda d, key=key:
                      end(moved(system, key, 1e-5 * d), start), 1.0, SIZES, 1e-7) < 1e-6, key
+
+PAIRS = ((0.5, 0.4), (0.5, 0.4, -0.2, 1.3), (0.5, 0.4, -0.2, 1.3, 0.3, 3.0))
+"""Amplitudes and rates in turn of one, two and three exponentials."""
+
+
+class Rows(np.ndarray):
+    """Rows of numbers that staged functions set."""
+
+    def set_row(self, row: np.ndarray, k: int) -> None:
+        self[k] = row
+
+
+@pytest.mark.parametrize("stribeck", PAIRS, ids=len)
+def test_the_law_has_the_derivatives_of_its_formula_at_a_slip_speed_and_along_a_motion(stribeck) -> None:
+    """By slip speed, smoothing factor, amplitudes and rates: complex steps of (1 + sum c exp(-a |v|)) tanh(s v), along
+    v = side (0.7 + 0.4 x - 0.2 x^2) under a load of 3 + x as a series at x = 0.3.
+    """
+    column = {number: cause for cause, number in law.numbers_of(stribeck).items()}
+    pairs = list(itertools.chain(*zip(EXCESSES, DECAYS)))[:len(stribeck)]
+    causes = [law.OF_SLIP, *(column[number] for number in (SMOOTHING, *pairs))]
+
+    def by(numbers, side, smooth):
+        v, sigma, *pairs = numbers
+        slid = 1.0 + sum(c * np.exp(-a * side * v) for c, a in zip(pairs[::2], pairs[1::2]))
+        return slid * np.tanh(sigma * v) if smooth else slid * side
+
+    for side, smooth in itertools.product((1.0, -1.0), (True, False)):
+        x = 0.3
+        v = side * (0.7 + 0.4 * x - 0.2 * x * x)
+        numbers = np.array([v, 1.6, *stribeck], complex)
+        exact = [by(numbers + 1e-30j * unit, side, smooth).imag / 1e-30 for unit in np.eye(len(numbers))]
+        value = by(numbers, side, smooth).real
+        if smooth:
+            found = law.mubar_at(v, side, 1.6, stribeck)
+            assert (found.value, *(found.change[cause] for cause in causes)) == pytest.approx((value, *exact))
+        elif side > 0.0:
+            assert law.sliding_at(v, stribeck) == (pytest.approx(value), pytest.approx(exact[2:]))
+        rows, count = np.zeros((6, series.FRICTION_ORDER_MAXIMUM)), series.FRICTION_ORDER_MAXIMUM
+        rows[series.SLIP, :3], rows[series.LOAD, :2] = side * np.array([0.7, 0.4, -0.2]), (3.0, 1.0)
+        coefficients, filled = np.zeros(count), np.zeros((count, law.WIDE)).view(Rows)
+        for _ in law.law_along(rows, coefficients, filled, True, side, True, stribeck, 1.6 if smooth else None):
+            pass
+        along = np.asarray(filled).T @ x ** np.arange(count)
+        assert coefficients @ x ** np.arange(count) == pytest.approx(value, rel=1e-6)
+        exact = (3.0 + x) * np.array([value, *exact])
+        assert along[[law.FRICTION, *causes]] == pytest.approx(exact, rel=1e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize(("shape", "count"), [("single", 1), ("dip", 2), ("falling", 3)])
+def test_numbers_of_the_equations_have_their_derivatives_by_every_number_of_a_fit(shape: str, count: int) -> None:
+    system = scene(shape, 1)
+    assert len(system.friction.curve.rates) == count
+    keys = [f"{CURVE}constant", *(f"{CURVE}{name}_{j + 1}" for name in ("amplitude", "rate") for j in range(count))]
+    of = [MEAN_LOAD, LOAD_AMPLITUDE, BREAKAWAY, *itertools.chain(*zip(EXCESSES[:count], DECAYS[:count]))]
+
+    def numbers(key: str, change: float) -> np.ndarray:
+        terms = terms_of(fitted(system, key, change))
+        return np.array([terms.mean_load, terms.pulsation[0], 1.0 + sum(terms.stribeck[::2]), *terms.stribeck])
+
+    for key, found in zip(keys, by_keys(system, keys).T):
+        slope = (numbers(key, 1e-6) - numbers(key, -1e-6)) / (2e-6 * value_of(system, key))
+        np.testing.assert_allclose(found[of], slope, rtol=1e-6, atol=1e-8 * np.abs(slope).max())
+        assert np.count_nonzero(found) == np.count_nonzero(found[of])
 
 
 def test_a_table_takes_the_place_of_the_coefficients() -> None:
