@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -17,7 +16,7 @@ from tcc_sim.study.continuation.loss_of_stability import SegmentEnd, StableSegme
 from tcc_sim.study.paper.branches_behind import StableMotions
 from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.study.paper.claims import CLAIMS
-from tcc_sim.study.paper.evidence import KINETIC, ColdStartMotion
+from tcc_sim.study.paper.evidence import ColdStartMotion
 from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
@@ -111,125 +110,3 @@ def leaves(value: Any) -> list[Any]:
     if isinstance(value, dict):
         value = list(value.values())
     return [x for part in value for x in leaves(part)] if isinstance(value, (list, tuple)) else [value]
-
-
-def law_of(row: Any) -> str:
-    return str(row.get("friction.law", "smoothed"))
-
-
-def ratio_of(row: Any) -> float:
-    """mu_k/mu_s of a row."""
-    return round(float(row.get(KINETIC, STATIC)) / STATIC, 4)
-
-
-def phase_is(row: Any, value: float) -> bool:
-    return bool(abs(row["pressure.phase"] - value) < 1e-9)
-
-
-def lowest(key: str, wanted: float, low: float = 1.0, high: float = 1.0, place: float = 0.3) -> Callable[..., Any]:
-    """A curve that is lowest below `place` and highest above where `key` has the wanted value."""
-    def at(row: Any, x: float, direction: str) -> Any:
-        if abs(row[key] - wanted) < 1e-9:
-            return record(10.0 - low if x < place else 10.0 + high)
-        return record(10.0)
-    return at
-
-
-def slips_to(end: Callable[[Any], float]) -> Callable[..., Any]:
-    return lambda row, x, direction: record(regime="stick-slip" if x <= end(row) else "stick")
-
-
-def slips_from(start: Callable[[Any], float]) -> Callable[..., Any]:
-    return lambda row, x, direction: record(regime="stick-slip" if x >= start(row) else "stick")
-
-
-def by_amplitude(order: tuple[float, float]) -> Callable[..., Any]:
-    """Fig. 13: change of the maxima with Tsp below and above 0.3."""
-    return lambda row, x, direction: record(10.0 + order[x > 0.3] * row["pressure.amplitude"] / 225e3)
-
-
-def orbit(cold: float, up: float, down: float, start: float = 0.7) -> Callable[..., Any]:
-    """Fig. 6: period two below a separate end in each direction, none below `start`."""
-    def at(row: Any, x: float, direction: str) -> Any:
-        end = {"cold": cold, "up": up, "down": down}[direction]
-        return record(period=0 if x <= start else 2 if x <= end + 1e-9 else 1)
-    return at
-
-
-def period_at(periods: Callable[[Any, float], int]) -> Callable[..., Any]:
-    return lambda row, x, direction: record(period=periods(row, x))
-
-
-def coprime(row: Any) -> int:
-    from fractions import Fraction
-    return Fraction(row["pressure.frequency_ratio"]).limit_denominator(12).denominator
-
-
-def denominators(row: Any, x: float) -> int:
-    return coprime(row)
-
-
-NAMED = [0.167, 0.20, 0.25, 0.333]
-SMALL = {1.0: -0.006, 0.83: 0.0, 0.75: 0.006, 0.667: 0.012}
-
-
-def sharp(shift: float, equal: float | None = None) -> Callable[..., Any]:
-    """Fig. 4: one peak near 0.2 for every mu_k, each shifted from the last; at `equal` for mu_k = mu_s."""
-    def at(row: Any, x: float, direction: str) -> Any:
-        place = 0.2 + shift * SMALL[ratio_of(row)] if equal is None or ratio_of(row) < 1.0 else equal
-        return record(10.0 + 20.0 * math.exp(-((x - place) / 0.004) ** 2))
-    return at
-
-
-def cliffs(*places: float) -> Callable[..., Any]:
-    """Fig. 4: a rise to a jump at each of these places."""
-    return lambda row, x, direction: record(10.0 + 30.0 * max(max(0.0, 1.0 - (p - x) / 0.012) * (x <= p)
-                                                              for p in places))
-
-
-def hills(*places: float) -> Callable[..., Any]:
-    """Fig. 4: a peak at each of these places."""
-    return lambda row, x, direction: record(10.0 + 20.0 * max(math.exp(-((x - p) / 0.004) ** 2) for p in places))
-
-
-def next_to(at: Callable[..., Any], still: float = 10.0) -> Callable[..., Any]:
-    """The curve of `at`, and `still` for Tsp = 0."""
-    return lambda row, x, direction: at(row, x, direction) if "pressure.amplitude" in row else record(still)
-
-
-def dual(times: int) -> Callable[..., Any]:
-    """Period N under a varying load, and `times` base cycles under two torques."""
-    return lambda row, x, direction: record(period=coprime(row) if "pressure.frequency_ratio" in row else times)
-
-
-def severe_jumps(row: Any) -> list[float]:
-    """Three jumps of growing size on each curve of Fig. 14."""
-    return [0.2, 0.3, 0.4]
-
-
-def severe(with_size: bool) -> Callable[..., Any]:
-    """Fig. 14: periods beside the jumps grow or fall with their size; the larger slip is at the smaller jumps."""
-    def at(row: Any, x: float, direction: str) -> Any:
-        number = min(range(3), key=lambda k: abs(x - (0.2, 0.3, 0.4)[k]))
-        return record(30.0 - number, period=number + 1 if with_size else 3 - number)
-    return at
-
-
-def ending(*places: float, kind: str = "jump fold") -> Callable[..., Any]:
-    """Stable motions that end at these places, and one over the whole range."""
-    return lambda row: [*(stretch(x - 0.03, x, ends=kind) for x in places), stretch(0.05, 0.5)]
-
-
-def fig6(one: float, two: float, end: float, kind: str = "jump fold") -> Callable[..., Any]:
-    """Fig. 6: period one down to `one`, period two between its ends."""
-    return lambda row: [stretch(one, 1.0, begins="jump period_doubling"), stretch(end, two, 2, 48.0, "jump fold", kind)]
-
-
-def other_phase(height: float) -> Callable[..., Any]:
-    """A second stable motion for every phase but 0."""
-    return lambda row: [] if phase_is(row, 0.0) else [stretch(0.3, 0.5, height=height)]
-
-
-def growing(row: Any) -> list[float]:
-    """Fig. 18: jumps near 0.25, one more with every Tsp; the k-th is 10 + k rad/s."""
-    return [0.25] * (1 + sum(row["pressure.amplitude"] > x for x in (0.0, 5e4, 1e5)))
