@@ -1,4 +1,4 @@
-"""Scene keys as values: ranges, types, numbers of lists, figures of a system, and what a refusal holds."""
+"""Scene keys as values: ranges as the page states them, types, numbers of lists, figures of a system, and refusals."""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ import math
 
 import numpy as np
 import pytest
+from ranges import Stated, check, of_page, shown
 
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import supported_terms
 from tcc_sim.model.elements import list_of
 from tcc_sim.model.groups import Friction, Pressure
-from tcc_sim.model.parameters import System, coerce, replace, values_of
+from tcc_sim.model.parameters import DEFAULTS, GROUPS, QUANTITIES, System, coerce, replace, values_of
 from tcc_sim.model.profile import Inputs
 from tcc_sim.model.quantity import Options, Quantity, apart, number_in, quantity, sequence_of_numbers
 from tcc_sim.model.sines import Sines, common_cycles, smallest
@@ -225,3 +226,21 @@ def test_terms_are_those_of_the_keys_and_a_refusal_names_them() -> None:
     assert missing(lambda: supported_terms.check_supported("peer", odd, "it"), "friction.law", HARMONICS,
                    "converter.coupling") == []
     supported_terms.check_supported("section map", odd, "it")
+
+
+STATED = of_page("scenes")
+
+
+def test_every_key_is_on_the_page() -> None:
+    assert [*QUANTITIES] == [*STATED]
+
+
+@pytest.mark.parametrize(("key", "stated"), STATED.items(), ids=STATED)
+def test_a_key_takes_its_range_and_refuses_the_rest_by_a_sentence(key: str, stated: Stated) -> None:
+    group, name = key.split(".")
+    default = DEFAULTS[key]
+    assert shown(default) == stated.default
+    several = isinstance(default, tuple)
+    kind = str if isinstance(default, str) else float
+    check(key, stated.allowed, kind, lambda value: coerce(key, [value] if several else value))
+    check(key, stated.allowed, kind, lambda value: GROUPS[group](**{name: (value,) if several else value}))
