@@ -116,14 +116,3 @@ def test_a_solve_imports_nothing_that_it_does_not_need():
 def test_damping_is_said_or_why_there_is_none(words, said, capsys):
     assert main(["simulate", *words, "--damping"]) == 0
     assert f"equivalent damping (21)  {said}" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(("values", "more", "hinted"), [
-    (np.sin(0.2 * np.arange(120)), [], True), (np.sin(0.2 * np.arange(120)), ["--hold", "previous"], False),
-    (np.repeat([1.0, 2.0, 3.0], 40), [], False)])
-def test_smooth_inputs_that_are_held_are_hinted_at(values, more, hinted, tmp_path, capsys):
-    table = tmp_path / "a.csv"
-    rows = "".join(f"{1e-3 * k},{300.0 + 9.0 * value}\n" for k, value in enumerate(values))
-    table.write_text(f"t,engine_torque\n{rows}")
-    assert main(["simulate", "fig02", "--inputs", str(table), *more]) == 0
-    assert ("--hold smooth" in capsys.readouterr().out) == hinted

@@ -13,11 +13,10 @@ from sensor_msgs.msg import FluidPressure, JointState
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.nodes.loop import Outcome
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import COMMANDS, MOST_PUBLISHERS, SequenceNumbers, message_class, poll, subscribe, time_of
 from tcc_sim.nodes.process import Throttle
-from tcc_sim.nodes.track import SimulatedTime, Track, UnsentCount, unsent_message
+from tcc_sim.nodes.track import SimulatedTime, UnsentCount, unsent_message
 from tcc_sim.topics import topic
 
 
@@ -94,17 +93,6 @@ def test_no_more_is_taken_than_asked_for_and_the_rest_waits(bench: Any) -> None:
     assert heard == list(range(5))
 
 
-def test_requests_are_answered_by_what_they_return_or_raise(bench: Any) -> None:
-    loop = bench.driveline(scene="minimal").loop
-
-    def fails(error: Exception) -> Any:
-        raise error
-
-    outcomes = [loop.request(action) for action in (lambda: None, lambda: 3, lambda: False,
-                                                    lambda: fails(ValueError("why")), lambda: fails(KeyError()))]
-    assert outcomes == [Outcome(True)] * 2 + [Outcome(False), Outcome(False, "why"), Outcome(False, "KeyError")]
-
-
 def test_the_first_tick_waits_until_its_subscribers_are_there(bench: Any) -> None:
     node = bench.driveline(scene="minimal", wait_for_subscribers=2, publish_scalars=False)
     heard = bench.listen(JointState, "joint_states")
@@ -138,10 +126,3 @@ def test_messages_that_were_not_sent_are_counted_for_more_drivelines_than_are_di
         count.add(name.encode(), unsent_message(name, {"/joint_states": unsent}))
     count.add(b"a", b"no message")
     assert count.by_topic() == {"/joint_states": 2 + 10 + 100 + 1000 + 3}
-
-
-def test_a_silent_publisher_is_asked_again_a_limited_number_of_times(bench: Any) -> None:
-    track = Track(bench.probe, "/scene", "std_msgs/msg/String")
-    assert [track.asks_again([b"silent"]) for _ in range(21)] == [True] * 20 + [False]
-    track.count(b"another name of the same", 1)  # Then this middleware has two names of a publisher.
-    assert not track.asks_again([b"a", b"b"])

@@ -14,6 +14,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from rcl_interfaces.msg import ParameterType
 from rclpy.parameter import Parameter
 
+from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.driveline import DrivelineNode
@@ -110,6 +111,7 @@ def test_help_names_every_parameter_wherever_it_is_asked_for(entered: Callable[.
         assert (status, errors) == (0, "")
         assert {f"  {name}:" for name in ("scene", *OPTIONS["driveline"].quantities())} <= {
             line.split(":")[0] + ":" for line in printed.splitlines()}
+    assert entered("slip_controller", "--version") == (0, f"tcc_sim {code_version()}\n", "")
     for words in (["x"], ["-r", "a", "--ros-args", "b", "--"]):
         status, printed, errors = entered("recorder", *words)
         assert (status, printed, errors.count("\n"), words[0] in errors) == (2, "", 1, True)

@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 import math
 import re
+import runpy
 import socket
 import sys
 from pathlib import Path
@@ -19,9 +19,8 @@ import pytest
 from ranges import check_options, of_page
 
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.nodes.children import DOMAINS, Domain, ports_in_use
+from tcc_sim.nodes.children import DOMAINS, Domain
 from tcc_sim.nodes.options import OPTIONS
-from tcc_sim.scene import load_scene
 
 FIELDS = [(kind, item) for kind in OPTIONS.values() for item in dataclasses.fields(kind)]
 
@@ -54,88 +53,69 @@ ROOT = Path(__file__).resolve().parents[2]
 FILE = ROOT / "config" / "driveline.launch.py"
 
 
-@pytest.fixture
-def launch_file(monkeypatch):
-    """The file as a module; its actions are namespaces of their arguments."""
-    parts = {"launch": ("LaunchContext", "LaunchDescription"),
-             "launch.actions": ("DeclareLaunchArgument", "OpaqueFunction"),
-             "launch.substitutions": ("LaunchConfiguration",), "launch_ros": (), "launch_ros.actions": ("Node",)}
-    for name, kinds in parts.items():
+def test_the_launch_file_starts_the_nodes_of_the_package_and_the_driveline_waits_for_them(monkeypatch) -> None:
+    class Made(SimpleNamespace):
+        """An action of the launch file: its arguments."""
+
+        def __init__(self, *given, **named) -> None:
+            super().__init__(given=given, **named)
+
+    for name, kinds in {"launch": ("LaunchContext", "LaunchDescription"), "launch_ros": (),
+                        "launch.actions": ("DeclareLaunchArgument", "OpaqueFunction"), "launch_ros.actions": ("Node",),
+                        "launch.substitutions": ()}.items():
         module = ModuleType(name)
-        for kind in kinds:
-            setattr(module, kind, lambda *given, kind=kind, **named: SimpleNamespace(kind=kind, given=given, **named))
+        vars(module).update(dict.fromkeys(kinds, Made))
         monkeypatch.setitem(sys.modules, name, module)
     sys.modules["launch.substitutions"].LaunchConfiguration = lambda name: SimpleNamespace(
         perform=lambda context: context[name])
-    spec = importlib.util.spec_from_file_location("driveline_launch", FILE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    file = runpy.run_path(str(FILE))
 
+    def started(**given):
+        context = {name: default for name, (default, _) in file["ARGUMENTS"].items()} | given
+        return [(node.executable, node.parameters[0]) for node in file["nodes"](context)]
 
-def started(launch_file, **given):
-    """Executable and parameters of the nodes, in the order of their start."""
-    context = {name: default for name, (default, _) in launch_file.ARGUMENTS.items()} | given
-    return [(node.executable, node.parameters[0]) for node in launch_file.nodes(context)]
-
-
-def test_the_driveline_waits_for_the_nodes_that_are_started_beside_it(launch_file):
-    assert started(launch_file) == [
-        ("driveline_node", {"scene": "commands", "wait_for_subscribers": 0, "publish_clock": False})]
-    assert started(launch_file, scene="controlled", record="run1", controller="true", use_sim_time="true") == [
-        ("recorder_node", {"output": "run1"}), ("slip_controller_node", {}),
-        ("driveline_node", {"scene": "controlled", "wait_for_subscribers": 2, "publish_clock": True})]
-
-
-def test_the_launch_file_names_what_the_package_has(launch_file):
-    nodes = started(launch_file, record="run1", controller="true")
+    assert started() == [("driveline_node", {"scene": "commands", "wait_for_subscribers": 0, "publish_clock": False})]
+    nodes = started(scene="controlled", record="run1", controller="true", use_sim_time="true")
+    assert nodes == [("recorder_node", {"output": "run1"}), ("slip_controller_node", {}),
+                     ("driveline_node", {"scene": "controlled", "wait_for_subscribers": 2, "publish_clock": True})]
     commands = set(re.findall(r"^ +(\w+_node) = ", (ROOT / "setup.cfg").read_text(), re.MULTILINE))
-    assert {executable for executable, _ in nodes} <= commands
     for executable, parameters in nodes:
         options = {item.name for item in dataclasses.fields(OPTIONS[executable.removesuffix("_node")])}
         assert parameters.keys() <= options | {"scene"}
-    assert load_scene(launch_file.ARGUMENTS["scene"][0]).name == "commands"
-    assert [item.kind for item in launch_file.generate_launch_description().given[0]] == [
-        *["DeclareLaunchArgument"] * len(launch_file.ARGUMENTS), "OpaqueFunction"]
+        assert executable in commands
+    assert len(file["generate_launch_description"]().given[0]) == len(file["ARGUMENTS"]) + 1
     page = (ROOT / ".github" / "guide" / "nodes.md").read_text()
-    assert all(f"`{name}`" in page for name in launch_file.ARGUMENTS)
+    assert all(f"`{name}`" in page for name in file["ARGUMENTS"])
 
 
 def test_no_two_have_the_same_domain_until_it_is_given_back() -> None:
     some = range(90, 98)
     mine: list[Domain] = []
-    with pytest.raises(TccError, match="every ROS domain from 90 to 97 is in use on this machine"):
+    with pytest.raises(TccError, match=r"90 to 97"):
         mine.extend(Domain(some) for _ in range(9))
-    assert len({one.number for one in mine}) == len(mine)
-    assert mine
+    assert len({one.number for one in mine}) == len(mine) > 0
     assert {one.number for one in mine} <= set(some)
     mine[0].close()
     again = Domain(some)
     assert again.number == mine[0].number
     for one in (again, *mine):
         one.close()
+    # The ports of these domains are below the ephemeral ones.
+    assert (DOMAINS[0], 7400 + 250 * DOMAINS[-1]) >= (1, 32650)
+    assert 7400 + 250 * DOMAINS[-1] < 32768
 
 
-def test_a_domain_with_a_participant_is_somebodys() -> None:
+@pytest.mark.parametrize(("family", "address"), [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1")])
+def test_a_domain_with_a_participant_is_somebodys(family: socket.AddressFamily, address: str) -> None:
     """Every participant of a domain has bound a port of it."""
     claimed = Domain()
     claimed.close()
     one = [claimed.number]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
-        participant.bind(("127.0.0.1", 7400 + 250 * claimed.number + 11))
-        assert participant.getsockname()[1] in ports_in_use()
-        with pytest.raises(TccError, match="in use on this machine; set ROS_DOMAIN_ID"):
+    with socket.socket(family, socket.SOCK_DGRAM) as participant:
+        try:
+            participant.bind((address, 7400 + 250 * claimed.number + 11))
+        except OSError:
+            pytest.skip("this machine has no such address")
+        with pytest.raises(TccError, match="ROS_DOMAIN_ID"):
             Domain(one)
     Domain(one).close()
-
-
-def test_ports_are_those_of_both_tables(tmp_path: Path) -> None:
-    head = "  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode\n"
-    (tmp_path / "udp").write_text(head + "  12: 00000000:1CE8 00000000:0000 07 00000000:00000000 00:00000000\n")
-    (tmp_path / "udp6").write_text(head + "   3: 00000000000000000000000000000000:D4EE 0:0 07\n")
-    assert ports_in_use([tmp_path / name for name in ("udp", "udp6", "none")]) == {7400, 0xD4EE}
-
-
-def test_domains_keep_clear_of_the_ephemeral_ports() -> None:
-    assert (DOMAINS[0], 7400 + 250 * DOMAINS[-1]) >= (1, 32650)
-    assert 7400 + 250 * DOMAINS[-1] < 32768

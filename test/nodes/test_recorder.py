@@ -7,15 +7,13 @@ from benches import overrides
 pytest.importorskip("rclpy")
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 from waiting import until
 
-from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import recorder
-from tcc_sim.nodes.middleware import LATCHED, MOST_PUBLISHERS, message_class, states
+from tcc_sim.nodes.middleware import LATCHED, message_class, states
 from tcc_sim.nodes.track import unsent_message
 from tcc_sim.recording.reader import open_run
 from tcc_sim.topics import JOINT_STATE, TOPICS, topic
@@ -159,58 +157,6 @@ def test_a_topic_outside_the_table_is_recorded_by_its_type_once_it_is_there(cont
     assert open_run(tmp_path / "run").topics == {"/elsewhere": "std_msgs/msg/Int8"}
 
 
-def test_the_scene_of_every_driveline_that_appears_is_recorded(context, tmp_path):
-    result = start(context, tmp_path / "run")
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(result.node)
-
-    def step():
-        executor.spin_once(timeout_sec=0.01)
-        result.drain()
-        result.look()
-
-    for number in (1, 2):
-        node = rclpy.create_node("driveline", context=context)
-        node.create_publisher(String, "scene", LATCHED).publish(String(data=SCENE + f"# {number}\n"))
-        executor.add_node(node)
-        publisher = publisher_of(node, "joint_states")
-        until(lambda n=number: result.bag.scene_text == SCENE + f"# {n}\n", step=step)
-        before = result.tracks["/joint_states"].messages
-        for n in range(5):
-            publisher.publish(joint_state(n))
-        until(lambda b=before: result.tracks["/joint_states"].messages == b + 5, step=step)
-        executor.remove_node(node)
-        node.destroy_node()
-        result.look()
-    result.close()
-    run = open_run(tmp_path / "run")
-    assert [scene.text for scene in run.scenes] == [SCENE + "# 1\n", SCENE + "# 2\n"]
-    runs = run.states()
-    assert [states.run for states in runs] == [0, 1]
-    assert run.scenes[0].log_ns <= runs[0].log_ns[0] < run.scenes[1].log_ns <= runs[1].log_ns[0]
-
-
-def test_silence_is_told_once_and_so_is_its_end(context, tmp_path, capfd):
-    result = start(context, tmp_path / "run")
-    publisher = publisher_of(rclpy.create_node("driveline", context=context), "joint_states")
-    track = result.tracks["/joint_states"]
-
-    def warnings():
-        result.look()
-        result.look()
-        return [line.split("]: ")[-1] for line in capfd.readouterr().err.splitlines() if "/joint_states" in line]
-
-    track.arrived -= 2 * recorder.SILENCE
-    assert warnings() == []  # Nothing is missing before the first message.
-    for number in range(2):
-        publisher.publish(joint_state(number))
-        until(lambda n=number: track.messages == n + 1, step=result.drain)
-        assert warnings() == ["/joint_states arrives again"][:number]
-        track.arrived -= 2 * recorder.SILENCE
-        assert warnings() == ["no /joint_states for 3 s: paused, stopped or killed; the recording continues"]
-    result.close()
-
-
 def publish(result, publisher, numbers):
     """Publish states and wait until the recorder has them."""
     before = result.tracks["/joint_states"].messages
@@ -262,26 +208,3 @@ def test_every_publisher_has_a_channel_of_its_own_and_one_that_goes_is_named(con
     run = open_run(tmp_path / "run")
     assert sum(map(len, run.states())) == 100
     assert (run.stamps.restarts, run.stamps.resets, run.messages) == (1, 0, {"/joint_states": 100})
-
-
-def test_memory_for_publishers_and_scenes_is_bounded(context, tmp_path):
-    """Every state has another publisher; the middleware gives no times."""
-    result = start(context, tmp_path / "run", topics=["joint_states", "scene"])
-    for n in range(MOST_PUBLISHERS + 20):
-        info = {"publication_sequence_number": 1, "publisher_gid": {"data": n.to_bytes(16, "big")},
-                "received_timestamp": 0, "source_timestamp": n + 1}
-        result.write(result.tracks["/joint_states"], [(joint_state(n), info)])
-        if n % 25 == 0:
-            result.write(result.tracks["/scene"], [(cdr.string(SCENE + f"# {n}\n"), info)])
-    assert len(result.tracks["/joint_states"].channels) == MOST_PUBLISHERS + 1
-    result.close()
-    run = open_run(tmp_path / "run")
-    assert (sum(map(len, run.states())), len(run.scenes)) == (MOST_PUBLISHERS + 20, 41)
-    assert run.states()[0].log_ns[0] > 10**18
-
-
-@pytest.mark.parametrize("parameters", [{"flush_period": 0.0}, {"flush_period": "soon"}, {"topics": 3}])
-def test_wrong_parameters_are_refused_and_nothing_is_written(context, tmp_path, parameters):
-    with pytest.raises(InputError, match=next(iter(parameters))):
-        start(context, tmp_path / "run", **parameters)
-    assert list(tmp_path.iterdir()) == []

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.errors import TccError
-from tcc_sim.nodes import signals
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.shared_memory import FOLDER, clear, remove_ownerless, unfinished
 
@@ -45,20 +44,6 @@ def test_what_no_process_holds_is_removed_and_the_rest_stays(tmp_path: Path) -> 
             removed = remove_ownerless(tmp_path)
     assert set(removed) == left
     assert names(tmp_path) == held | mapped | foreign
-
-
-def test_what_another_has_made_anew_meanwhile_is_not_removed(tmp_path: Path) -> None:
-    port, other = tmp_path / "fastdds_port28911", tmp_path / "fastdds_port28913"
-    port.touch()
-    other.touch()
-
-    def mapped() -> set[str]:
-        (tmp_path / "new").touch()
-        (tmp_path / "new").rename(port)
-        return set()
-
-    assert remove_ownerless(tmp_path, mapped) == [other.name]
-    assert names(tmp_path) == {port.name}
 
 
 def test_a_port_is_unfinished_until_its_first_word_says_so(tmp_path: Path) -> None:
@@ -117,20 +102,3 @@ def test_a_port_that_a_stopped_process_has_begun_is_named_instead_of_waited_for(
         assert begun.exists()
     clear(int(domain), within=0.01)
     assert not begun.exists()
-
-
-@pytest.mark.parametrize("error", [None, ValueError("refused")])
-def test_what_is_created_under_a_signal_of_its_own_comes_back_with_the_handlers(error: Exception | None) -> None:
-    before = signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])
-
-    def create() -> object:
-        if error is not None:
-            raise error
-        return signal.getsignal(signal.SIGINT)
-
-    if error is None:
-        assert signals.left_to_the_system(create) is signal.SIG_DFL
-    else:
-        with pytest.raises(ValueError, match="refused"):
-            signals.left_to_the_system(create)
-    assert (signal.getsignal(signal.SIGINT), signal.pthread_sigmask(signal.SIG_BLOCK, [])) == before

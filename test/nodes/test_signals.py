@@ -11,7 +11,6 @@ import random
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -20,7 +19,6 @@ from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from tcc_sim.code_version import code_version
 from tcc_sim.nodes import signals
 
 LIBRARIES = 130
@@ -166,19 +164,3 @@ def test_the_entry_points_take_the_signals_before_they_load_anything_slow(comman
     ended = python("-c", code)
     assert ended.returncode == 7, ended.stderr
     assert ended.stdout.split()[1:] == ["SIGINT", "SIGTERM", "SIGHUP"]
-
-
-@pytest.mark.parametrize(("module", "words"), [
-    ("driveline", ["--help"]), ("recorder", ["-h", "--ros-args", "-p", "rate:=1.0"]),
-    ("slip_controller", ["--version"])])
-def test_help_and_version_print_and_end(module: str, words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                        entered: Callable[..., tuple[int, str, str]]) -> None:
-    monkeypatch.chdir(tmp_path)
-    status, printed, said = entered(module, *words)
-    assert (status, said) == (0, "")
-    if words == ["--version"]:
-        assert printed == f"tcc_sim {code_version()}\n"
-    else:
-        assert printed.startswith(f"usage: {module}_node ")
-        assert "parameters:" in printed
-    assert list(tmp_path.iterdir()) == []

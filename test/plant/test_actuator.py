@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from tcc_sim.errors import InputError
 from tcc_sim.model.actuator import pressure_after
 from tcc_sim.plant.driveline import Plant
-from tcc_sim.scene import Scene, bundled_scenes, load_scene
+from tcc_sim.scene import Scene, load_scene
 
 MEAN = 100e3
 """Mean pressure of the scene `controlled`, Pa."""
@@ -112,16 +112,3 @@ def test_within_a_tick_the_load_is_the_exponential_so_that_scipy_finds_the_same_
 def test_an_actuator_that_has_nothing_to_follow_is_refused(values: dict[str, object], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         load_scene("controlled").with_values(values)
-
-
-def test_scenes_without_an_actuator_hold_none_of_its_terms() -> None:
-    for name in bundled_scenes():
-        scene = load_scene(name).with_values({"friction.law": "smoothed"})
-        plant = Plant(scene)
-        before = plant.stepper.terms
-        assert (before.approach, before.far) == (None, None)
-        plant.advance()
-        assert plant.stepper.terms is before
-        reading = plant.reading()
-        assert reading.commanded_pressure == reading.applied_pressure
-        assert (reading.output_angle, reading.output_speed) == (0.0, 0.0)

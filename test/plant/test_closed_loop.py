@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -97,26 +99,27 @@ def test_what_the_node_refuses_is_refused_counted_and_said_and_the_value_before_
         tcc_sim.closed_loop(scene, lambda _: (math.nan, None), 0.1, rate=10.0)
 
 
-@pytest.mark.parametrize(("scene", "answer", "match"), [
-    ("controlled", "much", r"the law answered actuation_pressure 'much'; it .* a number or None"),
-    ("controlled", 10**400, r"0+; it .* a number or None"),
-    ("controlled", (1.0, 2.0, 3.0, 4.0), r"it must answer a pressure, \(torque, pressure\) or \(torque, "),
-    ("controlled", (5.0, 1e5), "engine_torque 5.0, which the scene sets; answer None to use the scene's value, "
-                               "or set engine.source=topic to let the law command it"),
-    ("fig02", 1e5, "actuation_pressure 100000.0, which the scene sets; .* pressure.source=topic")])
-def test_an_answer_that_makes_no_sense_ends_the_run_with_a_line(scene: str, answer: object, match: str) -> None:
-    with pytest.raises(InputError, match=match):
-        tcc_sim.closed_loop(scene, lambda _: answer, 0.01)  # type: ignore[arg-type,return-value]
+def never(_: Reading) -> None:
+    pytest.fail("the law was asked")
 
 
-@pytest.mark.parametrize(("words", "match"), [
-    ({"seconds": -1.0}, "seconds is -1; it .* 0 to 100000 s at 1000 Hz"),
-    ({"seconds": math.nan}, "seconds is nan"),
-    ({"seconds": 1e9}, "seconds is 1e"),
-    ({"seconds": 1.0, "rate": 0.5}, "rate is 0.5 Hz; it .* 1 to 20000 Hz")])
-def test_a_senseless_duration_or_rate_is_refused(words: dict[str, float], match: str) -> None:
-    with pytest.raises(InputError, match=match):
-        tcc_sim.closed_loop("controlled", lambda _: None, **words)
+@pytest.mark.parametrize(("scene", "law", "options", "parts"), [
+    ("controlled", lambda _: "much", {}, ["actuation_pressure", "'much'"]),
+    ("controlled", lambda _: 10**400, {}, ["actuation_pressure", "000"]),
+    ("controlled", lambda _: (1.0, 2.0, 3.0, 4.0), {}, ["(torque, pressure)"]),
+    ("controlled", lambda _: (5.0, 1e5), {}, ["engine_torque", "5.0", "engine.source=topic"]),
+    ("fig02", lambda _: 1e5, {}, ["actuation_pressure", "100000.0", "pressure.source=topic"]),
+    ("controlled", never, {"seconds": -1.0}, ["seconds", "-1", "0 to 100000 s"]),
+    ("controlled", never, {"seconds": math.nan}, ["seconds", "nan"]), ("controlled", never, {"seconds": 1e9}, ["1e"]),
+    ("controlled", never, {"rate": 0.5}, ["rate", "0.5", "1 to 20000 Hz"]),
+    ("controlled", never, {"at": {0.0005: {"engine.mean_torque": 1.0}}}, ["0.0005 s", "ticks"]),
+    ("controlled", never, {"at": {0.1: {"engine.mean_torqe": 1.0}}}, ["engine.mean_torqe", "engine.mean_torque"]),
+    ("controlled", never, {"at": {0.1: {"driveline.stiffness": 1.0}}}, ["driveline.stiffness"])])
+def test_what_makes_no_sense_ends_the_run_with_a_line(scene: str, law: Callable[[Reading], object],
+                                                      options: dict[str, Any], parts: list[str]) -> None:
+    with pytest.raises(InputError) as refused:
+        tcc_sim.closed_loop(scene, law, **{"seconds": 0.3, **options})  # type: ignore[arg-type]
+    assert [part for part in parts if part not in str(refused.value)] == []
 
 
 def test_keys_change_at_the_tick_that_begins_at_their_time() -> None:
@@ -139,15 +142,6 @@ def test_a_run_has_the_means_of_its_slip_over_whole_cycles(changes: dict[float, 
     area = np.append(0.0, np.cumsum(0.5 * (run.slip_speed[1:] + run.slip_speed[:-1]) * 1e-3))
     means = np.diff(np.interp(starts, run.t, area)) / np.diff(starts)
     np.testing.assert_allclose(run.control.mean_slip, means, rtol=1e-3)
-
-
-@pytest.mark.parametrize(("changes", "sentence"), [
-    ({0.0005: {"engine.mean_torque": 1.0}}, "a change at 0.0005 s is not possible; it .* a whole number of ticks"),
-    ({0.1: {"engine.mean_torqe": 1.0}}, "did you mean engine.mean_torque"),
-    ({0.1: {"driveline.stiffness": 1.0}}, "driveline.stiffness cannot change while the driveline runs")])
-def test_a_change_that_cannot_be_made_is_refused_before_the_run(changes: object, sentence: str) -> None:
-    with pytest.raises(InputError, match=sentence):
-        tcc_sim.closed_loop("controlled", lambda _: pytest.fail("it ran"), 0.3, at=changes)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("name", "low", "high", "unit"), [

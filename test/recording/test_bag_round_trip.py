@@ -5,13 +5,11 @@ import os
 import shutil
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from mcap.reader import make_reader
 
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
@@ -129,26 +127,6 @@ def test_rosbags_reads_messages_and_metadata(tmp_path):
         assert n == 120
     information = yaml.safe_load((tmp_path / "run" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert (information["version"], information["storage_identifier"]) == (9, "mcap")
-
-
-def test_mcap_ros2_decodes_every_message_alike(tmp_path):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        reader = pytest.importorskip("mcap_ros2.reader")
-    path = write(tmp_path / "run", columns(150), [n * TICK for n in range(150)])
-    _, _, result, table = read(path)
-    n = 0
-    for message in reader.read_ros2_messages(str(path)):
-        if message.channel.topic == "/joint_states":
-            ros = message.ros_msg
-            assert ros.header.stamp.sec * 10**9 + ros.header.stamp.nanosec == result[n]
-            assert [*ros.position, *ros.velocity, *ros.effort] == table[n].tolist()
-            n += 1
-    assert n == 150
-    with (path / "run_0.mcap" if path.is_dir() else path).open("rb") as stream:
-        reader = make_reader(stream)
-        assert [record.name for record in reader.iter_metadata()] == ["tcc_sim", "tcc_sim_result", "rosbag2"]
-        assert reader.get_summary().statistics.message_count == 300
 
 
 def test_a_trajectory_becomes_a_recording(tmp_path):

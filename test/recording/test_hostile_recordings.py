@@ -17,7 +17,7 @@ from driveline_bags import TICK, bag, ticked
 from mcap.opcode import Opcode
 
 from tcc_sim.cli import main
-from tcc_sim.errors import LONGEST_SENTENCE, InputError, RecordingError
+from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import contents, records
@@ -165,16 +165,6 @@ def test_work_that_a_scene_asks_for_is_bounded_by_the_size_of_the_file(tmp_path:
     assert "1000 sub-steps, the most allowed for a recording of its size" in outcome.sentence
 
 
-def test_bad_metadata_is_counted_and_not_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bad = metadata(SCENE_RECORD, {"scene": "x"}) * 2000
-    path = written(tmp_path / "x.mcap", scene(), bad, schema(), channel(1), chunk(b"".join(
-        message(1, n * TICK) for n in range(300))))
-    assert main(["analyse", str(path)]) == 0
-    out = capsys.readouterr().out
-    assert "2000 records that describe the recording are damaged and were ignored" in out
-    assert len(out) < 4000
-
-
 def test_damaged_places_are_named_up_to_a_number(tmp_path: Path) -> None:
     broken = bytearray(chunk(message(1, 0)))
     broken[-3] ^= 1
@@ -207,16 +197,9 @@ def test_thousands_of_damaged_records_are_left_out_and_what_is_before_them_is_sa
     assert sentence in out
 
 
-def test_messages_without_a_checksum_are_read_with_a_warning(tmp_path: Path) -> None:
-    data = chunk(message(1, TICK))
-    run = open_run(written(tmp_path / "x.mcap", schema(), channel(1), data[:33] + bytes(4) + data[37:]))
-    assert sum(map(len, run.states())) == 1
-    assert "some messages have no checksum: damage in them would go unnoticed" in run.warnings
-
-
 VALUES = [[], 3, "text", None, {"a": [1]}, {"lost": [1]}, {"lost": {"/x": "many"}},
           {"lost": {"/x": 1e999}}, {"lost": {"/x": 10**30}}, {"solver": 5}, "[" * 5000, "NaN", "9" * 5000,
-          {"messages": {"/x": []}, "missing_stamps": 3, "unsent": {"/x": -1}}]
+          {"messages": {"/x": []}, "missing_stamps": 3, "unsent": {"/x": -1}}, ["\x1b[2J" * 1000] * 500]
 
 
 @pytest.mark.parametrize("value", VALUES, ids=lambda value: str(value)[:20])
@@ -230,33 +213,9 @@ def test_records_of_any_value_are_used_or_passed_over(tmp_path: Path, capsys: py
     captured = capsys.readouterr()
     assert captured.err == ""
     assert len(captured.out) < 5000
+    assert all(line.isprintable() for line in captured.out.splitlines())
     assert main(["recover", str(path)]) == 0
     assert capsys.readouterr().err == ""
-
-
-def test_what_a_recovery_lists_is_bounded_too(tmp_path: Path) -> None:
-    path = written(tmp_path / "x.mcap", result(RECOVERY_RECORD, ["\x1b[2J" * 1000] * 500), schema(), channel(1),
-                   chunk(message(1, TICK)))
-    run = open_run(path)
-    list(run.states())
-    assert len(run.warnings) < 30
-    assert all(len(sentence) < LONGEST_SENTENCE * 5 and sentence.isprintable() for sentence in run.warnings)
-
-
-def test_states_in_single_chunks_and_runs_take_time_in_proportion(tmp_path: Path) -> None:
-    """Every state is a chunk, run and segment, with a pressure that never fits."""
-    path = tmp_path / "x.mcap"
-    output = McapFile(path, load_scene("commands").text())
-    joints = output.channel("/joint_states", JOINT_STATE)
-    applied = output.channel("/applied_pressure", "sensor_msgs/msg/FluidPressure")
-    for n in range(600):
-        output.write(joints, n, n, cdr.joint_state((599 - n % 300) * TICK, *[0.0] * 6), 0)
-        output.write(applied, n, n, cdr.fluid_pressure(-5, 0.0), 0)
-        output.flush()
-    output.close()
-    run = open_run(path)
-    assert sum(map(len, run.states())) == 600
-    assert run.stamps.resets > 500
 
 
 def test_recovery_parses_so_much_quality_of_service_and_no_more(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ from driveline_bags import TICK, bag, ticked
 
 from tcc_sim.errors import RecordingError
 from tcc_sim.recording.reader import open_run
-from tcc_sim.recording.recovery import recover
 from tcc_sim.recording.stamps import Break
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
@@ -56,23 +55,6 @@ def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):
     mixed = [row for pair in zip(rows[500:800], rows[:300]) for row in pair]
     with pytest.raises(RecordingError, match="publishers are mixed and cannot be separated"):
         list(open_run(bag(tmp_path / "run", mixed, MINIMAL)).states())
-
-
-def test_a_recording_without_quality_of_service_is_recovered(tmp_path):
-    rosbag2 = pytest.importorskip("rosbags.rosbag2")
-    from tcc_sim.messages import cdr
-    from tcc_sim.recording.mcap_file import McapFile
-    from tcc_sim.topics import JOINT_STATE
-
-    output = McapFile(tmp_path / "x.mcap", MINIMAL.text())
-    joints = output.channel("/joint_states", JOINT_STATE, [])
-    for n in range(30):
-        output.write(joints, n, n, cdr.joint_state(n * TICK, *[0.0] * 6), n)
-    output.close()
-    assert recover(open_run(tmp_path / "x.mcap"), tmp_path / "saved").messages == {"/joint_states": 30}
-    with rosbag2.Reader(tmp_path / "saved") as reader:
-        (connection,) = reader.connections
-        assert connection.ext.offered_qos_profiles[0].reliability.name == "RELIABLE"
 
 
 @pytest.mark.parametrize(("given", "kept"), [(2**32 - 1, 2**32 - 1), (2**32, 0), (2**32 + 5, 5)])

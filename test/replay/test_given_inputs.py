@@ -13,14 +13,14 @@ from tcc_sim.errors import InputError
 from tcc_sim.estimation.measurement import read_recording
 from tcc_sim.model.friction import smoothed_coefficient
 from tcc_sim.model.profile import Inputs
-from tcc_sim.output.samples import write_samples, write_trajectory
+from tcc_sim.output.samples import write_trajectory
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording.announcements import source_text
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of, torques_at
-from tcc_sim.tables.measured_table import HOLDS, looks_smooth, table_in
+from tcc_sim.tables.measured_table import HOLDS, table_in
 from tcc_sim.trajectory import State
 
 STEPS = 120
@@ -119,23 +119,6 @@ def test_a_recording_with_fallbacks_drives_by_commands_and_by_the_scene_in_betwe
         assert measured.inputs[name][:-1, 0] == pytest.approx(line[:399, 1])
 
 
-def test_the_command_takes_a_table(tmp_path, capsys):
-    t, torque, _ = commands()
-    path = table(tmp_path / "in.csv", t=t, engine_torque=torque)
-    assert main(["simulate", "commands", "--inputs", str(path)]) == 0
-    assert "commands: 0.119 s" in capsys.readouterr().out
-    assert main(["simulate", "commands", "--inputs", str(tmp_path / "none.csv")]) == 2
-    assert math.isclose(driven_by(load_scene("commands"), path).system.span, 0.119)
-
-
-def test_what_analyse_and_simulate_write_is_a_table_of_inputs(tmp_path):
-    scene = load_scene("fig02")
-    run = solve(scene, cycles=2, samples_per_cycle=50)
-    write_samples(tmp_path / "run.csv", run, scene.text(), recorded=True)
-    torque = driven_by(load_scene("commands"), tmp_path / "run.csv").system.inputs.torque
-    assert torque[:, 1].tolist() == run.engine_torque.tolist()
-
-
 def test_what_analyse_writes_of_a_commanded_pressure_drives_as_the_recording_does(tmp_path, capsys):
     """A sine at 1 kHz; the table holds it from row to row, the recording through the tick that ends there."""
     scene = load_scene("commands")
@@ -173,16 +156,6 @@ def test_a_table_that_looks_smooth_is_hinted_at_and_one_of_steps_is_not(tmp_path
     assert main(["simulate", "commands", "--hold", "linear"]) == 2
     assert main(["simulate", "commands", "--hold", "linear", "--inputs", str(tmp_path)]) == 2
     capsys.readouterr()
-
-
-@pytest.mark.parametrize("order", range(1, 9))
-@pytest.mark.parametrize("samples", [10, 13, 20, 40])
-def test_an_order_sampled_10_to_40_times_a_period_looks_smooth_and_held_ones_do_not(order, samples):
-    t = np.arange(0.0, 1.0, 2.0 * np.pi / (150.0 * order * samples))
-    torque = 300.0 + 200.0 * np.sin(150.0 * order * t + 0.3)
-    assert looks_smooth(torque)
-    assert not looks_smooth(np.repeat(torque[::3], 3))
-    assert not looks_smooth(np.random.default_rng(order).normal(size=len(t)))
 
 
 PULSES = {"steps": lambda n: 4e5 * (n // 20 % 2), "touches 0": lambda n: 2e5 * (1.0 - np.cos(0.3 * n)),
@@ -271,8 +244,8 @@ def test_a_table_moves_the_far_end_as_scipy_does(tmp_path, hold):
 
 def test_a_far_end_in_a_table_is_solved_by_ticks_or_refused(tmp_path, refused):
     path = table(tmp_path / "in.csv", t=[0.0, 0.1, 0.2], output_speed=[0.0, 30.0, 10.0])
-    assert "solver smoothed does not solve inputs with output_speed; those that do are fixed_step\n" in refused(
-        "simulate", "fig02", "--inputs", path, "--solver", "smoothed")
+    line = refused("simulate", "fig02", "--inputs", path, "--solver", "smoothed")
+    assert all(word in line for word in ("smoothed", "output_speed", "fixed_step"))
     for out in ("run.csv", "run.npz"):
         assert main(["simulate", "fig02", "--inputs", str(path), "--out", str(tmp_path / out)]) == 0
     lines = (tmp_path / "run.csv").read_text().splitlines()
