@@ -83,59 +83,56 @@ _SHAFT = (("publish_shaft_torque", True),)
 
 TOPICS: tuple[Topic, ...] = (
     Topic("scene", STRING, "", "out", (),
-          "the scene with every override, as a parameter file; published again after a change", latched=True),
-    Topic("engine_torque", FLOAT64, "N m", "in", _TORQUE, "engine torque command, held until the next one",
+          "the scene as a parameter file; again after a change", latched=True),
+    Topic("engine_torque", FLOAT64, "N m", "in", _TORQUE, "engine torque command",
           "torque/engine_command", key="engine.mean_torque"),
     Topic("actuation_pressure", FLUID_PRESSURE, "Pa", "in", _PRESSURE,
-          "actuation pressure command, held until the next one", "pressure/command", key="pressure.mean"),
+          "actuation pressure command", "pressure/command", key="pressure.mean"),
     Topic("command", JOINT_STATE, "", "in", (*_TORQUE, *_PRESSURE),
-          "commands as the efforts of the joints flywheel (engine torque, N m) and clutch (actuation pressure, Pa), as "
-          "ros2_control sends them; a joint that is absent or NaN commands nothing"),
+          "commands as efforts of the joints flywheel (engine torque, N m) and clutch (actuation pressure, Pa), for "
+          "ros2_control; a joint that is absent or NaN commands nothing"),
     Topic("output_speed", FLOAT64, "rad/s", "in", (),
-          "speed of the shaft's far end, for instance of a vehicle, held until the next message; without a publisher "
-          "the far end stands still", "far_end/command", key="initial.plate_speed"),
+          "speed of the shaft's far end, for instance of a vehicle; without a publisher it stands still",
+          "far_end/command", key="initial.plate_speed"),
     Topic("held", FLOAT64_ARRAY, "", "out", (*_TORQUE, *_PRESSURE),
-          "source, value and publisher of every input, the tick since which its command acts, and counts of commands "
-          "received, superseded, refused and lost; before the state of a tick in which any of it changes, every 0.1 s, "
-          "and at the end of a run", "events", latched=True),
+          "source, value, publisher and command counts of every input; before the state of a tick in which any of it "
+          "changes, every 0.1 s, and at the end of a run", "events", latched=True),
     Topic("joint_states", JOINT_STATE, "", "out", (),
-          "angles (rad), speeds (rad/s) of flywheel and clutch plate; effort: engine torque applied to the flywheel "
-          "and friction torque on the plate (N m); stamp: time of the state", "plate",
+          "angles (rad), speeds (rad/s) of flywheel and clutch plate; efforts: engine torque on the flywheel and "
+          "friction torque on the plate (N m)", "plate",
           fields=("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque",
                   "friction_torque")),
     Topic("applied_pressure", FLUID_PRESSURE, "Pa", "out", _PRESSURE,
-          "actuation pressure at the end of this tick; stamp: time of the state", "pressure/applied",
+          "actuation pressure at the end of this tick", "pressure/applied",
           fields=("applied_pressure",)),
-    Topic("slip_speed", FLOAT64, "rad/s", "out", _SCALARS, "slip speed v = theta1' - theta2'", "slip/speed",
+    Topic("slip_speed", FLOAT64, "rad/s", "out", _SCALARS, "slip speed", "slip/speed",
           fields=("slip_speed",)),
-    Topic("friction_torque", FLOAT64, "N m", "out", _SCALARS, "friction torque on the clutch plate", "torque/friction",
+    Topic("friction_torque", FLOAT64, "N m", "out", _SCALARS, "friction torque on the plate", "torque/friction",
           fields=("friction_torque",)),
     Topic("stick_slip_state", INT8, "", "out", _SCALARS, "-1 negative slip, 0 stick, 1 positive slip", "state",
           fields=("stick_slip_state",)),
     Topic("slip_speed_stamped", JOINT_STATE, "rad/s", "out", _STAMPED,
-          "slip speed as the velocity of joint clutch, with the stamp of joint_states", fields=("slip_speed",)),
+          "slip speed as velocity of a joint clutch", fields=("slip_speed",)),
     Topic("friction_torque_stamped", JOINT_STATE, "N m", "out", _STAMPED,
-          "friction torque as the effort of joint clutch, with the stamp of joint_states", fields=("friction_torque",)),
+          "friction torque as effort of a joint clutch", fields=("friction_torque",)),
     Topic("shaft_torque", FLOAT64, "N m", "out", _SHAFT,
-          "torque of spring and damper in the shaft, which acts on a vehicle at its far end", "torque/shaft",
+          "torque of the shaft on a vehicle at its far end", "torque/shaft",
           fields=("shaft_torque",)),
     Topic("output_state", JOINT_STATE, "", "other", (),
-          "the shaft's far end as joint output, after the first message of output_speed: angle theta3 (rad), speed "
-          "held through this tick (rad/s), shaft torque (N m); stamp: time of the state",
+          "joint output, the shaft's far end, after the first output_speed: angle theta3 (rad), speed (rad/s), shaft "
+          "torque (N m)",
           fields=("output_angle", "output_speed", "shaft_torque")),
     Topic("target_slip_speed", FLOAT64, "rad/s", "other", (),
-          "slip speed that the slip controller holds in the mean over a period of excitation; from the slip_controller "
-          "node", "control/target", latched=True, key="initial.slip_speed"),
+          "slip speed that a controller holds in the mean over a period of excitation", "control/target", latched=True,
+          key="initial.slip_speed"),
     Topic("pressure_limits", FLOAT64_ARRAY, "Pa", "other", (),
-          "smallest and largest pressure that a controller commands; from the slip_controller node", latched=True),
+          "smallest and largest pressure of a controller", latched=True),
     Topic("unsent_messages", DIAGNOSTIC_STATUS, "", "other", (),
-          "number of messages, by topic, that the middleware has refused from the driveline since its start; published "
-          "when it grows", latched=True),
+          "numbers of messages, by topic, that the middleware refused from the driveline", latched=True),
     Topic("/diagnostics", DIAGNOSTIC_ARRAY, "", "out", (("publish_diagnostics", True),),
-          "rate reached, missed and late ticks, lateness, iterations, refused and timed-out commands; once a second"),
+          "pacing, iterations, inputs and commands; once a second"),
     Topic(CLOCK_TOPIC, CLOCK, "", "out", (("publish_clock", True),),
-          "the stamp of joint_states; in lock-step also where a node with use_sim_time listens; never beside another "
-          "publisher",
+          "the stamp of joint_states; in lock-step also where a node with use_sim_time listens",
           fields=("stamp_ns",)),
 )
 

@@ -61,7 +61,7 @@ class IdentifiedCurve:
         "lower end of the band that contains the whole curve with a probability of at least 95 %"))
     high: Floats = field(metadata=reported("upper end"))
     visited: NDArray[np.bool_] = field(metadata=reported(
-        "whether at least 8 samples slip within a factor of 1.5, outside of the layer where tanh hides mu"))
+        "whether at least 8 samples slip within a factor of 1.5"))
     constant: float = field(metadata=reported(
         "of mu(v) = constant + sum of amplitudes exp(-rates |v|)"))
     amplitudes: tuple[float, ...] = field(metadata=reported("amplitudes of the exponentials"))

@@ -75,7 +75,7 @@ class Whiteness:
     explanation: Explanation | None = field(metadata=reported("change of a held quantity that explains most"))
     hidden: dict[str, tuple[str, float]] = field(metadata=reported(
         "by free key the fixed key that it depends on most, and by how many standard errors 20 % of the "
-        "latter move it, unseen in residuals"))
+        "latter move it"))
     exact: bool = field(metadata=reported("whether the residuals are below the precision of the real-time solver"))
 
 

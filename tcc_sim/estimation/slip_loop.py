@@ -52,11 +52,11 @@ class SlipLoop(Described):
         "least distance of the open loop's phase from -180 degrees at gain 1; null without one",
         "rad"))
     largest_delay: float | None = field(metadata=reported(
-        "delay of commands, in whole ticks, from which on the loop is unstable; null if unstable already, "
-        "or stable up to 512 ticks", "s"))
+        "delay of commands from which on the loop is unstable; null if unstable already, or stable up to "
+        "512 ticks", "s"))
     smallest_stable_slip: float | None = field(metadata=reported(
-        "mean slip speed below which the loop becomes unstable, searched in steps of 7 %; null if unstable "
-        "already, 0 if stable down to a tenth of it", "rad/s"))
+        "mean slip speed below which the loop becomes unstable; null if unstable already, 0 if stable down "
+        "to a tenth of it", "rad/s"))
 
 
 def slip_loop(motion: Constant | Periodic, gains: tuple[float, float], rate: float,

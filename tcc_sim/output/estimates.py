@@ -72,12 +72,12 @@ class Estimates:
     kinetic: Torque = field(metadata=reported(
         "mu_k N R; with a friction table mu N R at its last slip speed"))
     stick_margin: float | None = field(metadata=reported(
-        "smallest mu_s N R - |interface torque| of pure stick (10); null without a closed form", "N m"))
+        "smallest mu_s N R - |interface torque| of pure stick (10)", "N m"))
     expected: str = field(metadata=reported("stick, slip, stick-slip or runaway, from these torques"))
     why: str = field(metadata=reported("reason"))
     critical_slope: float | None = field(metadata=reported(
-        "slope of friction torque over slip speed below which constant slip is unstable: near -C23 of "
-        "(23), less converter.coupling; null without one", "N m s/rad"))
+        "slope of friction torque over slip speed below which constant slip is unstable; null without one",
+        "N m s/rad"))
     steepest_slope: float = field(metadata=reported(
         "steepest fall of this scene's friction torque at its mean pressure",
         "N m s/rad"))

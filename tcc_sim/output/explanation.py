@@ -111,7 +111,7 @@ class PureSlipFigures:
     pure_slip: bool | None = field(metadata=reported(
         "whether it lasts for ever; null if the bound does not decide"))
     tick_difference: float | None = field(metadata=reported(
-        "largest difference of the real-time solver from (14) in 500 ticks of 1 ms; null if not applicable",
+        "largest difference of the real-time solver from (14) in 500 ticks",
         "rad/s"))
 
 

@@ -40,8 +40,8 @@ class Segment(Described):
     start: float = field(metadata=reported("simulation time", "s"))
     end: float = field(metadata=reported("simulation time", "s"))
     began_by: str = field(metadata=reported(
-        "start, reset, restart, parameters, fallback (it replaced the commands), controller (commands "
-        "begin, return, or come from a new publisher) or pause"))
+        "start, reset, restart, parameters, fallback, controller (commands begin, return, or come from a "
+        "new publisher) or pause"))
     changes: Mapping[str, object] = field(metadata=reported(
         "new values of changed scene keys or target_slip_speed", "{*}"))
     summary: Summary | None = field(metadata=reported(

@@ -54,32 +54,27 @@ class Tracking:
         "rad/s"))
     largest_error: float = field(default=math.nan, metadata=reported("largest size of that difference", "rad/s"))
     overshoot: float = field(default=math.nan, metadata=reported(
-        "largest distance of the cycle mean beyond the target, in the direction of the step; without one, "
-        "to either side", "rad/s"))
+        "largest distance of the cycle mean beyond the target", "rad/s"))
     settling_time: float = field(default=math.nan, metadata=reported(
         "from the segment's start until the cycle mean stays within `band`; null unless settled", "s"))
     target_low: float = field(default=math.nan, metadata=reported("smallest target, below `target_high` if "
                                                                   "it moves", "rad/s"))
     target_high: float = field(default=math.nan, metadata=reported("largest target", "rad/s"))
     verdict: str | None = field(default=None, metadata=reported(
-        "settled, hunting, growing, saturated, sticking, off target (outside of the band), follows (within "
-        "the band of a moving target), too short to judge, or too little observed; null without a cycle "
-        "mean"))
+        "settled, hunting, growing, saturated, sticking, off target, follows, too short to judge, or too "
+        "little observed; null without a cycle mean"))
     verdict_why: str = field(default="", metadata=reported("reason of the verdict, or why there is none"))
     band: float = field(default=math.nan, metadata=reported(
-        "error that counts as settled: largest of --band, 4.5 standard deviations of the cycle means' "
-        "noise, and 2 % of the step, of a moving target's range or of the peak deviation", "rad/s"))
+        "error that counts as settled", "rad/s"))
     overshoot_time: float = field(default=math.nan, metadata=reported("simulation time", "s"))
     peak_deviation: float = field(default=math.nan, metadata=reported(
-        "largest deviation of the cycle mean, signed, after it reached the target; before that only if "
-        "larger than the step", "rad/s"))
+        "largest deviation of the cycle mean, signed, after it reached the target", "rad/s"))
     peak_time: float = field(default=math.nan, metadata=reported("simulation time", "s"))
     hunting_amplitude: float = field(default=math.nan, metadata=reported(
         "amplitude of a lasting oscillation of the cycle mean; null without one", "rad/s"))
     hunting_period: float = field(default=math.nan, metadata=reported("its period; null without one", "s"))
     judder_amplitude: float = field(default=math.nan, metadata=reported(
-        "amplitude of a slip oscillation above a third of the excitation's frequency that does not repeat "
-        "with it; null without one", "rad/s"))
+        "amplitude of a fast slip oscillation that does not repeat with the excitation; null without one", "rad/s"))
     judder_frequency: float = field(default=math.nan, metadata=reported("its frequency; null without one", "Hz"))
     lag: float = field(default=math.nan, metadata=reported(
         "delay behind a moving target; null without one", "s"))

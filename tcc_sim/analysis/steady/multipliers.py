@@ -82,10 +82,9 @@ class Lyapunov(Described):
     confidence: float = field(metadata=reported("confidence of the sampling, by batch means"))
     cycles: int = field(metadata=reported("cycles averaged, or those of the period"))
     diagnosis: str = field(metadata=reported(
-        "periodic (up to `long_period`), chaotic (interval above 0), contracting (below 0 without a "
-        "period: the period is longer, the motion has not settled, or the excitation does not repeat), "
-        "quasi-periodic (narrow interval around 0, averages over the section converge as on a torus), "
-        "runaway, or unresolved"))
+        "periodic (up to `long_period`), chaotic (interval above 0), contracting (below 0, but no period "
+        "found), quasi-periodic (interval around 0, averages converge as on a torus), runaway, or "
+        "unresolved"))
 
     def _text(self) -> str:
         return f"Lyapunov {self.exponent:.6g} 1/s ({self.low:.6g} to {self.high:.6g}): {self.diagnosis}"

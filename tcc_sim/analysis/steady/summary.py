@@ -149,8 +149,8 @@ class Summary(Result):
         "period of the motion; 0 if none up to `longest_period`",
         "periods of excitation", scatters=True))
     section: list[tuple[float, float]] = field(metadata=reported(
-        "plate angle and slip speed at t = 2 pi n/omega over the last period, n a multiple of it at first; "
-        "over all kept cycles if it is 0", "rad, rad/s"))
+        "plate angle and slip speed at t = 2 pi n/omega over the last period; over all kept cycles if it "
+        "is 0", "rad, rad/s"))
     stick_fraction: float = field(metadata=reported("time in stick over time", scatters=True))
     regime: str = field(metadata=reported(
         "stick, slip or stick-slip; stick fractions within 0.005 of 0 or 1 count as slip or stick"))
@@ -174,11 +174,11 @@ class Summary(Result):
     seconds: float = field(default=math.nan, metadata=reported(
         "time within `covers` that was solved or recorded", "s"))
     lost_seconds: float = field(default=math.nan, metadata=reported(
-        "time within `covers` hidden by messages that were lost or not finite; no figure contains it", "s"))
+        "time within `covers` hidden by lost messages", "s"))
     broken: int = field(default=0, metadata=reported(
         "kept cycles that lost messages interrupt; a single lost state is bridged"))
     longest_period: int = field(default=0, metadata=reported(
-        "longest period looked for: 16, or a third of the kept cycles since the last gap; 0 for too few",
+        "longest period looked for: 16, or a third of the kept cycles",
         "periods of excitation"))
     clutch_energy: float = field(default=math.nan, metadata=reported(
         "work of friction, integral of Tf v; null if not computed", "J", scatters=True))

@@ -47,8 +47,8 @@ class JumpBehind:
     between: tuple[float, float] = field(metadata=reported("the two values of the key", "{over}"))
     max_slip_speed: tuple[float, float] = field(metadata=reported("largest |slip speed| before and after", "rad/s"))
     cause: str = field(metadata=reported(
-        "kind of the bifurcation (stick_border: the motion still creeps in stick), or basin_boundary (both "
-        "motions go on), steep (one motion), aperiodic (beside a motion without a period) or not_followed"))
+        "kind of the bifurcation, or basin_boundary (both motions go on), steep (one motion), aperiodic "
+        "(beside a motion without a period) or not_followed"))
     bifurcation: int | None = field(metadata=reported("its number in bifurcations"))
 
 
@@ -83,7 +83,7 @@ class Labelled:
     negative_slope_mean: Any = field(default=None, metadata=same(Damping, "negative_mean"))
     status: Any = field(default=None, metadata=same(Point, "status"))
     coexisting: Sequence[Coexisting] | None = field(default=None, metadata=optional(
-        "motions that a neighbour's last state leads to where they differ from those of the cold start"))
+        "other motions, from a neighbour's last state"))
     behind: MotionsBehind | None = field(default=None, metadata=optional("motions behind the curve", spread=True))
     coefficient: Any = field(default=None, metadata=optional("friction coefficient over mu_k at slip_speed"))
     slope: Any = field(default=None, metadata=optional("its slope", "s/rad"))
@@ -91,13 +91,14 @@ class Labelled:
     near_slope: Any = field(default=None, metadata=optional("slope at near_slip_speed", "s/rad"))
     near_set_valued: Any = field(default=None, metadata=optional("that of the set-valued law at near_slip_speed"))
     peak_slip_speed: Any = field(default=None, metadata=optional(
-        "slip speed at which the coefficient is largest; null where it has no largest value", "rad/s"))
+        "slip speed of the largest coefficient; null without one", "rad/s"))
     peak: Any = field(default=None, metadata=optional("largest coefficient over mu_k"))
     static: Any = field(default=None, metadata=optional("mu_s over mu_k"))
     solver: Any = field(default=None, metadata=optional("name of the solver"))
     seconds: Any = field(default=None, metadata=optional("computing time", "s"))
     rms_difference: Any = field(default=None, metadata=optional(
-        "rms difference from the first curve over its largest |slip speed|; null where the solver stopped early"))
+        "rms difference from the first curve, relative to its largest |slip speed|; null if the solver "
+        "stopped"))
     final: Any = field(default=None, metadata=optional(
         "slip speed, plate angle and plate speed at the end", "rad/s, rad, rad/s"))
     t: Any = field(default=None, metadata=optional("time from the first sample on", "periods of excitation"))
@@ -108,11 +109,11 @@ class Labelled:
     saturation_torque: Any = field(default=None, metadata=optional("mu_k N R", "N m"))
     state: Any = field(default=None, metadata=optional("-1 negative slip, 0 stick, 1 positive slip"))
     first_half: Any = field(default=None, metadata=optional(
-        "part of the positive slip in the first half cycle; null where there is none"))
+        "part of positive slip in the first half cycle; null without any"))
     section: Any = field(default=None, metadata=optional("plate angle and speed at t = 2 pi n/omega", "rad, rad/s"))
-    lyapunov: Any = field(default=None, metadata=optional("largest exponent, where there is no period", of=(Lyapunov,)))
+    lyapunov: Any = field(default=None, metadata=optional("largest exponent, without a period", of=(Lyapunov,)))
     orbit: Any = field(default=None, metadata=optional(
-        "periodic orbit, as an entry of `at` in `continue --json`", of=(OrbitFigures,)))
+        "as an entry of `at` in `continue --json`", of=(OrbitFigures,)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -131,8 +132,8 @@ class Figure(Described):
     axis: Any = field(default=None, metadata=optional("name of the axis"))
     x: Any = field(default=None, metadata=optional("values on the axis"))
     unit: Any = field(default=None, metadata=optional("value of the key at 1 on the axis"))
-    cycles: Any = field(default=None, metadata=optional("number of periods of excitation solved at every value"))
-    discarded: Any = field(default=None, metadata=optional("number of them dropped"))
+    cycles: Any = field(default=None, metadata=optional("cycles solved at every value"))
+    discarded: Any = field(default=None, metadata=optional("cycles dropped"))
     threshold: Any = field(default=None, metadata=optional("-C23 of (23)", "N m s/rad"))
     slip_speed: Any = field(default=None, metadata=optional("slip speeds of the curves of Fig. 3", "rad/s"))
     near_slip_speed: Any = field(default=None, metadata=optional("slip speeds near 0, Fig. 3", "rad/s"))
@@ -140,5 +141,5 @@ class Figure(Described):
     curves: Any = field(default=None, metadata=optional("one for each series", of=(Labelled,)))
     panels: Any = field(default=None, metadata=optional("time histories", of=(Labelled,)))
     steady: Any = field(default=None, metadata=optional("steady state of each law from (13)", of=(Labelled,)))
-    steady_cycles: Any = field(default=None, metadata=optional("number of periods of excitation before a steady state"))
+    steady_cycles: Any = field(default=None, metadata=optional("cycles before a steady state"))
     seconds: float = field(metadata=reported("computing time", "s"))
