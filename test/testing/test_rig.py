@@ -83,9 +83,9 @@ def test_runs_go_on_where_the_one_before_ended_with_changed_parameters_and_a_tar
     first = plant.run(ticks=100)
     plant.pause(0.02)
     plant.change({"engine.mean_torque": 300.0})
-    with pytest.raises(InputError, match=r"engine.mean_torque is 1e\+06 N m; it .* -100000 to 100000 N m"):
+    with pytest.raises(InputError, match=r"engine.mean_torque.*1e\+06.*-100000 to 100000 N m"):
         plant.change(engine__mean_torque=1e6)
-    with pytest.raises(InputError, match=r"driveline.stiffness cannot change while the driveline runs"):
+    with pytest.raises(InputError, match=r"driveline\.stiffness"):
         plant.change({"driveline.stiffness": 1e4})
     second = plant.run(seconds=0.5, target=30.0)
     assert (first.t[0], first.t[-1], second.t[0], second.t[-1]) == (0.0, 0.2, 0.2, 0.7)
@@ -184,24 +184,23 @@ PATIENCE = 3.0
 """Real time for an answer in tests that wait in vain, s; longer than any tick takes on a busy machine."""
 
 
-@pytest.mark.parametrize(("act", "sentence"), [
-    (lambda: sys.exit(3), r"my_controller called sys.exit\(3\) at 0.007 s of simulated time"),
-    (rclpy.shutdown, "my_controller shut ROS 2 down at 0.007 s of simulated time"),
-    (dies, "my_controller died at 0.007 s of simulated time: ValueError: no such gear"),
-    (never_comes_back, r"my_controller hangs at 0.007 s of simulated time: for 3 s it has not returned from "
-                       r"never_comes_back \(test_rig.py:\d+\)"),
-    (waits_for_ever, r"my_controller hangs at .* from waits_for_ever \(test_rig.py:\d+\)"),
-    (lambda: None, "my_controller did not answer the state of 0.007 s of simulated time on actuation_pressure within "
-                   "3 s; a command must have the stamp of the state, or stamp 0"),
-])
-def test_a_controller_that_fails_fails_the_test_with_that_sentence(driveline: Any, act: Callable[[], None],
-                                                                    sentence: str) -> None:
+@pytest.mark.parametrize(("act", "parts"), [
+    (lambda: sys.exit(3), ["sys.exit(3)"]), (rclpy.shutdown, ["ROS 2"]), (dies, ["ValueError: no such gear"]),
+    (never_comes_back, ["3 s", "never_comes_back (test_rig.py:"]), (waits_for_ever, ["waits_for_ever (test_rig.py:"]),
+    (lambda: None, ["actuation_pressure", "3 s", "stamp"])])
+def test_a_controller_that_fails_fails_the_test_with_its_reason_and_the_time(driveline: Any, act: Callable[[], None],
+                                                                              parts: list[str]) -> None:
     plant = driveline("controlled", patience=PATIENCE)
     plant.add(Controller(lambda state: act() if state.header.stamp.nanosec == 7_000_000 else 1e5))
-    with pytest.raises(ControllerFailed, match=sentence):
+    with pytest.raises(ControllerFailed) as failure:
         plant.run(seconds=1.0)
+    assert [part for part in ("my_controller", "0.007 s", *parts) if part not in str(failure.value)] == []
     # Only Python code can be stopped.
     assert ("nodes under test" in [thread.name for thread in threading.enumerate()]) >= (act is waits_for_ever)
+    for error in filter(None, (failure.value, failure.value.__cause__)):  # The lines of the test alone are shown.
+        shown = traceback.extract_tb(error.__traceback__)
+        assert 0 < len(shown) <= 3
+        assert not any("rclpy" in frame.filename for frame in shown)
 
 
 def test_a_corrupt_command_is_no_number_or_out_of_range_or_truncated() -> None:
@@ -224,24 +223,6 @@ def test_close_destroys_the_driveline_and_the_nodes_under_test(driveline: Any) -
         with pytest.raises(InputError, match=r"this driveline is closed: by close\(\), or because the test has"):
             use()
     seen.destroy_node()
-
-
-def test_a_pause_may_last_longer_than_the_patience_and_executes_callbacks(driveline: Any) -> None:
-    plant = driveline("controlled", patience=1.0)
-    timed = plant.add(Timed(sends=False))
-    while timed.count < 2:
-        plant.pause(1.2)
-
-
-def test_a_failure_shows_the_lines_of_the_test_alone(driveline: Any) -> None:
-    plant = driveline("controlled")
-    plant.add(Controller(lambda state: dies()))
-    with pytest.raises(ControllerFailed) as failure:
-        plant.run(ticks=3)
-    for error, most in ((failure.value, 3), (failure.value.__cause__, 3)):
-        shown = traceback.extract_tb(error.__traceback__)
-        assert 0 < len(shown) <= most
-        assert not any("rclpy" in frame.filename for frame in shown)
 
 
 def test_a_node_that_destroys_itself_and_one_of_another_type_are_one_sentence(driveline: Any) -> None:
@@ -335,21 +316,19 @@ def test_a_timer_acts_at_its_period_on_simulation_time_and_is_refused_on_the_wal
 
 
 def test_a_timer_of_the_wall_clock_that_sends_no_command_is_no_matter(driveline: Any) -> None:
-    plant = driveline("controlled")
+    """A pause executes callbacks too, and may last longer than the patience."""
+    plant = driveline("controlled", patience=1.0)
     timed = plant.add(Timed(sends=False))
-    while timed.count < 2:
-        plant.run(ticks=10)
+    for go_on in (lambda: plant.run(ticks=10), lambda: plant.pause(1.2)):
+        before = timed.count
+        while timed.count < before + 2:
+            go_on()
 
 
-def test_stamps_of_the_wall_clock_are_refused(driveline: Any) -> None:
-    with pytest.raises(InputError, match="stamp is wall; the test kit counts simulated time"):
-        driveline("controlled", changes={"stamp": "wall"})
-
-
-@pytest.mark.parametrize(("faults", "match"), [
-    ({"drop": -1}, "drop is -1; it .* 0 or more"),
-    ({"delay_ticks": 0}, "delay_ticks is 0; it .* 1 or more"),
-    ({"loss": 3}, "loss is not a fault; the faults are drop, delay, duplicate, corrupt, delay_ticks, seed")])
-def test_senseless_faults_are_refused(driveline: Any, faults: dict[str, int], match: str) -> None:
-    with pytest.raises(InputError, match=match):
-        driveline("controlled", faults=faults)
+@pytest.mark.parametrize(("options", "parts"), [
+    ({"changes": {"stamp": "wall"}}, ["stamp", "wall"]), ({"faults": {"drop": -1}}, ["drop", "-1", "0 or more"]),
+    ({"faults": {"delay_ticks": 0}}, ["delay_ticks", "0", "1 or more"]), ({"faults": {"loss": 3}}, ["loss", "drop"])])
+def test_senseless_options_are_refused(driveline: Any, options: dict[str, Any], parts: list[str]) -> None:
+    with pytest.raises(InputError) as refused:
+        driveline("controlled", **options)
+    assert [part for part in parts if part not in str(refused.value)] == []
