@@ -14,9 +14,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.fmi.c_types import DOUBLE, INT, Refused, Row
-from tcc_sim.fmi.export import fmu_of
 from tcc_sim.fmi.printer import Library
-from tcc_sim.scene import load_scene
 
 
 def refused_sources() -> list[tuple[Callable[..., Any], tuple[Any, ...]]]:
@@ -84,14 +82,3 @@ def test_any_other_construct_is_refused_by_the_name_of_its_function(source: Call
     text = ast.unparse(ast.parse(textwrap.dedent(inspect.getsource(source))))
     assert name == source.__name__
     assert re.sub(r"[\s()]", "", piece) in re.sub(r"[\s()]", "", text)
-
-
-def test_a_term_that_a_scene_lacks_is_absent_in_the_c() -> None:
-    """Harmonics, actuator, and intervals of profiles; parameters can bring none of them."""
-    changes: dict[str, object] = {"engine.harmonic_amplitudes": [60.0], "engine.harmonic_phases": [0.3],
-                                  "engine.mean_torque_times": [0.0, 0.1], "engine.mean_torque_values": [200.0, 300.0]}
-    scenes = [load_scene("minimal"), load_scene("minimal").with_values(changes), load_scene("controlled")]
-    texts = [fmu_of(scene).files["sources/tcc_kernel.h"] for scene in scenes]
-    for word, where in (("harmonics", [False, True, False]), ("unique(", [False, True, False]),
-                        ("approach;", [False, False, True]), ("pulsation;", [True, True, False])):
-        assert [word in text for text in texts] == where, word
