@@ -67,34 +67,6 @@ def test_it_gives_the_run_of_the_same_law_and_begins_anew_with_the_next_run(cont
             np.testing.assert_array_equal(*(run.commands["actuation_pressure"] for run in runs))
 
 
-def test_in_the_kit_it_is_a_node_and_gives_the_same_run(controller: Path, driveline: Callable[..., Any]) -> None:
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from rclpy.node import Node
-    from sensor_msgs.msg import FluidPressure, JointState
-
-    class Controller(Node):
-        def __init__(self) -> None:
-            super().__init__("pi")
-            self.law = tcc_sim.fmu_controller(controller, NAMES)
-            self.commands = self.create_publisher(FluidPressure, "actuation_pressure", 10)
-            self.create_subscription(JointState, "joint_states", self.on_state, 10)
-
-        def on_state(self, state: JointState) -> None:
-            stamp = state.header.stamp
-            reading = SimpleNamespace(stamp_ns=stamp.sec * 10**9 + stamp.nanosec,
-                                      slip_speed=state.velocity[0] - state.velocity[1])
-            command = FluidPressure(fluid_pressure=self.law(reading)[1])
-            command.header.stamp = stamp
-            self.commands.publish(command)
-
-    plant = driveline("controlled")
-    plant.add(Controller())
-    law = pi()
-    expected = tcc_sim.closed_loop("controlled", lambda reading: law(SimpleNamespace(
-        stamp_ns=reading.stamp_ns, slip_speed=reading.flywheel_speed - reading.plate_speed)), 0.2)
-    assert plant.run(seconds=0.2).slip_speed.tobytes() == expected.slip_speed.tobytes()
-
-
 def test_an_fmu_of_version_3_answers_both_inputs_from_its_own_time(tmp_path: Path) -> None:
     """Here the FMU is a driveline, whose excitation is the command."""
     export(load_scene("fig02"), tmp_path / "a.fmu", 3)

@@ -271,12 +271,3 @@ def test_products_are_not_fused_where_the_processor_could(tmp_path: Path) -> Non
     linked = Linked(tmp_path, "fig02", "-std=gnu17", "-O3", "-mfma", "-march=native")
     *_, value, status = linked.run("begin\nstep 400\nget slip_speed")
     assert (float.fromhex(value), status) == (solved(0.4)[-1], "= 0")
-
-
-def test_another_c_library_gives_the_same_to_rounding(tmp_path: Path) -> None:
-    if shutil.which("musl-gcc") is None:
-        pytest.skip("musl is not installed")
-    linked = Linked(tmp_path, "fig02", "-std=c99", "-O2", "-static", command="musl-gcc")
-    values = linked.run("begin\n" + "step 50\nget slip_speed\n" * 40)
-    result = np.array([float.fromhex(line) for line in values if line.startswith(("0x", "-0x"))])
-    assert np.abs(result - solved(2.0)[49::50]).max() < 1e-10

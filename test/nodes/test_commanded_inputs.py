@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from sensor_msgs.msg import FluidPressure, JointState
+from sensor_msgs.msg import FluidPressure
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
@@ -91,18 +91,6 @@ def test_no_more_is_taken_than_asked_for_and_the_rest_waits(bench: Any) -> None:
         assert len(taken) <= 2
         heard += [cdr.read_fluid_pressure(data)[0] for data, _ in taken]
     assert heard == list(range(5))
-
-
-def test_the_first_tick_waits_until_its_subscribers_are_there(bench: Any) -> None:
-    node = bench.driveline(scene="minimal", wait_for_subscribers=2, publish_scalars=False)
-    heard = bench.listen(JointState, "joint_states")
-    node.start()
-    bench.until(lambda: node.loop.outputs.subscriptions() == (1, 1))
-    assert not node.loop.clock_started.is_set()
-    again = bench.listen(JointState, "joint_states")
-    bench.until(lambda: len(heard) > 5 and len(again) > 5)
-    node.loop.stop()
-    assert heard[0].header.stamp.nanosec == again[0].header.stamp.nanosec == 0
 
 
 def test_a_subject_is_warned_of_once_a_second_and_counts_where_they_grow(

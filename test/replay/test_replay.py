@@ -119,17 +119,6 @@ def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
         "torque is constant"]
 
 
-@pytest.mark.parametrize(("keywords", "words"), [
-    ({"discard": 71}, "--discard 71"), ({"discard": -1}, "--discard is -1"),
-    ({"frequency": math.nan}, "frequency is nan"),
-    ({"frequency": 0.5}, "no whole period of excitation"),
-])
-def test_wrong_arguments(tmp_path, keywords, words):
-    path = bag(tmp_path / "run", slip(3.0), "slip")
-    with pytest.raises(InputError, match=words):
-        replay(path, **keywords)
-
-
 def test_a_recording_without_scene_needs_one(tmp_path):
     path = bag(tmp_path / "run", slip(1.0), None)
     with pytest.raises(InputError, match="holds no scene"):
@@ -237,21 +226,3 @@ def test_a_commanded_run_up_is_followed_through_single_lost_states(tmp_path, run
     assert result.summary.covers == pytest.approx(whole.summary.covers, abs=1e-3)
     assert result.summary.lost_seconds == pytest.approx(0.002 * 93, abs=0.005)
     assert result.summary.clutch_energy == pytest.approx(whole.summary.clutch_energy * (1.0 - 2.0 / 47.0), rel=0.01)
-
-
-def test_a_run_whose_torque_tells_no_cycles_is_read_all_the_same(tmp_path, run_up, pictures):
-    """A torque that jumps at random gives extremes and stick, a picture, and one line."""
-    scene, _ = run_up
-    random = np.random.default_rng(4).uniform(0.0, 600.0, 200)
-    rows = ticked(scene, 3000, torque=lambda k: float(random[k // 15]), pressure=lambda k: 260e3)
-    path = bag(tmp_path / "run", rows, scene)
-    result = replay(path)
-    v = np.array([row[3] - row[4] for row in rows])
-    assert (result.summary.cycles, result.summary.period, result.summary.section) == (0, 0, [])
-    assert result.summary.max_slip_speed == pytest.approx(np.abs(v[:2900]).max(), rel=0.02)
-    assert len([text for text in result.warnings if text.startswith("periods of excitation could not be")]) == 1
-    assert "frequency" in "\n".join(result.lines())
-    from tcc_sim.views.plots import plot
-
-    plot(result, tmp_path / "o.png")
-    assert len(pictures) == 1

@@ -67,6 +67,13 @@ def slow(name, every):
     return result
 
 
+def wrong(name, part, value):
+    result = columns()
+    result[name][part] = value
+    return result
+
+
+SCATTERED = np.arange(40, 2900, 131)
 SWAPPED = np.arange(len(T))
 SWAPPED[[100, 101, 900, 905]] = [101, 100, 905, 900]
 DEFECTS = {  # Columns, shift of the time that is meant, and the words that name the defect, with all verbs or with one.
@@ -98,6 +105,10 @@ DEFECTS = {  # Columns, shift of the time that is meant, and the words that name
     "stamps of 10 ms": ({**columns(), "t": np.floor(T * 100.0 + 0.5) / 100.0}, 0.0, "even steps of"),
     "an engine speed at 250 Hz": (slow("engine_speed", 4), 0.0, "empty cells: 2250 of 3000 in engine_speed"),
     "a torque at 500 Hz": (slow("engine_torque", 2), 0.0, "empty cells: 1500 of 3000 in engine_torque"),
+    **{f"{flaw} of {name}": (wrong(name, part, value), 0.0, rf"{name}.*row.*\b{row}\b|hole") for name in (
+        "slip_speed", "engine_torque") for flaw, part, value, row in (
+        ("a spike", [2000], 1e5, 2001), ("30 rows of -9999", np.s_[2000:2030], -9999.0, 2001),
+        ("scattered -9999", SCATTERED, -9999.0, 41), ("65535 at the end", np.s_[2970:], 65535.0, 2971))},
     "times in ms": ({**columns(), "t": 1e3 * T}, None, "say so with --columns t=COLUMN:ms"),
     "an engine speed in rpm": ({**columns(), "engine_speed": np.full(len(T), W * 30.0 / np.pi)}, 0.0, "in rpm|^$"),
 }
