@@ -16,7 +16,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import COMMANDS, MOST_PUBLISHERS, SequenceNumbers, message_class, poll, subscribe, time_of
 from tcc_sim.nodes.process import Throttle
-from tcc_sim.nodes.track import SimulatedTime, UnsentCount, unsent_message
+from tcc_sim.nodes.track import SimulatedTime
 from tcc_sim.topics import topic
 
 
@@ -105,12 +105,3 @@ def test_a_subject_is_warned_of_once_a_second_and_counts_where_they_grow(
         throttle.once("c", "<c>")
     assert printed == [(10.0, "a> (1 so far)"), (10.5, "b>"), (11.0, "a> (2 so far)"), (11.5, "b>")]
     assert capfd.readouterr().err.count("<c>") == 1
-
-
-def test_messages_that_were_not_sent_are_counted_for_more_drivelines_than_are_distinguished() -> None:
-    """Counts of forgotten drivelines stay in the sum; bytes that are no message count nothing."""
-    count = UnsentCount(most=2)
-    for name, unsent in (("a", 1), ("b", 10), ("a", 2), ("c", 100), ("d", 1000), ("a", 3)):
-        count.add(name.encode(), unsent_message(name, {"/joint_states": unsent}))
-    count.add(b"a", b"no message")
-    assert count.by_topic() == {"/joint_states": 2 + 10 + 100 + 1000 + 3}

@@ -46,14 +46,6 @@ def test_what_no_process_holds_is_removed_and_the_rest_stays(tmp_path: Path) -> 
     assert names(tmp_path) == held | mapped | foreign
 
 
-def test_a_port_is_unfinished_until_its_first_word_says_so(tmp_path: Path) -> None:
-    for name, first in (("7410", 0), ("7411", 1), ("7412", 2), ("7412_el", 0), ("7650", 0)):
-        (tmp_path / f"fastdds_port{name}").write_bytes(first.to_bytes(4, sys.byteorder) * 8)
-    (tmp_path / "fastdds_port7413").touch()
-    assert [path.name[-4:] for path in unfinished(0, tmp_path)] == ["7410", "7411", "7413"]
-    assert [path.name[-4:] for path in unfinished(1, tmp_path)] == ["7650"]
-
-
 @pytest.fixture
 def begun(domain: str) -> Iterator[Path]:
     """Unfinished file of a dead process for the port that the first participant of the domain opens."""

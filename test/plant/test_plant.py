@@ -91,27 +91,6 @@ def test_a_scene_that_needs_more_than_the_share_from_the_start_keeps_running_and
         result.use(result.scene.with_values({"pressure.mean": 3e5}))
 
 
-def test_commands_hold_and_the_harmonic_fallback_is_the_excitation_of_the_scene_at_simulation_time() -> None:
-    result = plant(scene="commands", engine__fallback="harmonic", pressure__fallback="harmonic", pressure__phase=0.7)
-    for _ in range(100):
-        result.stepper.advance()
-    reading, t = result.reading(), 0.1
-    assert reading.engine_torque == pytest.approx(300.0 + 250.0 * math.sin(50.0 * math.pi * t), rel=1e-12)
-    assert reading.applied_pressure == pytest.approx(225e3 + 45e3 * math.sin(50.0 * math.pi * t + 0.7), rel=1e-12)
-    result.hold(123.0, None)
-    result.stepper.advance()
-    reading, t = result.reading(), 0.101
-    assert reading.engine_torque == 123.0
-    assert reading.applied_pressure == pytest.approx(225e3 + 45e3 * math.sin(50.0 * math.pi * t + 0.7), rel=1e-12)
-    result.hold(None, 1e5)
-    result.stepper.advance()
-    reading = result.reading()
-    assert (reading.applied_pressure, reading.engine_torque) == (
-        1e5, pytest.approx(300.0 + 250.0 * math.sin(50.0 * math.pi * 0.102), rel=1e-12))
-    result.reset()
-    assert result.reading().engine_torque == 300.0
-
-
 def test_a_pressure_that_would_fall_below_zero_is_clamped_in_the_fallback() -> None:
     result = plant(scene="commands", pressure__fallback="harmonic", pressure__amplitude=9e5)
     lowest = []
@@ -200,20 +179,3 @@ def test_a_reading_has_the_state_of_its_tick() -> None:
         moved.plate_angle - moved.output_angle) * d.stiffness)
     result.move_far_end(None)
     assert result.advance()[-2:] == (moved.output_angle, 0.0)
-
-
-def test_a_friction_table_cannot_come_or_go_while_running() -> None:
-    table = {"friction.law": "smoothed", "friction.slip_speeds": [0.0, 10.0, 100.0],
-             "friction.coefficients": [0.3, 0.27, 0.25], "pacing": "lockstep"}
-    plain = load_scene("fig02").with_values({"friction.law": "smoothed", "pacing": "lockstep"})
-    curved = plain.with_values(table)
-    sentence = ("friction.slip_speeds: a running driveline can change a friction table, but cannot add or remove one; "
-                "restart the driveline")
-    for one, other in ((plain, curved), (curved, plain)):
-        with pytest.raises(InputError) as refusal:
-            Plant(one).use(other)
-        assert str(refusal.value) == sentence
-    changed = curved.with_values({"friction.coefficients": [0.3, 0.26, 0.25]})
-    result = Plant(curved)
-    result.use(changed)
-    assert result.scene is changed

@@ -11,7 +11,7 @@ from ranges import Stated, check_options
 import tcc_sim
 from tcc_sim.errors import InputError
 from tcc_sim.plant.driveline import Reading
-from tcc_sim.plant.sensors import SIGNALS, Schedule, Sensor, Sensors
+from tcc_sim.plant.sensors import SIGNALS, Sensor, Sensors
 from tcc_sim.trajectory import Floats
 
 
@@ -80,12 +80,3 @@ def test_a_sensor_takes_its_ranges_and_refuses_the_rest_by_a_sentence() -> None:
 def test_wrong_sensors_are_refused(name: str, options: dict[str, float], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         tcc_sim.closed_loop("controlled", lambda _: None, 0.01, sensors={name: options})
-
-
-def test_one_random_message_of_each_block_is_hit() -> None:
-    schedule = Schedule(7, "3 slip_speed drop")
-    hits = np.array([schedule.hits() for _ in range(7 * 200)]).reshape(200, 7)
-    assert (hits.sum(axis=1) == 1).all()
-    assert (hits.sum(axis=0) > 10).all()
-    assert not any(Schedule(0, "3").hits() for _ in range(3))
-    assert all(Schedule(1, "3").hits() for _ in range(3))

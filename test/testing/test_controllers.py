@@ -5,6 +5,7 @@ Their runs are those of a law without ROS to the last bit.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -33,28 +34,55 @@ def law(reading: Reading) -> float:
     return pressure_of(reading.flywheel_speed - reading.plate_speed)
 
 
-def test_an_answer_is_awaited_every_command_period_and_held_between(driveline: Any) -> None:
-    plant = driveline("controlled", changes={"command_period": 0.01})
-    plant.add(Slow())
+def vehicle() -> Callable[[Reading], tuple[None, None, float]]:
+    """The law of `Vehicle`."""
+    speed = 0.0
+
+    def answer(reading: Reading) -> tuple[None, None, float]:
+        nonlocal speed
+        speed += STEP * (reading.shaft_torque - DRAG * speed) / INERTIA
+        return None, None, speed
+
+    return answer
+
+
+SENSORS = {"flywheel_speed": {"noise": 0.5, "quantum": 0.125, "seed": 4}, "plate_speed": {"offset": 0.2},
+           "joint_states": {"delay_ticks": 5, "drop": 7, "seed": 2}}
+
+
+LOOPS: dict[str, tuple[str, dict[str, object], Callable[[], Node], Callable[[], Any], dict[str, Any]]] = {
+    "slow": ("controlled", {"command_period": 0.01}, Slow, lambda: law, {}),
+    "sensors": ("controlled", {}, lambda: Slow(every=1), lambda: law, SENSORS),
+    "vehicle": ("fig02", {"publish_shaft_torque": True}, Vehicle, vehicle, {})}
+"""Scene and changes, node, its law, and sensors before both."""
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_a_node_and_its_law_give_the_same_bits(driveline: Any, name: str) -> None:
+    scene, changes, node, answer, sensors = LOOPS[name]
+    plant = driveline(scene, changes=changes)
+    plant.add(node())
+    for signal, options in sensors.items():
+        plant.sensor(signal, **options)
     run = plant.run(seconds=0.4)
+    alone = tcc_sim.closed_loop(load_scene(scene).with_values(changes), answer(), 0.4, sensors=sensors)
     assert run.missed == 0
-    changes = np.flatnonzero(np.diff(run.commands["actuation_pressure"][1:]))
-    assert (1 + changes).tolist() == [k * PERIOD for k in range(1, 40)]
-    scene = load_scene("controlled").with_values({"command_period": 0.01})
-    alone = tcc_sim.closed_loop(scene, law, 0.4)
-    assert alone.slip_speed.tobytes() == run.slip_speed.tobytes()
-    every = tcc_sim.closed_loop("controlled", law, 0.4)
-    assert every.slip_speed.tobytes() != alone.slip_speed.tobytes()
+    for column in ("slip_speed", "plate_angle", "plate_speed", "output_angle", "output_speed"):
+        assert np.array_equal(getattr(run, column), getattr(alone, column)), column
+    for topic in run.commands:
+        assert run.commands[topic].tobytes() == alone.commands[topic].tobytes()
+    assert run.slip_speed.tobytes() != tcc_sim.closed_loop(scene, lambda _: None, 0.4).slip_speed.tobytes()
+    if name == "slow":
+        changed = np.flatnonzero(np.diff(run.commands["actuation_pressure"][1:]))
+        assert (1 + changed).tolist() == [k * PERIOD for k in range(1, 40)]
+    if name == "vehicle":
+        assert np.ptp(run.output_speed) > 20.0
 
 
 @pytest.mark.parametrize(("period", "rate"), [(0.0015, 1000.0), (0.01, 150.0)])
 def test_a_command_period_is_whole_ticks(period: float, rate: float) -> None:
     with pytest.raises(InputError, match=rf"command_period is {period} s; it .* a whole number of ticks"):
         load_scene("controlled").with_values({"command_period": period, "rate": rate})
-
-
-SENSORS = {"flywheel_speed": {"noise": 0.5, "quantum": 0.125, "seed": 4}, "plate_speed": {"offset": 0.2},
-           "joint_states": {"delay_ticks": 5, "drop": 7, "seed": 2}}
 
 
 class FromSlip(Node):
@@ -66,19 +94,6 @@ class FromSlip(Node):
         self.create_subscription(
             Float64, "slip_speed",
             lambda slip: self.publisher.publish(FluidPressure(fluid_pressure=pressure_of(slip.data))), 10)
-
-
-def test_a_node_and_its_law_with_the_same_sensors_give_the_same_bits(driveline: Any) -> None:
-    plant = driveline("controlled")
-    plant.add(Slow(every=1))
-    for name, options in SENSORS.items():
-        plant.sensor(name, **options)
-    run = plant.run(seconds=0.3)
-    alone = tcc_sim.closed_loop("controlled", law, 0.3, sensors=SENSORS)
-    assert run.slip_speed.tobytes() == alone.slip_speed.tobytes()
-    assert run.commands["actuation_pressure"].tobytes() == alone.commands["actuation_pressure"].tobytes()
-    assert run.slip_speed.tobytes() != tcc_sim.closed_loop("controlled", law, 0.3).slip_speed.tobytes()
-    assert run.missed == 0
 
 
 def test_the_slip_speed_has_a_sensor_that_may_be_changed_between_runs(driveline: Any) -> None:
@@ -95,25 +110,6 @@ def test_the_slip_speed_has_a_sensor_that_may_be_changed_between_runs(driveline:
     # The state between the runs was sent before the sensor was changed.
     assert second.commands["actuation_pressure"][2:].tolist() == [
         pressure_of(slip - 10.0) for slip in second.slip_speed[1:-1]]
-
-
-def test_a_vehicle_in_the_kit_moves_the_far_end_to_the_bits_of_closed_loop(driveline: Any) -> None:
-    scene = tcc_sim.load_scene("fig02").with_values({"publish_shaft_torque": True})
-    plant = driveline(scene)
-    plant.add(Vehicle())
-    run = plant.run(ticks=300)
-    speed = 0.0
-
-    def law(reading: Any) -> tuple[None, None, float]:
-        nonlocal speed
-        speed += STEP * (reading.shaft_torque - DRAG * speed) / INERTIA
-        return None, None, speed
-
-    alone = tcc_sim.closed_loop("fig02", law, 0.3)
-    assert run.missed == 0
-    for name in ("slip_speed", "plate_angle", "plate_speed", "output_angle", "output_speed"):
-        assert getattr(run, name).tobytes() == getattr(alone, name).tobytes(), name
-    assert np.ptp(run.output_speed) > 20.0
 
 
 def test_changes_of_a_run_are_made_at_their_tick_as_in_closed_loop(driveline: Any) -> None:
