@@ -25,15 +25,11 @@ def run(arguments: argparse.Namespace, result: Path, plot: Path | None = None, f
     """
     from tcc_sim.output.files import draft
     from tcc_sim.views import plots
-    from tcc_sim.views.stored import read_stored, refusing_damage, title_of
 
-    path = plot or Path(result.with_suffix(".pdf").name)
+    path, title = plot or Path(result.with_suffix(".pdf").name), arguments.title
     plots.check_picture(path, arguments.width)
     new_file(path, force)
-    values = read_stored(result)
-    with refusing_damage(str(result)):
-        title = title_of(values) if arguments.title is None else arguments.title
-    with draft(path) as part, refusing_damage(str(result)):
-        plots.plot(values, part, arguments.width, title=printable(title), units=arguments.units)
+    with draft(path) as part:
+        plots.plot(result, part, arguments.width, title=title and printable(title), units=arguments.units)
     say(f"picture in {path}")
     return 0

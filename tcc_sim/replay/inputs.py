@@ -216,5 +216,5 @@ def command_notes(inputs: Mapping[str, HeldInput], ages: Ages, tick: int, tracke
         yield (f"the held pressure command was {age.median:.4g} s old (median), "
                f"{counted(round(age.median * 1e9 / tick), 'tick')}: this delay adds to the tracking error")
     if (inputs[INPUTS[1]].applied or (inputs[INPUTS[1]].applied is None and inputs[INPUTS[1]].topic)) and not tracked:
-        yield ("a controller commanded the pressure, but no target was recorded; give --target RAD_PER_S for tracking "
-               "errors and a verdict")
+        yield ("target_slip_speed was not recorded with the pressure commands; if their sender holds a slip speed, "
+               "--target RAD_PER_S adds tracking errors and a verdict")

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from tcc_sim.analysis.steady.summary import cycles_of, first_cycle_of, summarise
-from tcc_sim.errors import InputError, check_suffix, require
+from tcc_sim.errors import InputError, check_suffix, printable, require
 from tcc_sim.later_rooms import from_later_room
 from tcc_sim.output.files import replaceable
 from tcc_sim.result import system_behind
@@ -63,8 +63,8 @@ def check_picture(path: Path, width: str = "page") -> None:
     require("matplotlib", "a picture")
 
 
-def plot(result: Any, file: str | Path | None = None, width: str = "page", *, title: str = "", ax: Any = None,
-         force: bool = False, units: str | None = None) -> Any:
+def plot(result: Any, file: str | Path | None = None, width: str = "page", *, title: str | None = None,
+         ax: Any = None, force: bool = False, units: str | None = None) -> Any:
     """Draw a result as a picture, or its main curve into an axis.
 
     Parameters
@@ -74,7 +74,7 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
         without samples, its section and the maxima of its cycles are drawn
     file : name ending in .png, .svg or .pdf; without file and axis, the picture is returned, and a notebook shows it
     width : column or page of a paper
-    title : title above the picture
+    title : title above the picture; None for that of the command which wrote the JSON, else none
     ax : matplotlib axis for the main curve: slip speed over time, the largest slip speed over a key, a gain, or a map
     force : whether to replace an existing file
     units : unit of speeds and frequencies of a picture: rad (rad/s), rpm or hz; None for that of the command which
@@ -104,7 +104,7 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
         raise InputError(f"units is {units!r}; it must be {', '.join(UNITS)}")
     if ax is not None:
         with shown_in(units, _order_of(result)):
-            return draw_into(ax, panels_of(result)[0], title)
+            return draw_into(ax, panels_of(result)[0], title or "")
     if file is None:
         with TemporaryDirectory(prefix="tcc_sim_") as folder:
             return Picture(plot(result, Path(folder) / "picture.png", width, title=title, units=units).read_bytes())
@@ -119,9 +119,10 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
         order = _order_of(result)
         if isinstance(result, Mapping):
             units = units or getattr(arguments_in(result), "units", None)
-            title, result = title or title_of(result), revived(result)
+            title = printable(title_of(result)) if title is None else title
+            result = revived(result, name)
         with shown_in(units, order):
-            return _drawn(result, path, width, title)
+            return _drawn(result, path, width, title or "")
 
 
 def _order_of(result: Any) -> float | None:

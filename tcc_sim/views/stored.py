@@ -140,8 +140,8 @@ def title_of(values: Mapping[str, Any]) -> str:
     return source.name if kind == "analyse" else source.stem
 
 
-def revived(values: Mapping[str, Any]) -> Any:
-    """Return the result for `plots.plot` that a JSON holds.
+def revived(values: Mapping[str, Any], name: str) -> Any:
+    """Return the result for `plots.plot` that a JSON holds, of the file `name`.
 
     Raises
     ------
@@ -168,7 +168,8 @@ def revived(values: Mapping[str, Any]) -> Any:
         return Record.of({name: part for name, part in values.items() if name != "arrays"})
     if kind in ("sweep", "continue", "basins", "linearise", "identify"):
         return values
-    raise InputError(f"there is no picture of a JSON of {kind}" if kind else "this is no result of a command")
+    raise InputError(f"{name} holds no result of a command" if not kind else
+                     f"{name} is the JSON of {kind}, of which there is no picture")
 
 
 def _command_of(values: Mapping[str, Any]) -> list[str]:
