@@ -1,6 +1,6 @@
-"""The command `tcc-sim`: one module per verb, and one for the verbs that measure, imported when the verb is used.
+"""The command `tcc-sim`: a module per verb, or per few short ones (`verbs.TOGETHER`), imported when the verb is used.
 
-A verb is a function `run`, whose options follow from its signature and docstring and from those of library functions
+A verb is a function whose options follow from its signature and docstring and from those of library functions
 (`options.command`); `verbs` describes the verbs.
 `arguments.words` is the command line, which JSON files name. Exit status: 0 done; 2 wrong input, one line on standard
 error and no file; 1 any other failure; 130 interrupted.
@@ -24,7 +24,7 @@ from typing import Any, NoReturn
 
 from tcc_sim import __version__
 from tcc_sim.cli.options import VerbFunction
-from tcc_sim.cli.verbs import GROUPS, MEASURING, STUDY, VERBS, verbs_by_purpose
+from tcc_sim.cli.verbs import GROUPS, STUDY, TOGETHER, VERBS, verbs_by_purpose
 from tcc_sim.errors import InputError, TccError, missing_package, one_line
 from tcc_sim.output.terminal import open_streams
 from tcc_sim.shown_units import show_in
@@ -149,11 +149,11 @@ def arguments_of(words: list[str]) -> argparse.Namespace:
 
 
 def command_of(verb: str) -> VerbFunction:
-    """Return a verb: `run` of its module, whose name ends in an underscore after a Python keyword; verbs that measure
-    share one module.
+    """Return a verb: a function of the module in TOGETHER, or `run` of its own; both names have an underscore after a
+    Python keyword.
     """
     room = "tcc_sim.study.cli" if any(verb in GROUPS[group] for group in STUDY) else "tcc_sim.cli"
-    together = verb in GROUPS[MEASURING]
-    module = import_module(f"{room}.{'measuring' if together else f'{verb}_' if iskeyword(verb) else verb}")
-    found: VerbFunction = getattr(module, verb if together else "run")
+    name = f"{verb}_" if iskeyword(verb) else verb
+    found: VerbFunction = getattr(import_module(f"{room}.{TOGETHER.get(verb, name)}"),
+                                  name if verb in TOGETHER else "run")
     return found

@@ -4,20 +4,9 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
-from tcc_sim.cli.arguments import (
-    ANALYSIS,
-    FORMS,
-    add_outputs,
-    check_outputs,
-    document_of,
-    plot_result,
-    present,
-    recording_of,
-    say_of_table,
-)
+from tcc_sim.cli import arguments as common
 from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
 from tcc_sim.errors import InputError, counted, require
 from tcc_sim.output.terminal import say
@@ -48,13 +37,12 @@ def limits(text: str) -> tuple[float, float]:
         raise argparse.ArgumentTypeError(f"{text!r} must be LOW:HIGH, two pressures in Pa") from None
 
 
-FORMS = {**FORMS, "recording": Form("RUN|FILE", Path), "discard": Form("CYCLES", int),
+FORMS = {**common.FORMS, "recording": Form("RUN|FILE", Path), "discard": Form("CYCLES", int),
          "target": Form("V|T:V,T:V", targets), "limits": Form("LOW:HIGH", limits)}
 
 
-@command(of(ANALYSIS, FORMS, needed="recording"), partial(
-    add_outputs, json="the figures", out="the samples of the analysed run as .csv, .npz, .parquet or .mat, with units "
-    "and scene"))
+@command(of(common.ANALYSIS, FORMS, needed="recording"), common.outputs(
+    "the figures", "the samples of the analysed run as .csv, .npz, .parquet or .mat, with units and scene"))
 def run(arguments: argparse.Namespace, layout: bool = False) -> int:
     """Check the outputs, analyse the recording, write the files, and print the figures.
 
@@ -78,20 +66,20 @@ def run(arguments: argparse.Namespace, layout: bool = False) -> int:
         if getattr(arguments, name):
             raise InputError(f"--{name} is for recordings, and {path} is a table" if table else
                              f"--{name} is for tables, and {path} is a recording")
-    check_outputs(arguments, TABLES, arguments.rrd)
+    common.check_outputs(arguments, TABLES, arguments.rrd)
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
         require("rerun", "Rerun")
     if not table:
-        source = recording_of(arguments, path, arguments.scene)
+        source = common.recording_of(arguments, path, arguments.scene)
     scene = load_scene(arguments.scene or "fig02") if table else source.scene
     show_in(order=scene.system.engine.order)
     if layout:
         from tcc_sim.views.recording_layout import write_layout
 
         say(f"layout: {write_layout(path)}")
-    result = analysis(source, **keywords_of(arguments, options_in(ANALYSIS)), progress=True)
+    result = analysis(source, **keywords_of(arguments, options_in(common.ANALYSIS)), progress=True)
     if isinstance(result, MeasuredRun):
-        say_of_table(result.warnings)
+        common.say_of_table(result.warnings)
         lines = [f"{path}: {counted(result.samples, 'row')} over {result.seconds:.6g} s"]
         drawn = result.orders or result.spectrum
     else:
@@ -104,9 +92,8 @@ def run(arguments: argparse.Namespace, layout: bool = False) -> int:
                 drawn = replace(samples, control=result.control)
         if arguments.out is not None:
             write_samples(arguments.out, samples, source.scene.text(), recorded=True,
-                          document=document_of(arguments, scene, result))
+                          document=common.document_of(arguments, scene, result))
     lines += order_lines(result.orders) if result.orders is not None else []
     lines += spectrum_lines(result.spectrum) if result.spectrum is not None else []
-    plot_result(arguments, drawn, path.name)
-    present(arguments, scene, result, lines)
+    common.deliver(arguments, scene, result, lines, drawn=drawn, title=path.name)
     return 0 if isinstance(result, MeasuredRun) or result.verification is None or result.verification.verified else 1

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.options import Form, keywords_of
+from tcc_sim.cli.options import Form, Source, keywords_of
 from tcc_sim.errors import InputError, check_folder, check_suffix, one_line, printable, require
 from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
 from tcc_sim.output.terminal import say
@@ -178,32 +178,27 @@ def plan_of(arguments: argparse.Namespace, **more: Any) -> Plan:
     return Plan(**keywords_of(arguments, PLANNED), **more)
 
 
-def add_outputs(parser: argparse.ArgumentParser, json: str, out: str = "", metavar: str = "FILE",
-                force: str = "replace existing files") -> argparse._ArgumentGroup:
-    """Add --json, --out with the help `out` if that is not empty, and --force; --plot, --width and --title of the
-    picture. Return the group of outputs.
+def outputs(json: str, out: str = "", metavar: str = "FILE", force: str = "replace existing files") -> Source:
+    """Return the source of --json, --out with the help `out` if that is not empty, and --force; --plot, --width and
+    --title of the picture.
     """
-    output = parser.add_argument_group("output")
-    output.add_argument("--json", metavar="FILE", type=Path, help=f"write {json} as JSON; - is standard output")
-    if out:
-        output.add_argument("--out", metavar=metavar, type=Path, help=f"write {out}")
-    add_units(output)
-    output.add_argument("--force", action="store_true", help=force)
-    add_picture(parser, "draw the result: .png, .svg or .pdf", "the scene or recording")
-    return output
+    def add(parser: argparse.ArgumentParser) -> None:
+        output, picture = parser.add_argument_group("output"), parser.add_argument_group("picture")
+        output.add_argument("--json", metavar="FILE", type=Path, help=f"write {json} as JSON; - is standard output")
+        if out:
+            output.add_argument("--out", metavar=metavar, type=Path, help=f"write {out}")
+        add_units(output)
+        output.add_argument("--force", action="store_true", help=force)
+        picture.add_argument("--plot", metavar="FILE", type=Path, help="draw the result: .png, .svg or .pdf")
+        add_layout(picture, "the scene or recording")
+
+    return add
 
 
 def add_units(group: argparse._ActionsContainer, default: str = "rad") -> None:
     """Add --units with its default in words."""
     group.add_argument("--units", choices=list(UNITS), help="unit of printed and drawn speeds and frequencies: rad/s, "
                        f"revolutions per minute or hertz; files stay in rad/s (default: {default})")
-
-
-def add_picture(parser: argparse.ArgumentParser, plot: str, title: str) -> None:
-    """Add --plot with its help, --width and --title with its default in words."""
-    picture = parser.add_argument_group("picture")
-    picture.add_argument("--plot", metavar="FILE", type=Path, help=plot)
-    add_layout(picture, title)
 
 
 def add_layout(group: argparse._ActionsContainer, title: str) -> None:
@@ -264,6 +259,20 @@ def plot_result(arguments: argparse.Namespace, result: Any, title: str = "") -> 
     """Draw a result for --plot."""
     with drawn(arguments, result, title):
         pass
+
+
+def deliver(arguments: argparse.Namespace, scene: Scene, result: Any, lines: Iterable[str] = (), *,
+            drawn: object = None, title: str = "", columns: Mapping[str, Any] | None = None,
+            arrays: Mapping[str, Any] | None = None) -> None:
+    """Write the files of a result and print its lines: --out from its `columns` and `arrays`, --plot of `drawn` or else
+    of the result, with `title` or else the name of the scene, and --json.
+    """
+    if columns is not None and arguments.out is not None:
+        from tcc_sim.output.table_files import write_result
+
+        write_result(arguments.out, type(result), columns, document_of(arguments, scene, result), arrays)
+    plot_result(arguments, result if drawn is None else drawn, title or scene.name)
+    present(arguments, scene, result, lines)
 
 
 def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,

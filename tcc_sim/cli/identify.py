@@ -11,18 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import (
-    FORMS,
-    add_changes,
-    add_outputs,
-    check_outputs,
-    driveline_of,
-    plot_result,
-    present,
-    refuse_driveline,
-    refuse_swept,
-    say_of_table,
-)
+from tcc_sim.cli import arguments as common
 from tcc_sim.cli.options import Form, command, of
 from tcc_sim.errors import InputError, counted
 from tcc_sim.shown_units import speed
@@ -38,21 +27,19 @@ WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "li
          "next": "held up to each sample (--hold next)"}
 
 
-@command(of(IDENTIFY, {**FORMS, "measured": Form("RUN|FILE", Path), "noise": Form("CHANNEL=S,..."),
+@command(of(IDENTIFY, {**common.FORMS, "measured": Form("RUN|FILE", Path), "noise": Form("CHANNEL=S,..."),
                        "likelihood": Form("KEY"), "free": Form("KEY[=START]", repeated=True, required=True)},
-            needed="measured free"), add_changes,
-         partial(add_outputs, json="estimates, residuals and verdicts", out="the scene with the estimated values",
-                 metavar="SCENE.yaml"))
+            needed="measured free"), common.add_changes,
+         common.outputs("estimates, residuals and verdicts", "the scene with the estimated values", "SCENE.yaml"))
 def run(arguments: argparse.Namespace) -> int:
     """Check the input, fit, write the files, and print the verdicts."""
     from tcc_sim.output.files import draft
 
     scene, fit = problem_of(arguments)
-    check_outputs(arguments, [".yaml"])
+    common.check_outputs(arguments, [".yaml"])
     result = fit(progress=True)
-    say_of_table(result.warnings)
-    plot_result(arguments, result, scene.name)
-    present(arguments, scene, result, _lines(result))
+    common.say_of_table(result.warnings)
+    common.deliver(arguments, scene, result, _lines(result))
     if not result.accepted:
         print(f"tcc-sim: no acceptable fit: {result.why}", file=sys.stderr)
         return 1
@@ -78,11 +65,11 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
         noise = {k: math.nan if v is None else v
                  for k, v in (_assigned("--noise", word) for word in arguments.noise.split(","))}
     if is_table(arguments.measured):
-        refuse_driveline(arguments, f"{arguments.measured} is a table")
+        common.refuse_driveline(arguments, f"{arguments.measured} is a table")
     measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene),
-                            arguments.columns, arguments.from_, arguments.to, **driveline_of(arguments))
+                            arguments.columns, arguments.from_, arguments.to, **common.driveline_of(arguments))
     values = parse_assignments(arguments.set)
-    refuse_swept(arguments.set, [key for key, start in free.items() if start is not None])
+    common.refuse_swept(arguments.set, [key for key, start in free.items() if start is not None])
     scene = replace(scene.with_changes(values), notes=unused_beside(values, measured.inputs))
     return scene, partial(identify, measured, free, scene=scene, noise=noise, hold=arguments.hold,
                           likelihood=arguments.likelihood)

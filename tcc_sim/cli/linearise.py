@@ -5,21 +5,11 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tcc_sim.cli.arguments import (
-    add_outputs,
-    add_scene,
-    check_outputs,
-    document_of,
-    plot_result,
-    present,
-    refuse_swept,
-    scene_of,
-)
+from tcc_sim.cli import arguments as common
 from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
 from tcc_sim.cli.ranges import spaced
 from tcc_sim.errors import InputError, counted
@@ -51,25 +41,21 @@ def frequencies(text: str) -> list[float]:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-@command(add_scene, of(LINEARISE, {"frequencies": Form("START:STOP:COUNT", frequencies),
-                                   "controller": Form("KP,KI", gains)}),
-         partial(add_outputs, json="operating point, matrices and responses",
-                 out="the response as .csv or .parquet, with the matrices as .npz or .mat"))
+@command(common.add_scene, of(LINEARISE, {"frequencies": Form("START:STOP:COUNT", frequencies),
+                                          "controller": Form("KP,KI", gains)}),
+         common.outputs("operating point, matrices and responses",
+                        "the response as .csv or .parquet, with the matrices as .npz or .mat"))
 def run(arguments: argparse.Namespace) -> int:
     """Check the input, linearise, write the files, and print the result."""
     from tcc_sim.estimation.linearise import linearise
-    from tcc_sim.output.table_files import TABLES, write_result
+    from tcc_sim.output.table_files import TABLES
 
     if arguments.slip is not None:
-        refuse_swept(arguments.set, ["pressure.mean"])
-    scene = scene_of(arguments)
-    check_outputs(arguments, TABLES)
+        common.refuse_swept(arguments.set, ["pressure.mean"])
+    scene = common.scene_of(arguments)
+    common.check_outputs(arguments, TABLES)
     result = linearise(scene, **keywords_of(arguments, options_in(LINEARISE)), progress=True)
-    if arguments.out is not None:
-        write_result(arguments.out, type(result), result.columns(), document_of(arguments, scene, result),
-                     result.arrays())
-    plot_result(arguments, result, scene.name)
-    present(arguments, scene, result, _lines(result))
+    common.deliver(arguments, scene, result, _lines(result), columns=result.columns(), arrays=result.arrays())
     return 0
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -25,7 +24,7 @@ would be more than MOST_DRAWN, and none where SAMPLES of them would be more than
 
 
 @command(common.add_scene, of(common.SIMULATION, common.FORMS), of(common.PLAN, common.FORMS, common.PLANNED),
-         partial(common.add_outputs, json="the summary", out="the samples: .npz, .csv, .parquet, .mat or .mcap"))
+         common.outputs("the summary", "the samples: .npz, .csv, .parquet, .mat or .mcap"))
 def run(arguments: argparse.Namespace, samples: int = 200) -> int:
     """Check the input, solve, write the files, and print the summary.
 
@@ -101,10 +100,9 @@ def run(arguments: argparse.Namespace, samples: int = 200) -> int:
         write_samples(arguments.out, result.trajectory, scene.text(),
                       document=common.document_of(arguments, scene, result))
         lines.append(f"{counted(len(result.trajectory.t), 'sample')} in {arguments.out}")
-    common.plot_result(arguments, drawn, scene.name)
     if arguments.plot is not None:
         lines.append(f"picture in {arguments.plot}")
-    common.present(arguments, scene, result, lines)
+    common.deliver(arguments, scene, result, lines, drawn=drawn)
     return 0
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli import arguments as common
@@ -30,11 +29,10 @@ if TYPE_CHECKING:
 @command(common.add_scene, of(SCATTER, FORMS, "samples seed quantiles every", quantiles=None),
          of(common.PLAN, FORMS, f"direction {common.PLANNED} orders"),
          of(GAINS, FORMS, "law target limits", target=None),
-         of("tcc_sim.sweeps.sweep:sweep_curves", FORMS, "jobs dask"), partial(
-             common.add_outputs, json="results in value order", out="a table with a row per value as .csv, .parquet, "
-             ".mat or .npz, and until it is complete each point as soon as it is solved in FILE.part; with any other "
-             "suffix the points alone; the same command resumes from them",
-             force="replace an existing --json file, table or picture"),
+         of("tcc_sim.sweeps.sweep:sweep_curves", FORMS, "jobs dask"), common.outputs(
+             "results in value order", "a table with a row per value as .csv, .parquet, .mat or .npz, and until it is "
+             "complete each point as soon as it is solved in FILE.part; with any other suffix the points alone; the "
+             "same command resumes from them", force="replace an existing --json file, table or picture"),
          forms={"over": Form("KEY=START:STOP:COUNT[:log]|KEY=V,V,...", repeated=True),
                 "scatter": Form("KEY=LOW:HIGH", repeated=True)})
 def run(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequence[str] = ()) -> int:
@@ -102,7 +100,7 @@ def run(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequen
 
 def _map_gains(arguments: argparse.Namespace) -> int:
     """Judge the closed loops of a law, write the files, and print a line for each loop unless a file holds them."""
-    from tcc_sim.output.table_files import TABLES, write_result
+    from tcc_sim.output.table_files import TABLES
     from tcc_sim.output.tables import gain_lines
     from tcc_sim.sweeps.gains import gain_map
     from tcc_sim.sweeps.simulation import Plan
@@ -122,11 +120,8 @@ def _map_gains(arguments: argparse.Namespace) -> int:
     duration = {} if arguments.duration is None else {"duration": arguments.duration}
     result = gain_map(scene, arguments.law, dict(over), **keywords_of(arguments, "target limits jobs dask"), **duration,
                       progress=True)
-    if arguments.out is not None:
-        write_result(arguments.out, type(result), result.columns(), common.document_of(arguments, scene, result))
     files = arguments.json is not None or arguments.out is not None
-    common.present(arguments, scene, result, gain_lines(result, alone=files))
-    common.plot_result(arguments, result, scene.name)
+    common.deliver(arguments, scene, result, gain_lines(result, alone=files), columns=result.columns())
     return 0
 
 

@@ -159,9 +159,10 @@ GROUPS: dict[str, dict[str, Verb]] = {
 """Verbs by purpose, in the order of `tcc-sim --help`."""
 VERBS: dict[str, Verb] = {name: verb for verbs in GROUPS.values() for name, verb in verbs.items()}
 """Every verb by its name."""
-MEASURING = "measurements of the program"
-"""The group whose verbs share one module."""
-STUDY = ("motions and methods", "the paper", MEASURING)
+TOGETHER = {"scenes": "scenes", "explain": "scenes", "recover": "bags", "import": "bags", "watch": "running",
+            "control": "running", "precision": "measuring", "stability": "measuring", "realtime": "measuring"}
+"""Modules of verbs that share one; the function has the name of the verb there, and `run` in a module of one verb."""
+STUDY = ("motions and methods", "the paper", "measurements of the program")
 """The groups for those who study motions and methods, the last ones, whose modules are in the study."""
 
 

@@ -5,20 +5,9 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterator
-from functools import partial
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import (
-    FORMS,
-    add_outputs,
-    add_scene,
-    check_outputs,
-    document_of,
-    drawn,
-    present,
-    refuse_swept,
-    scene_of,
-)
+from tcc_sim.cli import arguments as common
 from tcc_sim.cli.options import Form, command, keywords_of, of
 from tcc_sim.cli.ranges import values_of_range
 from tcc_sim.errors import BasinsInterrupted, counted
@@ -30,11 +19,11 @@ if TYPE_CHECKING:
     from tcc_sim.study.basins.results import Axis, Basins
 
 
-@command(add_scene, of(BASINS, {**FORMS, "plane": Form("KEY=START:STOP:COUNT", repeated=True, required=True),
-                                "over": Form("KEY=START:STOP:COUNT")}, needed="plane"),
-         partial(add_outputs, json="attractors and fractions", out="label and cycles of every cell: .npz, .mat, .csv "
-                 "or .parquet; until it is complete, finished rows are in FILE.part, and the same command resumes "
-                 "from them"))
+@command(common.add_scene, of(BASINS, {
+    **common.FORMS, "plane": Form("KEY=START:STOP:COUNT", repeated=True, required=True),
+    "over": Form("KEY=START:STOP:COUNT")}, needed="plane"), common.outputs(
+        "attractors and fractions", "label and cycles of every cell: .npz, .mat, .csv or .parquet; until it is "
+        "complete, finished rows are in FILE.part, and the same command resumes from them"))
 def run(arguments: argparse.Namespace, boundary: bool = False) -> int:
     """Check the input, compute the basins, write the files, and print a summary.
 
@@ -47,24 +36,23 @@ def run(arguments: argparse.Namespace, boundary: bool = False) -> int:
     from tcc_sim.study.basins.compute import basins
     from tcc_sim.study.basins.results import Planes
 
-    scene = scene_of(arguments)
+    scene = common.scene_of(arguments)
     plane = [_axis("--plane", text) for text in arguments.plane]
     over = _axis("--over", arguments.over) if arguments.over is not None else None
-    refuse_swept(arguments.set, [axis.key for axis in (*plane, *([] if over is None else [over]))])
-    check_outputs(arguments, TABLES)
+    common.refuse_swept(arguments.set, [axis.key for axis in (*plane, *([] if over is None else [over]))])
+    common.check_outputs(arguments, TABLES)
     part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
     try:
         result = basins(scene, plane, over=over, **keywords_of(arguments, "cycles jobs dask"), part=part, progress=True,
                         head=head_of("basin_rows", scene, arguments.words))
         # Drawing takes longest; if it is interrupted, no file is written, and the same command resumes.
         values = Planes(result, over, boundary)
-        with drawn(arguments, result, scene.name):
+        with common.drawn(arguments, result, scene.name):
             if arguments.out is not None:
                 from tcc_sim.study.basins.results import write_basins
 
-                write_basins(arguments.out, result, over, document_of(arguments, scene, values))
-            present(arguments, scene, values,
-                    _lines(result, over, boundary))
+                write_basins(arguments.out, result, over, common.document_of(arguments, scene, values))
+            common.present(arguments, scene, values, _lines(result, over, boundary))
     except (BasinsInterrupted, KeyboardInterrupt):
         resume = f"; the same command resumes from {part}" if part is not None else ""
         print(f"tcc-sim: interrupted{resume}", file=sys.stderr)

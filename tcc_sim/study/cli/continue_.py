@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import add_outputs, add_scene, check_outputs, plot_result, present, scene_of
+from tcc_sim.cli import arguments as common
 from tcc_sim.cli.options import Form, command, of
 from tcc_sim.cli.ranges import bounds_of_range
 from tcc_sim.errors import counted
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from tcc_sim.study.continuation.motions import Motions
 
 
-@command(partial(add_scene, more="; for the key of --over, its first value"),
+@command(partial(common.add_scene, more="; for the key of --over, its first value"),
          of(PLAN, {"switch": Form("DEPTH", int, optional=1), "at": Form("VALUE", float, repeated=True),
                    "second": Form("KEY=START:STOP")}, "period switch at second"),
-         partial(add_outputs, json="branches, bifurcations and curves"),
+         common.outputs("branches, bifurcations and curves"),
          forms={"over": Form("KEY=START:STOP", required=True)})
 def run(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> int:
     """Follow the branches, write the files, and print branches and bifurcations.
@@ -39,23 +39,23 @@ def run(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> 
     from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
     from tcc_sim.sweeps.progress import point_bar
 
-    scene = scene_of(arguments)
+    scene = common.scene_of(arguments)
     key, low, high = bounds_of_range(over, "--over")
     second = None if arguments.second is None else bounds_of_range(arguments.second, "--second")
     starts = () if seeds is None else seeds_in(read_json(seeds), scene.system, key, low, high)
     plan = ContinuationPlan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch,
                             second, starts)
     check(scene.system, plan)
-    check_outputs(arguments)
+    common.check_outputs(arguments)
     motions, interrupted = Motions(plan, scene.system), False
     try:
         with point_bar() as tick:
             continue_motions(scene.system, plan, tick, motions)
     except KeyboardInterrupt:
         interrupted = True
-    present(arguments, scene, motions, _lines(motions))
+    common.present(arguments, scene, motions, _lines(motions))
     if motions.branches:
-        plot_result(arguments, motions, scene.name)
+        common.plot_result(arguments, motions, scene.name)
     if interrupted:
         print("tcc-sim: interrupted; the results up to here are complete", file=sys.stderr)
         return 130
