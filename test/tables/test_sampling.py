@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from tcc_sim.tables.measured_table import MeasuredTable, holes_in_words, longest_part, looks_smooth
-from tcc_sim.tables.sampling import holes_in, in_words, jitter_of, merged, rows_in_order, usual_steps
+from tcc_sim.tables.measured_table import MeasuredTable, looks_smooth
+from tcc_sim.tables.sampling import holes_in, jitter_of, merged, rows_in_order, usual_steps
 
 
 def rows_after(*steps):
@@ -56,18 +56,6 @@ def test_jitter_is_the_95_percent_quantile_of_deviations():
     ([[5, 6], [1, 7]], [[1, 7]])])
 def test_stretches_that_touch_are_joined(spans, joined):
     assert merged(np.array(spans, dtype=float).reshape(-1, 2)).tolist() == joined
-
-
-def test_stretches_in_words():
-    spans = np.array([[k, k + 0.25] for k in range(7)])
-    table = MeasuredTable({"t": np.arange(3.0)}, source="x.csv")
-    for count, words in ((1, ["0 to 0.25 s"]), (2, ["2 holes", "1 to 1.25 s"]), (6, ["4 to 4.25 s", "1 more"]),
-                         (7, ["4 to 4.25 s", "2 more"])):
-        text = holes_in_words(table, spans[:count], 0.012345)
-        assert in_words(spans[:count]) in text
-        assert all(word in text for word in ("x.csv", "0.01235 s", *words))
-    for holes, part in (([[1.0, 2.0], [5.0, 6.0]], (2.0, 5.0)), ([[1.0, 2.0]], (2.0, 9.0)), ([[4.0, 8.0]], (0.0, 4.0))):
-        assert longest_part(np.array([0.0, 9.0]), np.array(holes)) == part
 
 
 EVEN = np.arange(20.0)
