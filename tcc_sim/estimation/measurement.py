@@ -92,8 +92,7 @@ class Measurement:
         gaps, worst = np.flatnonzero(steps > 1.5 * usual), int(np.argmax(np.abs(steps - usual)))
         if len(gaps):
             raise InputError(f"{self.source} has a gap of {steps[gaps[0]]:.4g} s at {self.t[gaps[0]]:.6g} s beside "
-                             f"steps of {usual:.4g} s; identification needs evenly spaced samples: take a part "
-                             "by --from and --to")
+                             f"steps of {usual:.4g} s; identification needs evenly spaced samples")
         if abs(steps[worst] - usual) > UNEVEN * usual:
             raise InputError(f"{self.source} has a step of {steps[worst]:.6g} s at {self.t[worst]:.6g} s beside steps "
                              f"of {usual:.6g} s; identification needs evenly spaced samples")
@@ -186,9 +185,24 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     states = states[states.known]
     t, channels = states.stamp_ns.astype(np.float64) * 1e-9, {
         "slip_speed": states.flywheel_speed - states.plate_speed, "plate_speed": states.plate_speed}
-    n, notes = _evenly_spaced(t, str(path))
-    return Measurement(t[:n], {name: column[:n] for name, column in channels.items()},
-                       {name: ends[:n] for name, ends in inputs.items()}, str(path), HOLDS[0], notes), scene
+    whole, losses = _without_gaps(t, str(path))
+    n, notes = _evenly_spaced(t[whole], str(path))
+    part = slice(whole.start, whole.start + n)
+    return Measurement(t[part], {name: column[part] for name, column in channels.items()},
+                       {name: ends[part] for name, ends in inputs.items()}, str(path), HOLDS[0],
+                       (*losses, *notes)), scene
+
+
+def _without_gaps(t: Floats, source: str) -> tuple[slice, tuple[str, ...]]:
+    """Return the longest part of a recording in which no state was lost, and a sentence if there are others."""
+    steps = np.diff(t)
+    edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1), len(t)] if len(t) > 1 else [0, len(t)]
+    k = int(np.argmax(np.diff(edges)))
+    part = slice(int(edges[k]), int(edges[k + 1]))
+    if len(edges) == 2:
+        return part, ()
+    return part, (f"{source}: only {t[part.start]:.6g} to {t[part.stop - 1]:.6g} s is used, the longest part without a "
+                  "lost state",)
 
 
 def _evenly_spaced(t: Floats, source: str) -> tuple[int, tuple[str, ...]]:

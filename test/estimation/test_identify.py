@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from documents import valid
+from driveline_bags import bag, ticked
 from fig02_measured import FIG02, KEYS, ONCE, measured, moved
 
 from tcc_sim import cli
@@ -157,6 +158,19 @@ def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys) -> None:
     twice = ["--free", "driveline.stiffness=2800", "--free", "driveline.stiffness=3200"]
     assert cli.main(["identify", str(table), "--scene", "fig02", *twice]) == 2
     assert "--free gives driveline.stiffness twice" in capsys.readouterr().err
+
+
+def test_a_recording_with_losses_is_identified_from_its_longest_part(tmp_path) -> None:
+    scene = load_scene("controlled")
+    rows = ticked(scene, 400, pressure=lambda k: 90e3 + 10e3 * np.sin(0.05 * k))
+    for lost, kept in (((), (0, 399)), ((60, 61, 250), (62, 249)), ((30,), (31, 399))):
+        path = bag(tmp_path / f"run{len(lost)}", [row for k, row in enumerate(rows) if k not in lost], scene)
+        found, _ = given(path)
+        stamps = np.round(found.t / found.step)
+        assert (stamps[0], stamps[-1], len(stamps)) == (*kept, kept[1] - kept[0] + 1)
+        assert found.inputs["actuation_pressure"].shape == (len(stamps), 2)
+        assert len(found.notes) == bool(lost)
+        assert all(f"{kept[0] * 1e-3:g} to {kept[1] * 1e-3:g} s" in note for note in found.notes)
 
 
 def test_a_table_is_read_or_refused(tmp_path) -> None:
