@@ -20,7 +20,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.nodes.recorder import Recorder
 from tcc_sim.replay.replay import Replay, replay
-from tcc_sim.scene import load_scene, parse_scene
+from tcc_sim.scene import parse_scene
 
 
 class Recorded:
@@ -99,6 +99,7 @@ def test_a_run_with_changes_of_every_kind_gives_itself_again(bench: Any, tmp_pat
         else:
             {"reset": chain.reset, "step": chain.step, "pause": lambda: chain.pause(True),
              "resume": lambda: chain.pause(False)}[str(step)]()
+    assert parse_scene(chain.node.get_parameter("scene_text").value, "run").system == chain.node.scene.system
     if name == "profiles":
         refused = chain.node.set_parameters_atomically([Parameter("engine.frequency", value=100.0)])
         assert "engine.frequency_times" in refused.reason
@@ -128,15 +129,6 @@ def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_pat
     assert chain.loop.engine_command.fallen_back
     assert chain.loop.request(lambda: chain.loop.plant.reading().engine_torque == 400.0)
     exactly(chain.close(), runs=2)
-
-
-def test_scene_text_follows_every_change(bench: Any) -> None:
-    node = bench.started(scene="minimal")
-    assert node.set_parameters_atomically(overrides({
-        "engine.mean_torque": 260.0, "pressure.amplitude": 100.0})).successful
-    expected = load_scene("minimal").with_values({"engine.mean_torque": 260.0, "pressure.amplitude": 100.0})
-    text = node.get_parameter("scene_text").value
-    assert parse_scene(text, "minimal").system == expected.system
 
 
 def test_a_friction_table_changes_as_a_whole_or_not_at_all(bench: Any, tmp_path: Path) -> None:

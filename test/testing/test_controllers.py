@@ -21,7 +21,9 @@ from sensor_msgs.msg import FluidPressure
 from std_msgs.msg import Float64
 
 import tcc_sim
+from tcc_sim.analysis.steady.summary import summarise
 from tcc_sim.errors import InputError
+from tcc_sim.nodes.commander import CommanderNode
 from tcc_sim.nodes.slip_controller import SlipControllerNode
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.plant.slip_control import SlipController, Tuning
@@ -145,3 +147,15 @@ def test_the_slip_controller_follows_a_profile_of_its_target(driveline: Any) -> 
         return law.update(reading.flywheel_speed - reading.plate_speed, reading.engine_torque)
 
     assert run.slip_speed.tobytes() == tcc_sim.closed_loop("controlled", answer, 1.0).slip_speed.tobytes()
+
+
+def test_the_commander_of_the_demo_answers_every_state_and_settles_on_one_motion(driveline: Any) -> None:
+    plant = driveline("commands")
+    plant.add(CommanderNode())
+    run = plant.run(seconds=4.0)
+    assert (run.missed, run.refused) == (0, 0)
+    swing = np.sin(50.0 * np.pi * run.t[:-1])  # A sample has the commands that answer the state before it.
+    for name, mean, amplitude in (("engine_torque", 300.0, 250.0), ("actuation_pressure", 225e3, 45e3)):
+        np.testing.assert_allclose(run.commands[name][1:], mean + amplitude * swing, rtol=1e-12, atol=1e-6)
+    summary = summarise(run)
+    assert (summary.period, summary.breakaways, summary.cycles) == (1, 50, 100)  # 50 of 100 cycles of 40 ms are kept.
