@@ -274,7 +274,7 @@ def explanation(scene: SceneLike, *, set: Mapping[str, object] | None = None, co
     scene : a scene, its name or file, or a system
     set : scene keys with new values
     cost : add topics, optional packages and kernel arguments, and the run time of one tick of the real-time solver with
-        the share of each term; this compiles one kernel per term
+        the share of the Stribeck exponential
 
     Examples
     --------

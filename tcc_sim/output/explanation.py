@@ -15,6 +15,7 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.friction import smoothed_coefficient
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import Origin
 from tcc_sim.model.pure_slip import pure_slip
 from tcc_sim.model.pure_stick import plate_angle, stick_margin
 from tcc_sim.output.estimates import Estimates, estimates_of
@@ -23,7 +24,16 @@ from tcc_sim.result import Described, json_of, reported
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
 from tcc_sim.solvers import choose
-from tcc_sim.solvers.terms import Terms, general_terms, held_and_left_out, stick_speed_of, substeps, terms_of
+from tcc_sim.solvers.terms import (
+    Terms,
+    for_ticks,
+    held_and_left_out,
+    padded,
+    stick_speed_of,
+    substeps,
+    terms_from,
+    terms_of,
+)
 from tcc_sim.topics import TOPICS
 
 OPTIONAL_MODULES = ("scipy", "mcap", "matplotlib", "rerun", "rclpy", "distributed")
@@ -34,9 +44,8 @@ COMPARED = 500
 """Number of ticks compared with a closed form."""
 ROUNDS, TICKS = 10, 400
 """Measurements of the run time of each kernel, and ticks in a measurement."""
-OPTIONAL = {"torque": "engine torque sine", "harmonics": "engine torque harmonics", "pulsation": "pressure sine",
-            "stribeck": "Stribeck exponential"}
-"""Terms whose cost is measured by removing or adding them, with their printed names."""
+STRIBECK = "Stribeck exponential"
+"""Term whose cost is measured by removing or adding it; the sines are in every kernel of ticks."""
 FUNCTIONS = {"sin": "sines", "exp": "exponentials", "tanh": "hyperbolic tangents"}
 """Costly functions of NumPy that the kernels call, with their printed names."""
 
@@ -56,18 +65,19 @@ class StepFigures:
     tick_s: float = field(metadata=reported("tick", "s"))
     sub_steps: int = field(metadata=reported("sub-steps in a tick"))
     own_calls: Mapping[str, float] = field(metadata=reported("function calls in a sub-step"))
-    general_calls: Mapping[str, float] = field(metadata=reported("those with every term on"))
+    general_calls: Mapping[str, float] = field(metadata=reported(
+        "those with three exponentials and a profile"))
     own_s: float | None = field(default=None, metadata=reported(
         "time of a tick, with --cost", "s", optional=True))
     general_s: float | None = field(default=None, metadata=reported(
-        "that with every term on", "s", optional=True))
+        "that with three exponentials and a profile", "s", optional=True))
     ratio: float | None = field(default=None, metadata=reported("general_s over own_s", optional=True))
     noise_s: float | None = field(default=None, metadata=reported(
         "noise of these times; differences below twice this are null", "s", optional=True))
     terms_s: Mapping[str, float | None] | None = field(default=None, metadata=reported(
-        "time that each held term adds to a tick", "s", optional=True))
+        "time that the exponential, if held, adds to a tick", "s", optional=True))
     saved_s: Mapping[str, float | None] | None = field(default=None, metadata=reported(
-        "time that each other term would add", "s", optional=True))
+        "time that the exponential, if left out, would add", "s", optional=True))
 
 
 @dataclass(frozen=True)
@@ -167,8 +177,8 @@ def explained(scene: Scene, *, cost: bool = False) -> SceneExplanation:
 
     Parameters
     ----------
-    cost : measure the run time of a tick too: of this scene's kernel, with all terms, without each term in use, and
-        with each term left out; this compiles a kernel for each
+    cost : measure the run time of a tick too: with this scene's kernel, with that of all terms, and without or with
+        the Stribeck exponential
     """
     terms = terms_of(scene.system)
     needed = [row.name for row in TOPICS if row.wanted(scene.value)]
@@ -228,12 +238,18 @@ def _what_is(value: object) -> str:
     return f"{len(value)} numbers" if isinstance(value, tuple) else "number"
 
 
+def with_all_terms(system: System) -> Terms:
+    """Return the terms with three exponentials and a profile, which have no effect where `system` lacks them."""
+    terms = terms_from(system, Origin(phase=2.0 * np.pi))
+    return terms._replace(stribeck=padded(terms.stribeck))
+
+
 def count_calls(system: System) -> dict[str, dict[str, float]]:
     """Count the calls of costly functions per sub-step of the first tick, with the kernel run as Python."""
     from tcc_sim.solvers.fixed_step import Stepper, advance
 
     calls: dict[str, dict[str, float]] = {}
-    for which, terms in (("own_calls", terms_of(system)), ("general_calls", general_terms(system))):
+    for which, terms in (("own_calls", terms_of(system)), ("general_calls", with_all_terms(system))):
         counts = dict.fromkeys(FUNCTIONS.values(), 0.0)
 
         def counted(name: str, counts: dict[str, float] = counts) -> Callable[[Any], Any]:
@@ -245,7 +261,7 @@ def count_calls(system: System) -> dict[str, dict[str, float]]:
         stepper = Stepper(system, TICK)
         n = stepper.substeps
         run = _interpreted(advance, SimpleNamespace(**{**vars(np), **{name: counted(name) for name in FUNCTIONS}}), {})
-        run(stepper.state, 0.0, TICK / n, n, terms, True, None)
+        run(stepper.state, 0.0, TICK / n, n, for_ticks(terms), True, None)
         calls[which] = {name: count / n for name, count in counts.items()}
     return calls
 
@@ -269,31 +285,25 @@ def _cost(scene: Scene) -> dict[str, Any]:
 
     The kernels are measured in turns; the fastest of several measurements counts.
     """
-    from tcc_sim.solvers.fixed_step import Stepper, advance
+    from tcc_sim.solvers.fixed_step import Stepper
 
-    stepper = Stepper(scene.system, TICK)
-    n, scene_terms, every = stepper.substeps, stepper.terms, general_terms(scene.system)
-    kernels = {"own": scene_terms, "general": every}
-    kernels |= {name: Terms(**{**scene_terms._asdict(), name: getattr(every, name) if getattr(scene_terms,
-                                                                                              name) is None else None})
-                for name in OPTIONAL}
+    stepper, own = Stepper(scene.system, TICK), terms_of(scene.system)
+    falls = own.stribeck is not None
+    kernels = {"own": own, "general": with_all_terms(scene.system),
+               "toggled": own._replace(stribeck=None if falls else (0.0, scene.system.friction.decay))}
     seconds = {name: np.empty(ROUNDS) for name in kernels}
-    for turn in range(-1, ROUNDS):  # The first turn compiles.
+    for turn in range(-1, ROUNDS):  # The first turn loads the kernels.
         for name, terms in kernels.items():
-            state = stepper.state.copy()
             began = time.thread_time()
-            advance(state, 0.0, TICK / n, TICKS * n, terms, True, None)
+            stepper.run_apart(terms, stepper.state, TICKS * stepper.substeps)
             seconds[name][turn] = (time.thread_time() - began) / TICKS
     best = {name: float(times.min()) for name, times in seconds.items()}
     # Noise: difference between the fastest of the even and of the odd measurements.
     noise = max(abs(float(times[::2].min() - times[1::2].min())) for times in seconds.values())
-    added = {name: abs(best[name] - best["own"])
-             if (best[name] > best["own"]) is (getattr(scene_terms, name) is None) else 0.0 for name in OPTIONAL}
-    measured = {name: times if times > 2.0 * noise else None for name, times in added.items()}
+    share = max(best["own"] - best["toggled"] if falls else best["toggled"] - best["own"], 0.0)
+    exponential = {STRIBECK: share if share > 2.0 * noise else None}
     return {"own_s": best["own"], "general_s": best["general"], "ratio": best["general"] / best["own"],
-            "noise_s": noise,
-            "terms_s": {OPTIONAL[k]: x for k, x in measured.items() if getattr(scene_terms, k) is not None},
-            "saved_s": {OPTIONAL[k]: x for k, x in measured.items() if getattr(scene_terms, k) is None}}
+            "noise_s": noise, "terms_s": exponential if falls else {}, "saved_s": {} if falls else exponential}
 
 
 def closed_forms(system: System) -> dict[str, Any] | None:

@@ -22,7 +22,7 @@ from tcc_sim.model import profile as of
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.friction_curve import MOST_TERMS
-from tcc_sim.model.groups import Engine, Friction
+from tcc_sim.model.groups import Engine
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import START, Floats, Origin
 
@@ -44,8 +44,8 @@ class Terms(NamedTuple):
     phi instead of the time, so that their rates are in rad per rad, and the means are those of the profile.
 
     The real-time solver alone takes `approach`, the (1, 4) course of the load in a tick of an actuator, and `far`, the
-    (m, 4) motion of the shaft's far end, a row for each piece of the profile: `torques` and `model.profile` have their
-    columns. A Stepper fills their arrays anew for each tick.
+    (m, 4) motion of the shaft's far end, a row for each piece of the profile: `fixed_step` and `model.profile` have
+    their columns. A Stepper fills their arrays anew for each tick.
     """
 
     linear: Linear
@@ -203,25 +203,6 @@ def for_ticks(terms: Terms) -> Terms:
         linear=equations.completed(terms.linear), torque=terms.torque or (0.0, 0.0),
         harmonics=SILENT if terms.harmonics is None else terms.harmonics, pulsation=terms.pulsation or (0.0, 0.0, 0.0),
         stribeck=padded(stribeck) if stribeck is not None and len(stribeck) > 2 else stribeck)
-
-
-def general_terms(system: System) -> Terms:
-    """Return the terms with every term present, absent ones at zero amplitude, for comparison."""
-    scene_terms = _terms(system, of.profile_of(system.engine, system.pressure, system.inputs, START), 0.0)
-    return scene_terms._replace(
-        linear=equations.completed(scene_terms.linear),
-        torque=(0.0, 1.0) if scene_terms.torque is None else scene_terms.torque,
-        harmonics=np.array([[2.0, 0.0, 0.0]]) if scene_terms.harmonics is None else scene_terms.harmonics,
-        pulsation=(0.0, 1.0, 0.0) if scene_terms.pulsation is None else scene_terms.pulsation,
-        stribeck=_all_exponentials(system.friction, scene_terms.stribeck),
-    )
-
-
-def _all_exponentials(friction: Friction, exponentials: Stribeck) -> Stribeck:
-    """Return as many exponentials as the law may have: the fit of a table takes as many as it needs."""
-    if friction.curve is None:
-        return (0.0, friction.decay) if exponentials is None else exponentials
-    return padded(exponentials)
 
 
 def padded(stribeck: Stribeck) -> Stribeck:
