@@ -10,7 +10,7 @@ import stat
 import sys
 import time
 from collections import namedtuple
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -62,41 +62,53 @@ def test_what_was_made_is_found_again_in_private_files(cache: Path, capsys: pyte
     assert capsys.readouterr().err.count("\n") == 1  # All compilations of a process are announced once.
 
 
-def test_a_damaged_cache_costs_one_line_and_is_put_right(cache: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    stored()
-    whole = (cache / NAME).read_bytes()
-    for damaged in (whole[:2] + b"x" + whole[3:], whole[:10], b"", whole + b"x"):
-        (cache / NAME).write_bytes(damaged)
-        kernel_cache.announced.clear()
-        kernel_cache.announced.add("compiling")
-        capsys.readouterr()
-        assert [stored(), stored()] == [(b"CODE", True), (b"CODE", False)]
-        assert capsys.readouterr().err.count("\n") == 1
-    (cache / NAME).unlink()
-    (cache / NAME).mkdir()
-    assert stored() == (b"CODE", True)
+@pytest.fixture
+def package(cache: Path, tmp_path: Path) -> Path:
+    """Return a package's folder with one kernel; the private directory is empty."""
+    folder = tmp_path / "shipped"
+    folder.mkdir(mode=0o755)
+    stored(b"shipped")
+    (cache / NAME).rename(folder / NAME)
+    (folder / NAME).chmod(0o644)
+    return folder
 
 
-@pytest.mark.parametrize("mode", [0o777, 0o770, 0o722])
+FAULTS: dict[str, Callable[[Path], object]] = {
+    "damaged": lambda path: path.write_bytes(path.read_bytes()[:2] + b"x" + path.read_bytes()[3:]),
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:10]), "empty": lambda path: path.write_bytes(b""),
+    "longer": lambda path: path.write_bytes(path.read_bytes() + b"x"), "group": lambda path: path.chmod(0o660),
+    "others": lambda path: path.chmod(0o602), "foreign": lambda path: os.chown(path, 12345, 12345)}
+"""Faults of a file with a kernel."""
+
+
+@pytest.mark.parametrize("fault", [name if name != "foreign" else pytest.param(name, marks=NEEDS_ROOT)
+                                   for name in FAULTS])
+def test_a_file_at_fault_costs_one_line_and_is_made_anew(cache: Path, package: Path, fault: str,
+                                                         capsys: pytest.CaptureFixture[str]) -> None:
+    """One in the package stays there as it is."""
+    kernel_cache.announced.add("compiling")
+    capsys.readouterr()
+    FAULTS[fault](package / NAME)
+    bad = (package / NAME).read_bytes()
+    assert [stored(shipped=package), stored(b"other")] == [(b"CODE", True), (b"CODE", False)]
+    assert (capsys.readouterr().err.count("\n"), (package / NAME).read_bytes()) == (1, bad)
+    kernel_cache.announced.discard("damage")
+    FAULTS[fault](cache / NAME)
+    assert [stored(b"more"), stored(b"other")] == [(b"MORE", True), (b"MORE", False)]
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("fault", ["group", "others", pytest.param("foreign", marks=NEEDS_ROOT)])
 def test_no_directory_is_used_that_others_can_write_to(cache: Path, capsys: pytest.CaptureFixture[str],
-                                                       mode: int) -> None:
+                                                       fault: str) -> None:
     stored()
-    cache.chmod(mode)
-    assert stored(b"own") == (b"OWN", True)
-    assert str(cache) in capsys.readouterr().err
-    assert stat.S_IMODE(cache.stat().st_mode) == mode
-    cache.chmod(0o700)
-    (cache / NAME).chmod(mode & 0o666)
-    assert stored() == (b"CODE", True)
-
-
-@NEEDS_ROOT
-def test_nothing_of_another_user_is_used(cache: Path) -> None:
-    stored(b"planted")
-    os.chown(cache / NAME, 12345, 12345)
-    assert stored() == (b"CODE", True)
-    os.chown(cache, 12345, 12345)
+    cache.chmod(0o770 if fault == "group" else 0o702 if fault == "others" else 0o700)
+    if fault == "foreign":
+        os.chown(cache, 12345, 12345)
+    before = cache.stat()
     assert [stored(b"own"), stored(b"own")] == [(b"OWN", True)] * 2
+    assert str(cache) in capsys.readouterr().err
+    assert (cache.stat().st_mode, cache.stat().st_uid) == (before.st_mode, before.st_uid)
 
 
 @pytest.mark.parametrize("place", ["relative", "link", "file", "full"])
@@ -159,17 +171,6 @@ def test_a_process_killed_while_it_writes_leaves_nothing_that_is_loaded(cache: P
     assert [stored(), stored()] == [(b"CODE", True), (b"CODE", False)]
 
 
-@pytest.fixture
-def package(cache: Path, tmp_path: Path) -> Path:
-    """Return a package's folder with one kernel; the private directory is empty."""
-    folder = tmp_path / "shipped"
-    folder.mkdir(mode=0o755)
-    stored(b"shipped")
-    (cache / NAME).rename(folder / NAME)
-    (folder / NAME).chmod(0o644)
-    return folder
-
-
 def test_code_in_the_package_is_used_at_any_age_without_a_private_directory(package: Path, cache: Path) -> None:
     cache.rmdir()
     os.utime(package / NAME, (0.0, 0.0))
@@ -178,22 +179,6 @@ def test_code_in_the_package_is_used_at_any_age_without_a_private_directory(pack
     (package / NAME).chmod(0o664)
     assert stored(shipped=package) == (b"SHIPPED", False)
     assert not cache.exists()
-
-
-@pytest.mark.parametrize("fault", ["damaged", "writable", pytest.param("foreign", marks=NEEDS_ROOT)])
-def test_foreign_and_damaged_code_in_the_package_is_refused_and_left_there(
-        package: Path, cache: Path, capsys: pytest.CaptureFixture[str], fault: str) -> None:
-    kernel_cache.announced.add("compiling")
-    capsys.readouterr()
-    if fault == "damaged":
-        (package / NAME).write_bytes((package / NAME).read_bytes()[1:])
-    elif fault == "writable":
-        (package / NAME).chmod(0o664)
-    else:
-        os.chown(package / NAME, 12345, 12345)
-    assert stored(shipped=package) == (b"CODE", True)
-    assert capsys.readouterr().err.count("\n") == 1
-    assert [path.name for path in (*package.iterdir(), *cache.iterdir())] == [NAME, NAME]
 
 
 def test_the_digest_is_that_of_the_text_of_the_rooms(tmp_path: Path) -> None:

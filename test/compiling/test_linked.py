@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tcc_sim.compiling.changing import Causes, Changing
 from tcc_sim.compiling.compiled import Call, Calls, compiled, fast, loaded
 from tcc_sim.compiling.kernel_cache import UnusableFile
+from tcc_sim.compiling.unrolled import Causes, Changing
 
 WEIGHTS = np.array([0.5, -0.25, 3.0])
 

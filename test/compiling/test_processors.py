@@ -9,7 +9,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 SOLVES = """
@@ -52,18 +51,17 @@ def here(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, list[str]
     return cache, out, kept
 
 
-@pytest.mark.parametrize("core", CORES)
-def test_other_kernels_of_openblas_change_no_bit_and_compile_nothing(here: tuple[Path, str, list[str]],
-                                                                     core: str) -> None:
-    cache, out, kept = here
-    assert outcome(cache, OPENBLAS_CORETYPE=core) == (out, "", kept)
-
-
-def test_numpy_without_its_loops_for_newer_processors_changes_no_bit(here: tuple[Path, str, list[str]]) -> None:
-    cache, out, kept = here
+def newer_loops() -> str:
+    """Return the names of NumPy's loops for processors beyond the level that this processor has."""
     from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
-    newer = [name for name in __cpu_dispatch__ if ("AVX512" in name or name == "X86_V4") and __cpu_features__[name]]
-    if not newer:
-        pytest.skip(f"NumPy {np.__version__} has no such loops here")
-    assert outcome(cache, NPY_DISABLE_CPU_FEATURES=" ".join(newer)) == (out, "", kept)
+    return " ".join(name for name in __cpu_dispatch__ if ("AVX512" in name or name == "X86_V4")
+                    and __cpu_features__[name])
+
+
+@pytest.mark.parametrize("environment", [*({"OPENBLAS_CORETYPE": core} for core in CORES),
+                                         {"NPY_DISABLE_CPU_FEATURES": newer_loops()}], ids=str)
+def test_other_kernels_of_openblas_and_loops_of_numpy_change_no_bit_and_compile_nothing(
+        here: tuple[Path, str, list[str]], environment: dict[str, str]) -> None:
+    cache, out, kept = here
+    assert outcome(cache, **environment) == (out, "", kept)
