@@ -45,7 +45,7 @@ class Entry:
         return not unsupported(self.name, system)
 
 
-SCIPY = "scipy_methods"
+COMPARISON = "comparison"
 SHORTEST = 1e-8
 """Least duration, in engine cycles: a multiple of the engines' tolerance at the end of a cycle."""
 
@@ -55,12 +55,12 @@ SOLVERS: dict[str, Entry] = {row.name: row for row in (
     Entry("smoothed", "smoothed_engine", "solve", "adaptive: Taylor series in slip, implicit in the layer and in stick",
           "rtol", 1e-8),
     Entry("event_driven", "exact_engine", "solve", "exact: closed forms between located events", "rtol", 1e-10),
-    Entry("rk45", SCIPY, "rk45", "Dormand and Prince 5(4) in the steps of SciPy's RK45, compiled", "rtol", 1e-6),
-    Entry("dop853", SCIPY, "dop853", "SciPy, Dormand and Prince 8(5,3)", "rtol", 1e-6),
-    Entry("radau", SCIPY, "radau", "SciPy, Radau IIA of order 5", "rtol", 1e-6),
-    Entry("bdf", SCIPY, "bdf", "SciPy, backward differentiation (Gear's method)", "rtol", 1e-6),
-    Entry("lsoda", SCIPY, "lsoda", "SciPy, LSODA of ODEPACK", "rtol", 1e-6),
-    Entry("rk4", SCIPY, "rk4", "classical Runge-Kutta of order 4, fixed step", "step", 1e-6),
+    Entry("rk45", COMPARISON, "rk45", "Dormand and Prince 5(4) in the steps of SciPy's RK45, compiled", "rtol", 1e-6),
+    Entry("dop853", COMPARISON, "dop853", "SciPy, Dormand and Prince 8(5,3)", "rtol", 1e-6),
+    Entry("radau", COMPARISON, "radau", "SciPy, Radau IIA of order 5", "rtol", 1e-6),
+    Entry("bdf", COMPARISON, "bdf", "SciPy, backward differentiation (Gear's method)", "rtol", 1e-6),
+    Entry("lsoda", COMPARISON, "lsoda", "SciPy, LSODA of ODEPACK", "rtol", 1e-6),
+    Entry("rk4", COMPARISON, "rk4", "classical Runge-Kutta of order 4, fixed step", "step", 1e-6),
 )}
 
 

@@ -1,6 +1,6 @@
 """Derivatives of a Taylor step by its start and by numbers of the scene, the same for both engines.
 
-The text of the equations runs on numbers that carry their derivatives (`compiling.changing`), so that no derivative is
+The text of the equations runs on numbers that carry their derivatives (`compiling.unrolled`), so that no derivative is
 written out. A lane is one derivative; four lanes are worked on together. The first three lanes are the derivatives by
 slip speed, plate angle and plate speed, the others those by the scene's keys.
 
@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.compiling.changing import Changing
 from tcc_sim.compiling.compiled import fast
-from tcc_sim.compiling.unrolled import unrolled
+from tcc_sim.compiling.unrolled import Changing, unrolled
 from tcc_sim.model.equations import Linear, lost_torque
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
@@ -43,7 +42,7 @@ from tcc_sim.solvers.series import (
     SLIP,
     SPEED,
     Pulsation,
-    add_sine,
+    expand_sine,
     product,
 )
 
@@ -206,9 +205,9 @@ def expand_sines(sines: Any, count: int, unit: float, waves: Any, pulsation: Pul
     for k in range(COLUMNS):
         sines[OF_ENGINE, k], sines[OF_LOAD, k] = 0.0, 0.0
     if waves.shape[0] > 0:
-        add_sine(sines, OF_ENGINE, count, waves[0].sine, waves[0].cosine, waves[0].rate * unit)
+        expand_sine(count - 1, sines[OF_ENGINE], waves[0].sine, waves[0].cosine, waves[0].rate * unit)
     if pulsation is not None:
-        add_sine(sines, OF_LOAD, count + 1, drive.load_sine, drive.load_cosine, pulsation[1] * unit)
+        expand_sine(count, sines[OF_LOAD], drive.load_sine, drive.load_cosine, pulsation[1] * unit)
 
 
 @fast

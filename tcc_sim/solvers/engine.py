@@ -18,7 +18,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.changes import LANES
 from tcc_sim.solvers.problem import Problem
-from tcc_sim.solvers.run_output import DONE, FULL, GOES_ON, STATUSES, STEP_LIMIT, RunOutput, Store, full, scratch
+from tcc_sim.solvers.run_output import DONE, FULL, GOES_ON, STATUSES, STEP_LIMIT, RunOutput, Store, full, work_space
 from tcc_sim.solvers.series import COLUMNS, load_phase
 from tcc_sim.solvers.terms import Terms
 from tcc_sim.trajectory import Floats, Statistics, Trajectory
@@ -71,7 +71,7 @@ class Tangent(NamedTuple):
         derivatives (0 for none), which limits the steps even where the motion does not have that sine; and `extended`,
         whether the engine computes its further results
     peaks : (cycles, groups, LANES) changes of the largest |slip speed| of every cycle
-    margins : (3, GRADIENT + groups * LANES) `exact_derivatives`; None under the smoothed law
+    margins : (3, GRADIENT + groups * LANES) `exact_engine`; None under the smoothed law
     """
 
     groups: Any
@@ -247,9 +247,7 @@ class EngineShell:
         """
         setup = self.setup(problem.system, SOLVERS[self.name].default if problem.rtol is None else problem.rtol)
         setup = setup._replace(waves=setup.waves.copy())
-        if self.name not in scratch.memories:
-            scratch.memories[self.name] = self.memory()
-        content, memory = scratch.memories[self.name]
+        content, memory = work_space.of(EngineShell.memory, self)
         content.fill(0)
         state, counters, numbers = memory.state, memory.counters, (*problem.state.numbers, problem.state.flywheel_angle)
         state["slip_speed"], state["plate_angle"], state["plate_speed"], state["flywheel_angle"] = numbers

@@ -4,33 +4,76 @@ Modes: stick, positive slip, negative slip, and free while the pressure is clamp
 polynomial, to rounding where the motion is linear and to the tolerance where the friction coefficient varies; events
 are certified on it. The torques, never the sign of a rounded slip speed, decide on the next mode; in stick v = 0
 exactly.
+
+For derivatives by the state and by the numbers of the equations the coefficients of a step's polynomials are
+differentiated (`changes`). An event multiplies the derivatives by a saltation matrix (R. I. Leine, H. Nijmeijer,
+Dynamics and Bifurcations of Non-Smooth Mechanical Systems, Springer 2004, Section 7.2): S = I + (f+ - f-) e_v^T/v'-
+where slip ends, I where it begins, the field being continuous there since mubar(0+) = mu_s/mu_k.
+
+Margins of a motion to other event sequences vanish at bifurcations with sliding: M. di Bernardo, P. Kowalczyk, A.
+Nordmark, Bifurcations of dynamical systems with sliding, Physica D 170 (2002). A margin is the smallest value over the
+motion, from the polynomials of the steps.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
-from tcc_sim.compiling.compiled import compiled, fast
+import numpy as np
+
+from tcc_sim.compiling.compiled import compiled, fast, steepness
+from tcc_sim.compiling.unrolled import Changing, unrolled
 from tcc_sim.errors import OutOfRange
-from tcc_sim.model.equations import completed
-from tcc_sim.model.friction import exponentials
+from tcc_sim.model.equations import Linear, completed
+from tcc_sim.model.friction import Stribeck, exponentials
 from tcc_sim.model.parameters import System
 from tcc_sim.polynomials import polynomial
-from tcc_sim.polynomials.bernstein import to_bernstein
-from tcc_sim.solvers import run_output
-from tcc_sim.solvers.collocation import WORK
-from tcc_sim.solvers.engine import COUNTERS, EngineShell, Memory, Setup, loop_by
-from tcc_sim.solvers.exact import EVENTS, STATE, Bounds, Step, begin, bounds_of, finish, monotone, step_on
-from tcc_sim.solvers.exact_derivatives import (
-    SHARED,
-    carry_event,
-    carry_step,
-    end_changes_of_cycle,
-    resolved_step,
-    start_changes,
+from tcc_sim.polynomials.bernstein import (
+    BERNSTEIN,
+    HALVINGS,
+    LEFT,
+    WIDTH,
+    WORKSPACE,
+    search_on,
+    slope_changes,
+    to_bernstein,
 )
-from tcc_sim.solvers.key_derivatives import DECAYS, EXCESSES
+from tcc_sim.solvers import key_derivatives as of
+from tcc_sim.solvers import run_output
+from tcc_sim.solvers.changes import (
+    LANES,
+    OF_ENGINE,
+    OF_LOAD,
+    Rows,
+    carry_slip,
+    changed_at,
+    changing,
+    changing_linear,
+    end_changes,
+    expand_sines,
+    hold_phase,
+)
+from tcc_sim.solvers.collocation import WORK
+from tcc_sim.solvers.engine import COUNTERS, GRADIENT, GROWS, VALUE, EngineShell, Memory, Setup, Tangent, loop_by
+from tcc_sim.solvers.exact import (
+    DOWNWARD,
+    EVENTS,
+    FALLING_ORDER,
+    STATE,
+    UPWARD,
+    Bounds,
+    Step,
+    accelerations_at,
+    begin,
+    bounds_of,
+    finish,
+    monotone,
+    step_on,
+    stuck,
+)
+from tcc_sim.solvers.law import NARROW
 from tcc_sim.solvers.run_output import (
     DEGENERATE,
     EVENT_LIMIT,
@@ -42,9 +85,365 @@ from tcc_sim.solvers.run_output import (
     keep_breakaway,
     keep_loads,
 )
-from tcc_sim.solvers.series import DRIVE, FLYWHEEL, SLIP, add_integral, waves_of
+from tcc_sim.solvers.series import DRIVE, FLYWHEEL, SLIP, Pulsation, add_integral, expand_decayed, waves_of
 from tcc_sim.solvers.terms import Terms, per_system, terms_of
-from tcc_sim.trajectory import STICK, Floats
+from tcc_sim.trajectory import FREE, STICK, Floats
+
+GRAZING, ARRIVAL, STUCK = range(3)
+"""Rows of margins: |v| at its smallest extremum in slip, rad/s; r Ts + sgn(v) lambda at the end of slip, N m (negative
+where slip goes on the other way), the one nearest to 0; r Ts - |lambda| at its smallest minimum in stick, N m."""
+
+
+@fast
+def root_of_slope(c: Any, row: int, degree: int, low: float, high: float, sign: float) -> float:
+    """Return the place between low and high at which the slope of sign * polynomial rises through 0."""
+    x = 0.5 * (low + high)
+    for _ in range(80):
+        slope, curvature = polynomial.slope_and_curvature(c, row, degree, x)
+        if sign * slope < 0.0:
+            low = x
+        else:
+            high = x
+        following = polynomial.newton_within(low, high, x, slope, curvature)
+        if abs(following - x) <= 1e-15 * high:
+            return float(following)
+        x = following
+    return x
+
+
+@fast
+def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below: float,
+                 workspace: Any) -> tuple[float, float]:
+    """Return the smallest local minimum of sign * polynomial within (0, x_end), and its place; (below, -1) if none is
+    lower. Descartes' rule finds every interval with one change of sign of the slope, as in `polynomial.extremes_of`.
+    """
+    to_bernstein(c, row, degree, x_end, workspace)
+    for i in range(WORKSPACE[1]):
+        workspace[1, i] = workspace[BERNSTEIN, i]
+    top, place = 1, -1.0
+    shortest = x_end * 2.0 ** -HALVINGS
+    while top > 0:
+        changes, last, least = 0, 0.0, math.inf
+        for i in range(degree + 1):
+            least = min(least, sign * workspace[top, i])
+        if least < below:
+            changes, _, last = slope_changes(workspace, top, degree)
+        if changes == 1 and sign * last > 0.0:
+            left, width = workspace[top, LEFT], workspace[top, WIDTH]
+            x = root_of_slope(c, row, degree, left, left + width, sign)
+            value = sign * polynomial.value(c, row, degree, x)
+            if value < below and 0.0 < x < x_end:
+                below, place = value, x
+        top = search_on(workspace, top, degree, changes, shortest)
+    return below, place
+
+
+def arrival_change(out: Any, now: Any, by: Any, angle: Any, speed: Any, engine: Any, load: Any, sines: Any,
+                   amplitude: Any, ratio: Any, side: Any, linear: Linear) -> None:
+    """Fill the change of r Ts + side * lambda at constant phase, lambda in stick's form; staged function."""
+    part = changing_linear(linear, by)
+    flywheel, plate, turning = part.flywheel, part.plate, Changing(speed, now.row(2))
+    sine, load_sine, load_cosine = sines
+    spring = part.damping * turning + part.stiffness * Changing(angle, now.row(1))
+    engine = Changing(engine, by.row(of.MEAN_TORQUE) + by.row(of.TORQUE_AMPLITUDE) * sine)
+    load = Changing(load, by.row(of.MEAN_LOAD) + by.row(of.LOAD_AMPLITUDE) * load_sine
+                    + by.row(of.LOAD_PHASE) * (amplitude * load_cosine))
+    torque = (plate * engine + flywheel * spring) / (flywheel + plate)
+    out.set_row((Changing(ratio, by.row(of.BREAKAWAY)) * load + Changing(side) * torque).change, 0)
+
+
+change_arrival = unrolled(arrival_change)
+
+
+@fast
+def note_step(mode: int, order: int, x: float, rows: Any, least: Any, places: Any,
+              workspace: Any) -> bool:
+    """Search for smaller margins within a step; return whether there is one, at places[.] of the step."""
+    places[GRAZING] = -1.0
+    places[STUCK] = -1.0
+    if mode == STICK:
+        for row in (UPWARD, DOWNWARD):
+            value, at = smallest_dip(rows, row, order, x, 1.0, least[STUCK, VALUE], workspace)
+            if at > 0.0:
+                least[STUCK, VALUE] = value
+                places[STUCK] = at
+                places[ARRIVAL] = 1.0 if row == UPWARD else -1.0
+    elif mode != FREE:
+        value, at = smallest_dip(rows, SLIP, order, x, float(mode), least[GRAZING, VALUE], workspace)
+        if at > 0.0 and value > 0.0:
+            least[GRAZING, VALUE] = value
+            places[GRAZING] = at
+    return bool(places[GRAZING] > 0.0 or places[STUCK] > 0.0)
+
+
+@fast
+def note_gradient(mode: int, order: int, block: int, group: Any, rows: Any, least: Any, places: Any) -> None:
+    """Store the derivatives of the margins that `note_step` found in a step, by the disturbances of a group."""
+    for lane in range(LANES):
+        column = GRADIENT + block * LANES + lane
+        if places[GRAZING] > 0.0:
+            least[GRAZING, column] = mode * changed_at(group, SLIP, lane, order, order, places[GRAZING], rows)
+        if places[STUCK] > 0.0:
+            row = UPWARD if places[ARRIVAL] > 0.0 else DOWNWARD
+            least[STUCK, column] = changed_at(group, row, lane, order, order, places[STUCK], rows)
+
+
+@fast
+def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, ratio: float, groups: Any,
+                 sines: Any, pulsation: Pulsation, workspace: Any, least: Any) -> None:
+    """Store the margin at the end of slip in direction `mode`, before the disturbances pass the event.
+
+    sines : coefficients of `changes.expand_sines` over that step
+    workspace : (LANES,)
+    """
+    flywheel, plate, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
+    both = flywheel + plate
+    spring = damping * state.plate_speed + stiffness * state.plate_angle
+    margin = ratio * drive.load + mode * (plate * drive.torque + flywheel * spring) / both
+    friction = mode * ratio * drive.load
+    slip_rate, speed_rate = accelerations_at(linear, 0.0, state, drive.torque, friction)
+    if abs(margin) >= abs(least[ARRIVAL, VALUE]) or slip_rate == 0.0:
+        return
+    least[ARRIVAL, VALUE] = margin
+    stuck_rate = (drive.torque - spring) / both
+    still = (ratio * drive.load_rate
+             + mode * (plate * drive.torque_rate + flywheel * stiffness * state.plate_speed) / both)
+    resisted = flywheel * damping
+    least[ARRIVAL, GROWS] = 1.0 if still + mode * resisted * stuck_rate / both > 0.0 else 0.0
+    rate = still + mode * resisted * speed_rate / both
+    sine = polynomial.value(sines, OF_ENGINE, step.degree, step.x)
+    load_sine, slope = polynomial.value_and_slope(sines, OF_LOAD, step.degree, step.x)
+    now = sine, load_sine, slope / (pulsation[1] * step.unit)
+    for b in range(groups.shape[0]):
+        group = groups[b]
+        change_arrival(0, workspace, group.now, group.by, state.plate_angle, state.plate_speed, drive.torque,
+                       drive.load, now, pulsation[0], ratio, float(mode), linear)
+        for lane in range(LANES):
+            least[ARRIVAL, GRADIENT + b * LANES + lane] = workspace[lane] - rate / slip_rate * group.now[0, lane]
+
+
+CONVERGED = 1e-10
+"""Last terms of the friction's exponential, relative to its first, up to which its series has converged."""
+SMALL = 0.02
+"""Amplitude up to which the motion need not show an exponential, though its derivatives do."""
+GONE = 40.0
+"""Rate times slip speed above which one of several exponentials is below rounding."""
+LINEAR_REACH, FALLING_REACH = 3.3, 1.6
+"""Rates times length at which the last term of a derivative's series is 1e-14 of it, for the two orders."""
+SHORTER = 0.6
+"""Factor of a step in which the friction's exponential has not converged, though the motion has (mu_k near mu_s)."""
+SHARED = np.dtype([("fastest", np.float64), ("extended", np.int64), ("places", np.float64, 3),
+                   ("workspace", np.float64, LANES)])
+"""Numbers that the lanes share, see `Tangent`, and work space; the further results are the margins."""
+
+
+def changed_stick(rows: Any, changes: Any, now: Any, by: Any, sines: Any, unit: Any, linear: Linear, ratio: Any,
+                  pulsation: Any, margins: Any) -> Iterator[int]:
+    """Fill the derivatives of `exact.stuck`; staged function."""
+    yield from stuck(Rows(rows, changes, now, by, sines, unit, pulsation, margins), Changing(unit),
+                     changing_linear(linear, by), changing(ratio, by, of.BREAKAWAY), pulsation)
+
+
+expand_stick_changes = unrolled(changed_stick)
+
+
+@fast
+def unresolved(step: Step, mode: int, later: bool, stribeck: Stribeck, rows: Any, workspace: Any) -> bool:
+    """Return whether the last terms of an exponential over a step count, if its amplitude is too small for the motion
+    to show them; `workspace` takes them. Several exponentials are looked at only if there are derivatives by them
+    (`later`).
+    """
+    if stribeck is None or (len(stribeck) > 2 and not later):
+        return False
+    for i in range(0, len(stribeck), 2):
+        gone = len(stribeck) > 2 and stribeck[i + 1] * abs(rows[SLIP, 0]) > GONE
+        if abs(stribeck[i]) <= SMALL and not gone:
+            expand_decayed(step.degree - 1, workspace, rows, -stribeck[i + 1] * mode)
+            power = step.x ** (step.degree - 1)
+            if max(abs(workspace[step.degree - 2]) / step.x, abs(workspace[step.degree - 1])) * power > CONVERGED:
+                return True
+    return False
+
+
+@fast
+def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, groups: Any, along: Any, rows: Any,
+          pulsation: Pulsation, stribeck: Stribeck, margins: bool) -> None:
+    """Fill the coefficients of all derivatives over a step, with the sines of `along` (ALONG); in stick those of the
+    margins to breakaway too, if `margins`.
+    """
+    order, unit, sign = step.degree, step.unit, 0.0 if mode == FREE else float(mode)
+    if mode == STICK:
+        for i in range(groups.shape[0]):
+            group = groups[i]
+            for k in range(order + 1):
+                for lane in range(LANES):
+                    group.rows[SLIP, k, lane] = 0.0
+            if margins:
+                expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, terms.linear,
+                                     ratio, pulsation, True)
+            else:
+                expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, terms.linear,
+                                     ratio, pulsation, None)
+    elif stribeck is None or not falls:
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, None, None)
+    else:
+        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, None)
+
+
+@fast
+def land(mode: int, following: int, state: Any, drive: Any, ratio: float, linear: Linear, groups: Any) -> bool:
+    """Apply the saltation matrix of slip in direction `mode` that ends in mode `following`; return False if v' is 0."""
+    slip_rate, speed_rate = accelerations_at(linear, 0.0, state, drive.torque, mode * ratio * drive.load)
+    if slip_rate == 0.0:
+        return False
+    if following != STICK:
+        share, new_rate = accelerations_at(linear, 0.0, state, drive.torque, following * ratio * drive.load)
+        share /= slip_rate
+    else:
+        spring = linear.damping * state.plate_speed + linear.stiffness * state.plate_angle
+        share, new_rate = 0.0, (drive.torque - spring) / (linear.flywheel + linear.plate)
+    for b in range(groups.shape[0]):
+        now = groups[b].now
+        for lane in range(LANES):
+            now[2, lane] += (new_rate - speed_rate) / slip_rate * now[0, lane]
+            now[0, lane] *= share
+    return True
+
+
+@fast
+def longest_step(bounds: Bounds, linear: Linear, load: float, stribeck: Stribeck, fastest: float, state: Any) -> float:
+    """Return the length, s, up to which the series of derivatives hold, also at rates that the motion does not show."""
+    mode, inertia = state.mode, linear.plate
+    if mode == STICK:
+        inertia += linear.flywheel
+    rate = max(math.sqrt(linear.stiffness / inertia) + linear.damping / inertia + bounds.slip_decay, fastest)
+    if stribeck is not None and mode != STICK and mode != FREE and abs(state.slip_speed) <= 1.01 * bounds.far:
+        fall = steepness(abs(state.slip_speed), stribeck)
+        return float(FALLING_REACH / (rate + fall * load * (1.0 / linear.flywheel + 1.0 / linear.plate)))
+    return LINEAR_REACH / rate
+
+
+@fast
+def note_height(mode: int, step: Step, rows: Any, height: float, workspace: Any) -> tuple[float, float, float]:
+    """Return the largest |slip speed| up to the end of a step, its place in the step (-1: earlier), and its sign."""
+    place, sign = -1.0, 0.0
+    if mode == STICK or abs(rows[SLIP, 0]) + step.reach <= height:
+        return height, place, sign
+    one_way = monotone(rows, step.degree, step.x, step.reach)
+    end = polynomial.value(rows, SLIP, step.degree, step.x)
+    for k in range(2):
+        side = 1.0 - 2.0 * k
+        if mode != FREE and side != mode:
+            continue
+        if not one_way:
+            value, at = smallest_dip(rows, SLIP, step.degree, step.x, -side, -height, workspace)
+            if at > 0.0:
+                height, place, sign = -value, at, side
+        if side * end > height:
+            height, place, sign = side * end, step.x, side
+    return height, place, sign
+
+
+@fast
+def start_changes(state: Any, output: Any, tangent: Tangent) -> None:
+    """Project a start in stick on v = 0, reset the margins, and begin a cycle."""
+    groups, margins = tangent.groups, tangent.margins
+    margins[:] = 0.0
+    margins[:, VALUE] = math.inf
+    if state.mode == STICK:
+        for block in range(groups.shape[0]):
+            groups[block].now[0, :] = 0.0
+    start_height(state, output, groups)
+
+
+@fast
+def start_height(state: Any, output: Any, groups: Any) -> None:
+    """Set the largest |slip speed| of a cycle, `output.highest`, at its start; `output.lowest` is not used."""
+    output.highest, output.lowest = abs(state.slip_speed), 0.0
+    for block in range(groups.shape[0]):
+        for lane in range(LANES):
+            groups[block].peak[lane] = math.copysign(1.0, state.slip_speed) * groups[block].now[0, lane]
+
+
+@fast
+def end_changes_of_cycle(state: Any, output: Any, tangent: Tangent, cycles: Any) -> None:
+    """Keep the results of a cycle, and begin the next one."""
+    done, groups = cycles[output.cycle], tangent.groups
+    done.highest, done.lowest, done.stick_time = output.highest, output.lowest, output.stick_time
+    for block in range(groups.shape[0]):
+        for lane in range(LANES):
+            tangent.peaks[output.cycle, block, lane] = groups[block].peak[lane]
+    output.cycle += 1
+    output.stick_time = 0.0
+    start_height(state, output, groups)
+
+
+@fast
+def falls_along(step: Step, mode: int, stribeck: Stribeck) -> bool:
+    """Return whether the friction coefficient varies in a step."""
+    if stribeck is None:
+        return False
+    return step.degree == FALLING_ORDER and mode != STICK and mode != FREE
+
+
+@compiled
+def resolved_step(until: float, setup: Setup, memory: Memory, tangent: Tangent) -> tuple[Step, float]:
+    """Return the next step, no longer than the series of derivatives hold, and the time that it aimed at, at most
+    `until`, s into the cycle.
+    """
+    bounds, terms, _, waves, _ = setup
+    state, drive, work, sines = memory.state, memory.drive, memory.work, tangent.along.sines
+    later = tangent.along.law.shape[1] > NARROW
+    amplitude: float = terms.pulsation[0]  # type: ignore[index]
+    goal = min(until, state.tau + longest_step(bounds, terms.linear, terms.mean_load + amplitude, terms.stribeck,
+                                               tangent.shared.fastest, state))
+    while True:
+        step = step_on(bounds, terms, waves, state, drive, goal, work)
+        falls = falls_along(step, state.mode, terms.stribeck)
+        if not (falls and step.x > 0.0 and unresolved(step, state.mode, later, terms.stribeck, work.rows,
+                                                           sines[0])):
+            return step, goal
+        goal = state.tau + SHORTER * step.x * step.unit
+
+
+@compiled
+def carry_step(step: Step, setup: Setup, memory: Memory, tangent: Tangent) -> None:
+    """Carry derivatives, the largest |slip speed|, the time in stick and, if asked for, the margins over a step."""
+    bounds, terms, _, waves, _ = setup
+    state, _, drive, work, _, output = memory
+    groups, along, shared, _, margins = tangent
+    rows, mode, degree, places = work.rows, state.mode, step.degree, shared.places
+    noted = shared.extended != 0 and note_step(mode, degree, step.x, rows, margins, places, work.bernstein)
+    output.highest, peak, side = note_height(mode, step, rows, output.highest, work.bernstein)
+    if mode == STICK:
+        output.stick_time += step.x * step.unit
+    expand_sines(along.sines, degree + 1, step.unit, waves, terms.pulsation, drive)
+    carry(mode, falls_along(step, mode, terms.stribeck), step, bounds.ratio, terms, groups, along, rows,
+          terms.pulsation, terms.stribeck, noted)
+    for block in range(groups.shape[0]):
+        group = groups[block]
+        if peak > 0.0:
+            for lane in range(LANES):
+                group.peak[lane] = side * changed_at(group, SLIP, lane, degree, degree, peak, rows)
+        if noted:
+            note_gradient(mode, degree, block, group, rows, margins, places)
+        end_changes(degree, group.now, group.rows, step.x)
+        hold_phase(group, degree, step.x, rows)
+
+
+@compiled
+def carry_event(mode: int, step: Step, setup: Setup, memory: Memory, tangent: Tangent) -> bool:
+    """Carry the derivatives over a change of mode, and note the margin; return False if there is no derivative."""
+    bounds, terms, _, _, _ = setup
+    state, drive, groups = memory.state, memory.drive, tangent.groups
+    memory.output.mode = state.mode
+    if mode in (STICK, FREE) or state.mode in (mode, FREE):
+        return True
+    if tangent.shared.extended != 0:
+        note_arrival(mode, step, state, drive, terms.linear, bounds.ratio, groups, tangent.along.sines,
+                     terms.pulsation, tangent.shared.workspace, tangent.margins)
+    return land(mode, state.mode, state, drive, bounds.ratio, terms.linear, groups)
+
 
 AHEAD = 0.6
 """Longest step, in engine cycles: it meets the end of one cycle at most."""
@@ -192,7 +591,7 @@ def without_torque(terms: Terms) -> Terms:
 
 def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> Bounds:
     """Return the bounds of a run in which mubar and its derivatives by the keys are constant from `far` on."""
-    if terms.stribeck is None or not numbers[EXCESSES + DECAYS].any():
+    if terms.stribeck is None or not numbers[of.EXCESSES + of.DECAYS].any():
         return bounds_of(terms, system.cycle, rtol)
     pairs = exponentials(terms.stribeck)
     wide = tuple(number for share, rate in pairs for number in (max(abs(share), 1.0), rate))

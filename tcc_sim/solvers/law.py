@@ -1,6 +1,6 @@
 """The friction law on rows of nodes, and its derivatives by the slip speed and by its own numbers.
 
-The law's own text (`model.friction`) runs on such rows, on numbers that carry their derivatives (`compiling.changing`),
+The law's own text (`model.friction`) runs on such rows, on numbers that carry their derivatives (`compiling.unrolled`),
 and on series of such numbers, so that neither a derivative nor a series of the law is written out here.
 """
 
@@ -10,9 +10,8 @@ from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import Any, NamedTuple
 
-from tcc_sim.compiling.changing import Causes, Changing
 from tcc_sim.compiling.compiled import rebound
-from tcc_sim.compiling.unrolled import exp, limited, magnitude, row_of, with_sign
+from tcc_sim.compiling.unrolled import Causes, Changing, exp, limited, magnitude, row_of, with_sign
 from tcc_sim.model import friction
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, LATER, SMOOTHING

@@ -17,6 +17,7 @@ import dataclasses
 import math
 import threading
 from collections.abc import Callable
+from operator import lt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -264,19 +265,29 @@ class Store(NamedTuple):
     loads: Any = None
 
 
-class _Scratch(threading.local):
-    """Work space of a thread's solves, one after the other: to allocate it costs more than a short solve.
-
-    transitions : array of TRANSITION
-    memories : the memory of each engine by name, and the same as bytes
-    """
+class _WorkSpace(threading.local):
+    """Work space of a thread, used again while it is large enough: to allocate it costs more than a short solve."""
 
     def __init__(self) -> None:
-        self.transitions = np.empty(0, TRANSITION)
-        self.memories: dict[str, tuple[NDArray[np.uint8], Any]] = {}
+        self._made: dict[tuple[Any, ...], tuple[tuple[int, ...], Any]] = {}
+
+    def of(self, make: Callable[..., Any], *key: Any, sizes: tuple[int, ...] = ()) -> Any:
+        """Return what `make` makes of a key and sizes, at least as large as those."""
+        which = make, *key
+        before, made = self._made.get(which, ((), None))
+        if made is None or any(map(lt, before, sizes)):
+            sizes = tuple(map(max, before, sizes)) if before else sizes
+            made = make(*key, *sizes)
+            self._made[which] = sizes, made
+        return made
 
 
-scratch = _Scratch()
+work_space = _WorkSpace()
+
+
+def transition_room() -> NDArray[Any]:
+    """Return room for the transitions of one call of the compiled loop."""
+    return np.empty(TRANSITIONS_MAXIMUM, TRANSITION)
 
 
 @fast
@@ -413,26 +424,6 @@ def keep_cycle(rows: Any, degree: int, x: float, cut: float, behind: float, outp
 
 
 @fast
-def keep_step(work: Any, degree: int, unit: float, x: float, cut: float, tau: float, time: float, period: float,
-              stick_speed: float, output: Any, store: Store, angle: bool) -> None:
-    """Store the output of a step over [0, x].
-
-    Parameters
-    ----------
-    work : its `rows`, and `bernstein`, whose first row holds the Bernstein coefficients of the slip speed over [0, x]
-    cut : end of the engine cycle in [0, x], or beyond
-    tau, time : start of the step in its cycle, and since the start of cycle 0, s
-    stick_speed : |v| up to which the mode is stick
-    angle : whether theta1 is stored too
-    """
-    rows = work.rows
-    if store.per_cycle > 0:
-        keep_samples(rows, degree, unit, x, tau, period, store.per_cycle, output, store.samples, angle)
-    keep_motion(rows, degree, unit, x, cut, time, stick_speed, output, store.cycles, store.transitions, store.loads,
-                work.bernstein)
-
-
-@fast
 def keep_section(rows: Any, degree: int, cut: float, stick_time: float, output: Any, cycles: Any) -> None:
     """End the cycle at `cut` of a step."""
     slip_speed, plate_angle, plate_speed = polynomial.values(rows, degree, cut)
@@ -442,8 +433,8 @@ def keep_section(rows: Any, degree: int, cut: float, stick_time: float, output: 
 @fast
 def keep_motion(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
                 cycles: Any, transitions: Any, loads: Any, workspace: Any) -> None:
-    """Store transitions, breakaways, time in stick, extremes and section; only the section where `transitions` is
-    None.
+    """Store transitions, breakaways, time in stick, extremes and section of a step over [0, x]; only the section where
+    `transitions` is None. `cut` is the end of the engine cycle in [0, x], or beyond; `time` that since cycle 0 began.
     """
     if transitions is not None:
         behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, transitions, loads, workspace)
@@ -469,10 +460,8 @@ class RunOutput:
         self.cycles[0, :3] = problem.state.numbers
         self.loads = empty_loads(problem)
         self.transitions: list[NDArray[Any]] = []
-        if len(scratch.transitions) < TRANSITIONS_MAXIMUM:
-            scratch.transitions = np.empty(TRANSITIONS_MAXIMUM, TRANSITION)
         self.store = Store(self.cycles.view(CYCLE)[:, 0], self.samples, problem.samples_per_cycle,
-                           scratch.transitions[:TRANSITIONS_MAXIMUM], self.loads)
+                           work_space.of(transition_room), self.loads)
 
     def run(self, loop: Callable[..., object], *arguments: Any) -> int:
         """Call an engine's loop, with the store and `angle` behind its arguments, until it ends; return its result."""

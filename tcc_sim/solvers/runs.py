@@ -7,7 +7,6 @@ systems are one call, during which other threads run. Numbers are those of `solv
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -24,11 +23,10 @@ from tcc_sim.solvers.run_output import (
     DONE,
     FULL,
     LOADS,
-    TRANSITION,
-    TRANSITIONS_MAXIMUM,
     Store,
     begin_loads,
-    scratch,
+    transition_room,
+    work_space,
 )
 from tcc_sim.solvers.stroboscopic import check_mapped, engine_of
 from tcc_sim.trajectory import NO_ORBITS, Floats, Orbits, Runs, State
@@ -53,9 +51,7 @@ class Slots:
         self.raw: Any = self.results.view(np.float64).reshape(count, cycles + 2, -1)
         self.loads = np.zeros((count, cycles + 2), LOADS)
         samples = np.empty((0, engine.columns or 3))
-        if len(scratch.transitions) < TRANSITIONS_MAXIMUM:
-            scratch.transitions = np.empty(TRANSITIONS_MAXIMUM, TRANSITION)
-        transitions = scratch.transitions[:TRANSITIONS_MAXIMUM]
+        transitions = work_space.of(transition_room)
         self.last = [(memory, None, Store(self.results[k], samples, 0, transitions, self.loads[k]), False)
                      for k, memory in enumerate(self.records)]
         self.calls = Calls(engine.integrate, self.last)
@@ -74,25 +70,6 @@ class Slots:
         return out
 
 
-class _Kept(threading.local):
-    """The slots of a thread, by solver."""
-
-    def __init__(self) -> None:
-        self.slots: dict[str, Slots] = {}
-
-    def of(self, engine: EngineShell, count: int, cycles: int) -> Slots:
-        """Return slots for so many runs of so many cycles."""
-        slots = self.slots.get(engine.name)
-        if slots is None or slots.count < count or slots.cycles < cycles:
-            if slots is not None:
-                count, cycles = max(count, slots.count), max(cycles, slots.cycles)
-            slots = self.slots[engine.name] = Slots(engine, count, cycles)
-        return slots
-
-
-kept = _Kept()
-
-
 def solve_runs(systems: Sequence[System], states: Sequence[State], first: Sequence[int], cycles: int,
                rtol: float | None, loads_from: int) -> Runs:
     """Solve systems with the same friction law and a periodic excitation by its engine, in this thread.
@@ -105,7 +82,7 @@ def solve_runs(systems: Sequence[System], states: Sequence[State], first: Sequen
     loads_from : engine cycle of each run from which on loads are worked out
     """
     engine, many = engine_of(systems[0]), len(systems)
-    slots = kept.of(engine, many, cycles)
+    slots: Slots = work_space.of(Slots, engine, sizes=(many, cycles))
     rtol = SOLVERS[engine.name].default if rtol is None else rtol
     setups = [engine.setup(system, rtol) for system in systems]
     slots.begin(np.array([initial.numbers for initial in states]), loads_from)
@@ -151,7 +128,8 @@ def sections(system: System, starts: Floats, first: int, cycles: int, rtol: floa
 def _fill(out: Floats, engine: EngineShell, setup: Setup, first: int, orbits: Orbits) -> None:
     """Fill `out`, which holds the starts, with section points, until each motion ends."""
     many, cycles = len(out), out.shape[1] - 1
-    slots, limit, calls = kept.of(engine, many, cycles), engine.steps(setup, cycles), list[Call]()
+    slots: Slots = work_space.of(Slots, engine, sizes=(many, cycles))
+    limit, calls = engine.steps(setup, cycles), list[Call]()
     slots.begin(out[:, 0], cycles)
     for last in slots.last[:many]:
         calls.append(Call(engine.integrate, 1, "q"))

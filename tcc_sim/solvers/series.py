@@ -301,18 +301,7 @@ def sine_about(out: Any, mean: Any, now: Any, quadrature: Any, rate: Any) -> Ite
 
 
 expand_sine, expand_sine_about = unrolled(sine), unrolled(sine_about)
-
-
-@fast
-def add_sine(rows: Any, row: int, count: int, sine: float, cosine: float, rate: float) -> None:
-    """Add `count` or up to seven more coefficients of a sine, given at the start with its quadrature, to a row."""
-    expand_sine(count - 1, rows[row], sine, cosine, rate)
-
-
-@fast
-def set_sine(rows: Any, row: int, count: int, mean: float, sine: float, cosine: float, rate: float) -> None:
-    """Set `count` or up to seven more coefficients of a row to those of a sine about a mean."""
-    expand_sine_about(count - 1, rows[row], mean, sine, cosine, rate)
+"""They fill coefficients up to an order, or up to seven more, by sine and cosine at the start."""
 
 
 @fast
@@ -417,14 +406,14 @@ def expand_excitation(rows: Any, count: int, unit: float, tau: float, loaded: bo
         for i in range(waves.shape[0]):
             sine, cosine = waves[i].amplitude * waves[i].sine, waves[i].amplitude * waves[i].cosine
             if i == 0:
-                set_sine(rows, ENGINE, count, mean_torque, sine, cosine, waves[i].rate * unit)
+                expand_sine_about(count - 1, rows[ENGINE], mean_torque, sine, cosine, waves[i].rate * unit)
             else:
-                add_sine(rows, ENGINE, count, sine, cosine, waves[i].rate * unit)
+                expand_sine(count - 1, rows[ENGINE], sine, cosine, waves[i].rate * unit)
         if pulsation is None:
             rows[LOAD, 0] = mean_load if loaded else 0.0
         elif loaded:
-            set_sine(rows, LOAD, count, mean_load, pulsation[0] * drive.load_sine, pulsation[0] * drive.load_cosine,
-                     pulsation[1] * unit)
+            expand_sine_about(count - 1, rows[LOAD], mean_load, pulsation[0] * drive.load_sine,
+                              pulsation[0] * drive.load_cosine, pulsation[1] * unit)
         else:
             for k in range(COLUMNS):
                 rows[LOAD, k] = 0.0

@@ -5,7 +5,6 @@ many motions in one compiled call.
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -15,20 +14,10 @@ from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System
 from tcc_sim.model.supported_terms import check_supported
+from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.changes import ALONG, ALONG_ALL, CHANGES, LANES
 from tcc_sim.solvers.engine import GRADIENT, SEGMENT, EngineShell, SegmentBuffers, Tangent
-from tcc_sim.solvers.key_derivatives import (
-    DECAY,
-    DECAYS,
-    EXCESS_RATIO,
-    EXCESSES,
-    LOAD_AMPLITUDE,
-    NUMBERS,
-    SMOOTHING,
-    TORQUE_AMPLITUDE,
-    key_derivatives,
-)
-from tcc_sim.solvers.run_output import CYCLE, DONE, STATUSES, TRANSITION
+from tcc_sim.solvers.run_output import CYCLE, DONE, STATUSES, TRANSITION, work_space
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import Floats, event_sequence
 
@@ -44,7 +33,7 @@ class Stroboscopic(NamedTuple):
     heights_derivatives : (N, 3 + P) of `heights`
     stick_time : s
     transitions : (time in s, mode before, mode after) of each change of mode
-    margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `exact_derivatives`: value, whether stick's margin
+    margins : (3, 2 + 3 + P) rows GRAZING, ARRIVAL, STUCK of `exact_engine`: value, whether stick's margin
         grows, derivatives by the state and the keys; inf where there is no such place. None unless requested, and under
         the smoothed law
     """
@@ -84,26 +73,26 @@ class Prepared:
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
         check_mapped(system)
-        self.engine, self.changes = engine_of(system), key_derivatives(system, keys)
+        self.engine, self.changes = engine_of(system), of.key_derivatives(system, keys)
         self.period, self.count = system.cycle, 3 + len(keys)
         terms, omega, self.fastest = terms_of(system), system.engine.frequency, 0.0
-        if self.changes[TORQUE_AMPLITUDE].any():
+        if self.changes[of.TORQUE_AMPLITUDE].any():
             terms, self.fastest = terms._replace(torque=terms.torque or (0.0, omega)), omega
-        if self.changes[LOAD_AMPLITUDE].any():
+        if self.changes[of.LOAD_AMPLITUDE].any():
             pulsation = terms.pulsation or (0.0, system.pressure.frequency_ratio * omega, system.pressure.phase)
             terms, self.fastest = terms._replace(pulsation=pulsation), max(self.fastest, pulsation[1])
-        if terms.stribeck is None and self.changes[EXCESS_RATIO].any():
+        if terms.stribeck is None and self.changes[of.EXCESS_RATIO].any():
             terms = terms._replace(stribeck=(0.0, system.friction.decay))
         absent = {name: 0.0 for name, by in zip(Linear._fields, self.changes) if by.any() and getattr(
             terms.linear, name) is None}
         terms = terms._replace(linear=terms.linear._replace(**absent))
-        self.by = np.zeros((-(-self.count // LANES), len(NUMBERS), LANES))
+        self.by = np.zeros((-(-self.count // LANES), len(of.NUMBERS), LANES))
         for k in range(3, self.count):
             self.by[k // LANES, :, k % LANES] = self.changes[:, k - 3]
         self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(len(self.by))]
         curve = terms.stribeck is not None and len(terms.stribeck) > 2
-        self.later = curve and bool(self.changes[EXCESSES + DECAYS].any())
-        self.shaped = self.later or bool(self.changes[[DECAY, SMOOTHING]].any())
+        self.later = curve and bool(self.changes[of.EXCESSES + of.DECAYS].any())
+        self.shaped = self.later or bool(self.changes[[of.DECAY, of.SMOOTHING]].any())
         self.setup = self.engine.setup_of_changes(system, terms, self.changes, rtol)
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
@@ -144,7 +133,7 @@ class Prepared:
         period, count, setup, engine = self.period, len(states), self.setup, self.engine
         spans = [(math.floor(start), math.floor(end), start, end) for start, end in zip(starts, ends)]
         most = max([last - first for first, last, _, _ in spans]) + 1
-        buffers = buffers_of_thread.of(engine, self.later, len(self.by), most, count)
+        buffers: SegmentBuffers = work_space.of(segment_buffers, engine, self.later, len(self.by), sizes=(most, count))
         tangent = buffers.tangent
         tangent.groups["by"], tangent.groups["forced"], tangent.along["shaped"] = self.by, self.forced, self.shaped
         tangent.shared["fastest"], tangent.shared["extended"] = self.fastest, extended
@@ -159,34 +148,15 @@ class Prepared:
         return buffers
 
 
-class _Buffers(threading.local):
-    """The SegmentBuffers of a thread, used again as long as it has the right kind and is large enough."""
-
-    buffers: SegmentBuffers
-
-    def __init__(self) -> None:
-        self.size: tuple[EngineShell, bool, int, int, int] | None = None
-
-    def of(self, engine: EngineShell, later: bool, groups: int, most: int, count: int) -> SegmentBuffers:
-        """Return buffers for so many groups of lanes, cycles in a segment, and segments."""
-        if self.size is not None and self.size[:3] == (engine, later, groups):
-            if most <= self.size[3] and count <= self.size[4]:
-                return self.buffers
-            most, count = max(most, self.size[3]), max(count, self.size[4])
-        along = np.zeros(1, ALONG_ALL if later else ALONG)[0]
-        tangent = Tangent(np.zeros(groups, CHANGES), along, np.zeros(1, engine.shared)[0],
-                          np.zeros((most, groups, LANES)),
-                          np.zeros((3, GRADIENT + groups * LANES)) if engine.columns else None)
-        self.size = engine, later, groups, most, count
-        self.buffers = SegmentBuffers(np.zeros(count, SEGMENT), np.zeros((count, engine.transitions_per_cycle * most),
-                                                                         TRANSITION),
-                                      np.empty((count, groups, 3, LANES)), np.empty((count, most)),
-                                      np.empty((count, most, groups, LANES)), tangent, engine.memory()[1],
-                                      np.zeros(most + 1, CYCLE), np.empty((0, engine.columns or 3)))
-        return self.buffers
-
-
-buffers_of_thread = _Buffers()
+def segment_buffers(engine: EngineShell, later: bool, groups: int, most: int, count: int) -> SegmentBuffers:
+    """Return buffers for so many groups of lanes, cycles in a segment, and segments."""
+    along = np.zeros(1, ALONG_ALL if later else ALONG)[0]
+    tangent = Tangent(np.zeros(groups, CHANGES), along, np.zeros(1, engine.shared)[0], np.zeros((most, groups, LANES)),
+                      np.zeros((3, GRADIENT + groups * LANES)) if engine.columns else None)
+    transitions = np.zeros((count, engine.transitions_per_cycle * most), TRANSITION)
+    return SegmentBuffers(np.zeros(count, SEGMENT), transitions, np.empty((count, groups, 3, LANES)),
+                          np.empty((count, most)), np.empty((count, most, groups, LANES)), tangent, engine.memory()[1],
+                          np.zeros(most + 1, CYCLE), np.empty((0, engine.columns or 3)))
 
 
 def check_mapped(system: System) -> None:

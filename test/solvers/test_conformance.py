@@ -30,7 +30,7 @@ solvers = pytest.mark.parametrize("name", SOLVERS)
 
 def compared(name: str) -> bool:
     """Return whether the solver is one for comparison: looser, since some of these methods are slow."""
-    return SOLVERS[name].module == "scipy_methods"
+    return SOLVERS[name].module == "comparison"
 
 
 def tight(name: str, factor: float = 1.0) -> dict[str, float]:

@@ -14,7 +14,7 @@ from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.engine import GRADIENT, VALUE
-from tcc_sim.solvers.exact_derivatives import ARRIVAL, GRAZING, STUCK
+from tcc_sim.solvers.exact_engine import ARRIVAL, GRAZING, STUCK
 from tcc_sim.solvers.fixed_step import advance
 from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
 from tcc_sim.solvers.key_derivatives import LOAD_AMPLITUDE, LOG_LOAD, MEAN_LOAD, MEAN_TORQUE, NUMBERS, key_derivatives

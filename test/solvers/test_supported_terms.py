@@ -93,14 +93,11 @@ def states(run) -> np.ndarray:
     return np.stack([run.slip_speed, run.plate_angle, run.plate_speed], axis=1)
 
 
-COMPARED = "explicit", "scipy_methods"
-"""Modules of solvers for comparison, of which no kernels are shipped: "every term" has all terms but an input's."""
-
-
 @pytest.mark.parametrize(("name", "solver"), [
     (name, solver) for name in CASES for solver in SOLVERS
-    if SOLVERS[solver].module not in COMPARED or name in ("profile", "far", "every term")])
+    if SOLVERS[solver].module != "comparison" or name in ("profile", "far", "every term")])
 def test_solvers(name, solver) -> None:
+    """No kernels of the solvers for comparison are shipped; "every term" has all terms but an input's."""
     system = CASES[name]
     law = "smoothed" if "smoothed" in SOLVERS[solver].laws else "set_valued"
     system = dataclasses.replace(system, friction=replace(system, {"friction.law": law}).friction)
@@ -115,7 +112,7 @@ def test_solvers(name, solver) -> None:
         return
     options = {"step": 2e-6 if solver == "rk4" else 2e-5} if SOLVERS[solver].setting == "step" else {"rtol": 1e-8}
     # The corner of an input is in the second cycle; these methods are slow.
-    cycles = 1 if SOLVERS[solver].module == "scipy_methods" and system.profile is None else CYCLES
+    cycles = 1 if SOLVERS[solver].module == "comparison" and system.profile is None else CYCLES
     result = states(solve(system, cycles=cycles, samples_per_cycle=10, solver=solver, **options).raise_for_status())
     exact = truth(name, law)[:10 * cycles + 1, :3]
     tolerance = 1e-5 if solver == "fixed_step" else 2e-6

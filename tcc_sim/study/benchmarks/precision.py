@@ -25,7 +25,7 @@ from tcc_sim.output.tables import markdown_table
 from tcc_sim.result import Described, reported, reporting
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.solvers.explicit import REACH, stick_rate
+from tcc_sim.solvers.comparison import REACH, stick_rate
 from tcc_sim.study.benchmarks import peers
 from tcc_sim.study.benchmarks.peers import repeated
 from tcc_sim.study.benchmarks.references import Reference, Unfinished, disagreement, errors, reference

@@ -20,7 +20,7 @@ from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, replace, unknown_key, values_of
 from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers.engine import GRADIENT, GROWS, SCALES, VALUE
-from tcc_sim.solvers.exact_derivatives import ARRIVAL, GRAZING, STUCK
+from tcc_sim.solvers.exact_engine import ARRIVAL, GRAZING, STUCK
 from tcc_sim.solvers.stroboscopic import Prepared
 from tcc_sim.study.continuation.branch import FAMILY, Branch, BranchOrigin
 from tcc_sim.study.continuation.diagram import SettledMotion, passes_through, point_of

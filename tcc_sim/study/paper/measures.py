@@ -16,7 +16,7 @@ from tcc_sim.errors import NumericalFailure, counted
 from tcc_sim.model import friction, pure_slip, pure_stick
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.explicit import rk4_limit
+from tcc_sim.solvers.comparison import rk4_limit
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.continuation.loss_of_stability import StableSegment
 from tcc_sim.study.paper import harmonic_balance, rules
