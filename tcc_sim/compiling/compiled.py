@@ -10,7 +10,6 @@ import ctypes
 import hashlib
 import importlib.util
 import math
-import os
 import re
 import sys
 import threading
@@ -28,6 +27,7 @@ from llvmlite import binding
 
 from tcc_sim.background import awaited
 from tcc_sim.compiling import kernel_cache
+from tcc_sim.compiling.kernel_cache import LEVEL, processor
 from tcc_sim.model import equations, friction, profile
 
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -228,38 +228,6 @@ def _laid_out(values: tuple[Any, ...], words: Words) -> Kind:
                 raise TypeError(f"a kernel is given {value!r}; it takes floats, integers, arrays and tuples of these")
             words.append(id(value))
     return tuple(kind)
-
-
-LEVEL = "x86-64-v3"
-NEEDED = "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"
-"""LLVM's names of the features of LEVEL that earlier levels lack (x86-64 psABI, Table 3.1)."""
-
-
-class Processor(NamedTuple):
-    """A target of the compiler.
-
-    triple : LLVM's name of architecture and system
-    name : LLVM's name of the processor
-    features : further features, as LLVM takes them
-    """
-
-    triple: str
-    name: str
-    features: str
-
-
-@cache
-def processor() -> Processor:
-    """Return LEVEL where the present processor has it, so that code serves other machines too: kernels are as fast as
-    those for the very processor, and have the same bits. NUMBA_CPU_NAME and NUMBA_CPU_FEATURES choose another target.
-    """
-    triple, features = binding.get_process_triple(), binding.get_host_cpu_features()
-    named, given_features = os.environ.get("NUMBA_CPU_NAME", ""), os.environ.get("NUMBA_CPU_FEATURES", "")
-    if named or given_features:
-        return Processor(triple, named or binding.get_host_cpu_name(), given_features)
-    if triple.startswith("x86_64") and all(features.get(feature) for feature in NEEDED):
-        return Processor(triple, LEVEL, "")
-    return Processor(triple, binding.get_host_cpu_name(), features.flatten())
 
 
 @cache

@@ -32,7 +32,7 @@ from numba.core.typing.templates import AbstractTemplate
 from numba.extending import lower_builtin, typeof_impl
 from numba.np.arrayobj import populate_array
 
-from tcc_sim.compiling.compiled import processor
+from tcc_sim.compiling.kernel_cache import processor
 from tcc_sim.compiling.unrolled import Unrolled
 
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
