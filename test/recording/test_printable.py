@@ -11,7 +11,6 @@ import pytest
 from driveline_bags import TICK, bag, ticked
 
 from tcc_sim.cli import main
-from tcc_sim.errors import InputError, one_line, printable
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import Definition
 from tcc_sim.recording.bag import BagWriter
@@ -76,14 +75,6 @@ def test_a_directory_with_a_name_of_that_kind(tmp_path: Path, capsys: pytest.Cap
         assert main(words) == 0
         clean(capsys.readouterr().out)
     clean(refused("analyse", tmp_path / f"y{EVIL}"))
-
-
-def test_the_one_function() -> None:
-    assert printable("a\x1b[0m\nb") == "a\\x1b[0m\\nb"
-    assert printable("é 漢 ω") == "é 漢 ω"
-    assert printable("\ud800") == "\\ud800"
-    assert one_line("x" * 5000).count("x") == 1000
-    assert str(InputError(EVIL)).isprintable()
 
 
 def test_names_that_are_not_utf_8_are_drawn_escaped_and_refused_where_rerun_cannot_take_them(tmp_path, capsys):

@@ -119,13 +119,6 @@ def test_the_frequency_of_a_commanded_torque_is_found_or_given(tmp_path):
         "torque is constant"]
 
 
-def test_a_recording_without_scene_needs_one(tmp_path):
-    path = bag(tmp_path / "run", slip(1.0), None)
-    with pytest.raises(InputError, match="holds no scene"):
-        replay(path)
-    is_slip(replay(path, scene="slip").summary)
-
-
 def test_everything_goes_to_rerun(tmp_path):
     pytest.importorskip("rerun")
     path = tmp_path / "run.rrd"

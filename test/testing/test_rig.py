@@ -145,17 +145,6 @@ def test_without_commands_for_its_time_out_the_driveline_falls_back(driveline: A
     assert run.missed == 20
 
 
-def test_both_inputs_are_waited_for_where_a_node_gives_both(driveline: Any) -> None:
-    plant = driveline("commands")
-    controller = Controller(lambda state: 2e5)
-    torque = controller.create_publisher(Float64, "engine_torque", 10)
-    controller.create_subscription(JointState, "joint_states", lambda _: torque.publish(Float64(data=123.0)), 10)
-    plant.add(controller)
-    run = plant.run(ticks=30)
-    assert set(run.engine_torque[1:]) == {123.0}
-    assert set(run.applied_pressure[1:]) == {2e5}
-
-
 def test_a_node_that_only_listens_hears_every_state_of_a_scene_that_takes_no_commands(driveline: Any) -> None:
     plant = driveline("fig02")
     heard: list[JointState] = []
