@@ -66,8 +66,8 @@ def test_the_points_of_a_profile_are_fixed_parameters_that_are_checked_together(
     other.put({"engine.mean_torque_times[2]": 0.0})
     with pytest.raises(FMICallException):
         other.begin()
-    assert other.said[-1] == (DISCARD, "engine.mean_torque_times[2] is 0 s; the first time must be 0 and the others "
-                                       "increase")
+    status, sentence = other.said[-1]
+    assert (status, sentence.partition(" is ")[0]) == (DISCARD, "engine.mean_torque_times[2]")
 
 
 @pytest.mark.parametrize(("version", "step"), [(2, None), (3, 5e-4)])

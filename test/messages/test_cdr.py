@@ -213,7 +213,7 @@ def test_definitions_have_every_type_once_in_the_order_of_use_and_the_hash_of_th
 def test_a_type_has_a_package_and_a_name():
     assert type_parts("std_msgs/msg/Float64") == ("std_msgs", "Float64")
     for name in ("Float64", "std_msgs/Float64", "Std/msg/Float64", "std_msgs/msg/float64", "std_msgs/msg/Float64 "):
-        with pytest.raises(InputError, match=f"^'{name}' is not a message type; it must be like std_msgs/msg/Float64$"):
+        with pytest.raises(InputError, match=f"'{name}'.*std_msgs/msg/Float64"):
             type_parts(name)
 
 

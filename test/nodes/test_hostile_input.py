@@ -148,8 +148,7 @@ def test_in_lockstep_a_stamp_of_no_waiting_state_is_refused_and_counted(bench: A
     assert command is not None
     bench.until(lambda: command.refused == 4)
     assert (node.loop.plant.stepper.tick, command.received) == (0, 0)
-    assert command.refusal == (f"actuation_pressure command with stamp {2**31 - 1:.9g} s refused; it must be that of "
-                               "the state, 0 s")
+    assert all(part in command.refusal for part in ("actuation_pressure", f"{2**31 - 1:.9g} s", " 0 s"))
     pressures.publish(cdr.fluid_pressure(0, 2e5))
     bench.until(lambda: poll(subscription))
     assert (node.loop.plant.stepper.tick, command.value) == (1, 2e5)

@@ -60,8 +60,8 @@ def test_the_tuning_takes_its_ranges_and_refuses_the_rest_by_a_sentence() -> Non
 
 @pytest.mark.parametrize(("values", "match"), [
     ({"step": True}, "step is True"), ({"inertia": "heavy"}, "inertia is 'heavy'"),
-    ({"frequency": 1e-9}, "period of excitation must have"), ({"frequency": 1e9}, "period of excitation must have"),
-    ({"frequency": 1e-300, "step": 1e-300}, r"must have 1 to 1e\+06 steps, not inf")])
+    ({"frequency": 1e-9}, "period of excitation"), ({"frequency": 1e9}, "period of excitation"),
+    ({"frequency": 1e-300, "step": 1e-300}, r"1 to 1e\+06 steps.*inf")])
 def test_a_senseless_tuning_is_refused(values: dict[str, object], match: str) -> None:
     with pytest.raises(InputError, match=match):
         Tuning(**values)  # type: ignore[arg-type]

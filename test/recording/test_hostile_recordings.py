@@ -281,7 +281,7 @@ def test_a_scene_is_as_long_for_the_writer_as_for_the_reader(tmp_path: Path) -> 
     assert len(text) == LARGEST_FILE
     path = tmp_path / "x.mcap"
     output = McapFile(path, text)
-    with pytest.raises(InputError, match=f"has {LARGEST_FILE + 1} characters; it must have at most {LARGEST_FILE}"):
+    with pytest.raises(InputError, match=f"{LARGEST_FILE + 1}.*{LARGEST_FILE}"):
         output.describe(text + "#")
     output.close()
     assert open_run(path).scene_text == text

@@ -254,7 +254,8 @@ def test_a_far_end_in_a_table_is_solved_by_ticks_or_refused(tmp_path, refused):
         assert arrays["output_angle"][-1] == pytest.approx(3.0)
         assert dict(zip(arrays.files, arrays["units"].tolist()))["output_angle"] == "rad"
     path.write_text("t,output_speed\ns,bar\n0,1\n1,1\n")
-    assert "output_speed is in bar; output_speed must be in rad/s" in refused("simulate", "fig02", "--inputs", path)
+    line = refused("simulate", "fig02", "--inputs", path)
+    assert all(word in line for word in ("output_speed", "bar", "rad/s"))
     path.write_text("t,output_speed\n0,1\n1,1e7\n")
     assert "output_speed is 1e+07 rad/s at 1 s" in refused("simulate", "fig02", "--inputs", path)
 

