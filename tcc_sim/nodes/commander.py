@@ -18,9 +18,9 @@ from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import signals
+from tcc_sim.nodes import executables
+from tcc_sim.nodes.executables import Spinner, log, run_node
 from tcc_sim.nodes.middleware import COMMANDS, poll
-from tcc_sim.nodes.process import Spinner, log, run_node
 from tcc_sim.scene import NODE_SCENE, load_scene
 
 
@@ -47,14 +47,14 @@ class CommanderNode(Node):
         self._pressures.publish(cdr.fluid_pressure(stamp_ns, pressure.mean + pressure.amplitude * swing))
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Answer states until SIGINT or SIGTERM."""
-    return run_node("commander", CommanderNode, _spin, args)
+    return run_node(CommanderNode, _spin)
 
 
 def _spin(node: CommanderNode) -> NoReturn:
     """Answer states until the context ends."""
-    signals.end_in_order()
+    executables.end_in_order()
     log(node, f"answers every state of {node.states.topic_name}")
     spinner = Spinner(node, busy=True)
     while True:

@@ -31,13 +31,13 @@ from tcc_sim.background import begun
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.model.profile import START
-from tcc_sim.nodes import parameters, signals
+from tcc_sim.nodes import executables, parameters
 from tcc_sim.nodes.children import CLOCK_STARTED
+from tcc_sim.nodes.executables import Spinner, Throttle, deliver, log, run_node, warn
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput, target_input
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.options import TEXT
-from tcc_sim.nodes.process import Spinner, Throttle, deliver, log, run_node, warn
 from tcc_sim.nodes.waiting import Waiting
 from tcc_sim.plant.closed_loop import doubt_of
 from tcc_sim.recording.announcements import holding_from
@@ -341,16 +341,16 @@ def spin(node: DrivelineNode) -> None:
             node.housekeeping()
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run_node("driveline_node", DrivelineNode, _run, args)
+    return run_node(DrivelineNode, _run)
 
 
 def _run(node: DrivelineNode) -> int:
     """Run the node until the context ends."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     node.loop.plant.warm_up()
-    signals.end_in_order()
+    executables.end_in_order()
     node.start()
     gc.collect()
     gc.freeze()

@@ -1,17 +1,48 @@
-"""Entry points of the nodes (driveline_node, recorder_node, ...) for `ros2 run`, the path and `python -m`.
+"""The executables of the nodes (driveline_node, recorder_node, ...) for `ros2 run`, the path and `python -m`: start,
+signals, callbacks and end of a node's process.
 
-Signals are handled before anything slow is imported; `--help` and `--version` need no ROS 2; without ROS 2 a node ends
-with one line.
+`--help` and `--version` need no ROS 2; without ROS 2 a node ends with one line.
+
+A node's process blocks SIGINT, SIGTERM and SIGHUP before it imports NumPy, Numba and rclpy; its threads inherit this,
+and one thread waits for a signal. While the process starts (imports, ROS 2, compiling), no data has to be saved, and a
+signal ends it at once with status 0. After `end_in_order` a signal sets `end_requested`, which the node checks several
+times a second to end by itself. Its ROS 2 context stays valid until then.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
+from importlib import import_module
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from tcc_sim.code_version import code_version
-from tcc_sim.nodes import signals
+from tcc_sim.errors import InputError, TccError, missing_package, one_line
 
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+LOOK = 0.25
+"""Longest time between two checks for a signal, s."""
+ACKNOWLEDGED_WITHIN, SOON = 5.0, 0.1
+"""Longest real time to wait at the end for subscribers to acknowledge the last messages, and time after which the wait
+is logged, s. Fast DDS asks for acknowledgements and repairs lost datagrams every 3 s.
+"""
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+end_requested = threading.Event()
+"""Set by the first signal after `end_in_order`."""
+_turn = threading.Lock()
+"""Lock of `_phase`."""
+_phase = ""
+_INTERRUPTED = threading.Event()
+"""Set when Ctrl-C was pressed in a command."""
 _ROS_WORDS = ("-p", "--param", "-r", "--remap", "--params-file", "-e", "--enclave", "--log-level")
 _PURPOSES = {
     "driveline": "Run the driveline in real time: publish states, subscribe to engine torque and actuation pressure.",
@@ -19,23 +50,21 @@ _PURPOSES = {
     "slip_controller": "Answer the driveline's states with a pressure that holds a mean slip speed.",
     "commander": "Answer the driveline's states with harmonic engine torque and pressure.",
 }
+Made = TypeVar("Made")
+N = TypeVar("N", bound="Node")
 
 
 def run(name: str) -> int:
     """Run a node's `main` and end the process with its exit status."""
-    signals.take()
+    take()
     from tcc_sim.output.terminal import open_streams
 
     open_streams()
-    return signals.end(status_of(name))
+    return end(status_of(name))
 
 
 def status_of(name: str) -> int:
     """Run a node's `main` by the words of the command line, and return its exit status."""
-    import sys
-    from importlib import import_module
-
-    from tcc_sim.errors import InputError, TccError, missing_package
     from tcc_sim.nodes.children import require_ros
 
     status = 1
@@ -47,7 +76,7 @@ def status_of(name: str) -> int:
         else:
             sys.stdout.write(text)
             status = 0
-    except TccError as error:
+    except (TccError, OSError) as error:
         sys.stderr.write(f"{_command_of(name)}: {error}\n")
         status = 2 if isinstance(error, InputError) else 1
     except Exception as error:
@@ -61,8 +90,6 @@ def status_of(name: str) -> int:
 
 def _text_for(name: str, words: list[str]) -> str | None:
     """Return the text for --help or --version, or None; refuse unknown words before --ros-args by InputError."""
-    from tcc_sim.errors import InputError
-
     options, to_ros = [], False
     for word in words:
         to_ros = word != "--" if to_ros else word == "--ros-args"
@@ -114,6 +141,332 @@ def _parameters(name: str) -> Iterator[tuple[str, str]]:
         yield key, quantity.described
     if name == "driveline":
         yield "driveline.*, friction.*, clutch.*, engine.*, pressure.*, initial.*", "the keys of a scene"
+
+
+def take() -> None:
+    """Let a signal end the process at once with status 0; a node's process calls this first.
+
+    A program that only imports the nodes does not call it and keeps its own handlers. SIGHUP stays ignored if it was,
+    as under nohup.
+    """
+    global _phase
+    if _phase or threading.current_thread() is not threading.main_thread():
+        return
+    _phase = "starting"
+    numbers = [n for n in ENDING if n != signal.SIGHUP or signal.getsignal(n) is not signal.SIG_IGN]
+    signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    for number in numbers:
+        signal.signal(number, signal.SIG_DFL)
+    threading.Thread(target=_wait, args=(numbers,), name="signals", daemon=True).start()
+
+
+def _wait(numbers: list[signal.Signals]) -> None:
+    """Wait for signals: end the process during its start, set `end_requested` afterwards."""
+    while True:
+        signal.sigwait(numbers)
+        with _turn:
+            if _phase == "starting":
+                os._exit(0)
+        end_requested.set()
+
+
+def end_in_order() -> None:
+    """Let a signal set `end_requested` from now on, so that the node ends by itself."""
+    global _phase
+    with _turn:
+        _phase = _phase and "running"
+
+
+def end(status: int) -> NoReturn:
+    """End the process with `status`; a node's process calls this last.
+
+    The interpreter is not shut down: this would take up to a second on a busy machine, saves nothing, and could crash a
+    thread that still compiles.
+    """
+    end_in_order()
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            status = status or 1
+    os._exit(status)
+
+
+def left_to_the_system(create: Callable[[], Made]) -> Made:
+    """Call `create` while signals have their default effect: the middleware may block the interpreter for minutes.
+
+    `create` runs in another thread, so that threads of the middleware start with the node's signals blocked.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return create()
+    handlers: list[Any] = []
+    unblocked = threading.Event()
+
+    def work() -> None:
+        unblocked.wait()
+        try:
+            handlers.append(create())
+        except BaseException as error:
+            handlers.extend((None, error))
+
+    thread = threading.Thread(target=work, name="creation", daemon=True)
+    with _handled(signal.SIG_DFL):
+        thread.start()
+        mask = signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+        try:
+            unblocked.set()
+            thread.join()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+    if len(handlers) > 1:
+        raise handlers[1]
+    made: Made = handlers[0]
+    return made
+
+
+@contextmanager
+def deferred() -> Iterator[None]:
+    """Delay the KeyboardInterrupt of a command: a signal during the `with` block takes effect after it."""
+    came: list[signal.Signals] = []
+    with _handled(lambda number, _: came.append(signal.Signals(number))) as handlers:
+        yield
+    if came:
+        handlers[came[0]](came[0], None)
+
+
+@contextmanager
+def _handled(handler: Any) -> Iterator[dict[signal.Signals, Any]]:
+    """Replace the process's Python handlers for the duration of a `with` block, and yield the replaced handlers."""
+    mine = threading.current_thread() is threading.main_thread()
+    handlers = {n: previous for n in ENDING if mine and callable(previous := signal.getsignal(n))}
+    for number in handlers:
+        signal.signal(number, handler)
+    try:
+        yield handlers
+    finally:
+        for number, previous in handlers.items():
+            signal.signal(number, previous)
+
+
+def _initialise() -> None:
+    """Initialise ROS 2; raise InputError if it refuses the parameter file or command line."""
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    for option, file in pairwise(sys.argv):
+        if option == "--params-file":
+            try:
+                with open(file, "rb") as stream:
+                    stream.read(1)
+            except OSError as error:
+                raise InputError(f"--params-file {file}: {error.strerror}") from None
+    try:
+        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise InputError(f"ROS 2 arguments not understood: {' '.join(str(error).split())}") from None
+
+
+def created(create: Callable[[], N]) -> N:
+    """Create a node after cleaning shared memory; a signal meanwhile ends the process.
+
+    Raises
+    ------
+    InputError
+        ROS 2 refuses the node, for example if two topics are remapped to one name.
+    TccError
+        Another process has left shared memory of this domain unfinished.
+    """
+    import rclpy
+
+    from tcc_sim.nodes.shared_memory import clear
+
+    clear(rclpy.get_default_context().get_domain_id())
+    try:
+        return left_to_the_system(create)
+    except RuntimeError as error:
+        raise InputError(f"ROS 2 refuses the node: {' '.join(str(error).split())}") from None
+
+
+def run_node(create: Callable[[], N], body: Callable[[N], int]) -> int:
+    """Initialise ROS, create the node, run `body` with it, and return the exit status.
+
+    SIGINT, SIGTERM and SIGHUP end the process at once until `body` calls `end_in_order`. After that call a signal makes
+    `Spinner.once` raise ExternalShutdownException, and the status is 0.
+
+    Raises
+    ------
+    InputError
+        ROS 2 refuses the words of the command line or the node.
+    """
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+
+    try:
+        _initialise()
+        node = created(create)
+        try:
+            return body(node)
+        finally:
+            node.destroy_node()
+    except ExternalShutdownException:
+        return 0
+    finally:
+        rclpy.try_shutdown()
+
+
+def deliver(node: Node, flush: Callable[[], bool] = lambda: True) -> None:
+    """Wait until the subscribers have received all messages of a node that ends, at most ACKNOWLEDGED_WITHIN.
+
+    A publisher that is destroyed earlier takes back the messages that a busy subscriber has not received.
+
+    flush : function that sends waiting messages and returns whether none is left
+    """
+    from rclpy.duration import Duration
+
+    began = time.monotonic()
+    with suppress(RuntimeError):  # Some middleware does not acknowledge, and a context may have been shut down.
+        for limit in (SOON, ACKNOWLEDGED_WITHIN):
+            while not (sent := flush()) and time.monotonic() < began + limit:
+                time.sleep(0.1 * SOON)
+            late = [publisher.topic_name for publisher in node.publishers if not publisher.wait_for_all_acked(
+                Duration(seconds=max(0.0, began + limit - time.monotonic())))]
+            if sent and not late:
+                return
+            if limit == SOON:
+                log(node, f"waits until subscribers have received the last messages of {', '.join(late)}")
+        warn(node, f"subscribers have not received the last messages of {', '.join(late)} within "
+                   f"{ACKNOWLEDGED_WITHIN:g} s")
+
+
+@contextmanager
+def node_of_command(name: str, namespace: str) -> Iterator[Node]:
+    """Create the node of a command for the duration of a `with` block; Ctrl-C raises KeyboardInterrupt.
+
+    Raises
+    ------
+    InputError
+        The namespace is not valid.
+    """
+    import rclpy
+    from rclpy.exceptions import NameValidationException
+    from rclpy.signals import SignalHandlerOptions
+
+    with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
+        try:
+            node = created(lambda: rclpy.create_node(name, namespace=namespace, enable_rosout=False,
+                                                     start_parameter_services=False))
+        except (ValueError, NameValidationException) as error:
+            raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
+        before = signal.getsignal(signal.SIGINT)
+        if before is signal.default_int_handler and threading.current_thread() is threading.main_thread():
+            signal.signal(signal.SIGINT, _interrupt)
+        try:
+            yield node
+        finally:
+            if signal.getsignal(signal.SIGINT) is _interrupt:
+                signal.signal(signal.SIGINT, before)
+            node.destroy_node()
+
+
+def _interrupt(number: int, frame: object) -> None:
+    """Set _INTERRUPTED and raise KeyboardInterrupt."""
+    _INTERRUPTED.set()
+    raise KeyboardInterrupt
+
+
+def log(node: Node, sentence: str) -> None:
+    """Log a message."""
+    node.get_logger().info(sentence)
+
+
+def warn(node: Node, sentence: str) -> None:
+    """Log a warning."""
+    node.get_logger().warning(sentence)
+
+
+class Throttle:
+    """Logger of warnings at most once a second for each subject.
+
+    clock : function that returns real time, s
+    """
+
+    def __init__(self, node: Node, clock: Callable[[], float] = time.monotonic) -> None:
+        self._node, self._clock = node, clock
+        self._logged: dict[str, tuple[int, float]] = {}
+
+    def warn(self, what: str, sentence: str, count: int | None = None) -> None:
+        """Log a warning about `what`, with a `count` only if it has grown since the last one."""
+        before, when = self._logged.get(what, (0, -1.0))
+        now = self._clock()
+        if (count is None or count > before) and now - when >= 1.0:
+            self._logged[what] = count or 0, now
+            warn(self._node, sentence if count is None else f"{sentence} ({count} so far)")
+
+    def once(self, what: str, sentence: str) -> None:
+        """Log a warning about `what` the first time."""
+        if what not in self._logged:
+            self.warn(what, sentence)
+
+
+def _executor_for(busy: bool) -> Any:
+    """Return the class of a node's executor."""
+    if busy:
+        with suppress(ImportError):  # The rclpy of Jazzy has none.
+            from rclpy.experimental import EventsExecutor
+
+            return EventsExecutor
+    from rclpy.executors import SingleThreadedExecutor
+
+    return SingleThreadedExecutor
+
+
+class Spinner:
+    """Executor of a node's callbacks; it logs exceptions of callbacks, and the node continues.
+
+    Parameters
+    ----------
+    busy : whether the node answers every state; at 1 kHz rclpy's EventsExecutor takes half of the processor time
+
+    Raises
+    ------
+    ExternalShutdownException
+        The context has been shut down.
+    """
+
+    def __init__(self, node: Node, busy: bool = False) -> None:
+        from rclpy.executors import ExternalShutdownException
+
+        self._node, self._throttle = node, Throttle(node)
+        self._failed = 0
+        with deferred():  # A partly built executor prints a traceback when it is destroyed.
+            if not node.context.ok():
+                raise ExternalShutdownException
+            self._executor = _executor_for(busy)(context=node.context)
+            self._executor.add_node(node)
+
+    def once(self, seconds: float = LOOK) -> None:
+        """Run one callback that is ready within `seconds`.
+
+        Raises
+        ------
+        ExternalShutdownException
+            A signal has asked the node to end, or the context has been shut down.
+        """
+        from rclpy.executors import ExternalShutdownException
+
+        if end_requested.is_set():
+            raise ExternalShutdownException
+        try:
+            self._executor.spin_once(timeout_sec=seconds)
+        except ExternalShutdownException:
+            raise
+        except Exception as error:
+            if _INTERRUPTED.is_set():  # rclpy's conversions turn a KeyboardInterrupt into another error.
+                raise KeyboardInterrupt from error
+            # rclpy raises errors of decoding messages here.
+            self._failed += 1
+            self._throttle.warn("callbacks", "a message or request could not be handled: "
+                                f"{type(error).__name__}: {one_line(str(error))}", self._failed)
 
 
 driveline_node = partial(run, "driveline")

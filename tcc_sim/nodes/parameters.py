@@ -15,8 +15,8 @@ from tcc_sim.model.crank_speed import DERIVED
 from tcc_sim.model.elements import list_of
 from tcc_sim.model.parameters import unknown_key
 from tcc_sim.model.quantity import Options, Quantity
+from tcc_sim.nodes.executables import warn
 from tcc_sim.nodes.options import SCENE, TEXT
-from tcc_sim.nodes.process import warn
 from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, MEANINGS, NODE_SCENE, Scene, load_scene
 
 Given = TypeVar("Given", bound=Options)

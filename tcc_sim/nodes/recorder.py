@@ -26,11 +26,11 @@ from rclpy.qos import DurabilityPolicy
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
-from tcc_sim.nodes import signals
+from tcc_sim.nodes import executables
+from tcc_sim.nodes.executables import Spinner, log, run_node, warn
 from tcc_sim.nodes.middleware import MOST_PUBLISHERS, publisher_of, qos_fields
 from tcc_sim.nodes.options import RecorderOptions
 from tcc_sim.nodes.parameters import declared
-from tcc_sim.nodes.process import Spinner, log, run_node, warn
 from tcc_sim.nodes.track import SimulatedTime, Taken, Track, UnsentCount
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.recording.bag import BagWriter
@@ -106,7 +106,7 @@ class Recorder:
             The directory was renamed or removed, or a file with the name of the next part exists.
         """
         flush = synced = time.monotonic()
-        while not signals.end_requested.is_set():
+        while not executables.end_requested.is_set():
             wake = time.monotonic() + self.drain_period
             self.drain()
             if time.monotonic() >= flush:
@@ -295,7 +295,7 @@ class Recorder:
 
 def _record(node: Node) -> int:
     """Record until a signal and return the exit status."""
-    signals.end_in_order()  # An open bag must be closed properly.
+    executables.end_in_order()  # An open bag must be closed properly.
     recorder = Recorder(node)
     failure: OSError | RecordingError | None = None
     try:
@@ -321,6 +321,6 @@ def _record(node: Node) -> int:
     return 1
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the recorder node."""
-    return run_node("recorder", lambda: rclpy.create_node("recorder"), _record, args)
+    return run_node(lambda: rclpy.create_node("recorder"), _record)

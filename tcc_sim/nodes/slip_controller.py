@@ -25,10 +25,10 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import signals
+from tcc_sim.nodes import executables
+from tcc_sim.nodes.executables import Spinner, log, run_node
 from tcc_sim.nodes.middleware import LATCHED, await_peer, poll, subscribe
 from tcc_sim.nodes.parameters import declared
-from tcc_sim.nodes.process import Spinner, log, run_node
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.topics import LIMITS
@@ -131,14 +131,14 @@ class SlipControllerNode(Node):
         return int(simulation_ns(np.array([stamp]), self._zeros)[0])
 
 
-def main(args: list[str] | None = None) -> int:
+def main() -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run_node("slip_controller_node", SlipControllerNode, _spin, args)
+    return run_node(SlipControllerNode, _spin)
 
 
 def _spin(node: SlipControllerNode) -> NoReturn:
     """Answer states until the context ends."""
-    signals.end_in_order()
+    executables.end_in_order()
     node.report()
     spinner = Spinner(node, busy=True)
     while True:

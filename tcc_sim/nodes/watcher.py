@@ -18,9 +18,8 @@ from tcc_sim.analysis.measured.engine_clock import Uniform
 from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr, held
-from tcc_sim.nodes import signals
+from tcc_sim.nodes.executables import deferred, node_of_command
 from tcc_sim.nodes.middleware import publisher_of
-from tcc_sim.nodes.process import node_of_command
 from tcc_sim.nodes.track import Track
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.scene import Scene, parse_scene
@@ -289,7 +288,7 @@ def watch(namespace: str, say: Callable[[str], Any], web: bool = False, **where:
             try:
                 while True:
                     # A signal must not interrupt between taking and showing messages.
-                    with signals.deferred():
+                    with deferred():
                         watcher.drain(view)
                     time.sleep(DRAIN_PERIOD)
             except KeyboardInterrupt:

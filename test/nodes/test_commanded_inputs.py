@@ -13,9 +13,9 @@ from sensor_msgs.msg import FluidPressure
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
+from tcc_sim.nodes.executables import Throttle
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import COMMANDS, MOST_PUBLISHERS, SequenceNumbers, message_class, poll, subscribe, time_of
-from tcc_sim.nodes.process import Throttle
 from tcc_sim.nodes.track import SimulatedTime
 from tcc_sim.topics import topic
 

@@ -69,10 +69,10 @@ def test_a_node_starts_where_a_process_was_killed_while_it_created_its_participa
 
 HANGS = """
 import ctypes, sys
-from tcc_sim.nodes import shared_memory, signals
+from tcc_sim.nodes import executables
 if sys.argv[1] == "node":
-    signals.take()
-signals.left_to_the_system(lambda: (print("creates", flush=True), ctypes.PyDLL(None).sleep(3600)))
+    executables.take()
+executables.left_to_the_system(lambda: (print("creates", flush=True), ctypes.PyDLL(None).sleep(3600)))
 """
 
 

@@ -19,7 +19,7 @@ from waiting import until_or_ended
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from tcc_sim.nodes import signals
+from tcc_sim.nodes import executables
 
 LIBRARIES = 130
 """About the number of shared libraries of a running driveline."""
@@ -94,24 +94,24 @@ def test_a_signal_while_it_compiles_ends_the_driveline_at_once(domain: str, tmp_
 @pytest.mark.parametrize("ignored", [True, False])
 def test_a_node_under_nohup_outlives_its_terminal(ignored: bool) -> None:
     before = "signal.signal(signal.SIGHUP, signal.SIG_IGN)" if ignored else "pass"
-    code = (f"import os, signal\n{before}\nfrom tcc_sim.nodes import signals\nsignals.take()\n"
+    code = (f"import os, signal\n{before}\nfrom tcc_sim.nodes import executables\nexecutables.take()\n"
             "os.kill(os.getpid(), signal.SIGHUP)\nif signal.getsignal(signal.SIGHUP) is signal.SIG_IGN: os._exit(7)\n"
             "signal.pause()\n")
     assert python("-c", code).returncode == (7 if ignored else 0)
 
 
 ASKED = """
-from tcc_sim.nodes import signals
-signals.take()
+from tcc_sim.nodes import executables
+executables.take()
 import os, signal
 from tcc_sim.nodes.executables import {module}_node
-leave = signals.end_in_order
+leave = executables.end_in_order
 
 def left():
     leave()
     os.kill(os.getpid(), signal.{number})
 
-signals.end_in_order = left
+executables.end_in_order = left
 import sys
 sys.argv += ["--ros-args", *{words!r}]
 {module}_node()
@@ -136,7 +136,7 @@ def test_ctrl_c_in_a_command_waits_for_what_must_be_whole() -> None:
     done = []
 
     def hold() -> None:
-        with signals.deferred():
+        with executables.deferred():
             signal.raise_signal(signal.SIGINT)
             done.append("whole")
 
@@ -154,8 +154,8 @@ def test_the_entry_points_take_the_signals_before_they_load_anything_slow(comman
             "class Look:\n"
             "    def find_spec(self, name, path=None, target=None):\n"
             "        if name.split('.')[0] in ('numpy', 'numba', 'rclpy', 'yaml', 'scipy'):\n"
-            "            from tcc_sim.nodes import signals\n"
-            "            print(name, *(n.name for n in signals.ENDING if n in signal.pthread_sigmask(0, [])))\n"
+            "            from tcc_sim.nodes import executables\n"
+            "            print(name, *(n.name for n in executables.ENDING if n in signal.pthread_sigmask(0, [])))\n"
             "            sys.stdout.flush()\n"
             "            os._exit(7)\n"
             "sys.meta_path.insert(0, Look())\n"

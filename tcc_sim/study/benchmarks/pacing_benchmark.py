@@ -20,8 +20,8 @@ from rclpy.parameter import Parameter
 
 from tcc_sim.nodes.children import NodeProcess, PrivateEnvironment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
+from tcc_sim.nodes.executables import created
 from tcc_sim.nodes.pacing import LEAD, TIMER_SLACK_NS, Pacer, prepare_thread, release_memory
-from tcc_sim.nodes.process import created
 from tcc_sim.result import Described, reported
 
 SLICE = 5.0
