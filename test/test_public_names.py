@@ -6,7 +6,6 @@ import re
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import tcc_sim
@@ -59,17 +58,6 @@ def test_the_examples_run(module, tmp_path):
                              optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     assert result.attempted > 0
     assert result.failed == 0
-
-
-def test_a_scene_and_its_system_give_the_same():
-    scene = tcc_sim.load_scene("fig02")
-    one, two = (tcc_sim.solve(x, cycles=3, samples_per_cycle=10) for x in (scene, scene.system))
-    np.testing.assert_array_equal(one.slip_speed, two.slip_speed)
-    one, two = (tcc_sim.sweep(x, "engine.frequency", [100.0, 150.0]) for x in (scene, scene.system))
-    np.testing.assert_array_equal(one.columns()["max_slip_speed"], two.columns()["max_slip_speed"])
-    one, two = (tcc_sim.sweep_grid(x, "engine.frequency", [100.0], "pressure.phase", [0.0, 1.0])
-                for x in (scene, scene.system))
-    assert [s.records[0]["max_slip_speed"] for s in one.sweeps] == [s.records[0]["max_slip_speed"] for s in two.sweeps]
 
 
 def test_a_file_and_a_system_are_scenes_for_a_law_and_for_a_transfer_function(tmp_path):

@@ -325,12 +325,9 @@ def test_every_key_may_be_missing_but_not_twice(key: str) -> None:
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{chr(98 + n)}: &{chr(98 + n)} [{', '.join(['*' + chr(97 + n)] * 9)}]\n" for n in range(12))
 FILES = {
-    "empty": b"", "binary": bytes(range(256)) * 64, "zeros": bytes(4096), "alias_bomb": BOMB.encode(),
+    "empty": b"", "binary": bytes(range(256)) * 64, "alias_bomb": BOMB.encode(), "words": b"to whom it may concern\n",
     "tag": body("rate: !!python/object/apply:os.system [touch evil]").encode(),
-    "unknown": body("rat: 3").encode(),
-    "twice": (body("rate: 3") + "    rate: 4\n").encode(), "range": body("pressure.mean: -1").encode(),
-    "type": body("engine.frequency: fast").encode(), "other": b"a: 1\nb: [2\n",
-    "words": b"to whom it may concern\n"}
+    "range": body("pressure.mean: -1").encode()}
 
 
 @pytest.mark.parametrize("name", [*FILES, "hundred_megabytes", "missing", "directory"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,8 +21,6 @@ from tcc_sim.trajectory import (
     event_sequence,
     integral,
     modes_of,
-    no_cycles,
-    split_cycles,
 )
 
 N = np.arange(5.0)
@@ -31,43 +28,11 @@ LOADS = Loads(*(100.0 * k + N for k in range(6)))
 CYCLES = Cycles(np.stack([np.arange(6.0)] * 3, axis=1), N, -2.0 * N, 10.0 + N, LOADS, 20.0 + np.arange(6.0))
 
 
-def numbers(cycles: Cycles) -> list[Any]:
-    """Every array of some cycles as lists; the section by its first column."""
-    return [cycles.section[:, 0].tolist(), *(column.tolist() for column in (cycles.highest, cycles.lowest,
-                                                                           cycles.stick_time)),
-            None if cycles.loads is None else [column.tolist() for column in cycles.loads.columns()],
-            None if cycles.starts is None else cycles.starts.tolist()]
-
-
-def expected(first: int, last: int) -> list[Any]:
-    """The same of cycles `first` to `last` - 1 by their numbers."""
-    each, ends = [float(k) for k in range(first, last)], [float(k) for k in range(first, last + 1)]
-    return [ends, each, [-2.0 * k for k in each], [10.0 + k for k in each],
-            [[100.0 * j + k for k in each] for j in range(6)], [20.0 + k for k in ends]]
-
-
-@pytest.mark.parametrize(("part", "first", "last"), [
-    (slice(None), 0, 5), (slice(1, 3), 1, 3), (slice(None, 9), 0, 5), (slice(-2, None), 3, 5), (slice(4, 2), 4, 4),
-    (slice(7, None), 5, 5)])
-def test_a_range_of_cycles_has_their_sections_on_both_sides(part: slice, first: int, last: int) -> None:
-    assert numbers(CYCLES[part]) == expected(first, last)
-    bare = replace(CYCLES, loads=None, starts=None)[part]
-    assert numbers(bare) == [*expected(first, last)[:4], None, None]
-    assert len(bare) == last - first
-
-
-def test_cycles_are_joined_and_split() -> None:
-    for stride in (2, -1):
-        with pytest.raises(ValueError, match="consecutive"):
-            CYCLES[::stride]
-    assert replace(CYCLES, highest=-3.0 * N).largest.tolist() == (3.0 * N).tolist()
-    assert numbers(concatenated([CYCLES[:2], CYCLES[2:3], CYCLES[3:]])) == expected(0, 5)
-    some = concatenated([CYCLES[:2], replace(CYCLES[2:], loads=None, starts=None)])
-    assert numbers(some) == [*expected(0, 5)[:4], None, None]
-    whole, rest = split_cycles(CYCLES, 4)
-    assert (numbers(whole), rest and numbers(rest)) == (expected(0, 4), expected(4, 5))
-    assert split_cycles(CYCLES, 5)[1] is None
-    assert (len(no_cycles()), no_cycles().section.shape) == (0, (0, 3))
+def test_loads_of_joined_cycles_are_those_of_all_parts_or_none() -> None:
+    whole = concatenated([CYCLES[:2], CYCLES[2:]]).loads
+    assert whole is not None
+    np.testing.assert_array_equal(whole.columns(), LOADS.columns())
+    assert concatenated([CYCLES[:2], replace(CYCLES[2:], loads=None)]).loads is None
 
 
 def test_a_state_is_three_numbers_and_the_initial_one_of_a_system() -> None:

@@ -10,16 +10,12 @@ import pytest
 from ranges import Stated, check, of_page, shown
 
 from tcc_sim.errors import InputError, OutOfRange
-from tcc_sim.model import supported_terms
-from tcc_sim.model.elements import list_of
-from tcc_sim.model.groups import Friction, Pressure
-from tcc_sim.model.parameters import DEFAULTS, GROUPS, QUANTITIES, System, coerce, replace, values_of
-from tcc_sim.model.profile import Inputs
+from tcc_sim.model.groups import Pressure
+from tcc_sim.model.parameters import DEFAULTS, GROUPS, QUANTITIES, System, coerce, replace
 from tcc_sim.model.quantity import Options, Quantity, apart, number_in, quantity, sequence_of_numbers
 from tcc_sim.model.sines import Sines, common_cycles, smallest
 
 HARMONICS, PHASES = "engine.harmonic_amplitudes", "engine.harmonic_phases"
-TABLE = {"friction.slip_speeds": [0.0, 1.0, 2.0], "friction.coefficients": [0.2, 0.2, 0.2]}
 RICH = {HARMONICS: [60.0, 20.0], PHASES: [0.3, 1.0]}
 
 
@@ -139,18 +135,6 @@ def test_values_are_taken_or_refused_with_key_value_and_range(values: dict[str, 
         assert missing(lambda: replace(System(), values), *words) == []
 
 
-def test_keys_that_others_replace_are_refused_unless_both_change() -> None:
-    tabled = replace(System(), TABLE)
-    assert missing(lambda: replace(tabled, {"friction.decay": 1.0}), "friction.decay", "friction.slip_speeds") == []
-    back = replace(tabled, {"friction.decay": 1.0, "friction.slip_speeds": [], "friction.coefficients": []})
-    assert back.friction == dataclasses.replace(Friction(), decay=1.0)
-    assert (coerce("engine.frequency", 3), type(coerce("engine.frequency", 3))) == (3.0, float)
-    assert {key: value for key, value in values_of(tabled) if System().value(key) != value} == {
-        "friction.slip_speeds": (0.0, 1.0, 2.0), "friction.coefficients": (0.2, 0.2, 0.2)}
-    assert [list_of(key) for key in ("a.b", "a.b[2]", "a.b[2]_times", "a.b[12]_values", "a.b[x]")] == [
-        "a.b", "a.b", "a.b_times", "a.b_values", "a.b[x]"]
-
-
 def test_a_system_has_the_figures_of_its_keys() -> None:
     system = replace(System(), {
         "driveline.flywheel_inertia": 0.25, "driveline.plate_inertia": 0.04, "driveline.stiffness": 2500.0,
@@ -202,30 +186,6 @@ def test_the_common_period_is_that_of_the_ratio_in_lowest_terms() -> None:
     for ratio, cycles in ((1.0, 1), (2.0, 1), (0.5, 2), (4.0 / 3.0, 3), (999.0 / 1000.0, 1000), (1000.0 / 1001.0, 0),
                           (math.sqrt(0.5), 0), (0.5 * (1.0 + 0.9e-12), 2), (0.5 * (1.0 + 2e-12), 0)):
         assert common_cycles(replace(System(), {"pressure.frequency_ratio": ratio})) == cycles, ratio
-
-
-def test_terms_are_those_of_the_keys_and_a_refusal_names_them() -> None:
-    lines = np.array([[0.0, 1.0, 0.0]])
-    base = {"smoothed", "torque", "pulsation", "stribeck"}
-    topic = {"engine.source": "topic", "pressure.source": "topic"}
-    swings = {"torque", "pulsation"}
-    for system, more, less in (
-            (System(), (), ()),
-            (replace(System(), TABLE), {"curve"}, {"stribeck"}),
-            (replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.3}), {"set_valued"},
-             {"smoothed", "stribeck"}),
-            (replace(System(), {"engine.torque_amplitude": 0.0, "pressure.amplitude": 0.0}), (), swings),
-            (replace(System(), {**RICH, **topic}), (), swings), (replace(System(), RICH), {"harmonics"}, ()),
-            (replace(System(), {**topic, "pressure.delay": 0.1}), {"approach"}, swings),
-            (replace(System(), {"converter.coupling": 0.1}), {"flywheel_by_slip", "plate_by_slip"}, ()),
-            (dataclasses.replace(System(), inputs=Inputs(lines, None, 1.0)), {"inputs", "profile"}, ()),
-            (dataclasses.replace(System(), inputs=Inputs(None, None, 1.0, lines)), {"inputs", "profile", "far"}, ()),
-            (replace(System(), {"pressure.mean_times": [0.0], "pressure.mean_values": [1.0]}), {"profile"}, ())):
-        assert supported_terms.terms_in(system).keys() == base.union(more).difference(less)
-    odd = replace(System(), {"friction.law": "set_valued", "converter.coupling": 0.1, **RICH})
-    assert missing(lambda: supported_terms.check_supported("peer", odd, "it"), "friction.law", HARMONICS,
-                   "converter.coupling") == []
-    supported_terms.check_supported("section map", odd, "it")
 
 
 STATED = of_page("scenes")

@@ -58,30 +58,6 @@ def first(coefficients, level=0.0, sign=1.0, end=1.0, accuracy=None):
                                      WORKSPACE)
 
 
-def test_values_and_slopes():
-    random = np.random.default_rng(3)
-    for degree in range(1, 29):
-        a = random.normal(size=degree + 1)
-        c, _ = row_of(a)
-        for x in random.uniform(0.0, 1.5, 5):
-            size = sum(abs(b) * x**k for k, b in enumerate(a)) * degree
-            slope = [k * b for k, b in enumerate(a)][1:]
-            assert polynomial.value(c, 1, degree, x) == pytest.approx(float(exact(a, x)), abs=1e-15 * size)
-            result = polynomial.value_and_slope(c, 1, degree, x)
-            assert result[0] == pytest.approx(float(exact(a, x)), abs=1e-15 * size)
-            assert result[1] == pytest.approx(float(exact(slope, x)), abs=1e-14 * degree * size)
-            assert polynomial.variation(c, 1, degree, x) >= abs(result[0] - a[0]) - 1e-15 * size
-            bend = [k * b for k, b in enumerate(slope)][1:]
-            result = polynomial.slope_and_curvature(c, 1, degree, x)
-            assert result[0] == pytest.approx(float(exact(slope, x)), abs=1e-14 * degree * size)
-            assert result[1] == pytest.approx(float(exact(bend, x)),
-                                              abs=1e-14 * degree * degree * size / min(x, 1.0)**2)
-            c[:, :degree + 1] = [a[::-1], a, -2.0 * a]
-            result, size = polynomial.values(c, degree, x), np.abs(a).sum() * 1.5**degree
-            for row, got in zip(c[:, :degree + 1], result):
-                assert got == pytest.approx(float(exact(row, x)), abs=2e-15 * max(size, 1.0))
-
-
 def test_a_dip_counts_from_half_of_the_accuracy_on():
     for depth, found in ((0.49, False), (0.51, True), (1.0, True)):
         for sign in (1.0, -1.0):

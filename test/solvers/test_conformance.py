@@ -8,8 +8,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from independent import Piecewise, equations, smoothed_states
-from scipy.integrate import solve_ivp, trapezoid
+from independent import Piecewise, smoothed_states
+from scipy.integrate import trapezoid
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
@@ -189,17 +189,3 @@ def test_samples_change_nothing_else_and_lie_on_the_run(name: str, cycles: int |
     np.testing.assert_allclose(many.slip_speed[::400][:3], few.slip_speed[::3][:3], atol=1e-9 * size[0])
     highest = many.slip_speed[:1200].reshape(3, 400).max(axis=1)
     np.testing.assert_allclose(highest, none.cycles.highest, atol=2e-4 * size[0])
-
-
-@pytest.mark.parametrize("rtol", [1e-3, 1e-6])
-def test_compiled_steps_of_rk45_are_those_of_scipy(rtol: float) -> None:
-    """The same number of steps to the same state, through slip and a stop: SciPy's RK45 on the same equations."""
-    system = replace(FALLING, {"friction.smoothing": 5.0})
-    result = solve(system, cycles=1, solver="rk45", rtol=rtol, samples_per_cycle=8)
-    twist, rates = 550.0 / system.driveline.stiffness, equations(system)[0]
-    sizes = np.array([1.0 / 5.0, twist, twist * system.natural_frequency])
-    scipy = solve_ivp(lambda t, y: rates(t, y)[:3], (0.0, system.cycle), [1.0, 0.0, 0.0], rtol=rtol, atol=rtol * sizes,
-                      dense_output=True)
-    assert result.statistics.steps == len(scipy.t) - 1
-    states = np.array([result.slip_speed, result.plate_angle, result.plate_speed])
-    np.testing.assert_allclose(states, scipy.sol(result.t), rtol=1e-10, atol=1e-10)

@@ -104,19 +104,6 @@ VARYING = {**EVERY, "engine.mean_torque_times": [0.0, 1.0], "engine.mean_torque_
            "engine.frequency_times": [0.0, 1.0], "engine.frequency_values": [100.0, 200.0],
            "engine.torque_amplitude_times": [0.0, 1.0], "engine.torque_amplitude_values": [20.0, 40.0],
            "pressure.mean_times": [0.0, 1.0], "pressure.mean_values": [2e5, 0.5e5]}
-BARE = {"engine.torque_amplitude": 0.0, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3}
-
-
-@pytest.mark.parametrize(("values", "numbers"), [
-    (EVERY, [600.0, 400.0, 650.0]), (VARYING, [600.0, 100.0, 1300.0]),
-    ({**EVERY, "pressure.amplitude": 0.0}, [400.0, 400.0, 400.0]),
-    ({**VARYING, "pressure.amplitude": 0.0}, [400.0, 100.0, 800.0]),
-    ({**BARE, "engine.mean_torque": 3.0, "pressure.mean": 1e5}, [240.0, 240.0, 0.0])])
-def test_numbers_of_terms(values, numbers) -> None:
-    """Loads are mu_k A R P with A R = 0.008 m^3: 200 N m per 100 kPa, 240 with mu_k = 0.3."""
-    of = terms.terms_of(replace(System(), values))
-    got = [terms.peak_load(of), terms.least_mean_load(of), terms.excitation_frequency(of)]
-    assert got == pytest.approx(numbers, rel=1e-12)
 
 
 def test_a_held_input_is_constant_and_nothing_else_changes() -> None:
