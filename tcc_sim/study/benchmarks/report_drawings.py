@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ LOOKS = ENGINES | {name: (COLOURS[k % len(COLOURS)], marker) for k, (name, marke
     zip(OTHERS, "x^v<>8pX*dPh+"))}
 """Colour and marker of every solver; the markers differ."""
 SET_VALUED = ", set-valued"
+TITLE = 24
+"""Letters in a line of a panel's title."""
 
 
 def draw_precision(stem: Path, report: Any, title: str = "", width: float = style.PAGE) -> Path:
@@ -46,7 +49,8 @@ def draw_precision(stem: Path, report: Any, title: str = "", width: float = styl
                     _draw_curves(axis, scene, handles, {*GROUPS[group], *ENGINES})
             axis.set(xscale="log", yscale="log", ylim=(1e-15, 2.0))
             axis.set_yticks([1e-12, 1e-8, 1e-4, 1.0])
-            axis.set_title(f"({chr(97 + number)}) {name}\n{group}", fontsize=6.5, pad=3.0)
+            place = textwrap.fill(f"({chr(97 + number)}) {name}", TITLE)
+            axis.set_title(f"{place}\n{group}", fontsize=6.5, pad=3.0)
         for axis in axes[-1]:
             axis.set_xlabel("run time (s)")
         for axis in axes[:, 0]:
