@@ -39,6 +39,8 @@ FINE = 256
 """Samples per engine cycle for the largest slip speeds of another program."""
 TIMED = 100
 """Least number of engine cycles in a timed run of XPPAUT, whose start takes as long as about ten cycles."""
+RESOLVED = 1.0
+"""CPU time of runs of XPPAUT, s, after which they are neither longer nor repeated, since the clock resolves them."""
 SINGLE = 2.0**-23
 """Resolution of single precision, the format of XPPAUT's output."""
 LIBRARIES = ("sundials_cvode", "sundials_nvecserial", "sundials_sunmatrixdense", "sundials_sunlinsoldense", "m")
@@ -249,10 +251,10 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
 
 
 def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: int) -> PeerRun:
-    """Run one of XPPAUT's methods; `seconds` is the CPU time of at least TIMED cycles minus that of one, scaled.
+    """Run one of XPPAUT's methods; `seconds` is the CPU time of some cycles minus that of one, scaled.
 
-    The difference excludes start-up and reading the file. Time and states come from runs with outputs at the cycle ends
-    only. Without repeats there is no time.
+    Those are TIMED cycles, or of a slow method as many as asked for. The difference excludes start-up and reading the
+    file. Time and states come from runs with outputs at the cycle ends only. Without repeats there is no time.
 
     Raises
     ------
@@ -279,11 +281,12 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
                 raise Failed(f"stopped after {len(rows) - 1} of {count * per_cycle} outputs")
             return rows[:count * per_cycle + 1, 1:4]
 
-        fine, section, seconds, slowest = run(cycles, FINE), run(cycles, 1), math.nan, math.nan
+        took, fine = repeated(lambda: run(cycles, FINE), 1, clock=of_children)
+        section, seconds, slowest = run(cycles, 1), math.nan, math.nan
         if repeats:
-            many = max(cycles, TIMED)
-            long, _ = repeated(lambda: run(many, 1), repeats, clock=of_children)
-            short, _ = repeated(lambda: run(1, 1), repeats, clock=of_children)
+            many = max(cycles, TIMED) if took[0] < RESOLVED else cycles
+            long, _ = repeated(lambda: run(many, 1), repeats, RESOLVED, of_children)
+            short, _ = repeated(lambda: run(1, 1), repeats, RESOLVED, of_children)
             seconds, slowest = ((of(long) - min(short)) * cycles / (many - 1) for of in (min, max))
             if seconds <= 0.0:
                 raise Failed(f"{many} cycles take no longer than one, by the clock")

@@ -202,7 +202,8 @@ def test_the_command_writes_what_it_promises(tmp_path, pictures):
     again = ["plot", str(folder / "precision.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
     assert main(again) == 0
     assert len(same_pictures([whole, pictures[-1]], whole.get_figwidth())) > 1
-    document["scenes"] = [document["scenes"][0] | {"scene": case.name} for case in precision.cases(with_fields(TINY, scenes=()))]
+    names = [case.name for case in precision.cases(with_fields(TINY, scenes=()))]
+    document["scenes"] = [document["scenes"][0] | {"scene": name} for name in names]
     (tmp_path / "all.json").write_text(json.dumps(document))
     assert main(["plot", str(tmp_path / "all.json"), "--plot", str(tmp_path / "all.png")]) == 0
     check(pictures[-1])
