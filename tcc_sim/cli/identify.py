@@ -76,7 +76,6 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
 
 
 def _lines(result: Identification) -> Iterator[str]:
-    """Yield the quality of the fit, and a line for each parameter."""
     yield (f"{counted(len(result.measurement.t), 'sample')} of {', '.join(result.noise)}; chi-square per degree of "
            f"freedom {result.chi2_per_dof:.4g}, {counted(result.starts, 'start')}, {result.seconds:.3g} s")
     if result.hold is not None:

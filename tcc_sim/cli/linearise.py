@@ -60,7 +60,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _lines(result: Linearisation) -> Iterator[str]:
-    """Yield lines for the motion, and for the response at some frequencies."""
     if result.kind == "periodic":
         kind = f"a periodic motion of {counted(result.period, 'period')} of excitation"
     else:

@@ -84,7 +84,6 @@ def _declared(found: ast.FunctionDef | ast.ClassDef) -> Iterator[tuple[str, str,
 
 
 def _source_text(node: ast.expr | None) -> str | None:
-    """Return the source of an expression."""
     return None if node is None else ast.unparse(node)
 
 
@@ -124,7 +123,6 @@ def add_options(parser: Any, function: str, forms: Mapping[str, Form], names: st
 
 
 def _add(where: Any, name: str, found: Declared, form: Form | None) -> None:
-    """Add one option."""
     option, choices = option_of(name), re.findall(r"'([^']+)'", found.annotation)
     if found.annotation == "bool":
         where.add_argument(option, dest=name, action="store_true", help=found.meaning)

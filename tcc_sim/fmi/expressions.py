@@ -727,7 +727,6 @@ class Expressions:
         return "", Vector(text, int(text) if text.isdigit() else 0, lambda k: f"(double){k}", DOUBLE)
 
     def _np_concatenate(self, node: ast.Call) -> Text:
-        """Print arrays and lists of numbers in one array."""
         parts = [(text, kind) for text, kind in self._items(node.args[0])]
         most = sum(len(kind.parts) if isinstance(kind, Items) else self._vector(text, kind).most
                    for text, kind in parts)
@@ -752,7 +751,6 @@ class Expressions:
         return text, kind
 
     def _np_cumsum(self, node: ast.Call) -> Text:
-        """Print sums of an array from its first number to each."""
         vector = self._vector(*self._numbers(node.args[0]))
         name, total = self._variable(Row(writable=True, length=vector.most)), self._variable(DOUBLE)
         self._put(f"{total} = 0.0;")
@@ -771,7 +769,6 @@ class Expressions:
         return index, INT
 
     def _np_any(self, node: ast.Call) -> Text:
-        """Print whether any number of an array is not 0."""
         vector = self._vector(*self._numbers(node.args[0]))
         nonzero, _ = self._kept("0", INT)
         with self._loop(vector.length) as k:

@@ -53,7 +53,6 @@ def main() -> int:
 
 
 def _spin(node: CommanderNode) -> NoReturn:
-    """Answer states until the context ends."""
     executables.end_in_order()
     log(node, f"answers every state of {node.states.topic_name}")
     spinner = Spinner(node, busy=True)

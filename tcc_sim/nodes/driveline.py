@@ -347,7 +347,6 @@ def main() -> int:
 
 
 def _run(node: DrivelineNode) -> int:
-    """Run the node until the context ends."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     node.loop.plant.warm_up()
     executables.end_in_order()

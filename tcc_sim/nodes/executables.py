@@ -115,12 +115,10 @@ def _text_for(name: str, words: list[str]) -> str | None:
 
 
 def _command_of(name: str) -> str:
-    """Return the command that starts the node `name`."""
     return name if name == "commander" else f"{name}_node"
 
 
 def _help(name: str) -> str:
-    """Return purpose, usage and parameters of a node as text."""
     from tcc_sim.output.terminal import terminal_width, wrapped
 
     command = _command_of(name)
@@ -131,7 +129,6 @@ def _help(name: str) -> str:
 
 
 def _parameters(name: str) -> Iterator[tuple[str, str]]:
-    """Iterate over names and meanings of a node's parameters."""
     from tcc_sim.nodes.options import OPTIONS
     from tcc_sim.scene import NODE_SCENE
 
@@ -369,7 +366,6 @@ def node_of_command(name: str, namespace: str) -> Iterator[Node]:
 
 
 def _interrupt(number: int, frame: object) -> None:
-    """Set _INTERRUPTED and raise KeyboardInterrupt."""
     _INTERRUPTED.set()
     raise KeyboardInterrupt
 
@@ -409,7 +405,6 @@ class Throttle:
 
 
 def _executor_for(busy: bool) -> Any:
-    """Return the class of a node's executor."""
     if busy:
         with suppress(ImportError):  # The rclpy of Jazzy has none.
             from rclpy.experimental import EventsExecutor

@@ -55,7 +55,6 @@ class InputReport:
         self._outputs.say("held", held.held_message(self._outputs.run, values))
 
     def _report(self, name: str, commands: Mapping[str, CommandedInput], applied: float) -> tuple[float, ...]:
-        """Return the values of one input."""
         command = commands.get(name)
         if command is None:
             report: tuple[float, ...] = held.SCENE if name in INPUTS else held.NOBODY, *_NO_COMMAND

@@ -261,7 +261,6 @@ class RealTimeLoop:
             self.pacer.anchor()
 
     def _run(self) -> None:
-        """Run the loop in its thread."""
         try:
             wishes = self.scene.operation
             self.refused_wishes = prepare_thread(wishes.thread_priority, wishes.cpu_affinity, wishes.lock_memory)

@@ -145,7 +145,6 @@ class Operator:
         return [f"{namespace.rstrip('/')}/{name}" for name, namespace in nodes if name == "driveline"]
 
     def _value(self, key: str) -> Any:
-        """Return the value of a parameter of the driveline."""
         return self.values([key]).get(key)
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:

@@ -102,7 +102,6 @@ def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:
 
 
 def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
-    """Declare one parameter with its description, unit and range."""
     number = isinstance(value, float)
     descriptor = ParameterDescriptor(
         description=meaning.described, read_only=not meaning.live,

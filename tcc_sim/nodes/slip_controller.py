@@ -71,11 +71,9 @@ class SlipControllerNode(Node):
                   f"{tuning.cycle_steps:.4g} states of {tuning.step:g} s, at most {tuning.pressure_limit:g} Pa")
 
     def _publish_target(self) -> None:
-        """Publish the target."""
         self._target.publish(Float64(data=self.controller.target))
 
     def _publish_limits(self) -> None:
-        """Publish the smallest and the largest pressure."""
         self._limits.publish(cdr.pressure_limits(0.0, self.controller.tuning.pressure_limit))
 
     def _on_set_parameters(self, changes: list[Parameter]) -> SetParametersResult:
@@ -137,7 +135,6 @@ def main() -> int:
 
 
 def _spin(node: SlipControllerNode) -> NoReturn:
-    """Answer states until the context ends."""
     executables.end_in_order()
     node.report()
     spinner = Spinner(node, busy=True)

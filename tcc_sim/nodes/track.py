@@ -96,7 +96,6 @@ class Track(SequenceNumbers):
 
     def _subscription(self, reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
                       latched: bool = False) -> Subscription[Any]:
-        """Create a polled subscription."""
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         return subscribe(self._node, message_class(self.type), self.topic,
                          QoSProfile(depth=DEPTH, reliability=reliability, durability=durability))

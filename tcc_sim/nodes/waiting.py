@@ -111,7 +111,6 @@ class Waiting:
         return name
 
     def _fallback(self, command: CommandedInput) -> str:
-        """Return the fallback of an input as text."""
         if command is self._loop.far_end:
             return "the shaft's far end stands still"
         return str(self._loop.scene.value(f"{topic(command.name).key.partition('.')[0]}.fallback"))

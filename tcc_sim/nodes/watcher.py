@@ -220,7 +220,6 @@ class Watcher:
         return [data for data, _ in taken]
 
     def _show(self, view: RerunStream, stamps: NDArray[np.int64], rows: NDArray[np.void]) -> None:
-        """Show states of one run."""
         fresh = np.diff(stamps, prepend=np.int64(self._last_stamp)) != 0
         new_run = bool(len(stamps) and stamps[0] < self._last_stamp)
         stamps, rows = stamps[fresh], rows[fresh]

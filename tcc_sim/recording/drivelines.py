@@ -340,7 +340,6 @@ def _beside(one: Sequence[_Sent], other: Sequence[_Sent]) -> bool:
 
 
 def _check_joints(drivelines: Sequence[RecordedDriveline], joints: Sequence[str]) -> None:
-    """Raise RecordingError if no driveline has these joints."""
     if not any(one.able for one in drivelines):
         raise RecordingError(joints_sentence(drivelines))
 

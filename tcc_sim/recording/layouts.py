@@ -101,7 +101,6 @@ class Layouts:
 
     def _sorted(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]
                 ) -> list[Group]:
-        """Return the messages of each layout."""
         left: Positions = np.flatnonzero(np.isin(messages.channel, channels))
         groups: list[Group] = []
         for names, layout in self._known:

@@ -288,7 +288,6 @@ class Run:
                 self.warnings.append(f"{counted(count, kind)} of other programs not copied")
 
     def _read(self, window: Window) -> Columns:
-        """Read the driveline's messages."""
         self.warnings, self.messages, self.stamps = Warnings(), dict.fromkeys(self.topics, 0), StampCounter()
         driveline, keyed = self.driveline, bool(self.driveline.runs)
         space = driveline.topic.rpartition("/")[0]
@@ -344,7 +343,6 @@ class Run:
                        commands.counts(driveline.runs), keyed, commands.limits)
 
     def _warn_of_inputs(self, runs: Sequence[JointStates]) -> None:
-        """Add warnings about inputs of which messages are missing."""
         missing = sum(int(np.isnan(one.applied_pressure).sum()) for one in runs if one.applied_pressure is not None)
         if missing:
             self.warnings.append(f"the applied pressure is missing at {counted(missing, 'tick')}")
@@ -384,7 +382,6 @@ class Run:
             *_TOPICS_OF_DRIVELINE, *signal_types(), LIMITS}
 
     def _every_channel(self) -> Iterator[Channel]:
-        """Iterate over the channels of all files."""
         for contents in self._contents.values():
             yield from contents.channels.values()
 
@@ -468,7 +465,6 @@ class Run:
             self.warnings.append(f"not read: {len(others) - _MOST_TOPICS} more publishers of joint states")
 
     def _warn_of_cut(self) -> None:
-        """Add the warning of a recording that was cut short."""
         if self._incomplete:
             self.warnings.append("the recording was cut short: data after the last flush is missing")
 
@@ -596,5 +592,4 @@ def open_run(path: Path | str, joints: Mapping[str, str] | None = None, topic: s
 
 
 def _memory() -> int:
-    """Return the memory of the machine, bytes."""
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

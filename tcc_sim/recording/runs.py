@@ -144,7 +144,6 @@ def placed_by_run(scenes: Sequence[SceneRecord], runs: Iterable[JointStates], na
 
 
 def _columns(states: StampedMessages, mine: Positions) -> dict[str, Any]:
-    """Return the columns of some states."""
     at = states.kept[mine]
     return {"stamp_ns": states.stamp_ns[mine], "log_ns": states.log_ns[mine], "sent_ns": states.sent_ns[mine],
             **{name: column[at] for name, column in states.columns.items()}}

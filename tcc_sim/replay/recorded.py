@@ -229,11 +229,9 @@ class Recording(Result):
 
     @cached_property
     def _timing(self) -> Timing:
-        """Timing of the engine cycles of all runs."""
         return self._timing_of(self.line())
 
     def _timing_of(self, line: Timeline) -> Timing:
-        """Return the timing of the engine cycles of a timeline."""
         return timing_of(self.scene, None, line.runs, frequency_changes(self.file), self.file.scene_text is None)
 
 

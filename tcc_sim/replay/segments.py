@@ -205,7 +205,6 @@ class _Judge:
 
     @cached_property
     def _loop(self) -> Loop:
-        """The run as a loop."""
         states = self._states
         reader, stream = LoopReader(self._clock), CycleStream(self._cuts[0].scene.system, self._clock)
         for block in states.blocks():

@@ -193,7 +193,6 @@ class _Verifier:
         self._stepper.use(self._terms)
 
     def _tick(self, stamp: int) -> int:
-        """Return the tick of a stamp."""
         tick = round(stamp / self._stamp_step)
         if round(tick * self._stamp_step) != stamp:
             raise InputError(f"stamp {stamp * 1e-9:.9g} s is not that of a tick at {self._scene.operation.rate:g} Hz; "

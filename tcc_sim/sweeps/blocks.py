@@ -168,7 +168,6 @@ def _slips_at_the_end(high: Floats, low: Floats, stick: Floats) -> list[bool]:
 
 
 def _sizes_of(section: Floats, high: Floats, low: Floats) -> Floats:
-    """Return `sizes_of` for every run."""
     v, angle, w = np.abs(section).max(axis=1).T
     speed = np.maximum.reduce([v, w, np.abs(high).max(axis=1), np.abs(low).max(axis=1)])
     fast, far = np.maximum(speed, 1e-6 * angle), np.maximum(angle, 1e-6 * speed)

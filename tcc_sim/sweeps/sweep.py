@@ -184,7 +184,6 @@ def _batch(plan: Plan, points: int, threads: int) -> int:
 
 
 def _header(curves: Sequence[Curve], plan: Plan) -> dict[str, Any]:
-    """Return the values that distinguish a sweep from others."""
     return {"version": code_version(), "plan": json_of(plan),
             "curves": [{"over": c.key, "values": c.values, "scene": given_values(c.system)} for c in curves]}
 

@@ -104,7 +104,6 @@ def _of_arrays(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str], 
 
 
 def _check_rows(path: Path, rows: int, most: int) -> None:
-    """Raise InputError for more rows than the most."""
     if rows > most:
         raise InputError(f"{path}: it has more than {most} rows; it must have at most {most}")
 
@@ -171,7 +170,6 @@ def _floats(path: Path, name: str, samples: Any) -> Floats:
 
 
 def _mdf_unit(file: Any, group: int, index: int) -> str:
-    """Return the unit of a channel, empty for none."""
     channel = file.groups[group].channels[index]
     unit = getattr(channel, "unit", "") or getattr(getattr(channel, "conversion", None), "unit", "")
     return str(unit or "").strip("\0 ")

@@ -153,7 +153,6 @@ def _columns_by_name(path: Path, contents: FileColumns, known: Mapping[str, str 
 
 
 def _check_once(path: Path, names: Sequence[str], column: str) -> None:
-    """Raise InputError if a column is there twice."""
     if names.count(column) > 1:
         raise InputError(f"{path} has the column {one_line(column)} {counted(names.count(column), 'time')}")
 

@@ -172,7 +172,6 @@ def _lines(path: Path, stream: TextIO) -> Iterator[str]:
 
 
 def _cells(lines: Iterator[str] | list[str], delimiter: str) -> Iterator[list[str]]:
-    """Iterate over the cells of lines."""
     if delimiter == " ":
         return (line.split() for line in lines)
     return csv.reader(lines, delimiter=delimiter, skipinitialspace=True)

@@ -221,7 +221,6 @@ class Rig:
             raise InputError("this driveline is closed: by close(), or because the test has started another one")
 
     def _run(self, count: int, target: float | None, limits: Limits | None) -> LockstepRun:
-        """Run the ticks, in the worker's thread."""
         commands = self._begin()
         samples = Samples(self._plant)
         samples.add(self._plant, self._plant.reading(), *self._held())

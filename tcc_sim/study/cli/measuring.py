@@ -115,7 +115,6 @@ def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()
 
 
 def _say_pacing(shown: dict[str, Any]) -> None:
-    """Print the figures of both loops, and of the bare loop with every setting."""
     say(f"{shown['ticks']:.0f} ticks at {shown['rate']:g} Hz, {100.0 * shown['late_share']:.3g} % more than a period "
         f"late, {shown['missed_ticks']:.0f} missed, drift {shown['drift_s'] * 1e3:.3f} ms")
     say(f"{'':22}{'driveline node':>15}{'bare loop':>15}{'ratio':>8}")
