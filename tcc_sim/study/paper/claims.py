@@ -180,9 +180,12 @@ def claims_page(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
         if named := [v for v in verdicts if v.verdict == name]:
             lines += [f"## {name.capitalize()}", "", *map(claim_line, named), ""]
     if any(v.varied for v in verdicts):
+        rows = [threshold_row(verdicts, item) for item in fields(T)]
+        alike = [f"`{item.name}` ({row[2]})" for item, row in zip(fields(T), rows) if {*row[3:]} == {"none"}]
         lines += [f"## Thresholds halved and doubled, at {places[0]} kPa", "",
                   *markdown_table(["threshold", "meaning", "value", "halved", "doubled"],
-                                  [threshold_row(verdicts, item) for item in fields(T)]), ""]
+                                  [row for row in rows if {*row[3:]} != {"none"}]),
+                  *(["", f"No verdict changes with {', '.join(alike)}."] if alike else []), ""]
     return "\n".join(lines)
 
 

@@ -23,11 +23,16 @@ class Controller(Node):
         self.commands.publish(command)
 
 
-def main() -> None:
+def spin(controller: type[Node]) -> None:
+    """Run a node until Ctrl-C or SIGTERM."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C then ends rclpy's context, as SIGTERM does.
     with rclpy.init():
         try:
-            rclpy.spin(Controller())
+            rclpy.spin(controller())
         except Exception:
             if rclpy.ok():  # Else the context has ended, and rclpy raises what its next call happens to raise.
                 raise
+
+
+def main() -> None:
+    spin(Controller)

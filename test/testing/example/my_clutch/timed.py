@@ -1,10 +1,8 @@
-import signal
-
-import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, JointState
 
 from my_clutch.law import HoldSlip
+from my_clutch.node import spin
 
 PERIOD = 0.005
 
@@ -29,10 +27,4 @@ class TimedController(Node):
 
 
 def main() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C then ends rclpy's context, as SIGTERM does.
-    with rclpy.init():
-        try:
-            rclpy.spin(TimedController())
-        except Exception:
-            if rclpy.ok():  # Else the context has ended, and rclpy raises what its next call happens to raise.
-                raise
+    spin(TimedController)
