@@ -50,6 +50,7 @@ def test_gaps_and_runs_of_a_stream_are_counted_whatever_its_batches(seed):
         assert (counter.lost, counter.gaps, counter.repeated) == counts
         assert (counter.tick, counter.uneven, counter.messages) == (tick, 0, len(values))
         assert counter.runs == sum(kind is not Break.GAP for _, kind in begins) == counter.resets + 1
+        assert counter.restarts == 0
         assert found == begins
 
 
@@ -70,7 +71,7 @@ def test_a_gap_begins_beyond_one_and_a_half_ticks(values, gaps, lost, uneven):
      [(0, Break.START), (50, Break.RESTART)], 3)])
 def test_another_publisher_is_a_restart_and_the_former_one_is_left_out(values, who, begins, late):
     counter, found = fed(values, publisher=who)
-    assert (found, counter.late, counter.lost) == (begins, late, 0)
+    assert (found, counter.late, counter.lost, counter.restarts) == (begins, late, 0, 1)
 
 
 @pytest.mark.parametrize("block", [1, 7])
