@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import os
 import random
-import resource
 import sys
 import threading
 from collections.abc import Callable
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from interpreter import python
 
 from tcc_sim.nodes.pacing import CATCH_UP, LEAD, LEAD_PART, SLICE, Pacer, attend, prepare_thread
 
@@ -150,30 +150,27 @@ def test_timer_slack_and_cores_are_those_of_this_thread_alone() -> None:
     assert before > 1
 
 
-def without_rights(body: Callable[[], list[str]]) -> list[str]:
-    """Return the result of `body` in a process that may lock a page and has no other right."""
-    reading, writing = os.pipe()
-    child = os.fork()
-    if not child:
-        resource.setrlimit(resource.RLIMIT_MEMLOCK, (4096, 4096))
-        resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
-        if os.geteuid() == 0:
-            os.setresuid(65534, 65534, 65534)
-        os.write(writing, "\n".join(body()).encode())
-        os._exit(0)
-    os.close(writing)
-    with open(reading) as said:
-        result = said.read().splitlines()
-    assert os.waitpid(child, 0)[1] == 0
-    return result
+WITHOUT_RIGHTS = """
+import contextlib, os, resource
+from tcc_sim.nodes.pacing import prepare_thread
+resource.setrlimit(resource.RLIMIT_MEMLOCK, (4096, 4096))
+resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
+with contextlib.suppress(PermissionError):  # Another user, or root without capabilities.
+    os.setresuid(65534, 65534, 65534)
+print(*prepare_thread(50, [1023], True), sep="\\n")
+print(*sorted(os.sched_getaffinity(0)), sep=", ")
+"""
 
 
 @linux
 def test_what_is_refused_is_one_sentence_each_and_changes_nothing() -> None:
-    said = without_rights(lambda: prepare_thread(50, [1023], True))
+    ended = python("-c", WITHOUT_RIGHTS, LC_ALL="C")
+    assert (ended.returncode, ended.stderr) == (0, "")
+    *said, cores = ended.stdout.splitlines()
     assert [sentence.split(" was not granted")[0] for sentence in said] == [
         "cpu_affinity [1023]", "thread_priority 50", "lock_memory"]
-    assert ", ".join(map(str, sorted(os.sched_getaffinity(0)))) in said[0]
+    assert cores == ", ".join(map(str, sorted(os.sched_getaffinity(0))))
+    assert cores in said[0]
     assert "CAP_SYS_NICE" in said[1]
     assert "Cannot allocate memory" in said[2]
 
