@@ -81,7 +81,7 @@ def _mapped() -> set[str]:
     mapped: set[str] = set()
     for maps in Path("/proc").glob("[0-9]*/maps"):
         with suppress(OSError):
-            mapped.update(re.findall(r"\S*fastdds_\S+", maps.read_text(errors="replace")))
+            mapped.update(re.findall(r"/.*fastdds_\S+", maps.read_text(errors="replace")))
     return mapped
 
 
