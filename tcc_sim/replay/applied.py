@@ -7,11 +7,13 @@ the scene's harmonics it varies within the tick, and each state records its valu
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.model.parameters import QUANTITIES, System
+from tcc_sim.messages.held import COMMAND
+from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.model.profile import smooth_corners
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.reader import Run
@@ -26,6 +28,41 @@ BEFORE = 4
 """Number of states from which the value of a smooth input at the start of its first tick is extrapolated."""
 
 
+class TickInput(NamedTuple):
+    """An input of a recorded driveline tick by tick: (n,) arrays, of the tick that ends at each of n states.
+
+    recorded : value at each state, N m or Pa, NaN where none was recorded; None without any
+    commanded : whether it has the recorded value throughout the tick, or an actuator goes to it from the value before;
+        otherwise it varies as the scene's sines and profiles do
+    known : whether the recording states what acted
+    """
+
+    recorded: Floats | None
+    commanded: NDArray[np.bool_]
+    known: NDArray[np.bool_]
+
+
+def inputs_of_ticks(line: Timeline, states: JointStates) -> dict[str, TickInput]:
+    """Return the inputs of a run by name; the scene at its begin tells the source of each.
+
+    On the fallback to its mean an input counts as commanded, as it does where the recording does not state the source.
+    """
+    out, system = {}, line.scene_at(states.index).system
+    for name, recorded in zip(INPUTS, (states.engine_torque, states.applied_pressure)):
+        group, never = getattr(system, GROUPS[name]), np.zeros(len(states), np.bool_)
+        if group.source != "topic":
+            out[name] = TickInput(recorded if name == INPUTS[0] else None, never, ~never)
+            continue
+        source = states.input(name, "source")
+        stated = np.isfinite(source) if states.held is not None or line.keyed else ~never
+        commanded = (source == COMMAND) | np.isnan(source).all() | (not group.harmonic)
+        there = never if recorded is None else np.isfinite(recorded)
+        if name == INPUTS[1]:
+            there = there | ~commanded  # The engine torque of a fallback is recorded too.
+        out[name] = TickInput(recorded, commanded, there & (stated | (not group.harmonic)))
+    return out
+
+
 def applied_inputs(line: Timeline, states: JointStates) -> dict[str, Floats]:
     """Return each input at the start and the end of the tick after each state, (n - 1, 2), N m and Pa.
 
@@ -33,23 +70,20 @@ def applied_inputs(line: Timeline, states: JointStates) -> dict[str, Floats]:
     varies. An actuator's pressure is joined by straight lines. NaN stands for values that were not recorded; an input
     without any is left out.
     """
-    applied = {}
+    applied, system = {}, line.scene_at(states.index).system
     t = states.stamp_ns.astype(np.float64) * 1e-9
     scenes = np.searchsorted([index for index, _ in line.changes], states.index + np.arange(len(states)), side="right")
-    for name in INPUTS:
-        values, system = _recorded(line, states, name), line.scene_at(states.index).system
+    for name, (values, commanded, _) in inputs_of_ticks(line, states).items():
+        if name == INPUTS[1] and system.pressure.source != "topic":
+            values = np.broadcast_to(torques_at(terms_of(system), t)[1] / system.torque_per_pressure, t.shape)
         if values is None:
             continue
-        group = getattr(system, GROUPS[name])
-        varies = np.full(len(t), group.source != "topic")
-        if group.source == "topic" and group.harmonic:
-            varies = ~line.commanded(states)[name]
         if name == INPUTS[1] and system.pressure.lagged:
             ticks = np.stack([values[:-1], values[1:]], axis=1)
         else:
             ticks = np.stack([values[1:], values[1:]], axis=1)
             meant = QUANTITIES[topic(name).key]
-            for begin, end in _stretches(varies, scenes, values):
+            for begin, end in _stretches(~commanded, scenes, values):
                 corners = smooth_corners(t[begin:end], _from_start(t[begin:end], values[begin:end], begin > 0),
                                          meant.low, meant.high)
                 ticks[begin:end - 1] = np.stack([corners[:-1], corners[1:]], axis=1)
@@ -65,17 +99,6 @@ def measured_run(run: Run, scene: Scene) -> tuple[JointStates, dict[str, Floats]
     applied = applied_inputs(line, states)
     return states, {name: ticks for name, ticks in applied.items()
                     if getattr(scene.system, GROUPS[name]).source == "topic"}
-
-
-def _recorded(line: Timeline, states: JointStates, name: str) -> Floats | None:
-    """Return the values of an input at the states of a run, (n,); None if it was not recorded."""
-    if name == INPUTS[0]:
-        return states.engine_torque
-    system: System = line.scene_at(states.index).system
-    if system.pressure.source != "topic":
-        t = states.stamp_ns.astype(np.float64) * 1e-9
-        return np.broadcast_to(torques_at(terms_of(system), t)[1] / system.torque_per_pressure, t.shape)
-    return states.applied_pressure
 
 
 def _stretches(varies: NDArray[np.bool_], scenes: NDArray[np.int64], values: Floats) -> list[tuple[int, int]]:

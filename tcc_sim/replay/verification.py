@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.profile import START
-from tcc_sim.recording.columns import JointStates
+from tcc_sim.recording.columns import BLOCK, JointStates
 from tcc_sim.recording.stamps import Break
+from tcc_sim.replay.applied import inputs_of_ticks
 from tcc_sim.replay.result import STEP_TOLERANCE, Verification
+from tcc_sim.replay.ticks import TICKS_AT_ONCE, solve_ticks, substeps_of_ticks
 from tcc_sim.replay.timeline import Timeline
-from tcc_sim.scene import parse_scene
-from tcc_sim.solvers.fixed_step import Reached, Stepper
-from tcc_sim.solvers.terms import Terms, terms_from
+from tcc_sim.scene import Scene, parse_scene
+from tcc_sim.solvers.fixed_step import Stepper, course
+from tcc_sim.solvers.terms import Terms, substeps, terms_from
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
@@ -38,10 +40,9 @@ def verify(line: Timeline, size: int, progress: Callable[[int], Any] | None = No
     After a change of parameters, the driveline published its scene with the stamp of the first state that the change
     affects and the kernel used; the change is applied at that tick, also within a gap. A pause leaves no trace.
 
-    A commanded input is constant within a tick and has the recorded value. A fallback to the scene's harmonics varies
-    within the tick; the driveline's announcements give the source. Without announcements every input counts as
-    commanded. For an actuator with a lag, two successive recorded pressures define the pressure within the tick
-    (`model.actuator`). The far end of the shaft continues from its recorded angle at the recorded speed.
+    The inputs of each tick are those of `applied.inputs_of_ticks`. For an actuator with a lag, two successive recorded
+    pressures define the pressure within the tick (`model.actuator`). The far end of the shaft continues from its
+    recorded angle at the recorded speed.
 
     Parameters
     ----------
@@ -49,79 +50,41 @@ def verify(line: Timeline, size: int, progress: Callable[[int], Any] | None = No
     progress : function called with the number of states just compared
     """
     verifier = _Verifier(line, size)
-    for states in line.runs:
-        for block in states.blocks():
-            verifier.feed(block)
-            if progress is not None:
-                progress(len(block))
+    try:
+        for states in line.runs:
+            run = _Run(verifier, states)
+            for begin in range(0, len(states), BLOCK):
+                verifier.compare(states[begin:begin + BLOCK], *run.solved(begin, min(begin + BLOCK, len(states))))
+                if progress is not None:
+                    progress(min(BLOCK, len(states) - begin))
+    except InputError as error:
+        return Verification(False, math.inf, 0, 0, 0, None, str(error))
     return verifier.result()
 
 
 class _Verifier:
-    """State of the comparison: solver, applied scene and inputs, and the differences so far."""
+    """Scene that applies, work that is left, and the differences so far."""
 
     def __init__(self, line: Timeline, size: int) -> None:
-        self._scenes, self._places, self._place = line.scenes, line.places, -1
-        self._line, self._commanded = line, (True, True)
+        self.line, self._size = line, np.zeros(len(COLUMNS))
         self._absent = np.isin(COLUMNS, line.absent)
-        self._next_place = 0
         self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
-        self._leapt = 0
-        self._scene, self._origin = line.scene, START
-        self._run = -1
-        self._harmonic, self._lagged = (False, False), False
-        self._pressed = self._far_angle = math.nan
-        self._last_ns = self._moved_ns = 0
-        self._stepper: Stepper
-        self._exact = False
+        self._gap_work = self._work_limit // 2
+        self._scene, self._origin, self._first_scene, self._next_place = line.scene, START, True, 0
         self._largest = np.zeros(len(COLUMNS))
-        self._size = np.zeros(len(COLUMNS))
-        self._count_compared = self._exactly = self._solved = self._unknown = 0
-        self._stated = True
-        self._broken: float | None = None
+        self._compared = self._exactly = self._leapt = 0
+        self.solved = self.unknown = 0
+        """Number of states that were solved, and of those without a known input."""
+        self.sources_matter = False
+        """Whether an input may fall back to harmonics although the recording does not state its sources."""
+        self.broken: float | None = None
+        """Time of the first state of a run that begins after a reset, but not at 0; None without one."""
         self._first: int | None = None
-        self._refusal = ""
-
-    def feed(self, batch: JointStates) -> None:
-        """Compare the next batch."""
-        if not len(batch) or self._refusal:
-            return
-        recorded = rows_of(batch)
-        self._size = np.maximum(self._size, np.abs(recorded).max(axis=0, initial=0.0, where=np.isfinite(recorded)))
-        pressure, angle, speed = recorded_inputs(batch)
-        commanded = list(zip(*(column.tolist() for column in self._line.commanded(batch).values())))
-        solved = np.full_like(recorded, math.nan)
-        exact = np.zeros(len(batch), dtype=np.bool_)
-        begin = 0
-        try:
-            self._moved_ns = batch.moved_ns
-            self._stated &= batch.held is not None
-            known = np.ones(len(batch), np.bool_) if batch.held is None and not self._line.keyed else np.all(
-                [np.isfinite(batch.input(name, "source")) for name in INPUTS], axis=0)
-            if batch.run != self._run:
-                self._begin(batch)
-                begin = 1
-                self._commanded = commanded[0]
-                solved[0], exact[0] = self._now(recorded[0], pressure[0]), self._exact
-                self._far_angle, self._last_ns = angle[0], int(batch.stamp_ns[0])
-                self._solved += self._exact
-                if not self._exact:
-                    solved[0] = recorded[0]
-            rows = recorded.tolist()
-            for k in range(begin, len(batch)):
-                self._commanded, self._source_known = commanded[k], bool(known[k])
-                solved[k] = self._next(int(batch.stamp_ns[k]), batch.index + k, rows[k], pressure[k], speed[k])
-                self._far_angle, self._last_ns = angle[k], int(batch.stamp_ns[k])
-                exact[k] = self._exact
-        except InputError as error:
-            self._refusal = str(error)
-            return
-        self._compare(batch, recorded, solved, exact)
 
     def result(self) -> Verification:
-        """Return the result of all batches."""
-        if self._refusal or not self._count_compared:
-            return Verification(False, math.inf, 0, 0, 0, None, self._refusal or "the recording holds no joint_states")
+        """Return the result of all runs."""
+        if not self._compared:
+            return Verification(False, math.inf, 0, 0, 0, None, "the recording holds no joint_states")
         ratio = np.divide(self._largest, self._size, out=self._largest.copy(), where=self._size > 0.0)
         largest, detail = float(ratio.max()), ""
         if self._leapt:
@@ -131,178 +94,208 @@ class _Verifier:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
                       f"{largest:.3g} of its signal's maximum (possible reasons: a changed value, a missing scene, "
                       "another version or machine)")
-            if any(self._harmonic) and not self._stated:
+            if self.sources_matter:
                 detail += "; the recording does not state the sources of its inputs, so every one counts as commanded"
-        elif self._unknown:
-            detail = f"{self._unknown} of {counted(self._count_compared, 'state')} have no known input"
-        elif self._broken is not None:
-            detail = (f"a run begins at {self._broken:.9g} s after a reset, which must lead to 0: messages are missing "
+        elif self.unknown:
+            detail = f"{self.unknown} of {counted(self._compared, 'state')} have no known input"
+        elif self.broken is not None:
+            detail = (f"a run begins at {self.broken:.9g} s after a reset, which must lead to 0: messages are missing "
                       "or mixed up")
-        elif not self._solved:
+        elif not self.solved:
             detail = "there is no state before any of them to solve from"
         if self._absent.any():
-            detail += f"; not recorded, so not compared: {', '.join(self._line.absent)}"
-        verified = self._first is None and self._solved > 0 and not self._unknown and self._broken is None
-        return Verification(verified, largest, self._count_compared, self._solved, self._exactly, self._first, detail)
+            detail += f"; not recorded, so not compared: {', '.join(self.line.absent)}"
+        verified = self._first is None and self.solved > 0 and not self.unknown and self.broken is None
+        return Verification(verified, largest, self._compared, self.solved, self._exactly, self._first, detail)
 
-    def _begin(self, batch: JointStates) -> None:
-        """Begin a new run with the scene that applies."""
-        stamp = int(batch.stamp_ns[0])
-        if not self._take_over(batch.index, stamp) and self._place < 0 and self._scenes:
-            self._take_scene(0)
-        scene = self._scene
-        self._run = batch.run
-        self._stamp_step = 1e9 / scene.operation.rate
-        engine, pressure = scene.system.engine, scene.system.pressure
-        self._topics, self._lagged = (engine.source == "topic", pressure.source == "topic"), pressure.lagged
-        self._harmonic = self._topics[0] and engine.harmonic, self._topics[1] and pressure.harmonic
-        stepper = self._stepper = Stepper(scene.system, 1.0 / scene.operation.rate)
-        if stamp == 0:
-            self._origin = START
-        self._use_scene()
-        stepper.tick = self._tick(stamp)
-        self._exact = stepper.tick == 0
-        if batch.began is Break.RESET and stepper.tick and self._broken is None and not self._line.keyed:
-            self._broken = stamp * 1e-9
-        if not self._exact:
-            stepper.state[:] = state_of(rows_of(batch[:1])[0].tolist())
-
-    def _take_over(self, index: int, stamp_ns: int) -> bool:
-        """Take the last new scene that applies at the state with this index and stamp; return whether there is one."""
-        latest = None
-        while self._next_place < len(self._places):
-            at, number = self._places[self._next_place]
-            if at > index or (self._scenes[number].first_stamp_ns > stamp_ns and at == index):
+    def scene_at_begin(self, index: int, stamp_ns: int) -> Scene:
+        """Return the scene that applies to the first state of a run."""
+        places, latest = self.line.places, None
+        while self._next_place < len(places):
+            at, number = places[self._next_place]
+            if at > index or (at == index and self.line.scenes[number].first_stamp_ns > stamp_ns):
                 break
             latest, self._next_place = number, self._next_place + 1
-        if latest is None:
+        if latest is None and self._first_scene and self.line.scenes:
+            latest = 0
+        if latest is not None:
+            self._take(latest)
+        if stamp_ns == 0:
+            self._origin = START
+        return self._scene
+
+    def scenes_of(self, states: JointStates, ticks: NDArray[np.int64],
+                  step_ns: float) -> list[tuple[int, Terms, float]]:
+        """Return the scenes of a run: first tick made with each, its terms, and its saturation torque per pressure."""
+        numbers: dict[int, int] = {}
+        for at, number in self.line.places[self._next_place:]:
+            stamp, row = self.line.scenes[number].first_stamp_ns, max(at - states.index, 0)
+            if row < len(states) and (row == 0 or states.stamp_ns[row] < stamp):
+                row += 1
+                stamp = 0
+            if row >= len(states):
+                break
+            tick = int(stamp / step_ns)
+            tick += round(tick * step_ns) < stamp
+            numbers[max(min(max(tick, int(ticks[row - 1]) + 1), int(ticks[row])), *numbers, 0)] = number
+            self._next_place += 1
+        out = [(-1, terms_from(self._scene.system, self._origin), self._scene.system.torque_per_pressure)]
+        for tick, number in numbers.items():
+            self._take(number)
+            out.append((tick, terms_from(self._scene.system, self._origin), self._scene.system.torque_per_pressure))
+        return out
+
+    def _take(self, number: int) -> None:
+        """Read the scene with this number."""
+        record = self.line.scenes[number]
+        self._scene, self._origin = parse_scene(record.text, self._scene.name), record.origin
+        self._first_scene = False
+
+    def bridged(self, cost: int) -> bool:
+        """Return whether the work that is left suffices for the ticks of a gap, and subtract it."""
+        if cost > self._gap_work:
+            self._leapt += 1
             return False
-        self._take_scene(latest)
+        self._gap_work -= cost
         return True
 
-    def _take_scene(self, place: int) -> None:
-        """Read the scene with this number."""
-        self._place, record = place, self._scenes[place]
-        self._scene, self._origin = parse_scene(record.text, self._scene.name), record.origin
-
-    def _use_scene(self) -> None:
-        """Use the scene's terms from the next tick on."""
-        system = self._scene.system
-        self._terms: Terms = terms_from(system, self._origin)
-        self._held: tuple[float | None, float | None] = None, None
-        self._stepper.use(self._terms)
-
-    def _tick(self, stamp: int) -> int:
-        tick = round(stamp / self._stamp_step)
-        if round(tick * self._stamp_step) != stamp:
-            raise InputError(f"stamp {stamp * 1e-9:.9g} s is not that of a tick at {self._scene.operation.rate:g} Hz; "
-                             "the driveline node did not make this recording")
-        return tick
-
-    def _next(self, stamp: int, index: int, row: list[float], pressure: float, far_speed: float) -> list[float]:
-        """Solve up to `stamp` with the scenes and inputs of its ticks; return the expected message."""
-        stepper = self._stepper
-        begin, end = stepper.tick, self._tick(stamp)
-        if end <= begin:
-            raise InputError(f"stamp {stamp * 1e-9:.9g} s comes twice")
-        far_moved, far_moves = self._last_ns >= self._moved_ns, not math.isnan(far_speed)
-        given = (self._source_known or not any(self._harmonic)) and self._applied_is_known(row[4], pressure) and (
-            far_moves or not far_moved) and not (far_moved and math.isnan(self._far_angle))
-        self._unknown += not given
-        known = given and (end == begin + 1 or not (any(self._topics) or far_moves)) and not (
-            self._lagged and math.isnan(self._pressed)) and self._afford(end - begin)
-        solved = row
-        for tick in range(begin + 1 if known else end, end + 1):
-            if self._next_place < len(self._places) and self._take_over(index, round(tick * self._stamp_step)):
-                self._use_scene()
-            self._apply(row[4], pressure)
-            if far_moves:
-                stepper.move_far_end(far_speed, self._far_angle if far_moved else 0.0)
-            if known:
-                solved = message_row(stepper.advance())
-        self._solved += known
-        self._pressed = pressure
-        if not known:
-            self._exact, stepper.tick = False, end
-        if not self._exact:
-            stepper.state[:] = state_of(row)
-        return solved
-
-    def _afford(self, ticks: int) -> bool:
-        """Subtract the work of `ticks` from the limit; return whether it sufficed; InputError if not for one tick."""
-        cost = ticks * (self._stepper.substeps + 20)
-        if cost <= self._work - (self._work_limit // 2 if ticks > 1 else 0):
-            self._work -= cost
-            return True
-        if ticks == 1:
+    def work(self, cost: int) -> None:
+        """Subtract work; raise InputError if it is more than is left."""
+        self._work -= cost
+        if self._work < 0:
             raise InputError(f"solving it again takes more than {self._work_limit} sub-steps, the most allowed for a "
                              "recording of its size")
-        self._leapt += 1
-        return False
 
-    def _applied_is_known(self, engine: float, pressure: float) -> bool:
-        """Return whether the recording holds the inputs of this tick."""
-        return not (self._topics[0] and math.isnan(engine)) and not (
-            self._topics[1] and math.isnan(pressure)
-            and not (self._harmonic[1] and not self._commanded[1]))
-
-    def _now(self, row: Floats, pressure: float) -> list[float]:
-        """Return the expected message of the current state."""
-        self._pressed = pressure
-        self._apply(float(row[4]), pressure)
-        return message_row(self._stepper.now())
-
-    def _apply(self, engine: float, pressure: float) -> None:
-        """Apply the inputs from topics as the node does."""
-        stepper = self._stepper
-        torque, load = self._held
-        if self._topics[0] and not math.isnan(engine):
-            torque = engine
-        per_pressure = self._scene.system.torque_per_pressure
-        if self._topics[1] and not math.isnan(pressure):
-            before = self._pressed if self._lagged and not math.isnan(self._pressed) else pressure
-            load = per_pressure * max(before, pressure)
-            self._stepper.press(before, pressure, per_pressure)
-        if self._harmonic[0] and not self._commanded[0]:
-            torque = None
-        if self._harmonic[1] and not self._commanded[1]:
-            load = None
-        if (torque, load) != self._held:
-            self._held = torque, load
-            stepper.hold(self._terms, torque, load)
-
-    def _compare(self, batch: JointStates, recorded: Floats, solved: Floats, exact: NDArray[np.bool_]) -> None:
-        """Add the differences of a batch."""
+    def compare(self, block: JointStates, solved: Floats, exact: NDArray[np.bool_]) -> None:
+        """Add the differences of some states."""
+        recorded = rows_of(block)
+        self._size = np.maximum(self._size, np.abs(recorded).max(axis=0, initial=0.0, where=np.isfinite(recorded)))
         difference = np.abs(recorded - solved)
         difference[np.isnan(difference)] = math.inf
         difference[:, self._absent] = 0.0
         self._largest = np.maximum(self._largest, difference.max(axis=0))
-        self._count_compared += len(batch)
+        self._compared += len(block)
         self._exactly += int(np.count_nonzero(exact))
         allowed = np.where(exact[:, None], 0.0, STEP_TOLERANCE * self._size)
         wrong = np.flatnonzero((difference > allowed).any(axis=1))
         if len(wrong) and self._first is None:
-            self._first = int(batch.stamp_ns[wrong[0]])
+            self._first = int(block.stamp_ns[wrong[0]])
 
 
-def rows_of(batch: JointStates) -> Floats:
+class _Run:
+    """A run that is solved again: its scenes, and inputs, number and knowledge of each tick."""
+
+    def __init__(self, verifier: _Verifier, states: JointStates) -> None:
+        self._verifier, self._states = verifier, states
+        scene = verifier.scene_at_begin(states.index, int(states.stamp_ns[0]))
+        self._step, pressure = 1.0 / scene.operation.rate, scene.system.pressure
+        self._stepper = Stepper(scene.system, self._step)
+        self._ticks = self._numbers(scene.operation.rate)
+        origin = verifier.scenes_of(states, self._ticks, 1e9 / scene.operation.rate)
+        self._changes, self._terms, self._per_pressure = (list(column) for column in zip(*origin))
+        self._inputs = inputs_of_ticks(verifier.line, states)
+        verifier.sources_matter |= states.held is None and any(
+            group.source == "topic" and group.harmonic for group in (scene.system.engine, pressure))
+        self._lag = (pressure.time_constant, pressure.rate_limit) if pressure.lagged else None
+        self._torque, self._pressure, self._angle, self._speed = (
+            np.full(len(states), math.nan) if column is None else column for column in (
+                states.engine_torque, states.applied_pressure, states.output_angle, states.output_speed))
+        self._moved = np.append(False, states.stamp_ns[:-1] >= states.moved_ns)
+        if states.began is Break.RESET and self._ticks[0] and verifier.broken is None and not verifier.line.keyed:
+            verifier.broken = float(states.stamp_ns[0]) * 1e-9
+        topics = "topic" in (scene.system.engine.source, pressure.source)
+        self._gaps = self._solvable(topics)
+        self._exact = np.logical_and.accumulate(np.append(self._ticks[0] == 0, self._gaps[1:] > 0))
+        verifier.solved += int(self._exact[0]) + int(np.count_nonzero(self._gaps))
+
+    def _numbers(self, rate: float) -> NDArray[np.int64]:
+        """Return the number of the tick at each state; raise InputError unless they are ticks, each after the other."""
+        step, stamps = 1e9 / rate, self._states.stamp_ns
+        ticks: NDArray[np.int64] = np.rint(stamps / step).astype(np.int64)
+        odd = np.flatnonzero(np.rint(ticks * step).astype(np.int64) != stamps)
+        if len(odd):
+            raise InputError(f"stamp {stamps[odd[0]] * 1e-9:.9g} s is not that of a tick at {rate:g} Hz; the driveline "
+                             "node did not make this recording")
+        again = np.flatnonzero(np.diff(ticks) <= 0)
+        if len(again):
+            raise InputError(f"stamp {stamps[again[0] + 1] * 1e-9:.9g} s comes twice")
+        return ticks
+
+    def _solvable(self, topics: bool) -> NDArray[np.int64]:
+        """Return the number of ticks to make from the state before to each state; 0 where it cannot be solved."""
+        moves = np.isfinite(self._speed)
+        given = np.all([one.known for one in self._inputs.values()], axis=0) & (moves | ~self._moved)
+        given[1:] &= ~(self._moved[1:] & np.isnan(self._angle[:-1]))
+        self._verifier.unknown += int(np.count_nonzero(~given[1:]))
+        ticks = np.where(given, np.diff(self._ticks, prepend=self._ticks[0]), 0)
+        if self._lag is not None:
+            ticks[1:][np.isnan(self._pressure[:-1])] = 0
+        ticks[(ticks > 1) & (topics | moves)] = 0
+        cost = substeps(self._terms[0], self._step) + 20
+        for k in np.flatnonzero(ticks > 1).tolist():
+            if not self._verifier.bridged(int(ticks[k]) * cost):
+                ticks[k] = 0
+        return ticks
+
+    def solved(self, begin: int, end: int) -> tuple[Floats, NDArray[np.bool_]]:
+        """Return what the states from `begin` to `end` must be, (m, 6), and which of them follow exactly."""
+        solved = rows_of(self._states[begin:end])
+        if not begin and self._exact[0]:
+            solved[0] = self._now()
+        before = self._states[max(begin - 1, 0):end - 1]
+        starts = list(np.stack([before.flywheel_speed - before.plate_speed, before.plate_angle, before.plate_speed,
+                                before.flywheel_angle], axis=1))
+        first = max(begin, 1)
+        ends = np.cumsum(self._gaps[first:end])
+        for at in range(0, int(ends[-1]) if len(ends) else 0, TICKS_AT_ONCE):
+            place = np.arange(at, min(at + TICKS_AT_ONCE, int(ends[-1])))
+            row = np.searchsorted(ends, place, side="right")
+            rows = first + row
+            ticks = self._ticks[rows] - (ends[row] - place)
+            state = [self._stepper.state if exact else starts[k]
+                     for k, exact in zip(row.tolist(), self._exact[rows].tolist())]
+            reached, last = self._made(rows, ticks, state), place + 1 == ends[row]
+            v, plate_angle, plate_speed, flywheel_angle, engine, friction = reached[last].T
+            solved[rows[last] - begin] = np.stack([flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine,
+                                                   friction], axis=1)
+        return solved, self._exact[begin:end]
+
+    def _now(self) -> list[float]:
+        """Return the row of the initial state."""
+        torque, pressure = (float(values[0]) if self._inputs[name].commanded[0] and math.isfinite(values[0]) else None
+                            for name, values in zip(INPUTS, (self._torque, self._pressure)))
+        if math.isfinite(self._pressure[0]):
+            self._stepper.press(self._pressure[0], self._pressure[0], self._per_pressure[0])
+        self._stepper.hold(self._terms[0], torque, None if pressure is None else self._per_pressure[0] * pressure)
+        v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = self._stepper.now()
+        return [flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction]
+
+    def _made(self, rows: NDArray[np.int64], ticks: NDArray[np.int64], states: Sequence[Floats]) -> Floats:
+        """Make ticks that end at or before the states of these rows; return states and torques after each, (n, 6)."""
+        out, moves = np.empty((len(rows), len(COLUMNS))), np.isfinite(self._speed[rows])
+        scene = np.searchsorted(self._changes, ticks + 1, side="right") - 1
+        held = [self._inputs[name].commanded[rows] for name in INPUTS]
+        kind = (scene * 2 + held[0]) * 4 + held[1] * 2 + moves
+        cuts = np.append(0, 1 + np.flatnonzero(np.diff(kind))).tolist()
+        for begin, end in zip(cuts, [*cuts[1:], len(rows)]):
+            at, row = slice(begin, end), rows[begin:end]
+            terms, per_pressure = self._terms[scene[begin]], self._per_pressure[scene[begin]]
+            after = self._pressure[row]
+            before = after if self._lag is None else self._pressure[row - 1]
+            torque = self._torque[row] if held[0][begin] else None
+            load = per_pressure * np.maximum(before, after) if held[1][begin] else None
+            approach = None if self._lag is None else np.array([
+                course(*one, per_pressure, *self._lag, self._step)
+                for one in zip((ticks[at] * self._step).tolist(), before.tolist(), after.tolist())])
+            far = None if not moves[begin] else np.stack([
+                ticks[at] * self._step, np.where(self._moved[row], self._angle[row - 1], 0.0), self._speed[row],
+                np.zeros(len(row))], axis=1)
+            count = substeps_of_ticks(terms, self._step, torque, load, len(row))
+            self._verifier.work(int(count.sum()) + 20 * len(row))
+            out[at] = solve_ticks(terms, self._step, ticks[at], states[at], count, torque, load, approach, far)
+        return out
+
+
+def rows_of(states: JointStates) -> Floats:
     """Return states as rows, (n, 6)."""
-    return np.stack([getattr(batch, name) for name in COLUMNS], axis=1)
-
-
-def recorded_inputs(batch: JointStates) -> tuple[list[float], list[float], list[float]]:
-    """Return the applied pressures, Pa, and angles (rad) and speeds (rad/s) of the far end; NaN if not recorded."""
-    pressure, angle, speed = ([math.nan] * len(batch) if column is None else column.tolist() for column in (
-        batch.applied_pressure, batch.output_angle, batch.output_speed))
-    return pressure, angle, speed
-
-
-def state_of(row: list[float]) -> tuple[float, float, float, float]:
-    """Return the solver's state, slip speed, plate angle, plate speed and flywheel angle, at a row."""
-    return row[2] - row[3], row[1], row[3], row[0]
-
-
-def message_row(reached: Reached) -> list[float]:
-    """Return the row of a solver state."""
-    v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
-    return [flywheel_angle, plate_angle, v + plate_speed, plate_speed, engine, friction]
+    return np.stack([getattr(states, name) for name in COLUMNS], axis=1)

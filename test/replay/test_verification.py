@@ -195,11 +195,15 @@ def far_speed(k):
     return 30.0 * math.sin(0.02 * k) if k > 100 else None
 
 
-def test_a_lagged_pressure_and_a_far_end_are_solved_again_to_the_last_bit(tmp_path):
-    rows, ends = readings(ACTUATED, 400, commanded, far_speed)
-    result = verified(tmp_path / "run", rows, ACTUATED, ends=ends)
+PROFILED = load_scene("runup").with_values({"pressure.source": "topic"})
+
+
+@pytest.mark.parametrize("scene", [ACTUATED, PROFILED])
+def test_a_lagged_pressure_profiles_and_a_far_end_are_solved_again_to_the_last_bit(tmp_path, scene):
+    rows, ends = readings(scene, 400, commanded, far_speed)
+    result = verified(tmp_path / "run", rows, scene, ends=ends)
     exactly(result, 400)
-    without = verified(tmp_path / "without", rows, ACTUATED)
+    without = verified(tmp_path / "without", rows, scene)
     assert (without.verified, without.first_difference_ns) == (False, 101 * TICK)
 
 
