@@ -212,6 +212,7 @@ LOOPS: dict[str, MadeUp] = {
     "sine target, drifting away": MadeUp(8.0, lambda t: SINE(t) + 2.0 * t, "growing", SINE),
     "sine target, out of reach": MadeUp(8.0, lambda t: np.maximum(SINE(t), 24.0) + 3.0, "saturated", SINE,
                                         pressure=around(6e5), limits=(0.0, 6e5)),
+    "sine target, followed at a limit": MadeUp(6.0, SINE, "follows", SINE, pressure=around(0.0), limits=(0.0, 6e5)),
     "sine target at 10 Hz": MadeUp(8.0, SINE, "follows", tuple(
         (t, float(SINE(t))) for t in np.arange(0.0, 24.0, 0.1).tolist())),
     "triangular target, with lag": MadeUp(8.0, lambda t: TRIANGLE(t - 0.1), "off target", TRIANGLE, lag=0.1, gain=1.0),
