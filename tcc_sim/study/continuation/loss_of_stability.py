@@ -118,9 +118,10 @@ def _end_of_segment(branches: Sequence[Branch], branch: Branch, point: int, beyo
     bifurcation = next((f for f in branch.bifurcations if inner and f.after == min(point, point + beyond)
                         and f.changes_stability), None)
     last = point + beyond if inner else point
-    if bifurcation is None and last in (0, len(branch.points) - 1):
-        # Where doubled motions end a multiplier is 1 to rounding, so the point may count as stable or not.
-        end, near = branch.ended[min(last, 1)], MERGED * width
+    end, near = branch.ended[beyond > 0], MERGED * width
+    rest = branch.points[last:] if beyond > 0 else branch.points[:last + 1]
+    if bifurcation is None and all(abs(s.value - end.value) <= near for s in rest):
+        # Where doubled motions end a multiplier is 1 to rounding, so points there may count as stable or not.
         begun = next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
                       if f.kind == "period_doubling" and abs(f.value - end.value) <= near), None)
         if begun is not None and end.reason in (StopReason.BEGAN, StopReason.DOUBLING):

@@ -99,6 +99,8 @@ def test_chaos_is_one_cloud_that_fills_its_interval() -> None:
     x = np.sort(result.section[:, 0])
     assert (result.period, result.multipliers) == (0, None)
     assert 0.9 < result.largest <= 1.0
+    nearest = np.minimum(np.diff(x, append=np.inf), np.diff(x, prepend=-np.inf))
+    assert result.radius <= np.quantile(nearest, 0.95) * (1.0 + 1e-9)  # A motion is captured within the cloud alone.
     assert np.abs(np.arange(len(x)) / len(x) - 2.0 / np.pi * np.arcsin(np.sqrt(x))).max() < 1.6 / len(x)**0.5
 
 
