@@ -198,8 +198,9 @@ def gain_map(scene: SceneLike, law: str | Callable[..., Any], over: Mapping[str,
     <GainMap of proportional over gain: 2 loops, 0 settled>
     """
     began = time.perf_counter()
-    loops = Loops(as_scene(scene), law_in(law) if isinstance(law, str) else law, _targets(target), duration,
-                  checked_limits(limits))
+    steps = target_steps(target)
+    loops = Loops(as_scene(scene), law_in(law) if isinstance(law, str) else law,
+                  dict(zip(steps.t.tolist(), steps.values.tolist())), duration, checked_limits(limits))
     keys = list(over)
     if not 1 <= len(keys) <= 2:
         raise InputError(f"a map of {len(keys)} keys is not possible; give one or two")
@@ -219,12 +220,6 @@ def gain_map(scene: SceneLike, law: str | Callable[..., Any], over: Mapping[str,
     second_key, second_values = (keys[1], values[1]) if len(keys) > 1 else (None, None)
     return GainMap(name, keys[0], values[0], second_key, second_values, tuple(loops.target.items()), duration, points,
                    time.perf_counter() - began)
-
-
-def _targets(target: float | Mapping[float, float]) -> dict[float, float]:
-    """Return the target slip speeds by their times after checking them."""
-    steps = target_steps(target)
-    return dict(zip(steps.t.tolist(), steps.values.tolist()))
 
 
 def _check(loops: Loops, keys: Sequence[str], places: Sequence[Mapping[str, float]]) -> None:

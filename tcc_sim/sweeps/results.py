@@ -228,7 +228,8 @@ class Sweep(Result):
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the key's values and all results but the section, (n,) each; missing ones are NaN, -1 or empty."""
-        flat = self._flat()
+        rows: list[dict[str, Any]] = [{"status": NOT_SOLVED} if r is None else r for r in self.records]
+        flat = [{**r, **{f"lyapunov_{name}": x for name, x in r.get("lyapunov", {}).items()}} for r in rows]
         names = {name for r in flat for name in r}
         return {self.curve.key: self.values,
                 **{name: np.array([none if r.get(name) is None else r[name] for r in flat], dtype=type(none))
@@ -244,11 +245,6 @@ class Sweep(Result):
             (empty if p is None or p.orders is None else getattr(p.orders, name))[i, k] for p in self.points])
             for name in ("slip_speed", "shaft_torque") for i, speed in enumerate(known.speeds)
             for k, order in enumerate(known.order)}
-
-    def _flat(self) -> list[dict[str, Any]]:
-        """Return the records of all values, with the exponent's fields beside the others."""
-        rows: list[dict[str, Any]] = [{"status": NOT_SOLVED} if r is None else r for r in self.records]
-        return [{**r, **{f"lyapunov_{name}": x for name, x in r.get("lyapunov", {}).items()}} for r in rows]
 
     @property
     @reporting("how it was done", spread=True)

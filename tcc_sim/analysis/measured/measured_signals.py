@@ -66,11 +66,12 @@ def signals_in(table: MeasuredTable, system: System, pulses: int | None = None) 
                    (*notes, *phase.notes), splined=True)
 
 
-def _cubic(t: Floats, values: Floats) -> Callable[[Floats], Floats]:
+def _cubic(t: Floats, values: Floats, order: int = 0) -> Callable[[Floats], Floats]:
+    """Return the cubic spline through samples, or its derivative of an order."""
     from scipy.interpolate import CubicSpline
 
-    curve: Callable[[Floats], Floats] = CubicSpline(t, values)
-    return curve
+    spline = CubicSpline(t, values)
+    return lambda times: np.asarray(spline(times, order))
 
 
 def _within(curve: Callable[[Floats], Floats], holes: Spans) -> Callable[[Floats], Floats]:
@@ -107,16 +108,9 @@ def _shaft_torque(table: MeasuredTable, system: System, phase: MeasuredPhase) ->
     t, d = table.t[complete], system.driveline
     columns = {name: table.columns[name][complete] for name in names}
     angle = columns["plate_angle"]
-    speed = columns["plate_speed"] if "plate_speed" in columns else _rates(t, angle)
+    speed = columns["plate_speed"] if "plate_speed" in columns else _cubic(t, angle, 1)(t)
     if FAR_END in columns:
         speed = speed - columns[FAR_END]
         angle = angle - (columns["output_angle"] if "output_angle" in columns else integral(columns[FAR_END], t))
     holes = long_holes(table.holes(*names), phase.turns, phase.times)
     return _within(_cubic(t, d.damping * speed + d.stiffness * angle), holes)
-
-
-def _rates(t: Floats, values: Floats) -> Floats:
-    """Return the rates of the cubic spline through samples."""
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(t, values)(t, 1))

@@ -73,7 +73,8 @@ def run_signals(run: Trajectory, phase: Phase | None = None) -> Signals:
     system = run.system
     if system is None:
         raise InputError("the trajectory has no system, which says what the engine's phase is")
-    turns, when = phase or _phase_of(run, system)
+    turns, when = phase or (phase_of_cycles(run) if system.engine.source == "topic" else (
+        turns_at(system, run.t), system.cycle_start))
     if phase is not None:
         turns = np.interp(run.t, when(turns), turns)
     d = system.driveline
@@ -124,11 +125,6 @@ def phase_of_cycles(run: Trajectory) -> Phase:
     numbers = np.arange(len(starts), dtype=np.float64)
     within = run.t[(run.t >= starts[0]) & (run.t <= starts[-1])]
     return np.interp(within, starts, numbers), lambda turns: np.interp(turns, numbers, starts)
-
-
-def _phase_of(run: Trajectory, system: System) -> Phase:
-    """Return the scene's phase or, for a commanded torque, that found in it."""
-    return phase_of_cycles(run) if system.engine.source == "topic" else (turns_at(system, run.t), system.cycle_start)
 
 
 def driven_orders(system: System) -> Floats:

@@ -121,11 +121,6 @@ def solve_rows(system: System, plane: tuple[Axis, Axis], rows: Sequence[int], at
     return list(zip(labels.reshape(len(rows), -1).tolist(), cycles.reshape(len(rows), -1).tolist()))
 
 
-def rows_together(cells: int, rows: int, threads: int) -> int:
-    """Return the number of rows in a task: short ones share its cost, and every thread has several tasks."""
-    return max(1, min(CELLS_TOGETHER // cells, rows // (AHEAD * max(threads, 1))))
-
-
 def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequence[float]]], *,
            cycles: int = CELL_CYCLES, over: Axis | tuple[str, Sequence[float]] | None = None,
            jobs: int | None = None, dask: str | None = None, part: Path | None = None, progress: bool = False,
@@ -199,7 +194,9 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
 
     def solved(rows: set[int]) -> Iterator[int]:
         """Yield rows as they are finished."""
-        left, size = deque(sorted(rows)), rows_together(shape[1], len(rows), attendance.threads)
+        left = deque(sorted(rows))
+        # Short rows share the cost of a task, and every thread has several tasks.
+        size = max(1, min(CELLS_TOGETHER // shape[1], len(rows) // (AHEAD * max(attendance.threads, 1))))
 
         def following() -> list[int] | None:
             return [left.popleft() for _ in range(min(size, len(left)))] or None

@@ -42,10 +42,6 @@ class Settings:
     cpu_affinity: tuple[int, ...] = ()
     lock_memory: bool = False
 
-    def prepare(self, timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
-        """Apply the settings to the calling thread; return sentences on refused ones."""
-        return prepare_thread(self.thread_priority, self.cpu_affinity, self.lock_memory, timer_slack_ns)
-
     def parameters(self) -> list[Parameter]:
         """Return the settings as parameters of the driveline node."""
         values = {"thread_priority": self.thread_priority, "lock_memory": self.lock_memory}
@@ -220,7 +216,8 @@ def _bare_stretch(pacer: Pacer, length: float, settings: Settings, timer_slack_n
     stop, refused = threading.Event(), list[str]()
 
     def spin() -> None:
-        refused.extend(settings.prepare(timer_slack_ns))
+        refused.extend(prepare_thread(
+            settings.thread_priority, settings.cpu_affinity, settings.lock_memory, timer_slack_ns))
         pacer.anchor()
         pacer.wait(lambda: False)
         while not stop.is_set():

@@ -167,7 +167,6 @@ def _stuck(track: BranchTrack) -> End | None:
 
 
 def _went_on(track: BranchTrack, before: ContinuationPoint, corner: bool) -> None:
-    """Update the predictor for a new last point, and cut its orbit into other segments where needed."""
     here = track.here
     predicted(track, before, corner or (before.shooting.map.piecewise
                                         and differ(before.orbit.seen.events, here.orbit.seen.events)))
@@ -176,7 +175,6 @@ def _went_on(track: BranchTrack, before: ContinuationPoint, corner: bool) -> Non
 
 
 def _cut_anew(track: BranchTrack) -> bool:
-    """Cut the orbit into other segments where no step succeeds; return whether there are any."""
     # A segment may start at an onset of slip, and Newton's method then alternates between two event sequences. The
     # onset moves along a branch, so segments are cut by growth. This passes the canards behind both folds of period
     # two, with either law.

@@ -331,7 +331,6 @@ def _unresolved(track: CurveTrack, new: AugmentedPoint) -> End | None:
 
 
 def _special(track: CurveTrack, new: AugmentedPoint) -> list[Special]:
-    """The special points up to `new`, in order."""
     here = track.here
     if here.equations.shooting.map.piecewise and differ(here.events, new.events):
         track.tests.clear()
@@ -410,7 +409,6 @@ def _apart(track: CurveTrack) -> Callable[[AugmentedPoint], float]:
 
 
 def _went_on(track: CurveTrack, before: AugmentedPoint, corner: bool) -> None:
-    """Update predictor and borders for a new last point, and cut its orbit into other segments where needed."""
     predicted(track, before, corner)
     track.cut, here = (0, math.inf), track.here
     here.equations.update_borders(here.solution.z, here.solution.linearised)
@@ -418,7 +416,6 @@ def _went_on(track: CurveTrack, before: AugmentedPoint, corner: bool) -> None:
 
 
 def _cut_anew(track: CurveTrack) -> bool:
-    """Cut the orbit into segments over which disturbances grow less; return whether there are any."""
     # Where disturbances grow by 1e3 in slip and stick removes them within one segment, its derivative is not large,
     # but changes within 1e-5, and its error is the state's over that length. Curves pass cusps only in segments
     # over which disturbances grow by about 10.
