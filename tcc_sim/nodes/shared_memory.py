@@ -14,7 +14,6 @@ import re
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -32,7 +31,7 @@ _WHOLE = 2
 """First word of a finished segment, as Boost.Interprocess marks it."""
 
 
-def remove_ownerless(folder: Path = FOLDER, mapped: Callable[[], set[str]] | None = None) -> list[str]:
+def remove_ownerless(folder: Path = FOLDER) -> list[str]:
     """Remove the segments that no process holds, except those of other users, and return their names.
 
     If several processes start at once, one may recreate a segment under a name that another has just found ownerless:
@@ -41,7 +40,6 @@ def remove_ownerless(folder: Path = FOLDER, mapped: Callable[[], set[str]] | Non
     Parameters
     ----------
     folder : directory of the segments
-    mapped : function that returns the files mapped by processes; None to search /proc
     """
     files: defaultdict[str, dict[Path, os.stat_result]] = defaultdict(dict)
     for path in folder.glob("*fastdds_*"):
@@ -49,7 +47,7 @@ def remove_ownerless(folder: Path = FOLDER, mapped: Callable[[], set[str]] | Non
             with suppress(OSError):
                 files[match[1]][path] = path.stat()
     loose = [name for name in files if not any(_locked(folder / f"{name}{end}") for end in _LOCKS)]
-    held = (mapped or _mapped)() if loose else set()
+    held = _mapped() if loose else set()
     removed = []
     for name in loose:
         if held.isdisjoint(map(str, files[name])):

@@ -157,10 +157,9 @@ def unsent_message(name: str, counts: Mapping[str, int]) -> bytes:
 
 
 class UnsentCount:
-    """Sum of the unsent messages of all drivelines of a recording; at most `most` drivelines are distinguished."""
+    """Sum of the unsent messages of all drivelines of a recording; at most MOST_PUBLISHERS are distinguished."""
 
-    def __init__(self, most: int = MOST_PUBLISHERS) -> None:
-        self._most = most
+    def __init__(self) -> None:
         self._by_publisher: dict[bytes, dict[str, int]] = {}
         self._earlier: Counter[str] = Counter()
 
@@ -173,7 +172,7 @@ class UnsentCount:
             return
         counts = {item.key: int(item.value) for item in values[:MOST_TOPICS]
                   if item.value.isdecimal() and len(item.value) < 19}
-        if publisher not in self._by_publisher and len(self._by_publisher) >= self._most:
+        if publisher not in self._by_publisher and len(self._by_publisher) >= MOST_PUBLISHERS:
             self._earlier.update(self._by_publisher.pop(next(iter(self._by_publisher))))
         self._by_publisher[publisher] = counts
 
