@@ -92,16 +92,15 @@ def readings(scene, ticks, commanded, far=lambda k: None):
     return rows, ends
 
 
-def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publishers=None, targets=(), sources=(),
-        ends=(), joined=None, received=None, unpressed=(), numbers=None, **options):
+def bag(directory, rows, scene, *, said=(), cut=False, clock=None, publishers=None, targets=(), sources=(), ends=(),
+        joined=None, unpressed=(), numbers=None, **options):
     """Write rows, and scenes published again before some; with `cut` like a recorder that was killed.
 
     `clock` is the driveline's clock as f(row), ns; `publishers` are (first row, name) of the publisher from there on;
     `targets` are (row, rad/s) of a slip controller; `sources` are (row, stamp, text) of the source of the inputs from
-    that state on, and the row of the first sending for a repeated message; `beside` are other messages after the state
-    of a row, (topic, type, log time, time of sending, data) and perhaps a publisher; `received` is the log time of a
-    state as f(row), ns; `unpressed` are the stamps without an applied pressure; `numbers`
-    are the sequence numbers of the states; `options` are those of BagWriter."""
+    that state on, and the row of the first sending for a repeated message; `joined` are other messages after the state
+    of a row, (topic, type, log time, time of sending, data) and perhaps a publisher; `unpressed` are the stamps without
+    an applied pressure; `numbers` are the sequence numbers of the states; `options` are those of BagWriter."""
     clock = clock or (lambda number: START + number * TICK)
     scene = load_scene(scene) if isinstance(scene, str) else scene
     writer = BagWriter(directory, scene.text() if scene is not None else None, **options)
@@ -123,7 +122,7 @@ def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publi
             for since, text, *first in (rest for row, *rest in sources if row == number):
                 sent = clock(first[0]) if first else log
                 writer.write(channel("/input_source", HEADER), log - 1, sent - 1, cdr.header(since, text))
-        writer.write(joints[owner], received(number) if received else log, log, cdr.joint_state(stamp, *columns),
+        writer.write(joints[owner], log, log, cdr.joint_state(stamp, *columns),
                      numbers[number] + 1 if numbers else number)
         if pressed and stamp not in unpressed:
             writer.write(applied[owner], log, log, cdr.fluid_pressure(stamp, pressure), number)
@@ -137,5 +136,5 @@ def bag(directory, rows, scene, *, said=(), cut=False, lost=0, clock=None, publi
     if cut:
         writer.abandon()
     else:
-        writer.close({"lost": {"/joint_states": lost}})
+        writer.close({"lost": {"/joint_states": 0}})
     return directory
