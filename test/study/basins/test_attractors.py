@@ -104,6 +104,27 @@ def test_chaos_is_one_cloud_that_fills_its_interval() -> None:
     assert np.abs(np.arange(len(x)) / len(x) - 2.0 / np.pi * np.arcsin(np.sqrt(x))).max() < 1.6 / len(x)**0.5
 
 
+class Climbing(TextbookMap):
+    """The logistic map at r = 4 on 0 to 1 in every third cycle, with steps to 10 and to 20 between."""
+
+    forcing_period = 3
+
+    def evaluate(self, x, values, first, cycles):
+        slope = 1.0
+        for k in range(cycles):
+            at, phase = float(x[0]), (first + k) % 3
+            slope *= 4.0 - 8.0 * at if phase == 0 else 1.0
+            x = np.array([(4.0 * at * (1.0 - at) + 10.0, at + 10.0, at - 20.0)[phase]])
+        return Image(x, np.array([[slope]]))
+
+
+def test_chaos_of_a_forced_map_is_followed_in_its_own_phase() -> None:
+    of: Any = Motion(Climbing(lambda x, p: (x, x, x), 1))
+    (found,) = find_attractors(of, [np.array([0.3])], settings=Settings(settling=40, longest=300, cloud=64))
+    assert found.period == 0
+    assert (np.abs(found.section[:, 0] - 10.0 * found.phases - 0.5) <= 0.5).all()
+
+
 def test_a_motion_that_grows_without_end_reaches_no_attractor() -> None:
     away: Any = Iterated(lambda x, p: (2.0 * x, np.array([[2.0]]), np.zeros((1, 0))), 1)
     assert find_attractors(away, [np.array([1.0])]) == []
