@@ -165,6 +165,9 @@ def test_a_curve_is_the_one_of_the_textbook(name: str, how: str) -> None:
     values = [sign * p for p in curve.values]
     assert [known.law(p, q) for p, q in zip(values, curve.second)] == pytest.approx([0.0] * len(values), abs=1e-6)
     places = np.column_stack([values, curve.second])
+    steps = np.diff(places, axis=0) / [np.ptp(known.first), np.ptp(known.second)]
+    steps = steps[np.abs(steps).max(axis=1) > 1e-6]  # At a special point it may end with rounding.
+    assert name == "cusp" or (np.sum(steps[1:] * steps[:-1], axis=1) > 0.0).all()
     if known.ends == {(StopReason.RANGE, "")}:
         for p, q in places[[0, -1]]:
             assert min(abs(p - known.first[0]), abs(p - known.first[1]), abs(q - known.second[0]),
