@@ -90,7 +90,9 @@ def _record(scene: Scene, name: str, recording: Path, duration: float,
     elif controller is not None:
         say("commander: answers every state with an engine torque and a pressure" if controller[0] == "commander" else
             f"slip controller: holds a mean slip speed of {TARGET:g} rad/s")
-    session = Session(recording, {"scene": name}, controller)
+    operation = scene.operation
+    paced = operation.pacing != "lockstep" and operation.real_time_factor > 0.0
+    session = Session(recording, {"scene": name}, controller, real_time=paced and not operation.thread_priority)
     say(f"recording {duration:g} s to {recording}", flush=True)
     try:
         with seconds_bar("recording", duration) as done:

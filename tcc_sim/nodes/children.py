@@ -30,6 +30,8 @@ END_LIMIT = 60.0
 """Largest real time for a process to end before it is killed, s."""
 DOMAINS = range(1, 102)
 """ROS domains to choose from; up to 101 their ports do not overlap the ephemeral ports of Linux."""
+PRIORITIES = 40, 30, 20
+"""SCHED_FIFO priorities of driveline, sender of commands and recorder."""
 FIRST_PORT, PORTS = 7400, 250
 """First UDP port of domain 0 and number of UDP ports of a domain, from the DDS standard."""
 
@@ -102,14 +104,14 @@ class PrivateEnvironment:
 
 
 class ChildProcess(subprocess.Popen[str]):
-    """Child process whose lines on standard error are stored."""
+    """Child process whose lines on standard error are stored; `priority` is that of SCHED_FIFO, 0 for none."""
 
-    def __init__(self, name: str, command: Sequence[str], environment: dict[str, str]) -> None:
+    def __init__(self, name: str, command: Sequence[str], environment: dict[str, str], priority: int = 0) -> None:
         self.name = name
         # In a new session Ctrl-C on the terminal reaches only the parent, which ends its children in order.
         super().__init__(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                          stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True,
-                         preexec_fn=end_with_parent())
+                         preexec_fn=end_with_parent(priority=priority))
         self.lines: list[str] = []
         self._changed = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -178,14 +180,16 @@ class NodeProcess(ChildProcess):
     node : driveline, recorder, slip_controller or commander
     parameters : parameters of the node
     environment : environment variables
+    priority : SCHED_FIFO priority; 0 for none
     """
 
-    def __init__(self, node: str, parameters: dict[str, object], environment: dict[str, str]) -> None:
+    def __init__(self, node: str, parameters: dict[str, object], environment: dict[str, str],
+                 priority: int = 0) -> None:
         words = [word for key, value in parameters.items() for word in (
             "-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}")]
         code = (f"import sys; sys.path[:] = [{str(PACKAGE.parent)!r}, *filter(None, sys.path)]; import tcc_sim; "
                 f"del sys.path[0]; from tcc_sim.nodes.executables import run; run({node!r})")
-        super().__init__(node, [sys.executable, "-c", code, "--ros-args", *words], environment)
+        super().__init__(node, [sys.executable, "-c", code, "--ros-args", *words], environment, priority)
 
 
 class Session:
@@ -197,6 +201,7 @@ class Session:
     driveline : parameters of the driveline node
     controller : node of this package that sends commands, with its parameters, or the words of a command that starts a
         controller; None for no controller. The driveline waits until the controller subscribes to joint_states.
+    real_time : whether the nodes of this package run under SCHED_FIFO, where the system grants it
 
     Raises
     ------
@@ -207,21 +212,23 @@ class Session:
     """
 
     def __init__(self, recording: Path, driveline: dict[str, object],
-                 controller: tuple[str, dict[str, object]] | list[str] | None = None) -> None:
+                 controller: tuple[str, dict[str, object]] | list[str] | None = None, real_time: bool = False) -> None:
         require_ros()
         self._private = PrivateEnvironment()
         self.environment = self._private.values
         self.controllers: list[ChildProcess] = []
+        priorities = PRIORITIES if real_time and grants_priority() else (0, 0, 0)
         if isinstance(controller, tuple):
-            self.controllers.append(NodeProcess(*controller, self.environment))
+            self.controllers.append(NodeProcess(*controller, self.environment, priorities[1]))
         elif controller is not None:
             try:
                 self.controllers.append(ChildProcess(" ".join(controller), controller, self.environment))
             except OSError as error:
                 raise InputError(f"{controller[0]}: {error.strerror}") from None
-        self.recorder = NodeProcess("recorder", {"output": str(recording)}, self.environment)
-        subscribers = 1 + len(self.controllers)
-        self.driveline = NodeProcess("driveline", {**driveline, "wait_for_subscribers": subscribers}, self.environment)
+        self.recorder = NodeProcess("recorder", {"output": str(recording)}, self.environment, priorities[2])
+        parameters = {"wait_for_subscribers": 1 + len(self.controllers)} | (
+            {"thread_priority": priorities[0]} if any(priorities) else {})
+        self.driveline = NodeProcess("driveline", {**driveline, **parameters}, self.environment)
         try:
             self._await_clock()
         except BaseException:
@@ -258,10 +265,24 @@ class Session:
             process.check()
 
 
-def end_with_parent(number: signal.Signals = signal.SIGINT) -> Callable[[], None]:
+def grants_priority() -> bool:
+    """Return whether the system lets this process run children under SCHED_FIFO and leaves a core to others."""
+    if sys.platform != "linux" or len(os.sched_getaffinity(0)) < 2:
+        return False
+    policy, level = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except OSError:
+        return False
+    os.sched_setscheduler(0, policy, level)
+    return True
+
+
+def end_with_parent(number: signal.Signals = signal.SIGINT, priority: int = 0) -> Callable[[], None]:
     """Return a `preexec_fn` with which Linux sends a child this signal when the thread that started it ends.
 
-    So a command that is killed leaves no node behind. A child whose parent has ended before sends it to itself.
+    So a command that is killed leaves no node behind. A child whose parent has ended before sends it to itself. With a
+    `priority` other than 0 the child runs under SCHED_FIFO.
     """
     parent = os.getpid()
 
@@ -271,5 +292,7 @@ def end_with_parent(number: signal.Signals = signal.SIGINT) -> Callable[[], None
             _LIBC.prctl(_PR_SET_PDEATHSIG, number)
             if os.getppid() != parent:
                 os.kill(os.getpid(), number)
+            if priority:
+                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 
     return ask

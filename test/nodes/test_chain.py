@@ -122,15 +122,19 @@ def test_demo_names_the_last_words_of_a_controller_that_ends(
     assert "own.py ended with status 1: no such sensor" in capsys.readouterr().err
 
 
-def test_a_killed_command_leaves_no_node_behind(tmp_path: Path) -> None:
-    code = ("import sys; from pathlib import Path; from tcc_sim.nodes.children import Session\n"
-            "session = Session(Path('recording'), {'scene': 'minimal'})\n"
-            "print(session.driveline.pid, session.recorder.pid, flush=True); sys.stdin.read()")
+def test_a_killed_command_leaves_no_node_of_its_real_time_session_behind(tmp_path: Path) -> None:
+    code = ("import os, sys; from pathlib import Path; from tcc_sim.nodes.children import Session, grants_priority\n"
+            "session = Session(Path('recording'), {'scene': 'commands'}, ('commander', {}), real_time=True)\n"
+            "nodes = [session.driveline, session.recorder, *session.controllers]\n"
+            "threads = [map(int, os.listdir(f'/proc/{node.pid}/task')) for node in nodes]\n"
+            "policies = (max(os.sched_getscheduler(k) % os.SCHED_RESET_ON_FORK for k in each) for each in threads)\n"
+            "print(int(grants_priority()), *(node.pid for node in nodes), *policies, flush=True); sys.stdin.read()")
     process = subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path, stdin=subprocess.PIPE,
                                stdout=subprocess.PIPE, text=True, env=environment())
     assert process.stdout is not None
-    nodes = [int(word) for word in process.stdout.readline().split()]
-    assert len(nodes) == 2
+    granted, *numbers = (int(word) for word in process.stdout.readline().split())
+    nodes, policies = numbers[:3], numbers[3:]
+    assert policies == [os.SCHED_FIFO if granted else os.SCHED_OTHER] * 3
     process.kill()
     process.wait()
     for pid in nodes:
