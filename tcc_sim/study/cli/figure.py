@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tcc_sim.background import without_working_directory
-from tcc_sim.cli.arguments import add_layout, add_units
+from tcc_sim.cli.arguments import add_layout, add_units, number
 from tcc_sim.cli.options import Form, command
 from tcc_sim.errors import InputError, RecordingError, printable, require
 from tcc_sim.output.terminal import say
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @command(partial(add_layout, title="its number and title; not with all"), add_units,
-         forms={"figure": Form("N|all"), "out": Form("DIR", Path)})
+         forms={"figure": Form("N|all"), "out": Form("DIR", Path), "jobs": Form("N", number(1, 1024, kind=int))})
 def run(arguments: argparse.Namespace, figure: str, quick: bool = False,
         law: Literal["smoothed", "set_valued"] = "smoothed", direction: Literal["cold", "up", "down"] | None = None,
         branches: bool = False, jobs: int | None = None, out: Path = Path("figures"), force: bool = False) -> int:
@@ -48,22 +48,16 @@ def run(arguments: argparse.Namespace, figure: str, quick: bool = False,
     from tcc_sim.study.paper.drawings import draw
     from tcc_sim.views.style import width_of
 
-    try:
-        numbers = list(FIGURES) if figure == "all" else [int(figure)]
-    except ValueError:
-        raise InputError(f"figure is {figure!r}; it must be {min(FIGURES)} to {max(FIGURES)}, "
-                         "or all") from None
+    numbers = list(FIGURES) if figure == "all" else [int(figure) if figure.isdecimal() else 0]
     if numbers[0] not in FIGURES:
-        raise InputError(f"figure is {numbers[0]}; it must be {min(FIGURES)} to {max(FIGURES)}, or all")
-    stems = {number: out / f"fig{number:02d}" for number in numbers}
+        raise InputError(f"figure is {figure}; it must be {min(FIGURES)} to {max(FIGURES)}, or all")
+    stems = {n: out / f"fig{n:02d}" for n in numbers}
     files = [stem.with_suffix(suffix) for stem in stems.values() for suffix in (".png", ".svg", ".json")]
     existing = [path for path in files if replaceable(path)]
     if existing and not force:
         raise RecordingError(f"{existing[0]} exists already; choose another --out, or give --force to replace it")
     if arguments.title and len(numbers) > 1:
         raise InputError("--title is for one figure; leave it out with all")
-    if jobs is not None and jobs < 1:
-        raise InputError(f"jobs is {jobs}; it must be 1 or more")
     options = FigureOptions(quick, direction, law, jobs, progress=True, branches=branches)
     if len(numbers) == 1:
         check_options(numbers[0], options)
@@ -71,15 +65,15 @@ def run(arguments: argparse.Namespace, figure: str, quick: bool = False,
     out.mkdir(parents=True, exist_ok=True)
     draw_one = partial(draw, title=printable(arguments.title or ""), width=width_of(arguments.width))
     if len(stems) == 1:
-        (number, stem), = stems.items()
-        _write(number, stem, options, draw_one, arguments.words)
+        (one, stem), = stems.items()
+        _write(one, stem, options, draw_one, arguments.words)
         return 0
     # Drawing takes as long as computing and holds the interpreter lock, so another process draws.
     with without_working_directory(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_painter,
                                                           (arguments.units,)) as painter:
-        drawn = [_write(number, stem, options, lambda data, where: painter.submit(draw_one, data, where),
+        drawn = [_write(one, stem, options, lambda data, where: painter.submit(draw_one, data, where),
                         arguments.words)
-                 for number, stem in stems.items()]
+                 for one, stem in stems.items()]
         for picture in drawn:
             picture.result()
     return 0
