@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.options import Form, Source, keywords_of
+from tcc_sim.cli.options import Form, Source, keywords_of, options_in
 from tcc_sim.errors import InputError, check_folder, check_suffix, one_line, printable, require
 from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
 from tcc_sim.output.terminal import say
@@ -97,8 +97,10 @@ FORMS = {
     "discard": Form("N|auto", cycles_or_auto), "connect": Form("URL"), "rrd": Form("FILE", Path),
     "dask": Form("ADDRESS"), "quantiles": Form("P,P,...", comma_separated), "scene": Form("SCENE")}
 """Values that several verbs write otherwise than as a number or a word, by keyword."""
-PLANNED = "cycles duration discard solver rtol step damping lyapunov"
-"""Fields of a plan that are options of every verb that solves."""
+UNPLANNED = "section_points lyapunov_cycles"
+"""Fields of a plan that are no options."""
+OF_SWEEPS = f"{UNPLANNED} direction orders"
+"""The same of a verb that solves once."""
 SIMULATION, ANALYSIS = "tcc_sim.functions:simulation", "tcc_sim.functions:analysis"
 PLAN = "tcc_sim.sweeps.simulation:Plan"
 DRIVELINE = "joints topic driveline"
@@ -172,10 +174,10 @@ def say_of_table(sentences: Iterable[str]) -> None:
 
 
 def plan_of(arguments: argparse.Namespace, **more: Any) -> Plan:
-    """Return the plan of a simulation from the options of PLANNED."""
+    """Return the plan of a simulation from the options that are fields of it, and from `more`."""
     from tcc_sim.sweeps.simulation import Plan
 
-    return Plan(**keywords_of(arguments, PLANNED), **more)
+    return Plan(**keywords_of(arguments, options_in(PLAN, OF_SWEEPS)), **more)
 
 
 def outputs(json: str, out: str = "", metavar: str = "FILE", force: str = "replace existing files") -> Source:

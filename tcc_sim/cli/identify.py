@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, command, of
+from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
 from tcc_sim.errors import InputError, counted
 from tcc_sim.shown_units import speed
 
@@ -71,8 +71,8 @@ def problem_of(arguments: argparse.Namespace) -> tuple[Scene, Callable[..., Iden
     values = parse_assignments(arguments.set)
     common.refuse_swept(arguments.set, [key for key, start in free.items() if start is not None])
     scene = replace(scene.with_changes(values), notes=unused_beside(values, measured.inputs))
-    return scene, partial(identify, measured, free, scene=scene, noise=noise, hold=arguments.hold,
-                          likelihood=arguments.likelihood)
+    return scene, partial(identify, measured, free, scene=scene, noise=noise, **keywords_of(arguments, options_in(
+        IDENTIFY, f"{common.DRIVELINE} columns from_ to scene noise")))
 
 
 def _lines(result: Identification) -> Iterator[str]:

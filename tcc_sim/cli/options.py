@@ -192,7 +192,10 @@ def command(*sources: Source, forms: Mapping[str, Form] | None = None) -> Callab
     return lambda function: VerbFunction(function, sources, forms or {})
 
 
-def of(function: str, forms: Mapping[str, Form] | None = None, names: str = "", needed: str = "",
+def of(function: str, forms: Mapping[str, Form] | None = None, names: str = "", needed: str = "", without: str = "",
        **changed: Any) -> Source:
-    """Return the source of a library function's options, as `add_options` takes them."""
-    return lambda parser: add_options(parser, function, forms or {}, names or options_in(function), needed, **changed)
+    """Return the source of a library function's options, as `add_options` takes them; all but `without` if `names` is
+    empty.
+    """
+    return lambda parser: add_options(parser, function, forms or {}, names or options_in(function, without), needed,
+                                      **changed)

@@ -7,11 +7,13 @@ import sys
 from typing import Any
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import command, of
+from tcc_sim.cli.options import command, keywords_of, of, options_in
 from tcc_sim.errors import InputError, counted
 from tcc_sim.output.terminal import say
 from tcc_sim.parameter_file import description_in
 from tcc_sim.scene import bundled_scenes, load_scene, parse_assignments
+
+EXPLANATION = "tcc_sim.functions:explanation"
 
 
 @command(common.add_changes)
@@ -34,7 +36,7 @@ def scenes(arguments: argparse.Namespace, show: str | None = None) -> int:
     return 0
 
 
-@command(common.add_scene, of("tcc_sim.functions:explanation"), common.outputs("the estimates and terms"))
+@command(common.add_scene, of(EXPLANATION), common.outputs("the estimates and terms"))
 def explain(arguments: argparse.Namespace) -> int:
     """Print the estimates, the terms in use and left out, and the cost of a step."""
     scene = common.scene_of(arguments)
@@ -42,7 +44,7 @@ def explain(arguments: argparse.Namespace) -> int:
     from tcc_sim.output.estimates import estimate_lines, estimates_of
     from tcc_sim.output.explanation import closed_form_lines, explained, friction_lines
 
-    explanation = explained(scene, cost=arguments.cost)
+    explanation = explained(scene, **keywords_of(arguments, options_in(EXPLANATION)))
     document = explanation.as_json()
     say(f"{document['name']}: {document['description']}")
     say("\n".join([*estimate_lines(estimates_of(scene.system)), *friction_lines(document["friction"]),

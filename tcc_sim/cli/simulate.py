@@ -23,7 +23,7 @@ would be more than MOST_DRAWN, and none where SAMPLES of them would be more than
 """
 
 
-@command(common.add_scene, of(common.SIMULATION, common.FORMS), of(common.PLAN, common.FORMS, common.PLANNED),
+@command(common.add_scene, of(common.SIMULATION, common.FORMS), of(common.PLAN, common.FORMS, without=common.OF_SWEEPS),
          common.outputs("the summary", "the samples: .npz, .csv, .parquet, .mat or .mcap"))
 def run(arguments: argparse.Namespace, samples: int = 200) -> int:
     """Check the input, solve, write the files, and print the summary.

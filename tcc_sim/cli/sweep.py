@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @command(common.add_scene, of(SCATTER, FORMS, "samples seed quantiles every", quantiles=None),
-         of(common.PLAN, FORMS, f"direction {common.PLANNED} orders"),
+         of(common.PLAN, FORMS, without=common.UNPLANNED),
          of(GAINS, FORMS, "law target limits", target=None),
          of("tcc_sim.sweeps.sweep:sweep_curves", FORMS, "jobs dask"), common.outputs(
              "results in value order", "a table with a row per value as .csv, .parquet, .mat or .npz, and until it is "

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, command, keywords_of, of
+from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
 from tcc_sim.cli.ranges import values_of_range
 from tcc_sim.errors import BasinsInterrupted, counted
 from tcc_sim.shown_units import key_value
@@ -43,8 +43,8 @@ def run(arguments: argparse.Namespace, boundary: bool = False) -> int:
     common.check_outputs(arguments, TABLES)
     part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
     try:
-        result = basins(scene, plane, over=over, **keywords_of(arguments, "cycles jobs dask"), part=part, progress=True,
-                        head=head_of("basin_rows", scene, arguments.words))
+        result = basins(scene, plane, over=over, **keywords_of(arguments, options_in(BASINS, "over")), part=part,
+                        progress=True, head=head_of("basin_rows", scene, arguments.words))
         # Drawing takes longest; if it is interrupted, no file is written, and the same command resumes.
         values = Planes(result, over, boundary)
         with common.drawn(arguments, result, scene.name):

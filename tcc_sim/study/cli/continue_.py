@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, command, of
+from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
 from tcc_sim.cli.ranges import bounds_of_range
 from tcc_sim.errors import counted
 from tcc_sim.shown_units import key_value, speed
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @command(partial(common.add_scene, more="; for the key of --over, its first value"),
          of(PLAN, {"switch": Form("DEPTH", int, optional=1), "at": Form("VALUE", float, repeated=True),
-                   "second": Form("KEY=START:STOP")}, "period switch at second"),
+                   "second": Form("KEY=START:STOP")}, without="over seeds"),
          common.outputs("branches, bifurcations and curves"),
          forms={"over": Form("KEY=START:STOP", required=True)})
 def run(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> int:
@@ -43,8 +43,8 @@ def run(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> 
     key, low, high = bounds_of_range(over, "--over")
     second = None if arguments.second is None else bounds_of_range(arguments.second, "--second")
     starts = () if seeds is None else seeds_in(read_json(seeds), scene.system, key, low, high)
-    plan = ContinuationPlan(key, low, high, arguments.period, tuple(arguments.at), arguments.switch,
-                            second, starts)
+    plan = ContinuationPlan(key, low, high, seeds=starts, **{**keywords_of(arguments, options_in(PLAN, "over seeds")),
+                                                             "at": tuple(arguments.at), "second": second})
     check(scene.system, plan)
     common.check_outputs(arguments)
     motions, interrupted = Motions(plan, scene.system), False
