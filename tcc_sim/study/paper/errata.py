@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 
 from tcc_sim.analysis.steady.damping import damping_of_cycles
 from tcc_sim.model import pure_slip, pure_stick
-from tcc_sim.output.tables import escape, markdown_table, text
+from tcc_sim.output.tables import escape, text
 from tcc_sim.solvers import solve
 from tcc_sim.study.continuation.palc import chandrupatla
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system
@@ -196,12 +195,17 @@ OPEN: dict[str, str] = _TEXTS["open"]
 
 def errata_page() -> str:
     """Return the page of the errata with their numbers, of the right equations, and of the values left open."""
-    numbers: list[tuple[str, Any]] = [(f"{e.where}, {name}", x) for e in ERRATA for name, x in e.numbers().items()]
-    numbers += [("Figs. 4 to 18, " + name, value) for name, value in engine_speeds().items()]
+    left_open = "; ".join(f"{name}: {text(value)}" for name, value in engine_speeds().items())
     return "\n".join([
         "# The paper's errata", "", _TEXTS["page"].format(errata=len(ERRATA), open=len(OPEN)),
-        *markdown_table(["where", "printed", "right", "why"], [
-            list(map(escape, (e.where, e.printed, e.right, e.why))) for e in ERRATA]),
-        "", f"Derived again and found as printed: {escape(_TEXTS['right'])}.", "", "## Left open by the paper", "",
-        *markdown_table(["what", "here"], [list(map(escape, pair)) for pair in OPEN.items()]),
-        "", "## Numbers", "", *(f"- {escape(name)}: {escape(text(value))}" for name, value in numbers)]) + "\n"
+        *map(erratum_line, ERRATA), "", f"Derived again and found as printed: {escape(_TEXTS['right'])}.", "",
+        "## Left open by the paper", "",
+        *(f"- {escape(what)}: {escape(here)}" for what, here in OPEN.items()),
+        "", f"Figs. 4 to 18: {escape(left_open)}"]) + "\n"
+
+
+def erratum_line(erratum: Erratum) -> str:
+    """Return one erratum as an entry of a list: both forms, the reason, and its numbers."""
+    numbers = "; ".join(f"{name}: {text(value)}" for name, value in erratum.numbers().items())
+    parts = {"Printed": erratum.printed, "Right": erratum.right, "Why": erratum.why, "Numbers": numbers}
+    return " ".join([f"- **{escape(erratum.where)}**", *(f"{name}: {escape(x)}." for name, x in parts.items() if x)])
