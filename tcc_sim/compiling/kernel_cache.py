@@ -156,7 +156,9 @@ def load_or_build(name: str, make: Callable[[], bytes], load: Callable[[bytes], 
         return out
     place = directory()
     if place is not None and (out := _stored(place / name, load, "the cache")) is not None:
-        _mark_used(place / name)
+        with suppress(OSError):
+            if time.time() - (place / name).stat().st_mtime > DAY:
+                os.utime(place / name)
         return out
     print_once("compiling", "compiling kernels for this kind of scene, up to half a minute, "
                + ("once" if place else "in every process, since they cannot be kept"))
@@ -193,13 +195,6 @@ def _write(path: Path, content: bytes) -> None:
         raise
 
 
-def _mark_used(path: Path) -> None:
-    """Set the time of a file, if it is older than a day."""
-    with suppress(OSError):
-        if time.time() - path.stat().st_mtime > DAY:
-            os.utime(path)
-
-
 def _remove_unused(place: Path) -> None:
     """Remove kernels, and remains of writes, that nothing has used for UNUSED_AFTER."""
     for path in place.glob("*-*"):
@@ -209,6 +204,5 @@ def _remove_unused(place: Path) -> None:
 
 
 def _reason(error: BaseException) -> str:
-    """Return an error's message."""
     name = getattr(error, "filename", None)
     return f"{name}: {error.strerror}" if name and isinstance(error, OSError) else str(error) or type(error).__name__

@@ -245,7 +245,6 @@ FORMATS = {types.float64: "d", types.int64: "q", types.boolean: "?7x"}
 
 
 def _places(builder: Any, block: Any) -> Iterator[Any]:
-    """Yield the addresses of the words of a block."""
     while True:
         yield block
         block = builder.gep(block, [ir.Constant(WORD, 1)])
@@ -277,6 +276,5 @@ def _taken(context: Any, builder: Any, places: Iterator[Any], kind: Any) -> Any:
 
 
 def _field(builder: Any, start: Any, offset: int) -> Any:
-    """Read a word of a structure."""
     place = builder.add(start, ir.Constant(WORD, offset))
     return builder.load(builder.inttoptr(place, WORD.as_pointer()))

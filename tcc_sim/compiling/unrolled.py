@@ -223,7 +223,6 @@ def is_constant(other: Any, number: float) -> bool:
 
 
 def _spread(builder: Any, value: Any, shape: Any) -> Any:
-    """Return a row of equal numbers."""
     empty = ir.Constant(shape, ir.Undefined)
     first = builder.insert_element(empty, value, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), shape.count), None))
@@ -308,7 +307,6 @@ class Changing:
 
 
 def _both(one: Any, other: Any) -> Any:
-    """Return the sum of two rows."""
     if one is None or other is None:
         return other if one is None else one
     return one + other

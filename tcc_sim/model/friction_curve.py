@@ -233,7 +233,6 @@ def _bounds(v: Floats, count: int) -> tuple[float, float]:
 
 
 def _squares(curve: FrictionCurve, v: Floats, mu: Floats) -> float:
-    """Return the sum of squared differences from the table."""
     return float(np.sum((curve.at(v) - mu) ** 2))
 
 
@@ -356,7 +355,6 @@ def _sum_of(amplitudes: Floats, rates: Floats, v: Floats) -> Floats:
 
 
 def _constants(mu: Floats) -> tuple[float, float]:
-    """Return the bounds of the constant."""
     reach = BEYOND * np.ptp(mu)
     return max(mu[-1] - reach, 1.01 / LARGEST_RATIO), mu[-1] + reach
 

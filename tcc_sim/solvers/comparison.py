@@ -255,7 +255,6 @@ def _repeated(kernel: Callable[..., object], terms: Terms, out: Floats) -> Calla
 
 @compiled
 def _jacobian(t: float, y: Floats, terms: Any, out: Floats) -> None:
-    """Fill `out` with the derivative of `rates` by y."""
     _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
     rate = slope * torques_now(t, piece_at(terms.profile, t), terms.profile, terms)[1]
     linear = terms.linear
@@ -311,8 +310,9 @@ def _solve(problem: Problem, name: str) -> Trajectory:
     marks = np.union1d(samples[[0, -1]], np.minimum(ends, samples[-1]))
     spacing = min(problem.system.cycle, 2.0 * np.pi / problem.system.natural_frequency) / POINTS
     begin, end = problem.breaks()[:2]
-    solver_of = partial(_equal_steps, step) if fixed else lambda begin, end, y: _solver(
-        name, piece_of(terms, begin, end), begin, end, y, options)
+    solver_of: Callable[..., Any] = (
+        (lambda begin, end, _: FirstStep((end - begin) / max(math.ceil((end - begin) / step * (1.0 - 1e-12)), 1)))
+        if fixed else lambda begin, end, y: _solver(name, piece_of(terms, begin, end), begin, end, y, options))
     solver_of(begin, end, y0)  # Compile what it calls.
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
@@ -346,16 +346,13 @@ def _solver(name: str, terms: Terms, begin: float, end: float, y: Floats, option
 
 
 class FirstStep(NamedTuple):
-    """Length of the first step, s, and tolerances, as the attributes of SciPy's solvers."""
+    """Length of the first step, s, and tolerances, as the attributes of SciPy's solvers; rk4 takes the fewest equal
+    steps to the end.
+    """
 
     h_abs: float
     rtol: float = 0.0
     atol: Floats = np.ones(4)
-
-
-def _equal_steps(step: float, begin: float, end: float, _: Floats) -> FirstStep:
-    """Return the first of the fewest equal steps of at most `step` from begin to end."""
-    return FirstStep((end - begin) / max(math.ceil((end - begin) / step * (1.0 - 1e-12)), 1))
 
 
 def _compiled_through(name: str, solver_of: Any, problem: Problem, y: Floats, marks: Floats, samples: Floats,

@@ -589,21 +589,16 @@ def without_torque(terms: Terms) -> Terms:
     return terms._replace(linear=completed(terms.linear), torque=None, harmonics=None, smoothing=None)
 
 
-def exact_bounds(terms: Terms, system: System, rtol: float, numbers: Floats) -> Bounds:
-    """Return the bounds of a run in which mubar and its derivatives by the keys are constant from `far` on."""
-    if terms.stribeck is None or not numbers[of.EXCESSES + of.DECAYS].any():
-        return bounds_of(terms, system.cycle, rtol)
-    pairs = exponentials(terms.stribeck)
-    wide = tuple(number for share, rate in pairs for number in (max(abs(share), 1.0), rate))
-    return bounds_of(terms._replace(stribeck=wide), system.cycle, rtol)._replace(
-        ratio=1.0 + sum(share for share, _ in pairs))
-
-
 def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float) -> Setup:
     """Return the setup of motions with derivatives; raise OutOfRange if a damper's decay takes too many steps."""
     if terms.stribeck is not None:
         terms = terms._replace(stribeck=(terms.stribeck[0], max(terms.stribeck[1], SLOWEST), *terms.stribeck[2:]))
-    bounds, waves = exact_bounds(terms, system, FINER * rtol, changes), waves_of(terms)
+    bounds, waves = bounds_of(terms, system.cycle, FINER * rtol), waves_of(terms)
+    if terms.stribeck is not None and changes[of.EXCESSES + of.DECAYS].any():  # Their derivatives decay later.
+        pairs = exponentials(terms.stribeck)
+        wide = tuple(number for share, rate in pairs for number in (max(abs(share), 1.0), rate))
+        bounds = bounds_of(terms._replace(stribeck=wide), system.cycle, FINER * rtol)._replace(
+            ratio=1.0 + sum(share for share, _ in pairs))
     if decay_of_plate(terms) * bounds.period > REACH * bounds.steps:
         raise OutOfRange(f"driveline.damping is {system.driveline.damping:g} N m s/rad; over driveline.plate_inertia "
                          f"it decays at {decay_of_plate(terms):.3g} 1/s, and the derivatives of the set-valued motion, "

@@ -103,7 +103,6 @@ def _over(terms: Terms, profile: Floats | None, torque: float, load: float) -> T
 
 @compiled
 def _keep(state: Floats, groups: Any, values: Floats, derivatives: Floats) -> None:
-    """Copy the state and its derivatives."""
     for i in range(3):
         values[i] = state[i]
         for g in range(groups.shape[0]):

@@ -97,7 +97,6 @@ def _by(system: System, key: str) -> dict[int, float]:
 
 
 def _by_curve(system: System, key: str) -> dict[int, float]:
-    """Return the derivatives by a number of the fit of a friction table."""
     curve = system.friction.curve
     if curve is None:
         raise InputError(f"{key} is a number of the fit of a friction table; the scene has no friction.slip_speeds")

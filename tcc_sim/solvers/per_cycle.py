@@ -205,7 +205,6 @@ class _Grid(NamedTuple):
 
 
 def _grid(t: Floats, starts: Floats, bridged: NDArray[np.bool_] | None = None) -> _Grid:
-    """Return the grid of samples and starts of cycles."""
     place = np.searchsorted(t, starts, side="right")
     left = np.clip(place - 1, 0, len(t) - 2)
     h = t[left + 1] - t[left]
@@ -348,7 +347,6 @@ def _cubic(u: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
 
 
 def _cubic_slope(u: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
-    """Return d/du of `_cubic`."""
     w = 1.0 - u
     out: Floats = 6.0 * u * w * (q - p) + w * (1.0 - 3.0 * u) * dp + u * (3.0 * u - 2.0) * dq
     return out

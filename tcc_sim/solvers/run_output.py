@@ -53,13 +53,6 @@ SHIFTS = 16
 """Most shifts of the closer places; fourteen take them from one end of their range to the other."""
 
 
-def empty_loads(problem: Problem) -> NDArray[Any]:
-    """Return records of LOADS for the cycles of a run and the rest behind them."""
-    out = np.empty(problem.whole_cycles + 2, LOADS)
-    begin_loads(out, problem.loads_from)
-    return out
-
-
 def begin_loads(records: NDArray[Any], first: int | None) -> None:
     """Reset records of LOADS of engine cycles (last axis), which are wanted from cycle `first` on; None for nowhere."""
     records[:] = np.zeros((), LOADS)
@@ -458,7 +451,8 @@ class RunOutput:
         self.samples = np.empty((problem.samples_per_cycle * (count + 1), columns))
         self.cycles = np.zeros((count + 2, CYCLE.itemsize // 8))
         self.cycles[0, :3] = problem.state.numbers
-        self.loads = empty_loads(problem)
+        self.loads = np.empty(count + 2, LOADS)
+        begin_loads(self.loads, problem.loads_from)
         self.transitions: list[NDArray[Any]] = []
         self.store = Store(self.cycles.view(CYCLE)[:, 0], self.samples, problem.samples_per_cycle,
                            work_space.of(transition_room), self.loads)
@@ -495,7 +489,6 @@ class RunOutput:
                         statistics=dataclasses.replace(statistics, seconds=self.seconds))
 
     def _cycles(self, first: int, end: int, section: Floats) -> Cycles:
-        """Return the cycles `first` to `end`."""
         highest, lowest, stick_time = self.cycles[first:end, 3:].T.copy()
         return Cycles(section, highest, lowest, stick_time, loads_of(self.loads, self.problem, first, end))
 
