@@ -317,7 +317,8 @@ def _solve(problem: Problem, name: str) -> Trajectory:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         through = partial(_compiled_through, name) if name in COMPILED else _solve_through
-        times, states, sampled, status, detail, *spent = through(solver_of, problem, y0, marks, samples, spacing)
+        outcome = through(solver_of, problem, y0, marks, samples, spacing)
+    times, states, sampled, status, detail, steps, seconds = outcome
     reached = samples[:len(sampled)]
     if times[-1] > reached[-1]:
         reached, sampled = np.append(reached, times[-1]), np.concatenate([sampled, states[-1:]])
@@ -332,7 +333,7 @@ def _solve(problem: Problem, name: str) -> Trajectory:
     if fixed and step > limit:
         detail = f"the step of {step:g} s is above {limit:.3g} s, the largest one that is stable in stick"
     return assemble(problem, name, reached, sampled, cycles=cycles, rest=rest, status=status,
-                    detail=detail, statistics=Statistics(steps=spent[0], seconds=spent[1]))
+                    detail=detail, statistics=Statistics(steps=steps, seconds=seconds))
 
 
 rk4, rk45, dop853, radau, bdf, lsoda = (partial(_solve, name=name) for name in METHODS)
