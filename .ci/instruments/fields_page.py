@@ -42,6 +42,8 @@ KINDS: dict[str, tuple[str, tuple[type, ...]]] = {
     "precision": ("precision.json of tcc-sim precision", (PrecisionReport,)),
     "stability": ("stability.json of tcc-sim stability", (StabilityReport,)),
     "realtime": ("tcc-sim realtime --json", ())}
+OF_BENCHMARKS = ("precision", "stability")
+"""Reports on the package itself; the modules declare their fields with meaning and unit."""
 INTRODUCTION = """`.ci/instruments/fields_page.py` writes this page. A file is an object with the fields of its class
 below. Units follow the name; a cycle is a period of excitation. A field with a link holds an object of that class, or
 a list or mapping of such objects. "Fields of" a class stand directly in the object; "lists of" a class are one list for
@@ -119,8 +121,10 @@ def page() -> str:
     classes: list[type] = []
     before: dict[str, type] = {}
     for kind, (title, _) in KINDS.items():
-        classes += [of for of in classes_of(kind) if of not in classes]
-        lines.append(f"- {title}: " + ", ".join(map(link_to, classes_of(kind))))
+        of_kind = classes_of(kind)
+        classes += [of for of in of_kind if of not in classes and kind not in OF_BENCHMARKS]
+        lines.append(f"- {title}: " + (f"[{kind}.py](../../tcc_sim/study/benchmarks/{kind}.py)"
+                                       if kind in OF_BENCHMARKS else ", ".join(map(link_to, of_kind))))
     for of in classes:  # It grows meanwhile.
         lines += ["", f"## {of.__name__}", "", *list_of(of, classes, before)]
     return "\n".join([*lines, "", LINES, ""])
