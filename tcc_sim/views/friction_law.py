@@ -26,32 +26,24 @@ def friction_panels(scene: SceneLike) -> list[Panel]:
     """
     system = system_of(scene)
     return [Panel(title, partial(draw, system=system), 2.2, beside=k > 0) for k, (title, draw) in enumerate(
-        (("Friction law", _law), ("Close to 0", _near), ("Slope of the torque", _slope)))]
+        (("Friction law", _law), ("Close to 0", partial(_law, near=True)), ("Slope of the torque", _slope)))]
 
 
-def _law(axis: Any, system: System) -> None:
-    law, v = system.friction, _speeds(system)
-    axis.plot(v, _sliding(system, v), color=style.BLUE, label="fit of the table" if law.curve else "sliding, (6)")
-    if law.law == "smoothed":
-        axis.plot(v, _smoothed(system, v), color=style.RED, linestyle=(0, (4, 2)), label="smoothed, (7)")
-    if law.curve is not None:
-        axis.plot(law.slip_speeds, law.coefficients, linestyle="none", marker="o", color=style.INK, label="table")
-    axis.set(ylim=(0.0, None), xlim=(0.0, v[-1]))
-    quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
-
-
-def _near(axis: Any, system: System) -> None:
-    stick = stick_speed_of(terms_of(system))
-    far = 3.0 * stick if stick > 0.0 else 0.05 * _speeds(system)[-1]
+def _law(axis: Any, system: System, near: bool = False) -> None:
+    """Draw the law up to the largest speed, with names, or `near` 0, with the end of stick."""
+    law, stick, far = system.friction, stick_speed_of(terms_of(system)), _speeds(system)[-1]
+    if near:
+        far = 3.0 * stick if stick > 0.0 else 0.05 * far
     v = np.linspace(0.0, far, POINTS)
-    axis.plot(v, _sliding(system, v), color=style.BLUE)
-    if stick > 0.0:
-        axis.plot(v, _smoothed(system, v), color=style.RED, linestyle=(0, (4, 2)))
+    fitted, smoothed, table = [None] * 3 if near else [
+        "fit of the table" if law.curve else "sliding, (6)", "smoothed, (7)", "table"]
+    axis.plot(v, _sliding(system, v), color=style.BLUE, label=fitted)
+    if law.law == "smoothed":
+        axis.plot(v, _smoothed(system, v), color=style.RED, linestyle=(0, (4, 2)), label=smoothed)
+    if near and stick > 0.0:
         axis.axvline(stick, color=style.GREY, linewidth=0.8, linestyle=(0, (1, 1.5)), label="up to here: stick")
-    law = system.friction
-    inside = np.array(law.slip_speeds) <= far
-    axis.plot(np.array(law.slip_speeds)[inside], np.array(law.coefficients)[inside], linestyle="none", marker="o",
-              color=style.INK)
+    points = np.array([law.slip_speeds, law.coefficients])
+    axis.plot(*points[:, points[0] <= far], "o", color=style.INK, label=table)
     axis.set(ylim=(0.0, None), xlim=(0.0, far))
     quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
 

@@ -11,7 +11,7 @@ import numpy as np
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel
 from tcc_sim.views.style import AxisQuantity, quantities
-from tcc_sim.views.sweeps import NOT_FOUND, edges, numbers
+from tcc_sim.views.sweeps import NOT_FOUND, edges, name_two_keys, numbers
 
 SETTLING = "settling_time"
 
@@ -49,8 +49,6 @@ def _curve(axis: Any, values: Mapping[str, Any], name: str, quantity: AxisQuanti
 
 def _map(axis: Any, values: Mapping[str, Any], name: str, quantity: AxisQuantity) -> None:
     x, y, figure = numbers(values["values"]), numbers(values["second_values"]), _figure(values, name)
-    axis.set_facecolor(NOT_FOUND)
-    axis.grid(False)
     sides = []
     for side, centres in (("x", x), ("y", y)):
         even = len(centres) > 2 and min(centres) > 0.0 and np.ptp(np.diff(np.log(centres))) < 1e-6
@@ -61,4 +59,4 @@ def _map(axis: Any, values: Mapping[str, Any], name: str, quantity: AxisQuantity
     if not np.isfinite(figure).all() and name == SETTLING:
         style.key(axis, f"not settled ({(~np.isfinite(figure)).sum()} of {figure.size})", area=True,
                   facecolor=NOT_FOUND, edgecolor=style.GREY)
-    quantities(axis, style.quantity_of(values["over"]), style.quantity_of(values["second_over"]))
+    name_two_keys(axis, values)

@@ -148,7 +148,7 @@ def _largest(axis: Any, values: Mapping[str, Any]) -> None:
     if count := hatch(axis, x, y, values):
         style.key(axis, f"hatched: {count} of {largest.size} have not settled", area=True, facecolor="none",
                   edgecolor=style.GREY, hatch="////")
-    _over_two(axis, values)
+    name_two_keys(axis, values)
 
 
 def hatch(axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> int:
@@ -164,7 +164,8 @@ def hatch(axis: Any, x: Floats, y: Floats, values: Mapping[str, Any]) -> int:
     return len(cells)
 
 
-def _over_two(axis: Any, values: Mapping[str, Any]) -> None:
+def name_two_keys(axis: Any, values: Mapping[str, Any]) -> None:
+    """Name both keys of a map, whose empty cells are grey."""
     axis.set_facecolor(NOT_FOUND)
     axis.grid(False)
     quantities(axis, style.quantity_of(values["over"]), style.quantity_of(values["second_over"]))
@@ -187,7 +188,7 @@ def _period_map(axis: Any, values: Mapping[str, Any]) -> None:
     bar.ax.set_yticklabels([looks[p][0] if p in looks else str(p) for p in periods])
     bar.ax.minorticks_off()
     hatch(axis, x, y, values)
-    _over_two(axis, values)
+    name_two_keys(axis, values)
 
 
 def scatter_panels(values: Mapping[str, Any]) -> list[Panel]:

@@ -97,7 +97,7 @@ def test_a_run_without_samples_is_refused_with_the_command_that_writes_them(tmp_
 
 
 @pytest.mark.parametrize(("content", "part"), [
-    ("{}", "result"), ('{"format": "tcc_sim soak 1"}', "soak"), ("[1]", "a.json"), ("{", "a.json"),
+    ("{}", "a.json"), ('{"format": "tcc_sim soak 1"}', "soak"), ("[1]", "a.json"), ("{", "a.json"),
     ('{"format": "tcc_sim sweep 1", "command": "demo"}', "command"),
     ('{"format": "tcc_sim simulate 1", "command": ["simulate", "fig02", "--former"]}', "--former"),
     *((json.dumps(head_of(kind, load_scene("slip"), [kind])), kind) for kind in ("claims", "realtime"))])
