@@ -1,18 +1,20 @@
 """Orders and spectra against closed forms: sines of known amplitude, pure stick, noise, slow ramps, period two."""
 
+import dataclasses
 import json
 import math
 
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.measured.orders import orders_of
+from tcc_sim.analysis.measured.orders import OrderComparison, orders_of
 from tcc_sim.analysis.measured.signals import Signals
 from tcc_sim.analysis.measured.spectra import spectrum_of
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.output.samples import write_trajectory
+from tcc_sim.output.tables import comparison_lines
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -237,3 +239,14 @@ def test_whole_periods_at_the_end_are_transformed(period, last, cycles, begin):
     assert found.slip_speed[[0, period]] == pytest.approx([3.0, 2.0])
     assert period != 2 or found.subharmonics.tolist() == [0.5]
     assert repr(found).startswith(f"<Spectrum: {10 * period + 1} lines up to order 10; none: ")
+
+
+def test_simulated_orders_are_compared_with_measured_ones_in_decibels() -> None:
+    """Twice the amplitude is 6.02 dB; an order that was not measured is not compared."""
+    measured, simulated = (orders_of(at_150(wave(1.0, 2.0 * factor), wave(1.0, 9.0), wave(1.0, 60.0), 30.0 * 2.0 * np.pi
+                                            / 150.0)) for factor in (1.0, 2.0))
+    measured = dataclasses.replace(measured, shaft_torque=np.nan * measured.shaft_torque)
+    lines = comparison_lines(OrderComparison(measured, simulated))
+    slip, torque = (next(line for line in lines if f"order 2 of {name}" in line) for name in ("slip", "shaft"))
+    assert "6.02 dB" in slip
+    assert "dB" not in torque

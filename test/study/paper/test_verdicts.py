@@ -548,6 +548,13 @@ def test_slip_in_the_first_half_of_the_cycle_by_hand(phases: Any, slip: Any, sta
     assert first_half(run) == pytest.approx(share, nan_ok=True)
 
 
+@pytest.mark.parametrize(("other", "differ"), [([(1, 10.05), (2, 40.1)], False), ([(1, 10.2), (2, 40.0)], True),
+                                               ([(1, 10.0), (2, 39.0)], True), ([(1, 10.0), (4, 40.0)], True)])
+def test_attractors_differ_by_period_or_by_more_than_the_limit(other: Any, differ: bool) -> None:
+    first = [(1, 10.0), (2, 40.0)]
+    assert measures.attractors_differ(first, first, other, limit=0.01) is differ
+
+
 def test_stretches_cover_down_to_a_gap_and_series_repeat() -> None:
     pieces = [stretch(0.5, 1.0, 3), stretch(0.8, 1.0, 2), stretch(0.7, 0.8), stretch(0.6, 0.7 - 1e-5)]
     assert measures.covered_down_to(pieces, 1.0) == 0.7
