@@ -25,8 +25,9 @@ def friction_panels(scene: SceneLike) -> list[Panel]:
     """Return the coefficient over slip speed with its table, the law close to 0, and the slope of the friction torque.
     """
     system = system_of(scene)
-    return [Panel(title, partial(draw, system=system), 2.2, beside=k > 0) for k, (title, draw) in enumerate(
-        (("Friction law", _law), ("Close to 0", partial(_law, near=True)), ("Slope of the torque", _slope)))]
+    return [Panel("Friction law", partial(_law, system=system), 2.2),
+            Panel("Close to 0", partial(_law, system=system, near=True), 2.2, beside=True),
+            Panel("Slope of the torque", partial(_slope, system=system), 2.2, beside=True)]
 
 
 def _law(axis: Any, system: System, near: bool = False) -> None:
