@@ -123,7 +123,7 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     joints : names of the two joints in a recording of another program
     topic : topic of the joint states to read, if several were recorded
     driveline : number of the driveline to read, counted from 0 as in --json (default: one with a scene, on the shortest
-        topic, and there the latest to start)
+        topic, and there the latest run or, without names of runs, the most states)
     hold : input of a table between two rows: value of the previous row, linear, smooth (lines that keep the amplitudes
         of sines), or value of the next row (default: as the table says, else previous)
     columns : columns of a table by the name of the signal, with their units if the table does not give them
@@ -207,7 +207,7 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
     joints : names of the two joints in a recording of another program
     topic : topic of the joint states to read, if several were recorded
     driveline : number of the driveline to read, counted from 0 as in --json (default: one with a scene, on the shortest
-        topic, and there the latest to start)
+        topic, and there the latest run or, without names of runs, the most states)
     orders : add orders, transmissibility and judder
     spectrum : add the spectra of slip speed and shaft torque in the steady state, over frequency and order
     discard : periods of excitation dropped from the figures at the start (default 50, or half of them if there are

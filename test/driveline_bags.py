@@ -6,13 +6,14 @@ from functools import cache
 import numpy as np
 
 from tcc_sim.messages import cdr
+from tcc_sim.messages.held import held_message
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording.announcements import holding_from, source_text
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.solvers.terms import holding, terms_of
-from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, HEADER, JOINT_STATE
+from tcc_sim.topics import FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, JOINT_STATE, STRING
 
 TICK = 1_000_000
 START = 10**18
@@ -92,9 +93,54 @@ def readings(scene, ticks, commanded, far=lambda k: None):
     return rows, ends
 
 
+class Naming:
+    """Names of the runs of rows, and the messages of `held` and `scene` before each row, as of version 1.1."""
+
+    def __init__(self, scene, sources, targets):
+        self._scene, self._at_begin = scene, None if scene is None else scene.text()
+        self._sources = {row: dict(part.split(": ") for part in text.split(", ")) for row, _, text, *_ in sources}
+        self._targets = {row: value for row, value in targets if math.isfinite(value)}
+        self._source, self._target, self._process, self._run, self._last = {}, None, 0, 0, math.inf
+
+    def before(self, row, stamp, torque, pressure, first_of_publisher, texts):
+        """Messages before a row: (topic, type, data)."""
+        out = []
+        if begins := stamp < self._last or first_of_publisher:
+            self._process, self._run, self._number = (self._process + 1, 1, 0) if first_of_publisher else (
+                self._process, self._run + 1, 0)
+            self._target = None
+            self.name = f"{0x692a0000 + self._process:08x}9b02.{self._run:03d}"
+        new = begins or row in self._sources or row in self._targets
+        self._last, self._source = stamp, self._sources.get(row, self._source)
+        if row in self._targets:
+            self._target = self._targets[row], stamp // TICK
+        texts = [text if "# holds from" in text else holding_from(text, stamp) for text in texts]
+        self._at_begin = texts[-1].rpartition("# holds")[0] if texts else self._at_begin
+        if begins and self._at_begin is not None and not texts:
+            texts = [holding_from(self._at_begin, 0)]
+        out += [("/scene", STRING, cdr.string(text.replace("# holds", f"# run {self.name} of /driveline, holds")))
+                for text in texts]
+        if new or stamp // TICK % 100 == 0:
+            self._number += 1
+            out.append(("/held", FLOAT64_ARRAY, held_message(self.name, self._values(stamp, torque, pressure))))
+        return out
+
+    def _values(self, stamp, torque, pressure):
+        nobody, values = [3, *[math.nan] * 4, 0, 0, 0, 0, 0], [stamp // TICK, stamp, self._number, 0]
+        for name, group, value in (("engine_torque", "engine", torque), ("actuation_pressure", "pressure", pressure)):
+            of_scene = self._scene is None or getattr(self._scene.system, group).source != "topic"
+            kind = 0 if of_scene else 1 if self._source.get(name) == "fallback" else 2
+            values += [kind, value, value, math.nan, stamp // TICK, 0, 0, 0, 0, 0]
+        target = nobody if self._target is None else [2, self._target[0], self._target[0], math.nan, self._target[1],
+                                                      1, 0, 0, 0, 0]
+        return [*values, *nobody, *target]
+
+
 def bag(directory, rows, scene, *, said=(), cut=False, clock=None, publishers=None, targets=(), sources=(), ends=(),
-        joined=None, unpressed=(), numbers=None, **options):
+        joined=None, unpressed=(), numbers=None, named=None, **options):
     """Write rows, and scenes published again before some; with `cut` like a recorder that was killed.
+
+    States name their run if `named`, by default where there are `targets`, which only such recordings place.
 
     `clock` is the driveline's clock as f(row), ns; `publishers` are (first row, name) of the publisher from there on;
     `targets` are (row, rad/s) of a slip controller; `sources` are (row, stamp, text) of the source of the inputs from
@@ -107,13 +153,20 @@ def bag(directory, rows, scene, *, said=(), cut=False, clock=None, publishers=No
     channel = cache(lambda name, kind, who="": writer.channel(name, kind, publisher=who))
     pressed, at_end = not math.isnan(rows[-1][-1]), {row[0]: row for row in ends}
     joints, applied, owner = {}, {}, 0
+    naming = Naming(scene, sources, targets) if named or (named is None and targets) else None
     spoken = {row for row, *_ in (*said, *targets, *sources)}
     for first, who in publishers or [(0, "")]:
         joints[first] = writer.channel("/joint_states", JOINT_STATE, publisher=who)
         applied[first] = writer.channel("/applied_pressure", FLUID_PRESSURE, publisher=who) if pressed else 0
     for number, (stamp, *columns, pressure) in enumerate(rows):
         log, owner = clock(number), number if number in joints else owner
-        if number in spoken:
+        frame = ""
+        if naming is not None:
+            for name, kind, data in naming.before(number, stamp, columns[4], pressure, number in joints,
+                                                  [text for row, text in said if row == number]):
+                writer.write(channel(name, kind), log - 2, log - 2, data)
+            frame = naming.name
+        elif number in spoken:
             for text in (text for row, text in said if row == number):
                 writer.describe(text, log_ns=log - TICK // 2)
             for value in (value for row, value in targets if row == number):
@@ -122,12 +175,13 @@ def bag(directory, rows, scene, *, said=(), cut=False, clock=None, publishers=No
             for since, text, *first in (rest for row, *rest in sources if row == number):
                 sent = clock(first[0]) if first else log
                 writer.write(channel("/input_source", HEADER), log - 1, sent - 1, cdr.header(since, text))
-        writer.write(joints[owner], log, log, cdr.joint_state(stamp, *columns),
+        writer.write(joints[owner], log, log, cdr.joint_state(stamp, *columns, frame),
                      numbers[number] + 1 if numbers else number)
         if pressed and stamp not in unpressed:
-            writer.write(applied[owner], log, log, cdr.fluid_pressure(stamp, pressure), number)
+            writer.write(applied[owner], log, log, cdr.fluid_pressure(stamp, pressure, frame=frame), number)
         if stamp in at_end:
-            writer.write(channel("/output_state", JOINT_STATE), log, log, cdr.output_state(*at_end[stamp]), number)
+            far = cdr.output_state(*at_end[stamp], frame=frame)
+            writer.write(channel("/output_state", JOINT_STATE), log, log, far, number)
         for name, kind, when, sent, data, *who in (joined or {}).get(number, ()):
             writer.write(channel(name, kind, *who), when, sent, data, number)
         if number % 100 == 99:

@@ -118,7 +118,7 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
     joints : names of the two joints in a recording of another program
     topic : topic of the joint states to read, if several were recorded
     driveline : number of the driveline to read, counted from 0 as in --json (default: one with a scene, on the shortest
-        topic, and there the latest to start)
+        topic, and there the latest run or, without names of runs, the most states)
     columns : columns of a table by the name of the signal, with their units if the table does not give them
     from_ : part of a table from this time on, s
     to : part of a table up to this time, s

@@ -80,6 +80,14 @@ class JointStates:
         out: Floats = np.where((self.held_row >= 0) & ~unknown, values, np.nan)
         return out
 
+    def grown(self, name: str, count: str) -> float:
+        """Return the growth of a count of an input over these states; from the begin of the run if they begin there."""
+        values = self.input(name, count)
+        known = values[np.isfinite(values)]
+        if not len(known):
+            return np.nan
+        return float(known[-1] - (known[0] if self.stamp_ns[0] > 0 else 0.0))
+
     @property
     def pauses(self) -> Floats:
         """Stamps after which the driveline was paused, ns."""
@@ -144,9 +152,10 @@ class Columns:
     """Data of one driveline in a recording.
 
     runs : the states of each run, views of common arrays
-    commands : commands by the name of their topic: those that acted or, before version 1.1, all by times of sending
-    further : numbers of other topics that a viewer shows by themselves
-    publishers, recorded : numbers of publishers of commands, and of recorded commands, by topic
+    commands : commands that acted by the name of their topic; none in a recording that does not state them
+    further : likewise speeds of the far end
+    publishers, recorded : numbers of publishers of commands, and of recorded messages, by topic; those that the
+        driveline received outside of the window are not counted
     counts : counts of the driveline's diagnostics, by key
     keyed : whether the states name their runs
     limits : last limits of the pressure that a controller stated, Pa

@@ -1,4 +1,4 @@
-"""Numbers on other topics of a recording, such as commands, and the counts in the driveline's diagnostics."""
+"""Counts of commands in a recording and in the driveline's diagnostics, sources of inputs, and limits of a pressure."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
 from tcc_sim.messages.held import PROCESS
-from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSource, Stamps, read_source, simulation_ns
-from tcc_sim.recording.columns import Commanded, JointStates
+from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSource, Stamps, read_source
 from tcc_sim.recording.contents import Channel
+from tcc_sim.recording.layouts import HEAD as _HEAD
 from tcc_sim.recording.records import Messages
-from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, LIMITS, TARGET, shown
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, LIMITS, SHAFT, TARGET
 
 SOURCE = "input_source"
 """Topic of the sources of the inputs before version 1.1."""
 COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, TARGET: FLOAT64}
 """Topics of commands to the driveline or its controller, with their types."""
-_LATEST, _DIGITS = 1 << 31, 19
+SIGNALS = {**COMMANDS, SHAFT: FLOAT64}
+"""Topics whose messages are counted, with their types."""
+_DIGITS = 19
 DIAGNOSTICS = "/diagnostics"
 LATE_SHARE = 0.05
 """Share of ticks more than a period late above which the driveline and `analyse` warn."""
@@ -37,15 +39,8 @@ Floats = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 
-def signal_types() -> dict[str, str]:
-    """Return the topics whose numbers are placed at states, with their types: commands, and others that a viewer shows
-    by themselves. The applied pressure has stamps.
-    """
-    return {**COMMANDS, **{row.name: row.type for row in shown() if row.name != "applied_pressure"}}
-
-
 class Commands:
-    """Collector of commands, other numbers, and diagnostics, chunk by chunk.
+    """Collector of commands, sources of inputs, and diagnostics, chunk by chunk.
 
     Parameters
     ----------
@@ -55,8 +50,7 @@ class Commands:
 
     def __init__(self, space: str, zeros: Stamps) -> None:
         self._zeros, self._space = zeros, space
-        self._types = signal_types()
-        self._sent: dict[str, list[tuple[Rows, Rows, Stamps, Stamps, Floats, Stamps]]] = {}
+        self._sent: dict[str, list[tuple[Rows, Rows, Stamps, Floats]]] = {}
         self._sources: dict[InputSource, None] = {}
         self._announcers: set[str] = set()
         self._numbers: dict[str, int] = {}
@@ -90,14 +84,12 @@ class Commands:
             elif name == SOURCE and channel.type == HEADER:
                 self._announcers.add(channel.publisher)
                 self._announced(data, offset.tolist(), length.tolist())
-            elif channel.type == self._types.get(name):
-                numbers, log, sent, values, answers = _decoded(np.frombuffer(data, np.uint8), offset, length,
-                                                               channel.type)
+            elif channel.type == SIGNALS.get(name):
+                numbers, sent, values = _decoded(np.frombuffer(data, np.uint8), offset, length, channel.type)
                 if name in COMMANDS and len(values):
                     self.publishers.setdefault(name, set()).add(channel.publisher)
                 who = np.full(len(values), self._numbers.setdefault(channel.publisher, len(self._numbers)))
-                self._sent.setdefault(name, []).append((who, numbers, log, sent, values,
-                                                        simulation_ns(answers, self._zeros)))
+                self._sent.setdefault(name, []).append((who, numbers, sent, values))
 
     def _here(self, channel: Channel) -> bool:
         """Return whether a topic belongs to the driveline: by its namespace, or because it was remapped."""
@@ -154,35 +146,16 @@ class Commands:
                 total[place[2]] = LATE[place[2]](total.get(place[2], time), time)
         return total
 
-    def placed(self, runs: Sequence[JointStates], without: Sequence[str] = ()) -> dict[str, Commanded]:
-        """Return the numbers by the name of their topic, each at the first state sent after it, leaving out `without`.
-
-        Of a message that was recorded twice only one counts; messages after the last state are left out, and all of a
-        recording without times.
+    def recorded(self, last: int) -> dict[str, int]:
+        """Return the number of recorded messages by topic: those up to the last state, which was sent at `last`, ns,
+        and behind which no command can act.
         """
-        if not any(states.sent_ns.any() for states in runs):
-            return {}
-        sent_ns = np.maximum.accumulate(np.concatenate([states.sent_ns for states in runs]))
-        out = {}
-        for name, parts in self._sent.items():
-            if name in without:
-                continue
-            *_, sent, values, answers = _once(parts)
-            order = np.argsort(sent, kind="stable")
-            rows = np.searchsorted(sent_ns, sent[order], side="left")
-            inside = rows < len(sent_ns)
-            out[name] = Commanded(rows[inside].astype(np.int64), values[order][inside], answers[order][inside])
-        return out
-
-    def recorded(self, runs: Sequence[JointStates]) -> dict[str, int]:
-        """Return the number of recorded commands up to the last state, behind which none can act, by topic."""
-        last = max((states.sent_ns.max() for states in runs if len(states)), default=0)
-        return {name: _not_behind(parts, last) for name, parts in self._sent.items() if name in COMMANDS}
+        return {name: _not_behind(parts, last) for name, parts in self._sent.items()}
 
 
 def _not_behind(parts: Sequence[tuple[Any, ...]], last: int) -> int:
     """Return the number of messages without the last ones of each publisher, all sent after `last`, ns."""
-    who, numbers, _, sent, *_ = _once(parts)
+    who, numbers, sent, _ = _once(parts)
     order, count = np.lexsort((sent, numbers, who)), 0
     for publisher in np.unique(who).tolist():
         before = np.flatnonzero(sent[order][who[order] == publisher] <= last)
@@ -193,7 +166,7 @@ def _not_behind(parts: Sequence[tuple[Any, ...]], last: int) -> int:
 def _once(parts: Sequence[tuple[Any, ...]]) -> list[Any]:
     """Return messages without repeats: equal in publisher, sequence number, time of sending and value."""
     columns = [np.concatenate(column) for column in zip(*parts)]
-    who, numbers, _, sent, values, _ = columns
+    who, numbers, sent, values = columns
     order = np.lexsort((np.arange(len(who)), values, numbers, sent, who))
     same = np.ones(len(order), np.bool_)
     for column in (who, numbers, sent, values):
@@ -204,10 +177,8 @@ def _once(parts: Sequence[tuple[Any, ...]]) -> list[Any]:
 
 
 def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
-             kind: str) -> tuple[Rows, Stamps, Stamps, Floats, Stamps]:
-    """Return sequence numbers, times of receipt and sending (ns), finite values, and stamps (ns; -1: none) of valid
-    messages.
-    """
+             kind: str) -> tuple[Rows, Stamps, Floats]:
+    """Return sequence numbers, times of sending (ns; of receipt without one) and values of valid messages."""
     if kind == FLOAT64:
         place = offset + 22 + 4
     else:
@@ -223,12 +194,6 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
     offset, place = offset[little], place[little]
     values = sliding_window_view(array, 8)[place].copy().view("<f8")[:, 0]
     finite = np.isfinite(values)
-    offset = offset[finite].astype(np.int64)
-    stamps = np.full(len(offset), -1)
-    if kind != FLOAT64:
-        seconds, rest = sliding_window_view(array, 8)[offset + 26].copy().view("<u4").T.astype(np.int64)
-        stamps = np.where(seconds < _LATEST, seconds * 1_000_000_000 + rest, -1)
-    number = sliding_window_view(array, 4)[offset + 2].copy().view("<u4")[:, 0].astype(np.int64)
-    log, sent = (sliding_window_view(array, 8)[offset + place].copy().view("<i8")[:, 0].astype(np.int64)
-                 for place in (6, 14))
-    return number, log, np.where(sent > 0, sent, log), values[finite].astype(np.float64), stamps
+    heads = sliding_window_view(array, _HEAD.itemsize)[offset[finite]].view(_HEAD)[:, 0]
+    number, log, sent = (heads[name].astype(np.int64) for name in ("number", "log_ns", "sent_ns"))
+    return number, np.where(sent > 0, sent, log), values[finite].astype(np.float64)

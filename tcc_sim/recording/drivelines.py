@@ -56,7 +56,6 @@ class RecordedDriveline:
     runs : names of its runs, in their order; empty if its states do not name them
     scenes : its scenes
     able : whether it has the joints flywheel and clutch plate
-    began_ns : time of sending of its first state less the stamp, ns: when simulation time began, at real-time speed
     """
 
     topic: str = field(metadata=reported("topic of its joint_states"))
@@ -72,7 +71,6 @@ class RecordedDriveline:
     runs: tuple[str, ...] = ()
     scenes: tuple[SceneRecord, ...] = ()
     able: bool = True
-    began_ns: int = 0
 
     def sentence(self) -> str:
         """Return the driveline in words."""
@@ -90,23 +88,14 @@ class _Sent:
         self.names = Counter[tuple[str, ...]]()
         self.place = self.log_ns = self.sent_ns = self.stamps = (1 << 63, -1 << 63)
         """Smallest and largest: number in the order of reading, times of receipt and of sending, and stamp, ns."""
-        self.first = (0, 0)
-        """Time of sending and stamp, ns, of the first message to be received."""
 
     def add(self, group: SameLayout, before: int) -> None:
         """Take messages of one chunk, which has `before` messages before it."""
-        k = int(group.heads["log_ns"].argmin())
-        if int(group.heads["log_ns"][k]) < self.log_ns[0]:
-            self.first = int(group.heads["sent_ns"][k]) or int(group.heads["log_ns"][k]), int(group.stamps[k])
         self.names[group.names] += len(group.rows)
         for what, values in (("place", before + group.rows), ("stamps", group.stamps),
                              *((name, group.heads[name]) for name in _TIMES)):
             low, high = getattr(self, what)
             setattr(self, what, (min(low, int(values.min())), max(high, int(values.max()))))
-
-    def follows(self, other: _Sent) -> bool:
-        """Return whether it began when the other had ended, in the file or by one of the clocks."""
-        return any(getattr(self, what)[0] > getattr(other, what)[1] for what in ("place", *_TIMES))
 
     def part(self, group: SameLayout, which: NDArray[np.bool_], before: int) -> None:
         """Take some of the messages of a group."""
@@ -210,25 +199,11 @@ class Inventory:
             The choice does not exist or does not have the joints.
         """
         scenes = list(dict.fromkeys([*recorded, *(one.record for one in self._scenes)]))
-        drivelines = [self._driveline(chain, recorded) for chain in self._chains()]
+        drivelines = [self._driveline(sent, recorded) for sent in self._sent.values()]
         drivelines += [self._named(chain, [one for one in scenes if one.run]) for chain in self._named_chains(scenes)]
         drivelines.sort(key=lambda one: (not one.able, len(one.topic), one.topic))
         number = self.chosen(drivelines, choice)
         return [replace(one, read=place == number) for place, one in enumerate(drivelines)]
-
-    def _chains(self) -> list[list[_Sent]]:
-        """Return the senders, in the order in which they began; each of those that follow one another on a topic with
-        the same joints is a restart of the one before.
-        """
-        chains: list[list[_Sent]] = []
-        for one in sorted(self._sent.values(), key=lambda sent: (sent.log_ns[0], sent.place)):
-            before = next((chain for chain in reversed(chains) if chain[-1].topic == one.topic and chain[-1].able
-                           and one.able and one.follows(chain[-1])), None)
-            if before is None:
-                chains.append([one])
-            else:
-                before.append(one)
-        return chains
 
     def _named_chains(self, scenes: Sequence[SceneRecord]) -> list[list[_Sent]]:
         """Return the runs of each driveline, in their order. Runs are those of one driveline if its node has the same
@@ -259,29 +234,22 @@ class Inventory:
         mine = tuple(sorted(latest.values(), key=lambda one: (runs.index(one.run), one.first_stamp_ns, one.log_ns)))
         zeros = {one.run: one.zero_ns for one in mine}
         stamps = [stamp - zeros.get(one.run, 0) for one in chain for stamp in one.stamps]
-        began = int(chain[-1].run[:8], 16) * 10**9
         topic = Counter({one.topic: sum(one.names.values()) for one in chain}).most_common(1)[0][0]
         return RecordedDriveline(topic, chain[-1].publisher, names.most_common(1)[0][0],
                                  (description_in(mine[0].text) or "scene without a description") if mine else None,
                                  sum(names.values()), min(stamps) / 1e9, max(stamps) / 1e9, False,
-                                 tuple(dict.fromkeys(one.publisher for one in chain)), runs, mine, True, began)
+                                 tuple(dict.fromkeys(one.publisher for one in chain)), runs, mine)
 
-    def _driveline(self, chain: Sequence[_Sent], recorded: Sequence[SceneRecord]) -> RecordedDriveline:
-        """Return the driveline of a chain of publishers."""
-        topic, publishers = chain[0].topic, tuple(one.publisher for one in chain)
-        names = sum((one.names for one in chain), Counter[tuple[str, ...]]())
-        scenes = self._scenes_of(topic.rpartition("/")[0], publishers, recorded) if chain[0].able else ()
-        stamps = np.array([min(one.stamps[0] for one in chain), max(one.stamps[1] for one in chain)])
-        zeros = zeros_of(one.text for one in scenes)
-        start, end = (simulation_ns(stamps, zeros) / 1e9).tolist()
-        sent, stamp = chain[-1].first
-        began = sent - int(simulation_ns(np.array([stamp]), zeros)[0])
-        return RecordedDriveline(topic, publishers[-1], names.most_common(1)[0][0],
-                         (description_in(scenes[0].text) or "scene without a description") if scenes else None,
-                         sum(names.values()), start, end, False, publishers, (),
-                         scenes, chain[0].able, began)
+    def _driveline(self, sent: _Sent, recorded: Sequence[SceneRecord]) -> RecordedDriveline:
+        """Return the driveline of a publisher whose states do not name their run."""
+        scenes = self._scenes_of(sent.topic.rpartition("/")[0], sent.publisher, recorded) if sent.able else ()
+        start, end = (simulation_ns(np.array(sent.stamps), zeros_of(one.text for one in scenes)) / 1e9).tolist()
+        return RecordedDriveline(
+            sent.topic, sent.publisher, sent.names.most_common(1)[0][0],
+            (description_in(scenes[0].text) or "scene without a description") if scenes else None,
+            sum(sent.names.values()), start, end, False, (sent.publisher,), (), scenes, sent.able)
 
-    def _scenes_of(self, space: str, publishers: Sequence[str],
+    def _scenes_of(self, space: str, publisher: str,
                    recorded: Sequence[SceneRecord]) -> tuple[SceneRecord, ...]:
         """Return the scenes of a driveline: in metadata records, and on the topic of its namespace by its process.
 
@@ -290,7 +258,7 @@ class Inventory:
         here = [one for one in self._scenes if one.space == space]
         senders = [sent.publisher for sent in self._sent.values()]
         comparable = any(same_process(one.publisher, senders) for one in self._scenes)
-        published = [one for one in here if same_process(one.publisher, publishers) or not comparable]
+        published = [one for one in here if same_process(one.publisher, (publisher,)) or not comparable]
         texts = {one.record.text for one in published}
         others = {one.record.text for one in self._scenes} - texts
         scenes = {(record.text, record.log_ns): record for record in recorded if record.text not in others}
@@ -302,8 +270,8 @@ class Inventory:
     def chosen(self, drivelines: Sequence[RecordedDriveline], choice: Choice) -> int | None:
         """Return the number of the driveline to read, or None if no driveline has the joints.
 
-        The rule: one with a scene before one without; then the shortest topic, alphabetically; then the latest to
-        start.
+        The rule: one with a scene before one without; then the shortest topic, alphabetically; then the latest run, if
+        runs have names; then the one with the most states.
         """
         topic = None if choice.topic is None else "/" + choice.topic.removeprefix("/")
         if choice.driveline is not None:
@@ -324,7 +292,8 @@ class Inventory:
             _check_joints(on, self._joints)
         return min(able, key=lambda number: (not drivelines[number].scenes, len(drivelines[number].topic),
                                              drivelines[number].topic,
-                                             -drivelines[number].began_ns, -number), default=None)
+                                             [-int(run[:8], 16) for run in drivelines[number].runs[-1:]] or [0],
+                                             -drivelines[number].states, drivelines[number].publisher), default=None)
 
 
 def _beside(one: Sequence[_Sent], other: Sequence[_Sent]) -> bool:

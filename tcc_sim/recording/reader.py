@@ -20,7 +20,7 @@ from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import held
 from tcc_sim.recording.announcements import SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.columns import Collected, Columns, JointStates
-from tcc_sim.recording.commands import COMMANDS, SOURCE, Commands, signal_types
+from tcc_sim.recording.commands import COMMANDS, SIGNALS, SOURCE, Commands
 from tcc_sim.recording.contents import CDR, MOST_DAMAGED, Batch, Channel, Contents, chunks, together, unpack
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import NO_ZEROS, Layouts, Values
@@ -53,11 +53,12 @@ from tcc_sim.topics import (
     JOINT_STATE,
     LIMITS,
     OUTPUT_JOINT,
+    SHAFT,
     TARGET,
 )
 
-_TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", SOURCE}
-"""Topics that the driveline itself publishes, beside those of a viewer."""
+_TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", SOURCE, SHAFT}
+"""Topics that the driveline itself publishes."""
 _MOST_TOPICS = 20
 BYTES_A_STATE = 230
 """Memory for one state and its derived quantities, bytes, with a message of `held` at one state of three."""
@@ -309,8 +310,7 @@ class Run:
             here = [(number, channels[number]) for number in np.flatnonzero(np.bincount(messages.channel)).tolist()
                     if number in channels] if len(messages.channel) else []
             for name, kind in kinds.items():
-                kind.take(array, messages, channels, [number for number, channel in here if self._is(channel, name)],
-                          place)
+                kind.take(array, messages, [number for number, channel in here if self._is(channel, name)], place)
             if keyed:
                 for number, channel in here:
                     if channel.type == FLOAT64_ARRAY:
@@ -334,12 +334,19 @@ class Run:
                                  "came before with other values")
         self._warn_of_inputs(runs)
         self._pass_over(kinds)
-        acted = commands_held(runs) if keyed else {}
-        signals = commands.placed(runs, (*INPUTS, TARGET) if keyed else ())
-        every = {**signals, **acted}
-        return Columns(runs, {name: every[name] for name in COMMANDS if name in every},
-                       {name: values for name, values in every.items() if name not in COMMANDS},
-                       {name: len(who) for name, who in commands.publishers.items()}, commands.recorded(runs),
+        acted = commands_held(runs)
+        recorded = commands.recorded(int(found["joint_states"].sent_ns.max(initial=0)))
+        if not keyed and (names := [name for name in COMMANDS if recorded.get(name)]):
+            self.warnings.append(f"{', '.join(names)}: left out, as the recording does not state when the driveline "
+                                 "held them (the topic held does)" + "; --target gives a target" * (TARGET in names))
+        if keyed and not window.all:  # Of the commands outside of the window those count that were never received.
+            of_all = [_in_order(np.concatenate(of_run)) for of_run in rows.values()]
+            recorded = {name: count if name not in INPUTS else count + int(sum(
+                states.grown(name, "received") for states in runs) - sum(held.grown(of_run, name) for of_run in of_all))
+                for name, count in recorded.items()}
+        return Columns(runs, {name: acted[name] for name in COMMANDS if name in acted},
+                       {name: values for name, values in acted.items() if name not in COMMANDS},
+                       {name: len(who) for name, who in commands.publishers.items()}, recorded,
                        commands.counts(driveline.runs), keyed, commands.limits)
 
     def _warn_of_inputs(self, runs: Sequence[JointStates]) -> None:
@@ -349,9 +356,6 @@ class Run:
         unknown = sum(int(np.count_nonzero(one.held_row < 0)) for one in runs if one.held_row is not None)
         if unknown:
             self.warnings.append(f"inputs are unknown at {counted(unknown, 'tick')}: messages of held are missing")
-        if not self.driveline.runs and not any(one.sent_ns.any() for one in runs):
-            self.warnings.append("no time of receipt or sending was recorded (all are 0): commands and targets are "
-                                 "left out, as nothing states when they were sent")
 
     def _chunks(self) -> Iterator[tuple[bytes, Messages, Mapping[int, Channel]]]:
         """Iterate over the chunks of all files that hold wanted messages."""
@@ -379,7 +383,7 @@ class Run:
         if driveline.runs and channel.type in (JOINT_STATE, FLUID_PRESSURE, FLOAT64_ARRAY):
             return True
         return channel.type == DIAGNOSTIC_ARRAY or channel.topic == driveline.topic or channel.row in {
-            *_TOPICS_OF_DRIVELINE, *signal_types(), LIMITS}
+            *_TOPICS_OF_DRIVELINE, *SIGNALS, LIMITS}
 
     def _every_channel(self) -> Iterator[Channel]:
         for contents in self._contents.values():
@@ -390,8 +394,7 @@ class Run:
         their publishers are known.
         """
         name, publishers = channel.topic.rpartition("/")[2], self.driveline.publishers
-        published = {row.name for row in topics.shown() if row.direction == "out"}
-        if name not in _TOPICS_OF_DRIVELINE | published or channel.topic == self.driveline.topic:
+        if name not in _TOPICS_OF_DRIVELINE or channel.topic == self.driveline.topic:
             return True
         return not self._comparable or same_process(channel.publisher, publishers)
 
@@ -495,27 +498,24 @@ _FAR_FIELDS = topics.topic("output_state").fields
 
 
 class _Origins:
-    """Runs or publishers of a driveline by number, the zeros of their stamps, and the window."""
+    """Runs of a driveline by number, the zeros of their stamps, and the window."""
 
     def __init__(self, run: Run, window: Window, zeros: NDArray[np.int64]) -> None:
         self._names, self._window, self._zeros = run.driveline.runs, window, zeros
         self._numbers = {name.encode(): number for number, name in enumerate(self._names)}
         by_run = {scene.run: scene.zero_ns for scene in run.scenes}
         self._zero = np.array([by_run.get(name, 0) for name in self._names], np.int64)
-        self._publishers: dict[str, int] = {"": 0}
+        self._identified = int(bool(run.driveline.publisher))
 
-    def of(self, values: Values, channels: Mapping[int, Channel]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return number of the run or publisher (-1: another driveline's) and simulation time (ns) of each message."""
+    def of(self, values: Values) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return number of the run (-1: another driveline's) and simulation time (ns) of each message; for runs without
+        names 1 in place of the number if the publisher is identified, else 0.
+        """
         if self._names:
             names, inverse = np.unique(values.frames, return_inverse=True)
             origin = np.array([self._numbers.get(name, -1) for name in names.tolist()], np.int64)[inverse]
             return origin, values.stamps - self._zero[np.maximum(origin, 0)]
-        numbers, inverse = np.unique(values.heads["channel"], return_inverse=True)
-        publishers = [self._publishers.setdefault(channels[channel].publisher, len(self._publishers))
-                      for channel in numbers.tolist()]
-        frames = values.frames == b""
-        return (np.where(frames, np.array(publishers, dtype=np.int64)[inverse], -1),
-                simulation_ns(values.stamps, self._zeros))
+        return (np.where(values.frames == b"", self._identified, -1), simulation_ns(values.stamps, self._zeros))
 
     def inside(self, origin: NDArray[np.int64], stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return which messages lie in the window, of unnamed runs by time alone."""
@@ -551,13 +551,12 @@ class _Kind:
         """Number of messages that could not be decoded, and the reason of one."""
         return self._layouts.refused, self._layouts.why
 
-    def take(self, data: NDArray[np.uint8], messages: Messages, channels: Mapping[int, Channel],
-             mine: list[int], before: int) -> None:
+    def take(self, data: NDArray[np.uint8], messages: Messages, mine: list[int], before: int) -> None:
         """Take the messages of these channels in one chunk, with `before` messages before it."""
         if not mine:
             return
         values = self._layouts.take(data, messages, mine)
-        origin, stamps = self._origins.of(values, channels)
+        origin, stamps = self._origins.of(values)
         ours = origin >= 0
         if not ours.all():
             origin, stamps = origin[ours], stamps[ours]

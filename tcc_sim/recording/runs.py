@@ -71,18 +71,17 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
     """Return the runs of states that do not name them, and the number of repeated states with other values than before.
 
     States of an identified publisher are in the order of its sequence numbers, others in that of the recording. A run
-    begins where another publisher begins or the stamp goes back. Other messages belong to the run during which they
-    were sent.
+    begins where the stamp goes back. Other messages belong to the run during which they were sent.
 
     Parameters
     ----------
-    states : with the number of the publisher as origin, 0 if it is not identified
+    states : with 1 as origin if their publisher is identified, else 0
     joined : further messages by column
     sources : announced sources of the inputs
     counter : of stamps, which receives them
     """
     identified = bool((states.origin > 0).all()) if len(states) else False
-    order = np.lexsort((states.number, states.origin)) if identified else np.arange(len(states))
+    order = np.argsort(states.number, kind="stable") if identified else np.arange(len(states))
     starts, kept, run = list[tuple[int, Break]](), np.zeros(len(order), np.bool_), np.zeros(len(order), np.int64)
     for piece, preceded in counter.pieces(states.stamp_ns[order], states.origin[order]):
         kept[piece] = True
@@ -111,7 +110,7 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
             _join(columns, messages, its[np.argsort(messages.stamp_ns[its], kind="stable")])
         runs.append(_filled(JointStates(**columns, run=number, began=kind, index=index)))
         index += len(mine)
-    fresh = np.append(True, (np.diff(states.origin[order]) != 0) | (np.diff(states.stamp_ns[order]) != 0))[:len(order)]
+    fresh = np.append(True, np.diff(states.stamp_ns[order]) != 0)[:len(order)]
     return _with_sources(runs, sources), _count_differing(states, order, fresh)
 
 

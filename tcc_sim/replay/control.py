@@ -15,7 +15,7 @@ from tcc_sim.messages.held import COMMAND, FALLBACK
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
-from tcc_sim.topics import TARGET
+from tcc_sim.topics import SHAFT, TARGET
 from tcc_sim.trajectory import Floats
 
 INPUTS = {"engine_torque": ("engine", "engine torque"), "actuation_pressure": ("pressure", "pressure")}
@@ -65,6 +65,10 @@ def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: in
         low, high = np.searchsorted(rows, [states.index, end])
         if high > low:
             signals[name] = states.stamp_ns[rows[low:high] - states.index], values[low:high]
+    if line.recorded.get(SHAFT):
+        driveline, far = line.scene_at(states.index).system.driveline, states.far_end
+        signals[SHAFT] = states.stamp_ns, (driveline.stiffness * (states.plate_angle - far.angle)
+                                           + driveline.damping * (states.plate_speed - far.speed))
     target = line.target_in(states)
     if len(target.t):
         signals[TARGET] = np.rint(target.t * 1e9).astype(np.int64), target.values

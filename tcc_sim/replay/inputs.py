@@ -17,7 +17,7 @@ from tcc_sim.errors import counted
 from tcc_sim.messages import held
 from tcc_sim.plant.closed_loop import doubt_of
 from tcc_sim.recording.columns import JointStates
-from tcc_sim.replay.timeline import Timeline, grown
+from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported
 from tcc_sim.topics import INPUTS
 
@@ -119,7 +119,7 @@ def _held_input(line: Timeline, name: str) -> HeldInput:
         for one in seconds:
             seconds[one] += float(steps[source == one].sum())
         unknown += float(steps[np.isnan(source)].sum())
-        counts += [grown(states, name, what) for what in ("received", "superseded", "refused", "lost")]
+        counts += [states.grown(name, what) for what in ("received", "superseded", "refused", "lost")]
     publishers, recorded = line.publishers.get(name, 0), line.recorded.get(name, 0)
     if unknown and not stated:
         return HeldInput(None, None, seconds[held.SCENE], line.counts.get(f"{name} refused"), publishers, recorded,

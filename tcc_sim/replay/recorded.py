@@ -78,7 +78,7 @@ class Recording(Result):
     joints : names of flywheel and clutch_plate in the recording, if they differ
     topic : topic of the joint_states to read, if there are several
     driveline : number of the driveline to read, counted from 0; None for one with a scene, on the shortest topic, and
-        the latest to start on it
+        there the latest run or, without names of runs, the one with the most states
 
     Raises
     ------

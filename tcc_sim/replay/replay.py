@@ -35,6 +35,7 @@ from tcc_sim.replay.verification import verify as verification_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.sweeps.progress import begin_progress
+from tcc_sim.topics import SHAFT
 from tcc_sim.trajectory import modes_of
 
 if TYPE_CHECKING:
@@ -104,7 +105,8 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         timing = timing_of(recorded_scene, frequency, line.runs, frequency_changes(run), run.scene_text is None)
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, printable(recording.path.name), timing, recorded_scene, where,
-                     run.controlled or aim is not None, [*line.commands, *line.further],
+                     run.controlled or aim is not None,
+                     [*line.commands, *line.further, *[SHAFT] * (SHAFT in line.recorded)],
                      1e-9 * sum(int(np.ptp(states.stamp_ns)) for states in line.runs)) if where else None
         result = _analysed(recording, line, timing, default_of(discard, timing, recorded_scene), damping, view, bar,
                            began, band, limits or line.limits)

@@ -39,8 +39,8 @@ class Timeline:
     scenes : all scenes of the recording
     places : (index of the first state, number of the scene that applies from it on), not descending
     commands : commands by topic
-    further : likewise the numbers of other topics that a viewer shows by themselves
-    publishers, recorded : numbers of publishers of commands, and of recorded commands, by topic; without the commands
+    further : likewise speeds of the far end
+    publishers, recorded : numbers of publishers of commands, and of recorded messages, by topic; without the commands
         that were received outside of a window
     counts : counts of the driveline's diagnostics over the whole recording, by key
     keyed : whether the states name their runs
@@ -182,19 +182,9 @@ def _within(runs: Sequence[JointStates], every: Commanded) -> Commanded:
     return Commanded(*(np.concatenate(columns) for columns in zip(*pieces)))
 
 
-def grown(states: JointStates, name: str, count: str) -> float:
-    """Return the growth of a count of an input over the states of a run; from the begin of the run if they begin there.
-    """
-    values = states.input(name, count)
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return np.nan
-    return float(known[-1] - (known[0] if states.stamp_ns[0] > 0 else 0.0))
-
-
 def _received(runs: Sequence[JointStates], name: str) -> int:
     """Return the number of commands of an input that were received in some runs, as far as it is known."""
-    return int(np.nansum([grown(states, name, "received") for states in runs])) if name in INPUTS else 0
+    return int(np.nansum([states.grown(name, "received") for states in runs])) if name in INPUTS else 0
 
 
 def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timeline:

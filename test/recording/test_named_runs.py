@@ -6,6 +6,7 @@ counts of the inputs are those that the driveline was given; where messages are 
 
 import json
 import math
+import os
 import random
 import struct
 from collections.abc import Callable
@@ -17,11 +18,15 @@ import numpy as np
 import pytest
 
 from tcc_sim.cli import main
+from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.messages.held import SIZE, held_message
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.reader import BYTES_A_STATE
+from tcc_sim.recording.window import Window
+from tcc_sim.replay.replay import replay
 from tcc_sim.scene import Scene, load_scene
 from tcc_sim.topics import FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, JOINT_STATE, STRING
 
@@ -336,3 +341,14 @@ def test_another_driveline_of_the_same_name_beside_it_is_listed_apart(tmp_path: 
     result = figures(save(tmp_path / "run", [one for pair in zip(mine, other) for one in pair]))
     assert [(one["states"], one["read"]) for one in result["drivelines"]] == [(1000, False), (1000, True)]
     assert result["clutch_energy"] == expected("all")["clutch_energy"]
+
+
+def test_a_part_of_a_recording_beyond_the_memory_has_the_counts_of_that_part(tmp_path, monkeypatch):
+    path, window = save(tmp_path / "run", made()), Window(1, 0.1, 0.5)
+    every, part = (replay(path, discard=0, window=one).inputs for one in (None, window))
+    assert 0 < part["engine_torque"].commands < every["engine_torque"].commands
+    pages = 2 * 600 * BYTES_A_STATE // os.sysconf("SC_PAGE_SIZE")
+    monkeypatch.setattr(os, "sysconf", lambda name, known=os.sysconf: pages if name == "SC_PHYS_PAGES" else known(name))
+    with pytest.raises(InputError, match="--from and --to"):
+        replay(path)
+    assert replay(path, discard=0, window=window).inputs == part

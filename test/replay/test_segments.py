@@ -57,7 +57,8 @@ def test_one_run_is_one_segment_with_the_figures_of_the_whole(tmp_path):
 def test_resets_restarts_and_parameters_begin_segments(tmp_path):
     rows = [*steady(2.0, 150.0), *steady(1.0, 100.0), *shifted(steady(1.0, 50.0), 1001), *steady(1.5, 80.0)]
     said = [said_at(3002, 1001, engine__mean_torque=290.0)]
-    path = bag(tmp_path / "run", rows, SLIP, said=said, publishers=[(0, "a1"), (4003, "b2")])
+    path = bag(tmp_path / "run", rows, SLIP, said=said, publishers=[(0, "a1"), (4003, "b2")],
+               named=True)
     result = replay(path, discard=2)
     json_rows = result.as_json()["segments"]
     assert [(s["began_by"], round(s["start"], 3), round(s["end"], 3)) for s in json_rows] == [
@@ -75,7 +76,8 @@ def test_resets_restarts_and_parameters_begin_segments(tmp_path):
 def test_a_scene_that_a_restart_brings_counts_from_there_on(tmp_path):
     other = SLIP.with_values({"engine.frequency": 100.0})
     rows = [*steady(2.0, 150.0), *steady(2.0, 120.0, omega=100.0)]
-    path = bag(tmp_path / "run", rows, SLIP, said=[(2001, other.text())], publishers=[(0, "a1"), (2001, "b2")])
+    path = bag(tmp_path / "run", rows, SLIP, said=[(2001, other.text())], publishers=[(0, "a1"), (2001, "b2")],
+               named=True)
     first, second = replay(path, discard=2).as_json()["segments"]
     assert (second["began_by"], second["changes"]) == ("restart", {"engine.frequency": 100.0})
     assert (first["period"], second["period"], second["cycles"]) == (1, 1, 31)
@@ -132,7 +134,7 @@ def test_a_recorded_target_is_judged_and_a_new_one_begins_a_segment(tmp_path, ca
 def test_a_target_that_is_given_is_that_of_a_recorded_one(tmp_path):
     rows = [*controlled(20.0), *shifted(controlled(50.0, start=20.0), 3001)]
     recorded = replay(bag(tmp_path / "one", rows, SLIP, targets=[(0, 20.0), (3001, 50.0)])).segments
-    bare = bag(tmp_path / "two", rows, SLIP)
+    bare = bag(tmp_path / "two", rows, SLIP, named=True)
     given = replay(bare, target={0.0: 20.0, 3.0005: 50.0})
     # By their text: a nan equals itself there, and from Python 3.13 on no longer as a field.
     assert [repr(s.tracking) for s in given.segments] == [repr(s.tracking) for s in recorded]
@@ -302,7 +304,7 @@ def test_the_counts_of_diagnostics_are_those_of_the_driveline(tmp_path):
                                 "first late tick (s)": 0.004, "last late tick (s)": 0.001 * k,
                                 "lateness max (s)": 0.002 * counts[0]})
             others[k].append(("/diagnostics", DIAGNOSTIC_ARRAY, log, log, data))
-    bag(tmp_path / "run", rows, COMMANDS, targets=[(0, 20.0)], joined=others)
+    bag(tmp_path / "run", rows, COMMANDS, joined=others)
     result = replay(tmp_path / "run", discard=0)
     held = result.inputs["actuation_pressure"]
     assert (held.publishers, held.refused, result.missed_ticks) == (2, 7, 6)
