@@ -115,7 +115,8 @@ FLAWS: dict[str, Callable[[], Flaw]] = {
     "clock set forward a little": lambda: stepping(3 * 10**8), "clock set back a little": lambda: stepping(-3 * 10**8),
     "reset amid": lambda: Flaw([*clean()[:1000], *clean()], clean(), "2 runs", {"clock": lambda k: START + k * TICK}),
     "restart amid": lambda: Flaw([*clean()[:1000], *clean()], clean(), "2 runs",
-                                 {"publishers": [(0, "first"), (1000, "second")], "clock": lambda k: START + k * TICK}),
+                                 {"publishers": [(0, "first"), (1000, "second")], "named": True,
+                                  "clock": lambda k: START + k * TICK}),
     "cut file": lambda: Flaw(clean(), clean(), "cut short", {"cut": True}, bytes=0.8),
     "blocks exchanged": exchanged, "other topic lost": missing_pressure, "paused": paused,
 }
