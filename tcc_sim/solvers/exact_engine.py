@@ -593,12 +593,14 @@ def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float)
     """Return the setup of motions with derivatives; raise OutOfRange if a damper's decay takes too many steps."""
     if terms.stribeck is not None:
         terms = terms._replace(stribeck=(terms.stribeck[0], max(terms.stribeck[1], SLOWEST), *terms.stribeck[2:]))
-    bounds, waves = bounds_of(terms, system.cycle, FINER * rtol), waves_of(terms)
+    waves = waves_of(terms)
     if terms.stribeck is not None and changes[of.EXCESSES + of.DECAYS].any():  # Their derivatives decay later.
         pairs = exponentials(terms.stribeck)
         wide = tuple(number for share, rate in pairs for number in (max(abs(share), 1.0), rate))
         bounds = bounds_of(terms._replace(stribeck=wide), system.cycle, FINER * rtol)._replace(
             ratio=1.0 + sum(share for share, _ in pairs))
+    else:
+        bounds = bounds_of(terms, system.cycle, FINER * rtol)
     if decay_of_plate(terms) * bounds.period > REACH * bounds.steps:
         raise OutOfRange(f"driveline.damping is {system.driveline.damping:g} N m s/rad; over driveline.plate_inertia "
                          f"it decays at {decay_of_plate(terms):.3g} 1/s, and the derivatives of the set-valued motion, "
