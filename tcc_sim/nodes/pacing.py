@@ -75,7 +75,7 @@ class Pacer:
         self.lateness_max = self.missed_by = 0.0
         self._lead_limit = lead * 1e9
         self._lead = 0.0
-        self._recent = [0.0] * kept
+        self._recent = np.zeros(kept)
         self.anchor()
 
     def anchor(self) -> None:
@@ -123,13 +123,13 @@ class Pacer:
 
     def latenesses(self) -> NDArray[np.float64]:
         """Return the latenesses of the last ticks, s, unordered."""
-        return np.array(self._recent[:self.ticks])
+        return self._recent[:self.ticks].copy()
 
     def lateness(self) -> tuple[float, float]:
         """Return median and 99th percentile of the lateness of the last ticks, s."""
         if not self.ticks:
             return 0.0, 0.0
-        middle, high = np.percentile(self.latenesses(), (50, 99))
+        middle, high = np.percentile(self._recent[:self.ticks], (50, 99))
         return float(middle), float(high)
 
 
