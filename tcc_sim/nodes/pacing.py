@@ -123,7 +123,7 @@ class Pacer:
 
     def latenesses(self) -> NDArray[np.float64]:
         """Return the latenesses of the last ticks, s, unordered."""
-        return self._recent[:self.ticks].copy()
+        return np.array(self._recent[:self.ticks])
 
     def lateness(self) -> tuple[float, float]:
         """Return median and 99th percentile of the lateness of the last ticks, s."""
