@@ -24,6 +24,8 @@ TARGET = 20.0
 """Target slip speed of the slip controller in scenes with a commanded pressure, rad/s."""
 CONTROLLED = "controlled"
 """Default scene for the user's controller."""
+RATE = 500.0
+"""Ticks per second of the default demo, Hz: two cores of a slow machine carry driveline, recorder and commander."""
 STEP = 0.1
 """Time between two checks of the nodes, s."""
 
@@ -36,7 +38,7 @@ def run(arguments: argparse.Namespace, scene: str | None = None, controller: str
 
     Parameters
     ----------
-    scene : name of a bundled scene, or a file (default: commands, with a node that publishes both commands)
+    scene : name of a bundled scene, or a file (default: commands at 500 Hz, with a node that publishes both commands)
     controller : command that starts your controller instead of the example, such as 'python my_node.py'; the default
         scene is then controlled
     duration : recorded time, s
@@ -57,7 +59,8 @@ def run(arguments: argparse.Namespace, scene: str | None = None, controller: str
             f"{' and no overview.png' if len(missing) == 2 else ''}; to get both: pip install 'tcc_sim[view]'")
     directory.mkdir()
     recording = directory / "recording"
-    _record(driven, name, recording, duration, commands)
+    rate = RATE if scene is None and controller is None else driven.operation.rate
+    _record(driven, {"scene": name, "rate": rate}, recording, duration, commands)
     return _analyse(driven, recording, directory, missing, arguments)
 
 
@@ -76,7 +79,7 @@ def _split_command(command: str, scene: Scene) -> list[str]:
     return words
 
 
-def _record(scene: Scene, name: str, recording: Path, duration: float,
+def _record(scene: Scene, driveline: dict[str, object], recording: Path, duration: float,
             controller: tuple[str, dict[str, object]] | list[str] | None) -> None:
     """Run driveline, recorder and the sender of commands as processes for `duration` seconds of real time.
 
@@ -92,8 +95,8 @@ def _record(scene: Scene, name: str, recording: Path, duration: float,
             f"slip controller: holds a mean slip speed of {TARGET:g} rad/s")
     operation = scene.operation
     paced = operation.pacing != "lockstep" and operation.real_time_factor > 0.0
-    session = Session(recording, {"scene": name}, controller, real_time=paced and not operation.thread_priority)
-    say(f"recording {duration:g} s to {recording}", flush=True)
+    session = Session(recording, driveline, controller, real_time=paced and not operation.thread_priority)
+    say(f"recording {duration:g} s at {driveline['rate']:g} Hz to {recording}", flush=True)
     try:
         with seconds_bar("recording", duration) as done:
             began = time.monotonic()
