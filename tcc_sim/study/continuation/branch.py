@@ -44,6 +44,7 @@ from tcc_sim.study.continuation.special_points import (
 
 FAMILY = 1e-7  # distance of a multiplier from 1, and slope of the parameter, in a family at one value
 FAMILY_LENGTH = 1e-2  # length of a branch in a family before it ends
+NEXT_TO_ONE = 1e-3  # distance of a multiplier from 1 below which the halves of an orbit are compared
 SAME_END = 1e-6  # distance, relative to the range, at which a fold is the doubling where its branch ends
 CORNER_STEP = 1e-10  # smallest step beyond a corner
 CORNER_DISTANCES = (1e-8, 1e-7, 1e-6, 1e-5)  # distances at which the other side of a corner is tried
@@ -141,7 +142,10 @@ def _unresolved(track: BranchTrack, new: ContinuationPoint) -> End | None:
 def _ended(track: BranchTrack, new: ContinuationPoint, special: list[Bifurcation],
            stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
     """The end of the branch where the orbit's period becomes shorter, or at its first point."""
-    shorter = period_doubling_end(track.here, new) if track.here.solution.sign != new.solution.sign else None
+    # Next to it rounding decides the sign of a determinant, but a multiplier is 1.
+    turns = track.here.solution.sign != new.solution.sign or min(
+        float(np.abs(point.orbit.multipliers - 1.0).min()) for point in (track.here, new)) < NEXT_TO_ONE
+    shorter = period_doubling_end(track.here, new) if turns else None
     if shorter is not None:
         # Beyond it the branch is its own shift: the multiplier of 1 there is no fold and no branch point.
         special, span = [f for f in special if f.kind not in ("branch_point", "fold")], shorter.shooting.ranges[0]

@@ -7,6 +7,7 @@ import by_auto
 import numpy as np
 import pytest
 from independent import multipliers
+from interpreter import python
 
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
@@ -89,6 +90,13 @@ def test_a_canard_ends_a_branch_with_a_sentence() -> None:
     assert max(f.residual for f in result.bifurcations) < 1e-8
     # Branch ends in the doubling of period one, which is no fold.
     assert min(s.value for s in branch.points[-3:]) / 0.3 == pytest.approx(by_auto.DOUBLING, abs=1e-7)
+
+
+def test_rounding_lets_no_branch_pass_the_doubling_at_its_end() -> None:
+    """These kernels of OpenBLAS round so that the determinant changes its sign beside the doubling."""
+    code = "import test_driveline_map as here; here.test_a_canard_ends_a_branch_with_a_sentence()"
+    ended = python("-c", code, OPENBLAS_CORETYPE="Sandybridge")
+    assert ended.returncode == 0, ended.stderr
 
 
 def test_period_one_through_pure_creep_has_a_doubling_and_a_fold() -> None:
