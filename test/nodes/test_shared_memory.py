@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from tcc_sim.errors import TccError
-from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
+from tcc_sim.nodes.children import CLOCK_STARTED, Domain, NodeProcess
 from tcc_sim.nodes.shared_memory import FOLDER, clear, remove_ownerless, unfinished
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
@@ -47,9 +47,18 @@ def test_what_no_process_holds_is_removed_and_the_rest_stays(tmp_path: Path) -> 
 
 
 @pytest.fixture
+def domain() -> Iterator[str]:
+    """ROS domain of one test: in that of the session a killed process may have left the port's file."""
+    own = Domain()
+    yield str(own.number)
+    own.close()
+
+
+@pytest.fixture
 def begun(domain: str) -> Iterator[Path]:
     """Unfinished file of a dead process for the port that the first participant of the domain opens."""
     port = FOLDER / f"fastdds_port{7411 + 250 * int(domain)}"
+    port.unlink(missing_ok=True)  # Nobody is in the domain.
     with port.open("xb") as file:
         file.truncate(PORT_BYTES)
     yield port
