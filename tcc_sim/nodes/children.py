@@ -104,14 +104,14 @@ class PrivateEnvironment:
 
 
 class ChildProcess(subprocess.Popen[str]):
-    """Child process whose lines on standard error are stored; `priority` is that of SCHED_FIFO, 0 for none."""
+    """Child process whose lines on standard error are stored."""
 
-    def __init__(self, name: str, command: Sequence[str], environment: dict[str, str], priority: int = 0) -> None:
+    def __init__(self, name: str, command: Sequence[str], environment: dict[str, str]) -> None:
         self.name = name
         # In a new session Ctrl-C on the terminal reaches only the parent, which ends its children in order.
         super().__init__(command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
                          stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True,
-                         preexec_fn=end_with_parent(priority=priority))
+                         preexec_fn=end_with_parent())
         self.lines: list[str] = []
         self._changed = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -189,7 +189,10 @@ class NodeProcess(ChildProcess):
             "-p", f"{key}:={str(value).lower() if isinstance(value, bool) else value}")]
         code = (f"import sys; sys.path[:] = [{str(PACKAGE.parent)!r}, *filter(None, sys.path)]; import tcc_sim; "
                 f"del sys.path[0]; from tcc_sim.nodes.executables import run; run({node!r})")
-        super().__init__(node, [sys.executable, "-c", code, "--ros-args", *words], environment, priority)
+        super().__init__(node, [sys.executable, "-c", code, "--ros-args", *words], environment)
+        if priority:
+            with suppress(OSError):  # It may have ended.
+                os.sched_setscheduler(self.pid, os.SCHED_FIFO, os.sched_param(priority))
 
 
 class Session:
@@ -278,11 +281,10 @@ def grants_priority() -> bool:
     return True
 
 
-def end_with_parent(number: signal.Signals = signal.SIGINT, priority: int = 0) -> Callable[[], None]:
+def end_with_parent(number: signal.Signals = signal.SIGINT) -> Callable[[], None]:
     """Return a `preexec_fn` with which Linux sends a child this signal when the thread that started it ends.
 
-    So a command that is killed leaves no node behind. A child whose parent has ended before sends it to itself. With a
-    `priority` other than 0 the child runs under SCHED_FIFO.
+    So a command that is killed leaves no node behind. A child whose parent has ended before sends it to itself.
     """
     parent = os.getpid()
 
@@ -292,7 +294,5 @@ def end_with_parent(number: signal.Signals = signal.SIGINT, priority: int = 0) -
             _LIBC.prctl(_PR_SET_PDEATHSIG, number)
             if os.getppid() != parent:
                 os.kill(os.getpid(), number)
-            if priority:
-                os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 
     return ask
