@@ -196,13 +196,13 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
 def _without_gaps(t: Floats, source: str) -> tuple[slice, tuple[str, ...]]:
     """Return the longest part of a recording in which no state was lost, and a sentence if there are others."""
     steps = np.diff(t)
-    edges = [0, *(np.flatnonzero(steps > 1.5 * np.median(steps)) + 1), len(t)] if len(t) > 1 else [0, len(t)]
-    k = int(np.argmax(np.diff(edges)))
-    part = slice(int(edges[k]), int(edges[k + 1]))
-    if len(edges) == 2:
-        return part, ()
-    return part, (f"{source}: only {t[part.start]:.6g} to {t[part.stop - 1]:.6g} s is used, the longest part without a "
-                  "lost state",)
+    lost = np.flatnonzero(steps > 1.5 * np.median(steps)) if len(steps) else np.empty(0, np.int64)
+    if not len(lost):
+        return slice(0, len(t)), ()
+    begin, end = longest_part(t, np.stack([t[lost], t[lost + 1]], axis=1))
+    first, last = np.searchsorted(t, [begin, end]).tolist()
+    return slice(first, last + 1), (f"{source}: only {begin:.6g} to {end:.6g} s is used, the longest part without a "
+                                    "lost state",)
 
 
 def _evenly_spaced(t: Floats, source: str) -> tuple[int, tuple[str, ...]]:
