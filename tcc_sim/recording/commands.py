@@ -15,7 +15,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.messages.held import PROCESS
 from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSource, Stamps, read_source
 from tcc_sim.recording.contents import Channel
-from tcc_sim.recording.layouts import HEAD as _HEAD
+from tcc_sim.recording.layouts import heads_at
 from tcc_sim.recording.records import Messages
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, LIMITS, SHAFT, TARGET
 
@@ -194,6 +194,6 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
     offset, place = offset[little], place[little]
     values = sliding_window_view(array, 8)[place].copy().view("<f8")[:, 0]
     finite = np.isfinite(values)
-    heads = sliding_window_view(array, _HEAD.itemsize)[offset[finite]].view(_HEAD)[:, 0]
+    heads = heads_at(array, offset[finite])
     number, log, sent = (heads[name].astype(np.int64) for name in ("number", "log_ns", "sent_ns"))
     return number, np.where(sent > 0, sent, log), values[finite].astype(np.float64)

@@ -26,6 +26,12 @@ Floats = NDArray[np.float64]
 Positions = NDArray[np.int64]
 
 
+def heads_at(data: NDArray[np.uint8], offsets: NDArray[Any]) -> NDArray[np.void]:
+    """Return the HEAD of the messages that begin at these bytes, (n,)."""
+    heads: NDArray[np.void] = sliding_window_view(data, HEAD.itemsize)[offsets].view(HEAD)[:, 0]
+    return heads
+
+
 class Values(NamedTuple):
     """Messages of a chunk that hold the wanted values, in their order.
 
@@ -154,7 +160,7 @@ class Layouts:
             wrong = ((rows ^ expected) & mask).any(axis=1)
         mine[mine] = ~wrong
         if mine.any():
-            heads = sliding_window_view(data, HEAD.itemsize)[offset[~wrong]].view(HEAD)[:, 0]
+            heads = heads_at(data, offset[~wrong])
             right = np.ascontiguousarray(rows[~wrong])
             length = int.from_bytes(expected[_FRAME - 4:_FRAME].tobytes(), "little") - 1
             frames = (np.ascontiguousarray(right[:, _FRAME:_FRAME + cdr.RUN_LENGTH]).view(NO_FRAMES.dtype)[:, 0]
