@@ -253,7 +253,7 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
 def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: int) -> PeerRun:
     """Run one of XPPAUT's methods; `seconds` is the CPU time of some cycles minus that of one, scaled.
 
-    Those are TIMED cycles, or of a slow method as many as asked for. The difference excludes start-up and reading the
+    A fast method solves TIMED cycles for it, a slow one `cycles`. The difference excludes start-up and reading the
     file. Time and states come from runs with outputs at the cycle ends only. Without repeats there is no time.
 
     Raises
