@@ -186,6 +186,8 @@ class _OnWorkers(Executor):
 
     def submit(self, function: Callable[..., Done], /, *words: Any, **options: Any) -> Future[Done]:
         """Return the future of a task that a worker computes."""
+        from distributed.comm import CommClosedError
+
         local: Future[Done] = Future()
         remote = self._client.submit(function, *words, **options, pure=False, retries=LOST_WORKERS)
 
@@ -196,7 +198,7 @@ class _OnWorkers(Executor):
                 result = await remote
             except BaseException as raised:  # Dask raises errors of tasks, and several kinds of its own.
                 error = raised
-            if remote.cancelled():
+            if remote.cancelled() or isinstance(error, CommClosedError):  # The scheduler has gone.
                 local.cancel()
             if local.set_running_or_notify_cancel():
                 local.set_result(result) if error is None else local.set_exception(error)

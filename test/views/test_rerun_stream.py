@@ -143,8 +143,10 @@ def test_a_viewer_that_hangs_up_is_named() -> None:
         viewer.bind(("127.0.0.1", 0))
         viewer.listen()
         url = f"rerun+http://127.0.0.1:{viewer.getsockname()[1]}/proxy"
-        with pytest.raises(InputError, match="viewer"), RerunStream("run", CYCLE, url=url):
+        with pytest.raises(InputError, match="viewer"), RerunStream("run", CYCLE, url=url, room=1000) as stream:
             viewer.shutdown(socket.SHUT_RDWR)
+            for first in range(0, 100_000, 500):
+                stream.samples(*batch(first, 500))
 
 
 @pytest.fixture
