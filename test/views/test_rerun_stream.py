@@ -143,7 +143,8 @@ def test_a_viewer_that_hangs_up_is_named() -> None:
         viewer.bind(("127.0.0.1", 0))
         viewer.listen()
         url = f"rerun+http://127.0.0.1:{viewer.getsockname()[1]}/proxy"
-        with pytest.raises(InputError, match="viewer"), RerunStream("run", CYCLE, url=url, room=1000) as stream:
+        stream = RerunStream("run", CYCLE, url=url, room=1000)
+        with pytest.raises(InputError, match="viewer"), stream:  # noqa: PT012
             viewer.shutdown(socket.SHUT_RDWR)
             for first in range(0, 100_000, 500):
                 stream.samples(*batch(first, 500))
