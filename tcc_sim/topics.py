@@ -24,6 +24,8 @@ class Topic:
         in them; empty for a topic that Rerun does not show
     latched : late subscribers receive the last message (transient local)
     fields : names of `plant.driveline.Reading` published every tick; empty for a topic not published every tick
+    joints, arrays : joints of a JointState with such fields, and which of position, velocity and effort it has; fields
+        are in the order of the arrays, and in each of the joints
     key : scene key with the allowed range of a command
     """
 
@@ -37,6 +39,14 @@ class Topic:
     latched: bool = False
     fields: tuple[str, ...] = ()
     key: str = ""
+    joints: tuple[str, ...] = ()
+    arrays: tuple[bool, bool, bool] = (True, True, True)
+
+    @property
+    def joint_fields(self) -> tuple[str, ...]:
+        """Names of all positions, velocities and efforts of the joints; empty in an array that is absent."""
+        fields = iter(self.fields)
+        return tuple(next(fields) if there else "" for there in self.arrays for _ in self.joints)
 
     @property
     def panel(self) -> str:
@@ -101,7 +111,7 @@ TOPICS: tuple[Topic, ...] = (
           "angles (rad), speeds (rad/s) of flywheel and clutch plate; efforts: engine torque on the flywheel and "
           "friction torque on the plate (N m)", "plate",
           fields=("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque",
-                  "friction_torque")),
+                  "friction_torque"), joints=JOINT_NAMES),
     Topic("applied_pressure", FLUID_PRESSURE, "Pa", "out", _PRESSURE,
           "actuation pressure at the end of this tick", "pressure/applied",
           fields=("applied_pressure",)),
@@ -112,16 +122,18 @@ TOPICS: tuple[Topic, ...] = (
     Topic("stick_slip_state", INT8, "", "out", _SCALARS, "-1 negative slip, 0 stick, 1 positive slip", "state",
           fields=("stick_slip_state",)),
     Topic("slip_speed_stamped", JOINT_STATE, "rad/s", "out", _STAMPED,
-          "slip speed as velocity of a joint clutch", fields=("slip_speed",)),
+          "slip speed as velocity of a joint clutch", fields=("slip_speed",), joints=(CLUTCH_JOINT,),
+          arrays=(False, True, False)),
     Topic("friction_torque_stamped", JOINT_STATE, "N m", "out", _STAMPED,
-          "friction torque as effort of a joint clutch", fields=("friction_torque",)),
+          "friction torque as effort of a joint clutch", fields=("friction_torque",), joints=(CLUTCH_JOINT,),
+          arrays=(False, False, True)),
     Topic("shaft_torque", FLOAT64, "N m", "out", _SHAFT,
           "torque of the shaft on a vehicle at its far end", "torque/shaft",
           fields=("shaft_torque",)),
     Topic("output_state", JOINT_STATE, "", "other", (),
           "joint output, the shaft's far end, after the first output_speed: angle theta3 (rad), speed (rad/s), shaft "
           "torque (N m)",
-          fields=("output_angle", "output_speed", "shaft_torque")),
+          fields=("output_angle", "output_speed", "shaft_torque"), joints=(OUTPUT_JOINT,)),
     Topic("target_slip_speed", FLOAT64, "rad/s", "other", (),
           "slip speed that a controller holds in the mean over a period of excitation", "control/target", latched=True,
           key="initial.slip_speed"),
@@ -155,8 +167,18 @@ HELD_INPUTS = (*INPUTS, FAR_END, TARGET)
 def shown() -> tuple[Topic, ...]:
     """Return the topics whose numbers a viewer shows by themselves; joint_states has those of the others."""
     known = {*topic("joint_states").fields, "slip_speed", "stick_slip_state"}
-    return tuple(row for row in TOPICS if row.view and row.type in (FLOAT64, FLUID_PRESSURE)
+    return tuple(row for row in TOPICS if row.view and row.type in (FLOAT64, FLUID_PRESSURE, JOINT_STATE)
                  and not (row.fields and known.issuperset(row.fields)))
+
+
+def stamped() -> tuple[Topic, ...]:
+    """Return the topics with run and stamp of a state beside joint_states, whose values no earlier topic has."""
+    known, found = {*topic("joint_states").fields, "slip_speed"}, list[Topic]()
+    for row in TOPICS:
+        if row.type in (FLUID_PRESSURE, JOINT_STATE) and not known.issuperset(row.fields):
+            known.update(row.fields)
+            found.append(row)
+    return tuple(found)
 
 
 def topic(name: str) -> Topic:

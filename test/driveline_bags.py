@@ -180,7 +180,7 @@ def bag(directory, rows, scene, *, said=(), cut=False, clock=None, publishers=No
         if pressed and stamp not in unpressed:
             writer.write(applied[owner], log, log, cdr.fluid_pressure(stamp, pressure, frame=frame), number)
         if stamp in at_end:
-            far = cdr.output_state(*at_end[stamp], frame=frame)
+            far = cdr.ENCODERS["output_state"](*at_end[stamp], frame=frame)
             writer.write(channel("/output_state", JOINT_STATE), log, log, far, number)
         for name, kind, when, sent, data, *who in (joined or {}).get(number, ()):
             writer.write(channel(name, kind, *who), when, sent, data, number)

@@ -11,6 +11,7 @@ import math
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from tcc_sim import topics
 from tcc_sim.errors import counted
-from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, OUTPUT_JOINT
+from tcc_sim.topics import JOINT_NAMES
 
 HEADER = b"\x00\x01\x00\x00"
 """Encapsulation: plain CDR, little-endian, no options."""
@@ -124,23 +125,23 @@ def joint_state(stamp_ns: int, flywheel_angle: float, plate_angle: float, flywhe
                        2, flywheel_speed, plate_speed, 2, engine_torque, friction_torque)
 
 
-def output_state(stamp_ns: int, angle: float, speed: float, torque: float, frame: str = "") -> bytes:
-    """Serialise the far end's sensor_msgs/msg/JointState: stamp (ns), angle (rad), speed (rad/s), shaft torque (N m).
-    """
-    layout, head = _joints((OUTPUT_JOINT,), (1, 1, 1), frame)
-    return layout.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), head, 1, angle, 1, speed, 1, torque)
+def _joint_encoder(row: topics.Topic) -> Callable[..., bytes]:
+    """Return the encoder of a topic's JointState by its joints and arrays."""
+    counts = _counts_of(row)
+
+    def encode(stamp_ns: int, *values: float, frame: str = "") -> bytes:
+        layout, head = _joints(row.joints, counts, frame)
+        rest, parts = iter(values), list[float]()
+        for count in counts:
+            parts += count, *islice(rest, count)
+        return layout.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), head, *parts)
+
+    return encode
 
 
-def clutch_velocity(stamp_ns: int, speed: float, frame: str = "") -> bytes:
-    """Serialise a sensor_msgs/msg/JointState of joint clutch with a velocity alone: stamp (ns), slip speed (rad/s)."""
-    layout, head = _joints((CLUTCH_JOINT,), (0, 1, 0), frame)
-    return layout.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), head, 0, 1, speed, 0)
-
-
-def clutch_effort(stamp_ns: int, torque: float, frame: str = "") -> bytes:
-    """Serialise a sensor_msgs/msg/JointState of joint clutch with an effort alone: stamp (ns), torque (N m)."""
-    layout, head = _joints((CLUTCH_JOINT,), (0, 0, 1), frame)
-    return layout.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), head, 0, 0, 1, torque)
+def _counts_of(row: topics.Topic) -> tuple[int, ...]:
+    """Return the numbers of positions, velocities and efforts of a topic's JointState."""
+    return tuple(len(row.joints) if there else 0 for there in row.arrays)
 
 
 @lru_cache(maxsize=64)
@@ -198,16 +199,14 @@ def _framed(encode: Callable[..., bytes]) -> Callable[..., bytes]:
     return lambda _, value, frame="": encode(value)
 
 
+_BY_TYPE: Mapping[str, Callable[..., bytes]] = {
+    topics.FLOAT64: _framed(float64), topics.INT8: _framed(int8), topics.CLOCK: _framed(clock),
+    topics.FLUID_PRESSURE: lambda stamp_ns, pressure, frame="": fluid_pressure(stamp_ns, pressure, frame=frame)}
 ENCODERS: Mapping[str, Callable[..., bytes]] = {
-    "output_state": output_state, "slip_speed_stamped": clutch_velocity, "friction_torque_stamped": clutch_effort,
-    topics.FLOAT64: _framed(float64),
-    topics.INT8: _framed(int8),
-    topics.FLUID_PRESSURE: fluid_pressure,
-    topics.JOINT_STATE: joint_state,
-    topics.CLOCK: _framed(clock),
-}
-"""Topic, or message type of all other topics -> function that serialises a stamp (ns) and the message's values; `frame`
-is that of messages with a header.
+    **{row.name: _BY_TYPE.get(row.type) or _joint_encoder(row) for row in topics.TOPICS if row.fields},
+    "joint_states": joint_state}
+"""Topic with a message for every tick -> function that serialises a stamp (ns) and the fields; `frame` is that of
+messages with a header.
 """
 
 
@@ -342,33 +341,40 @@ def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str]
     return shape.layout(values)
 
 
-def fluid_pressure_layout(frame_id: str = "") -> Layout:
-    """Return the layout of FluidPressure messages with a frame of this length."""
+def fluid_pressure_layout(frame_id: str = "", field: str = "fluid_pressure") -> Layout:
+    """Return the layout of FluidPressure messages with a frame of this length; `field` names the pressure."""
     shape = _Shape()
     shape.text(frame_id, same=False)
     shape.align(8)
     start = len(shape.data)
     shape.put(bytes(16), False)
-    return shape.layout({"fluid_pressure": start, "variance": start + 8})
+    return shape.layout({field: start, "variance": start + 8})
 
 
 JOINT_STATE = joint_state_layout().record
 """NumPy type of a serialised joint_states message with an empty frame."""
-OUTPUT_STATE = joint_state_layout((OUTPUT_JOINT,), (OUTPUT_JOINT,), fields=topics.topic("output_state").fields)
-"""Layout of output_state messages with an empty frame."""
 
 
-_OWN = {kind: [layout(frame_id="x" * length) for length in (RUN_LENGTH, 0)] for kind, layout in (
-    (topics.JOINT_STATE, joint_state_layout), (topics.FLUID_PRESSURE, fluid_pressure_layout))}
+def _own_layout(row: topics.Topic, frame_id: str) -> Layout:
+    """Return the layout of the driveline's messages on a topic with a frame of this length."""
+    if row.type == topics.FLUID_PRESSURE:
+        return fluid_pressure_layout(frame_id, *row.fields)
+    return joint_state_layout(row.joints, row.joints, frame_id, row.joint_fields, _counts_of(row))
 
 
-def own_records(messages: Sequence[bytes], kind: str) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
-    """Return the values of the driveline's messages of this type, joint_states or pressures, and an (n,) mask of those.
+_OWN = {row.name: [_own_layout(row, "x" * length) for length in (RUN_LENGTH, 0)]
+        for row in (topics.topic("joint_states"), *topics.stamped())}
+
+
+def own_records(messages: Sequence[bytes], name: str) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
+    """Return the values of the driveline's messages on joint_states or a topic of `topics.stamped`, by field, and an
+    (n,) mask of those.
     """
-    names = _OWN[kind][0].record.names or ()
-    out = np.zeros(len(messages), [(name, _OWN[kind][0].record[name]) for name in names])
+    layouts = _OWN[name]
+    names = layouts[0].record.names or ()
+    out = np.zeros(len(messages), [(name, layouts[0].record[name]) for name in names])
     own = np.zeros(len(messages), np.bool_)
-    for layout in _OWN[kind]:
+    for layout in layouts:
         found, same = layout.records(messages)
         for name in names:
             out[name][same] = found[name]

@@ -348,8 +348,7 @@ class Outputs:
             return False
         row = topic(name)
         values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
-        self._every_tick.append((self._create(name, self._states), cdr.ENCODERS.get(name) or cdr.ENCODERS[row.type],
-                                 values))
+        self._every_tick.append((self._create(name, self._states), cdr.ENCODERS[name], values))
         return True
 
     def state(self, reading: Reading) -> None:

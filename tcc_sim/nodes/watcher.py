@@ -24,7 +24,7 @@ from tcc_sim.nodes.track import Track
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.topics import FLUID_PRESSURE, HELD_INPUTS, JOINT_STATE, OUTPUT_JOINT, shown, topic
+from tcc_sim.topics import HELD_INPUTS, shown, stamped, topic
 from tcc_sim.trajectory import Floats, modes_of
 from tcc_sim.views.rerun_stream import RerunStream
 
@@ -48,17 +48,16 @@ RECENT_CYCLES = 100
 SILENCE = 3.0
 """Real time without states after which the watcher reports it, s."""
 Signal = tuple[NDArray[np.int64], Floats]
-WATCHED = "scene", "joint_states", "applied_pressure", "held", "output_state"
+WATCHED = "scene", "joint_states", "held", *(row.name for row in stamped())
 """Topics from which everything is shown: what the inputs held, and since when, is on `held`."""
 
 
 class WatchedInputs:
-    """Commands, target, pressure and shaft torque from messages that state their simulation times, as changes."""
+    """Signals of `topics.shown` from messages that state their simulation times, as changes."""
 
     def __init__(self) -> None:
         self._last: dict[str, float] = {}
         self._run = self._sources = ""
-        self._far_end = cdr.OUTPUT_STATE
 
     def signals(self, taken: Mapping[str, Sequence[bytes]], zeros: NDArray[np.int64]
                 ) -> tuple[dict[str, Signal], list[Event]]:
@@ -79,18 +78,17 @@ class WatchedInputs:
                 text = held.sources_in_words(values.tolist())
                 events += [Event(values[held.TIME] * 1e-9, text)] * (text not in ("", self._sources))
                 self._sources = text
-                self._far_end = cdr.joint_state_layout((OUTPUT_JOINT,), (OUTPUT_JOINT,), run,
-                                                       topic("output_state").fields)
         if reports:
             self._run, table = read[-1][0], np.array(reports)
             for name in HELD_INPUTS:
                 commanded = table[:, held.index_in_held(name, "source")] == held.COMMAND
                 values = np.where(commanded, table[:, held.index_in_held(name, "value")], math.nan)
                 signals[name] = table[:, held.TIME].astype(np.int64), values
-        rows, _ = cdr.own_records(taken["applied_pressure"], FLUID_PRESSURE)
-        signals["applied_pressure"] = simulation_ns(cdr.stamps(rows), zeros), rows["fluid_pressure"].astype(np.float64)
-        rows, _ = self._far_end.records(taken["output_state"])
-        signals["shaft_torque"] = simulation_ns(cdr.stamps(rows), zeros), rows["shaft_torque"].astype(np.float64)
+        for carrier in stamped():
+            rows, _ = cdr.own_records(taken[carrier.name], carrier.name)
+            stamps = simulation_ns(cdr.stamps(rows), zeros)
+            signals |= {row.name: (stamps, rows[row.fields[0]].astype(np.float64)) for row in shown()
+                        if row.fields and row.fields[0] in carrier.fields}
         return {name: self._changes(name, *signal) for name, signal in signals.items() if len(signal[0])}, events
 
     def _changes(self, name: str, stamps: NDArray[np.int64], values: Floats) -> Signal:
@@ -181,7 +179,7 @@ class Watcher:
         if self._waiting["joint_states"] and (everything or now - self._shown >= self._period):
             self._shown, taken = now, self._waiting
             self._waiting = {name: [] for name in taken}
-            rows, _ = cdr.own_records(taken["joint_states"], JOINT_STATE)
+            rows, _ = cdr.own_records(taken["joint_states"], "joint_states")
             stamps = simulation_ns(cdr.stamps(rows), self._zeros)
             cuts = 1 + np.flatnonzero(np.diff(stamps) < 0)
             for piece in np.split(np.arange(len(rows)), cuts):

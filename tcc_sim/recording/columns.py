@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from tcc_sim.messages import held
 from tcc_sim.messages.held import index_in_held
 from tcc_sim.recording.layouts import Floats, Values
 from tcc_sim.recording.stamps import Break
-from tcc_sim.topics import INPUTS
+from tcc_sim.topics import INPUTS, shown
 from tcc_sim.trajectory import STILL, FarEnd
 
 BLOCK = 1 << 16
@@ -45,6 +45,7 @@ class JointStates:
     recording, `began` is the reason of this start, `index` is the index of the first state in the whole recording, and
     `moved_ns` the stamp of the first state of the run with a motion of the far end, which stands still before.
     `held` has the messages on the inputs, of which `held_row` holds at each state (-1: unknown); None without.
+    `further` has the fields of all other topics of `topics.stamped` that were recorded, NaN where a message is missing.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -65,9 +66,24 @@ class JointStates:
     moved_ns: int = NEVER
     held: HeldRows | None = None
     held_row: NDArray[np.int64] | None = None
+    further: Mapping[str, Floats] = field(default_factory=dict)
+
+    @staticmethod
+    def of(columns: Mapping[str, Any]) -> JointStates:
+        """Return states from columns by name, of which those without an attribute are `further`."""
+        own = {one.name for one in fields(JointStates)}
+        return JointStates(**{name: column for name, column in columns.items() if name in own},
+                           further={name: column for name, column in columns.items() if name not in own})
 
     def __len__(self) -> int:
         return len(self.stamp_ns)
+
+    def shown(self) -> dict[str, Floats]:
+        """Return the values at each state, (n,), of those topics of `topics.shown` that state them and were recorded.
+        """
+        columns = {"applied_pressure": self.applied_pressure, **self.further}
+        found = {row.name: columns.get(row.fields[0]) for row in shown() if row.fields}
+        return {name: values for name, values in found.items() if values is not None}
 
     def input(self, name: str, field: str) -> Floats:
         """Return a field of `messages.held.FIELDS` of an input at each state, (n,), NaN where it is not known, as the
@@ -122,7 +138,8 @@ class JointStates:
         columns: dict[str, Any] = {name: column[rows] for name,
                                    column in vars(self).items() if isinstance(column, np.ndarray)}
         first = rows.indices(len(self))[0] if isinstance(rows, slice) else 0
-        return replace(self, index=self.index + first, **columns)
+        further = {name: column[rows] for name, column in self.further.items()}
+        return replace(self, index=self.index + first, further=further, **columns)
 
 
 class Commanded(NamedTuple):

@@ -212,7 +212,7 @@ def _write_run(bag: BagWriter, channels: Mapping[str, int], states: JointStates,
                       cdr.fluid_pressure(stamp, float(states.applied_pressure[k]), frame=run))
         if states.output_angle is not None and states.stamp_ns[k] >= states.moved_ns and np.isfinite(angle[k]):
             bag.write(channels["output_state"], log, sent,
-                      cdr.output_state(stamp, angle[k], speed[k], np.nan, frame=run))
+                      cdr.ENCODERS["output_state"](stamp, angle[k], speed[k], np.nan, frame=run))
 
 
 def _reports(states: JointStates, columns: Columns, tick: float, zero: int) -> Iterator[tuple[int, list[float]]]:

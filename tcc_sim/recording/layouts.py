@@ -129,7 +129,7 @@ class Layouts:
         try:
             if self.type == FLUID_PRESSURE:
                 made: tuple[tuple[str, ...], cdr.Layout] = (), cdr.fluid_pressure_layout(
-                    cdr.read_frame(data, FLUID_PRESSURE))
+                    cdr.read_frame(data, FLUID_PRESSURE), *self.fields)
             elif self.type == JOINT_STATE:
                 shape = cdr.read_joints(data)
                 wanted = set(self.joints) <= set(shape.names)

@@ -52,12 +52,11 @@ from tcc_sim.topics import (
     INPUTS,
     JOINT_STATE,
     LIMITS,
-    OUTPUT_JOINT,
     SHAFT,
     TARGET,
 )
 
-_TOPICS_OF_DRIVELINE = {"applied_pressure", "output_state", SOURCE, SHAFT}
+_TOPICS_OF_DRIVELINE = {*(row.name for row in topics.stamped()), SOURCE, SHAFT}
 """Topics that the driveline itself publishes."""
 _MOST_TOPICS = 20
 BYTES_A_STATE = 230
@@ -299,10 +298,10 @@ class Run:
                                for one in self._every_channel())
         zeros = zeros_of(scene.text for scene in self.scenes)
         origins = _Origins(self, window, zeros)
-        kinds = {name: _Kind(layouts, origins) for name, layouts in (
-            ("joint_states", Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields)),
-            ("applied_pressure", Layouts(FLUID_PRESSURE, (), ("fluid_pressure",))),
-            ("output_state", Layouts(JOINT_STATE, (OUTPUT_JOINT,), _FAR_FIELDS)))}
+        kinds = {"joint_states": _Kind(Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields),
+                                       origins)}
+        kinds |= {row.name: _Kind(Layouts(row.type, row.joints, row.joint_fields or row.fields), origins)
+                  for row in topics.stamped()}
         commands, rows = Commands(space, NO_ZEROS if keyed else zeros), dict[int, list[NDArray[np.float64]]]()
         place = 0
         for data, messages, channels in self._chunks():
@@ -319,11 +318,9 @@ class Run:
             place += len(messages.channel)
             self._check_memory(kinds["joint_states"].found.kept)
         found = {name: kind.found.messages() for name, kind in kinds.items()}
-        pressures, far = found["applied_pressure"], found["output_state"]
-        joined = {"applied_pressure": replace(pressures, columns={
-            "applied_pressure": pressures.columns["fluid_pressure"]}), "output_state": replace(far, columns={
-                name: far.columns[name] for name in ("output_angle", "output_speed")})}
-        joined = {name: messages for name, messages in joined.items() if len(messages)}
+        joined = {row.name: replace(found[row.name], columns={  # The shaft's torque follows from the states.
+            name: found[row.name].columns[name] for name in row.fields if name != SHAFT})
+            for row in topics.stamped() if len(found[row.name])}
         if keyed:
             runs, self._differing = keyed_runs(found["joint_states"], joined, {
                 run: _in_order(np.concatenate(of_run)) for run, of_run in rows.items()}, driveline.runs, self.stamps)
@@ -368,9 +365,9 @@ class Run:
         driveline = self.driveline
         if name != "joint_states" and channel.topic == driveline.topic:
             return False
-        kind = FLUID_PRESSURE if name == "applied_pressure" else JOINT_STATE
-        if driveline.runs:  # The frame tells; only a pressure may be a command with the frame of the state it answers.
-            return channel.type == kind and (name != "applied_pressure" or channel.row == name)
+        kind = topics.topic(name).type
+        if driveline.runs:  # The frame names the run; a command may have the frame of the state that it answers.
+            return channel.type == kind and (name in ("joint_states", "output_state") or channel.row == name)
         if name == "joint_states":
             here = (channel.type, channel.topic) == (kind, driveline.topic)
             return here and channel.publisher in driveline.publishers
@@ -492,9 +489,6 @@ class Run:
                                  "these are separate runs")
         if stamps.repeated:
             self.warnings.append(f"{counted(stamps.repeated, 'repeated stamp')} left out")
-
-
-_FAR_FIELDS = topics.topic("output_state").fields
 
 
 class _Origins:

@@ -60,7 +60,7 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
             _join(columns, messages, its)
         if of_run is not None:
             columns["held"], columns["held_row"] = HeldRows(of_run), _rows_at(of_run, columns["stamp_ns"])
-        runs.append(_filled(JointStates(**columns, run=number, began=kind, index=index)))
+        runs.append(_filled(JointStates.of({**columns, "run": number, "began": kind, "index": index})))
         index += len(mine)
     counter.messages += counter.repeated
     return tuple(runs), differing
@@ -108,7 +108,7 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
         for name, messages in joined.items():
             its = np.flatnonzero(of_run[name] == number)
             _join(columns, messages, its[np.argsort(messages.stamp_ns[its], kind="stable")])
-        runs.append(_filled(JointStates(**columns, run=number, began=kind, index=index)))
+        runs.append(_filled(JointStates.of({**columns, "run": number, "began": kind, "index": index})))
         index += len(mine)
     fresh = np.append(True, np.diff(states.stamp_ns[order]) != 0)[:len(order)]
     return _with_sources(runs, sources), _count_differing(states, order, fresh)

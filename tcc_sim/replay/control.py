@@ -72,9 +72,9 @@ def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: in
     target = line.target_in(states)
     if len(target.t):
         signals[TARGET] = np.rint(target.t * 1e9).astype(np.int64), target.values
-    if states.applied_pressure is not None:
-        change = np.flatnonzero(np.diff(states.applied_pressure, prepend=np.nan) != 0.0)
-        signals["applied_pressure"] = states.stamp_ns[change], states.applied_pressure[change]
+    for name, values in states.shown().items():
+        change = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
+        signals[name] = states.stamp_ns[change], values[change]
     last = float(states.stamp_ns[-1]) * 1e-9
     events, followed = list(_changes(line, states)), any(run.index >= end for run in line.runs)
     events += _fallbacks(line, states)

@@ -215,8 +215,7 @@ class Recording(Result):
         columns: dict[str, Any] = dict(self.trajectory(run, start, end).columns())
         line = self.line(Window(run, start, end))
         (states,) = line.runs
-        if states.applied_pressure is not None:
-            columns["applied_pressure"] = states.applied_pressure
+        columns |= states.shown()
         for name in ("actuation_pressure", TARGET):
             if name in line.commands:
                 rows, values, _ = line.commands[name]

@@ -120,20 +120,17 @@ def test_pressures_are_found_whatever_frame_they_have():
 
 def test_messages_of_one_joint_are_those_by_hand():
     stamp, clear = 3_000_000_500, bytes.maketrans(b"\xee", b"\0")
-    assert cdr.output_state(stamp, 1.5, 2.5, 3.5) == joints_by_hand(
-        "", [topics.OUTPUT_JOINT], [1.5], [2.5], [3.5]).translate(clear)
-    assert cdr.clutch_velocity(stamp, 2.5) == joints_by_hand("", [topics.CLUTCH_JOINT], [], [2.5], []).translate(clear)
-    assert cdr.clutch_effort(stamp, 3.5) == joints_by_hand("", [topics.CLUTCH_JOINT], [], [], [3.5]).translate(clear)
-    found, mask = cdr.OUTPUT_STATE.records([cdr.output_state(stamp, 1.5, 2.5, 3.5)])
-    assert (found.tolist(), mask.tolist()) == ([(3, 500, 1.5, 2.5, 3.5)], [True])
     for name, words, expected in (
-            ("output_state", (1.5, 2.5, 3.5), cdr.output_state(stamp, 1.5, 2.5, 3.5)),
-            ("slip_speed_stamped", (1.0,), cdr.clutch_velocity(stamp, 1.0)),
-            ("friction_torque_stamped", (1.0,), cdr.clutch_effort(stamp, 1.0)),
-            (topics.FLUID_PRESSURE, (1.0,), by_hand(3, 500, "", 1.0, 0.0).translate(clear)),
-            (topics.FLOAT64, (1.0,), by_hand(1.0)), (topics.INT8, (-1,), cdr.int8(-1)),
-            (topics.CLOCK, (stamp,), by_hand(3, 500))):
-        assert cdr.ENCODERS[name](stamp, *words) == expected, name
+            ("output_state", (1.5, 2.5, 3.5), joints_by_hand("", [topics.OUTPUT_JOINT], [1.5], [2.5], [3.5])),
+            ("slip_speed_stamped", (2.5,), joints_by_hand("", [topics.CLUTCH_JOINT], [], [2.5], [])),
+            ("friction_torque_stamped", (3.5,), joints_by_hand("", [topics.CLUTCH_JOINT], [], [], [3.5])),
+            ("applied_pressure", (1.0,), by_hand(3, 500, "", 1.0, 0.0)), ("slip_speed", (1.0,), by_hand(1.0)),
+            ("stick_slip_state", (-1,), cdr.int8(-1)), ("/clock", (stamp,), by_hand(3, 500))):
+        data = cdr.ENCODERS[name](stamp, *words)
+        assert data == expected.translate(clear), name
+        if name in ("output_state", "applied_pressure"):
+            found, mask = cdr.own_records([data], name)
+            assert (found[list(topics.topic(name).fields)].tolist(), mask.tolist()) == ([words], [True])
 
 
 def test_joints_are_refused_beyond_their_largest_number_and_with_an_array_of_another_length():

@@ -23,7 +23,6 @@ from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.middleware import COMMANDS, poll, states, subscribe
 from tcc_sim.nodes.recorder import Recorder
 from tcc_sim.recording.reader import open_run
-from tcc_sim.topics import JOINT_STATE
 
 
 def driveline(bench: Any, namespace: str = "", **parameters: object) -> DrivelineNode:
@@ -42,7 +41,7 @@ class Attacker(Commander):
 
     def hear(self) -> int:
         for data, _ in poll(self.subscription):
-            (row,), _ = cdr.own_records([data], JOINT_STATE)
+            (row,), _ = cdr.own_records([data], "joint_states")
             self.stamps.append(int(row["sec"]) * 10**9 + int(row["nanosec"]))
             self.values.append(tuple(float(row[name]) for name in row.dtype.names[2:]))
         return len(self.stamps)
