@@ -10,8 +10,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.tracking import Limits
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError, given_in
 from tcc_sim.replay.given_inputs import doubts_about, driven_by, input_table
 from tcc_sim.replay.measured import MeasuredRun, analyse_table, at_measured_speed
@@ -189,7 +189,7 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
              orders: bool = False, spectrum: bool = False, pulses: int | None = None,
              joints: Mapping[str, str] | None = None, topic: str | None = None, driveline: int | None = None,
              discard: int | None = None, frequency: float | None = None, verify: bool = False, damping: bool = False,
-             target: float | Mapping[float, float] | None = None, band: float = DEFAULTS.band,
+             target: float | Mapping[float, float] | None = None, band: float = BAND,
              limits: Limits | None = None, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
              progress: bool = False) -> Replay | MeasuredRun:
     """Analyse a recording, or orders and spectrum of a table of measurements, as `tcc-sim analyse` does.

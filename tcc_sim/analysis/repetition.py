@@ -11,15 +11,28 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.compiling.compiled import compiled
 from tcc_sim.trajectory import Floats
 
-LONGEST, MODES = DEFAULTS.maximum_period, DEFAULTS.modes
-NEAR, DISTANCE, SAME, DOUBTFUL = DEFAULTS.near, DEFAULTS.distance, DEFAULTS.same, DEFAULTS.doubtful
-MISFIT, EXACT, LEAST_DECAY, LEAST_SHRINKING = (DEFAULTS.misfit, DEFAULTS.exact, DEFAULTS.least_decay,
-                                               DEFAULTS.least_shrinking)
-SHRINKING, ENDED, GROWTH = DEFAULTS.shrinking, DEFAULTS.ended, DEFAULTS.growth
+LONGEST = 16  # Longest period looked for, periods of excitation.
+MODES = 3  # Most modes of a decay: the section has three coordinates.
+NEAR = 0.25  # Largest change over a period at the end of a run that still settles, relative to the size of the motion.
+DISTANCE = 0.1  # Largest distance of such a run from its limit, relative to the size of the motion.
+SAME = 0.05  # Largest distance of two points of the limit that count as one, relative to the remaining distance.
+MISFIT = 0.02  # Largest misfit of a decay, relative to its own size.
+EXACT = 1e-3  # Misfit at which fewer modes are enough.
+LEAST_SHRINKING = 0.95  # Largest part of a difference that a decay leaves over a third of the run.
+LEAST_DECAY = 0.05  # Least natural logarithm of a decay over the run that distinguishes it from a lasting motion.
+DOUBTFUL = 0.5
+"""A difference may vanish in the limit if its decay leaves less than this part of it; a decay whose rate falls below
+this part within the run may end before.
+"""
+SHRINKING = 0.02  # Least shrinking over the run, relative to the remaining difference.
+ENDED = 0.01
+"""A fall of a difference has ended if it varies by less than this part of its last third's fall while the period
+repeats.
+"""
+GROWTH = 2.0  # Growth of a difference from a third of the run to the next, twice, that shows a departing motion.
 ROUNDING = 2.3e-16
 """Part of a column, per row, below which what others leave of it is rounding."""
 BISECTIONS = 1100

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
+from tcc_sim.analysis.repetition import LONGEST
 from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.model import friction
 from tcc_sim.model.equations import linear_of, matrix_of
@@ -246,7 +246,7 @@ def _settled(system: System) -> tuple[int, Floats]:
             raise OutOfRange(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
                              f"clutch carries while it slips, {system.saturation_mean:g} N m; give --slip or another "
                              "pressure")
-        raise OutOfRange(f"the scene settles in no motion of a period up to {ANALYSIS.maximum_period} periods of "
+        raise OutOfRange(f"the scene settles in no motion of a period up to {LONGEST} periods of "
                          "excitation "
                          f"within {LONGEST_RUN}; there is nothing to linearise about")
     return period, cycles.section[-1]

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tcc_sim.analysis.loop.manoeuvre import JudderFigures
-from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.repetition import LONGEST
+from tcc_sim.analysis.steady.periodicity import AFTER_A_GAP
 from tcc_sim.analysis.steady.summary import Summary, runaway_cause
 from tcc_sim.errors import counted
 from tcc_sim.result import units_of_columns
@@ -146,7 +147,7 @@ def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
         most = summary.longest_period
         period = f"none up to {counted(most, 'period')} of excitation" if most else _too_few(summary)
         period += (f", a third of those {'in a row at the end' if summary.broken else 'kept'}"
-                   if 0 < most < DEFAULTS.maximum_period else "")
+                   if 0 < most < LONGEST else "")
         period += f"; the motion has not settled: {advice}" if summary.transient else ""
     out = [("largest |slip speed|", speed(summary.max_slip_speed, 9)),
            ("smallest slip speed", speed(summary.min_slip_speed, 9)),
@@ -174,7 +175,7 @@ def summary_rows(summary: Summary, advice: str) -> list[tuple[str, str]]:
 def _too_few(summary: Summary) -> str:
     """Return the reason for which no period could be looked for."""
     if summary.broken:
-        return (f"none: it needs {DEFAULTS.after_a_gap} or more whole periods of excitation in a row at the end; "
+        return (f"none: it needs {AFTER_A_GAP} or more whole periods of excitation in a row at the end; "
                 f"{summary.broken} of {summary.cycles - summary.discarded} kept ones are not whole or not known")
     return "none: too few were solved"
 

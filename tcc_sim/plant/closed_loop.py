@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.control import Control, CycleMeans, Steps, joined_means
 from tcc_sim.analysis.loop.tracking import Counts, Limits, Loop, Tracking, checked_limits, loop_of, target_steps
 from tcc_sim.analysis.measured.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.model.profile import Origin, phase_at, profile_of
@@ -88,7 +88,7 @@ class ControlledRun(Trajectory):
     before: float = math.nan
 
     def tracking_of(self, target: float | Mapping[float, float], since: int = 0, limits: Limits | None = None,
-                    band: float = DEFAULTS.band) -> Tracking:
+                    band: float = BAND) -> Tracking:
         """Judge how the slip speed was held at a target from the sample `since` on.
 
         Parameters
@@ -102,7 +102,7 @@ class ControlledRun(Trajectory):
         return self._tracking(target_steps(target), since, checked_limits(limits), band)
 
     def _tracking(self, reference: Steps, since: int, limits: Limits | None = None,
-                  band: float = DEFAULTS.band) -> Tracking:
+                  band: float = BAND) -> Tracking:
         """Judge the samples from `since` on against a reference."""
         commands = None
         if "actuation_pressure" in self.commands and len(self.received):
@@ -112,7 +112,7 @@ class ControlledRun(Trajectory):
         return self._loop(reference, limits, band).tracking(
             float(self.t[since]), float(self.t[-1]), stepped=None if since else True, commands=commands)
 
-    def _loop(self, reference: Steps, limits: Limits | None = None, band: float = DEFAULTS.band) -> Loop:
+    def _loop(self, reference: Steps, limits: Limits | None = None, band: float = BAND) -> Loop:
         """Return the run beside a reference."""
         return loop_of(self, self.clock, reference, self.applied_pressure, limits, band, self.before)
 

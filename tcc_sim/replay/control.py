@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop.control import Control, CycleMeans, Event, Steps, joined_means
 from tcc_sim.analysis.measured.engine_clock import EngineClock
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.messages.held import COMMAND, FALLBACK
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
 from tcc_sim.topics import SHAFT, TARGET
 from tcc_sim.trajectory import Floats
+
+MOST_STEPS = 200_000  # Most values of a held signal that are kept for a picture; the earliest go first.
 
 INPUTS = {"engine_torque": ("engine", "engine torque"), "actuation_pressure": ("pressure", "pressure")}
 """Command topic -> group of the scene whose `source` enables it, and the name of the input."""
@@ -82,10 +83,10 @@ def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: in
 
 
 def _thinned(signal: Signal, cycle: float) -> Steps:
-    """Return the last value in each part of an engine cycle, at most the last `Settings.most_steps`."""
+    """Return the last value in each part of an engine cycle, at most the last `MOST_STEPS`."""
     stamps, values = signal
     part = stamps // max(round(cycle * 1e9 / PER_CYCLE), 1)
-    last = np.flatnonzero(np.diff(part, append=-1))[-DEFAULTS.most_steps:]
+    last = np.flatnonzero(np.diff(part, append=-1))[-MOST_STEPS:]
     return Steps(stamps[last].astype(np.float64) * 1e-9, values[last])
 
 

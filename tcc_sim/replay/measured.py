@@ -11,8 +11,8 @@ from tcc_sim.analysis.measured.measured_phase import measured_phase
 from tcc_sim.analysis.measured.measured_signals import signals_in
 from tcc_sim.analysis.measured.orders import Orders, orders_of
 from tcc_sim.analysis.measured.signals import Signals
-from tcc_sim.analysis.measured.spectra import Spectrum, spectrum_of
-from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.measured.spectra import SPECTRUM_LEAST, Spectrum, spectrum_of
+from tcc_sim.analysis.repetition import LONGEST
 from tcc_sim.analysis.steady.periodicity import periodicity
 from tcc_sim.analysis.steady.summary import default_discard
 from tcc_sim.errors import InputError, counted
@@ -84,7 +84,7 @@ def unbroken(signals: Signals) -> tuple[Signals, tuple[float, float] | None]:
 def _spectrum(signals: Signals) -> Spectrum:
     """Return the spectrum without the cycles that a summary drops by default, as far as enough of them are left."""
     whole, period = int(signals.turns[-1] - signals.turns[0]), _period(signals)
-    return spectrum_of(signals, period, max(whole - default_discard(whole), period or DEFAULTS.spectrum_least))
+    return spectrum_of(signals, period, max(whole - default_discard(whole), period or SPECTRUM_LEAST))
 
 
 def at_measured_speed(scene: Scene, table: MeasuredTable, pulses: int | None = None) -> tuple[Scene, Signals | None]:
@@ -129,4 +129,4 @@ def _period(signals: Signals) -> int:
         high, low = (each[:len(section) - 1] for each in (rows.max(axis=1), rows.min(axis=1)))
         periods.append(periodicity(Cycles(section, high, low, np.zeros(len(high)))).period)
     period = math.lcm(*periods)
-    return period if period <= DEFAULTS.maximum_period else 0
+    return period if period <= LONGEST else 0

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.tracking import LARGEST_BAND, Limits, checked_limits, target_steps
 from tcc_sim.analysis.measured.stream import CyclePiece, CycleStream
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.steady.damping import damping_of_cycles
 from tcc_sim.code_version import differences_from
 from tcc_sim.errors import InputError, counted, printable
@@ -51,7 +51,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
            discard: int | None = None, frequency: float | None = None, scene: str | None = None, verify: bool = False,
            damping: bool = False, window: Window | None = None, joints: Mapping[str, str] | None = None,
            topic: str | None = None, driveline: int | None = None, target: float | Mapping[float, float] | None = None,
-           band: float = DEFAULTS.band, limits: Limits | None = None, progress: bool = False) -> Replay:
+           band: float = BAND, limits: Limits | None = None, progress: bool = False) -> Replay:
     """Analyse a recording and optionally send it to Rerun.
 
     Parameters

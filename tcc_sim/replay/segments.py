@@ -10,11 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
+from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.control import handovers
+from tcc_sim.analysis.loop.loop_verdict import SETTLED_CYCLES
 from tcc_sim.analysis.loop.tracking import Limits, Loop, LoopReader, Pressures, Tracking, target_jumps
 from tcc_sim.analysis.measured.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
+from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.analysis.measured.stream import CycleStream
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import OutOfRange, counted
 from tcc_sim.model.parameters import values_of
@@ -78,7 +80,7 @@ class Cut:
     stepped: bool | None
 
 
-def cuts_of(line: Timeline, band: float = DEFAULTS.band, clock: EngineClock | None = None) -> list[list[Cut]]:
+def cuts_of(line: Timeline, band: float = BAND, clock: EngineClock | None = None) -> list[list[Cut]]:
     """Split the runs of a recording into segments.
 
     Parameters
@@ -93,7 +95,7 @@ def cuts_of(line: Timeline, band: float = DEFAULTS.band, clock: EngineClock | No
         end = states.index + len(states)
         reference = line.target_in(states)
         cycle = (clock or clock_of_scene(line.scene_at(states.index).system)).cycle
-        jumps = target_jumps(reference, band, DEFAULTS.settled_cycles * cycle)
+        jumps = target_jumps(reference, band, SETTLED_CYCLES * cycle)
         at = states.index + np.searchsorted(states.stamp_ns, np.rint(jumps.t * 1e9).astype(np.int64))
         targets = {index: value for index, value in zip(at.tolist(), jumps.values.tolist()) if index < end}
         if len(reference.t) and reference.t[0] * 1e9 <= states.stamp_ns[0] + 0.5:
@@ -138,7 +140,7 @@ def _handed_over(line: Timeline, states: JointStates, cycle: float) -> dict[int,
 
 
 def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, *, solver: str, elapsed_s: float = 0.0,
-                stream: CycleStream | None = None, band: float = DEFAULTS.band,
+                stream: CycleStream | None = None, band: float = BAND,
                 limits: Limits | None = None) -> tuple[tuple[Segment, ...], int]:
     """Return the analysed first MOST_SEGMENTS segments, and the number of all segments.
 
@@ -215,7 +217,7 @@ class _Judge:
             reader.feed(t, slip, states.run)
         pressure = states.applied_pressure
         bridged = [gap for run in stream.runs for gap in run.gaps
-                   if gap[1] - gap[0] <= DEFAULTS.bridged * stream.continuity.tick_s]
+                   if gap[1] - gap[0] <= BRIDGED_TICKS * stream.continuity.tick_s]
         why = ("" if self._clock.identified
                else "periods of excitation could not be identified, so there is no cycle mean")
         note = f"; means over {self._clock.cycle:.3g} s, as the engine torque does not pulsate" if self._slices else ""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop.control import Steps
 from tcc_sim.analysis.measured.engine_clock import EngineClock
-from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.errors import InputError
 from tcc_sim.messages.held import COMMAND
 from tcc_sim.model.equations import accelerations, linear_of
@@ -218,7 +218,7 @@ def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Fl
         slip = block.flywheel_speed - block.plate_speed
         finite = np.isfinite(slip)
         stamps, slip = block.stamp_ns[finite], slip[finite]
-        gaps = np.flatnonzero(np.diff(stamps, prepend=before) > DEFAULTS.bridged * tick).tolist() if tick else []
+        gaps = np.flatnonzero(np.diff(stamps, prepend=before) > BRIDGED_TICKS * tick).tolist() if tick else []
         for begin, end in zip([0, *gaps], [*gaps, len(stamps)]):
             if end > begin:
                 yield begin in gaps, stamps[begin:end].astype(np.float64) * 1e-9, slip[begin:end]

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.measured.engine_clock import EngineClock, Uniform, clock_of_scene
 from tcc_sim.analysis.measured.signals import Phase, phase_of_cycles
+from tcc_sim.analysis.measured.stream import DRIFTING
 from tcc_sim.analysis.measured.torque_phase import PhaseTracker, clock_of
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError, counted
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.reader import Run
@@ -127,7 +127,7 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
     # The strongest line of the torque may be a harmonic.
     ratios = np.array([timing.low / of_scene.low, timing.high / of_scene.high])
     if not timing.clock.identified or (np.abs(ratios / np.maximum(np.round(ratios), 1.0)
-                                              - 1.0) <= DEFAULTS.drifting).all():
+                                              - 1.0) <= DRIFTING).all():
         return of_scene
     to = of_scene.high if of_scene.high > of_scene.low else None
     note = f"the scene's engine frequency is {speed(of_scene.low, 6, to, engine=True)}"

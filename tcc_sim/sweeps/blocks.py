@@ -8,9 +8,17 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from tcc_sim.analysis.repetition import repetitions
-from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
-from tcc_sim.analysis.steady.periodicity import Periodicity, drifts, finely_repeated, longest_tried, of_points, stays
+from tcc_sim.analysis.steady.periodicity import (
+    TOLERANCE,
+    Periodicity,
+    drifts,
+    finely_repeated,
+    longest_tried,
+    of_points,
+    stays,
+)
 from tcc_sim.analysis.steady.summary import (
+    DISCARD,
     Span,
     Summary,
     default_discard,
@@ -83,7 +91,7 @@ def _settled_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
         parts = [latest] if runs is None else [runs, latest]
         going, runs = [going[i] for i in solved], joined_runs([part.chosen(solved) for part in parts])
         after = [repeats_after(runs.cycles(i)) if done >= WINDOW else None for i in range(len(going))]
-        unsettled = min(max(ANALYSIS.discard, (done + 1) // 2), done - 1)
+        unsettled = min(max(DISCARD, (done + 1) // 2), done - 1)
         drops = [unsettled if cycles is None else cycles for cycles in after]
         ended = [i for i, cycles in enumerate(after) if cycles is not None or done >= plan.most]
         for discarded in sorted({drops[i] for i in ended}):
@@ -124,8 +132,8 @@ def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
     away = [maybe and slip_grows(runs.cycles(k)) for k, maybe in enumerate(_slips_at_the_end(high, low, stick))]
     most = longest_tried(count + 1)
     points = section / _sizes_of(section, high, low)[:, None]
-    repeating = ([Periodicity(*each, most) for each in repetitions(points, most, ANALYSIS.tolerance)] if most else
-                 [of_points(each, most, ANALYSIS.tolerance) for each in points])
+    repeating = ([Periodicity(*each, most) for each in repetitions(points, most, TOLERANCE)] if most else
+                 [of_points(each, most, TOLERANCE) for each in points])
     without = np.array([not each.period for each in repeating])
     drifting = without.copy()
     drifting[without] = drifts(np.maximum(np.abs(high), np.abs(low))[without])

@@ -18,12 +18,18 @@ import numpy as np
 from tcc_sim.analysis.loop.manoeuvre import OrdersAtSpeeds, orders_at_speeds
 from tcc_sim.analysis.measured.orders import Orders
 from tcc_sim.analysis.measured.spectra import Spectrum
-from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
 from tcc_sim.analysis.steady.damping import Damping, damping_of_cycles
 from tcc_sim.analysis.steady.exponents import largest_lyapunov_exponent
 from tcc_sim.analysis.steady.multipliers import Lyapunov
 from tcc_sim.analysis.steady.periodicity import repeats_finely, stays
-from tcc_sim.analysis.steady.summary import Summary, cycle_times_of, cycles_of, default_discard, summarise_cycles
+from tcc_sim.analysis.steady.summary import (
+    DISCARD,
+    Summary,
+    cycle_times_of,
+    cycles_of,
+    default_discard,
+    summarise_cycles,
+)
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
@@ -293,7 +299,7 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float,
                kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
     check_duration(system, duration, start.cycle)
     whole = system.whole_cycles(start.cycle, duration)
-    discarded = plan.dropped(whole, min(ANALYSIS.discard, whole // 3) if system.profile is None else 0)
+    discarded = plan.dropped(whole, min(DISCARD, whole // 3) if system.profile is None else 0)
     run = _solve(system, plan, start, duration=duration, loads_from=discarded, **kept)
     return run, run.cycles, discarded
 
@@ -306,7 +312,7 @@ def _settled_run(system: System, plan: Plan, start: Start,
     if settled.cycles is None:
         return settled.run, None, 0
     count = len(settled.cycles)
-    after = min(max(ANALYSIS.discard, (count + 1) // 2), count - 1) if settled.after is None else settled.after
+    after = min(max(DISCARD, (count + 1) // 2), count - 1) if settled.after is None else settled.after
     run = _solve(system, plan, start, cycles=count, loads_from=after, **kept) if any(kept.values()) else settled.run
     return run, settled.cycles, after
 

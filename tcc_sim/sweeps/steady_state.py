@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.analysis.measured.signals import run_signals
-from tcc_sim.analysis.measured.spectra import Spectrum, spectrum_of
-from tcc_sim.analysis.settings import DEFAULTS as ANALYSIS
+from tcc_sim.analysis.measured.spectra import SPECTRUM_POINTS, Spectrum, spectrum_of
+from tcc_sim.analysis.repetition import LONGEST
 from tcc_sim.analysis.steady.periodicity import periodicity, sizes_of
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory, concatenated
+
+SPECTRUM_CYCLES = 1024  # Length that a motion without a period is solved on for, cycles of the excitation.
 
 SETTLED = 1e-6
 """Repetition of a settled section, relative to the size of the motion."""
@@ -84,10 +86,10 @@ def steady_spectrum(system: System, start: Start, period: int, **how: Any) -> Sp
         The solver stopped early.
     """
     system.check_repeats("a spectrum")
-    run = solve(system, cycles=period or ANALYSIS.spectrum_cycles, state=start.state, start_cycle=start.cycle,
-                samples_per_cycle=ANALYSIS.spectrum_points, **how).raise_for_status()
+    run = solve(system, cycles=period or SPECTRUM_CYCLES, state=start.state, start_cycle=start.cycle,
+                samples_per_cycle=SPECTRUM_POINTS, **how).raise_for_status()
     count = len(run.t) - 1
-    turns = start.cycle + np.arange(count + 1) / ANALYSIS.spectrum_points
+    turns = start.cycle + np.arange(count + 1) / SPECTRUM_POINTS
     return spectrum_of(run_signals(run, (turns, lambda at: at * system.cycle)), period)
 
 
@@ -99,7 +101,7 @@ def repeats_after(cycles: Cycles) -> int | None:
     """
     points: Floats = cycles.section
     near = SETTLED * sizes_of(points[-WINDOW:], cycles.highest[-WINDOW:])
-    away = (np.abs(points[-2:-2 - ANALYSIS.maximum_period:-1] - points[-1]) > near).any(axis=1)
+    away = (np.abs(points[-2:-2 - LONGEST:-1] - points[-1]) > near).any(axis=1)
     for period in (np.flatnonzero(~away) + 1).tolist():
         number = np.arange(len(points))
         image = len(points) - period + (number - len(points)) % period

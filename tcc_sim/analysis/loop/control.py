@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.measured.engine_clock import EngineClock
-from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.trajectory import Floats, integral
 
 
@@ -77,7 +77,7 @@ class Control:
 class CycleMeans:
     """Means over whole engine cycles by the trapezoidal rule, of samples in batches; none without known cycles.
 
-    A gap (`Settings.bridged`) between batches leaves the cycles in it without a mean.
+    A gap (`BRIDGED_TICKS`) between batches leaves the cycles in it without a mean.
     """
 
     def __init__(self, clock: EngineClock) -> None:
@@ -95,7 +95,7 @@ class CycleMeans:
         -------
         for each stretch of completed cycles, the number of the first, and ends (s) and means, (m,) arrays
         """
-        if len(self._t) and len(t) > 1 and t[0] - self._t[-1] > DEFAULTS.bridged * float(np.median(np.diff(t))):
+        if len(self._t) and len(t) > 1 and t[0] - self._t[-1] > BRIDGED_TICKS * float(np.median(np.diff(t))):
             self.restart()
         t, v = np.concatenate([self._t, t]), np.concatenate([self._v, v])
         if not self._clock.identified or (t[-1] - t[0]) / self._clock.cycle > len(t):

@@ -20,10 +20,45 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.measured.signals import BRIDGED_TICKS, LEAST_SAMPLES
 from tcc_sim.errors import counted
 from tcc_sim.shown_units import speed
 from tcc_sim.trajectory import Floats, integral
+
+JUDDER = 1.0 / 3.0  # Least frequency, relative to that of the excitation: cycle means show slower ones.
+JUDDER_CYCLES = 12  # Shortest stretch that shows it, periods of excitation.
+JUDDER_POINTS = 64  # Points in a period of excitation after resampling, at most.
+JUDDER_LEAST = 0.05  # Least amplitude, relative to the range of the cycle means.
+JUDDER_SHARE = 0.5  # Least part of what is fast and does not repeat in each period that its line must hold.
+REVERSALS = 0.125, 0.34  # Reversals that end a swing, parts of the range of the second half of the run.
+IRREGULAR = 0.35  # Standard deviation of the durations of swings, relative to their mean, that marks them as irregular.
+SWINGS = 6  # Most of the last swings that are judged.
+FEWEST_SWINGS = 3  # Fewest swings that make an oscillation.
+NEARLY = 0.8  # Part of the size of the other swings that makes one at either end complete.
+QUIET_PERIODS = 3.0  # Periods of the slowest oscillation left that a settled mean must last.
+ALIVE = 2.0  # Periods after the last swing within which another one may follow.
+GROWTH_OF_SWINGS = 0.22  # Least growth of the swings, in natural logarithm.
+DECAY_OF_SWINGS = 0.1  # Least decay of them, likewise.
+SWING_SCATTER = 2.0  # The same in standard deviations of the swings about it.
+DECAYS_ON = 0.34  # Part of the rate of a decay that the last swings must show.
+COHERENT = 0.5  # Part of the variance that an oscillation within the band must hold.
+SLOWING = 0.8  # Part of the growth of the third before that the last third of a growth has at least.
+BLOCKS = 32  # Parts of a run whose means show a growth without oscillation.
+BLOCKS_OF_RIPPLE = 10  # The same of a ripple.
+CHANCE = 1e-4  # Least probability that noise swings as regularly.
+GROWING_CYCLES = 10  # Least length of a growth without oscillation, periods of excitation.
+WHITE = -0.4  # Largest correlation of neighbouring second differences of a noise; that of white noise is -2/3.
+USUAL = 0.4  # Least square of a usual second difference of a noise, relative to the mean square.
+RANDOM_SHARE = 1.2
+"""Mean square of a signal's differences, relative to that of the signal, from which on it does not swing; that of white
+noise is 2.
+"""
+RIPPLE = 1.5  # Growth of the ripple within the cycles that counts, as a factor.
+APPROACHES = 0.8
+"""An error from a moving target whose last third is at most this part of the one before has not ended its approach."""
+UNEXPLAINED = 0.2  # Part of the variance of the error that a moving target may leave unexplained.
+STANDING = 0.05  # Change of the error within the last third of the run, relative to it, that counts as none.
+SETTLED_CYCLES = 5  # Least number of cycles to the end of a run that show that the mean stays, periods of excitation.
 
 
 class LoopVerdict(Enum):
@@ -118,14 +153,14 @@ class Swings(NamedTuple):
     @property
     def period(self) -> float:
         """Period of the last swings, s: the upper median of two in succession."""
-        last = self.durations[-DEFAULTS.swings:]
+        last = self.durations[-SWINGS:]
         pairs = np.sort(last[1:] + last[:-1]) if len(last) > 1 else 2.0 * last
         return float(pairs[len(pairs) // 2])
 
     @property
     def alive(self) -> bool:
         """Whether the end comes so soon after the last swing that another one may follow."""
-        return len(self.sizes) > 0 and self.quiet < DEFAULTS.alive * self.period and not self.flat
+        return len(self.sizes) > 0 and self.quiet < ALIVE * self.period and not self.flat
 
 
 def turning_points(signal: Floats, reversal: float) -> NDArray[np.int64]:
@@ -162,7 +197,7 @@ def swings_of(t: Floats, signal: Floats, floor: float, noise: float, from_start:
     """
     second = signal[len(signal) // 2:]
     swings = Swings(np.empty(0), np.empty(0), math.inf)
-    for part in DEFAULTS.reversals:
+    for part in REVERSALS:
         reversal = max(floor, noise, part * float(np.ptp(second)) if len(second) else 0.0)
         points = turning_points(signal, reversal)
         if len(points) and abs(signal[points[0]] - signal[0]) < reversal:
@@ -172,7 +207,7 @@ def swings_of(t: Floats, signal: Floats, floor: float, noise: float, from_start:
         sizes = np.abs(np.diff(signal[points]))
         if not len(sizes):
             break
-        whole = DEFAULTS.nearly * float(np.median(sizes))
+        whole = NEARLY * float(np.median(sizes))
         if from_start and abs(signal[points[0]] - signal[0]) >= whole:
             points = np.append(0, points)
         cut = bool(abs(signal[-1] - signal[points[-1]]) >= whole)
@@ -183,7 +218,7 @@ def swings_of(t: Floats, signal: Floats, floor: float, noise: float, from_start:
         away = np.abs(between - np.median(between))
         near = np.count_nonzero(away <= max(floor, float(np.median(sizes)) / 6.0)) > 0.5 * len(away)
         swings = new = Swings(sizes, np.diff(t[points]), float(t[-1] - t[points[-1]]), cut,
-                              bool(near) and len(sizes) < DEFAULTS.swings)
+                              bool(near) and len(sizes) < SWINGS)
         if _regular(new):
             break
     return swings
@@ -191,9 +226,9 @@ def swings_of(t: Floats, signal: Floats, floor: float, noise: float, from_start:
 
 def _regular(swings: Swings) -> bool:
     """Return whether the last periods, of two swings each, last equally long."""
-    last = swings.durations[-DEFAULTS.swings:]
+    last = swings.durations[-SWINGS:]
     last = last[1:] + last[:-1]
-    return len(last) < 2 or float(last.std()) <= DEFAULTS.irregular * float(last.mean())
+    return len(last) < 2 or float(last.std()) <= IRREGULAR * float(last.mean())
 
 
 def loop_verdict(errors: Errors, whole: float) -> Judged:
@@ -204,9 +239,9 @@ def loop_verdict(errors: Errors, whole: float) -> Judged:
     whole : length of the segment, s
     """
     n = len(errors.error)
-    if n < DEFAULTS.settled_cycles:
+    if n < SETTLED_CYCLES:
         return Judged(LoopVerdict.TOO_SHORT, f"{counted(n, 'whole period')} of excitation; a verdict needs "
-                                         f"{DEFAULTS.settled_cycles}")
+                                         f"{SETTLED_CYCLES}")
     first = errors.arrived if errors.arrived < n else 0
     free, forced = _without_forced(errors, first) if errors.moving else (errors.error, False)
     swings = swings_of(errors.t[first:], free[first:], errors.floor, 1.25 * errors.noise, errors.step == 0.0)
@@ -230,12 +265,12 @@ def noise_of_means(error: Floats) -> float:
     """
     for part in (2, 4):
         second = np.diff(error[len(error) - len(error) // part:], n=2)
-        if len(second) < DEFAULTS.growing_cycles:
+        if len(second) < GROWING_CYCLES:
             break
         square, usual = float(second @ second), 1.4826 * float(np.median(np.abs(second)))
         # A single jump has a correlation of -1/2, but is no usual difference.
-        if (usual**2 * len(second) > DEFAULTS.usual * square
-                and float(second[1:] @ second[:-1]) < DEFAULTS.white * square):
+        if (usual**2 * len(second) > USUAL * square
+                and float(second[1:] @ second[:-1]) < WHITE * square):
             return usual / math.sqrt(6.0)
     return 0.0
 
@@ -245,8 +280,8 @@ def _ripple_grows(errors: Errors, whole: float) -> Judged | None:
     ripple = errors.ripple
     if ripple is None:
         return None
-    grown = _running_away(errors, ripple, errors.floor, whole, 0.0, DEFAULTS.blocks_of_ripple)
-    if grown is None or grown[2] < DEFAULTS.ripple * grown[1]:
+    grown = _running_away(errors, ripple, errors.floor, whole, 0.0, BLOCKS_OF_RIPPLE)
+    if grown is None or grown[2] < RIPPLE * grown[1]:
         return None
     return Judged(LoopVerdict.GROWING, f"the ripple of the slip speed grows to the end, to {speed(grown[2], 3)} rms")
 
@@ -255,12 +290,12 @@ def _following(errors: Errors, first: int) -> Judged:
     """Return the verdict on the error from a moving target: follows, off target, or still approaching."""
     n, since, size = len(errors.error), errors.inside_from, np.abs(errors.error)
     last = float(errors.ends[-1] - errors.starts[min(since, n - 1)])
-    if n - since >= max(DEFAULTS.settled_cycles, (n - first) // 2):
+    if n - since >= max(SETTLED_CYCLES, (n - first) // 2):
         return Judged(LoopVerdict.FOLLOWS, f"within {speed(errors.band, 3)} of the moving target for the last "
                       f"{last:.3g} s", since)
     third = max((n - first) // 3, 1)
     before, at_end = (float(part.max()) for part in (size[-2 * third:-third], size[-third:]))
-    if at_end <= DEFAULTS.approaches * before:
+    if at_end <= APPROACHES * before:
         return Judged(LoopVerdict.TOO_SHORT, f"still approaching the moving target at the end, by up to "
                       f"{speed(at_end, 3)} in the last {errors.ends[-1] - errors.starts[-third]:.3g} s")
     return Judged(LoopVerdict.OFF_TARGET, "the error follows the moving target, by up to "
@@ -272,38 +307,38 @@ def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
 
     Within the band only a regular oscillation counts: the rest is noise.
     """
-    if len(swings.sizes) < DEFAULTS.fewest_swings or not swings.alive:
+    if len(swings.sizes) < FEWEST_SWINGS or not swings.alive:
         return None
-    whole = slice(None, -1 if swings.cut and len(swings.sizes) > DEFAULTS.fewest_swings else None)
+    whole = slice(None, -1 if swings.cut and len(swings.sizes) > FEWEST_SWINGS else None)
     sizes, durations = swings.sizes[whole], swings.durations[whole]
-    last = slice(-max(DEFAULTS.swings, len(sizes) // 2), None)
+    last = slice(-max(SWINGS, len(sizes) // 2), None)
     middle = (np.cumsum(durations) - 0.5 * durations)[last]
     sizes, durations = sizes[last], durations[last]
     rate, start = np.polyfit(middle - middle[0], np.log(sizes), 1)
     span = float(middle[-1] - middle[0])
     scatter = float(np.std(np.log(sizes) - start - rate * (middle - middle[0])))
-    least = DEFAULTS.scatter * scatter
+    least = SWING_SCATTER * scatter
     cycle = float(np.median(errors.ends - errors.starts))
     amplitude = 0.5 * float(np.median(sizes)) / max(float(np.sinc(cycle / swings.period)), 0.5)
     if amplitude <= errors.floor:
         return None
-    if rate * span < -max(DEFAULTS.decay_of_swings, 2.0 * least) and _decays_on(swings, float(rate)):
+    if rate * span < -max(DECAY_OF_SWINGS, 2.0 * least) and _decays_on(swings, float(rate)):
         return None
-    if len(sizes) < DEFAULTS.swings and not (_regular(swings) and scatter <= DEFAULTS.irregular):
+    if len(sizes) < SWINGS and not (_regular(swings) and scatter <= IRREGULAR):
         return None
     part = errors.t >= errors.t[-1] - swings.quiet - float(durations.sum())
     share, period = _best_sine(errors.t[part], free[part], swings.period)
-    by_chance = 1.0 - DEFAULTS.chance ** (2.0 / max(np.count_nonzero(part) - 3, 1))
-    regular = max(share, _repeats(errors.t[part], free[part], swings.period)) >= max(DEFAULTS.coherent, by_chance)
+    by_chance = 1.0 - CHANCE ** (2.0 / max(np.count_nonzero(part) - 3, 1))
+    regular = max(share, _repeats(errors.t[part], free[part], swings.period)) >= max(COHERENT, by_chance)
     if errors.noise > 0.0:   # The extremes of a noisy swing exceed it.
         amplitude = _folded(errors.t[part], free[part], period)
-    period = period if share >= DEFAULTS.coherent else swings.period
+    period = period if share >= COHERENT else swings.period
     about = free[part] - free[part].mean()
-    random = float(np.mean(np.diff(about[::errors.apart]) ** 2)) >= DEFAULTS.random * float(np.mean(about**2))
+    random = float(np.mean(np.diff(about[::errors.apart]) ** 2)) >= RANDOM_SHARE * float(np.mean(about**2))
     if not regular and (random or amplitude <= errors.noise or float(np.abs(errors.error[part]).max()) <= errors.band):
         return None
-    grows_on = math.log(float(sizes[-1] / sizes[-2])) > DEFAULTS.decays_on * rate * float(middle[-1] - middle[-2])
-    if rate * span > max(DEFAULTS.growth_of_swings, least) and grows_on:
+    grows_on = math.log(float(sizes[-1] / sizes[-2])) > DECAYS_ON * rate * float(middle[-1] - middle[-2])
+    if rate * span > max(GROWTH_OF_SWINGS, least) and grows_on:
         return Judged(LoopVerdict.GROWING, f"an oscillation with a period of {period:.3g} s grows by a factor of "
                       f"{math.exp(rate):.3g} per second, to +-{speed(0.5 * sizes[-1], 3)}", -1, 0.5 * float(sizes[-1]),
                       period)
@@ -321,7 +356,7 @@ def _decays_on(swings: Swings, rate: float) -> bool:
     if len(sizes) < 4:
         return True
     apart = 0.5 * float(swings.durations[-4:].sum())
-    return math.log(float(sizes[-2:].mean()) / float(sizes[-4:-2].mean())) < DEFAULTS.decays_on * rate * apart
+    return math.log(float(sizes[-2:].mean()) / float(sizes[-4:-2].mean())) < DECAYS_ON * rate * apart
 
 
 def _best_sine(t: Floats, signal: Floats, period: float) -> tuple[float, float]:
@@ -358,7 +393,7 @@ def _repeats(t: Floats, signal: Floats, period: float) -> float:
 
 
 def _running_away(errors: Errors, signal: Floats, band: float, whole: float, noise: float,
-                  blocks: int = DEFAULTS.blocks) -> tuple[float, float, float] | None:
+                  blocks: int = BLOCKS) -> tuple[float, float, float] | None:
     """Return the last rate, 1/s, of a signal's growth to the end beyond a band without oscillation, for a fifth of the
     segment, and its first and last value; None if it does not grow.
     """
@@ -370,11 +405,11 @@ def _running_away(errors: Errors, signal: Floats, band: float, whole: float, noi
     noise /= math.sqrt(each)
     back = np.flatnonzero((np.diff(error) * sign <= -noise) | (error[1:] * sign <= band))
     begin = int(back[-1]) + 1 if len(back) else 0
-    if (count - begin) * each < DEFAULTS.growing_cycles or t[-1] - t[begin] < 0.2 * whole:
+    if (count - begin) * each < GROWING_CYCLES or t[-1] - t[begin] < 0.2 * whole:
         return None
     third = (count - begin) // 3
     early, middle, late = (sign * float(error[k]) for k in (-1 - 2 * third, -1 - third, -1))
-    if late - middle <= DEFAULTS.slowing * (middle - early) or late - early <= 2.0 * noise:
+    if late - middle <= SLOWING * (middle - early) or late - early <= 2.0 * noise:
         return None
     return (late - middle) / float(t[-1] - t[-1 - third]), float(error[begin]), float(error[-1])
 
@@ -382,14 +417,14 @@ def _running_away(errors: Errors, signal: Floats, band: float, whole: float, noi
 def _at_the_end(errors: Errors, swings: Swings) -> Judged:
     """Return the verdict on an error without lasting oscillation: settled, off target, or still moving."""
     n, since = len(errors.error), errors.inside_from
-    if n - since >= DEFAULTS.settled_cycles:
+    if n - since >= SETTLED_CYCLES:
         rest = float(errors.ends[-1] - errors.starts[since])
         left = swings_of(errors.t[since:], errors.error[since:], errors.floor, 2.0 * errors.noise)
         # An oscillation that has ended stays away for a period of its own, unless its last turning point is inside.
         outside = swings.alive and float(errors.t[-1]) - swings.quiet < errors.starts[since]
         many, period = 1.0, swings.period if outside else 0.0
         if len(left.sizes) and not left.flat:
-            many, period = DEFAULTS.quiet_periods, 2.0 * float(left.durations.max())
+            many, period = QUIET_PERIODS, 2.0 * float(left.durations.max())
         if rest < many * period:
             return Judged(LoopVerdict.TOO_SHORT, f"within {speed(errors.band, 3)} for the last {rest:.3g} s, less than "
                           f"{counted(round(many), 'period')} of an oscillation of {period:.3g} s")
@@ -401,7 +436,7 @@ def _at_the_end(errors: Errors, swings: Swings) -> Judged:
     mean, spread = float(last.mean()), float(np.abs(last - last.mean()).max())
     early, late = (float(part.mean()) for part in np.array_split(last, 2))
     moved = abs(late - early)
-    if moved <= DEFAULTS.standing * abs(mean) and spread <= max(2.0 * errors.floor, 0.5 * abs(mean)):
+    if moved <= STANDING * abs(mean) and spread <= max(2.0 * errors.floor, 0.5 * abs(mean)):
         side = "above" if mean > 0.0 else "below"
         return Judged(LoopVerdict.OFF_TARGET, f"the mean stays {speed(abs(mean), 3)} {side} the target")
     if swings.alive:
@@ -436,7 +471,7 @@ def _without_forced(errors: Errors, first: int) -> tuple[Floats, bool]:
     """
     error, reference = errors.error, errors.reference
     first = max(first, 1)  # The target may jump within the first cycle.
-    if len(error) - first < DEFAULTS.growing_cycles or float(np.ptp(reference[first:])) <= errors.floor:
+    if len(error) - first < GROWING_CYCLES or float(np.ptp(reference[first:])) <= errors.floor:
         return error, False
     rate = np.gradient(reference, errors.t)
     columns = np.stack([np.ones(len(error)), reference, rate], axis=1)
@@ -444,7 +479,7 @@ def _without_forced(errors: Errors, first: int) -> tuple[Floats, bool]:
     factors = np.linalg.lstsq(columns[part], error[part], rcond=None)[0]
     left = error - columns @ factors
     about = error[part] - error[part].mean()
-    explains = float(np.sum(left[part] ** 2)) < DEFAULTS.unexplained * float(np.sum(about ** 2))
+    explains = float(np.sum(left[part] ** 2)) < UNEXPLAINED * float(np.sum(about ** 2))
     return (left, True) if explains else (error, False)
 
 
@@ -455,11 +490,11 @@ class Signal(NamedTuple):
     values: Floats
 
     def stretches(self) -> list[Signal]:
-        """Return the parts between gaps (`Settings.bridged`)."""
+        """Return the parts between gaps (`BRIDGED_TICKS`)."""
         if len(self.t) < 2:
             return []
         steps = np.diff(self.t)
-        edges = [0, *(np.flatnonzero(steps > DEFAULTS.bridged * float(np.median(steps))) + 1).tolist(), len(self.t)]
+        edges = [0, *(np.flatnonzero(steps > BRIDGED_TICKS * float(np.median(steps))) + 1).tolist(), len(self.t)]
         return [Signal(self.t[a:b], self.values[a:b]) for a, b in pairwise(edges) if b - a > 1]
 
 
@@ -485,27 +520,27 @@ def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> Jud
     starts, ends = starts[first], ends[first]
     n = len(starts)
     inside = (slip.t >= starts[0] - 1e-9) & (slip.t <= ends[-1] + 1e-9) if n else np.zeros(len(slip.t), dtype=np.bool_)
-    points = min(int(np.count_nonzero(inside)) // max(n, 1), DEFAULTS.judder_points)
-    if n < DEFAULTS.judder_cycles or points < DEFAULTS.least_samples:
+    points = min(int(np.count_nonzero(inside)) // max(n, 1), JUDDER_POINTS)
+    if n < JUDDER_CYCLES or points < LEAST_SAMPLES:
         return None
     phases = (np.arange(points) + 0.5) / points
     t = starts[:, None] + (ends - starts)[:, None] * phases
     x = np.interp(t, slip.t, slip.values)
-    floor = max(floor, DEFAULTS.judder_least * float(np.ptp(x.mean(axis=1))))   # Sidelobes of a slow change.
+    floor = max(floor, JUDDER_LEAST * float(np.ptp(x.mean(axis=1))))   # Sidelobes of a slow change.
     turns = np.arange(n) - 0.5 * (n - 1)
     columns = np.stack([np.ones(n), turns, turns**2], axis=1)
     x -= columns @ np.linalg.lstsq(columns, x, rcond=None)[0]   # Excitation, and its slow change.
     spectrum = np.fft.rfft(x.ravel() * np.hanning(x.size))
     power = np.abs(spectrum) ** 2
     orders = np.arange(len(power)) / n
-    slow = orders < DEFAULTS.judder
+    slow = orders < JUDDER
     swing = float(orders[slow][power[slow].argmax()])
     # Hann's window spreads a line over two bins; a slow swing modulates what repeats in each cycle.
     near = 2.5 / n + (1.5 * swing if power[slow].max() > 0.1 * power[~slow].max() else 0.0)
     apart = np.abs(orders - np.rint(orders))
     power[slow | (apart <= near) | (orders > 0.5 * points)] = 0.0
     total, best = float(power.sum()), int(power.argmax())
-    if total == 0.0 or float(power[max(best - 2, 0):best + 3].sum()) < DEFAULTS.judder_share * total:
+    if total == 0.0 or float(power[max(best - 2, 0):best + 3].sum()) < JUDDER_SHARE * total:
         return None
     at, y = (np.arange(n)[:, None] + phases).ravel(), x.ravel()
     order, amplitude = float(orders[best]), 0.0

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tcc_sim.analysis.measured.orders import Orders, orders_of, slip_about_cycle_mean
+from tcc_sim.analysis.measured.orders import WINDOW, Orders, orders_of, slip_about_cycle_mean
 from tcc_sim.analysis.measured.signals import run_signals
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.result import reported
 from tcc_sim.trajectory import Floats, Trajectory
@@ -71,9 +70,9 @@ def orders_at_speeds(run: Trajectory, speeds: Sequence[float], since: float) -> 
     """
     orders = orders_of(run)
     # A window is symmetric about its middle as far as the frequency is constant.
-    kept = orders.time - math.pi * DEFAULTS.window / orders.frequency >= since - 1e-6
+    kept = orders.time - math.pi * WINDOW / orders.frequency >= since - 1e-6
     if not kept.any():
-        raise InputError(f"orders need a window of {DEFAULTS.window} periods of the excitation after the dropped ones")
+        raise InputError(f"orders need a window of {WINDOW} periods of the excitation after the dropped ones")
     orders = orders.part(np.flatnonzero(kept), len(orders.order))
     low, high = float(orders.frequency.min()), float(orders.frequency.max())
     constant = high - low <= SAME * high

@@ -15,9 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.control import CycleMeans, Steps
 from tcc_sim.analysis.loop.loop_verdict import (
     NO_SIGNAL,
+    SETTLED_CYCLES,
+    STANDING,
     Errors,
     Judged,
     LoopVerdict,
@@ -29,11 +32,25 @@ from tcc_sim.analysis.loop.loop_verdict import (
 )
 from tcc_sim.analysis.measured.engine_clock import EngineClock
 from tcc_sim.analysis.measured.stream import CyclePiece, CycleStream
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.result import reported
 from tcc_sim.shown_units import speed
 from tcc_sim.trajectory import Floats, Trajectory
+
+SETTLED = 0.02
+"""Part of the step of the target, or of the peak after a disturbance, within which the cycle mean counts as settled."""
+ISOLATED = 4.0
+"""A change of the target is a jump if it is larger than its neighbours by this factor; else the target moves."""
+STEP_TIME = 0.5
+"""Longest change of the target in one direction, with rest before and after it, that counts as one step, s."""
+OBSERVED = 0.9  # Least part of a segment whose cycles must be known for a verdict.
+OF_NOISE = 4.5  # Standard deviations of a noise of the cycle means that leave them on target.
+STAYS = 1e-3  # Range of the pressure's means over cycles, relative to the largest, that counts as none.
+LAGS = 400  # Delays of a moving target that are tried, up to a quarter of the segment.
+ALIKE = 0.5  # Part of the variance of the cycle means that a delayed target must explain for a lag and a gain.
+SAME_PRESSURE = 1e-5  # Difference of pressures, relative to the largest, that counts as none.
+AT_A_LIMIT = 0.5  # Part of the end of a run with the pressure at a limit that counts as saturated.
+STICKS = 0.02  # Part of the end of a run in stick that counts as sticking.
 
 Limits = tuple[float, float]
 UNKNOWN: Limits = (math.nan, math.nan)
@@ -280,7 +297,7 @@ def target_jumps(reference: Steps, least: float, near: float) -> Steps:
 
     A target that moves is published as many small steps, or as larger ones far apart. A change is a jump if it is
     larger than `least`, rad/s, and four times as large as the changes within `near`, s, before and after it. So are
-    changes in one direction for `Settings.step_time` at most, less than `near` apart, together: a rate limiter's step
+    changes in one direction for `STEP_TIME` at most, less than `near` apart, together: a rate limiter's step
     is one step.
     """
     rows = np.flatnonzero(np.diff(reference.values)) + 1
@@ -292,13 +309,13 @@ def target_jumps(reference: Steps, least: float, near: float) -> Steps:
         size, apart = np.abs(sums[last + 1] - sums[first]), t[first[1:]] - t[last[:-1]] > near
         before = np.append(0.0, np.where(apart, 0.0, size[:-1]))[:len(size)]
         after = np.append(np.where(apart, 0.0, size[1:]), 0.0)[:len(size)]
-        return np.asarray((size > least) & (size >= DEFAULTS.isolated * np.maximum(before, after)))
+        return np.asarray((size > least) & (size >= ISOLATED * np.maximum(before, after)))
 
     every = np.arange(len(rows))
     alone = isolated(every, every)
     first = np.flatnonzero((np.diff(np.sign(change), prepend=0.0) != 0.0) | (np.diff(t, prepend=-math.inf) > near))
     last = np.append(first[1:], len(rows))[:len(first)] - 1
-    together = isolated(first, last) & (t[last] - t[first] <= DEFAULTS.step_time)
+    together = isolated(first, last) & (t[last] - t[first] <= STEP_TIME)
     together &= np.add.reduceat(np.append(alone, False), first)[:len(first)] == 0
     first, last = (np.sort(np.append(edge[together], every[alone])) for edge in (first, last))
     return Steps(t[first], reference.values[rows[last]])
@@ -342,7 +359,7 @@ class Loop:
     reference: Steps
     pressures: Pressures | None = None
     limits: Limits | None = None
-    floor: float = DEFAULTS.band
+    floor: float = BAND
     why: str = ""
     note: str = ""
     before: float = math.nan
@@ -354,7 +371,7 @@ class Loop:
         """Jumps of the target, which begin segments."""
         lengths = self.course.ends - self.course.starts
         cycle = float(np.median(lengths)) if len(lengths) else 0.0
-        return target_jumps(self.reference, self.floor, DEFAULTS.settled_cycles * cycle)
+        return target_jumps(self.reference, self.floor, SETTLED_CYCLES * cycle)
 
     def tracking(self, begin: float, end: float, *, stepped: bool | None = None, discard: int = 0,
                  commands: Counts | None = None) -> Tracking:
@@ -400,9 +417,9 @@ class Loop:
         peak_figures: dict[str, Any] = {}
         # The run may begin and end within a cycle.
         missing = end - begin - float(length.sum()) - 2.0 * float(np.median(length))
-        if missing > (1.0 - DEFAULTS.observed) * (end - begin):
+        if missing > (1.0 - OBSERVED) * (end - begin):
             verdict = Judged(LoopVerdict.TOO_LITTLE, f"{missing:.3g} of {end - begin:.3g} s were not observed; a "
-                             f"verdict needs {100.0 * DEFAULTS.observed:g} %")
+                             f"verdict needs {100.0 * OBSERVED:g} %")
             beyond = np.full(1, -math.inf)
         else:
             verdict = self._verdict(errors, course, pressed, tail, end - begin)
@@ -434,7 +451,7 @@ class Loop:
     def _tail(self, course: LoopCycles, begin: float, end: float) -> float:
         """Return the start of the last third of a segment, of five cycles at least, s."""
         cycle = float(course.ends[0] - course.starts[0])
-        return max(float(course.ends[-1]) - max((end - begin) / 3.0, DEFAULTS.settled_cycles * cycle), 0.0)
+        return max(float(course.ends[-1]) - max((end - begin) / 3.0, SETTLED_CYCLES * cycle), 0.0)
 
     def _moves(self, begin: float, end: float) -> bool:
         """Return whether the target moves within a time other than by jumps, by more than the least band."""
@@ -472,9 +489,9 @@ class Loop:
         best, values = (math.inf, math.nan, math.nan), course.mean
         cycle = float(np.median(course.ends - course.starts))
         kept = course.starts >= course.starts[0] + 0.25 * whole
-        if np.count_nonzero(kept) < DEFAULTS.settled_cycles:
+        if np.count_nonzero(kept) < SETTLED_CYCLES:
             return math.nan, math.nan
-        for delay in np.linspace(-cycle, 0.25 * whole, DEFAULTS.lags):
+        for delay in np.linspace(-cycle, 0.25 * whole, LAGS):
             late = mean_between(self.reference, course.starts - delay, course.ends - delay)[kept]
             about = late - late.mean()
             offset = float(values[kept].mean()) if self._turns else float(late.mean())
@@ -482,7 +499,7 @@ class Loop:
             if gain > 0.0:
                 best = min(best, (float(np.sum((values[kept] - offset - gain * about) ** 2)), float(delay), gain))
         spread = float(np.sum((values[kept] - values[kept].mean()) ** 2))
-        return best[1:] if best[0] < (1.0 - DEFAULTS.alike) * spread else (math.nan, math.nan)
+        return best[1:] if best[0] < (1.0 - ALIKE) * spread else (math.nan, math.nan)
 
     def _step(self, course: LoopCycles, begin: float, stepped: bool | None) -> tuple[float, float, bool]:
         """Return the step from the last value before `begin` to the target, rad/s, 0 if no step begins the segment; the
@@ -515,9 +532,9 @@ class Loop:
         if not certain and abs(step) < 0.25 * float(np.abs(error).max()):
             step = 0.0
         step = step if abs(step) > self.floor else 0.0
-        noise = DEFAULTS.of_noise * noise_of_means(error[::apart])
+        noise = OF_NOISE * noise_of_means(error[::apart])
         wide = (float(np.ptp(reference)) if self._turns else 0.0) if moving else abs(step)
-        band = max(self.floor, DEFAULTS.settled * wide, noise)
+        band = max(self.floor, SETTLED * wide, noise)
         errors = Errors(0.5 * (course.starts + course.ends), error, reference, course.starts, course.ends, step, band,
                         self.floor, moving, course.spread, until, noise, apart)
         first = errors.arrived
@@ -525,7 +542,7 @@ class Loop:
         counts = counts if first < len(error) else np.full(len(error), True)
         peak = int(np.where(counts, np.abs(error), -1.0).argmax())
         fine = self._fine_step(float(course.starts[0]), float(course.ends[-1]))
-        of_peak = 0.0 if moving else DEFAULTS.settled * abs(float(error[peak]))
+        of_peak = 0.0 if moving else SETTLED * abs(float(error[peak]))
         return replace(errors, band=max(band, fine, of_peak), floor=max(self.floor, fine)), peak
 
     def _fine_step(self, begin: float, end: float) -> float:
@@ -559,7 +576,7 @@ class Loop:
 
     def _verdict(self, errors: Errors, course: LoopCycles, pressed: Pressures | None, tail: np.ndarray,
                  whole: float) -> Judged:
-        if len(errors.error) < DEFAULTS.settled_cycles or not tail.any():
+        if len(errors.error) < SETTLED_CYCLES or not tail.any():
             return loop_verdict(errors, whole)
         if pressed is not None and (limit := self._saturated(errors, course, tail, pressed)):
             return Judged(LoopVerdict.SATURATED, limit)
@@ -567,7 +584,7 @@ class Loop:
         stick = course.stick_time[tail][known]
         lasts = float((errors.ends - errors.starts)[tail][known].sum())
         share = float(stick.sum()) / lasts if lasts else 0.0
-        if (not errors.moving and share >= DEFAULTS.sticks and 2 * np.count_nonzero(stick) > len(stick)
+        if (not errors.moving and share >= STICKS and 2 * np.count_nonzero(stick) > len(stick)
                 and float(np.abs(errors.reference[tail]).min()) > errors.floor):
             return Judged(LoopVerdict.STICKING, f"in stick for {100.0 * share:.3g} % of the last {lasts:.3g} s")
         if pressed is not None and (stays := self._stays(errors, course, tail, pressed)):
@@ -588,7 +605,7 @@ class Loop:
         for name, value, sign in (("upper", limits[1], 1), ("lower", limits[0], -1)):
             at = pressed.by_cycle(course, at_level(pressed.values, value, sign).astype(np.float64))[tail]
             held = (at >= 0.5) & (side[tail] == sign)
-            if held.mean() < DEFAULTS.at_a_limit or np.mean(side[tail] == -sign) > 1.0 - DEFAULTS.observed:
+            if held.mean() < AT_A_LIMIT or np.mean(side[tail] == -sign) > 1.0 - OBSERVED:
                 continue
             away = speed(float(np.abs(error[tail][held]).mean()), 3)
             return (f"the pressure is at its {name} limit, {value:.6g} Pa, for {100.0 * float(np.nanmean(at)):.3g} % "
@@ -600,19 +617,19 @@ class Loop:
         """Return the reason why a pressure that stays keeps the mean off target; empty if it does not."""
         pressure, error = pressed.by_cycle(course, pressed.values)[tail], errors.error[tail]
         pressure = pressure[np.isfinite(pressure)]
-        if not (len(pressure) and np.ptp(pressure) <= DEFAULTS.stays * float(np.abs(pressure).max())
+        if not (len(pressure) and np.ptp(pressure) <= STAYS * float(np.abs(pressure).max())
                 and ((error > errors.band).all() or (error < -errors.band).all())):
             return ""
         size = np.abs(error)
         third = max(len(size) // 3, 1)
-        grows = float(size[-third:].mean()) > (1.0 + DEFAULTS.standing) * float(size[:third].mean())
+        grows = float(size[-third:].mean()) > (1.0 + STANDING) * float(size[:third].mean())
         return (f"the pressure stays at {float(pressure.mean()):.6g} Pa while the error "
                 f"{'grows' if grows else 'lasts'}: the mean is {speed(float(size.mean()), 3)} "
                 f"{'above' if error[-1] > 0.0 else 'below'} the target")
 
 
 def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Floats | None = None,
-            limits: Limits | None = None, floor: float = DEFAULTS.band, before: float = math.nan) -> Loop:
+            limits: Limits | None = None, floor: float = BAND, before: float = math.nan) -> Loop:
     """Return a run as a Loop; without its system the extremes and the time in stick of the cycles are unknown.
 
     Parameters
@@ -639,7 +656,7 @@ def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Flo
 
 def at_level(pressure: Floats, level: float, side: int = 0) -> np.ndarray:
     """Return which pressures are at a level, Pa, or beyond it on one side (1: above, -1: below); none at NaN."""
-    near = DEFAULTS.held * max(abs(level), float(np.nanmax(np.abs(pressure), initial=0.0)) * 1e-3)
+    near = SAME_PRESSURE * max(abs(level), float(np.nanmax(np.abs(pressure), initial=0.0)) * 1e-3)
     if side:
         return np.asarray(side * (pressure - level) >= -near)
     return np.asarray(np.abs(pressure - level) <= near)

@@ -13,10 +13,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.per_cycle import cycle_starts, starts_of
 from tcc_sim.trajectory import Floats
+
+SLACK = 1e-9  # Part of a period of excitation by which a sample may miss the instant at which the cycle starts.
+PHASE_MEMORY = 6  # Blocks from which the next phase is expected, by a parabola.
+FULL_SIZE = 0.7
+"""Part of the amplitude of the next block that the first of a stretch must have, and the last of the one before it."""
+STEADY = 0.02  # Rms deviation of the phases from uniform rotation up to which a frequency is constant, rad.
+NOISE_FACTOR = 3.0  # The same in units of their own noise.
+FEWEST_FOR_NOISE = 6  # Blocks from which their noise can be told.
+LARGEST_NOISE = 0.17  # The largest that a constant frequency may have, rad.
 
 Stretch = tuple[int, Floats]
 """Consecutive engine cycles: the number of the first, and their start times with the end of the last, s."""
@@ -35,7 +43,7 @@ class Uniform:
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
         """Return the stretches as `EngineClock`."""
-        first = math.ceil(begin / self.cycle - DEFAULTS.slack)
+        first = math.ceil(begin / self.cycle - SLACK)
         return [(first, cycle_starts(first, end, self.cycle))]
 
     def cycles_until(self, t: float) -> float:
@@ -61,7 +69,7 @@ class Scheduled:
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
         """Return the stretches as `EngineClock`."""
-        first = math.ceil(self.system.cycles_until(begin) - DEFAULTS.slack)
+        first = math.ceil(self.system.cycles_until(begin) - SLACK)
         return [(first, starts_of(self.system, first, end))]
 
     def cycles_until(self, t: float) -> float:
@@ -91,7 +99,7 @@ class Tracked:
         if run not in self.runs:
             return []
         numbers, starts = self.runs[run]
-        slack = DEFAULTS.slack * self.cycle
+        slack = SLACK * self.cycle
         low, high = (int(np.searchsorted(starts, t)) for t in (begin - slack, end + slack))
         cuts = (1 + low + np.flatnonzero(np.diff(numbers[low:high]) > 1)).tolist()
         stretches = []
@@ -134,7 +142,7 @@ Blocks = list[Block]
 def trim(stretch: Blocks) -> None:
     """Remove a block at either end that the oscillation fills only in part."""
     for end, neighbour in ((0, 1), (-1, -2)):
-        if len(stretch) > 2 and stretch[end].amplitude < DEFAULTS.full_size * stretch[neighbour].amplitude:
+        if len(stretch) > 2 and stretch[end].amplitude < FULL_SIZE * stretch[neighbour].amplitude:
             del stretch[end]
 
 
@@ -162,7 +170,7 @@ def cycles_between(stretches: list[Blocks], known: float) -> RunPhase:
     t, phase = blocks[0]
     for number, (later, ahead) in enumerate(blocks[1:], 1):
         steady = _steady(t, phase)
-        tail = slice(0, None) if steady else slice(-DEFAULTS.memory, None)
+        tail = slice(0, None) if steady else slice(-PHASE_MEMORY, None)
         slope, value = np.polyfit(t[tail] - later[0], phase[tail], 1)
         turns = np.round((value - ahead[0]) / (2.0 * math.pi))
         blocks[number] = later, ahead + 2.0 * math.pi * turns
@@ -192,10 +200,10 @@ def _steady(t: Floats, phase: Floats) -> bool:
         return True
     slope, start = np.polyfit(t - t[0], phase, 1)
     deviation = float(np.sqrt(np.mean((phase - start - slope * (t - t[0])) ** 2)))
-    if len(t) < DEFAULTS.fewest_for_noise:
-        return deviation <= DEFAULTS.steady
+    if len(t) < FEWEST_FOR_NOISE:
+        return deviation <= STEADY
     noise = float(np.sqrt(np.mean(np.diff(phase, 3) ** 2) / 20.0))
-    return deviation <= max(1e-6, DEFAULTS.noise * min(noise, DEFAULTS.largest_noise))
+    return deviation <= max(1e-6, NOISE_FACTOR * min(noise, LARGEST_NOISE))
 
 
 def _varying(stretch: Blocks, t: Floats, phase: Floats) -> tuple[Floats, Floats, Floats]:

@@ -17,13 +17,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.measured.engine_clock import RunPhase
+from tcc_sim.analysis.measured.signals import DRIVEN
 from tcc_sim.analysis.measured.torque_phase import PhaseTracker
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError, counted
 from tcc_sim.tables.chosen_columns import REFERENCES
 from tcc_sim.tables.measured_table import MeasuredTable, longest_part
 from tcc_sim.tables.sampling import Spans, in_words, merged
 from tcc_sim.trajectory import Floats, integral
+
+BRIDGED_HOLE = 0.0625  # Longest hole of a table that a cubic bridges, periods of excitation.
+HYSTERESIS = 0.2  # Level above and below the middle of a tacho's range that an edge must pass, relative to the range.
+SAMPLES_PER_PULSE = 3.5  # Samples from pulse to pulse that a tacho must have.
+PLAUSIBLE = 0.25  # Largest deviation of an interval between pulses from its neighbours, relative.
+IMPLAUSIBLE = 0.02  # Largest share of pulses that may be missing or extra.
+JITTERY = 0.005  # Jitter of pulses from which on a sentence names it, relative to their distance.
+JUMP = 0.2  # Largest change of an engine speed from row to row, relative.
+LOST_SPEED = 0.25  # Largest share of rows in which an engine speed may be implausible.
+BRIDGED_PHASE = 0.1
+"""Uncertainty of the phase across rows without a plausible speed up to which they are bridged, periods of excitation.
+"""
+SHARP = 0.2  # Share of a torque's variance in its strongest line that makes the line certain.
+AGREEMENT = 0.01  # Largest deviation of that line from a multiple of the excitation, relative.
 
 UNITS_BY_RATIO = {30.0 / math.pi: "rpm", 0.5 / math.pi: "hz", 180.0 / math.pi: "deg/s"}
 """Units in which an engine speed may be by mistake, by the ratio of its numbers to those in rad/s."""
@@ -107,10 +121,10 @@ def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int | None 
 
 
 def long_holes(holes: Spans, turns: Floats, times: Floats) -> Spans:
-    """Return the holes longer than `Settings.bridged_hole`, and those that the phase does not cover."""
+    """Return the holes longer than `BRIDGED_HOLE`, and those that the phase does not cover."""
     begin, end = (np.interp(holes[:, k], times, turns) for k in (0, 1))
     inside = (holes[:, 0] >= times[0]) & (holes[:, 1] <= times[-1])
-    return np.asarray(holes[(end - begin > DEFAULTS.bridged_hole) | ~inside])
+    return np.asarray(holes[(end - begin > BRIDGED_HOLE) | ~inside])
 
 
 def _tracked(t: Floats, torque: Floats) -> RunPhase:
@@ -131,7 +145,7 @@ def plausible_speed(t: Floats, speed: Floats, source: str,
     Raises
     ------
     InputError
-        The speed is nowhere above 0, or implausible in more than `Settings.lost_speed` of the rows.
+        The speed is nowhere above 0, or implausible in more than `LOST_SPEED` of the rows.
     """
     if speed.max() <= 0.0:
         raise InputError(f"{source}: engine_speed is at most {speed.max():g} rad/s; it must be above 0")
@@ -139,7 +153,7 @@ def plausible_speed(t: Floats, speed: Floats, source: str,
     bad = ~good
     if not bad.any():
         return t, speed, np.empty((0, 2)), []
-    if bad.mean() > DEFAULTS.lost_speed:
+    if bad.mean() > LOST_SPEED:
         k = int(np.flatnonzero(bad)[0])
         raise InputError(f"{source}: engine_speed jumps or stands still in {100.0 * bad.mean():.0f} % of its rows, "
                          f"first at {t[k]:.6g} s with {speed[k]:.6g} rad/s; the phase is not known")
@@ -149,7 +163,7 @@ def plausible_speed(t: Floats, speed: Floats, source: str,
     spans = np.stack([t[before], t[after]], axis=1)
     turned = (spans[:, 1] - spans[:, 0]) * order / (2.0 * math.pi)
     sure = turned * np.minimum(0.5 * np.abs(speed[after] - speed[before]), np.maximum(
-        speed[after], speed[before])) < DEFAULTS.bridged_phase
+        speed[after], speed[before])) < BRIDGED_PHASE
     notes = [f"engine_speed is implausible in {counted(int(bad.sum()), 'row')}, {in_words(_spans(t, bad))}"
              + ("; straight lines replace them" if sure.any() else "")]
     return t[good], speed[good], spans[~sure], notes
@@ -164,7 +178,7 @@ def _spans(t: Floats, bad: NDArray[np.bool_]) -> Spans:
 def _continuous(t: Floats, speed: Floats) -> NDArray[np.bool_]:
     """Return which rows go on from their neighbours without a jump."""
     log = np.log(np.maximum(speed, 1e-9 * speed.max()))
-    cuts = np.flatnonzero(np.abs(np.diff(log)) > DEFAULTS.jump) + 1
+    cuts = np.flatnonzero(np.abs(np.diff(log)) > JUMP) + 1
     bounds = [0, *cuts.tolist(), len(t)]
     parts = list(pairwise(bounds))
     longest = max(range(len(parts)), key=lambda k: parts[k][1] - parts[k][0])
@@ -174,8 +188,8 @@ def _continuous(t: Floats, speed: Floats) -> NDArray[np.bool_]:
         last = range(*parts[longest])[end]
         for k in run:
             rows = range(*parts[k])
-            allowed = DEFAULTS.jump + abs(t[rows[start]] - t[last])
-            if speed[rows[start]] > 0.0 and abs(log[rows[start]] - log[last]) <= min(allowed, 2.0 * DEFAULTS.jump):
+            allowed = JUMP + abs(t[rows[start]] - t[last])
+            if speed[rows[start]] > 0.0 and abs(log[rows[start]] - log[last]) <= min(allowed, 2.0 * JUMP):
                 good[slice(*parts[k])] = True
                 last = rows[end]
     return good & (speed > 0.0)
@@ -194,7 +208,7 @@ def _stuck(t: Floats, speed: Floats, order: float) -> NDArray[np.bool_]:
         if 0 < k < len(starts) - 1:
             a, b = int(starts[k]), int(ends[k])
             lost = 0.5 * abs(speed[b] - speed[a]) * (t[b] - t[a]) * order / (2.0 * math.pi)
-            bad[a + 1:b] = lost > DEFAULTS.bridged_phase
+            bad[a + 1:b] = lost > BRIDGED_PHASE
     return bad
 
 
@@ -257,14 +271,14 @@ def _strongest_order(table: MeasuredTable, phase: MeasuredPhase, by: str) -> tup
     low = 6
     k = low + int(np.argmax(spectrum[low:]))
     share = float(np.sum(spectrum[k - 2:k + 3] ** 2) / np.sum(spectrum**2))
-    if share < DEFAULTS.sharp or k >= len(spectrum) - 1:
+    if share < SHARP or k >= len(spectrum) - 1:
         return None
     a, b, c = np.log(spectrum[k - 1:k + 2])
     strongest = (k + 0.5 * float(a - c) / float(a - 2.0 * b + c)) / span
     first = round(span)
     near = spectrum[max(first - 2, low):first + 3]
-    fundamental = first + 3 < len(spectrum) and bool(near.max() > DEFAULTS.driven * spectrum[k])
-    return strongest, max(DEFAULTS.agreement * strongest, 1.5 / span), fundamental
+    fundamental = first + 3 < len(spectrum) and bool(near.max() > DRIVEN * spectrum[k])
+    return strongest, max(AGREEMENT * strongest, 1.5 / span), fundamental
 
 
 def _drifting(table: MeasuredTable, phase: MeasuredPhase, name: str) -> MeasuredPhase:
@@ -325,7 +339,7 @@ def pulses_of(t: Floats, signal: Floats, pulses: int, source: str) -> Pulses:
     broken = np.isnan(steps)
     gaps = np.zeros(len(steps), dtype=bool) if notes else steps >= 2.0
     faults = extra + int(np.count_nonzero(gaps)) + int(np.count_nonzero(broken))
-    if faults > max(3, DEFAULTS.implausible * len(edges)):
+    if faults > max(3, IMPLAUSIBLE * len(edges)):
         raise InputError(f"{source}: {faults} of {len(edges) - 1} intervals between the pulses of the tacho differ "
                          "from their neighbours as if pulses were missing or extra; the phase is not known")
     long = broken | (gaps & (steps > 2.0))
@@ -363,7 +377,7 @@ def edges_in(t: Floats, signal: Floats) -> Floats:
     for length in (around, *(len(signal) / parts for parts in _PARTS)):
         if 16 <= length <= len(signal) / 3:
             tried.append(_edges(t, _levelled(signal, int(length), float(high - low))))
-            if _regular(tried[-1]) > 1.0 - DEFAULTS.implausible:
+            if _regular(tried[-1]) > 1.0 - IMPLAUSIBLE:
                 break
     return max(tried[::-1], key=_regular)
 
@@ -371,7 +385,7 @@ def edges_in(t: Floats, signal: Floats) -> Floats:
 def _regular(edges: Floats) -> float:
     """Return the share of the intervals between edges that are about as long as the one before."""
     steps = np.diff(edges)
-    return float(np.mean(np.abs(np.diff(np.log(steps))) < DEFAULTS.plausible)) if len(steps) > 2 else 0.0
+    return float(np.mean(np.abs(np.diff(np.log(steps))) < PLAUSIBLE)) if len(steps) > 2 else 0.0
 
 
 def _levelled(signal: Floats, length: int, whole: float) -> Floats:
@@ -389,7 +403,7 @@ def _levelled(signal: Floats, length: int, whole: float) -> Floats:
 
 def _edges(t: Floats, x: Floats) -> Floats:
     """Return the times of the rising crossings of 0 by a signal that goes from below a band to above it."""
-    side = np.where(x > DEFAULTS.hysteresis, 1, np.where(x < -DEFAULTS.hysteresis, -1, 0))
+    side = np.where(x > HYSTERESIS, 1, np.where(x < -HYSTERESIS, -1, 0))
     sure = np.flatnonzero(side)
     rising = sure[1:][(side[sure[1:]] == 1) & (side[sure[:-1]] == -1)]
     zero = np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
@@ -403,10 +417,10 @@ def _check_sampled(t: Floats, edges: Floats, source: str) -> None:
     step, intervals = float(np.median(np.diff(t))), np.diff(edges)
     width = min(len(intervals), 20)
     means = np.convolve(intervals, np.ones(width) / width, mode="valid") / step
-    if means.min() < DEFAULTS.samples_per_pulse:
+    if means.min() < SAMPLES_PER_PULSE:
         k = int(means.argmin())
         raise InputError(f"{source}: the tacho has a pulse every {means[k]:.3g} samples at {edges[k]:.6g} s; at least "
-                         f"{DEFAULTS.samples_per_pulse:g} are needed, so it was sampled too slowly for its pulses")
+                         f"{SAMPLES_PER_PULSE:g} are needed, so it was sampled too slowly for its pulses")
 
 
 def _counted(edges: Floats) -> tuple[Floats, Floats, int]:
@@ -417,17 +431,17 @@ def _counted(edges: Floats) -> tuple[Floats, Floats, int]:
 
     intervals = np.diff(edges)
     usual = median_filter(intervals, min(_AROUND, len(intervals) // 2 * 2 + 1), mode="nearest")
-    if np.abs(intervals / usual - 1.0).max() <= DEFAULTS.plausible:
+    if np.abs(intervals / usual - 1.0).max() <= PLAUSIBLE:
         return edges, np.ones(len(intervals)), 0
     kept, steps, k = [0], [], 0
     while k + 1 < len(edges):
         expected, j = usual[min(k, len(usual) - 1)], k + 1
-        while j + 1 < len(edges) and (edges[j] - edges[k] < (1.0 - DEFAULTS.plausible) * expected or abs(
+        while j + 1 < len(edges) and (edges[j] - edges[k] < (1.0 - PLAUSIBLE) * expected or abs(
                 edges[j + 1] - edges[k] - expected) < abs(edges[j] - edges[k] - expected)):
             j += 1
         ratios = [(edges[j] - edges[k]) / usual[min(i, len(usual) - 1)] for i in (max(k - 1, 0), j)]
         whole = max(round(0.5 * sum(ratios)), 1)
-        sure = all(abs(ratio - whole) <= DEFAULTS.plausible for ratio in ratios)
+        sure = all(abs(ratio - whole) <= PLAUSIBLE for ratio in ratios)
         kept.append(j)
         steps.append(float(whole) if sure else np.nan)
         k = j
@@ -476,7 +490,7 @@ def _smooth(counts: Floats, times: Floats, broken: NDArray[np.bool_], notes: lis
             fine, dense = n, smoothed
         out_counts.append(fine)
         out_times.append(dense)
-    if max(moved) > DEFAULTS.jittery:
+    if max(moved) > JITTERY:
         notes.append(f"edges of the tacho jitter by {100.0 * max(moved):.2g} % of their distance (rms); they were "
                      "smoothed")
     counts, times = np.concatenate(out_counts), np.concatenate(out_times)

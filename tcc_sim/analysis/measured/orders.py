@@ -14,12 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.measured.signals import Signals, run_signals
-from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.measured.signals import DRIVEN, HIGHEST_ORDER, LEAST_SAMPLES, Signals, run_signals
 from tcc_sim.errors import InputError
 from tcc_sim.result import Result, reported
 from tcc_sim.tables.sampling import in_words
 from tcc_sim.trajectory import Floats, Trajectory
+
+WINDOW = 16  # Length of a window, periods of excitation.
+HOP = 4  # From one window to the next, periods of excitation.
+PER_CYCLE = 64  # Points in a period of excitation after resampling.
+OF_SAMPLES = 0.45  # Highest frequency of an order, relative to that of a table's samples.
 
 HANN_LOBE = 3
 """Columns of a spectrum over which the mean spreads: half the main lobe of Hann's window."""
@@ -86,7 +90,7 @@ class Orders(Result):
     def with_blanks(self) -> Orders:
         """Return the orders with blank windows, NaN, in place of those that a hole left out, for pictures over time."""
         steps = np.diff(self.time)
-        expected = DEFAULTS.hop * math.pi * (1.0 / self.frequency[1:] + 1.0 / self.frequency[:-1])
+        expected = HOP * math.pi * (1.0 / self.frequency[1:] + 1.0 / self.frequency[:-1])
         missing = np.maximum(np.rint(steps / expected) - 1.0, 0.0) if len(steps) else np.empty(0)
         if not missing.any():
             return self
@@ -114,8 +118,8 @@ def slip_about_cycle_mean(signals: Signals) -> tuple[Floats, Floats]:
     mean over each of these cycles, (n,) rad/s.
     """
     begin = math.ceil(float(signals.turns[0]) - 1e-9)
-    count = max(math.floor(float(signals.turns[-1]) + 1e-9) - begin, 0) * DEFAULTS.per_cycle
-    at = signals.when(begin + np.arange(count + 1) / DEFAULTS.per_cycle)
+    count = max(math.floor(float(signals.turns[-1]) + 1e-9) - begin, 0) * PER_CYCLE
+    at = signals.when(begin + np.arange(count + 1) / PER_CYCLE)
     return at[:-1], _about_cycle_mean(signals.at(at)[0])[:-1]
 
 
@@ -124,13 +128,13 @@ def orders_of(run: Trajectory | Signals) -> Orders:
 
     Parameters
     ----------
-    run : trajectory with its system, or signals, with at least `Settings.least_samples` samples in a period of the
+    run : trajectory with its system, or signals, with at least `LEAST_SAMPLES` samples in a period of the
         excitation
 
     Raises
     ------
     InputError
-        Fewer than `Settings.window` periods, too few samples, no window without a gap, or no system.
+        Fewer than `WINDOW` periods, too few samples, no window without a gap, or no system.
 
     Examples
     --------
@@ -142,33 +146,33 @@ def orders_of(run: Trajectory | Signals) -> Orders:
     signals = run if isinstance(run, Signals) else run_signals(run)
     turns, system = signals.turns, signals.system
     whole = math.floor(float(turns[-1] - turns[0]) + 1e-9)
-    if whole < DEFAULTS.window:
-        raise InputError(f"orders need {DEFAULTS.window} periods of the excitation, and there are {whole}")
-    if len(turns) < DEFAULTS.least_samples * whole:
-        raise InputError(f"orders need {DEFAULTS.least_samples} samples in a period of the excitation, and there are "
+    if whole < WINDOW:
+        raise InputError(f"orders need {WINDOW} periods of the excitation, and there are {whole}")
+    if len(turns) < LEAST_SAMPLES * whole:
+        raise InputError(f"orders need {LEAST_SAMPLES} samples in a period of the excitation, and there are "
                          f"{len(turns) / whole:.3g}")
-    per_cycle = DEFAULTS.per_cycle
+    per_cycle = PER_CYCLE
     begin = math.ceil(float(turns[0]) * per_cycle - 1e-6)
     count = (math.floor(float(turns[-1]) * per_cycle + 1e-6) - begin) // per_cycle * per_cycle + 1
     at = signals.when((begin + np.arange(count)) / per_cycle)
     v, shaft, torque = signals.at(at)
-    length = DEFAULTS.window * per_cycle
-    starts = np.arange(0, count - length, DEFAULTS.hop * per_cycle)
+    length = WINDOW * per_cycle
+    starts = np.arange(0, count - length, HOP * per_cycle)
     hidden = _with_hole(signals, (begin + starts) / per_cycle)
     starts = starts[~hidden]
     if not len(starts):
-        raise InputError(f"every window of {DEFAULTS.window} periods of the excitation has a gap between samples: "
+        raise InputError(f"every window of {WINDOW} periods of the excitation has a gap between samples: "
                          f"{in_words(signals.holes)}")
-    highest = min(float(DEFAULTS.highest_order), 0.25 * len(turns) / whole)
-    order = np.arange(math.floor(highest * DEFAULTS.window) + 1) / DEFAULTS.window
+    highest = min(float(HIGHEST_ORDER), 0.25 * len(turns) / whole)
+    order = np.arange(math.floor(highest * WINDOW) + 1) / WINDOW
     spectra = [_amplitudes(x, starts, length, len(order)) for x in (v, shaft, torque)]
     if signals.splined:
         samples = np.searchsorted(signals.t, at[starts + length]) - np.searchsorted(signals.t, at[starts])
-        kept = _kept_by_spline(order / (samples / DEFAULTS.window)[:, None])
+        kept = _kept_by_spline(order / (samples / WINDOW)[:, None])
         spectra = [spectrum / kept for spectrum in spectra]
     driven = _driven(spectra[2], order) if signals.driven is None else signals.driven
     driven = driven[driven <= order[-1]]
-    places = np.rint(driven * DEFAULTS.window).astype(int)
+    places = np.rint(driven * WINDOW).astype(int)
     with np.errstate(divide="ignore", invalid="ignore"):
         passed = spectra[1][:, places] / spectra[2][:, places]
     apart = _about_cycle_mean(v)
@@ -181,7 +185,7 @@ def orders_of(run: Trajectory | Signals) -> Orders:
                     np.array([float(np.abs(apart[a:b]).max()) for a, b in zip(starts, ends)]), counts / lasted)
     each = system.engine.order
     return Orders(
-        time=middle, frequency=2.0 * np.pi * DEFAULTS.window / lasted, order=each * order, slip_speed=spectra[0],
+        time=middle, frequency=2.0 * np.pi * WINDOW / lasted, order=each * order, slip_speed=spectra[0],
         shaft_torque=spectra[1], torque_order=each * driven, transmissibility=passed,
         judder=judder, heat=np.interp(middle, signals.t, signals.heat),
         modes=(system.stuck_natural_frequency, system.natural_frequency), per_revolution=each,
@@ -231,7 +235,7 @@ def compared(measured: Signals, run: Trajectory) -> OrderComparison:
 
 def _with_hole(signals: Signals, begins: Floats) -> NDArray[np.bool_]:
     """Return whether each window, from its first period of the excitation on, touches a hole."""
-    low, high = signals.when(begins), signals.when(begins + DEFAULTS.window)
+    low, high = signals.when(begins), signals.when(begins + WINDOW)
     begin, end = signals.holes.T
     return np.asarray(((begin < high[:, None]) & (end > low[:, None])).any(axis=1))
 
@@ -258,24 +262,24 @@ def _kept_by_spline(share: Floats) -> Floats:
     equation (23): sinc(f)^4 3/(2 + cos(2 pi f))
     """
     kept = np.sinc(share) ** 4 * 3.0 / (2.0 + np.cos(2.0 * np.pi * share))
-    return np.where(share < DEFAULTS.of_samples, kept, np.nan)
+    return np.where(share < OF_SAMPLES, kept, np.nan)
 
 
 def _driven(torque: Floats, order: Floats) -> Floats:
-    """Return the orders of a measured torque: peaks of (W, N) amplitudes with a median share of `DEFAULTS.driven`."""
+    """Return the orders of a measured torque: peaks of (W, N) amplitudes with a median share of `DRIVEN`."""
     torque = torque.copy()
     torque[:, :HANN_LOBE] = 0.0  # The mean, and its spread by Hann's window.
     with np.errstate(divide="ignore", invalid="ignore"):
         share = torque / torque.max(axis=1, keepdims=True)
     known = np.isfinite(share).all(axis=1)
     share = np.median(share[known], axis=0) if known.any() else np.zeros(len(order))
-    tops = (share[1:-1] > share[:-2]) & (share[1:-1] >= share[2:]) & (share[1:-1] >= DEFAULTS.driven)
+    tops = (share[1:-1] > share[:-2]) & (share[1:-1] >= share[2:]) & (share[1:-1] >= DRIVEN)
     peaks: Floats = order[1:-1][tops]
     return peaks
 
 
 def _about_cycle_mean(v: Floats) -> Floats:
     """Return the slip speed minus its mean over each engine cycle."""
-    whole = (len(v) - 1) // DEFAULTS.per_cycle * DEFAULTS.per_cycle
-    cycles = v[:whole].reshape(-1, DEFAULTS.per_cycle)
+    whole = (len(v) - 1) // PER_CYCLE * PER_CYCLE
+    cycles = v[:whole].reshape(-1, PER_CYCLE)
     return np.append((cycles - cycles.mean(axis=1, keepdims=True)).ravel(), 0.0)

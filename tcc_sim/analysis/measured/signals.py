@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
@@ -19,6 +18,13 @@ from tcc_sim.model.profile import SWELL, SWELLS, phase_at
 from tcc_sim.solvers.per_cycle import hermite
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.trajectory import Floats, Trajectory, integral
+
+DRIVEN = 0.05
+"""Least amplitude of an order of the torque, relative to its largest: sidelobes of Hann's window reach 0.027."""
+BRIDGED_TICKS = 2.5  # Longest distance of states that is bridged, as by one lost state, in ticks.
+HIGHEST_ORDER = 10  # Highest order that is given.
+LEAST_SAMPLES = 8
+"""Samples that a cycle must have on average; orders up to a quarter of them, and HIGHEST_ORDER at most, are given."""
 
 Phase = tuple[Floats, Callable[[Floats], Floats]]
 """Periods of the excitation passed at samples, (n,), and the function from such numbers to times, s."""
@@ -105,7 +111,7 @@ def gaps_between(turns: Floats, t: Floats) -> Floats:
     In a run-up of equal steps of time those of the phase grow, and the other way round: a gap is wide in both. A single
     lost sample makes none.
     """
-    wide = [np.diff(x) > DEFAULTS.bridged * np.median(np.diff(x)) for x in (turns, t)]
+    wide = [np.diff(x) > BRIDGED_TICKS * np.median(np.diff(x)) for x in (turns, t)]
     gaps = np.flatnonzero(wide[0] & wide[1])
     return np.stack([t[gaps], t[gaps + 1]], axis=1)
 

@@ -11,11 +11,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tcc_sim.analysis.measured.signals import Signals
-from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.measured.signals import HIGHEST_ORDER, Signals
 from tcc_sim.errors import InputError, counted
 from tcc_sim.result import Result, reported
 from tcc_sim.trajectory import Floats
+
+SPECTRUM_POINTS = 256  # Points in a cycle of the excitation after resampling, at most.
+SPECTRUM_WINDOW = 64  # Length of a window of a motion without a period, at most, cycles of the excitation.
+SPECTRUM_LEAST = 16  # The same at least, cycles of the excitation.
+SUBHARMONIC = 1e-3  # Part of the largest line above which one between the multiples of the excitation is listed.
 
 
 @dataclass(frozen=True, repr=False)
@@ -61,15 +65,15 @@ def spectrum_of(signals: Signals, period: int, last: int | None = None) -> Spect
     Raises
     ------
     InputError
-        Fewer cycles than a period, or than `Settings.spectrum_least` without a period.
+        Fewer cycles than a period, or than `SPECTRUM_LEAST` without a period.
     """
     whole = math.floor(float(signals.turns[-1] - signals.turns[0]) + 1e-9)
-    per_cycle = min(DEFAULTS.spectrum_points, 2 ** math.floor(math.log2(len(signals.turns) / max(whole, 1))))
+    per_cycle = min(SPECTRUM_POINTS, 2 ** math.floor(math.log2(len(signals.turns) / max(whole, 1))))
     whole = whole if last is None else min(whole, last)
-    needed = period or DEFAULTS.spectrum_least
+    needed = period or SPECTRUM_LEAST
     if whole < needed:
         raise InputError(f"a spectrum needs {needed} whole cycles of the excitation, and there are {whole}")
-    highest = min(float(DEFAULTS.highest_order), 0.25 * per_cycle)
+    highest = min(float(HIGHEST_ORDER), 0.25 * per_cycle)
     cycles = whole // period * period if period else whole
     begin = float(signals.turns[-1]) - cycles
     at = signals.when(begin + np.arange(cycles * per_cycle + 1) / per_cycle)
@@ -85,7 +89,7 @@ def spectrum_of(signals: Signals, period: int, last: int | None = None) -> Spect
         return Spectrum(order * omega, each * order, window, period,
                         each * order[np.logical_or(*(_between(order, period, x) for x in (slip, shaft)))], slip, shaft,
                         None, None)
-    length = min(DEFAULTS.spectrum_window, whole)
+    length = min(SPECTRUM_WINDOW, whole)
     lines = math.floor(highest * length) + 1
     order = np.arange(lines) / length
     slip, shaft = (_density(x, length * per_cycle, lines, per_cycle * omega / (2.0 * math.pi)) for x in values)
@@ -114,5 +118,5 @@ def _density(values: Floats, length: int, count: int, rate: float) -> Floats:
 
 def _between(order: Floats, period: int, amplitude: Floats) -> Floats:
     """Return which lines lie between the multiples of the excitation and are high enough."""
-    high = amplitude > DEFAULTS.subharmonic * float(amplitude[1:].max(initial=0.0))
+    high = amplitude > SUBHARMONIC * float(amplitude[1:].max(initial=0.0))
     return np.asarray(high & (np.arange(len(order)) % period != 0) & np.isfinite(amplitude))

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
-from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.measured.engine_clock import SLACK, EngineClock, Scheduled, Tracked, clock_of_scene
+from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.analysis.steady.summary import CycleTimes, Span, Summary, cycle_times_of, dropped_of, summarise_cycles
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import equations
@@ -21,6 +21,11 @@ from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import STILL, Cycles, FarEnd, Floats, Loads, concatenated
+
+RECORDING_TOLERANCE = 2e-3
+"""TOLERANCE of a recorded section: ticks do not fall on cycle ends, and fixed steps are coarse."""
+DRIFTING = 5e-3  # A cycle that differs by this part of the length of the last ones belongs to no period.
+AT_THE_END = 16  # Number of these last cycles, periods of excitation.
 
 BRIDGED = -1
 """Row of the waiting samples: 1 where a single state before is lost."""
@@ -139,7 +144,7 @@ class RunCycles:
         if isinstance(self.clock, Tracked):
             return self.pieces[0].first, self.pieces[-1].first + len(self.pieces[-1].cycles)
         begin, end = (self.clock.cycles_until(t) for t in (self.begin - STAMP, self.end + STAMP))
-        return math.ceil(begin - DEFAULTS.slack), math.floor(end + DEFAULTS.slack)
+        return math.ceil(begin - SLACK), math.floor(end + SLACK)
 
     def _start_of(self, number: int) -> float:
         """Return the start of a cycle, s; if the scene does not set it, cycles within a gap have one length."""
@@ -241,7 +246,7 @@ class CycleStream:
             elif preceded is Break.GAP:
                 before = self.runs[-1].end
                 self.runs[-1].gaps.append((before, begin))
-                if begin - before > DEFAULTS.bridged * self.continuity.tick_s:
+                if begin - before > BRIDGED_TICKS * self.continuity.tick_s:
                     self._close()
                 else:
                     rows[BRIDGED, piece.start] = 1.0
@@ -283,7 +288,7 @@ class CycleStream:
             return replace(summary, period=0, section=[], section_states=[], cycles=0, broken=0, settled=False,
                            section_change=math.nan, longest_period=0)
         times = self._cycle_times_of(kept.cycles, kept.first)
-        return summarise_cycles(kept.cycles, times, tolerance=DEFAULTS.recording_tolerance, dropped=kept.dropped,
+        return summarise_cycles(kept.cycles, times, tolerance=RECORDING_TOLERANCE, dropped=kept.dropped,
                                 broken=kept.broken, partial=parts, span=kept.span)
 
     def _cycle_times_of(self, cycles: Cycles, first: int) -> CycleTimes:
@@ -292,7 +297,7 @@ class CycleStream:
             system = self.clock.system if isinstance(self.clock, Scheduled) else None
             return cycle_times_of(system, self.clock.cycle, first, len(cycles))
         cycle = lengths_of(cycles)
-        drifts = np.flatnonzero(np.abs(cycle / np.median(cycle[-DEFAULTS.at_the_end:]) - 1.0) > DEFAULTS.drifting)
+        drifts = np.flatnonzero(np.abs(cycle / np.median(cycle[-AT_THE_END:]) - 1.0) > DRIFTING)
         return CycleTimes(cycle, first, varied=int(drifts[-1]) + 1 if len(drifts) else 0)
 
     def _take(self, rows: Floats, run: int) -> list[CyclePiece]:
@@ -320,7 +325,7 @@ class CycleStream:
                 pieces.append(CyclePiece(len(self.runs) - 1, int(numbers[a]), cycles[a:b]))
                 self.runs[-1].add(pieces[-1])
         rows = np.concatenate(self._waiting, axis=1)
-        start = int(np.searchsorted(rows[0], self._from + DEFAULTS.slack * self.clock.cycle, side="right")) - 1
+        start = int(np.searchsorted(rows[0], self._from + SLACK * self.clock.cycle, side="right")) - 1
         self._waiting = [rows[:, start:].copy()]
         return pieces
 

@@ -10,12 +10,30 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.measured.engine_clock import Block, Blocks, RunPhase, Tracked, cycles_between, trim
-from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.measured.engine_clock import PHASE_MEMORY, Block, Blocks, RunPhase, Tracked, cycles_between, trim
+from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.trajectory import Floats
 
-DRIFTS = np.linspace(-DEFAULTS.steepest, DEFAULTS.steepest, DEFAULTS.drifts)
+SHORTEST_OPENING = 1 << 8
+"""Samples from which the line is found before it is followed; the shortest stretch that shows it serves."""
+LONGEST_OPENING = 1 << 14  # The most of them.
+OPENING_CYCLES = 6.0  # Cycles of the line that such a stretch must hold.
+STEEPEST = 0.12  # Largest relative change of frequency, either way, that is tried on it, 1/s.
+DRIFT_COUNT = 13  # How many such changes are tried, evenly.
+CYCLES_PER_BLOCK = 2  # Least size of a block, which has one phase, cycles of the line.
+SAMPLES_PER_BLOCK = 32  # The same, samples.
+STRONGEST_LINE = 0.2  # Part of the variance of a block, its drift apart, that the line must hold.
+LARGEST_SURPRISE = 1.0  # Largest difference of a block's phase from what the blocks before it let expect, rad.
+FASTEST_DRIFT = 0.3  # Largest relative change of frequency that is expected, 1/s.
+LARGEST_TWIST = 0.5  # Largest difference between the phases of the halves of a block, rad.
+MISSES = 2  # Blocks one after the other that may fail within a stretch.
+FEWEST_BLOCKS = 4  # A run of fewer is fitted as a whole, with a constant frequency.
+FEW_BLOCKS = 12  # So is a run of fewer than these where that holds as much of its variance as the blocks do.
+AS_MUCH = 0.02  # Part of the variance by which these may differ.
+LEAST_KNOWN = 0.25  # Part of a run in which the phase must be known.
+
+DRIFTS = np.linspace(-STEEPEST, STEEPEST, DRIFT_COUNT)
 """Relative changes of frequency, 1/s, that are tried on the opening."""
 
 
@@ -40,7 +58,7 @@ class PhaseTracker:
         stamp_ns, engine_torque = stamp_ns[finite], engine_torque[finite]
         for piece, preceded in self._continuity.pieces(stamp_ns, run):
             t, now = stamp_ns[piece].astype(np.float64) * 1e-9, self._runs.setdefault(run, _Run())
-            bridged = preceded is Break.GAP and t[0] - now.last <= DEFAULTS.bridged * self.tick
+            bridged = preceded is Break.GAP and t[0] - now.last <= BRIDGED_TICKS * self.tick
             if preceded is not Break.NOTHING and not bridged:
                 now.interrupt()
             now.take(t, engine_torque[piece])
@@ -94,16 +112,16 @@ class _Run:
         self.samples += len(t)
         self._span = [self._span[0] if self._span else float(t[0]), float(t[-1])]
         self._low, self._high = min(self._low, float(torque.min())), max(self._high, float(torque.max()))
-        if len(self._opening[0]) < DEFAULTS.longest_opening:
-            self._opening = (np.concatenate([self._opening[0], t])[:DEFAULTS.longest_opening],
-                             np.concatenate([self._opening[1], torque])[:DEFAULTS.longest_opening])
+        if len(self._opening[0]) < LONGEST_OPENING:
+            self._opening = (np.concatenate([self._opening[0], t])[:LONGEST_OPENING],
+                             np.concatenate([self._opening[1], torque])[:LONGEST_OPENING])
         self._t, self._torque = np.concatenate([self._t, t]), np.concatenate([self._torque, torque])
         while self._search() if self._model is None else self._follow():
             pass
 
     def interrupt(self) -> None:
         """End at a gap or at the end: nothing that waits may join later samples."""
-        if self._model is None and len(self._t) >= DEFAULTS.shortest_opening // 2:
+        if self._model is None and len(self._t) >= SHORTEST_OPENING // 2:
             while self._search(last=True) if self._model is None else self._follow():
                 pass
         if self._stretch is not None and not self._misses and len(self._t):
@@ -119,24 +137,24 @@ class _Run:
         if self._high - self._low <= 1e-9 * max(abs(self._low), abs(self._high)):
             return RunPhase(*none, why="the engine torque is constant")
         shares = [block.share for stretch in self._done for block in stretch]
-        short = len(shares) < DEFAULTS.few_blocks and self.samples <= DEFAULTS.longest_opening
+        short = len(shares) < FEW_BLOCKS and self.samples <= LONGEST_OPENING
         whole = _fitted(*self._opening) if short else None
-        few = len(shares) < DEFAULTS.fewest_blocks
-        if whole is not None and (few or whole[0].share >= float(np.mean(shares)) - DEFAULTS.as_much):
+        few = len(shares) < FEWEST_BLOCKS
+        if whole is not None and (few or whole[0].share >= float(np.mean(shares)) - AS_MUCH):
             self._done = [whole]
         elif few:
             return RunPhase(*none, why="the engine torque does not oscillate with one frequency, or with one that "
                             "changes by 10 % a second or less")
         known = sum(stretch[-1].end - stretch[0].begin for stretch in self._done) / (self._span[1] - self._span[0])
-        if known < DEFAULTS.least_known:
+        if known < LEAST_KNOWN:
             return RunPhase(*none, why="the oscillation of the engine torque can be followed for "
-                            f"{100.0 * known:.0f} % of the time only; {100.0 * DEFAULTS.least_known:.0f} % or more are "
+                            f"{100.0 * known:.0f} % of the time only; {100.0 * LEAST_KNOWN:.0f} % or more are "
                             "needed")
         return cycles_between(self._done, known)
 
     def _search(self, last: bool = False) -> bool:
         """Look for the line in the first waiting samples; return whether more can be done with the waiting ones."""
-        size = max(2 * self._tried, DEFAULTS.shortest_opening)
+        size = max(2 * self._tried, SHORTEST_OPENING)
         if len(self._t) < size:
             if not last or len(self._t) == self._tried:
                 return False
@@ -150,7 +168,7 @@ class _Run:
             ahead = _fit(self._t[:count], self._torque[:count], self._expected(self._t[:count])).ahead
             self._model = float(self._t[0]), ahead, frequency, drift * frequency
             self._sure_until, self._misses, self._tried = float(self._t[size - 1]), 0, 0
-        elif size >= DEFAULTS.longest_opening:
+        elif size >= LONGEST_OPENING:
             self._t, self._torque, self._tried = self._t[size // 2:], self._torque[size // 2:], 0
         return True
 
@@ -164,8 +182,8 @@ class _Run:
         assert self._model is not None
         at, _, frequency, change = self._model
         now = max(frequency + change * (float(self._t[0]) - at), 0.5 * frequency)
-        end = float(self._t[0]) + DEFAULTS.cycles_per_block * 2.0 * math.pi / now
-        return max(int(np.searchsorted(self._t, end)), DEFAULTS.samples_per_block)
+        end = float(self._t[0]) + CYCLES_PER_BLOCK * 2.0 * math.pi / now
+        return max(int(np.searchsorted(self._t, end)), SAMPLES_PER_BLOCK)
 
     def _follow(self) -> bool:
         """Turn the next samples into a block; return whether there were enough."""
@@ -180,7 +198,7 @@ class _Run:
             self._learn()
         else:
             self._misses += 1
-            if self._misses > DEFAULTS.misses and float(t[0]) > self._sure_until:
+            if self._misses > MISSES and float(t[0]) > self._sure_until:
                 self._release()
                 return True
         self._t, self._torque = self._t[count:], self._torque[count:]
@@ -194,9 +212,9 @@ class _Run:
         fit, *halves = (_fit_of(t[part], sides[:, part])
                         for part in (slice(0, count), slice(0, count // 2), slice(count // 2, count)))
         apart = math.remainder(halves[1].ahead - halves[0].ahead, 2.0 * math.pi)
-        agrees = abs(fit.ahead) <= DEFAULTS.largest_surprise or self._stretch is None
-        agrees = agrees and abs(apart) <= DEFAULTS.largest_twist
-        return fit if fit.share >= DEFAULTS.strongest_line and agrees else None
+        agrees = abs(fit.ahead) <= LARGEST_SURPRISE or self._stretch is None
+        agrees = agrees and abs(apart) <= LARGEST_TWIST
+        return fit if fit.share >= STRONGEST_LINE and agrees else None
 
     def _add(self, stretch: Blocks, fit: _Fit, begin: float, end: float, last: float) -> None:
         """Add a block to a stretch: its samples go from `begin` to `last`, the next block begins at `end`."""
@@ -218,7 +236,7 @@ class _Run:
         """Update the model from the last blocks."""
         assert self._stretch is not None
         assert self._model is not None
-        t, phase = np.array([(block.t, block.phase) for block in self._stretch[-DEFAULTS.memory:]]).T
+        t, phase = np.array([(block.t, block.phase) for block in self._stretch[-PHASE_MEMORY:]]).T
         at, now, (frequency, change) = float(t[-1]), float(phase[-1]), self._model[2:]
         frequency += change * (at - self._model[0])
         if len(t) > 3:
@@ -229,11 +247,11 @@ class _Run:
             change, frequency, now = 2.0 * half / (span * span), slope / span, now + above
         elif len(t) > 1:
             frequency = float(phase[-1] - phase[-2]) / float(t[-1] - t[-2]) + 0.5 * change * float(t[-1] - t[-2])
-        limit = DEFAULTS.fastest_drift * abs(frequency)
+        limit = FASTEST_DRIFT * abs(frequency)
         self._model = at, now, frequency, min(max(change, -limit), limit)
 
     def _release(self) -> None:
-        if self._stretch is not None and len(self._stretch) > DEFAULTS.misses:
+        if self._stretch is not None and len(self._stretch) > MISSES:
             trim(self._stretch)
             self._done.append(self._stretch)
         self._stretch, self._model, self._misses = None, None, 0
@@ -285,9 +303,9 @@ def _strongest_line(t: Floats, torque: Floats) -> tuple[float, float] | None:
         if height > best[0] * (1.0 + 1e-6 * (drift != 0.0)):
             best = height, frequency, drift
     _, frequency, drift = best
-    if frequency * span < 2.0 * math.pi * DEFAULTS.opening_cycles:
+    if frequency * span < 2.0 * math.pi * OPENING_CYCLES:
         return None
-    if _fit(t, torque, frequency * (middle + 0.5 * drift * middle * middle)).share < DEFAULTS.strongest_line:
+    if _fit(t, torque, frequency * (middle + 0.5 * drift * middle * middle)).share < STRONGEST_LINE:
         return None
     return frequency * (1.0 - 0.5 * drift * span), drift
 
@@ -329,7 +347,7 @@ def _fitted(t: Floats, torque: Floats) -> Blocks | None:
     guess = min(np.linspace(0.6, 1.4, 81).tolist(), key=left)
     best = minimize_scalar(left, bounds=(guess - 0.01, guess + 0.01), method="bounded", options={"xatol": 1e-10})
     fit, ends = _fit(t, torque, float(best.x) * rough * (t - t[0])), (float(t[0]), float(t[-1]))
-    if fit.share < DEFAULTS.strongest_line:
+    if fit.share < STRONGEST_LINE:
         return None
     return [Block(at, fit.ahead + float(best.x) * rough * (at - ends[0]), fit.amplitude, fit.share, *ends)
             for at in ends]

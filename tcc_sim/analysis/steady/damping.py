@@ -12,7 +12,6 @@ from typing import Any, cast
 
 import numpy as np
 
-from tcc_sim.analysis.settings import DEFAULTS
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
@@ -20,6 +19,14 @@ from tcc_sim.result import Described, reported
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import Terms, peak_load, terms_of
 from tcc_sim.trajectory import FREE, STICK, Cycles, Floats, State, Status, Trajectory
+
+AVERAGED = 16  # Length that the averages are taken over, periods of excitation.
+RTOL = 1e-9  # Relative tolerance of the motion and its integrals with the smoothed law.
+GROWTH_BETWEEN = 0.07
+"""Growth of slip on the falling law between two samples, in natural logarithm; the error is about its fourth power."""
+FEWEST_SAMPLES = 1024
+"""Samples per cycle with the set-valued law, at least: between them the motion is interpolated from its equations."""
+MOST_SAMPLES = 131072  # The same at most.
 
 GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(4))
 """Half the abscissae and weights of the four-point rule."""
@@ -61,7 +68,7 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
     -------
     Damping, NaN if no cycle can be solved
     """
-    count = math.ceil(DEFAULTS.averaged / max(period, 1)) * max(period, 1)
+    count = math.ceil(AVERAGED / max(period, 1)) * max(period, 1)
     integrals, time = np.zeros(3), 0.0
     for n in range(max(len(cycles) - count, 0), len(cycles)):
         if not math.isfinite(cycles.highest[n]):
@@ -79,14 +86,14 @@ def _integrated(system: System, section: Floats, number: int, integrals: Floats)
     if system.friction.law == "smoothed":
         from tcc_sim.solvers.stroboscopic import slope_integrals
         try:
-            integrals += slope_integrals(system, section, number, DEFAULTS.rtol)
+            integrals += slope_integrals(system, section, number, RTOL)
         except NumericalFailure:
             return False
         return True
     terms = terms_of(system)
     falling = friction.steepest_fall(terms.stribeck)
-    samples = math.ceil(system.cycle * system.inverse_inertia * peak_load(terms) * falling / DEFAULTS.growth_between)
-    samples = min(max(samples, DEFAULTS.fewest_samples), DEFAULTS.most_samples)
+    samples = math.ceil(system.cycle * system.inverse_inertia * peak_load(terms) * falling / GROWTH_BETWEEN)
+    samples = min(max(samples, FEWEST_SAMPLES), MOST_SAMPLES)
     run = solve(system, cycles=1, samples_per_cycle=samples, start_cycle=number, state=State.of(section))
     if run.status is not Status.DONE:
         return False

@@ -205,7 +205,7 @@ def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tu
     Returns
     -------
     logarithm of the growth in every engine cycle, (cycles,); its difference from a coarser tolerance in one of
-    `Settings.compared` cycles; and the cycles
+    `COMPARED` cycles; and the cycles
     """
     every, runs = COMPARED, list[Cycles]()
     growth, difference = np.full(cycles, np.nan), np.full(cycles // every, np.nan)

@@ -13,9 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.repetition import repetitions
-from tcc_sim.analysis.settings import DEFAULTS
+from tcc_sim.analysis.repetition import LONGEST, repetitions
 from tcc_sim.trajectory import Cycles, Floats
+
+TOLERANCE = 1e-4  # Repetition, relative to the size of the motion, that counts as settled.
+FINE = 1e-8
+"""Repetition of each coordinate, relative to its largest value, over cycles after which fewer need not be seen."""
+DRIFT = 4.0  # Change of the largest slip speeds over a run without a period that marks a transient, in standard errors.
+AFTER_A_GAP = 16
+"""Least length without a gap before a period is stated after one: that of the longest, periods of excitation."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +41,13 @@ class Periodicity:
     longest: int = 0
 
 
-def longest_tried(points: int, maximum: int = DEFAULTS.maximum_period) -> int:
+def longest_tried(points: int, maximum: int = LONGEST) -> int:
     """Return the longest period that so many section points can show, periods of excitation."""
     return min(maximum, points // 3)
 
 
-def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
-                maximum: int = DEFAULTS.maximum_period) -> Periodicity:
+def periodicity(cycles: Cycles, tolerance: float = TOLERANCE,
+                maximum: int = LONGEST) -> Periodicity:
     """Return the smallest number of engine cycles after which the section repeats.
 
     Settled: over the last quarter of the cycles, and at least three periods, points p cycles apart stay within
@@ -54,7 +60,7 @@ def periodicity(cycles: Cycles, tolerance: float = DEFAULTS.tolerance,
     Parameters
     ----------
     cycles : consecutive engine cycles without the transient; NaN marks cycles that were not observed. Only those after
-        the last gap are used, if there are at least `Settings.after_a_gap`
+        the last gap are used, if there are at least `AFTER_A_GAP`
     tolerance : relative to the size of the motion
     maximum : longest period, engine cycles
     """
@@ -80,7 +86,7 @@ def cycles_drift(cycles: Cycles) -> bool:
 def drifts(largest: Floats) -> NDArray[np.bool_]:
     """Return whether the largest slip speeds of each run, (m, N), still grow or decay.
 
-    The means over their quarters change in one direction, in all by more than `DEFAULTS.drift` standard errors, which
+    The means over their quarters change in one direction, in all by more than `DRIFT` standard errors, which
     is rare for a torus or chaos, and by more than the tolerance. Too few cycles for quarters count as a drift.
     """
     runs, width = len(largest), largest.shape[1] // 4
@@ -89,7 +95,7 @@ def drifts(largest: Floats) -> NDArray[np.bool_]:
     quarters = largest[:, largest.shape[1] - 4 * width:].reshape(runs, 4, width)
     means, error = quarters.mean(axis=2), np.sqrt(quarters.var(axis=2).mean(axis=1) * 2.0 / width)
     change: Any = np.diff(means, axis=1)
-    least = np.maximum(DEFAULTS.drift * error, DEFAULTS.tolerance * largest.max(axis=1))
+    least = np.maximum(DRIFT * error, TOLERANCE * largest.max(axis=1))
     out: NDArray[np.bool_] = (np.abs(change.sum(axis=1)) > least) & (
         (change > 0.0).all(axis=1) | (change < 0.0).all(axis=1))
     return out
@@ -98,7 +104,7 @@ def drifts(largest: Floats) -> NDArray[np.bool_]:
 def enough_after_a_gap(cycles: Cycles) -> bool:
     """Return whether enough cycles follow the last gap; fewer may repeat by chance."""
     first = _after_gap(cycles)
-    return first == 0 or len(cycles) - first >= DEFAULTS.after_a_gap
+    return first == 0 or len(cycles) - first >= AFTER_A_GAP
 
 
 def _after_gap(cycles: Cycles) -> int:
@@ -107,7 +113,7 @@ def _after_gap(cycles: Cycles) -> int:
     return 0 if observed.all() else int(np.flatnonzero(~observed)[-1]) + 1
 
 
-def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = DEFAULTS.tolerance) -> bool:
+def stays(cycles: Cycles, further: Cycles, period: int, tolerance: float = TOLERANCE) -> bool:
     """Return whether the section of further cycles stays within `tolerance` of the last period before."""
     last = cycles.section[len(cycles.section) - period:]
     apart = further.section - last[(np.arange(len(further.section)) - 1) % period]
@@ -125,9 +131,9 @@ def repeats_finely(cycles: Cycles, period: int, count: int) -> bool:
 
 
 def finely_repeated(points: Floats, period: int) -> NDArray[np.bool_]:
-    """Return whether the points of each run, (m, n, 3), repeat after a period within `DEFAULTS.fine` of their size."""
+    """Return whether the points of each run, (m, n, 3), repeat after a period within `FINE` of their size."""
     apart = np.abs(points[:, period:] - points[:, :-period]).max(axis=1)
-    out: NDArray[np.bool_] = (apart <= DEFAULTS.fine * np.abs(points).max(axis=1)).all(axis=1)
+    out: NDArray[np.bool_] = (apart <= FINE * np.abs(points).max(axis=1)).all(axis=1)
     return out
 
 

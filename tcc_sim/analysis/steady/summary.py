@@ -14,8 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.settings import DEFAULTS
-from tcc_sim.analysis.steady.periodicity import Periodicity, cycles_drift, enough_after_a_gap, periodicity, sizes_of
+from tcc_sim.analysis.steady.periodicity import (
+    AFTER_A_GAP,
+    TOLERANCE,
+    Periodicity,
+    cycles_drift,
+    enough_after_a_gap,
+    periodicity,
+    sizes_of,
+)
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
@@ -24,6 +31,13 @@ from tcc_sim.result import Result, reported
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, Floats, Trajectory, concatenated, split_cycles
+
+DISCARD = 50  # Length dropped as transient: the paper's rule, periods of excitation.
+ROUNDING = 1e-12  # Largest share of time in stick that counts as 0, and in slip as 1.
+GROWTH_ERRORS = 4.0  # Standard errors by which the slip speed must rise over a run that grows.
+HALVING_ERRORS = 2.0  # Standard errors by which the second step of the rise must exceed half of the first.
+PASSING = 5e-3
+"""Largest stick fraction that counts as slip through v = 0: the smoothed law counts the passage through its layer."""
 
 
 def cycles_of(trajectory: Trajectory) -> Cycles:
@@ -112,7 +126,7 @@ def cycle_times_of(system: System | None, cycle: float, first: int, count: int) 
 
 def default_discard(cycles: int) -> int:
     """Return the default number of dropped cycles: 50, or half of fewer than 100 cycles."""
-    return min(DEFAULTS.discard, cycles // 2)
+    return min(DISCARD, cycles // 2)
 
 
 def dropped_of(cycles: int, discard: int | None) -> int:
@@ -207,7 +221,7 @@ class Summary(Result):
         return {item.name: [getattr(self, item.name)] for item in fields(self) if item.name not in listed}
 
 
-def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: float = DEFAULTS.tolerance) -> Summary:
+def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: float = TOLERANCE) -> Summary:
     """Summarise a trajectory after its first `discard` cycles.
 
     Parameters
@@ -229,7 +243,7 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
                             partial=[part for part in (before if not dropped else None, behind) if part is not None])
 
 
-def summarise_cycles(cycles: Cycles, times: CycleTimes, *, tolerance: float = DEFAULTS.tolerance, dropped: int = 0,
+def summarise_cycles(cycles: Cycles, times: CycleTimes, *, tolerance: float = TOLERANCE, dropped: int = 0,
                      broken: int = 0, partial: Sequence[Cycles] = (), span: Span | None = None,
                      by: Trajectory | None = None) -> Summary:
     """Summarise consecutive cycles; NaN marks those that were not observed.
@@ -336,7 +350,7 @@ def sums_from(highest: float, lowest: float, stick_time: float, seconds: float,
     largest and smallest shaft torque, breakaways, NaN if they were not counted, and the fluid's heat.
     """
     fraction = min(max(stick_time / seconds, 0.0), 1.0) if seconds > 0.0 else 0.0
-    fraction = float(round(fraction)) if min(fraction, 1.0 - fraction) < DEFAULTS.rounding else fraction
+    fraction = float(round(fraction)) if min(fraction, 1.0 - fraction) < ROUNDING else fraction
     sums: dict[str, Any] = {"max_slip_speed": max(abs(highest), abs(lowest)), "min_slip_speed": lowest,
                             "stick_fraction": fraction, "regime": regime_of(fraction)}
     if loads is None:
@@ -347,19 +361,19 @@ def sums_from(highest: float, lowest: float, stick_time: float, seconds: float,
             "breakaways": int(breakaways) if math.isfinite(breakaways) else None, "coupling_energy": fluid}
 
 
-def runs_away(cycles: Cycles, varied: int = 0, tolerance: float = DEFAULTS.tolerance) -> bool:
+def runs_away(cycles: Cycles, varied: int = 0, tolerance: float = TOLERANCE) -> bool:
     """Return whether slip grows (`slip_grows`) to the last cycle.
 
     The cycles after the first `varied` ones, in which the excitation changes, are judged if they are enough. Otherwise
     slip must grow over all cycles and over the last third of them.
     """
     after = cycles[min(varied, len(cycles)):]
-    if not varied or len(after) >= DEFAULTS.after_a_gap:
+    if not varied or len(after) >= AFTER_A_GAP:
         return slip_grows(after, tolerance)
     return slip_grows(cycles, tolerance) and slip_grows(cycles[-(len(cycles) // 3):], tolerance)
 
 
-def slip_grows(cycles: Cycles, tolerance: float = DEFAULTS.tolerance) -> bool:
+def slip_grows(cycles: Cycles, tolerance: float = TOLERANCE) -> bool:
     """Return whether the slip of the last cycles grows like that of a runaway, without stick or reversal.
 
     In lasting slip, (1a) accelerates the flywheel by (Te - Tf)/I1, and |Tf| falls with |v|, so that growth continues,
@@ -389,8 +403,8 @@ def slip_grows(cycles: Cycles, tolerance: float = DEFAULTS.tolerance) -> bool:
     if not (rise > tolerance * size and beyond_half > 0.0):
         return False
     error = error_of_thirds(thirds)  # The variances of sum and difference are 2 and 3.5 times that of a mean.
-    return bool(late - early > DEFAULTS.growth_errors * math.sqrt(2.0) * error
-                and beyond_half > DEFAULTS.halving_errors * math.sqrt(3.5) * error)
+    return bool(late - early > GROWTH_ERRORS * math.sqrt(2.0) * error
+                and beyond_half > HALVING_ERRORS * math.sqrt(3.5) * error)
 
 
 def error_of_thirds(thirds: Floats) -> float:
@@ -432,6 +446,6 @@ def runaway_cause(system: System) -> str:
 
 def regime_of(stick_fraction: float) -> str:
     """Return stick, slip or stick-slip."""
-    if stick_fraction >= 1.0 - DEFAULTS.passing:
+    if stick_fraction >= 1.0 - PASSING:
         return "stick"
-    return "slip" if stick_fraction <= DEFAULTS.passing else "stick-slip"
+    return "slip" if stick_fraction <= PASSING else "stick-slip"
