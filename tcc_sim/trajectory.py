@@ -259,8 +259,8 @@ class Trajectory(Result):
     The columns are (n,) arrays. So are `flywheel_angle` (rad), if requested, and `output_angle` (rad) and
     `output_speed` (rad/s), if the shaft's far end moves. `cycles` comes from solvers that compute cycles, and `rest`,
     one partial cycle at the end, from solvers that can stop within a cycle; otherwise
-    `analysis.summary.cycle_parts_of` derives both from samples. Where two samples are more than `largest_step` apart,
-    messages between them were lost; a solved run has no such place.
+    `analysis.steady.summary.cycle_parts_of` derives both from samples. Where two samples are more than `largest_step`
+    apart, messages between them were lost; a solved run has no such place.
 
     Examples
     --------

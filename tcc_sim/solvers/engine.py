@@ -81,8 +81,10 @@ class Tangent(NamedTuple):
     margins: Any
 
 
-Stretch = tuple[Setup, int, float]
-"""Arguments of one call: setup, number of cycles from the start of the solve, and seconds of the cycle after them."""
+Span = tuple[Any, ...]
+"""Whole cycles from the start of the solve, and seconds of the cycle after them; those of `loop_through` are arrays."""
+Stretch = tuple[Callable[..., int], Span, Setup]
+"""A call of a loop."""
 SEGMENT = np.dtype([("first", np.int64), ("cycles", np.int64), ("tau", np.float64), ("tail", np.float64),
                     ("steps", np.int64), ("state", np.float64, 3), ("status", np.int64), ("transitions", np.int64),
                     ("mode", np.int64), ("stick_time", np.float64)])
@@ -152,6 +154,29 @@ def loop_by(start: Callable[..., None], take_step: Callable[..., int], name: str
     return compiled(integrate, f"{name}.integrate")
 
 
+def loop_through(integrate: Callable[..., int], name: str) -> Callable[..., int]:
+    """Return the compiled loop of an engine through an excitation that varies in time, by its loop `integrate`."""
+    def through(first: int, counts: Any, tails: Any, rows: Any, at: Any, step_limit: int, setup: Setup, memory: Memory,
+                tangent: Any, store: Store, angle: bool) -> int:
+        """Solve piece by piece, from piece at[0] on, where the solve goes on after it returned FULL.
+
+        counts, tails : (m,) ends of the pieces, as those of `integrate`
+        rows : (m, n) rows of the profile, which take the place of `setup.terms.profile` in turn
+        """
+        row: Any = setup.terms.profile
+        while at[0] < len(counts):
+            k = at[0]
+            for column in range(len(row)):
+                row[column] = rows[k, column]
+            status = integrate(first, counts[k], tails[k], step_limit, setup, memory, tangent, store, angle)
+            if status != DONE:
+                return status
+            at[0] = k + 1
+        return DONE
+
+    return compiled(through, f"{name}.through")
+
+
 @dataclass(frozen=True, eq=False)
 class EngineShell:
     """An engine: its loop and the properties of its law.
@@ -164,7 +189,7 @@ class EngineShell:
     setup_of_changes : (system, terms, `key_derivatives`, rtol), with derivatives
     steps, steps_of_changes : (setup, cycles), most steps, as the loop counts them
     why : (result, most steps, setup), a sentence on a failure
-    stretches : the calls that make a solve
+    stretches : the calls that make a solve; None for one call
     transitions_per_cycle : room for transitions of a segment, per engine cycle
     columns : numbers of a sample with the mode; 0 where the mode follows from the slip speed
     stride : engine cycles between two tests whether a motion ends at an orbit
@@ -181,8 +206,7 @@ class EngineShell:
     steps_of_changes: Callable[[Setup, int], int]
     why: Callable[[int, int, Setup], str]
     transitions_per_cycle: int
-    stretches: Callable[[Problem, Setup], Iterable[Stretch]] = lambda problem, setup: (
-        (setup, problem.whole_cycles, problem.rest),)
+    stretches: Callable[[Problem, Setup], Iterable[Stretch]] | None = None
     columns: int = 0
     stride: int = 1
     bound: int = 0
@@ -253,8 +277,10 @@ class EngineShell:
         state["slip_speed"], state["plate_angle"], state["plate_speed"], state["flywheel_angle"] = numbers
         output = RunOutput(problem, memory.output, self.columns or len(problem.first))
         limit = self.steps(setup, problem.whole_cycles + 1)
-        for stretch_setup, cycles, rest in self.stretches(problem, setup):
-            ended = output.run(self.integrate, problem.start_cycle, cycles, rest, limit, stretch_setup, memory, None)
+        calls = (((self.integrate, (problem.whole_cycles, problem.rest), setup),) if self.stretches is None else
+                 self.stretches(problem, setup))
+        for loop, span, stretch_setup in calls:
+            ended = output.run(loop, problem.start_cycle, *span, limit, stretch_setup, memory, None)
             if ended != DONE:
                 break
         first: tuple[float, ...] = problem.first

@@ -59,7 +59,7 @@ from tcc_sim.solvers.collocation import (
     eliminate_rows,
     law_at_nodes,
 )
-from tcc_sim.solvers.engine import COUNTERS, EngineShell, Memory, Setup, Stretch, loop_by
+from tcc_sim.solvers.engine import COUNTERS, EngineShell, Memory, Setup, Stretch, loop_by, loop_through
 from tcc_sim.solvers.law import mubar_at, numbers_of
 from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.run_output import GOES_ON, NOT_FINITE, OUTPUT, STEP_TOO_SMALL, Store, keep_loads, wanted
@@ -649,10 +649,13 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
 
 
 integrate = loop_by(start, take_step, "smoothed")
+through = loop_through(integrate, "smoothed")
 
 
-STEPS_AT_FIRST = 400_000
-"""Steps of a solve beside those allowed to its cycles."""
+STEPS_AT_FIRST, STEPS_OF_PIECE = 400_000, 100
+"""Steps of a solve beside those allowed to its cycles, and those for each piece of an excitation that varies in time: a
+measured one has a piece for each sample.
+"""
 MORE_STEPS = 10
 """Steps with derivatives per those of a solve."""
 BATCH = 4096
@@ -689,41 +692,42 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
 
 
 def _varying(problem: Problem, setup: Setup, profile: Floats) -> Iterator[Stretch]:
-    """Yield the calls engine cycle by engine cycle, and within one from corner to corner."""
+    """Yield the calls engine cycle by engine cycle, each from corner to corner."""
     first, count, terms = problem.start_cycle, problem.whole_cycles, setup.terms
     starts = problem.system.cycle_start(first + np.arange(count + 2)).tolist()
+    times, row = profile[:, TIME], np.empty(profile.shape[1])
     for n in range(count + 1):
         start, following = starts[n], starts[n + 1]
         period, end = following - start, problem.end if n == count else following
         if end - start < NEAR * period:
             return
         near = NEAR * period
-        times = profile[:, TIME]
-        inner = times[(times > start + near) & (times < end - near)].tolist()
-        shift = load_phase(setup.ratio, terms.pulsation, first + n)
-        limits, phase = setup.limits._replace(period=period), 0.0
-        for low, stop in zip([start, *inner], [*inner, end]):
-            row = profile_row(profile, low, stop, start, phase, shift)
-            whole = n < count and stop == following
-            varied = setup._replace(limits=limits, terms=terms._replace(profile=row))
-            yield varied, n + whole, 0.0 if whole else stop - start
-            past = stop - low
-            phase += past * (row[FREQUENCY] + 0.5 * row[FREQUENCY_RATE] * past)
+        inner = times[np.searchsorted(times, start + near, "right"):np.searchsorted(times, end - near)]
+        edges = np.concatenate([[start], inner, [end]])
+        whole = (n < count) & (edges[1:] == following)
+        rows = profile_rows(profile, edges, load_phase(setup.ratio, terms.pulsation, first + n))
+        varied = setup._replace(limits=setup.limits._replace(period=period), terms=terms._replace(profile=row))
+        tails = np.where(whole, 0.0, edges[1:] - start)
+        yield through, (n + whole.astype(np.int64), tails, rows, np.zeros(1, np.int64)), varied
 
 
-def profile_row(profile: Floats, begin: float, stop: float, start: float, phase: float, shift: float) -> Floats:
-    """Return the kernel's row from `begin` to `stop`, s, within the cycle that started at `start`; `phase` is the angle
-    since then, and `shift` the load's angle at the start, rad.
+def profile_rows(profile: Floats, edges: Floats, shift: float) -> Floats:
+    """Return the kernel's rows between successive times, s, of an engine cycle, which starts at the first of them; the
+    load's angle is `shift` there, rad.
     """
-    k = int(pieces(profile, 0.5 * (begin + stop)))
-    piece, past = profile[k], begin - profile[k, TIME]
-    row: Floats = piece.copy()
-    row[TIME], row[1] = begin - start, phase
-    for column in (*range(FREQUENCY, LOAD_RATE, 2), *range(SWELLS + 2, len(piece), SWELL)):
-        row[column] = piece[column] + piece[column + 1] * past
-    ends = profile[k + 1, TIME] if k + 1 < len(profile) else math.inf
-    row[UNTIL], row[STARTED], row[SHIFT] = max(ends, stop) - start, start, shift
-    return row
+    begins, ends = edges[:-1], edges[1:]
+    k = pieces(profile, 0.5 * (begins + ends))
+    piece: Floats = profile[k]
+    past = begins - piece[:, TIME]
+    rows: Floats = piece.copy()
+    for column in (*range(FREQUENCY, LOAD_RATE, 2), *range(SWELLS + 2, piece.shape[1], SWELL)):
+        rows[:, column] = piece[:, column] + piece[:, column + 1] * past
+    after = ends - begins
+    angles = np.cumsum(after * (rows[:, FREQUENCY] + 0.5 * rows[:, FREQUENCY_RATE] * after))
+    rows[:, TIME], rows[0, 1], rows[1:, 1] = begins - edges[0], 0.0, angles[:-1]
+    until = np.append(profile[:, TIME], math.inf)[k + 1]
+    rows[:, UNTIL], rows[:, STARTED], rows[:, SHIFT] = np.maximum(until, ends) - edges[0], edges[0], shift
+    return rows
 
 
 def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float) -> Setup:
@@ -734,18 +738,25 @@ def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float)
     return setup._replace(tables=setup.tables._replace(torque=collocation.response(terms.linear, *ladder).torque))
 
 
+def most_steps(setup: Setup, cycles: int) -> int:
+    """Return the most steps of a solve of so many engine cycles."""
+    count = 0 if setup.terms.profile is None else len(setup.terms.profile)
+    allowed: int = setup.limits.steps * cycles
+    return STEPS_AT_FIRST + allowed + STEPS_OF_PIECE * count
+
+
 def stretches(problem: Problem, setup: Setup) -> Iterator[Stretch]:
     """Yield calls of many cycles, or, where the excitation varies in time, piece by piece."""
     if setup.terms.profile is not None:
         yield from _varying(problem, setup, setup.terms.profile)
         return
     for cycles in range(BATCH, problem.whole_cycles, BATCH):
-        yield setup, cycles, 0.0
-    yield setup, problem.whole_cycles, problem.rest
+        yield integrate, (cycles, 0.0), setup
+    yield integrate, (problem.whole_cycles, problem.rest), setup
 
 
 ENGINE = EngineShell("smoothed", integrate, Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT), SHARED, prepared,
-                setup_of_changes, lambda setup, cycles: STEPS_AT_FIRST + setup.limits.steps * cycles,
+                setup_of_changes, most_steps,
                 lambda setup, cycles: MORE_STEPS * setup.limits.steps * cycles,
                 lambda ended, *_: "the state grew without bound" if ended == NOT_FINITE else "",
                 transitions_per_cycle=256, stretches=stretches, bound=ITERATIONS_MAXIMUM)

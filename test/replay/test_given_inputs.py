@@ -21,7 +21,7 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.tables.measured_table import HOLDS, table_in
-from tcc_sim.trajectory import State
+from tcc_sim.trajectory import State, Status
 
 STEPS = 120
 
@@ -286,3 +286,17 @@ def test_what_needs_a_far_end_that_stands_still_refuses_one_that_moved(tmp_path,
     with_column = table(tmp_path / "in.csv", t=np.arange(60) * 1e-3, slip_speed=np.arange(60) % 7,
                         output_speed=[2.0] * 60)
     assert f"{moved} (output_speed up to 2 rad/s)" in refused(*identify, with_column, "--scene", "fig02")
+
+
+def test_a_table_that_is_sampled_finely_is_solved_to_its_end(tmp_path):
+    """The driveline sticks, where each sample costs several steps: more than the cycles alone would allow."""
+    scene = load_scene("fig02").with_values({"initial.slip_speed": 0.0, "pressure.amplitude": 0.0,
+                                             "engine.frequency": 10.0})
+    ends = []
+    for rate in (1e3, 1e4):
+        t = np.linspace(0.0, 4.0, round(4.0 * rate) + 1)
+        path = table(tmp_path / f"{rate:g}.csv", t=t, engine_torque=200.0 + 20.0 * np.sin(190.0 * t))
+        result = solve(driven_by(scene, path, "smooth"), duration=4.0)
+        ends.append((result.final.plate_angle, result.final.plate_speed))
+        assert result.status is Status.DONE
+    assert ends[1] == pytest.approx(ends[0], rel=1e-4)
