@@ -35,7 +35,6 @@ from tcc_sim.model.profile import (
     SWELLS,
     TIME,
     UNTIL,
-    pieces,
 )
 from tcc_sim.polynomials import polynomial
 from tcc_sim.polynomials.bernstein import BERNSTEIN, to_bernstein
@@ -695,7 +694,7 @@ def _varying(problem: Problem, setup: Setup, profile: Floats) -> Iterator[Stretc
     """Yield the calls engine cycle by engine cycle, each from corner to corner."""
     first, count, terms = problem.start_cycle, problem.whole_cycles, setup.terms
     starts = problem.system.cycle_start(first + np.arange(count + 2)).tolist()
-    times, row = profile[:, TIME], np.empty(profile.shape[1])
+    times, row = profile[:, TIME].copy(), np.empty(profile.shape[1])  # A search in a column would copy it each time.
     for n in range(count + 1):
         start, following = starts[n], starts[n + 1]
         period, end = following - start, problem.end if n == count else following
@@ -705,18 +704,18 @@ def _varying(problem: Problem, setup: Setup, profile: Floats) -> Iterator[Stretc
         inner = times[np.searchsorted(times, start + near, "right"):np.searchsorted(times, end - near)]
         edges = np.concatenate([[start], inner, [end]])
         whole = (n < count) & (edges[1:] == following)
-        rows = profile_rows(profile, edges, load_phase(setup.ratio, terms.pulsation, first + n))
+        rows = profile_rows(profile, times, edges, load_phase(setup.ratio, terms.pulsation, first + n))
         varied = setup._replace(limits=setup.limits._replace(period=period), terms=terms._replace(profile=row))
         tails = np.where(whole, 0.0, edges[1:] - start)
         yield through, (n + whole.astype(np.int64), tails, rows, np.zeros(1, np.int64)), varied
 
 
-def profile_rows(profile: Floats, edges: Floats, shift: float) -> Floats:
-    """Return the kernel's rows between successive times, s, of an engine cycle, which starts at the first of them; the
-    load's angle is `shift` there, rad.
+def profile_rows(profile: Floats, times: Floats, edges: Floats, shift: float) -> Floats:
+    """Return the kernel's rows between successive times `edges`, s, of an engine cycle, which starts at the first of
+    them; the load's angle is `shift` there, rad. `times` are those of the profile.
     """
     begins, ends = edges[:-1], edges[1:]
-    k = pieces(profile, 0.5 * (begins + ends))
+    k = np.maximum(np.searchsorted(times, 0.5 * (begins + ends), side="right") - 1, 0)
     piece: Floats = profile[k]
     past = begins - piece[:, TIME]
     rows: Floats = piece.copy()
@@ -725,7 +724,7 @@ def profile_rows(profile: Floats, edges: Floats, shift: float) -> Floats:
     after = ends - begins
     angles = np.cumsum(after * (rows[:, FREQUENCY] + 0.5 * rows[:, FREQUENCY_RATE] * after))
     rows[:, TIME], rows[0, 1], rows[1:, 1] = begins - edges[0], 0.0, angles[:-1]
-    until = np.append(profile[:, TIME], math.inf)[k + 1]
+    until = np.where(k + 1 < len(times), times[np.minimum(k + 1, len(times) - 1)], math.inf)
     rows[:, UNTIL], rows[:, STARTED], rows[:, SHIFT] = np.maximum(until, ends) - edges[0], edges[0], shift
     return rows
 
