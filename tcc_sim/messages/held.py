@@ -53,12 +53,6 @@ def index_in_held(name: str, field: str) -> int:
     return HEAD + len(FIELDS) * HELD_INPUTS.index(name) + FIELDS.index(field)
 
 
-def grown(rows: NDArray[np.float64], name: str) -> float:
-    """Return the number of commands of an input that a run received, by its messages (m, SIZE) as far as they go."""
-    received = rows[:, index_in_held(name, "received")]
-    return float(received[-1] - (received[0] if rows[0, TIME] > 0.0 else 0.0))
-
-
 def held_message(run: str, values: Sequence[float]) -> bytes:
     """Serialise a message of `held`, (SIZE,) values."""
     return cdr.float64_array(f"held 1 {run}", values)

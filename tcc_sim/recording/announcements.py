@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from tcc_sim.messages import cdr
 from tcc_sim.messages.held import RUN
 from tcc_sim.model.profile import START, Origin
+from tcc_sim.recording.records import HEAD, MESSAGE_HEAD
 from tcc_sim.topics import INPUTS
 
 Stamps = NDArray[np.int64]
@@ -22,7 +22,7 @@ MOST_SOURCES = 100_000
 """Largest number of input-source messages that are read from a recording."""
 MOST_SCENES = 10_000
 """Largest number of scenes that are read from a recording."""
-_TIMES, HEAD, LONGEST = struct.Struct("<QQ"), 22, 4096
+LONGEST = 4096
 _NUMBER = r"-?\d[\de.+-]{0,30}"
 _LINE = re.compile(rf"# (?:run (?P<run>{RUN}) of (?P<name>\S+), )?holds from stamp (?P<stamp>\d{{1,19}}) ns on"
                    r"(?:, in the kernel with every term)?"
@@ -139,14 +139,14 @@ def read_source(record: bytes, zeros: Stamps) -> InputSource | None:
     ----------
     zeros : stamps of simulation time 0, as in `simulation_ns`
     """
-    if not HEAD < len(record) <= LONGEST:
+    if not MESSAGE_HEAD < len(record) <= LONGEST:
         return None
-    received, sent = _TIMES.unpack_from(record, 6)
+    head = np.frombuffer(record, HEAD, 1)[0]
     try:
-        stamp, text = cdr.read_header(record[HEAD:])
+        stamp, text = cdr.read_header(record[MESSAGE_HEAD:])
     except ValueError:
         return None
     sources = dict(part.partition(": ")[::2] for part in text.split(", "))
     stamp = int(simulation_ns(np.array([stamp]), zeros)[0])
-    return InputSource(sent or received, stamp, frozenset(name for name in INPUTS if sources.get(name) == COMMAND),
-                       int.from_bytes(record[2:6], "little"))
+    return InputSource(int(head["sent_ns"] or head["log_ns"]), stamp,
+                       frozenset(name for name in INPUTS if sources.get(name) == COMMAND), int(head["number"]))

@@ -171,8 +171,10 @@ class Columns:
     runs : the states of each run, views of common arrays
     commands : commands that acted by the name of their topic; none in a recording that does not state them
     further : likewise speeds of the far end
-    publishers, recorded : numbers of publishers of commands, and of recorded messages, by topic; those that the
-        driveline received outside of the window are not counted
+    publishers, recorded : numbers of publishers of commands, and of recorded messages, by topic; of a window too those
+        of the whole recording
+    received : likewise the number of commands that the driveline received or that may have been on their way at the
+        end; None where it is not known
     counts : counts of the driveline's diagnostics, by key
     keyed : whether the states name their runs
     limits : last limits of the pressure that a controller stated, Pa
@@ -183,6 +185,7 @@ class Columns:
     further: Mapping[str, Commanded]
     publishers: Mapping[str, int]
     recorded: Mapping[str, int]
+    received: Mapping[str, int | None]
     counts: Mapping[str, int]
     keyed: bool
     limits: tuple[float, float] | None = None

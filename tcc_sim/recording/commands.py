@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
@@ -12,11 +12,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
-from tcc_sim.messages.held import PROCESS
-from tcc_sim.recording.announcements import HEAD, LONGEST, MOST_SOURCES, InputSource, Stamps, read_source
+from tcc_sim.messages.held import PROCESS, RUN
+from tcc_sim.recording.announcements import LONGEST, MOST_SOURCES, InputSource, Stamps, read_source
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.layouts import heads_at
-from tcc_sim.recording.records import Messages
+from tcc_sim.recording.records import MESSAGE_HEAD, Messages
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, LIMITS, SHAFT, TARGET
 
 SOURCE = "input_source"
@@ -26,10 +26,12 @@ COMMANDS = {"engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, TARG
 SIGNALS = {**COMMANDS, SHAFT: FLOAT64}
 """Topics whose messages are counted, with their types."""
 _DIGITS = 19
+_RUN = re.compile(RUN)
 DIAGNOSTICS = "/diagnostics"
 LATE_SHARE = 0.05
 """Share of ticks more than a period late above which the driveline and `analyse` warn."""
-COUNTED = ("missed ticks", "late ticks", "paced ticks", *(f"{name} refused" for name in COMMANDS))
+PACED = "paced ticks"
+COUNTED = ("missed ticks", "late ticks", PACED, *(f"{name} refused" for name in COMMANDS))
 """Keys of counts in the driveline's diagnostics."""
 LATE: dict[str, Callable[[int, int], int]] = {
     "first late tick (s)": lambda before, now: before, "last late tick (s)": lambda before, now: now,
@@ -56,8 +58,10 @@ class Commands:
         self._numbers: dict[str, int] = {}
         self.publishers: dict[str, set[str]] = {}
         """Publishers of commands, by topic."""
-        self._counted: dict[tuple[str, str, str], list[int]] = {}
-        self._late: dict[tuple[str, str, str], int] = {}
+        self._statuses: dict[tuple[str, str], Mapping[str, str]] = {}
+        """Values of diagnostics by the names of node and process."""
+        self._several: set[str] = set()
+        """Names of nodes of several processes that the recording does not tell apart."""
         self.limits: tuple[float, float] | None = None
         """Last limits of the pressure that a controller stated, Pa."""
 
@@ -75,12 +79,12 @@ class Commands:
                 continue
             offset, length = messages.offset[mine], messages.length[mine]
             if channel.type == DIAGNOSTIC_ARRAY:
-                self._count(data, offset.tolist(), length.tolist())
+                self._count(data, offset.tolist(), length.tolist(), channel.publisher)
             name = channel.row if self._here(channel) else ""
             if name == LIMITS and channel.type == FLOAT64_ARRAY:
                 for start, size in zip(offset.tolist(), length.tolist()):
                     with suppress(ValueError):
-                        self.limits = cdr.read_pressure_limits(data[start + HEAD:start + size])
+                        self.limits = cdr.read_pressure_limits(data[start + MESSAGE_HEAD:start + size])
             elif name == SOURCE and channel.type == HEADER:
                 self._announcers.add(channel.publisher)
                 self._announced(data, offset.tolist(), length.tolist())
@@ -99,51 +103,40 @@ class Commands:
     def _announced(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
         """Take messages that announce the sources of the inputs."""
         for offset, length in zip(offsets, lengths):
-            source = read_source(data[offset:offset + length], self._zeros) if HEAD < length <= LONGEST else None
+            source = read_source(data[offset:offset + length], self._zeros) if length <= LONGEST else None
             if source is not None and len(self._sources) < MOST_SOURCES:
                 self._sources.setdefault(source)
 
-    def _count(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
-        """Take diagnostics. A count that decreases belongs to a new driveline, which began at 0."""
+    def _count(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int], publisher: str) -> None:
+        """Take diagnostics: of each process the status with the most paced ticks, as its counts never decrease."""
         for offset, length in zip(offsets, lengths):
             with suppress(ValueError):
-                for status in cdr.read_diagnostics(data[offset + HEAD:offset + length]):
-                    self._count_status(status)
-
-    def _count_status(self, status: cdr.DiagnosticsStatus) -> None:
-        """Take the counts of one status."""
-        for key in COUNTED:
-            text, place = status.values.get(key, ""), (status.name, status.hardware_id[:PROCESS], key)
-            if text.isdecimal() and text.isascii() and len(text) < _DIGITS:
-                counts = self._counted.setdefault(place, [0])
-                if int(text) < counts[-1]:
-                    counts.append(0)
-                counts[-1] = int(text)
-        for key, chosen in LATE.items():
-            with suppress(ValueError, OverflowError):
-                time, place = round(float(status.values.get(key, "")) * 1e9), (status.name,
-                                                                               status.hardware_id[:PROCESS], key)
-                self._late[place] = chosen(self._late.get(place, time), time)
+                for status in cdr.read_diagnostics(data[offset + MESSAGE_HEAD:offset + length]):
+                    process = status.hardware_id[:PROCESS] if _RUN.fullmatch(status.hardware_id) else publisher
+                    before = self._statuses.get((status.name, process), {})
+                    if _count_in(status.values, PACED) >= _count_in(before, PACED):
+                        self._statuses[status.name, process] = status.values
+                    elif not process:
+                        self._several.add(status.name)
 
     def counts(self, runs: Sequence[str]) -> dict[str, int]:
         """Return the counts in a driveline's diagnostics: those of the processes of its runs or, without names of runs,
         those of nodes in its namespace.
         """
-        processes = {run[:PROCESS] for run in runs}
-        names = {name for name, *_ in self._counted}
+        processes, total = {run[:PROCESS] for run in runs}, dict[str, int]()
+        names = {name for name, _ in self._statuses}
         here = {name for name in names if name.rpartition("/")[0] == self._space} or (
             names if len(names) == 1 else set())
-
-        def ours(place: tuple[str, str, str]) -> bool:
-            return place[1] in processes if processes else place[0] in here
-
-        total = Counter[str]()
-        for place, counts in self._counted.items():
-            if ours(place):
-                total[place[2]] += sum(counts)
-        for place, time in self._late.items():
-            if ours(place):
-                total[place[2]] = LATE[place[2]](total.get(place[2], time), time)
+        for (name, process), values in sorted(self._statuses.items()):
+            if not (process in processes if processes else name in here - self._several):
+                continue
+            for key in COUNTED:
+                if (count := _count_in(values, key)) >= 0:
+                    total[key] = total.get(key, 0) + count
+            for key, chosen in LATE.items():
+                with suppress(ValueError, OverflowError):
+                    time = round(float(values.get(key, "")) * 1e9)
+                    total[key] = chosen(total.get(key, time), time)
         return total
 
     def recorded(self, last: int) -> dict[str, int]:
@@ -151,6 +144,12 @@ class Commands:
         and behind which no command can act.
         """
         return {name: _not_behind(parts, last) for name, parts in self._sent.items()}
+
+
+def _count_in(values: Mapping[str, str], key: str) -> int:
+    """Return a count in the values of a status; -1 without it."""
+    text = values.get(key, "")
+    return int(text) if text.isdecimal() and text.isascii() and len(text) < _DIGITS else -1
 
 
 def _not_behind(parts: Sequence[tuple[Any, ...]], last: int) -> int:
@@ -180,17 +179,18 @@ def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArra
              kind: str) -> tuple[Rows, Stamps, Floats]:
     """Return sequence numbers, times of sending (ns; of receipt without one) and values of valid messages."""
     if kind == FLOAT64:
-        place = offset + 22 + 4
+        place = offset + MESSAGE_HEAD + 4
     else:
-        whole = length >= 22 + 16
+        whole = length >= MESSAGE_HEAD + 16
         offset, length = offset[whole], length[whole]
-        body = offset + 22
+        body = offset + MESSAGE_HEAD
         # The pressure follows the frame's name and is aligned to eight bytes, counted from byte 4.
         name = sliding_window_view(array, 4)[body + 12].copy().view("<u4")[:, 0].astype(np.int64)
         place = body + 4 + (12 + name + 7) // 8 * 8
     inside = place + 8 <= np.minimum(offset + length, len(array))
     offset, place = offset[inside], place[inside]
-    little = (array[offset + 22] == 0) & (array[offset + 23] == 1)  # Little-endian, as cdr encodes.
+    body = offset + MESSAGE_HEAD
+    little = (array[body] == 0) & (array[body + 1] == 1)  # Little-endian, as cdr encodes.
     offset, place = offset[little], place[little]
     values = sliding_window_view(array, 8)[place].copy().view("<f8")[:, 0]
     finite = np.isfinite(values)

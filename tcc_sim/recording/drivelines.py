@@ -17,8 +17,8 @@ from tcc_sim.messages.held import PROCESS, RUN
 from tcc_sim.parameter_file import LARGEST_FILE, description_in
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.contents import Batch, Channel
-from tcc_sim.recording.layouts import HEAD, Layouts, SameLayout
-from tcc_sim.recording.records import MESSAGE_HEAD
+from tcc_sim.recording.layouts import Layouts, SameLayout
+from tcc_sim.recording.records import HEAD, MESSAGE_HEAD
 from tcc_sim.result import reported
 from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
 

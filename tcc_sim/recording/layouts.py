@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
 from tcc_sim.recording.announcements import Stamps, simulation_ns
-from tcc_sim.recording.records import MESSAGE_HEAD, Messages
+from tcc_sim.recording.records import HEAD, MESSAGE_HEAD, Messages
 from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
 
 MOST_LAYOUTS = 100
 """Largest number of layouts of the messages of a topic; messages of further layouts are left out."""
-HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
-"""Fields in front of a message's bytes: channel, publisher's sequence number, times of receipt and sending (ns)."""
 NO_ZEROS: Stamps = np.empty(0, np.int64)
 NO_FRAMES: NDArray[np.bytes_] = np.empty(0, f"S{cdr.RUN_LENGTH}")
 _FRAME = 16
@@ -28,7 +26,7 @@ Positions = NDArray[np.int64]
 
 def heads_at(data: NDArray[np.uint8], offsets: NDArray[Any]) -> NDArray[np.void]:
     """Return the HEAD of the messages that begin at these bytes, (n,)."""
-    heads: NDArray[np.void] = sliding_window_view(data, HEAD.itemsize)[offsets].view(HEAD)[:, 0]
+    heads: NDArray[np.void] = sliding_window_view(data, MESSAGE_HEAD)[offsets].view(HEAD)[:, 0]
     return heads
 
 

@@ -42,7 +42,7 @@ from tcc_sim.recording.records import (
     RecordStream,
     Warnings,
 )
-from tcc_sim.recording.runs import commands_held, keyed_runs, unkeyed_runs
+from tcc_sim.recording.runs import BEAT, commands_held, keyed_runs, received_of, unkeyed_runs
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.recording.window import Window
 from tcc_sim.topics import (
@@ -321,35 +321,35 @@ class Run:
         joined = {row.name: replace(found[row.name], columns={  # The shaft's torque follows from the states.
             name: found[row.name].columns[name] for name in row.fields if name != SHAFT})
             for row in topics.stamped() if len(found[row.name])}
+        states, held_rows = found["joint_states"], {run: _in_order(np.concatenate(of)) for run, of in rows.items()}
         if keyed:
-            runs, self._differing = keyed_runs(found["joint_states"], joined, {
-                run: _in_order(np.concatenate(of_run)) for run, of_run in rows.items()}, driveline.runs, self.stamps)
+            runs, self._differing = keyed_runs(states, joined, held_rows, driveline.runs, self.stamps)
         else:
-            runs, self._differing = unkeyed_runs(found["joint_states"], joined, commands.sources, self.stamps)
+            runs, self._differing = unkeyed_runs(states, joined, commands.sources, self.stamps)
         if self._differing:
             self.warnings.append(f"{counted(self._differing, 'message')} left out: their {'run and ' * keyed}stamp "
                                  "came before with other values")
         self._warn_of_inputs(runs)
         self._pass_over(kinds)
         acted = commands_held(runs)
-        recorded = commands.recorded(int(found["joint_states"].sent_ns.max(initial=0)))
-        if not keyed and (names := [name for name in COMMANDS if recorded.get(name)]):
+        last = int(states.sent_ns.max(initial=0))
+        recorded, before = commands.recorded(last), commands.recorded(last - BEAT)
+        if not held_rows and (names := [name for name in COMMANDS if recorded.get(name)]):
             self.warnings.append(f"{', '.join(names)}: left out, as the recording does not state when the driveline "
                                  "held them (the topic held does)" + "; --target gives a target" * (TARGET in names))
-        if keyed and not window.all:  # Of the commands outside of the window those count that were never received.
-            of_all = [_in_order(np.concatenate(of_run)) for of_run in rows.values()]
-            recorded = {name: count if name not in INPUTS else count + int(sum(
-                states.grown(name, "received") for states in runs) - sum(held.grown(of_run, name) for of_run in of_all))
-                for name, count in recorded.items()}
+        # Commands to another driveline on the same topics, and repeats without numbers, cannot be told apart.
+        mixed = (any(one.able and not one.read and one.topic.rpartition("/")[0] == space for one in self.drivelines)
+                 or (self.stamps.repeated > 0 and not states.number.any()))
+        received: dict[str, int | None] = dict.fromkeys(name for name in INPUTS if mixed and recorded.get(name))
+        for name in INPUTS if held_rows and not mixed else ():
+            count = received_of(held_rows, states, name)  # Those sent shortly before the end may be on their way.
+            received[name] = max(count, recorded.get(name, 0)) if before.get(name, 0) <= count else count
         return Columns(runs, {name: acted[name] for name in COMMANDS if name in acted},
                        {name: values for name, values in acted.items() if name not in COMMANDS},
                        {name: len(who) for name, who in commands.publishers.items()}, recorded,
-                       commands.counts(driveline.runs), keyed, commands.limits)
+                       received, commands.counts(driveline.runs), keyed, commands.limits)
 
     def _warn_of_inputs(self, runs: Sequence[JointStates]) -> None:
-        missing = sum(int(np.isnan(one.applied_pressure).sum()) for one in runs if one.applied_pressure is not None)
-        if missing:
-            self.warnings.append(f"the applied pressure is missing at {counted(missing, 'tick')}")
         unknown = sum(int(np.count_nonzero(one.held_row < 0)) for one in runs if one.held_row is not None)
         if unknown:
             self.warnings.append(f"inputs are unknown at {counted(unknown, 'tick')}: messages of held are missing")

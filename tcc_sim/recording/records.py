@@ -42,7 +42,8 @@ MOST_DESCRIPTIONS = 20_000
 """Largest number of records in a chunk that are not messages; a recorder writes two for each topic."""
 MOST_SENTENCES = 20
 """Largest number of damaged places that are listed one by one."""
-MESSAGE_HEAD = 22
+HEAD = np.dtype([("channel", "<u2"), ("number", "<u4"), ("log_ns", "<i8"), ("sent_ns", "<i8")])
+MESSAGE_HEAD = HEAD.itemsize
 """Bytes of a message record before the message: channel, sequence number, times of receipt and sending."""
 ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of data compressed with zstd; a serialised message starts with 0."""
@@ -364,7 +365,7 @@ def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
         return None
     offset = starts.astype(np.int64)
     heads = sliding_window_view(np.frombuffer(data, dtype=np.uint8), 11)[offset].view(_HEAD)[:, 0]
-    if not ((heads["opcode"] == Opcode.MESSAGE) & (heads["length"] >= 22) & (heads["length"] <= size)).all():
+    if not ((heads["opcode"] == Opcode.MESSAGE) & (heads["length"] >= MESSAGE_HEAD) & (heads["length"] <= size)).all():
         return None
     length = heads["length"].astype(np.int64)
     ends = offset + _RECORD.size + length

@@ -19,7 +19,8 @@ from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.topics import HELD_INPUTS, INPUTS
 
 Positions = NDArray[np.int64]
-_BEAT = round(held.BEAT * 1e9)
+BEAT = round(held.BEAT * 1e9)
+"""Longest simulation time between two messages on `held`, ns."""
 _PRESSURE, _FAR = INPUTS[1], "output_speed"
 
 
@@ -178,13 +179,30 @@ def _count_differing(states: StampedMessages, order: Positions, fresh: NDArray[n
     return int(np.count_nonzero(wrong))
 
 
+def received_of(rows: Mapping[int, Floats], states: StampedMessages, name: str) -> int:
+    """Return the number of commands of an input that the driveline received since its first state of each run.
+
+    Parameters
+    ----------
+    rows : messages of `held` by the number of the run
+    states : with the number of the run as origin
+    """
+    total = 0.0
+    for run, of_run in rows.items():
+        first = int(states.stamp_ns[states.origin == run].min(initial=NEVER))
+        received = of_run[:, held.index_in_held(name, "received")]
+        at = int(np.searchsorted(of_run[:, held.TIME], first, side="right")) - 1
+        total += received[-1] - (received[max(at, 0)] if first > 0 else 0.0)
+    return int(np.nan_to_num(total))
+
+
 def _rows_at(rows: Floats, stamps: NDArray[np.int64]) -> Positions:
     """Return the message of `held` that holds at each state; -1 where a missing message may have changed it."""
     times, numbers = rows[:, held.TIME], rows[:, held.NUMBER]
     at = np.searchsorted(times, stamps, side="right") - 1
     followed = np.append(np.diff(numbers) == 1.0, False)
     since = stamps - times[np.maximum(at, 0)]
-    sure = followed[at] | (since == 0) | ((at == len(rows) - 1) & (since <= _BEAT + 1))
+    sure = followed[at] | (since == 0) | ((at == len(rows) - 1) & (since <= BEAT + 1))
     return np.where((at >= 0) & sure, at, -1)
 
 

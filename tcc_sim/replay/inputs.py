@@ -39,7 +39,7 @@ class HeldInput:
     scene: float = field(metadata=reported("time in which the scene set it", "s"))
     refused: int | None = field(metadata=reported("commands that the driveline refused; null likewise"))
     publishers: int = field(metadata=reported("publishers of its commands"))
-    commands: int = field(default=0, metadata=reported("recorded commands"))
+    commands: int | None = field(default=0, metadata=reported("recorded commands; null likewise"))
     applied: int | None = field(default=None, metadata=reported(
         "commands held during a tick or more; null likewise"))
     superseded: int | None = field(default=None, metadata=reported(
@@ -60,8 +60,9 @@ class HeldInput:
             (self.topic, "commands"), (self.fallback, "the fallback"), (self.scene, "the scene"),
             (self.unknown, "an unknown source")) if seconds]
         counts = [counted(self.publishers, "publisher")] if self.publishers else []
-        if self.applied is not None and (self.commands or self.applied):
-            counts.append(f"{self.applied} of {counted(max(self.commands, self.applied), 'command')} applied")
+        if self.applied is not None and self.superseded is not None and (self.commands or self.applied):
+            every = max(self.commands or 0, self.applied + self.superseded)
+            counts.append(f"{self.applied} of {counted(every, 'command')} applied")
         counts += [f"{number} {what}" for number, what in (
             (self.superseded, "superseded"), (self.ignored, "not received"), (self.refused, "refused"),
             (self.lost, "lost on the way")) if number]
@@ -122,14 +123,26 @@ def _held_input(line: Timeline, name: str) -> HeldInput:
         counts += [states.grown(name, what) for what in ("received", "superseded", "refused", "lost")]
     publishers, recorded = line.publishers.get(name, 0), line.recorded.get(name, 0)
     if unknown and not stated:
-        return HeldInput(None, None, seconds[held.SCENE], line.counts.get(f"{name} refused"), publishers, recorded,
-                         unknown=unknown, why=UNNAMED)
+        return HeldInput(None, None, seconds[held.SCENE], line.counts.get(f"{name} refused"), publishers,
+                         recorded if line.whole else None, unknown=unknown, why=UNNAMED)
     if np.isnan(counts).any() or (recorded and not line.keyed):
         return HeldInput(seconds[held.COMMAND], seconds[held.FALLBACK], seconds[held.SCENE],
-                         line.counts.get(f"{name} refused"), publishers, recorded, unknown=unknown, why=UNNAMED)
+                         line.counts.get(f"{name} refused"), publishers, recorded if line.whole else None,
+                         unknown=unknown, why=UNNAMED)
     received, superseded, refused, lost = (int(count) for count in counts)
-    return HeldInput(seconds[held.COMMAND], seconds[held.FALLBACK], seconds[held.SCENE], refused, publishers, recorded,
-                     received - superseded, superseded, max(recorded - received, 0), lost, unknown)
+    known, ignored, commands, why = line.received.get(name, 0), None, None, ""
+    if known is None:
+        why = "commands to another driveline, or repeats, are among those recorded"
+    else:
+        ignored = max(recorded - known, 0)
+        if line.whole:
+            commands = recorded
+        elif recorded >= known:  # Those that were not received belong to no time.
+            commands = received + ignored
+        else:
+            why = "commands are missing in the recording"
+    return HeldInput(seconds[held.COMMAND], seconds[held.FALLBACK], seconds[held.SCENE], refused, publishers, commands,
+                     received - superseded, superseded, ignored, lost, unknown, why)
 
 
 class Ages:

@@ -82,9 +82,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     """
     began = time.perf_counter()
     recording = path if isinstance(path, Recording) else Recording(path, scene, joints, topic, driveline)
-    run, recorded_scene, chosen = recording.file, recording.scene, window or Window()
-    if damping:
-        _check_damping(recorded_scene)
+    run, chosen = recording.file, window or Window()
     if not 0.0 < band <= LARGEST_BAND:
         raise InputError(f"band is {band:g} rad/s; it must be above 0 and at most {LARGEST_BAND:g} rad/s")
     checked_limits(limits)
@@ -98,17 +96,20 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
             chosen.refuse(run.stamps.runs)
         if aim is not None:
             line = line.with_target(aim)
+        shown = line.scene_at(line.longest.index)
+        if damping:
+            _check_damping(shown)
         if damping and any(states.output_speed is not None and np.isfinite(states.output_speed).any()
                            for states in line.runs):
             raise InputError("the far end of the shaft moved; --damping is for recordings in which it stands still")
         note, line = line.torques_note(), line.with_torques()
-        timing = timing_of(recorded_scene, frequency, line.runs, frequency_changes(run), run.scene_text is None)
+        timing = timing_of(shown, frequency, line.runs, frequency_changes(run), run.scene_text is None)
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
-        view = _view(stack, printable(recording.path.name), timing, recorded_scene, where,
+        view = _view(stack, printable(recording.path.name), timing, shown, where,
                      run.controlled or aim is not None,
                      [*line.commands, *line.further, *[SHAFT] * (SHAFT in line.recorded), *line.runs[0].shown()],
                      1e-9 * sum(int(np.ptp(states.stamp_ns)) for states in line.runs)) if where else None
-        result = _analysed(recording, line, timing, default_of(discard, timing, recorded_scene), damping, view, bar,
+        result = _analysed(recording, line, shown, timing, default_of(discard, timing, shown), damping, view, bar,
                            began, band, limits or line.limits)
         if verify:
             bar.begin("solving")
@@ -149,10 +150,10 @@ class _Bar:
         self._bar.update(states)
 
 
-def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int | None, damping: bool,
+def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing, discard: int | None, damping: bool,
               view: RerunStream | None, bar: _Bar, began: float, band: float, limits: Limits | None) -> Replay:
-    """Compute all figures except the verification."""
-    run, scene, clock, system = recording.file, recording.scene, timing.clock, recording.scene.system
+    """Compute all figures except the verification, those of the longest run with the scene at its begin."""
+    run, clock, system = recording.file, timing.clock, scene.system
     if timing.source in ("given", "found"):
         system = replace(system, engine=replace(system.engine, frequency=timing.frequency))
     stream = CycleStream(system, clock)
@@ -168,10 +169,12 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
             signals = signals_of(line, states, clock, stream.continuity.tick)
             view.control(signals.signals, signals.events)
     elapsed = time.perf_counter() - began
-    summary = replace(stream.summary(discard), solver=run.solver, elapsed_s=elapsed)
-    number, longest = stream.longest()
-    shown = next(run for run, at in stream.numbers.items() if at == number)
-    states = next(states for states in line.runs if states.run == shown)
+    number = stream.longest()[0]
+    states = next(states for states in line.runs if stream.numbers.get(states.run) == number)
+    if line.scene_at(states.index).system != scene.system and line.longest.run in stream.numbers:
+        states, number = line.longest, stream.numbers[line.longest.run]
+    longest = stream.runs[number]
+    summary = replace(stream.summary(discard, number), solver=run.solver, elapsed_s=elapsed)
     cycles, first = longest.kept(0)[:2]
     kept, begin = longest.kept(discard if clock.identified else 0)[:2]
     warnings = [*run.warnings, *_warnings(recording, line, timing)]
@@ -206,7 +209,7 @@ def _analysed(recording: Recording, line: Timeline, timing: Timing, discard: int
         first_cycle=first, timing=timing, continuity=run.stamps, messages=run.stamps.messages,
         drivelines=tuple(run.drivelines), lost_messages=run.lost_messages, complete=run.complete,
         warnings=tuple(warnings), pace=pace, parts_missing=run.parts_missing,
-        control=signals_of(line, states, clock, stream.continuity.tick).control(clock.cycle), run=shown,
+        control=signals_of(line, states, clock, stream.continuity.tick).control(clock.cycle), run=states.run,
         segments=segments, damping=damping_of_cycles(system, kept, begin, summary.period) if damping else None)
 
 
@@ -217,7 +220,12 @@ def _warnings(recording: Recording, line: Timeline, timing: Timing) -> Iterator[
         yield timing.note
     if len({record.parameters for record in scenes}) > 1:
         yield (f"the recording holds {len(scenes)} scenes that differ; the figures above the segments are computed "
-               "with the first")
+               "with the one at the begin of the longest run")
+    pressures = [states.applied_pressure for states in line.runs if states.applied_pressure is not None
+                 and (line.scene_at(states.index).system.pressure.source == "topic"
+                      or np.isfinite(states.applied_pressure).any())]
+    if missing := sum(int(np.isnan(pressure).sum()) for pressure in pressures):
+        yield f"the applied pressure is missing at {counted(missing, 'tick')}"
     if line.scene.system.pressure.source == "topic" and all(states.applied_pressure is None for states in line.runs):
         yield ("pressure.source is topic, and no pressure was recorded on applied_pressure, or on another topic that "
                "the recording names as such: the pressure at the plates is unknown")

@@ -19,6 +19,7 @@ from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import OutOfRange, counted
+from tcc_sim.messages.held import COMMAND
 from tcc_sim.model.parameters import values_of
 from tcc_sim.output.tables import tracking_lines
 from tcc_sim.recording.columns import JointStates
@@ -130,12 +131,14 @@ def _handed_over(line: Timeline, states: JointStates, cycle: float) -> dict[int,
     publisher of commands, and after a pause.
     """
     step = float(np.median(np.diff(states.stamp_ns))) * 1e-9 if len(states) > 1 else cycle
-    edges = handovers(line.commanded(states)[INPUTS[1]], max(round(cycle / step), 1))
+    source = states.input(INPUTS[1], "source")
+    known = np.flatnonzero(np.isfinite(source))
+    edges = handovers(source[known] == COMMAND, max(round(cycle / step), 1))
     publishers = states.input(INPUTS[1], "publisher")
     latest = np.maximum.accumulate(np.nan_to_num(publishers))
     rows = dict.fromkeys(np.searchsorted(states.stamp_ns, states.pauses, side="right").tolist(), "pause")
     rows |= dict.fromkeys((1 + np.flatnonzero((np.diff(latest) > 0) & (latest[:-1] > 0))).tolist(), "controller")
-    rows |= {row: "controller" if commanded else "fallback" for row, commanded in edges}
+    rows |= {int(known[row]): "controller" if commanded else "fallback" for row, commanded in edges}
     return {states.index + row: what for row, what in rows.items()}
 
 

@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop.control import Steps
 from tcc_sim.analysis.measured.engine_clock import EngineClock
 from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.errors import InputError
-from tcc_sim.messages.held import COMMAND
 from tcc_sim.model.equations import accelerations, linear_of
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord
@@ -24,7 +22,7 @@ from tcc_sim.recording.runs import placed, placed_by_run
 from tcc_sim.recording.window import Window
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
-from tcc_sim.topics import INPUTS, TARGET, topic
+from tcc_sim.topics import TARGET, topic
 from tcc_sim.trajectory import Floats, Trajectory, modes_of, no_cycles
 
 _TORQUES = ("engine_torque", "friction_torque")
@@ -40,8 +38,8 @@ class Timeline:
     places : (index of the first state, number of the scene that applies from it on), not descending
     commands : commands by topic
     further : likewise speeds of the far end
-    publishers, recorded : numbers of publishers of commands, and of recorded messages, by topic; without the commands
-        that were received outside of a window
+    publishers, recorded, received : by topic, numbers of publishers of commands, and of recorded and received
+        messages over the whole recording, as `Columns`
     counts : counts of the driveline's diagnostics over the whole recording, by key
     keyed : whether the states name their runs
     limits : last limits of the pressure that a controller stated, Pa
@@ -55,20 +53,22 @@ class Timeline:
     further: Mapping[str, Commanded]
     publishers: Mapping[str, int]
     recorded: Mapping[str, int]
+    received: Mapping[str, int | None]
     counts: Mapping[str, int]
     keyed: bool = False
     limits: tuple[float, float] | None = None
+    whole: bool = True
+    """Whether it is the whole recording."""
 
     def within(self, window: Window) -> Timeline:
         """Return the part in a window; the last command before the window applies from its first state on."""
         if window.all:
             return self
         runs = tuple(states[rows] for states in self.runs for rows in [window.rows(states)] if rows.stop > rows.start)
-        commands, further = ({name: _within(runs, every) for name, every in of.items()}
+        begins = [next(every.index for every in self.runs if every.run == states.run) for states in runs]
+        commands, further = ({name: _within(runs, begins, every) for name, every in of.items()}
                              for of in (self.commands, self.further))
-        recorded = {name: count - _received(self.runs, name) + _received(runs, name)
-                    for name, count in self.recorded.items()}
-        return replace(self, runs=runs, commands=commands, further=further, recorded=recorded)
+        return replace(self, runs=runs, commands=commands, further=further, whole=False)
 
     @cached_property
     def absent(self) -> tuple[str, ...]:
@@ -116,24 +116,16 @@ class Timeline:
         """Return the scene that applies to a state."""
         return next((scene for at, scene in reversed(self.changes) if at <= index), self.scene)
 
-    @staticmethod
-    def commanded(states: JointStates) -> dict[str, NDArray[np.bool_]]:
-        """Return whether each input followed a command in the tick that ends at each state, (n,); in a recording that
-        does not state it, every input counts as commanded.
-        """
-        sources = {name: states.input(name, "source") for name in INPUTS}
-        return {name: (source == COMMAND) | np.isnan(source).all() for name, source in sources.items()}
+    @property
+    def longest(self) -> JointStates:
+        """The run with the most states, the last of several."""
+        return max(self.runs, key=lambda states: (len(states), states.run))
 
     def target_in(self, states: JointStates) -> Steps:
-        """Return the target slip speed in a run, rad/s.
-
-        That of the run before applies until a new one is published.
-        """
+        """Return the target slip speed in a run, rad/s."""
         rows, values, _ = self.commands.get(TARGET, Commanded.none())
         low, high = np.searchsorted(rows, [states.index, states.index + len(states)])
         at, targets = rows[low:high] - states.index, values[low:high]
-        if low and not (len(at) and at[0] == 0):
-            at, targets = np.append(0, at), np.append(values[low - 1], targets)
         last = np.diff(at, append=-1) != 0
         return Steps(states.stamp_ns[at[last]] * 1e-9, targets[last])
 
@@ -170,21 +162,17 @@ def _with_torques(states: JointStates, system: System, absent: Sequence[str]) ->
     return replace(states, friction_torque=friction, engine_torque=engine)
 
 
-def _within(runs: Sequence[JointStates], every: Commanded) -> Commanded:
-    """Return the commands within runs, and at the first state of each run the last command before it."""
-    pieces, done, rows = [Commanded.none()], 0, every.rows
-    for states in runs:
-        begin, end = np.searchsorted(rows, [states.index + 1, states.index + len(states)]).tolist()
-        if begin > done:
+def _within(runs: Sequence[JointStates], begins: Sequence[int], every: Commanded) -> Commanded:
+    """Return the commands within parts of runs, and at the first state of each the last command before it in its run,
+    which begins at the state of the index in `begins`.
+    """
+    pieces, rows = [Commanded.none()], every.rows
+    for states, first in zip(runs, begins):
+        before, begin, end = np.searchsorted(rows, [first, states.index + 1, states.index + len(states)]).tolist()
+        if begin > before:
             pieces.append(every.part(slice(begin - 1, begin))._replace(rows=np.array([states.index])))
         pieces.append(every.part(slice(begin, end)))
-        done = end
     return Commanded(*(np.concatenate(columns) for columns in zip(*pieces)))
-
-
-def _received(runs: Sequence[JointStates], name: str) -> int:
-    """Return the number of commands of an input that were received in some runs, as far as it is known."""
-    return int(np.nansum([states.grown(name, "received") for states in runs])) if name in INPUTS else 0
 
 
 def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timeline:
@@ -200,7 +188,8 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
     places = (placed_by_run(scenes, columns.runs, run.driveline.runs) if columns.keyed
               else placed(scenes, columns.runs))
     line = Timeline(columns.runs, scene, run.scenes, tuple(places), columns.commands, columns.further,
-                    columns.publishers, columns.recorded, columns.counts, columns.keyed, columns.limits)
+                    columns.publishers, columns.recorded, columns.received, columns.counts, columns.keyed,
+                    columns.limits)
     return line if window is None else line.within(window)
 
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from diagnostics_by_hand import diagnostics
 
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
@@ -28,7 +29,7 @@ from tcc_sim.recording.reader import BYTES_A_STATE
 from tcc_sim.recording.window import Window
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import Scene, load_scene
-from tcc_sim.topics import FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, JOINT_STATE, STRING
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, JOINT_STATE, STRING
 
 TICK, START, TICKS = 1_000_000, 10**18, 700
 SCENE = load_scene("commands").with_values({"engine.frequency": 150.0})
@@ -36,7 +37,8 @@ FIRST, SECOND, THIRD = "692a1f3c9b02.001", "692a1f3c9b02.002", "692a20000c11.001
 OTHER = SCENE.with_values({"friction.kinetic_coefficient": 0.2, "pressure.mean": 3e5})
 """Scene of the third run, of a driveline that was started again."""
 TYPES = {"scene": STRING, "held": FLOAT64_ARRAY, "joint_states": JOINT_STATE, "applied_pressure": FLUID_PRESSURE,
-         "engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE}
+         "engine_torque": FLOAT64, "actuation_pressure": FLUID_PRESSURE, "diagnostics": DIAGNOSTIC_ARRAY}
+COMMANDED = "engine_torque", "actuation_pressure"
 
 
 class Sent(NamedTuple):
@@ -173,7 +175,7 @@ PARTED = START + 550 * TICK
 def one_of_each(messages: list[Sent]) -> list[Sent]:
     """Without one message of every topic but the scene."""
     gone = {next(k for k, one in enumerate(messages) if one.name == name and one.run == SECOND and one.tick == 350)
-            for name in TYPES if name != "scene"}
+            for name in TYPES if name not in ("scene", "diagnostics")}
     return [one for k, one in enumerate(messages) if k not in gone]
 
 
@@ -198,6 +200,7 @@ LEFT: dict[str, Callable[[list[Sent]], list[Sent]]] = {
     "without an end": lambda all_: [one for one in all_ if one.run != SECOND or one.name != "joint_states"
                                     or one.tick < 650],
     "without held": lambda all_: [one for one in all_ if one.name != "held"],
+    "without held for a while": lambda all_: [one for one in all_ if one.name != "held" or not 200 < one.tick < 280],
     "without applied pressures": lambda all_: [one for one in all_ if one.name != "applied_pressure"],
 }
 
@@ -263,7 +266,7 @@ def test_figures_are_sums_over_the_states_that_are_left(original: list[Sent], ex
     assert truth.fastest <= result["max_slip_speed"] * (1 + 1e-9) <= 1.02 * truth.fastest
     assert result["seconds"] == pytest.approx(truth.seconds)
     assert result["covers"] == pytest.approx([truth.ticks[0] * 1e-3, truth.ticks[-1] * 1e-3])
-    assert [one["began_by"] for one in result["segments"] if one["began_by"] in ("start", "reset", "restart")] == [
+    assert [one["began_by"] for one in result["segments"] if one["began_by"] not in ("pause", "controller")] == [
         "start", *["reset"] * (FIRST in truth.runs), *["restart"] * (SECOND in truth.runs)]
     unknown = left == "without held"
     for name, one in result["inputs"].items():
@@ -305,11 +308,49 @@ def test_a_recording_states_what_held_its_inputs_and_what_became_of_its_commands
 @pytest.mark.parametrize("window", [("--to", "0.2"), ("--from", "0.1", "--to", "0.3"), ("--run", "1")])
 def test_commands_outside_of_a_window_are_not_counted_as_ignored(original: list[Sent], tmp_path: Path,
                                                                  window: tuple[str, ...]) -> None:
-    inputs, whole = (figures(save(tmp_path / str(len(options)), list(original)), *options)["inputs"]
-                     for options in (window, ()))
+    whole, inputs, lossy = (figures(save(tmp_path / name, left(original)), *more)["inputs"] for name, left, more in (
+        ("whole", list, ()), ("window", list, window), ("lossy", two_percent, window)))
     for name, one in inputs.items():
         assert (one["ignored"], one["commands"]) == (0, one["applied"] + one["superseded"])
         assert 0 < one["commands"] < whole[name]["commands"]
+        assert (lossy[name]["ignored"], lossy[name]["commands"], bool(lossy[name]["why"])) == (0, None, True)
+
+
+def test_a_command_that_is_on_its_way_at_the_end_is_not_ignored(tmp_path: Path, original: list[Sent]) -> None:
+    """The last commands were sent before the last state, and could not act on it."""
+    end = START + 10**12 + 300 * TICK
+    messages = [one._replace(sent=one.sent - 5 * TICK * (one.name in COMMANDED)) for one in original]
+    inputs = figures(save(tmp_path / "cut", [one for one in messages if one.sent <= end]))["inputs"]
+    assert [inputs[name]["ignored"] for name in COMMANDED] == [0, 0]
+    # The driveline received nothing in its third run.
+    deaf = [one._replace(data=one.data[:-8 * SIZE] + struct.pack(f"<{SIZE}d", *[0.0 if k % 10 == 0 and k > 4 else value
+            for k, value in enumerate(struct.unpack(f"<{SIZE}d", one.data[-8 * SIZE:]))]))
+            if one.name == "held" and one.run == THIRD else one for one in original]
+    inputs = figures(save(tmp_path / "deaf", deaf))["inputs"]
+    assert [inputs[name]["ignored"] for name in COMMANDED] == [370, 720]
+
+
+def test_figures_are_computed_with_the_scene_of_the_longest_run(tmp_path: Path, original: list[Sent],
+                                                                expected: Callable[[str], Any]) -> None:
+    """A driveline with another shaft and a pressure of its own was recorded before."""
+    scene = SCENE.with_values({"pressure.source": "harmonic", "driveline.stiffness": 1000.0})
+    earlier = [one for one in run_of("692a00000c11.001", 30, START - 10**12, {}, scene)
+               if one.name != "applied_pressure"]
+    result, before = figures(save(tmp_path / "run", [*earlier, *original])), expected("all")
+    for name in ("max_shaft_torque", "min_shaft_torque", "clutch_energy", "max_slip_speed", "verified"):
+        assert result[name] == before[name], name
+    assert not any("pressure is missing" in text for text in result["warnings"])
+
+
+def test_counts_of_diagnostics_are_those_of_the_latest_message(tmp_path: Path, original: list[Sent],
+                                                               expected: Callable[[str], Any]) -> None:
+    """Whatever the order of the messages."""
+    reports = [Sent("diagnostics", START + tick * TICK, tick, diagnostics({
+        "missed ticks": tick // 100, "late ticks": tick, "paced ticks": 10 * tick}, SECOND), tick, SECOND)
+        for tick in (100, 300, 600)]
+    for order in (1, -1):
+        result = figures(save(tmp_path / str(order), [*original, *reports][::order]))
+        assert (result["missed_ticks"], result["late_ticks"], result["late_share"]) == (6, 600, 0.1)
 
 
 def test_states_without_efforts_leave_the_counts_of_commands_as_they_are(tmp_path: Path, original: list[Sent],
@@ -336,11 +377,13 @@ def test_another_driveline_of_the_same_name_beside_it_is_listed_apart(tmp_path: 
                                                                       expected: Callable[[str], Any]) -> None:
     """As where a bag is played into the topics of a running driveline."""
     mine = [one for one in original if one.run != THIRD]
-    other = [one._replace(data=one.data.replace(FIRST.encode(), b"00000000ffff.001").replace(
+    other = [one._replace(number=one.number + 10**6, data=one.data.replace(FIRST.encode(), b"00000000ffff.001").replace(
         SECOND.encode(), b"00000000ffff.002")) for one in mine]
     result = figures(save(tmp_path / "run", [one for pair in zip(mine, other) for one in pair]))
     assert [(one["states"], one["read"]) for one in result["drivelines"]] == [(1000, False), (1000, True)]
     assert result["clutch_energy"] == expected("all")["clutch_energy"]
+    assert [(one["commands"], one["ignored"], bool(one["why"])) for one in result["inputs"].values()] == [
+        (None, None, True)] * 2
 
 
 def test_a_part_of_a_recording_beyond_the_memory_has_the_counts_of_that_part(tmp_path, monkeypatch):

@@ -303,7 +303,7 @@ def test_the_counts_of_diagnostics_are_those_of_the_driveline(tmp_path):
                                 "late ticks": 10 * counts[0], "paced ticks": 100 * counts[1],
                                 "first late tick (s)": 0.004, "last late tick (s)": 0.001 * k,
                                 "lateness max (s)": 0.002 * counts[0]})
-            others[k].append(("/diagnostics", DIAGNOSTIC_ARRAY, log, log, data))
+            others[k].append(("/diagnostics", DIAGNOSTIC_ARRAY, log, log, data, str(k > 1200)))
     bag(tmp_path / "run", rows, COMMANDS, joined=others)
     result = replay(tmp_path / "run", discard=0)
     held = result.inputs["actuation_pressure"]

@@ -3,8 +3,8 @@
 import struct
 
 
-def diagnostics(values):
-    """The bytes of one status with these values."""
+def diagnostics(values, hardware="simulation"):
+    """The bytes of one status with these values of a node /driveline."""
     body = bytearray(b"\x00\x01\x00\x00" + struct.pack("<iI", 5, 0))
 
     def text(word):
@@ -19,7 +19,7 @@ def diagnostics(values):
     text("")
     count(1)
     body.extend(b"\x01")
-    for word in ("/driveline: driveline", "missed", "simulation"):
+    for word in ("/driveline: driveline", "missed", hardware):
         text(word)
     count(len(values))
     for key, value in values.items():
