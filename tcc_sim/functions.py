@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -35,8 +35,8 @@ SAMPLES = 200
 """Samples per period of excitation of a run with inputs or orders."""
 
 
-def driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | None, orders: bool,
-                 pulses: int | None, keys: Iterable[str] = ()) -> tuple[Scene, Signals | None]:
+def _driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | None, orders: bool,
+                  pulses: int | None, keys: Iterable[str] = ()) -> tuple[Scene, Signals | None]:
     """Return the scene with inputs, at the measured engine speed where orders are wanted, and the measured signals;
     `keys` are those that the command gives.
     """
@@ -52,8 +52,8 @@ def driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | No
     return driven, None
 
 
-def with_figures(result: Simulation, scene: Scene, table: MeasuredTable | None, measured: Signals | None, *,
-                 orders: bool, spectrum: bool) -> Simulation:
+def _with_figures(result: Simulation, scene: Scene, table: MeasuredTable | None, measured: Signals | None, *,
+                  orders: bool, spectrum: bool) -> Simulation:
     """Return a simulation with notes on its table and, if wanted, orders (also the measured ones) and spectrum."""
     from tcc_sim.analysis.measured.orders import compared, orders_of
 
@@ -107,6 +107,7 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
                columns: str | Mapping[str, str] | None = None, from_: float | None = None, to: float | None = None,
                orders: bool = False, spectrum: bool = False, pulses: int | None = None,
                samples_per_cycle: int = 0, flywheel_angle: bool = False, start: Start | None = None,
+               ready: Callable[[Scene, MeasuredTable | Recording | None], int] | None = None,
                **settings: Any) -> Simulation:
     """Solve a motion and compute its summary and further results, as `tcc-sim simulate` does.
 
@@ -133,6 +134,8 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     spectrum : add the spectra of slip speed and shaft torque in the steady state, over frequency and order
     pulses : pulses per crank revolution in the tacho column of a table (default 1)
     samples_per_cycle, flywheel_angle, start : as for `sweeps.simulation.simulate`
+    ready : function that is called before the solve with the scene that is solved and its inputs, and returns the
+        samples per cycle
 
     Returns
     -------
@@ -152,22 +155,33 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     """
     words = [f"{key}={points}" for key, points in profile.items()] if isinstance(profile, Mapping) else list(profile)
     values = {**(set or {}), **parse_profiles(words)}
-    changed, table, measured = as_scene(scene).with_changes(values), None, None
-    if inputs is None and any(value is not None for value in (hold, columns, from_, to, pulses)):
-        raise InputError("hold, columns, from_, to and pulses are for inputs from a table; give it as inputs")
+    changed, source, measured = as_scene(scene).with_changes(values), None, None
+    of_table = given_in({"hold": hold, "columns": columns, "from": from_, "to": to, "pulses": pulses})
+    of_recording = given_in({"scene": inputs_scene, "joints": joints, "topic": topic, "driveline": driveline})
+    if inputs is None and (of_table or of_recording):
+        raise InputError(f"{_options(of_table or of_recording)}: only for inputs; give a "
+                         f"{'table' if of_table else 'recording'} with --inputs")
     if inputs is not None:
         from tcc_sim.replay.recorded import read
 
         source = inputs if not isinstance(inputs, (str, Path)) else (
             input_table(Path(inputs), columns, from_, to) or read(inputs, inputs_scene, joints, topic, driveline))
-        table = source if isinstance(source, MeasuredTable) else None
-        changed, measured = driven_scene(changed, source, hold, orders, pulses, values)
+        if of_recording and isinstance(source, MeasuredTable):
+            raise InputError(f"{_options(of_recording)}: only for recordings; {inputs} is a table")
+        changed, measured = _driven_scene(changed, source, hold, orders, pulses, values)
     if spectrum:
         changed.system.check_repeats("a spectrum")
-    samples = samples_per_cycle or (SAMPLES if orders or inputs is not None else 0)
+    samples = ready(changed, source) if ready is not None else samples_per_cycle or (
+        SAMPLES if orders or inputs is not None else 0)
     result = simulate(changed, plan, samples_per_cycle=samples, flywheel_angle=flywheel_angle, start=start, **settings)
-    return result if result.summary is None else with_figures(result, changed, table, measured, orders=orders,
-                                                              spectrum=spectrum)
+    return result if result.summary is None else _with_figures(
+        result, changed, source if isinstance(source, MeasuredTable) else None, measured, orders=orders,
+        spectrum=spectrum)
+
+
+def _options(names: Iterable[str]) -> str:
+    """Return the options of keywords."""
+    return ", ".join(f"--{name}" for name in names)
 
 
 def with_recorded_figures(result: Replay, samples: Trajectory, *, orders: bool, spectrum: bool) -> Replay:
@@ -248,10 +262,10 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
               "frequency": frequency, "verify": verify, "damping": damping, "target": target, "limits": limits,
               "rrd": rrd, "spawn": spawn, "connect": connect}
     table = isinstance(recording, (str, Path)) and is_table(Path(recording))
-    if given := [f"--{name}" for name in given_in(others if table else {"columns": columns, "pulses": pulses})]:
-        raise InputError(f"{', '.join(given)}: only for recordings; a table takes --orders, --spectrum, --columns, "
+    if given := given_in(others if table else {"columns": columns, "pulses": pulses}):
+        raise InputError(f"{_options(given)}: only for recordings; a table takes --orders, --spectrum, --columns, "
                          "--from, --to, --scene and --pulses" if table else
-                         f"{', '.join(given)} is for tables, and {recording} is a recording")
+                         f"{_options(given)} is for tables, and {recording} is a recording")
     if table:
         if not (orders or spectrum):
             raise InputError("a table needs --orders or --spectrum; give one of them")
@@ -313,12 +327,10 @@ def fmu_file(scene: SceneLike, *, set: Mapping[str, object] | None = None, fmi: 
     """
     from tcc_sim.errors import check_suffix
     from tcc_sim.fmi.export import export
-    from tcc_sim.output.files import replaceable
+    from tcc_sim.output.files import new_file
 
     changed = as_scene(scene).with_changes(set or {})
     path = Path(out) if out is not None else Path(f"tcc_sim_{changed.name}.fmu")
-    check_suffix(path, (".fmu",))
-    if replaceable(path):
-        raise InputError(f"{path} exists; it is not overwritten")
-    export(changed, path, fmi, step, sources_only=sources_only)
+    check_suffix(path, (".fmu",), "--out ")
+    export(changed, new_file(path), fmi, step, sources_only=sources_only)
     return path

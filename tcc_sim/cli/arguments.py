@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli.options import Form, Source, keywords_of, options_in
-from tcc_sim.errors import InputError, check_folder, check_suffix, one_line, printable, require
-from tcc_sim.output.files import STANDARD_OUTPUT, check_name, draft, replaceable, write_json
+from tcc_sim.errors import InputError, check_suffix, one_line, printable, require
+from tcc_sim.output.files import STANDARD_OUTPUT, draft, new_file, write_json
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import UNITS, show_in
 from tcc_sim.topics import JOINT_NAMES
@@ -44,26 +44,6 @@ def number(low: float, high: float, unit: str = "", kind: type[float] | type[int
         return value
 
     return read
-
-
-def new_file(path: Path, force: bool | None = None) -> Path:
-    """Return `path` after checking that a file can be written there without overwriting another one.
-
-    force : whether --force is given; None for a command without this option
-
-    Raises
-    ------
-    InputError
-        The file exists and `force` is not on, a directory or another special file has this name, the name is too long,
-        or its directory does not exist.
-    """
-    check_name(path)
-    if path.is_dir():
-        raise InputError(f"{path} is a directory; name a file")
-    if replaceable(path) and not force:
-        raise InputError(f"{path} exists; it is not overwritten{'' if force is None else ' without --force'}")
-    check_folder(path)
-    return path
 
 
 def joint_names(text: str) -> dict[str, str]:
@@ -112,9 +92,14 @@ def recording_of(arguments: argparse.Namespace, path: Path, scene: str | None) -
     from tcc_sim.replay.recorded import read
 
     recording = read(path, scene, **driveline_of(arguments))
-    if scene is not None and recording.file.scene_text is not None:
-        say_of_table([f"{path} holds its scene, which is used; --scene {scene} is left out"])
+    say_of_own_scene(recording, scene)
     return recording
+
+
+def say_of_own_scene(recording: Recording, scene: str | None) -> None:
+    """Print on standard error that --scene is left out if the recording has its scene."""
+    if scene is not None and recording.file.scene_text is not None:
+        say_of_table([f"{recording.path} holds its scene, which is used; --scene {scene} is left out"])
 
 
 def refuse_driveline(arguments: argparse.Namespace, why: str) -> None:
@@ -246,8 +231,10 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
 
 @contextmanager
 def drawn(arguments: argparse.Namespace, result: Any, title: str = "") -> Iterator[None]:
-    """Draw a result for --plot, with the title --title or else `title`; the file appears when the `with` block ends."""
-    if arguments.plot is None:
+    """Draw a result for --plot, if there is one, with the title --title or else `title`. The file appears when the
+    `with` block ends; its name is printed unless the JSON goes to standard output.
+    """
+    if arguments.plot is None or result is None:
         yield
         return
     from tcc_sim.views.plots import plot
@@ -255,26 +242,22 @@ def drawn(arguments: argparse.Namespace, result: Any, title: str = "") -> Iterat
     with draft(arguments.plot) as part:
         plot(result, part, arguments.width, title=printable(title if arguments.title is None else arguments.title))
         yield
-
-
-def plot_result(arguments: argparse.Namespace, result: Any, title: str = "") -> None:
-    """Draw a result for --plot."""
-    with drawn(arguments, result, title):
-        pass
+    if arguments.json != STANDARD_OUTPUT:
+        say(f"picture in {arguments.plot}")
 
 
 def deliver(arguments: argparse.Namespace, scene: Scene, result: Any, lines: Iterable[str] = (), *,
-            drawn: object = None, title: str = "", columns: Mapping[str, Any] | None = None,
+            shown: object = None, title: str = "", columns: Mapping[str, Any] | None = None,
             arrays: Mapping[str, Any] | None = None) -> None:
-    """Write the files of a result and print its lines: --out from its `columns` and `arrays`, --plot of `drawn` or else
+    """Write the files of a result and print its lines: --out from its `columns` and `arrays`, --plot of `shown` or else
     of the result, with `title` or else the name of the scene, and --json.
     """
     if columns is not None and arguments.out is not None:
         from tcc_sim.output.table_files import write_result
 
         write_result(arguments.out, type(result), columns, document_of(arguments, scene, result), arrays)
-    plot_result(arguments, result if drawn is None else drawn, title or scene.name)
-    present(arguments, scene, result, lines)
+    with drawn(arguments, result if shown is None else shown, title or scene.name):
+        present(arguments, scene, result, lines)
 
 
 def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,

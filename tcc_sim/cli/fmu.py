@@ -5,25 +5,23 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_scene, new_file, number, scene_of, warn_of
-from tcc_sim.cli.options import Form, command, of
-from tcc_sim.errors import check_suffix
+from tcc_sim.cli.arguments import add_scene, number, scene_of, warn_of
+from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
 from tcc_sim.output.terminal import say
 
+FMU = "tcc_sim.functions:fmu_file"
 
-@command(add_scene, of("tcc_sim.functions:fmu_file", {
-    "step": Form("S", number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)}))
+
+@command(add_scene, of(FMU, {"step": Form("S", number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)}))
 def run(arguments: argparse.Namespace) -> int:
     """Write the FMU and print its contents."""
-    scene = scene_of(arguments)
-    from tcc_sim.fmi.export import compiler, export
+    from tcc_sim.fmi.export import compiler, folder_of_binary
+    from tcc_sim.functions import fmu_file
 
-    if arguments.out is not None:
-        check_suffix(arguments.out, (".fmu",), "--out ")
-    path = new_file(arguments.out or Path(f"tcc_sim_{scene.name}.fmu"))
+    scene = scene_of(arguments)
+    path = fmu_file(scene, **keywords_of(arguments, options_in(FMU)))
     warn_of(scene)
-    folder = export(scene, path, arguments.fmi, arguments.step, sources_only=arguments.sources_only)
-    if folder:
+    if folder := folder_of_binary(path):
         held = f"sources in C99 and a binary for {folder}"
     elif arguments.sources_only or compiler() is not None:
         held = "sources in C99; importers compile them"

@@ -20,7 +20,7 @@ KINDS = {"int": (int, "N"), "float": (float, "X"), "Path": (Path, "FILE"), "str"
 """Types of values, by the words of an annotation, and the word that stands for a value."""
 OTHERWISE = {"from_": "from", "inputs_scene": "scene", "every": "every_sample"}
 """Names of options that differ from those of keywords."""
-PYTHON = "arguments set plan progress settings gates start head part samples_per_cycle flywheel_angle"
+PYTHON = "arguments set plan progress settings gates start head part samples_per_cycle flywheel_angle ready"
 """Keywords that a command has no option for, or adds itself."""
 EXCLUSIVE = (("cycles", "duration"), ("jobs", "dask"), ("rrd", "spawn", "connect", "web"))
 """Options of which a command takes one."""

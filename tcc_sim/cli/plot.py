@@ -6,9 +6,10 @@ import argparse
 from functools import partial
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_layout, add_units, new_file
+from tcc_sim.cli.arguments import add_layout, add_units
 from tcc_sim.cli.options import Form, command
 from tcc_sim.errors import printable
+from tcc_sim.output.files import new_file
 from tcc_sim.output.terminal import say
 
 

@@ -10,8 +10,9 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_namespace, new_file, number
+from tcc_sim.cli.arguments import add_namespace, number
 from tcc_sim.cli.options import Form, command
+from tcc_sim.output.files import new_file
 from tcc_sim.output.terminal import say
 
 ACTIONS = {

@@ -58,7 +58,7 @@ def explain(arguments: argparse.Namespace) -> int:
     if arguments.cost:
         say("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in document["kernel"].items()))
     _say_step(document["step"], arguments.cost)
-    common.deliver(arguments, scene, explanation, drawn=scene)
+    common.deliver(arguments, scene, explanation, shown=scene)
     return 0
 
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from tcc_sim.background import awaited
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import command, of, option_of
+from tcc_sim.cli.options import command, keywords_of, of, options_in
 from tcc_sim.errors import InputError, counted
+from tcc_sim.shown_units import show_in
 
 if TYPE_CHECKING:
     from tcc_sim.replay.recorded import Recording
+    from tcc_sim.scene import Scene
     from tcc_sim.tables.measured_table import MeasuredTable
 
-Result = TypeVar("Result")
 SAMPLES, LARGEST_OUTPUT = 200, 50_000_000
 DRAWN, MOST_DRAWN = 2000, 400_000
 """Samples per period of excitation of a run that is drawn but not written, a multiple of SAMPLES; fewer where there
@@ -33,54 +33,44 @@ def run(arguments: argparse.Namespace, samples: int = 200) -> int:
     samples : samples per period of excitation in --out
     """
     from tcc_sim.analysis.measured.orders import OrderComparison
+    from tcc_sim.functions import simulation
     from tcc_sim.output.samples import SUFFIXES, write_samples
     from tcc_sim.output.tables import comparison_lines, order_lines, simulation_lines, spectrum_lines
-    from tcc_sim.scene import parse_assignments, parse_profiles
-    from tcc_sim.sweeps.simulation import simulate
+    from tcc_sim.scene import parse_assignments
+    from tcc_sim.tables.measured_table import MeasuredTable
 
-    profiles = parse_profiles(arguments.profile)
-    scene, measured, table = common.scene_of(arguments, profiles), None, None
-    if arguments.inputs is None:
-        common.refuse_driveline(arguments, "give the recording with --inputs")
-    if arguments.inputs is not None:
-        from tcc_sim.functions import driven_scene
-        from tcc_sim.tables.measured_table import MeasuredTable
-
-        source = inputs_of(arguments)
-        table = source if isinstance(source, MeasuredTable) else None
-        scene, measured = driven_scene(scene, source, arguments.hold, arguments.orders, arguments.pulses,
-                                       {**parse_assignments(arguments.set), **profiles})
-    elif arguments.inputs_scene is not None:
-        raise InputError("--scene is for a recording without a scene; give the recording with --inputs")
-    for name in ("hold", "columns", "from_", "to", "pulses"):
-        if getattr(arguments, name) is not None and arguments.inputs is None:
-            raise InputError(f"{option_of(name)} is for the inputs of a table; give the table with --inputs")
-    if arguments.spectrum:
-        scene.system.check_repeats("a spectrum")
     plan = common.plan_of(arguments)
-    cycle, duration = scene.system.cycle, plan.seconds(scene.system)
-    common.check_outputs(arguments, SUFFIXES)
-    cycles = plan.most if duration is None else duration / cycle
-    _check_samples(arguments, cycles)
-    sampled = arguments.orders or arguments.inputs is not None or cycles < 1.0 - 1e-12
-    samples = arguments.samples if arguments.out is not None else SAMPLES if sampled else 0
-    further = arguments.out is not None or arguments.orders or arguments.inputs is not None
-    if arguments.plot is not None and not further and SAMPLES * cycles <= LARGEST_OUTPUT:
-        samples = SAMPLES * min(max(int(MOST_DRAWN / cycles) // SAMPLES, 1), DRAWN // SAMPLES)
-    result = awaited(lambda: simulate(
-        scene, plan, samples_per_cycle=samples,
-        flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap")).raise_for_status()
-    if table is not None or arguments.orders or arguments.spectrum:
-        from tcc_sim.functions import with_figures
+    solved: list[tuple[Scene, MeasuredTable | Recording | None]] = []
 
-        result = with_figures(result, scene, table, measured, orders=arguments.orders, spectrum=arguments.spectrum)
+    def ready(scene: Scene, source: MeasuredTable | Recording | None) -> int:
+        """Check the outputs of the run that is to be solved, and return its samples per cycle."""
+        solved.append((scene, source))
+        if source is not None and not isinstance(source, MeasuredTable):
+            common.say_of_own_scene(source, arguments.inputs_scene)
+        common.check_outputs(arguments, SUFFIXES)
+        duration = plan.seconds(scene.system)
+        cycles = plan.most if duration is None else duration / scene.system.cycle
+        _check_samples(arguments, cycles)
+        sampled = arguments.orders or source is not None
+        if arguments.out is not None:
+            return samples
+        if arguments.plot is not None and not sampled and SAMPLES * cycles <= LARGEST_OUTPUT:
+            return SAMPLES * min(max(int(MOST_DRAWN / cycles) // SAMPLES, 1), DRAWN // SAMPLES)
+        return SAMPLES if sampled or cycles < 1.0 - 1e-12 else 0
+
+    result = awaited(lambda: simulation(
+        arguments.scene, plan, set=parse_assignments(arguments.set), ready=ready,
+        flywheel_angle=arguments.out is not None and arguments.out.suffix == ".mcap",
+        **keywords_of(arguments, options_in(common.SIMULATION)))).raise_for_status()
+    (scene, source), = solved
+    show_in(order=scene.system.engine.order)
     lines = simulation_lines(scene.name, result)
     drawn: object = result
-    if arguments.inputs is not None:
+    if source is not None:
         from tcc_sim.replay.given_inputs import smooth_inputs, twin_of
 
         common.say_of_table(result.notes)
-        if table is not None and arguments.hold is None and (smooth := smooth_inputs(table)):
+        if isinstance(source, MeasuredTable) and arguments.hold is None and (smooth := smooth_inputs(source)):
             lines.append(f"note: {' and '.join(smooth)} of {arguments.inputs.name} changes smoothly from row to row "
                          "but is held constant between rows; --hold smooth joins the rows")
         twin = twin_of(source, result.trajectory)
@@ -94,28 +84,14 @@ def run(arguments: argparse.Namespace, samples: int = 200) -> int:
             lines += comparison_lines(drawn)
         lines += order_lines(result.orders)
     if result.spectrum is not None:
-        drawn = result if not arguments.orders and arguments.inputs is None else drawn
+        drawn = result if not arguments.orders and source is None else drawn
         lines += spectrum_lines(result.spectrum)
     if arguments.out is not None:
         write_samples(arguments.out, result.trajectory, scene.text(),
                       document=common.document_of(arguments, scene, result))
         lines.append(f"{counted(len(result.trajectory.t), 'sample')} in {arguments.out}")
-    if arguments.plot is not None:
-        lines.append(f"picture in {arguments.plot}")
-    common.deliver(arguments, scene, result, lines, drawn=drawn)
+    common.deliver(arguments, scene, result, lines, shown=drawn)
     return 0
-
-
-def inputs_of(arguments: argparse.Namespace) -> MeasuredTable | Recording:
-    """Return the table or the recording of --inputs."""
-    from tcc_sim.replay.given_inputs import input_table
-
-    inputs: Path = arguments.inputs
-    table = input_table(inputs, arguments.columns, arguments.from_, arguments.to)
-    if table is not None:
-        common.refuse_driveline(arguments, f"{inputs} is a table")
-        return table
-    return common.recording_of(arguments, inputs, arguments.inputs_scene)
 
 
 def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:

@@ -9,15 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli import arguments as common
 from tcc_sim.cli.analyse import limits, targets
-from tcc_sim.cli.options import Form, command, keywords_of, of, option_of
+from tcc_sim.cli.options import Form, command, keywords_of, of, option_of, options_in
 from tcc_sim.cli.ranges import bounds_of_range, values_of_range
-from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted
+from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted, given_in
 from tcc_sim.model.crank_speed import ORDER
 from tcc_sim.model.quantity import SPEED_UNIT, number_in
 from tcc_sim.output.files import STANDARD_OUTPUT
 from tcc_sim.output.terminal import terminal_width
 
-SCATTER, GAINS = "tcc_sim.sweeps.scatter:scatter", "tcc_sim.sweeps.gains:gain_map"
+SCATTER, GAINS = "tcc_sim.sweeps.scatter:scattering", "tcc_sim.sweeps.gains:gain_map"
+WITH_SCATTER = ("samples", *options_in(SCATTER, "over values"))
+WITH_LAW = ("target", *options_in(GAINS, "duration jobs dask"))
+"""Options that need --scatter, and those that need --law."""
 FORMS = {**common.FORMS, "orders": Form("SPEED,...", optional=""), "direction": Form("cold|up|down"),
          "law": Form("FILE.py:NAME"), "target": Form("V|T:V,T:V", targets), "limits": Form("LOW:HIGH", limits)}
 
@@ -26,9 +29,9 @@ if TYPE_CHECKING:
     from tcc_sim.sweeps.results import Curve, Sweep
 
 
-@command(common.add_scene, of(SCATTER, FORMS, "samples seed quantiles every", quantiles=None),
+@command(common.add_scene, of(SCATTER, FORMS, WITH_SCATTER, seed=None),
          of(common.PLAN, FORMS, without=common.UNPLANNED),
-         of(GAINS, FORMS, "law target limits", target=None),
+         of(GAINS, FORMS, ("law", *WITH_LAW), target=None),
          of("tcc_sim.sweeps.sweep:sweep_curves", FORMS, "jobs dask"), common.outputs(
              "results in value order", "a table with a row per value as .csv, .parquet, .mat or .npz, and until it is "
              "complete each point as soon as it is solved in FILE.part; with any other suffix the points alone; the "
@@ -52,8 +55,9 @@ def run(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequen
 
     if arguments.law is not None:
         return _map_gains(arguments)
-    if arguments.target is not None or arguments.limits is not None:
-        raise InputError("--target and --limits need --law FILE.py:NAME")
+    _refuse_given(arguments, WITH_LAW, "--law FILE.py:NAME")
+    if not scatter:
+        _refuse_given(arguments, WITH_SCATTER, "--scatter KEY=LOW:HIGH")
     scene = common.scene_of(arguments)
     orders = None if arguments.orders is None else _frequencies(arguments, scene.system.engine.order)
     plan = common.plan_of(arguments, direction=arguments.direction, orders=orders)
@@ -74,7 +78,7 @@ def run(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequen
         failed = sum(p is not None and p.summary is None for p in points)
         lines = [f"{sum(p is not None for p in points)} of {counted(len(points), 'value')} in {sweeps[0].seconds:.3g} s"
                  + (f"; {failed} failed" if failed else ""), *unsettled_lines(sweeps)]
-        if isinstance(result, Scattered) and arguments.quantiles is not None and not ended:
+        if isinstance(result, Scattered) and "quantiles" in vars(arguments) and not ended:
             lines = [lines[0], *quantile_lines(result)]
     elif isinstance(result, Scattered):
         lines = quantile_lines(result)
@@ -82,15 +86,14 @@ def run(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequen
         lines = sweep_lines(result, terminal_width())
     if resumable and arguments.json != STANDARD_OUTPUT:
         arguments.json = None  # Else the resumed command would refuse to overwrite this file.
-    common.present(arguments, scene, result, lines + doubtful_lines(sweeps))
-    if not resumable:
-        common.plot_result(arguments, result, scene.name)
-        if table is not None and stored is not None:
-            document = common.document_of(arguments, scene, result)
-            if table.suffix != ".npz":  # The table has the results already, and the text of many would be long.
-                document = {name: document[name] for name in HEAD if name in document}
-            write_result(table, type(result), result.columns(), document)
-            stored.unlink()
+    with common.drawn(arguments, None if resumable else result, scene.name):
+        common.present(arguments, scene, result, lines + doubtful_lines(sweeps))
+    if not resumable and table is not None and stored is not None:
+        document = common.document_of(arguments, scene, result)
+        if table.suffix != ".npz":  # The table has the results already, and the text of many would be long.
+            document = {name: document[name] for name in HEAD if name in document}
+        write_result(table, type(result), result.columns(), document)
+        stored.unlink()
     if ended:
         resume = f"; the same command resumes from {stored}" if resumable else ""
         print(f"tcc-sim: {ended}{resume}", file=sys.stderr)
@@ -105,9 +108,9 @@ def _map_gains(arguments: argparse.Namespace) -> int:
     from tcc_sim.sweeps.gains import gain_map
     from tcc_sim.sweeps.simulation import Plan
 
-    defaults = vars(Plan(duration=arguments.duration)) | {"scatter": [], "samples": None, "quantiles": None,
-                                                          "every": False}
-    for name in [name for name, value in defaults.items() if vars(arguments).get(name, value) != value]:
+    defaults = vars(Plan(duration=arguments.duration)) | {"scatter": []}
+    for name in [name for name, value in defaults.items() if vars(arguments).get(name, value) != value] + [
+            *_given(arguments, WITH_SCATTER)]:
         raise InputError(f"--law runs closed loops in real-time ticks, which takes no {option_of(name)}; remove it")
     if arguments.target is None:
         raise InputError("--law needs --target V, the slip speed to hold in rad/s")
@@ -118,11 +121,23 @@ def _map_gains(arguments: argparse.Namespace) -> int:
     scene = common.scene_of(arguments)
     common.check_outputs(arguments, TABLES)
     duration = {} if arguments.duration is None else {"duration": arguments.duration}
-    result = gain_map(scene, arguments.law, dict(over), **keywords_of(arguments, "target limits jobs dask"), **duration,
-                      progress=True)
+    result = gain_map(scene, arguments.law, dict(over), arguments.target, **duration, progress=True,
+                      **keywords_of(arguments, options_in(GAINS, "duration")))
     files = arguments.json is not None or arguments.out is not None
     common.deliver(arguments, scene, result, gain_lines(result, alone=files), columns=result.columns())
     return 0
+
+
+def _given(arguments: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
+    """Return those of these options, which have no default here, that are given."""
+    options = keywords_of(arguments, names)
+    return {name: options[name] for name in given_in(options)}
+
+
+def _refuse_given(arguments: argparse.Namespace, names: Sequence[str], needed: str) -> None:
+    """Raise InputError if one of these options is given, which need another option."""
+    for name in _given(arguments, names):
+        raise InputError(f"{option_of(name)} needs {needed}")
 
 
 def _frequencies(arguments: argparse.Namespace, order: float) -> tuple[float, ...]:
@@ -141,7 +156,7 @@ def _frequencies(arguments: argparse.Namespace, order: float) -> tuple[float, ..
 
 def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], Callable[[list[Sweep]], Any]]:
     """Return the curves to solve, and the function that makes a result of the solved ones."""
-    from tcc_sim.sweeps.scatter import PROBABILITIES, Scattered, Tolerances, scattered_curves
+    from tcc_sim.sweeps.scatter import scattering
     from tcc_sim.sweeps.sweep import Curve, Grid, curves_of
 
     over = [values_of_range(text) for text in arguments.over]
@@ -152,18 +167,8 @@ def _work(arguments: argparse.Namespace, system: System) -> tuple[list[Curve], C
             raise InputError("--over is given twice; with --scatter it can be given once")
         if arguments.samples is None:
             raise InputError("--scatter needs --samples N, the number of samples")
-        probabilities = PROBABILITIES if arguments.quantiles is None else arguments.quantiles
-        tolerances = Tolerances(bounds, arguments.samples, arguments.seed, probabilities)
-        key, values = (*over, ("", []))[0]
-        every = arguments.every
-        return (scattered_curves(system, tolerances, key, values),
-                lambda sweeps: Scattered(tolerances, key, sweeps, every))
-    if arguments.quantiles is not None:
-        raise InputError("--quantiles needs --scatter KEY=LOW:HIGH")
-    if arguments.every:
-        raise InputError("--every-sample needs --scatter KEY=LOW:HIGH")
-    if arguments.samples is not None:
-        raise InputError("--samples needs --scatter KEY=LOW:HIGH")
+        return scattering(system, bounds, over=over[0][0] if over else "", values=over[0][1] if over else (),
+                          **_given(arguments, WITH_SCATTER))
     if not 1 <= len(over) <= 2:
         raise InputError(f"--over is given {len(over)} times; give it once for a sweep, twice for a grid")
     (key, values), *second = over

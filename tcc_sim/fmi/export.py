@@ -110,8 +110,8 @@ def binary_of(fmu: Fmu, command: str, options: Sequence[str] = ()) -> bytes:
 
 
 def export(scene: Scene, path: Path, version: int = 2, step: float | None = None, *,
-           sources_only: bool = False, options: Sequence[str] = ()) -> str:
-    """Write a scene's FMU to a new file; return the folder of its binary, empty without a binary.
+           sources_only: bool = False, options: Sequence[str] = ()) -> None:
+    """Write a scene's FMU to a new file.
 
     Parameters
     ----------
@@ -139,7 +139,12 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
             suffix = ".dylib" if sys.platform == "darwin" else ".so"
             file.writestr(zipfile.ZipInfo(f"binaries/{folder}/{fmu.identifier}{suffix}", DATE), binary,
                           zipfile.ZIP_DEFLATED)
-    return folder if with_binary else ""
+
+
+def folder_of_binary(path: Path) -> str:
+    """Return the folder of the binary in an FMU, empty without a binary."""
+    with zipfile.ZipFile(path) as file:
+        return next((name.split("/")[1] for name in file.namelist() if name.startswith("binaries/")), "")
 
 
 def _kernel(scene: Scene, rows: list[Variable]) -> str:

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, check_folder
 
 STANDARD_OUTPUT = Path("-")
 LARGEST_JSON = 1 << 30
@@ -60,6 +60,26 @@ def replaceable(path: Path) -> bool:
         kind = next((word for test, word in kinds if test(mode)), "a device")
         raise InputError(f"{path} is {kind}, which is never replaced; name a file")
     return True
+
+
+def new_file(path: Path, force: bool | None = None) -> Path:
+    """Return `path` after checking that a file can be written there without overwriting another one.
+
+    force : whether --force is given; None for a command without this option
+
+    Raises
+    ------
+    InputError
+        The file exists and `force` is not on, a directory or another special file has this name, the name is too long,
+        or its directory does not exist.
+    """
+    check_name(path)
+    if path.is_dir():
+        raise InputError(f"{path} is a directory; name a file")
+    if replaceable(path) and not force:
+        raise InputError(f"{path} exists; it is not overwritten{'' if force is None else ' without --force'}")
+    check_folder(path)
+    return path
 
 
 def new_directory(path: Path) -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -232,6 +232,30 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
     return out
 
 
+def scattering(system: System, bounds: Iterable[tuple[str, float, float]], samples: int, over: str = "",
+               values: Sequence[float] = (), *, seed: int = 0, every: bool = False,
+               quantiles: Sequence[float] = PROBABILITIES) -> tuple[list[Curve], Callable[[list[Sweep]], Scattered]]:
+    """Return the curves of `scatter`, and the function that makes its result of the solved ones.
+
+    Parameters
+    ----------
+    bounds : key, lowest and highest value
+    samples : number of samples; best a power of 2
+    over, values : another key over which every sample is swept
+    seed : seed of the samples
+    every : include samples that ran away or have not settled in the quantiles
+    quantiles : probabilities of the quantiles, rising (default 0.05,0.5,0.95)
+
+    Raises
+    ------
+    InputError
+        As `Tolerances` and `scattered_curves`.
+    """
+    tolerances = Tolerances(tuple(bounds), samples, seed, sequence_of_numbers("quantiles", quantiles))
+    curves = scattered_curves(system, tolerances, over, sequence_of_numbers(over, values))
+    return curves, lambda sweeps: Scattered(tolerances, over, sweeps, every)
+
+
 @with_plan_fields
 def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float]], samples: int, *, seed: int = 0,
             over: str = "", values: Sequence[float] = (), every: bool = False,
@@ -243,11 +267,7 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     ----------
     scene : a scene, its name or file, or a system
     bounds : scene key and the bounds of its tolerance; samples give quantiles of every result
-    samples : number of samples; best a power of 2
-    seed : seed of the samples
-    over, values : another key over which every sample is swept
-    every : include samples that ran away or have not settled in the quantiles
-    quantiles : probabilities of the quantiles, rising (default 0.05,0.5,0.95)
+    samples, seed, over, values, every, quantiles : as for `scattering`
     plan, jobs, dask, progress : as for `sweep`
 
     Raises
@@ -263,8 +283,7 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     >>> result.quantiles("max_slip_speed").shape
     (1, 3)
     """
-    tolerances = Tolerances(tuple((key, float(low), float(high)) for key, (low, high) in bounds.items()), samples, seed,
-                            sequence_of_numbers("quantiles", quantiles))
-    curves = scattered_curves(system_of(scene), tolerances, over, sequence_of_numbers(over, values))
-    return Scattered(tolerances, over, sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask,
-                                                    progress=progress), every)
+    curves, gathered = scattering(system_of(scene), [(key, float(low), float(high)) for key, (low, high)
+                                                     in bounds.items()], samples, over, values, seed=seed, every=every,
+                                  quantiles=quantiles)
+    return gathered(sweep_curves(curves, Plan.of(plan, settings), jobs=jobs, dask=dask, progress=progress))

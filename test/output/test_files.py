@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tcc_sim.cli.arguments import new_file
 from tcc_sim.errors import InputError
-from tcc_sim.output.files import draft, new_directory, write_json
+from tcc_sim.output.files import draft, new_directory, new_file, write_json
 
 SIMULATE = ["simulate", "minimal", "--cycles", "2", "--discard", "0", "--solver", "fixed_step"]
 

@@ -53,9 +53,8 @@ def run(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> 
             continue_motions(scene.system, plan, tick, motions)
     except KeyboardInterrupt:
         interrupted = True
-    common.present(arguments, scene, motions, _lines(motions))
-    if motions.branches:
-        common.plot_result(arguments, motions, scene.name)
+    with common.drawn(arguments, motions if motions.branches else None, scene.name):
+        common.present(arguments, scene, motions, _lines(motions))
     if interrupted:
         print("tcc-sim: interrupted; the results up to here are complete", file=sys.stderr)
         return 130

@@ -9,11 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.cli.arguments import add_layout, new_file, number, present
+from tcc_sim.cli.arguments import add_layout, number, present
 from tcc_sim.cli.options import Form, command
 from tcc_sim.errors import printable, require
 from tcc_sim.model.parameters import System
-from tcc_sim.output.files import new_directory, write_json
+from tcc_sim.output.files import new_directory, new_file, write_json
 from tcc_sim.output.terminal import counted_bar, say, seconds_bar
 
 
