@@ -10,7 +10,6 @@ from typing import Any
 
 CALLED = {
     # name: (module, function)
-    "arguments_of": ("tcc_sim.cli", "arguments_of"),
     "draw_figure": ("tcc_sim.study.paper.drawings", "draw_stored"),
     "draw_precision": ("tcc_sim.study.benchmarks.report_drawings", "draw_precision"),
     "draw_stability": ("tcc_sim.study.benchmarks.report_drawings", "draw_stability"),

@@ -27,6 +27,11 @@ def show_in(units: str | None = None, order: float | None = None) -> None:
     _SHOWN.set((units or before[0], order or before[1]))
 
 
+def selected_units() -> str:
+    """Return the selected one of UNITS."""
+    return _SHOWN.get()[0]
+
+
 @contextmanager
 def shown_in(units: str | None, order: float | None) -> Iterator[None]:
     """Select as `show_in` does, within a `with` block."""

@@ -11,12 +11,11 @@ from __future__ import annotations
 import argparse
 import difflib
 import errno
-import io
 import os
 import signal
 import sys
 from collections.abc import Callable
-from contextlib import redirect_stderr, suppress
+from contextlib import suppress
 from contextvars import copy_context
 from importlib import import_module
 from keyword import iskeyword
@@ -130,22 +129,6 @@ def _status_of(words: list[str]) -> int:
     except KeyboardInterrupt:
         print("tcc-sim: interrupted", file=sys.stderr)
         return 130
-
-
-def arguments_of(words: list[str]) -> argparse.Namespace:
-    """Return the arguments of a command that a file of results records.
-
-    Raises
-    ------
-    InputError
-        Words that are no command of this version.
-    """
-    refusal = io.StringIO()
-    try:
-        with redirect_stderr(refusal):
-            return build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
-    except SystemExit:
-        raise InputError(f"the recorded command is none of this version: {refusal.getvalue().strip()}") from None
 
 
 def command_of(verb: str) -> VerbFunction:

@@ -95,5 +95,5 @@ def run(arguments: argparse.Namespace, layout: bool = False) -> int:
                           document=common.document_of(arguments, scene, result))
     lines += order_lines(result.orders) if result.orders is not None else []
     lines += spectrum_lines(result.spectrum) if result.spectrum is not None else []
-    common.deliver(arguments, scene, result, lines, shown=drawn, title=path.name)
+    common.deliver(arguments, scene, result, lines, shown=drawn)
     return 0 if isinstance(result, MeasuredRun) or result.verification is None or result.verification.verified else 1

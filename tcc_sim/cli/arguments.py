@@ -230,9 +230,9 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
 
 
 @contextmanager
-def drawn(arguments: argparse.Namespace, result: Any, title: str = "") -> Iterator[None]:
-    """Draw a result for --plot, if there is one, with the title --title or else `title`. The file appears when the
-    `with` block ends; its name is printed unless the JSON goes to standard output.
+def drawn(arguments: argparse.Namespace, scene: Scene | System, result: Any) -> Iterator[None]:
+    """Draw a result for --plot, if there is one. The file appears when the `with` block ends; its name is printed
+    unless the JSON goes to standard output.
     """
     if arguments.plot is None or result is None:
         yield
@@ -240,23 +240,32 @@ def drawn(arguments: argparse.Namespace, result: Any, title: str = "") -> Iterat
     from tcc_sim.views.plots import plot
 
     with draft(arguments.plot) as part:
-        plot(result, part, arguments.width, title=printable(title if arguments.title is None else arguments.title))
+        plot(result, part, arguments.width, title=printable(title_of(arguments, scene)))
         yield
     if arguments.json != STANDARD_OUTPUT:
         say(f"picture in {arguments.plot}")
 
 
+def title_of(arguments: argparse.Namespace, scene: Scene | System) -> str:
+    """Return the title of the picture of a result: --title, or the name of the recording or else of the scene."""
+    title: str | None = getattr(arguments, "title", "")
+    if title is not None:
+        return title
+    recording: Path | None = getattr(arguments, "recording", None)
+    return recording.name if recording is not None else getattr(scene, "name", "")
+
+
 def deliver(arguments: argparse.Namespace, scene: Scene, result: Any, lines: Iterable[str] = (), *,
-            shown: object = None, title: str = "", columns: Mapping[str, Any] | None = None,
+            shown: object = None, columns: Mapping[str, Any] | None = None,
             arrays: Mapping[str, Any] | None = None) -> None:
     """Write the files of a result and print its lines: --out from its `columns` and `arrays`, --plot of `shown` or else
-    of the result, with `title` or else the name of the scene, and --json.
+    of the result, and --json.
     """
     if columns is not None and arguments.out is not None:
         from tcc_sim.output.table_files import write_result
 
         write_result(arguments.out, type(result), columns, document_of(arguments, scene, result), arrays)
-    with drawn(arguments, result if shown is None else shown, title or scene.name):
+    with drawn(arguments, scene, result if shown is None else shown):
         present(arguments, scene, result, lines)
 
 
@@ -282,4 +291,4 @@ def document_of(arguments: argparse.Namespace, scene: Scene | System, result: An
     """Return the JSON document of a result of this command, for --json and for a .npz."""
     from tcc_sim.output.provenance import document
 
-    return document(arguments.verb, result, scene, arguments.words)
+    return document(arguments.verb, result, scene, arguments.words, title_of(arguments, scene))

@@ -129,7 +129,8 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
 
     result = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True,
                     window=Window(end=arguments.duration))
-    write_json(directory / "analysis.json", document("analyse", result, result.scene, arguments.words))
+    write_json(directory / "analysis.json", document("analyse", result, result.scene, arguments.words,
+                                                      title=scene.name))
     made = ["recording", "analysis.json"] + ([] if "rerun" in missing else ["run.rrd"])
     if "rerun" not in missing:
         from tcc_sim.views.recording_layout import write_layout

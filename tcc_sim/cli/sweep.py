@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequen
         lines = sweep_lines(result, terminal_width())
     if resumable and arguments.json != STANDARD_OUTPUT:
         arguments.json = None  # Else the resumed command would refuse to overwrite this file.
-    with common.drawn(arguments, None if resumable else result, scene.name):
+    with common.drawn(arguments, scene, None if resumable else result):
         common.present(arguments, scene, result, lines + doubtful_lines(sweeps))
     if not resumable and table is not None and stored is not None:
         document = common.document_of(arguments, scene, result)

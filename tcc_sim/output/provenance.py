@@ -18,6 +18,7 @@ from tcc_sim.model.parameters import System, values_of
 from tcc_sim.output.fields import units_in
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene
+from tcc_sim.shown_units import selected_units
 
 FORMATS: dict[str, int] = {
     "simulate": 1, "analyse": 1, "sweep": 1, "sweep_points": 1, "continue": 1, "basins": 1, "basin_rows": 1,
@@ -30,6 +31,8 @@ HEAD = {"format": "kind of file and number of its format",
         "environment": "versions of python, numpy, scipy and numba (null where not installed), and the "
                        "processor",
         "command": "arguments of tcc-sim, the verb first", "units": "unit by field",
+        "title": "title of a picture of the result",
+        "shown_units": "unit of speeds in printed lines and pictures: rad, rpm or hz",
         "warnings": "sentences on the scene, if any"}
 """Keys that begin every JSON, with their meaning."""
 
@@ -40,7 +43,7 @@ def format_of(kind: str) -> str:
 
 
 def head_of(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
-    """Return the keys that begin every JSON: five, and `warnings` if the scene has any.
+    """Return the keys that begin every JSON and every file of points: five, and `warnings` if the scene has any.
 
     Parameters
     ----------
@@ -74,9 +77,11 @@ def warnings_of(scene: Scene | System) -> list[str]:
     return (scene if isinstance(scene, Scene) else Scene("system", scene)).warnings()
 
 
-def document(kind: str, result: Any, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
-    """Return a result as JSON values, with the head (see `head_of`) and the units of its fields."""
-    head = {**head_of(kind, scene, command), "units": units_in(result)}
+def document(kind: str, result: Any, scene: Scene | System, command: Sequence[str], title: str = "") -> dict[str, Any]:
+    """Return a result as JSON values, with the head (see `head_of`), the units of its fields, and the title and unit of
+    its picture.
+    """
+    head = {**head_of(kind, scene, command), "units": units_in(result), "title": title, "shown_units": selected_units()}
     values = json_of(result)
     if "warnings" in values:  # A recording has its own.
         head["warnings"] = [*head.get("warnings", []), *values["warnings"]]

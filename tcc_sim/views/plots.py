@@ -22,13 +22,11 @@ from tcc_sim.views.panels import Panel, compose, draw_into
 from tcc_sim.views.runs import last_cycles, manoeuvre
 from tcc_sim.views.stored import (
     Record,
-    arguments_in,
     drawer_of,
     kind_of,
     read_stored,
     refusing_damage,
     revived,
-    title_of,
 )
 
 
@@ -118,8 +116,8 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     with refusing_damage(name) if isinstance(result, Mapping) else nullcontext():
         order = _order_of(result)
         if isinstance(result, Mapping):
-            units = units or getattr(arguments_in(result), "units", None)
-            title = printable(title_of(result)) if title is None else title
+            units = units or result.get("shown_units")
+            title = printable(str(result.get("title", ""))) if title is None else title
             result = revived(result, name)
         with shown_in(units, order):
             return _drawn(result, path, width, title or "")

@@ -103,20 +103,6 @@ def refusing_damage(name: str) -> Iterator[None]:
                          f"{one_line(str(error))})") from None
 
 
-def arguments_in(values: Mapping[str, Any]) -> Any:
-    """Return the arguments of the command that wrote a JSON; an empty namespace if it records none, or `demo`.
-
-    Raises
-    ------
-    InputError
-        This version does not accept the command.
-    """
-    words = values.get("command")
-    if words and not (isinstance(words, list) and all(isinstance(word, str) for word in words)):
-        raise InputError("the result is damaged: its command is no list of words")
-    return from_later_room("arguments_of")(words) if words and words[0] != "demo" else SimpleNamespace()
-
-
 def kind_of(values: Mapping[str, Any]) -> str:
     """Return the verb that wrote a JSON; without a format, its keys show the verb."""
     parts = str(values.get("format", "")).split()
@@ -127,17 +113,6 @@ def kind_of(values: Mapping[str, Any]) -> str:
         if key in values:
             return kind
     return ""
-
-
-def title_of(values: Mapping[str, Any]) -> str:
-    """Return the title of the picture of the command."""
-    arguments, kind = arguments_in(values), kind_of(values)
-    given = getattr(arguments, "title", None)
-    if given is not None or kind in ("figure", "precision", "stability"):
-        return given or ""
-    source = next((Path(value) for name in ("recording", "scene", "measured")
-                   if (value := getattr(arguments, name, None)) is not None), Path())
-    return source.name if kind == "analyse" else source.stem
 
 
 def revived(values: Mapping[str, Any], name: str) -> Any:
@@ -161,7 +136,7 @@ def revived(values: Mapping[str, Any], name: str) -> Any:
         raise InputError(f"the JSON of {kind} has no samples to draw; give the file of samples that this command "
                          f"writes: tcc-sim {shlex.join([*_command_of(values), '--out', 'FILE.npz'])}")
     if kind == "explain":
-        return Scene(title_of(values), System(), Operation()).with_values(values["scene"])
+        return Scene("", System(), Operation()).with_values(values["scene"])
     if kind == "basins" and "arrays" in values:
         return {**values, "labels": values["arrays"]["labels"]}
     if kind in DRAWN:
@@ -200,7 +175,7 @@ def _of(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:
 
 def _run(values: Mapping[str, Any]) -> Any:
     """Return the run in the samples of `simulate` or `analyse`, with its summary and spectrum."""
-    scene, arrays = Scene(title_of(values), System(), Operation()).with_values(values["scene"]), values["arrays"]
+    scene, arrays = Scene("", System(), Operation()).with_values(values["scene"]), values["arrays"]
     run = Trajectory(**{name: arrays[name] for name in UNITS if name in arrays}, cycle=scene.system.cycle,
                      solver=values["solver"], system=scene.system, cycles=cycles_in(arrays),
                      largest_step=1.5 * values["tick_s"] if values.get("tick_s") else math.inf)

@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace, boundary: bool = False) -> int:
                         progress=True, head=head_of("basin_rows", scene, arguments.words))
         # Drawing takes longest; if it is interrupted, no file is written, and the same command resumes.
         values = Planes(result, over, boundary)
-        with common.drawn(arguments, result, scene.name):
+        with common.drawn(arguments, scene, result):
             if arguments.out is not None:
                 from tcc_sim.study.basins.results import write_basins
 

@@ -53,7 +53,7 @@ def run(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> 
             continue_motions(scene.system, plan, tick, motions)
     except KeyboardInterrupt:
         interrupted = True
-    with common.drawn(arguments, motions if motions.branches else None, scene.name):
+    with common.drawn(arguments, scene, motions if motions.branches else None):
         common.present(arguments, scene, motions, _lines(motions))
     if interrupted:
         print("tcc-sim: interrupted; the results up to here are complete", file=sys.stderr)

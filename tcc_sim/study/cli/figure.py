@@ -66,13 +66,13 @@ def run(arguments: argparse.Namespace, figure: str, quick: bool = False,
     draw_one = partial(draw, title=printable(arguments.title or ""), width=width_of(arguments.width))
     if len(stems) == 1:
         (one, stem), = stems.items()
-        _write(one, stem, options, draw_one, arguments.words)
+        _write(one, stem, options, draw_one, arguments)
         return 0
     # Drawing takes as long as computing and holds the interpreter lock, so another process draws.
     with without_working_directory(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_painter,
                                                           (arguments.units,)) as painter:
         drawn = [_write(one, stem, options, lambda data, where: painter.submit(draw_one, data, where),
-                        arguments.words)
+                        arguments)
                  for one, stem in stems.items()]
         for picture in drawn:
             picture.result()
@@ -86,7 +86,7 @@ def _begin_painter(units: str | None) -> None:
 
 
 def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figure, Path], Any],
-           words: list[str]) -> Any:
+           arguments: argparse.Namespace) -> Any:
     """Compute one figure, write its numbers, and draw it with `draw`."""
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document
@@ -94,7 +94,8 @@ def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figu
     from tcc_sim.study.paper.figures import figure_data, figure_system
 
     data = figure_data(number, options)
-    write_json(stem.with_suffix(".json"), document("figure", data, figure_system(number, options), words))
+    write_json(stem.with_suffix(".json"), document(
+        "figure", data, figure_system(number, options), arguments.words, arguments.title or ""))
     drawn = draw(data, stem)
     say(f"{stem.with_suffix('.png')}  {data.seconds:.1f} s", flush=True)
     for curve in data.curves if data.kind in SWEPT else ():
