@@ -11,12 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tcc_sim.analysis.loop import BAND
-from tcc_sim.analysis.loop.tracking import Limits
 from tcc_sim.errors import InputError, given_in
-from tcc_sim.replay.given_inputs import doubts_about, driven_by, input_table
-from tcc_sim.replay.measured import MeasuredRun, analyse_table, at_measured_speed
-from tcc_sim.replay.replay import replay
-from tcc_sim.replay.result import Replay
 from tcc_sim.scene import SceneLike, as_scene, parse_profiles, unused_beside
 from tcc_sim.sweeps.simulation import Plan, Simulation, simulate, with_plan_fields
 from tcc_sim.tables.chosen_columns import is_table
@@ -24,9 +19,12 @@ from tcc_sim.tables.measured_table import MeasuredTable, table_in
 from tcc_sim.topics import INPUTS
 
 if TYPE_CHECKING:
+    from tcc_sim.analysis.loop.tracking import Limits
     from tcc_sim.analysis.measured.signals import Signals
     from tcc_sim.analysis.measured.spectra import Spectrum
+    from tcc_sim.replay.measured import MeasuredRun
     from tcc_sim.replay.recorded import Recording
+    from tcc_sim.replay.result import Replay
     from tcc_sim.scene import Scene
     from tcc_sim.sweeps.steady_state import Start
     from tcc_sim.trajectory import Trajectory
@@ -40,6 +38,9 @@ def _driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | N
     """Return the scene with inputs, at the measured engine speed where orders are wanted, and the measured signals;
     `keys` are those that the command gives.
     """
+    from tcc_sim.replay.given_inputs import driven_by
+    from tcc_sim.replay.measured import at_measured_speed
+
     driven = driven_by(scene, source, hold)
     inputs = driven.system.inputs
     assert inputs is not None
@@ -58,6 +59,8 @@ def _with_figures(result: Simulation, scene: Scene, table: MeasuredTable | None,
     from tcc_sim.analysis.measured.orders import compared, orders_of
 
     if table is not None:
+        from tcc_sim.replay.given_inputs import doubts_about
+
         result = replace(result, notes=(*table.notes, *doubts_about(table), *(measured.notes if measured else ())))
     if orders and measured is None:
         result = replace(result, orders=orders_of(result.trajectory))
@@ -162,6 +165,7 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
         raise InputError(f"{_options(of_table or of_recording)}: only for inputs; give a "
                          f"{'table' if of_table else 'recording'} with --inputs")
     if inputs is not None:
+        from tcc_sim.replay.given_inputs import input_table
         from tcc_sim.replay.recorded import read
 
         source = inputs if not isinstance(inputs, (str, Path)) else (
@@ -256,7 +260,9 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
     'slip'
     """
     from tcc_sim.recording.window import Window
+    from tcc_sim.replay.measured import analyse_table
     from tcc_sim.replay.recorded import Recording, read
+    from tcc_sim.replay.replay import replay
 
     others = {"run": run, "joints": joints, "topic": topic, "driveline": driveline, "discard": discard,
               "frequency": frequency, "verify": verify, "damping": damping, "target": target, "limits": limits,

@@ -46,7 +46,9 @@ HUNDRED = "engine.frequency=100:200:3"
     ([*SWEEP, "engine.frequency=-5:2:3"], "0.001 to 100000 rad/s"),
     ([*SWEEP, HUNDRED, "--set", "pressure.mean=-3"], "pressure.mean is -3 Pa"),
     ([*SWEEP, HUNDRED, "--cycles", "0"], "cycles"), ([*SWEEP, HUNDRED, "--out", "no/sweep.jsonl"], "no"),
-    ([*SWEEP, HUNDRED, "--solver", "euler"], "euler")])
+    ([*SWEEP, HUNDRED, "--solver", "euler"], "euler"), ([*SWEEP, HUNDRED, "--seed", "3"], "--scatter"),
+    ([*SWEEP, HUNDRED, "--law", "no.py:f", "--target", "20"], "no.py"), (["figure", "2", "--out", __file__], __file__),
+    (["simulate", "slip", "--topic", "x"], "--inputs"), (["claims", "--figures", "99"], "99")])
 def test_wrong_input_is_one_line_and_status_2_and_nothing_is_written(words: list[str], says: str,
                                                                      refused: Callable[..., str]) -> None:
     assert says in refused(*words)

@@ -192,7 +192,8 @@ def command(*sources: Source, forms: Mapping[str, Form] | None = None) -> Callab
     return lambda function: VerbFunction(function, sources, forms or {})
 
 
-def of(function: str, forms: Mapping[str, Form] | None = None, names: str = "", needed: str = "", without: str = "",
+def of(function: str, forms: Mapping[str, Form] | None = None, names: str | Iterable[str] = "", needed: str = "",
+       without: str = "",
        **changed: Any) -> Source:
     """Return the source of a library function's options, as `add_options` takes them; all but `without` if `names` is
     empty.

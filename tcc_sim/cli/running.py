@@ -46,7 +46,10 @@ def watch(arguments: argparse.Namespace, rrd: Path | None = None, spawn: bool = 
         new_file(rrd)
     from tcc_sim.nodes import watcher
     from tcc_sim.nodes.web_viewer import web_viewer
+    from tcc_sim.views.rerun_stream import check_viewer
 
+    if connect is not None:
+        check_viewer(connect)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with ExitStack() as stack:
         if web:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -164,6 +165,13 @@ class BagWriter:
         """Close the file without an index; it is readable up to the last flush."""
         self.file.abandon()
         self._release()
+
+    def discard(self, error: BaseException) -> None:
+        """Delete the bag because of an error, which is raised with the name of the directory if it names no file."""
+        self.abandon()
+        shutil.rmtree(self.directory, ignore_errors=True)
+        if isinstance(error, OSError) and error.filename is None:
+            raise OSError(error.errno, error.strerror, str(self.directory)) from None
 
     def _release(self) -> None:
         """Close the descriptor of the directory."""

@@ -6,7 +6,6 @@ The package rosbags reads SQLite, ROS 1 and compressed files of these; MCAP is r
 from __future__ import annotations
 
 import re
-import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -175,9 +174,8 @@ def _written(run: Run, directory: Path) -> Imported:
             _write_run(bag, channels, states, name, columns, 0 if run.scenes else int(states.stamp_ns[0]))
         run.tapped(_Commands(bag, run.driveline.topic.rpartition("/")[0]))
         bag.close(run.result)
-    except BaseException:
-        bag.abandon()
-        shutil.rmtree(directory, ignore_errors=True)
+    except BaseException as error:
+        bag.discard(error)
         raise
     notes = [text for text in run.warnings if "of other programs" not in text]
     if not run.scenes:

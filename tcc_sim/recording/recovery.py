@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -64,10 +63,7 @@ def recover(run: Run, directory: Path) -> Recovery:
         copy.bag.close(run.result)
     except BaseException as error:
         if copy.bag is not None:
-            copy.bag.abandon()
-            shutil.rmtree(directory, ignore_errors=True)
-        if isinstance(error, OSError) and error.filename is None:
-            raise OSError(error.errno, error.strerror, str(directory)) from None
+            copy.bag.discard(error)
         raise
     saved, counts = copy.bag.counts, dict[str, int]()
     for (topic, _, _), number in copy.known.items():

@@ -131,7 +131,8 @@ def law_in(text: str) -> LawFile:
     try:
         return LawFile(str(Path(path).resolve()), name, Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"the law's file {path} cannot be read: {one_line(str(error))}") from None
+        reason = getattr(error, "strerror", None) or one_line(str(error))
+        raise InputError(f"the law's file {path} cannot be read: {reason}") from None
 
 
 @dataclass(frozen=True)

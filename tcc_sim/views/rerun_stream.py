@@ -85,7 +85,7 @@ class RerunStream:
             raise InputError("give one of a file, a viewer to start and the URL of a running viewer")
         self._rr = layout.rerun()
         if url is not None:
-            _answers(url)
+            check_viewer(url)
         if file is not None:
             _create(file)
         self._file = file
@@ -411,7 +411,7 @@ def _open_viewer(recording: Any, shown: Any) -> None:
         raise TccError(f"Rerun's viewer does not start: {str(error).splitlines()[0]}") from None
 
 
-def _answers(url: str) -> None:
+def check_viewer(url: str) -> None:
     """Raise InputError if no viewer answers at a URL: a stream would wait for ever."""
     match = _URL.fullmatch(url)
     if match is None:

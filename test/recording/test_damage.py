@@ -131,14 +131,16 @@ def test_the_verb_recovers_beside_the_original_and_says_what_is_missing(tmp_path
     refused("recover", tmp_path / "nothing")
 
 
-def test_a_recovery_that_fails_takes_its_bag_away_again(tmp_path, original, capsys):
+def test_a_new_bag_that_fails_is_taken_away_again(tmp_path, original, capsys):
     path = tmp_path / "x.mcap"
     path.write_bytes(original[0])
-    with full_disk(5000):
-        assert main(["recover", str(path)]) == 1
-    assert capsys.readouterr().err == f"tcc-sim: {tmp_path / 'x_recovered'}: {os.strerror(errno.EFBIG)}\n"
-    assert [p.name for p in tmp_path.iterdir()] == ["x.mcap"]
-    assert main(["recover", str(path)]) == 0
+    for words, new in ((["recover", str(path)], "x_recovered"), (["import", str(path), str(tmp_path / "run")], "run")):
+        with full_disk(5000):
+            assert main(words) == 1
+        assert capsys.readouterr().err == f"tcc-sim: {tmp_path / new}: {os.strerror(errno.EFBIG)}\n"
+        assert not (tmp_path / new).exists()
+        assert main(words) == 0
+        capsys.readouterr()
 
 
 def test_a_chunk_that_claims_too_much_is_refused_unread(tmp_path, original):

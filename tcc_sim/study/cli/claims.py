@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace, pressures: Sequence[float] = (), figures:
     claims = [claim for claim in CLAIMS if claim.figure in (figures or [claim.figure])]
     for name in figures:
         if name not in {claim.figure for claim in claims}:
-            known = ", ".join(dict.fromkeys(claim.figure for claim in CLAIMS))
+            known = "; ".join(dict.fromkeys(claim.figure for claim in CLAIMS))
             raise InputError(f"figures has {name!r}; there are claims of {known}")
     check_outputs(arguments, (), markdown, errata)
 

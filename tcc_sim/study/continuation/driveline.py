@@ -259,8 +259,9 @@ def seeds_in(document: Mapping[str, Any], system: System, over: str, low: float,
         No such document, another scene (apart from `over` and initial.*), or no attractor in the range.
     """
     try:
-        if not str(document["format"]).startswith("tcc_sim basins "):
-            raise InputError(f"--seeds holds {document['format']!r}; it must be what basins --json wrote")
+        kind = str(document.get("format", "no result of a command"))
+        if not kind.startswith("tcc_sim basins "):
+            raise InputError(f"--seeds holds {kind}; it must be what basins --json wrote")
         scene, varied = document["scene"], document.get("over")
         if varied not in (None, over):
             raise InputError(f"--seeds varies {varied}; it must be {over}, the key of --over, or none")
