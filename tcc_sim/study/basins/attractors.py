@@ -40,6 +40,7 @@ SHARED = 0.9  # share of a cloud's points that must be that near
 GOES_ON = 0.5  # largest distance between an attractor and its continuation at the next value
 LARGEST_RADIUS, SMALLEST_RADIUS = 0.2, 1e-4  # largest capture radius, and bound below which none is halved further
 APART = 0.4  # largest capture radius, relative to the distance of the nearest other attractor
+PROBE_CYCLES = 600  # longest time of a probe
 PROBES = 24  # motions from the capture sphere that validate the radius
 
 
@@ -60,7 +61,7 @@ def find_attractors(of: DynamicalSystem, seeds: Iterable[Floats], known: Sequenc
         attractor = _settle(of, seed, transients, settings)
         if attractor is not None and not any(_same(attractor, other, scales) for other in attractors):
             attractors.append(attractor)
-            attractors = _validated(of, attractors, settings)
+            attractors = _validated(of, attractors)
     return attractors
 
 
@@ -206,7 +207,7 @@ def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]],
     return tuple(replace(attractor, number=numbers[k]) for k, attractor in enumerate(attractors))
 
 
-def _validated(of: DynamicalSystem, attractors: Sequence[Attractor], settings: Settings) -> list[Attractor]:
+def _validated(of: DynamicalSystem, attractors: Sequence[Attractor]) -> list[Attractor]:
     """Give each attractor a radius: spheres do not overlap, and motions that start on a sphere return to its centre."""
     # The radius is halved until all probes return, or until it is too small.
     out = []
@@ -220,13 +221,13 @@ def _validated(of: DynamicalSystem, attractors: Sequence[Attractor], settings: S
         if attractor.radius and attractor.radius <= radius:
             radius, validated = attractor.radius, attractor.validated
         else:
-            while not (validated := _captures(of, attractor, radius, settings)) and radius > SMALLEST_RADIUS:
+            while not (validated := _captures(of, attractor, radius)) and radius > SMALLEST_RADIUS:
                 radius *= 0.5
         out.append(replace(attractor, radius=radius, validated=validated))
     return out
 
 
-def _captures(of: DynamicalSystem, attractor: Attractor, radius: float, settings: Settings) -> bool:
+def _captures(of: DynamicalSystem, attractor: Attractor, radius: float) -> bool:
     """Return whether motions that start on the sphere of this radius return to the attractor."""
     random = np.random.default_rng(1)
     tree = cKDTree(attractor.section / of.map.scales)
@@ -236,7 +237,7 @@ def _captures(of: DynamicalSystem, attractor: Attractor, radius: float, settings
         away = random.normal(size=of.map.dimension)
         start = attractor.section[k] + radius * away / np.linalg.norm(away) * of.map.scales
         first = k if attractor.period else int(attractor.phases[k])
-        for cycle in range(first, first + settings.probe_cycles, 4 * LONGEST_PERIOD):
+        for cycle in range(first, first + PROBE_CYCLES, 4 * LONGEST_PERIOD):
             points = section_points(of, start, cycle, 4 * LONGEST_PERIOD)
             if len(points) < 4 * LONGEST_PERIOD + 1:
                 return False

@@ -23,7 +23,6 @@ class Settings:
     longest: int = 4096  # after which a motion that has not repeated has no period
     cloud: int = 2048  # section points in the cloud of a motion without a period
     witnesses: int = 16  # motions from near a cloud, followed for `longest`; it is a transient if one leaves
-    probe_cycles: int = 600  # longest time of a probe
     chunk: int = 4  # after which motions are first compared with attractors
 
 
