@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any, NamedTuple
@@ -260,7 +260,8 @@ class Trajectory(Result):
     `output_speed` (rad/s), if the shaft's far end moves. `cycles` comes from solvers that compute cycles, and `rest`,
     one partial cycle at the end, from solvers that can stop within a cycle; otherwise
     `analysis.steady.summary.cycle_parts_of` derives both from samples. Where two samples are more than `largest_step`
-    apart, messages between them were lost; a solved run has no such place.
+    apart, messages between them were lost; a solved run has no such place. `systems` has the time from which each
+    system held, s, if keys of the scene changed during the run.
 
     Examples
     --------
@@ -293,6 +294,7 @@ class Trajectory(Result):
         "angle of the shaft's far end", "rad", optional=True))
     output_speed: Floats | None = field(default=None, metadata=reported(
         "speed of the shaft's far end", "rad/s", optional=True))
+    systems: tuple[tuple[float, System], ...] = ()
 
     def _text(self) -> str:
         long = f"{float(self.t[-1] - self.t[0]):.6g} s" if len(self.t) else "no time"
@@ -307,8 +309,22 @@ class Trajectory(Result):
     @property
     def coupling_torque(self) -> Floats | None:
         """Torque of the converter's fluid on the plate beside friction, (n,), N m; None where there is none."""
-        coupling = 0.0 if self.system is None else self.system.converter.coupling
-        return coupling * self.slip_speed if coupling else None
+        if self.system is None:
+            return None
+        coupling = self.along(lambda system: system.converter.coupling)
+        return coupling * self.slip_speed if coupling.any() else None
+
+    def along(self, quantity: Callable[[System], float]) -> Floats:
+        """Return a quantity of the system at each sample, (n,); NaN without a system."""
+        if not self.systems:
+            return np.full(len(self.t), math.nan if self.system is None else quantity(self.system))
+        times, systems = zip(*self.systems)
+        held: Floats = np.array([quantity(system) for system in systems])[_latest(times, self.t)]
+        return held
+
+    def system_at(self, t: float) -> System | None:
+        """Return the system that held at a time, s; None without a system."""
+        return self.systems[int(_latest([since for since, _ in self.systems], t))][1] if self.systems else self.system
 
     @property
     def far_end(self) -> FarEnd:
@@ -354,7 +370,9 @@ class Trajectory(Result):
         return self
 
 
-UNITS = {**units_of(Trajectory), "coupling_torque": "N m"}
+SAMPLED = units_of(Trajectory)
+"""Fields of a trajectory that are columns, with their units."""
+UNITS = {**SAMPLED, "coupling_torque": "N m"}
 """Columns of a trajectory, with their units."""
 
 
@@ -363,7 +381,12 @@ def integral(values: Floats, t: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
 
 
-def modes_of(slip_speed: Floats, stick_speed: float) -> Modes:
+def _latest(times: Sequence[float], t: Any) -> Any:
+    """Return the number of the last of some times that is not after each t; of the first one before them."""
+    return np.maximum(np.searchsorted(times, t, side="right") - 1, 0)
+
+
+def modes_of(slip_speed: Floats, stick_speed: float | Floats) -> Modes:
     """Return -1, 0, 1 for negative slip, stick and positive slip."""
     return np.subtract(slip_speed > stick_speed, slip_speed < -stick_speed, dtype=np.int8)
 

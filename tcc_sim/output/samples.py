@@ -58,7 +58,8 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
     units = {name: UNITS[name] for name in columns}
     system, load = trajectory.system, trajectory.saturation_torque
     if recorded and system is not None and system.pressure.source == "topic" and np.isfinite(load).all():
-        columns["actuation_pressure"], units["actuation_pressure"] = load / system.torque_per_pressure, "Pa"
+        columns["actuation_pressure"], units["actuation_pressure"] = load / trajectory.along(
+            lambda held: held.torque_per_pressure), "Pa"
     with draft(path) as part:
         if path.suffix == ".mcap":
             write_trajectory(part, trajectory, scene_text)

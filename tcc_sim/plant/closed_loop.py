@@ -196,7 +196,9 @@ class Samples:
             "saturation_torque": per_pressure * columns["applied_pressure"],
             "state": columns["stick_slip_state"].astype(np.int8), "cycle": system.cycle, "solver": "fixed_step",
             "received": np.array(self._received), "turns": self._turns(columns["stamp_ns"] / 1e9),
-            "system": system, "commands": {name: values for name, values in zip(INPUTS, held) if name in self._names}}
+            "system": system,
+            "systems": tuple((columns["stamp_ns"][first] / 1e9, held) for first, held, _ in self._systems),
+            "commands": {name: values for name, values in zip(INPUTS, held) if name in self._names}}
 
 
     def _turns(self, t: Floats) -> Floats | None:

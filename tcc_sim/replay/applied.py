@@ -20,7 +20,6 @@ from tcc_sim.recording.reader import Run
 from tcc_sim.replay.inputs import GROUPS
 from tcc_sim.replay.timeline import Timeline, timeline_of
 from tcc_sim.scene import Scene
-from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
@@ -72,10 +71,10 @@ def applied_inputs(line: Timeline, states: JointStates) -> dict[str, Floats]:
     """
     applied, system = {}, line.scene_at(states.index).system
     t = states.stamp_ns.astype(np.float64) * 1e-9
-    scenes = np.searchsorted([index for index, _ in line.changes], states.index + np.arange(len(states)), side="right")
+    scenes = np.searchsorted([index for index, *_ in line.changes], states.index + np.arange(len(states)), side="right")
     for name, (values, commanded, _) in inputs_of_ticks(line, states).items():
         if name == INPUTS[1] and system.pressure.source != "topic":
-            values = np.broadcast_to(torques_at(terms_of(system), t)[1] / system.torque_per_pressure, t.shape)
+            values = line.load_of(states) / line.along(states, lambda held: held.torque_per_pressure)
         if values is None:
             continue
         if name == INPUTS[1] and system.pressure.lagged:

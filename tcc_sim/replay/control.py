@@ -93,7 +93,7 @@ def _thinned(signal: Signal, cycle: float) -> Steps:
 def _changes(line: Timeline, states: JointStates) -> Iterator[Event]:
     """Iterate over the changes of parameters during the run."""
     scene = line.scene_at(states.index)
-    for index, after in line.changes:
+    for index, after, _ in line.changes:
         if states.index < index < states.index + len(states):
             before = dict(values_of(scene.system))
             changed = [f"{key} = {value:g}" if isinstance(value, float) else f"{key} = {value}"

@@ -187,7 +187,7 @@ class Recording(Result):
         timing = self._timing if self._line is not None else self._timing_of(line)
         clock = timing.clock if timing.source == "found" else timing_of(replace(self.scene, system=system), None,
                                                                         line.runs).clock
-        samples = trajectory_of(states, system, clock, self.file)
+        samples = trajectory_of(line, states, system, clock, self.file)
         control = signals_of(line, states, clock, self.file.stamps.tick).control(clock.cycle)
         trajectory = RecordedTrajectory(**vars(samples), control=control)
         if not clock.identified:

@@ -36,7 +36,7 @@ from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.sweeps.progress import begin_progress
 from tcc_sim.topics import SHAFT
-from tcc_sim.trajectory import modes_of
+from tcc_sim.trajectory import Floats, modes_of
 
 if TYPE_CHECKING:
     from tcc_sim.views.rerun_stream import RerunStream
@@ -162,8 +162,8 @@ def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing
         for block in states.blocks():
             pieces = stream.feed_states(block)
             if view is not None:
-                _show(view, block, system, pieces if clock.identified else [], new_run=block.index == states.index,
-                      longest=stream.continuity.longest)
+                _show(view, block, line.along(block, _stick_speed), pieces if clock.identified else [],
+                      new_run=block.index == states.index, longest=stream.continuity.longest)
             bar.advance(len(block))
         if view is not None:
             signals = signals_of(line, states, clock, stream.continuity.tick)
@@ -175,6 +175,10 @@ def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing
         states, number = line.longest, stream.numbers[line.longest.run]
     longest = stream.runs[number]
     summary = replace(stream.summary(discard, number), solver=run.solver, elapsed_s=elapsed)
+    end = _end_of(states, clock.cycle)
+    at_end = line.scene_at(end.index).system
+    if timing.source in ("given", "found"):
+        at_end = replace(at_end, engine=replace(at_end.engine, frequency=timing.frequency))
     cycles, first = longest.kept(0)[:2]
     kept, begin = longest.kept(discard if clock.identified else 0)[:2]
     warnings = [*run.warnings, *_warnings(recording, line, timing)]
@@ -205,7 +209,7 @@ def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing
         inputs=inputs, command_age=ages.age, missed_ticks=line.counts.get("missed ticks"),
         late_ticks=late, late_share=share, late_first=late_first, late_last=late_last, latest_tick=latest,
         path=recording.path, scene=scene, summary=summary,
-        trajectory=trajectory_of(_end_of(states, clock.cycle), system, clock, run), cycles=cycles,
+        trajectory=trajectory_of(line, end, at_end, clock, run), cycles=cycles,
         first_cycle=first, timing=timing, continuity=run.stamps, messages=run.stamps.messages,
         drivelines=tuple(run.drivelines), lost_messages=run.lost_messages, complete=run.complete,
         warnings=tuple(warnings), pace=pace, parts_missing=run.parts_missing,
@@ -239,13 +243,17 @@ def _end_of(states: JointStates, cycle: float) -> JointStates:
     return states[max(int(np.searchsorted(states.stamp_ns, start)), len(states) - TAIL_SAMPLES):]
 
 
-def _show(view: RerunStream, states: JointStates, system: System, pieces: list[CyclePiece], *, new_run: bool,
+def _stick_speed(system: System) -> float:
+    return stick_speed_of(terms_of(system))
+
+
+def _show(view: RerunStream, states: JointStates, stick_speed: Floats, pieces: list[CyclePiece], *, new_run: bool,
           longest: int) -> None:
     """Send states and the engine cycles that they complete to Rerun; `longest` as for `RerunStream.samples`."""
-    states = states[states.known]
+    states, stick_speed = states[states.known], stick_speed[states.known]
     slip_speed = states.flywheel_speed - states.plate_speed
     view.samples(states.stamp_ns, slip_speed, states.plate_angle, states.plate_speed, states.engine_torque,
-                 states.friction_torque, modes_of(slip_speed, stick_speed_of(terms_of(system))), new_run=new_run,
+                 states.friction_torque, modes_of(slip_speed, stick_speed), new_run=new_run,
                  longest=longest)
     for piece in pieces:
         view.cycles(piece.cycles, piece.first)

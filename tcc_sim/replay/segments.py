@@ -103,7 +103,7 @@ def cuts_of(line: Timeline, band: float = BAND, clock: EngineClock | None = None
             targets.setdefault(states.index, float(reference.values[0]))
         cuts: list[Cut] = []
         handed = _handed_over(line, states, cycle)
-        inside = {index for index in (*(index for index, _ in changes), *targets, *handed)
+        inside = {index for index in (*(index for index, *_ in changes), *targets, *handed)
                   if states.index < index < end}
         for index in [states.index, *sorted(inside)]:
             before = dict(values_of(scene.system))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,13 +15,14 @@ from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.errors import InputError
 from tcc_sim.model.equations import accelerations, linear_of
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import START, Origin
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord
 from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.recording.reader import Run
 from tcc_sim.recording.runs import placed, placed_by_run
 from tcc_sim.recording.window import Window
 from tcc_sim.scene import Scene, parse_scene
-from tcc_sim.solvers.terms import stick_speed_of, terms_of, torques_at
+from tcc_sim.solvers.terms import stick_speed_of, terms_from, terms_of, torques_at
 from tcc_sim.topics import TARGET, topic
 from tcc_sim.trajectory import Floats, Trajectory, modes_of, no_cycles
 
@@ -101,20 +102,52 @@ class Timeline:
                 "(2a) and (2b)") if names else ""
 
     @cached_property
-    def changes(self) -> list[tuple[int, Scene]]:
-        """Index of the first state and scene of each readable scene except the first."""
+    def changes(self) -> list[tuple[int, Scene, Origin]]:
+        """Index of the first state, scene, and origin of the phases of each readable scene except the first."""
         changes = []
         for index, number in self.places:
             if number:
                 try:
-                    changes.append((index, parse_scene(self.scenes[number].parameters, self.scene.name)))
+                    changes.append((index, parse_scene(self.scenes[number].parameters, self.scene.name),
+                                    self.scenes[number].origin))
                 except InputError:  # The verification reports this error.
                     continue
         return changes
 
     def scene_at(self, index: int) -> Scene:
         """Return the scene that applies to a state."""
-        return next((scene for at, scene in reversed(self.changes) if at <= index), self.scene)
+        return next((scene for at, scene, _ in reversed(self.changes) if at <= index), self.scene)
+
+    def systems_of(self, states: JointStates) -> list[tuple[float, System, Origin]]:
+        """Return the time from which each system of a run holds, s, the system, and the origin of its phases."""
+        first = next((origin for at, _, origin in reversed(self.changes) if at <= states.index),
+                     self.scenes[0].origin if self.scenes else START)
+        return [(float(states.stamp_ns[0]) * 1e-9, self.scene_at(states.index).system, first),
+                *((float(states.stamp_ns[at - states.index]) * 1e-9, scene.system, origin)
+                  for at, scene, origin in self.changes if states.index < at < states.index + len(states))]
+
+    def load_of(self, states: JointStates) -> Floats:
+        """Return the saturation torque at the states of a run, (n,), N m, from the applied pressure or from the scenes;
+        NaN if neither is known.
+        """
+        if self.scene_at(states.index).system.pressure.source == "topic":
+            per_pressure = self.along(states, lambda system: system.torque_per_pressure)
+            return per_pressure * (math.nan if states.applied_pressure is None else states.applied_pressure)
+        t = states.stamp_ns.astype(np.float64) * 1e-9
+        return np.concatenate([np.broadcast_to(torques_at(terms_from(system, origin), t[rows])[1], t[rows].shape)
+                               for rows, system, origin in self._parts(states)])
+
+    def along(self, states: JointStates, quantity: Callable[[System], float]) -> Floats:
+        """Return a quantity of the system at each state of a run, (n,)."""
+        return np.concatenate([np.full(rows.stop - rows.start, quantity(system))
+                               for rows, system, _ in self._parts(states)])
+
+    def _parts(self, states: JointStates) -> Iterator[tuple[slice, System, Origin]]:
+        """Iterate over the parts of a run with one system each."""
+        systems, stamps = self.systems_of(states), states.stamp_ns.astype(np.float64) * 1e-9
+        cuts = [0, *(int(np.searchsorted(stamps, since)) for since, *_ in systems[1:]), len(states)]
+        for (_, system, origin), begin, end in zip(systems, cuts, cuts[1:]):
+            yield slice(begin, end), system, origin
 
     @property
     def longest(self) -> JointStates:
@@ -214,26 +247,21 @@ def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Fl
         before = int(stamps[-1]) if len(stamps) else before
 
 
-def trajectory_of(states: JointStates, system: System, clock: EngineClock, run: Run) -> Trajectory:
-    """Return the states of one run with every value as a Trajectory without cycles.
-
-    The saturation torque follows from the applied pressure or from the scene; NaN if neither is known.
-    """
-    terms, states = terms_of(system), states[states.known]
+def trajectory_of(line: Timeline, states: JointStates, system: System, clock: EngineClock, run: Run) -> Trajectory:
+    """Return the states of one run with every value as a Trajectory without cycles; `system` holds at its begin."""
+    load, stick_speed = line.load_of(states), line.along(states, lambda held: stick_speed_of(terms_of(held)))
+    systems = (float(states.stamp_ns[0]) * 1e-9, system), *(place[:2] for place in line.systems_of(states)[1:])
+    states, load, stick_speed = states[states.known], load[states.known], stick_speed[states.known]
     far = far_columns(states)
-    t, slip_speed = states.stamp_ns.astype(np.float64) * 1e-9, states.flywheel_speed - states.plate_speed
-    load = np.full(len(t), math.nan)
-    if system.pressure.source != "topic":
-        load = np.broadcast_to(torques_at(terms, t)[1], t.shape)
-    elif states.applied_pressure is not None:
-        load = system.torque_per_pressure * states.applied_pressure
+    slip_speed = states.flywheel_speed - states.plate_speed
     return Trajectory(
-        t=t, slip_speed=slip_speed, plate_angle=states.plate_angle, plate_speed=states.plate_speed,
-        engine_torque=states.engine_torque, saturation_torque=load, friction_torque=states.friction_torque,
-        state=modes_of(slip_speed, stick_speed_of(terms)), cycle=clock.cycle, solver=run.solver,
-        largest_step=1e-9 * run.stamps.longest if run.stamps.tick else math.inf,
+        t=states.stamp_ns.astype(np.float64) * 1e-9, slip_speed=slip_speed, plate_angle=states.plate_angle,
+        plate_speed=states.plate_speed, engine_torque=states.engine_torque, saturation_torque=load,
+        friction_torque=states.friction_torque, state=modes_of(slip_speed, stick_speed), cycle=clock.cycle,
+        solver=run.solver, largest_step=1e-9 * run.stamps.longest if run.stamps.tick else math.inf,
         system=system, flywheel_angle=states.flywheel_angle, cycles=None if clock.identified else no_cycles(),
-        output_angle=far.get("output_angle"), output_speed=far.get("output_speed"))
+        output_angle=far.get("output_angle"), output_speed=far.get("output_speed"),
+        systems=systems)
 
 
 def far_columns(states: JointStates) -> dict[str, Floats]:

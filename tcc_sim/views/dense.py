@@ -60,7 +60,7 @@ def between(recorded: Trajectory, samples: int = SAMPLES) -> Trajectory:
     beside lost messages.
     """
     recorded = with_gaps(recorded)
-    t, system = recorded.t, recorded.system
+    t, system = recorded.t, recorded.system_at(recorded.t[0])
     steps = np.diff(t)
     if system is None or len(t) < 3:
         return recorded

@@ -156,9 +156,9 @@ def _torques(axis: Any, run: Trajectory) -> None:
     _draw_line(axis, run, run.friction_torque, style.BLUE, "friction")
     load = run.saturation_torque
     if np.isfinite(load).any():
-        ratio = run.system.friction_ratio if run.system is not None else 1.0
         _draw_line(axis, run, load, style.GREY, r"$\mu_k N R$", linestyle=DASHED)
-        if ratio != 1.0:
+        ratio = run.along(lambda system: system.friction_ratio)
+        if np.isfinite(ratio).any() and (ratio != 1.0).any():
             _draw_line(axis, run, ratio * load, style.GREY, r"$\mu_s N R$", linestyle=DOTTED)
     quantities(axis, style.TIME, style.TORQUE)
     axis.set_xlim(run.t[0], run.t[-1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
@@ -17,12 +17,12 @@ from tcc_sim.analysis.measured.orders import Judder, OrderComparison, Orders
 from tcc_sim.analysis.measured.spectra import Spectrum
 from tcc_sim.errors import InputError, TccError, one_line
 from tcc_sim.later_rooms import from_later_room
-from tcc_sim.model.parameters import System
+from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.output.files import read_json
 from tcc_sim.output.samples import cycles_in
 from tcc_sim.output.stored_files import document_in, read_arrays
 from tcc_sim.scene import Operation, Scene
-from tcc_sim.trajectory import UNITS, Trajectory
+from tcc_sim.trajectory import SAMPLED, UNITS, Trajectory
 
 DRAWN = {"figure": "draw_figure", "precision": "draw_precision", "stability": "draw_stability"}
 """Function of a later room that draws a kind of JSON. Arguments: file of the picture, `Record`, title, and width in
@@ -173,11 +173,27 @@ def _of(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:
                    for item in fields(kind)})  # type: ignore[arg-type]
 
 
+def _systems_in(segments: Sequence[Any], scene: Scene) -> tuple[tuple[float, System], ...]:
+    """Return the time from which each system of the longest run held, s, and the system."""
+    runs: list[list[tuple[float, System]]] = []
+    lengths: list[float] = []
+    end = math.inf
+    for segment in segments:
+        scene = scene.with_values({key: value for key, value in segment["changes"].items() if key in QUANTITIES})
+        if segment["start"] < end:
+            runs.append([])
+            lengths.append(0.0)
+        runs[-1].append((segment["start"], scene.system))
+        lengths[-1], end = segment["end"] - runs[-1][0][0], segment["end"]
+    return tuple(runs[lengths.index(max(lengths))]) if runs else ()
+
+
 def _run(values: Mapping[str, Any]) -> Any:
     """Return the run in the samples of `simulate` or `analyse`, with its summary and spectrum."""
     scene, arrays = Scene("", System(), Operation()).with_values(values["scene"]), values["arrays"]
-    run = Trajectory(**{name: arrays[name] for name in UNITS if name in arrays}, cycle=scene.system.cycle,
+    run = Trajectory(**{name: arrays[name] for name in SAMPLED if name in arrays}, cycle=scene.system.cycle,
                      solver=values["solver"], system=scene.system, cycles=cycles_in(arrays),
-                     largest_step=1.5 * values["tick_s"] if values.get("tick_s") else math.inf)
+                     largest_step=1.5 * values["tick_s"] if values.get("tick_s") else math.inf,
+                     systems=_systems_in(values.get("segments", []), scene))
     spectrum = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
     return SimpleNamespace(trajectory=run, summary=Record(values), spectrum=spectrum)

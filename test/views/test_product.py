@@ -278,6 +278,48 @@ def test_events_and_held_signals_stand_at_their_times(pictures: list[Any], tmp_p
     assert marked == pytest.approx(1.2, abs=3e-3)
 
 
+CHANGES = {"friction.static_coefficient": 0.4, "friction.kinetic_coefficient": 0.2, "converter.coupling": 3.0,
+           "pressure.mean": 1.6e5, "pressure.amplitude": 6e4}
+"""Keys that a running driveline changes, with new values."""
+
+
+@pytest.mark.parametrize("key", CHANGES)
+def test_what_follows_from_a_key_that_changes_is_its_own_at_every_sample(key: str, pictures: list[Any],
+                                                                         tmp_path: Path) -> None:
+    """In a closed loop, a recording, the file of its samples and their pictures."""
+    commanded = key.startswith(("friction", "converter"))
+    scene = tcc_sim.load_scene("controlled").with_values({
+        "converter.coupling": 0.5, "pressure.source": "topic" if commanded else "harmonic", "pressure.amplitude": 4e4})
+    said: list[Any] = []
+    rows = ticked(scene, 2001, pressure=(lambda k: 1.1e5 + 20.0 * k) if commanded else None, said=said,
+                  changes=[(1950, {key: CHANGES[key]}, False)])
+    recording = bag(tmp_path / "run", rows, scene, said=said)
+    assert main(["analyse", str(recording), "--out", str(tmp_path / "a.npz"), "--plot", str(tmp_path / "a.png")]) == 0
+    read = tcc_sim.read(recording).trajectory()
+    looped = tcc_sim.closed_loop(scene, lambda r: 1.1e5 + 2e-5 * r.stamp_ns if commanded else None, 2.0,
+                                 at={1.949: {key: CHANGES[key]}})
+    for run, name in ((read, "b.png"), (looped, "c.png"), (tmp_path / "a.npz", "d.png")):
+        tcc_sim.plot(run, tmp_path / name)
+    arrays = samples_of(tmp_path / "a.npz")
+    for t, load, coupling, slip in (
+            (read.t, read.saturation_torque, read.coupling_torque, read.slip_speed),
+            (looped.t, looped.saturation_torque, looped.coupling_torque, looped.slip_speed),
+            (arrays["t"], arrays["saturation_torque"], arrays["coupling_torque"], arrays["slip_speed"])):
+        held = {name: np.where(t > 1.9495, CHANGES[name] if name == key else scene.value(name), scene.value(name))
+                for name in CHANGES}
+        pressure = held["pressure.mean"] + held["pressure.amplitude"] * np.sin(150.0 * t)
+        if commanded:
+            pressure = looped.applied_pressure if t is looped.t else np.array(rows)[:, -1]
+        area = scene.value("clutch.area") * scene.value("clutch.radius") * pressure
+        np.testing.assert_allclose(load, held["friction.kinetic_coefficient"] * area, rtol=1e-9)
+        np.testing.assert_allclose(coupling, held["converter.coupling"] * slip, rtol=1e-12)
+        for drawn in pictures:
+            lines = curves(panels(drawn)["Torques"])
+            if (t is looped.t) == (drawn is pictures[2]):
+                passes(lines[r"$\mu_k N R$"], t, load, 1e-9)
+                passes(lines[r"$\mu_s N R$"], t, held["friction.static_coefficient"] * area, 1e-9)
+
+
 def test_an_event_without_a_controller_is_marked_in_seconds(pictures: list[Any], tmp_path: Path) -> None:
     scene, said = tcc_sim.load_scene("fig02"), []
     rows = ticked(scene, 2000, said=said, changes=[(1200, {"friction.kinetic_coefficient": 0.25}, False)])
