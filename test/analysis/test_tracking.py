@@ -165,6 +165,8 @@ LOOPS: dict[str, MadeUp] = {
     "fast hunting": MadeUp(5.0, around(20.0, sine(3.0, 0.2)), "hunting", amplitude=3.0, period=0.2),
     "hunting about an offset": MadeUp(10.0, around(25.0, decay(30.0, 0.2), sine(2.0, 1.7)), "hunting", amplitude=2.0,
                                       period=1.7),
+    "square hunting": MadeUp(10.0, lambda t: 20.0 + 4.0 * np.tanh(8.0 * np.sin(2.0 * math.pi * t / 0.47)), "hunting",
+                             amplitude=4.0, period=0.47),
     "sawtooth": MadeUp(9.0, lambda t: 18.0 + 4.0 * (t / 1.3 % 1.0), "hunting", amplitude=2.0, period=1.3),
     "noisy hunting": MadeUp(10.0, around(20.0, sine(2.0, 2.0), noise(0.3, 1)), "hunting", amplitude=2.0, period=2.0),
     "a limit cycle that builds up": MadeUp(12.0, lambda t: 20.0 + 4.0 * np.tanh(0.02 * np.exp(1.5 * t))
@@ -204,6 +206,8 @@ LOOPS: dict[str, MadeUp] = {
     "sine target, followed": MadeUp(6.0, SINE, "follows", SINE, lag=0.0, gain=1.0),
     "sine target, with lag": MadeUp(6.0, around(20.0, sine(4.0, 2.0, 0.5)), "off target", SINE,
                                     lag=0.5 / math.pi, gain=0.8),
+    "sine target, for eight periods": MadeUp(16.0, around(20.0, sine(4.0, 2.0, 0.1)), "off target", SINE,
+                                             lag=0.1 / math.pi, gain=0.8),
     "sine target, from afar": MadeUp(8.0, around(20.0, sine(5.0, 2.0), decay(40.0, 0.3)), "follows", SINE),
     "sine target, after an approach": MadeUp(1.5, around(20.0, sine(5.0, 2.0), decay(40.0, 0.4)), "too short", SINE),
     "sine target, and hunting": MadeUp(8.0, around(20.0, sine(5.0, 2.0), sine(1.5, 0.6)), "off target", SINE),
@@ -216,6 +220,8 @@ LOOPS: dict[str, MadeUp] = {
     "sine target at 10 Hz": MadeUp(8.0, SINE, "follows", tuple(
         (t, float(SINE(t))) for t in np.arange(0.0, 24.0, 0.1).tolist())),
     "triangular target, with lag": MadeUp(8.0, lambda t: TRIANGLE(t - 0.1), "off target", TRIANGLE, lag=0.1, gain=1.0),
+    "triangular target, with lag and noise": MadeUp(
+        10.0, around(0.0, lambda t: TRIANGLE(t - 0.13), noise(0.08, 6)), "off target", TRIANGLE, lag=0.13, gain=1.0),
     "ramp, with lag": MadeUp(6.0, lambda t: 20.0 + 2.0 * t - 0.6 * (1.0 - np.exp(-t / 0.3)), "off target",
                              around(20.0, lambda t: 2.0 * t), lag=0.3, gain=1.0),
     "ramp, followed": MadeUp(3.4, RAMP, "follows", RAMP, lasts=False),
@@ -254,6 +260,7 @@ LOOPS: dict[str, MadeUp] = {
     "judder of 30 Hz": MadeUp(8.0, around(20.0), "settled", ripple=judders(10.0, 30.0), judder=(10.0, 30.0)),
     "judder of 12 Hz": MadeUp(8.0, around(20.0, decay(30.0, 0.2)), "settled", ripple=judders(2.0, 12.0),
                               judder=(2.0, 12.0)),
+    "judder of 210 Hz": MadeUp(8.0, around(20.0), "settled", ripple=judders(5.0, 210.0), judder=(5.0, 210.0)),
     "judder and hunting": MadeUp(9.0, around(20.0, sine(2.0, 1.3)), "hunting", ripple=judders(4.0, 17.0),
                                  judder=(4.0, 17.0), amplitude=2.0, period=1.3),
     "growing judder": MadeUp(8.0, around(20.0), "growing", ripple=judders(0.5, 31.0, 0.5), lasts=False),

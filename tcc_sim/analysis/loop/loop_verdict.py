@@ -30,6 +30,7 @@ JUDDER_CYCLES = 12  # Shortest stretch that shows it, periods of excitation.
 JUDDER_POINTS = 64  # Points in a period of excitation after resampling, at most.
 JUDDER_LEAST = 0.05  # Least amplitude, relative to the range of the cycle means.
 JUDDER_SHARE = 0.5  # Least part of what is fast and does not repeat in each period that its line must hold.
+HARMONICS = 12  # Highest harmonic of a swing that may be as fast as judder.
 REVERSALS = 0.125, 0.34  # Reversals that end a swing, parts of the range of the second half of the run.
 IRREGULAR = 0.35  # Standard deviation of the durations of swings, relative to their mean, that marks them as irregular.
 SWINGS = 6  # Most of the last swings that are judged.
@@ -104,6 +105,7 @@ class Errors:
     until : end of the step, s, after which its target may be reached
     noise : deviation that noise of the cycle means explains, rad/s
     apart : distance of independent cycle means, which may be averages over several cycles
+    late : (n,) target in each cycle with the loop's own delay, rad/s; None if it has none
     """
 
     t: Floats
@@ -119,6 +121,7 @@ class Errors:
     until: float = -math.inf
     noise: float = 0.0
     apart: int = 1
+    late: Floats | None = None
 
     @property
     def arrived(self) -> int:
@@ -465,7 +468,8 @@ def _leaves(errors: Errors, since: int) -> bool:
 
 
 def _without_forced(errors: Errors, first: int) -> tuple[Floats, bool]:
-    """Return the errors without the part that a moving reference and its rate explain, and whether they explain most.
+    """Return the errors without the part that a moving reference, with the loop's delay too, and its rate explain, and
+    whether they explain most.
 
     A loop that lags behind a moving target does not hunt.
     """
@@ -474,7 +478,8 @@ def _without_forced(errors: Errors, first: int) -> tuple[Floats, bool]:
     if len(error) - first < GROWING_CYCLES or float(np.ptp(reference[first:])) <= errors.floor:
         return error, False
     rate = np.gradient(reference, errors.t)
-    columns = np.stack([np.ones(len(error)), reference, rate], axis=1)
+    late = reference if errors.late is None else errors.late
+    columns = np.stack([np.ones(len(error)), reference, rate, late], axis=1)
     part = slice(first, None)
     factors = np.linalg.lstsq(columns[part], error[part], rcond=None)[0]
     left = error - columns @ factors
@@ -529,7 +534,8 @@ def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> Jud
     floor = max(floor, JUDDER_LEAST * float(np.ptp(x.mean(axis=1))))   # Sidelobes of a slow change.
     turns = np.arange(n) - 0.5 * (n - 1)
     columns = np.stack([np.ones(n), turns, turns**2], axis=1)
-    x -= columns @ np.linalg.lstsq(columns, x, rcond=None)[0]   # Excitation, and its slow change.
+    usual = columns @ np.linalg.lstsq(columns, x, rcond=None)[0]   # Excitation, and its slow change.
+    x -= usual
     spectrum = np.fft.rfft(x.ravel() * np.hanning(x.size))
     power = np.abs(spectrum) ** 2
     orders = np.arange(len(power)) / n
@@ -538,11 +544,16 @@ def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> Jud
     # Hann's window spreads a line over two bins; a slow swing modulates what repeats in each cycle.
     near = 2.5 / n + (1.5 * swing if power[slow].max() > 0.1 * power[~slow].max() else 0.0)
     apart = np.abs(orders - np.rint(orders))
+    if power[slow].max() > power[~slow & (apart > near)].max(initial=0.0):  # Harmonics of a swing are no judder.
+        multiple = np.rint(orders / max(swing, 1.0 / n))
+        power[(np.abs(orders - multiple * swing) <= (1.5 + 0.5 * multiple) / n) & (multiple <= HARMONICS) & ~slow] = 0.0
     power[slow | (apart <= near) | (orders > 0.5 * points)] = 0.0
     total, best = float(power.sum()), int(power.argmax())
     if total == 0.0 or float(power[max(best - 2, 0):best + 3].sum()) < JUDDER_SHARE * total:
         return None
-    at, y = (np.arange(n)[:, None] + phases).ravel(), x.ravel()
+    # A sample between two others would be too small.
+    at = np.interp(slip.t[inside], np.append(starts, ends[-1]), np.arange(n + 1))
+    y = slip.values[inside] - np.interp(slip.t[inside], t.ravel(), usual.ravel())
     order, amplitude = float(orders[best]), 0.0
     for width in (1.0, 0.2, 0.04):
         tried = order + width / n * np.linspace(-1.0, 1.0, 11)

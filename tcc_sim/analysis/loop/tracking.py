@@ -47,6 +47,7 @@ OBSERVED = 0.9  # Least part of a segment whose cycles must be known for a verdi
 OF_NOISE = 4.5  # Standard deviations of a noise of the cycle means that leave them on target.
 STAYS = 1e-3  # Range of the pressure's means over cycles, relative to the largest, that counts as none.
 LAGS = 400  # Delays of a moving target that are tried, up to a quarter of the segment.
+AS_GOOD = 0.02  # Part of the variance of the cycle means by which a smaller delay may explain less.
 ALIKE = 0.5  # Part of the variance of the cycle means that a delayed target must explain for a lag and a gain.
 SAME_PRESSURE = 1e-5  # Difference of pressures, relative to the largest, that counts as none.
 AT_A_LIMIT = 0.5  # Part of the end of a run with the pressure at a limit that counts as saturated.
@@ -406,6 +407,9 @@ class Loop:
         tail = course.starts >= self._tail(course, begin, end) - 1e-9
         moving = self._moves(float(course.starts[tail.argmax()]), float(course.ends[-1]))
         errors, peak = self._errors(course, *self._step(course, begin, stepped), moving, apart)
+        lag, gain = self._lag(course, end - begin) if moving else (math.nan, math.nan)
+        if math.isfinite(lag):
+            errors = replace(errors, late=mean_between(self.reference, course.starts - lag, course.ends - lag))
         error = errors.error
         kept = error[discard:]
         length = errors.ends - errors.starts
@@ -431,7 +435,6 @@ class Loop:
                 "peak_mean": float(np.abs(error).max()), "peak_slip": self._peak_slip(course, errors)}
         why = verdict.why + ("" if judder is None else f"; it judders by +-{speed(judder.amplitude, 3)} at "
                              f"{judder.frequency:.3g} Hz") + self.note
-        lag, gain = self._lag(course, end - begin) if moving else (math.nan, math.nan)
         known = np.isfinite(course.stick_time)
         return Tracking(
             target=target, target_low=float(aimed.min()), target_high=float(aimed.max()),
@@ -483,10 +486,11 @@ class Loop:
     def _lag(self, course: LoopCycles, whole: float) -> tuple[float, float]:
         """Return the delay, s, and the gain with which the cycle means follow the reference; NaN if they do not.
 
-        Least squares over delays of up to a quarter of the segment. A target that moves one way only has no mean of its
+        Least squares over delays of up to a quarter of the segment: of those that fit nearly as well as the best, as a
+        period more does where the target repeats, the smallest. A target that moves one way only has no mean of its
         own: an offset from it is a delay.
         """
-        best, values = (math.inf, math.nan, math.nan), course.mean
+        values, tried = course.mean, list[tuple[float, float, float]]()
         cycle = float(np.median(course.ends - course.starts))
         kept = course.starts >= course.starts[0] + 0.25 * whole
         if np.count_nonzero(kept) < SETTLED_CYCLES:
@@ -496,10 +500,16 @@ class Loop:
             about = late - late.mean()
             offset = float(values[kept].mean()) if self._turns else float(late.mean())
             gain = float(about @ (values[kept] - offset)) / max(float(about @ about), 1e-300)
-            if gain > 0.0:
-                best = min(best, (float(np.sum((values[kept] - offset - gain * about) ** 2)), float(delay), gain))
-        spread = float(np.sum((values[kept] - values[kept].mean()) ** 2))
-        return best[1:] if best[0] < (1.0 - ALIKE) * spread else (math.nan, math.nan)
+            left = float(np.sum((values[kept] - offset - gain * about) ** 2)) if gain > 0.0 else math.inf
+            tried.append((left, float(delay), gain))
+        spread, best = float(np.sum((values[kept] - values[kept].mean()) ** 2)), min(tried)[0]
+        if best >= (1.0 - ALIKE) * spread:
+            return math.nan, math.nan
+        at = min((k for k, one in enumerate(tried) if one[0] <= best + AS_GOOD * spread),
+                 key=lambda k: abs(tried[k][1]))
+        while (to := min(range(max(at - 1, 0), min(at + 2, LAGS)), key=lambda k: tried[k][0])) != at:
+            at = to
+        return tried[at][1:]
 
     def _step(self, course: LoopCycles, begin: float, stepped: bool | None) -> tuple[float, float, bool]:
         """Return the step from the last value before `begin` to the target, rad/s, 0 if no step begins the segment; the
