@@ -56,13 +56,15 @@ class Declared(NamedTuple):
 
 @cache
 def parameters_of(function: str) -> dict[str, Declared]:
-    """Return the parameters of "module:function", or the fields of "module:class"."""
+    """Return the parameters of "module:function" or "module:class.method", or the fields of "module:class"."""
     module, _, name = function.partition(":")
     spec = find_spec(module)
     assert spec is not None
     assert spec.origin is not None
-    tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
-    found = next(node for node in tree.body if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and node.name == name)
+    found: Any = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+    for part in name.split("."):
+        found = next(node for node in found.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))
+                     and node.name == part)
     text = {word: " ".join(meaning.split()) for names, meaning in ROW.findall(ast.get_docstring(found) or "")
             for word in names.split(", ")}
     return {name: Declared(annotation, default, text.get(name, ""))

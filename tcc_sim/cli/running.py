@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 from tcc_sim.cli.arguments import add_namespace, number
-from tcc_sim.cli.options import Form, command
+from tcc_sim.cli.options import Form, add_options, command, keywords_of, options_in, parameters_of
 from tcc_sim.output.files import new_file
 from tcc_sim.output.terminal import say
 
@@ -25,6 +25,8 @@ ACTIONS = {
     "torque": "send an engine torque command, N m",
     "pressure": "send an actuation pressure command, Pa",
 }
+COMMAND = "tcc_sim.nodes.operator:Operator.command"
+FORMS = {"value": Form("X", number(-math.inf, math.inf)), "rate": Form("HZ", number(0.1, 1000.0, "Hz"))}
 
 
 @command(add_namespace, forms={"connect": Form("URL")})
@@ -74,10 +76,7 @@ def add_actions(parser: argparse.ArgumentParser) -> None:
         elif name == "get":
             values.add_argument("keys", nargs="+", metavar="KEY", help="scene keys and node options")
         elif name in ("torque", "pressure"):
-            values.add_argument("value", type=number(-math.inf, math.inf, ""), metavar="X",
-                                help="value in the unit above")
-            values.add_argument("--rate", type=number(0.1, 1000.0, "Hz"), metavar="HZ",
-                                help="repeat the command at this rate, Hz, until Ctrl-C")
+            add_options(values, COMMAND, FORMS, options_in(COMMAND, "tell"), "value")
         add_namespace(action, argparse.SUPPRESS)
 
 
@@ -106,7 +105,7 @@ def control(arguments: argparse.Namespace) -> int:
         else:
             tell = partial(say, flush=True)  # Standard output may be a pipe.
             try:
-                say(ask.command(arguments.action, arguments.value, arguments.rate or 0.0, tell=tell))
+                say(ask.command(arguments.action, tell=tell, **keywords_of(arguments, parameters_of(COMMAND))))
             except KeyboardInterrupt:
                 say("interrupted; no more commands are sent")
     return 0

@@ -106,6 +106,9 @@ class Operator:
 
         Parameters
         ----------
+        what : torque or pressure
+        value : value of the command, N m or Pa
+        rate : repeat the command at this rate, Hz, until Ctrl-C
         tell : function that takes a message before sending is repeated
 
         Raises
