@@ -128,6 +128,7 @@ class Rig:
         if not 0.5 < wanted <= MOST_TICKS or ticks not in (None, round(wanted)):
             raise InputError(f"a run of {f'{seconds:g} s' if ticks is None else f'{ticks} ticks'} is not possible; it "
                              f"must be a whole number of ticks, 1 to {MOST_TICKS}")
+        self._plant.warm_up()  # Kernels compile before the nodes' time for an answer begins.
         return self._done(lambda: self._run(round(wanted), target, limits), self._patience)
 
     def change(self, values: Mapping[str, object] | None = None, **more: object) -> None:
