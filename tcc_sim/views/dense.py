@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import OutOfRange
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
-from tcc_sim.solvers.fixed_step import advance
+from tcc_sim.solvers.fixed_step import advance_ticks
 from tcc_sim.solvers.terms import Terms, for_ticks, stick_speed_of, substeps, terms_of, torques_at
 from tcc_sim.trajectory import Floats, Trajectory, modes_of
 
@@ -114,7 +114,7 @@ def _solved(recorded: Trajectory, system: System, known: Floats, points: int) ->
             continue
         if len(fine) != n:
             fine = np.empty((n, 3))
-        advance(known[k].copy(), float(recorded.t[k]), step / n, n, for_ticks(applied), None, fine)
+        advance_ticks(known[k].copy(), float(recorded.t[k]), step, 0, 1, n, for_ticks(applied), None, fine)
         out[k] = fine[n // points - 1::n // points]
     return out
 
