@@ -15,7 +15,6 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any
 
@@ -27,7 +26,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
-from tcc_sim.background import begun
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.model.profile import START
@@ -85,7 +83,7 @@ class DrivelineNode(Node):
         self.diagnostics = (Diagnostics(self, self.loop, self.waiting) if self.scene.operation.publish_diagnostics
                             else None)
         self._announced = False
-        self._vehicle: tuple[CommandedInput, Future[None]] | None = None
+        self._vehicle: CommandedInput | None = None
         self._throttle = Throttle(self)
 
     def start(self) -> None:
@@ -132,16 +130,11 @@ class DrivelineNode(Node):
             raise self.loop.failure
 
     def _look_for_vehicle(self) -> None:
-        """Subscribe to output_speed once its first message is there, until its last publisher has gone; its kernels are
-        compiled beside the clock.
-        """
+        """Subscribe to output_speed once its first message is there, until its last publisher has gone."""
         loop = self.loop
         if self._vehicle is None and loop.clock_started.is_set() and loop.vehicle_waits:
-            compiling, _ = begun(loop.plant.warm_up_far_end, name="far end's compiler")
-            self._vehicle = CommandedInput(self, topic(FAR_END)), compiling
-        if self._vehicle is not None and loop.far_end is None and self._vehicle[1].done():
-            far_end, compiling = self._vehicle
-            compiling.result()
+            self._vehicle = CommandedInput(self, topic(FAR_END))
+        if (far_end := self._vehicle) is not None and loop.far_end is None:
             far_end.poll(0, math.inf)
             if far_end.received + far_end.refused:
                 loop.request(lambda: self._attach(far_end), timeout=2.0 * LONGEST_QUIET)

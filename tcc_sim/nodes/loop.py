@@ -113,8 +113,6 @@ class RealTimeLoop:
             The scene cannot be computed in real time on this machine.
         """
         self.plant.warm_up()
-        if self.scene.operation.publish_shaft_torque:
-            self.plant.warm_up_far_end()
         self._thread.start()
         if priority := self.scene.operation.thread_priority:
             attend(priority, (self._thread.native_id,))
@@ -161,14 +159,13 @@ class RealTimeLoop:
         self.plant.move_far_end(None)
 
     def meet(self) -> None:
-        """Subscribe to output_speed if it has a publisher, after compiling and connecting; publish /clock if due."""
+        """Subscribe to output_speed if it has a publisher, after connecting; publish /clock if due."""
         if self.target_waits:
             target = target_input(self._node)
             await_peer(target.subscription.get_publisher_count)
             self.follow(target)
         if self.vehicle_waits:
             far_end = CommandedInput(self._node, topic(FAR_END))
-            self.plant.warm_up_far_end()
             await_peer(far_end.subscription.get_publisher_count)
             self.attach(far_end)
         if self.clock.due:

@@ -98,10 +98,6 @@ class Plant:
         self._share = max(SHARE, min(1.0, self._needed(self.scene, self._scene_terms)))
         self.check(self.scene)
 
-    def warm_up_far_end(self) -> None:
-        """Compile or load the kernels with a moving far end."""
-        self.stepper.warm_up(*self._variants(), far=True)
-
     def _variants(self) -> list[Terms]:
         """Return terms of every kind of kernel to which a change leads: with a profile, which keeps the phases after a
         change of the frequency, and with an exponential.

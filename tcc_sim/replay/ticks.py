@@ -69,7 +69,7 @@ def solve_ticks(terms: Terms, step: float, first: NDArray[np.int64], states: Seq
         own = [for_ticks(holding(terms, *inputs)) for inputs, _ in zip(zip(*held), first[part] if varies else range(1))]
         arrays = {"profile": [one.profile for one in own] if varies else None,
                   "approach": None if approach is None else list(approach[part, None]),
-                  "far": None if far is None else list(far[part, None])}
+                  "far": [own[0].far] * len(first[part]) if far is None else list(far[part, None])}
         means = [np.full(len(first[part]), mean) if values is None else values[part]
                  for values, mean in ((torque, own[0].mean_torque), (load, own[0].mean_load))]
         out[part] = _solve_part(own[0], step, first[part], states[part], count[part], means,

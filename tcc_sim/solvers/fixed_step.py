@@ -86,15 +86,12 @@ def load_on_approach(t: float, load: float, approach: Floats | None) -> float:
 
 
 @compiled
-def pull_of_far_end(t: float, far: Floats | None, piece: int, linear: Linear) -> float:
+def pull_of_far_end(t: float, far: Floats, piece: int, linear: Linear) -> float:
     """Return C23 w3 + K23 theta3 at time t, N m, the torque of the moving far end of the shaft on the plate."""
-    if far is None:
-        return 0.0
-    else:
-        row = min(piece, len(far) - 1)
-        past = t - far[row, START]
-        angle = far[row, FAR_ANGLE] + past * (far[row, FAR_SPEED] + 0.5 * far[row, FAR_RATE] * past)
-        return float(linear.damping * (far[row, FAR_SPEED] + far[row, FAR_RATE] * past) + linear.stiffness * angle)
+    row = min(piece, len(far) - 1)
+    past = t - far[row, START]
+    angle = far[row, FAR_ANGLE] + past * (far[row, FAR_SPEED] + 0.5 * far[row, FAR_RATE] * past)
+    return float(linear.damping * (far[row, FAR_SPEED] + far[row, FAR_RATE] * past) + linear.stiffness * angle)
 
 
 @compiled
@@ -376,7 +373,7 @@ class Stepper:
         self._held: HeldInputs | None = None
         self._lag = (system.pressure.time_constant, system.pressure.rate_limit) if system.pressure.lagged else None
         self._approach = None if self._lag is None else np.zeros((1, 4))
-        self._far: Floats | None = None
+        self._far, self._moved = np.zeros((1, 4)), False
         self.use(terms_of(system))
         self.reset(system)
 
@@ -385,8 +382,7 @@ class Stepper:
         self.state[:] = initial_state(system)
         self.tick = 0
         self.press(system.pressure.mean, system.pressure.mean, system.torque_per_pressure)
-        if self._far is not None:
-            self._far[:] = 0.0
+        self._far[:] = 0.0
 
     def use(self, terms: Terms) -> None:
         """Use these terms from the next tick on; raise InputError if they need too many sub-steps."""
@@ -430,25 +426,21 @@ class Stepper:
     @property
     def far_end(self) -> tuple[float, float] | None:
         """Angle (rad) and speed (rad/s) of the shaft's far end now; None if it never moved."""
-        return None if self._far is None else (float(self._far[0, FAR_ANGLE]), float(self._far[0, FAR_SPEED]))
+        return (float(self._far[0, FAR_ANGLE]), float(self._far[0, FAR_SPEED])) if self._moved else None
 
     def move_far_end(self, speed: float, angle: float | None = None) -> None:
         """Move the shaft's far end at a speed, rad/s, held from now on, from where it is or from an angle, rad."""
-        if self._far is None:
-            self._far = np.zeros((1, 4))
-            self.terms = self._completed(self.terms)
+        self._moved = True
         self._far[0] = self.tick * self.step, self._far[0, FAR_ANGLE] if angle is None else angle, speed, 0.0
 
     def _completed(self, terms: Terms) -> Terms:
         """Return `terms` for the kernel, with the actuator's and the far end's part in the next tick."""
         return for_ticks(terms)._replace(approach=self._approach, far=self._far if terms.far is None else terms.far)
 
-    def warm_up(self, *variants: Terms, far: bool = False) -> None:
-        """Compile and run the kernel once for each kind of terms, without touching the state; `far`: as if the far end
-        moved.
-        """
+    def warm_up(self, *variants: Terms) -> None:
+        """Compile and run the kernel once for each kind of terms, without touching the state."""
         for terms in (self.terms, *variants):
-            self.run_apart(terms._replace(far=np.zeros((1, 4))) if far else terms, self.state, 1)
+            self.run_apart(terms, self.state, 1)
 
     def run_apart(self, terms: Terms, state: Floats, n: int) -> None:
         """Make n sub-steps with these terms, from a copy of a state."""
@@ -461,7 +453,7 @@ class Stepper:
         if reached[6] > self.iterations_most:
             self.iterations_most = reached[6]
         self.tick += 1
-        if self._far is not None:
+        if self._moved:
             self._far[0, :2] = self.tick * self.step, self._far[0, FAR_ANGLE] + self.step * self._far[0, FAR_SPEED]
         return reached
 

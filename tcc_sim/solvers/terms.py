@@ -187,21 +187,22 @@ def _held_in(profile: Floats, column: int, value: float) -> Floats:
     return out
 
 
-SILENT = np.zeros((1, 3))
-"""Harmonics of a scene without any."""
+SILENT, STILL = np.zeros((1, 3)), np.zeros((1, 4))
+"""Harmonics of a scene without any, and the motion of a far end that stands still."""
 
 
 def for_ticks(terms: Terms) -> Terms:
-    """Return terms for the kernels of the real-time solver: the linear part, the sines, and the third exponential of a
-    law with two are always there, with 0 where the scene lacks them.
+    """Return terms for the kernels of the real-time solver: the linear part, the sines, the moving far end, and the
+    third exponential of a law with two are always there, with 0 where the scene lacks them.
 
-    They take at most a tenth of a tick and change no bit of it. Profile, actuator, moving far end, and no, one or more
-    exponentials are kinds of kernel.
+    They take at most a tenth of a tick and change no bit of it. Profile, actuator, and no, one or more exponentials are
+    kinds of kernel.
     """
     stribeck = terms.stribeck
     return terms._replace(
         linear=equations.completed(terms.linear), torque=terms.torque or (0.0, 0.0),
         harmonics=SILENT if terms.harmonics is None else terms.harmonics, pulsation=terms.pulsation or (0.0, 0.0, 0.0),
+        far=STILL if terms.far is None else terms.far,
         stribeck=padded(stribeck) if stribeck is not None and len(stribeck) > 2 else stribeck)
 
 
