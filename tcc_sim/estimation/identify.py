@@ -491,6 +491,9 @@ def _size(model: Model, name: str) -> float:
 def _determined_by(model: Model, key: str) -> str:
     """Return the measurement that would determine a key, after what slip and what step between samples this one has."""
     measured, friction = model.measured, model.system.friction
+    equal = friction.static_coefficient == friction.kinetic and not {STATIC, KINETIC} & {*model.keys}
+    if equal and key == "friction.decay":
+        return "it has no effect, since friction.static_coefficient and friction.kinetic_coefficient are equal"
     slip = measured.channels["slip_speed"]
     slowest = 0.0 if slip.min() < 0.0 < slip.max() else float(np.abs(slip).min())
     reach = {"friction.smoothing": 2.0 / friction.smoothing,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
 
 import numpy as np
@@ -109,6 +110,19 @@ def test_what_a_record_holds_nothing_about_keeps_its_start_and_the_others_are_fo
         assert judged.verdict == "identified"
         assert abs(judged.value - float(TRUE[key])) < 4.0 * judged.standard_error
     assert key in OFFSETS or result.scene.value(key) == judged.value
+
+
+def test_a_decay_between_equal_coefficients_is_determined_by_no_measurement() -> None:
+    t, states, torque, pressure = moved("fast", kinetic=0.3)
+    noisy = states + 0.02 * np.random.default_rng(8).normal(size=states.shape)
+    result = identify(Measurement(t, {"slip_speed": noisy[:, 0], "plate_speed": noisy[:, 2]},
+                                  {"engine_torque": torque, "actuation_pressure": pressure}, hold="smooth"),
+                      {"friction.decay": 2.0}, scene=SCENE.with_values({"friction.kinetic_coefficient": 0.3}),
+                      noise=NOISE, gates=ONCE, settings=QUICK)
+    decay, = result.parameters
+    assert decay.verdict == "not identifiable"
+    assert "would determine it" not in decay.why
+    assert {"friction.static_coefficient", "friction.kinetic_coefficient"} <= {*re.findall(r"[a-z_.]+", decay.why)}
 
 
 def test_two_keys_of_which_a_record_holds_the_sum_alone_are_both_unknown() -> None:
