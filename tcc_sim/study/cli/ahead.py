@@ -97,17 +97,21 @@ def scenes(name: str, *choices: tuple[Values, ...]) -> Iterator[Scene]:
 
 
 def uses() -> Iterator[tuple[Use, Scene]]:
-    """Yield every use with its scenes; those of a law follow each other, since their kernels share compiled parts."""
-    for scene in (*scenes("minimal", EXPONENTIALS), *scenes("minimal", EXPONENTIALS[:2], PROFILE[1:])):
-        yield solve_cycle, scene
-    for scene in scenes("minimal", EXPONENTIALS[:2], PULSATION):
-        yield map_cycle, scene
+    """Yield every use with its scenes; those of a law follow each other, since their kernels share compiled parts.
+
+    The longest ones are first, so that two processes that begin at both ends meet at short ones.
+    """
     yield judge_section, load_scene("minimal")
+    for scene in scenes("minimal", EXPONENTIALS[:2], PULSATION):
+        yield solve_cycle, scene
+        yield map_cycle, scene
+    for scene in (*scenes("minimal", EXPONENTIALS[2:]), *scenes("minimal", EXPONENTIALS[:2], PROFILE[1:])):
+        yield solve_cycle, scene
+    yield solve_figures, load_scene("minimal")
     for scene in scenes("minimal", (EXACT,), EXPONENTIALS, PULSATION):
         yield solve_cycle, scene
     for scene in scenes("minimal", (EXACT,), EXPONENTIALS[:2]):
         yield map_cycle, scene
-    yield solve_figures, load_scene("minimal")
     for scene in scenes("controlled", EXPONENTIALS, PROFILE, LAG):
         yield make_ticks, scene
     for scene in scenes("controlled", EXPONENTIALS, PROFILE):
