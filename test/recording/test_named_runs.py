@@ -167,7 +167,8 @@ WAYS: dict[str, Callable[[Path, list[Sent]], Path]] = {
     "parts backwards": lambda folder, all_: save(folder, all_[::-1], parts=4),
 }
 WAYS["as it is"] = save
-DIFFER = {"warnings", "drivelines", "real_time_factor", "elapsed_s", "command", "version", "messages", "topic"}
+DIFFER = {"warnings", "drivelines", "real_time_factor", "elapsed_s", "command", "version", "messages", "topic",
+          "title"}
 """Fields that may differ: names, times of receipt, and repeats."""
 PARTED = START + 550 * TICK
 
