@@ -25,7 +25,7 @@ from tcc_sim.estimation.measurement import EXACT, MOST_SAMPLES, Measurement, mea
 from tcc_sim.estimation.multiple_shooting import Fit, fit
 from tcc_sim.estimation.residuals import HIDDEN, Whiteness, autoregression, judge_residuals, probability_of
 from tcc_sim.estimation.settings import FitSettings, Gates
-from tcc_sim.estimation.windows import FREE, KINETIC, LEAST_RATIO, OFFSETS, STATIC, Model, check_key, on_its_side
+from tcc_sim.estimation.windows import FREE, KINETIC, OFFSETS, STATIC, Model, check_key, least_ratio, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.model.supported_terms import check_supported
@@ -353,7 +353,7 @@ def _starts(scene: Scene, free: Mapping[str, float | None] | Sequence[str], meas
             raise InputError(f"{key} begins at {out[key]:g} {QUANTITIES[key].unit}; the start must be above 0")
     kinetic = out.get(KINETIC, values[KINETIC])
     if STATIC in out:
-        out[STATIC] = on_its_side(out[STATIC], float(kinetic))  # type: ignore[arg-type]
+        out[STATIC] = on_its_side(out[STATIC], float(kinetic), ratio=least_ratio(out))  # type: ignore[arg-type]
     scene.with_values({k: out[k] for k in requested if k not in OFFSETS})
     if likelihood is not None and likelihood not in out:
         raise InputError(f"likelihood is {likelihood}; it must be one of the free keys")
@@ -518,7 +518,7 @@ def _at_bound(model: Model, i: int, values: Floats, errors: Floats) -> bool:
     friction = model.system.friction
     ratio = named.get(STATIC, friction.static_coefficient) / named.get(KINETIC, friction.kinetic_coefficient)
     both = all(math.isfinite(error) for other, error in zip(model.keys, errors) if other in (STATIC, KINETIC))
-    if both and key in (STATIC, KINETIC) and max(ratio, 1.0 / ratio) <= LEAST_RATIO * (1.0 + 1e-9):
+    if both and key in (STATIC, KINETIC) and max(ratio, 1.0 / ratio) <= least_ratio(model.keys) * (1.0 + 1e-9):
         return True
     quantity = QUANTITIES[key]
     return (value <= quantity.low + AT_BOUND * max(abs(quantity.low), _scale_of(model, key))

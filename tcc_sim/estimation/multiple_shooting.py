@@ -31,6 +31,7 @@ from tcc_sim.estimation.windows import (
     STATIC,
     Model,
     largest_errors,
+    least_ratio,
     on_its_side,
     sensitivities,
     states_of,
@@ -262,9 +263,9 @@ class MultipleShooting:
                             coefficient(KINETIC, friction.kinetic_coefficient, of)) for of in (values, out))
         falls = before[0] >= before[1]
         if STATIC in keys:
-            out[keys.index(STATIC)] = on_its_side(after[0], after[1], falls)
+            out[keys.index(STATIC)] = on_its_side(after[0], after[1], falls, least_ratio(keys))
         elif KINETIC in keys:
-            out[keys.index(KINETIC)] = on_its_side(after[1], after[0], not falls)
+            out[keys.index(KINETIC)] = on_its_side(after[1], after[0], not falls, least_ratio(keys))
         return out
 
     def _fitted(self, states: Floats) -> Floats:

@@ -213,7 +213,10 @@ def _explanation(squares: Floats, slope: Floats, spread: Floats, size: int, name
         if rank <= size:   # Free keys already have the same effect.
             continue
         change = -inverse @ (slope[which] / root)
-        error = math.sqrt(float((inverse @ (spread[of] / np.outer(root, root)) @ inverse)[-1, -1]))
+        variance = float((inverse @ (spread[of] / np.outer(root, root)) @ inverse)[-1, -1])
+        if variance <= 0.0:   # The same up to rounding.
+            continue
+        error = math.sqrt(variance)
         amount = float(change[-1] / root[-1])
         if place < len(values) and name not in OFFSETS:
             amount *= float(values[place])

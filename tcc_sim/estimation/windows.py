@@ -8,6 +8,7 @@ make the cost jump.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,8 +34,8 @@ from tcc_sim.solvers.terms import Terms, holding, least_mean_load, substeps, ter
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
-LEAST_RATIO = 1.0005
-"""Least ratio of mu_s and mu_k while one is free: at 1 decay has no effect."""
+LEAST_RATIO, EQUAL = 1.0005, 1.0 + 1e-9
+"""Least ratio of mu_s and mu_k while one is free, with the decay, which has no effect at 1, and without it."""
 SPARE = 1.25
 """Sub-steps relative to those that the values need."""
 OFFSETS = {f"{name}.offset": name for name in INPUTS}
@@ -56,6 +57,11 @@ def on_its_side(value: float, other: float, falls: bool | None = None, ratio: fl
     """Return a coefficient at least `ratio` above another one, or as much below it if friction does not fall."""
     above = value >= other if falls is None else falls
     return max(value, other * ratio) if above else min(value, other / ratio)
+
+
+def least_ratio(keys: Collection[str]) -> float:
+    """Return the least ratio of mu_s and mu_k with these free keys."""
+    return LEAST_RATIO if "friction.decay" in keys else EQUAL
 
 
 def largest_errors(keys: tuple[str, ...]) -> Floats:

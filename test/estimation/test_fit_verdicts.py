@@ -16,7 +16,7 @@ from tcc_sim.estimation.identify import Identification, identify, judged
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.estimation.multiple_shooting import Fit
 from tcc_sim.estimation.settings import FitSettings
-from tcc_sim.estimation.windows import LEAST_RATIO, Model
+from tcc_sim.estimation.windows import EQUAL, Model
 from tcc_sim.scene import Scene
 
 STATIC, KINETIC, DAMPING = "friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping"
@@ -25,7 +25,7 @@ KNOWN = {STATIC: (0.3, 3e-3), KINETIC: (0.24, 2.4e-3), DAMPING: (0.6, 0.03), TOR
 """Values and standard errors of keys that are fitted together."""
 T = np.arange(200) * 1e-3
 QUICK = FitSettings(stages=(FitSettings().stages[2], FitSettings().stages[-1]))
-YES, NO, BOUND, LEAST = "identified", "not identifiable", "at its bound", LEAST_RATIO
+YES, NO, BOUND, LEAST = "identified", "not identifiable", "at its bound", EQUAL
 
 
 def verdict(key: str, changes: dict[str, tuple[float, float]] | None = None, alone: bool = False,

@@ -112,17 +112,21 @@ def test_what_a_record_holds_nothing_about_keeps_its_start_and_the_others_are_fo
     assert key in OFFSETS or result.scene.value(key) == judged.value
 
 
-def test_a_decay_between_equal_coefficients_is_determined_by_no_measurement() -> None:
+def test_equal_coefficients_are_found_and_no_measurement_determines_their_decay() -> None:
     t, states, torque, pressure = moved("fast", kinetic=0.3)
     noisy = states + 0.02 * np.random.default_rng(8).normal(size=states.shape)
-    result = identify(Measurement(t, {"slip_speed": noisy[:, 0], "plate_speed": noisy[:, 2]},
-                                  {"engine_torque": torque, "actuation_pressure": pressure}, hold="smooth"),
-                      {"friction.decay": 2.0}, scene=SCENE.with_values({"friction.kinetic_coefficient": 0.3}),
-                      noise=NOISE, gates=ONCE, settings=QUICK)
-    decay, = result.parameters
+    data = Measurement(t, {"slip_speed": noisy[:, 0], "plate_speed": noisy[:, 2]},
+                       {"engine_torque": torque, "actuation_pressure": pressure}, hold="smooth")
+    scene, words = SCENE.with_values({"friction.kinetic_coefficient": 0.3}), {"noise": NOISE, "gates": ONCE}
+    decay, = identify(data, {"friction.decay": 2.0}, scene=scene, settings=QUICK, **words).parameters
     assert decay.verdict == "not identifiable"
     assert "would determine it" not in decay.why
     assert {"friction.static_coefficient", "friction.kinetic_coefficient"} <= {*re.findall(r"[a-z_.]+", decay.why)}
+    for start in (0.29, 0.3):
+        free = {"friction.kinetic_coefficient": start}
+        kinetic, = identify(data, free, scene=scene, settings=QUICK, **words).parameters
+        assert kinetic.standard_error < 3.5e-5
+        assert abs(kinetic.value - 0.3) < 4.0 * kinetic.standard_error
 
 
 def test_two_keys_of_which_a_record_holds_the_sum_alone_are_both_unknown() -> None:
