@@ -198,7 +198,6 @@ class StampedMessages:
     origin : number of the run or publisher that each is from
     stamp_ns, number, log_ns, sent_ns : stamp, sequence number, times of receipt and sending, ns
     kept : index of each message in the columns, -1 for one outside the window
-    place : number of each message in the recording
     columns : values by field
     """
 
@@ -208,7 +207,6 @@ class StampedMessages:
     log_ns: NDArray[np.int64]
     sent_ns: NDArray[np.int64]
     kept: NDArray[np.int64]
-    place: NDArray[np.int64]
     columns: Mapping[str, Floats]
 
     def __len__(self) -> int:
@@ -230,21 +228,20 @@ class Collected:
         self.count = self.kept = 0
 
     def add(self, values: Values, origin: NDArray[np.int64], stamp_ns: NDArray[np.int64],
-            inside: NDArray[np.bool_], before: int) -> None:
-        """Add messages of a chunk, all with their stamps and times, and those `inside` the window with their values;
-        `before` is the number of messages before the chunk.
+            inside: NDArray[np.bool_]) -> None:
+        """Add messages of a chunk, all with their stamps and times, and those `inside` the window with their values.
         """
         log, sent, number = (values.heads[name].astype(np.int64) for name in ("log_ns", "sent_ns", "number"))
         sent = np.where(sent > 0, sent, log)
         places = np.where(inside, self.kept + np.cumsum(inside) - 1, -1)
-        self._light.append((origin, stamp_ns, number, receipt_times(log, sent), sent, places, before + values.rows))
+        self._light.append((origin, stamp_ns, number, receipt_times(log, sent), sent, places))
         self._columns.append({name: values.columns[name][inside] for name in self._fields})
         self.count += len(origin)
         self.kept += int(np.count_nonzero(inside))
 
     def messages(self) -> StampedMessages:
         """Return all messages."""
-        origin, stamp, number, log, sent, kept, place = (
-            [np.concatenate(column) for column in zip(*self._light)] if self._light else [np.empty(0, np.int64)] * 7)
-        return StampedMessages(origin, stamp, number, log, sent, kept, place, {
+        origin, stamp, number, log, sent, kept = (
+            [np.concatenate(column) for column in zip(*self._light)] if self._light else [np.empty(0, np.int64)] * 6)
+        return StampedMessages(origin, stamp, number, log, sent, kept, {
             name: np.concatenate([np.empty(0), *(part[name] for part in self._columns)]) for name in self._fields})

@@ -35,14 +35,11 @@ beyond that of whole ones, after which no more are unpacked.
 MOST_TOPICS = 4096
 """Largest number of channels, and of types, that a recording may describe; further records are ignored."""
 CDR = "cdr"
-NEVER = 1 << 64
-"""Time later than every log time, ns."""
 _TYPES_OF_TOPICS = {row.name.rpartition("/")[2]: row.type for row in TOPICS} | {"input_source": HEADER}
 _UNCHUNKED = 1 << 20
 _LONGEST_RESULT = 1 << 18
 _MOST_SENTENCES, _DIGITS = 20, 19
 _MESSAGE = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQ")
 _T = TypeVar("_T")
 
 
@@ -100,8 +97,6 @@ class Contents:
     attachments: int = 0
     foreign: int = 0
     """Number of metadata records of other programs."""
-    first_ns: int = NEVER
-    """Log time of the first message, ns."""
     passed_over: int = 0
     """Number of records after MOST_DAMAGED damaged ones."""
     stretches: Sequence[int] = ()
@@ -116,13 +111,7 @@ class Contents:
             self.passed_over += opcode in DECODERS
             return
         try:
-            if opcode == Opcode.CHUNK:
-                if len(body) == _CHUNK_HEAD.size:
-                    first, _, size = _CHUNK_HEAD.unpack(body)
-                    self.first_ns = min(self.first_ns, first if size else NEVER)
-            elif opcode == Opcode.MESSAGE and len(body) >= 14:
-                self.first_ns = min(self.first_ns, int.from_bytes(body[6:14], "little"))
-            elif opcode == Opcode.METADATA and not checked:
+            if opcode == Opcode.METADATA and not checked:
                 self._metadata(decoded(opcode, body))
             elif opcode == Opcode.STATISTICS:
                 self.expected = decoded(opcode, body).channel_message_counts

@@ -34,7 +34,7 @@ class Parts:
     """Files of a recording.
 
     paths : files to read; in their order if `ordered`
-    ordered : whether metadata.yaml gives the order; otherwise names or the first log times do
+    ordered : whether metadata.yaml gives the order; otherwise the numbers in the names do
     absent : names that metadata.yaml lists and that are not there
     unlisted : names of files that metadata.yaml does not list, which are left out
     note : a sentence if metadata.yaml cannot be read
@@ -139,14 +139,7 @@ def _listed(folder: Path) -> tuple[list[str] | None, str]:
             return names, ""
     except (OSError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):
         pass
-    return None, f"{METADATA} lists no parts that can be read: the names or log times of the parts give their order"
-
-
-def in_order(paths: Sequence[Path], first_ns: Sequence[int]) -> list[Path]:
-    """Return parts by the numbers in their names or, if they are not named as parts, by their first log times, ns."""
-    if _numbers_of(paths):
-        return sorted(paths, key=_natural)
-    return [path for _, _, path in sorted(zip(first_ns, map(_natural, paths), paths))]
+    return None, f"{METADATA} lists no parts that can be read: the names of the parts give their order"
 
 
 def named_as_part(path: Path) -> bool:
@@ -155,7 +148,7 @@ def named_as_part(path: Path) -> bool:
     return any(pattern.fullmatch(stem) for pattern in (_COUNTER_FIRST, _COUNTER_LAST))
 
 
-def _numbers_of(paths: Sequence[Path]) -> set[int]:
+def numbers_of(paths: Sequence[Path]) -> set[int]:
     """Return the numbers in the names of parts; none if they are no names of parts of one bag."""
     stems = [path.name.partition(".mcap")[0] for path in paths]
     for pattern, number, prefix in ((_COUNTER_FIRST, 1, 2), (_COUNTER_LAST, 2, 1)):
@@ -167,7 +160,7 @@ def _numbers_of(paths: Sequence[Path]) -> set[int]:
 
 def missing_parts(paths: Sequence[Path]) -> list[int]:
     """Return the numbers that are missing among the names of parts without metadata.yaml; none for other names."""
-    numbers = _numbers_of(paths) if len(paths) > 1 else set()
+    numbers = numbers_of(paths) if len(paths) > 1 else set()
     return sorted(set(range(min(max(numbers, default=0), _MOST_PARTS))) - numbers)
 
 

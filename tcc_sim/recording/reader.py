@@ -26,9 +26,9 @@ from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, j
 from tcc_sim.recording.layouts import NO_ZEROS, Layouts, Values
 from tcc_sim.recording.parts import (
     Parts,
-    in_order,
     missing_parts,
     named_as_part,
+    numbers_of,
     open_file,
     parts_of,
     records_of,
@@ -123,8 +123,7 @@ class Run:
         self.complete &= not missing and not any(parts.ordered or named_as_part(part) for part in parts.paths
                                                  if part not in self._contents)
         self.paths = list(self._contents)
-        if not parts.ordered:
-            self.paths = in_order(self.paths, [self._contents[name].first_ns for name in self.paths])
+        self._order_known = parts.ordered or len(self.paths) == 1 or bool(numbers_of(self.paths))
         for name in self.paths:
             contents = self._contents[name]
             self.recorded_scenes += contents.scenes
@@ -256,6 +255,10 @@ class Run:
             The states would need more than half of the machine's memory.
         """
         topic = self.driveline.topic
+        if not (self._order_known or self.driveline.runs or self.driveline.publisher):
+            raise RecordingError(f"{self.path}: the order of its {len(self.paths)} parts is not stated: no "
+                                 "metadata.yaml lists them, their names have no numbers, and the states name neither "
+                                 "run nor publisher; name them as run_0.mcap, run_1.mcap")
         columns = self._read(window or Window())
         self._conclude()
         if not self.stamps.messages:
@@ -303,19 +306,17 @@ class Run:
         kinds |= {row.name: _Kind(Layouts(row.type, row.joints, row.joint_fields or row.fields), origins)
                   for row in topics.stamped()}
         commands, rows = Commands(space, NO_ZEROS if keyed else zeros), dict[int, list[NDArray[np.float64]]]()
-        place = 0
         for data, messages, channels in self._chunks():
             array = np.frombuffer(data, dtype=np.uint8)
             here = [(number, channels[number]) for number in np.flatnonzero(np.bincount(messages.channel)).tolist()
                     if number in channels] if len(messages.channel) else []
             for name, kind in kinds.items():
-                kind.take(array, messages, [number for number, channel in here if self._is(channel, name)], place)
+                kind.take(array, messages, [number for number, channel in here if self._is(channel, name)])
             if keyed:
                 for number, channel in here:
                     if channel.type == FLOAT64_ARRAY:
                         origins.take_held(array, messages, number, rows)
             commands.take(data, messages, {number: channel for number, channel in here if self._ours(channel)})
-            place += len(messages.channel)
             self._check_memory(kinds["joint_states"].found.kept)
         found = {name: kind.found.messages() for name, kind in kinds.items()}
         joined = {row.name: replace(found[row.name], columns={  # The shaft's torque follows from the states.
@@ -325,7 +326,10 @@ class Run:
         if keyed:
             runs, self._differing = keyed_runs(states, joined, held_rows, driveline.runs, self.stamps)
         else:
-            runs, self._differing = unkeyed_runs(states, joined, commands.sources, self.stamps)
+            runs, self._differing, unplaced = unkeyed_runs(states, joined, commands.sources, self.stamps)
+            if unplaced:
+                self.warnings.append(f"{', '.join(unplaced)}: left out, as the recording does not state to which "
+                                     "runs they belong")
         if self._differing:
             self.warnings.append(f"{counted(self._differing, 'message')} left out: their {'run and ' * keyed}stamp "
                                  "came before with other values")
@@ -545,8 +549,8 @@ class _Kind:
         """Number of messages that could not be decoded, and the reason of one."""
         return self._layouts.refused, self._layouts.why
 
-    def take(self, data: NDArray[np.uint8], messages: Messages, mine: list[int], before: int) -> None:
-        """Take the messages of these channels in one chunk, with `before` messages before it."""
+    def take(self, data: NDArray[np.uint8], messages: Messages, mine: list[int]) -> None:
+        """Take the messages of these channels in one chunk."""
         if not mine:
             return
         values = self._layouts.take(data, messages, mine)
@@ -557,7 +561,7 @@ class _Kind:
             values = Values(values.rows[ours], values.heads[ours], values.stamps[ours], values.frames[ours],
                             {name: column[ours] for name, column in values.columns.items()})
         if len(origin):
-            self.found.add(values, origin, stamps, self._origins.inside(origin, stamps), before)
+            self.found.add(values, origin, stamps, self._origins.inside(origin, stamps))
 
 
 def _in_order(rows: NDArray[np.float64]) -> NDArray[np.float64]:

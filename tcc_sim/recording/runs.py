@@ -5,7 +5,6 @@ sequence number and stamp.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -68,11 +67,12 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
 
 
 def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], sources: Sequence[InputSource],
-                 counter: StampCounter) -> tuple[tuple[JointStates, ...], int]:
-    """Return the runs of states that do not name them, and the number of repeated states with other values than before.
+                 counter: StampCounter) -> tuple[tuple[JointStates, ...], int, list[str]]:
+    """Return the runs of states that do not name them, the number of repeated states with other values than before, and
+    the names of the other messages that cannot be placed.
 
-    States of an identified publisher are in the order of its sequence numbers, others in that of the recording. A run
-    begins where the stamp goes back. Other messages belong to the run during which they were sent.
+    Messages of an identified publisher are in the order of its sequence numbers, others in that of the recording. A run
+    begins where the stamp goes back, for other messages too, which belong to the states' runs as `_matched` says.
 
     Parameters
     ----------
@@ -81,8 +81,7 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
     sources : announced sources of the inputs
     counter : of stamps, which receives them
     """
-    identified = bool((states.origin > 0).all()) if len(states) else False
-    order = np.argsort(states.number, kind="stable") if identified else np.arange(len(states))
+    order = _order_of(states)
     starts, kept, run = list[tuple[int, Break]](), np.zeros(len(order), np.bool_), np.zeros(len(order), np.int64)
     for piece, preceded in counter.pieces(states.stamp_ns[order], states.origin[order]):
         kept[piece] = True
@@ -94,12 +93,17 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
         run[start:end] = number
         mine = order[start:end][kept[start:end]]
         parts.append((number, kind, mine))
-    clock = "sent_ns"
-    firsts = [states.sent_ns[mine[0]] for _, _, mine in parts]
-    if any(after <= before for before, after in pairwise(firsts)):  # Clocks that were set back do not tell.
-        clock, firsts = "place", [states.place[mine[0]] for _, _, mine in parts]
-    of_run = {name: np.maximum(np.searchsorted(np.array(firsts), getattr(messages, clock), side="right") - 1, 0)
-              for name, messages in joined.items()}
+    of_run, unplaced = dict[str, Positions](), list[str]()
+    for name, messages in joined.items():
+        its_order = _order_of(messages)
+        its = messages.stamp_ns[its_order]
+        back = 1 + np.flatnonzero(np.diff(its) < 0)
+        matched = _matched(its[np.append(back, len(its)) - 1], [int(states.stamp_ns[mine].max()) for *_, mine in parts])
+        of_run[name] = np.full(len(its), -1)
+        if matched:
+            of_run[name][its_order] = np.repeat(matched, np.diff(back, prepend=0, append=len(its)))
+        else:
+            unplaced.append(name)
     runs: list[JointStates] = []
     for number, kind, mine in parts:
         mine = mine[states.kept[mine] >= 0]
@@ -112,7 +116,35 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
         runs.append(_filled(JointStates.of({**columns, "run": number, "began": kind, "index": index})))
         index += len(mine)
     fresh = np.append(True, np.diff(states.stamp_ns[order]) != 0)[:len(order)]
-    return _with_sources(runs, sources), _count_differing(states, order, fresh)
+    return _with_sources(runs, sources), _count_differing(states, order, fresh), unplaced
+
+
+def _order_of(messages: StampedMessages) -> Positions:
+    """Return the order of messages by the sequence numbers of an identified publisher, else that of the recording."""
+    identified = len(messages) > 0 and bool((messages.origin > 0).all())
+    return np.argsort(messages.number, kind="stable") if identified else np.arange(len(messages))
+
+
+def _matched(last: NDArray[np.int64], of_states: Sequence[int]) -> list[int]:
+    """Return the runs of states to which runs of other messages belong; none if their last stamps, ns, leave a choice.
+
+    There are as many of both, or each one has no stamp behind the last state of its run.
+    """
+    if len(last) == len(of_states):
+        return list(range(len(last)))
+
+    def earliest(ends: Sequence[int], limits: Sequence[int]) -> list[int]:
+        out, k = list[int](), 0
+        for end in ends:
+            while k < len(limits) and limits[k] < end:
+                k += 1
+            out.append(k)
+            k += 1
+        return out
+
+    first = earliest(last.tolist(), of_states)
+    late = [len(of_states) - 1 - k for k in earliest(last.tolist()[::-1], of_states[::-1])][::-1]
+    return first if first == late else []
 
 
 def placed(messages: Sequence[SceneRecord | InputSource], runs: Sequence[JointStates]) -> list[tuple[int, int]]:
