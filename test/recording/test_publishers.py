@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from driveline_bags import TICK, bag, ticked
+from re_encodings import read, save
 
 from tcc_sim.errors import RecordingError
 from tcc_sim.recording.reader import open_run
@@ -40,6 +41,19 @@ def test_of_publishers_without_names_of_runs_the_one_with_the_most_states_is_rea
                    for sentence in run.warnings)
         result = replay(path, discard=0, driveline=number)
         assert (result.continuity.restarts, result.messages) == (0, states)
+
+
+@pytest.mark.parametrize("gone", [(), range(300, 330), range(301)], ids=["none", "begin of a run", "a run"])
+def test_pressures_of_unnamed_runs_belong_to_these_by_numbers_and_stamps(tmp_path, gone):
+    """No message has a time, and each topic is in one piece."""
+    rows = ticked(COMMANDS, 600, torque=lambda k: 300.0, pressure=lambda k: 2e5 + 50.0 * k, resets=(299,))
+    kept = [row for k, row in enumerate(rows) if k not in gone]
+    made = read(bag(tmp_path / "run", kept, COMMANDS, publishers=[(0, "a")], clock=lambda k: 0) / "run_0.mcap")
+    save(tmp_path / "again" / "run_0.mcap", made._replace(messages=sorted(made.messages, key=lambda m: m.channel)))
+    result = replay(tmp_path / "again", discard=0, frequency=150.0, verify=True)
+    assert result.continuity.runs == 2 - (len(gone) > 300)
+    assert result.verification.largest_difference < 1e-9
+    assert not any("missing at" in text for text in result.warnings)
 
 
 def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):

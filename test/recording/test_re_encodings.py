@@ -9,6 +9,7 @@ from re_encodings import (
     WAYS,
     as_rosbag2,
     forgotten,
+    in_parts,
     joint_state,
     joints,
     laid_out,
@@ -165,6 +166,17 @@ def test_a_recording_that_cannot_be_analysed_is_refused_for_its_own_reason(tmp_p
         assert sentence in refusal(tmp_path / f"run{number}")
 
 
+def test_parts_of_which_nothing_states_the_order_are_refused(tmp_path, original, unnamed):
+    """They have no metadata.yaml and no numbers; runs or publishers with numbers state the order of the states."""
+    for number, (source, known) in enumerate((
+            (original[0], True), (as_rosbag2(original[0]), True), (unnamed[0], True), (as_rosbag2(unnamed[0]), False))):
+        in_parts(["b.mcap", "a.mcap"])(tmp_path / f"run{number}", source)
+        if known:
+            assert replay(tmp_path / f"run{number}", discard=0, verify=True).verification.verified
+        else:
+            assert "run_0.mcap" in refusal(tmp_path / f"run{number}")
+
+
 def test_a_file_of_another_kind_is_named(tmp_path):
     for name, start, sentence in (("a.bag", b"#ROSBAG V2.0\n", "it is a bag of ROS 1"), ("b.mcap", b"x", "not an MCAP"),
                                   ("c.mcap", b"SQLite format 3\0", "it is a bag in SQLite"),
@@ -275,4 +287,4 @@ def test_options_of_a_recording_are_refused_where_none_is_read(tmp_path, refused
     assert "--driveline: only for recordings" in refused("simulate", "minimal", "--inputs", table, "--driveline", "0")
     assert "--topic: only for recordings" in refused("identify", table, "--scene", "minimal", "--free",
                                                      "driveline.damping", "--topic", "/x")
-    assert "--topic: only for recordings" in refused("analyse", table, "--orders", "--topic", "/x")
+    assert "--topic: only for" in refused("analyse", table, "--orders", "--topic", "/x")
