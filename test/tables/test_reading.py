@@ -191,7 +191,7 @@ def test_files_of_other_kinds_are_called_by_their_names(tmp_path, refused):
 @pytest.mark.parametrize(("words", "why"), [
     (["analyse", "run", "--columns", "t=Time"], "--columns is for tables, and run is a recording"),
     (["simulate", "fig02", "--inputs", "run", "--from", "1"], "--from: only for tables, and run is a recording"),
-    (["simulate", "fig02", "--from", "1"], "--from is for the inputs of a table; give the table with --inputs"),
+    (["simulate", "fig02", "--from", "1"], "--from: only for inputs"),
     (["identify", "run", "--free", "driveline.stiffness", "--to", "1"], "--to are for tables, and run is a recording")])
 def test_options_of_tables_are_for_tables(tmp_path, refused, words, why):
     (tmp_path / "run").mkdir()
