@@ -228,7 +228,7 @@ class Watcher:
         slip_speed = column["flywheel_speed"] - column["plate_speed"]
         sampled = (slip_speed, column["plate_angle"], column["plate_speed"], column["engine_torque"],
                    column["friction_torque"])
-        pieces = self._cycles.feed(stamps, *sampled)
+        pieces = self._cycles.feed(stamps, *sampled, system=self.scene.system)
         view.samples(stamps, *sampled, modes_of(slip_speed, self._stick_speed), new_run=new_run,
                      longest=self._cycles.continuity.longest)
         self.states += len(stamps)

@@ -194,7 +194,7 @@ class Recording(Result):
             return trajectory
         stream = CycleStream(system, clock)
         for block in states.blocks():
-            stream.feed_states(block)
+            line.feed(stream, block)
         longest = stream.longest()[1]
         return replace(trajectory, cycles=longest.kept(0).cycles if longest.pieces else no_cycles())
 

@@ -160,7 +160,7 @@ def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing
     bar.begin("analysing")
     for states in line.runs:
         for block in states.blocks():
-            pieces = stream.feed_states(block)
+            pieces = line.feed(stream, block)
             if view is not None:
                 _show(view, block, line.along(block, _stick_speed), pieces if clock.identified else [],
                       new_run=block.index == states.index, longest=stream.continuity.longest)
@@ -223,8 +223,8 @@ def _warnings(recording: Recording, line: Timeline, timing: Timing) -> Iterator[
     if timing.note:
         yield timing.note
     if len({record.parameters for record in scenes}) > 1:
-        yield (f"the recording holds {len(scenes)} scenes that differ; the figures above the segments are computed "
-               "with the one at the begin of the longest run")
+        yield (f"the recording holds {len(scenes)} scenes that differ; the figures above the segments are those of the "
+               "longest run, whose cycles are the ones of the scene at its begin")
     pressures = [states.applied_pressure for states in line.runs if states.applied_pressure is not None
                  and (line.scene_at(states.index).system.pressure.source == "topic"
                       or np.isfinite(states.applied_pressure).any())]

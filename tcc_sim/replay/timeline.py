@@ -12,6 +12,7 @@ import numpy as np
 from tcc_sim.analysis.loop.control import Steps
 from tcc_sim.analysis.measured.engine_clock import EngineClock
 from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
+from tcc_sim.analysis.measured.stream import CyclePiece, CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.equations import accelerations, linear_of
 from tcc_sim.model.parameters import System
@@ -141,6 +142,10 @@ class Timeline:
         """Return a quantity of the system at each state of a run, (n,)."""
         return np.concatenate([np.full(rows.stop - rows.start, quantity(system))
                                for rows, system, _ in self._parts(states)])
+
+    def feed(self, stream: CycleStream, states: JointStates) -> list[CyclePiece]:
+        """Feed states to a stream with the systems that held at them, and return the completed cycles."""
+        return [piece for rows, system, _ in self._parts(states) for piece in stream.feed_states(states[rows], system)]
 
     def _parts(self, states: JointStates) -> Iterator[tuple[slice, System, Origin]]:
         """Iterate over the parts of a run with one system each."""

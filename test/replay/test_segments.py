@@ -13,6 +13,7 @@ from driveline_bags import START, TICK, bag, by_hand, ticked
 
 import tcc_sim
 from tcc_sim.analysis.loop.tracking import Tracking
+from tcc_sim.analysis.steady.summary import cycles_of, summarise
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
 from tcc_sim.plant.slip_control import SlipController, Tuning
@@ -83,6 +84,29 @@ def test_a_scene_that_a_restart_brings_counts_from_there_on(tmp_path):
     assert (first["period"], second["period"], second["cycles"]) == (1, 1, 31)
     assert second["max_slip_speed"] == pytest.approx(120.0 + 2.0 * 250.0 / 20.0, rel=1e-5)
     assert [read(path).trajectory(n).system.engine.frequency for n in (0, 1)] == [150.0, 100.0]
+
+
+@pytest.mark.parametrize("changes", [
+    {"converter.coupling": 3.0}, {"friction.kinetic_coefficient": 0.29}, {"friction.static_coefficient": 0.6},
+    {"converter.coupling": 0.0, "friction.kinetic_coefficient": 0.29, "friction.static_coefficient": 0.29}])
+def test_the_whole_of_a_run_that_changed_has_the_sums_of_its_segments(changes, tmp_path):
+    """In a recording, its trajectory and a closed loop; the tick between two segments, in stick here, is in no segment.
+    """
+    said, scene = [], load_scene("fig02").with_values({"converter.coupling": 0.5})
+    path = bag(tmp_path / "run", ticked(scene, 3001, changes=[(1400, changes, False)], said=said), scene, said=said)
+    result, read_back = replay(path, discard=0), read(path).trajectory()
+    looped = tcc_sim.closed_loop(scene, lambda reading: None, 3.0, at={1.399: changes})
+    slip, parts = read_back.slip_speed, [segment.summary for segment in result.segments]
+    coupling = np.where(np.arange(3001) < 1400, 0.5, scene.with_values(changes).value("converter.coupling"))
+    heat = 5e-4 * np.sum(coupling[1:] * (slip[1:] ** 2 + slip[:-1] ** 2))
+    for whole in (result.summary, summarise(looped, 0)):
+        assert whole.coupling_energy == pytest.approx(heat, rel=1e-3)
+        for name in ("coupling_energy", "clutch_energy", "breakaways"):
+            assert getattr(whole, name) == pytest.approx(sum(getattr(part, name) for part in parts), rel=2e-3)
+        stuck = sum(part.stick_fraction * part.seconds for part in parts)
+        assert whole.stick_fraction * whole.seconds == pytest.approx(stuck + 1e-3, abs=1e-5)
+    for mine, other in zip(cycles_of(read_back).loads.columns(), cycles_of(looped).loads.columns()):
+        np.testing.assert_allclose(mine, other, rtol=1e-4, atol=1e-6 * np.abs(other).max())
 
 
 def test_a_segment_without_a_whole_cycle_has_no_figures(tmp_path):

@@ -12,14 +12,20 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.measured.engine_clock import SLACK, EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
-from tcc_sim.analysis.steady.summary import CycleTimes, Span, Summary, cycle_times_of, dropped_of, summarise_cycles
+from tcc_sim.analysis.steady.summary import (
+    CycleTimes,
+    Laws,
+    Span,
+    Summary,
+    cycle_times_of,
+    dropped_of,
+    summarise_cycles,
+)
 from tcc_sim.errors import InputError, OutOfRange
-from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
-from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples
-from tcc_sim.solvers.terms import stick_speed_of, terms_of
+from tcc_sim.solvers.per_cycle import STAMP
 from tcc_sim.trajectory import STILL, Cycles, FarEnd, Floats, Loads, concatenated
 
 RECORDING_TOLERANCE = 2e-3
@@ -199,7 +205,7 @@ class CycleStream:
 
     Parameters
     ----------
-    system : gives the equations for the accelerations
+    system : gives the equations for the accelerations, where a batch comes without a system of its own
     clock : start times of the engine cycles; by default those of the system's frequency. For slices of time instead of
         cycles there are extremes, but neither section nor period
     """
@@ -211,18 +217,18 @@ class CycleStream:
         self.runs: list[RunCycles] = []
         self.numbers: dict[int, int] = {}
         """Which of `runs` has the batches of a run, by the number that these were fed with."""
-        self._stick_speed, self._linear = stick_speed_of(terms_of(system)), terms_of(system).linear
+        self._system, self._laws = system, Laws()
         self._waiting: list[Floats] = []
         self._from = 0.0
 
     def feed(self, stamp_ns: Stamps, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
              engine_torque: Floats, friction_torque: Floats, run: int = 0,
-             far: FarEnd = STILL) -> list[CyclePiece]:
+             far: FarEnd = STILL, system: System | None = None) -> list[CyclePiece]:
         """Take the next batch, (n,) arrays in ns, rad/s, rad, rad/s, N m, N m, and return the completed cycles.
 
         `far` is the motion of the shaft's far end, whose speed is held between samples. A sample that is not finite is
         left out and counted, and becomes a gap. `run` is the number of the batch's run, if the recording distinguishes
-        runs.
+        runs, and `system` the one that held at it, if keys changed.
 
         Raises
         ------
@@ -230,8 +236,9 @@ class CycleStream:
             There are fewer samples than engine cycles.
         """
         t = np.asarray(stamp_ns, dtype=np.float64) * 1e-9
+        law = self._laws.number_of(system or self._system)
         rows = np.stack(np.broadcast_arrays(t, slip_speed, plate_angle, plate_speed, engine_torque, friction_torque,
-                                            far.angle, far.speed, 0.0))
+                                            far.angle, far.speed, law, 0.0))
         finite = np.isfinite(rows).all(axis=0)
         if not finite.all():
             self.not_finite += int(np.count_nonzero(~finite))
@@ -253,11 +260,11 @@ class CycleStream:
             pieces += self._take(rows[:, piece], run)
         return pieces
 
-    def feed_states(self, states: JointStates) -> list[CyclePiece]:
+    def feed_states(self, states: JointStates, system: System | None = None) -> list[CyclePiece]:
         """Take the next states of a recording, as `feed`."""
         return self.feed(states.stamp_ns, states.flywheel_speed - states.plate_speed, states.plate_angle,
                          states.plate_speed, states.engine_torque, states.friction_torque, states.run,
-                         states.far_end)
+                         states.far_end, system)
 
     def longest(self) -> tuple[int, RunCycles]:
         """Return number and cycles of the run with the most cycles, the last of several; raise InputError without
@@ -357,13 +364,11 @@ class CycleStream:
 
     def _between(self, cuts: Floats) -> Cycles:
         """Return the waiting samples between these times as cycles."""
-        t, slip_speed, plate_angle, plate_speed, engine, friction, *far, lost = np.concatenate(self._waiting, axis=1)
-        slip, plate = equations.accelerations(slip_speed, plate_angle, plate_speed, engine, friction, self._linear,
-                                              far[0], far[1])
-        cycles = cycles_from_samples(t, slip_speed, slip, plate_angle, plate_speed, plate, starts=cuts,
-                                     stick_speed=self._stick_speed, linear=self._linear, far=FarEnd(*far),
-                                     bridged=lost[1:] > 0.0)
-        return replace(cycles, starts=cuts)
+        *samples, angle, speed, held, lost = np.concatenate(self._waiting, axis=1)
+        t, slip_speed, plate_angle, plate_speed, engine, friction = samples
+        return replace(self._laws.cycles(t, slip_speed, plate_angle, plate_speed, engine, friction,
+                                         FarEnd(angle, speed), held.astype(np.int64), cuts, lost[1:] > 0.0),
+                       starts=cuts)
 
     def _rest(self) -> Cycles | None:
         """Return the waiting samples after the last cycle as a part; None for none."""

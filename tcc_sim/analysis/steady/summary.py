@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ from tcc_sim.model.profile import TIME, along
 from tcc_sim.result import Result, reported
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.trajectory import Cycles, Floats, Trajectory, concatenated, split_cycles
+from tcc_sim.trajectory import Cycles, FarEnd, Floats, Loads, Trajectory, concatenated, split_cycles
 
 DISCARD = 50  # Length dropped as transient: the paper's rule, periods of excitation.
 ROUNDING = 1e-12  # Largest share of time in stick that counts as 0, and in slip as 1.
@@ -62,11 +63,6 @@ def cycle_parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycle
         raise InputError("the trajectory has neither per-cycle results nor the system to work them out with")
     if len(trajectory.t) < 2:
         raise InputError("the trajectory has fewer than two samples")
-    terms = terms_of(trajectory.system)
-    far = trajectory.far_end
-    slip, plate = equations.accelerations(trajectory.slip_speed, trajectory.plate_angle, trajectory.plate_speed,
-                                          trajectory.engine_torque, trajectory.friction_torque, terms.linear,
-                                          far.angle, far.speed)
     begin, end = float(trajectory.t[0]), float(trajectory.t[-1])
     starts = starts_of(varying(trajectory), first_cycle_of(trajectory), end, trajectory.cycle)
     near = STAMP + 1e-8 * trajectory.cycle
@@ -75,12 +71,70 @@ def cycle_parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycle
     early = int(not len(starts) or starts[0] > begin + near)
     late = int(not len(starts) or starts[-1] < end - near)
     cuts = np.concatenate([[begin] * early, starts, [end] * late])
-    whole = replace(cycles_from_samples(trajectory.t, trajectory.slip_speed, slip, trajectory.plate_angle,
-                                        trajectory.plate_speed, plate, starts=cuts, stick_speed=stick_speed_of(terms),
-                                        linear=terms.linear, far=trajectory.far_end), starts=cuts)
+    laws = Laws()
+    held = trajectory.along(laws.number_of).astype(np.int64)
+    whole = replace(laws.cycles(trajectory.t, trajectory.slip_speed, trajectory.plate_angle, trajectory.plate_speed,
+                                trajectory.engine_torque, trajectory.friction_torque, trajectory.far_end, held, cuts),
+                    starts=cuts)
     if not len(starts):
         return None, whole[:0], whole
     return whole[:1] if early else None, *split_cycles(whole[early:], len(starts) - 1)
+
+
+class Laws:
+    """Stick speeds and linear parts that held in a run whose keys changed, for the cycles of its samples."""
+
+    def __init__(self) -> None:
+        self._laws: list[tuple[float, equations.Linear]] = []
+
+    def number_of(self, system: System) -> int:
+        """Return the number of a system's stick speed and linear part; systems that share both have one number."""
+        terms = terms_of(system)
+        law = stick_speed_of(terms), terms.linear
+        if law not in self._laws:
+            self._laws.append(law)
+        return self._laws.index(law)
+
+    def cycles(self, t: Floats, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats, engine: Floats,
+               friction: Floats, far: FarEnd, held: NDArray[np.int64], cuts: Floats,
+               bridged: NDArray[np.bool_] | None = None) -> Cycles:
+        """Return the cycles of samples between `cuts`, (m + 1,) s, with the law that held in each interval.
+
+        Parameters
+        ----------
+        t, slip_speed, plate_angle, plate_speed, engine, friction : (n,) samples, s, rad/s, rad, rad/s, N m, N m
+        far : motion of the shaft's far end
+        held : (n,) number of the law at each sample and in the interval before it
+        bridged : (n - 1,) intervals in which a sample is missing; None for none
+        """
+        def between(a: int, b: int, starts: Floats) -> Cycles:
+            """Return those of the samples from a to b, both included."""
+            at, (stick_speed, linear) = slice(a, b + 1), self._laws[held[min(a + 1, b)]]
+            there = FarEnd(*(np.broadcast_to(column, t.shape)[at] for column in far))
+            slip, plate = equations.accelerations(slip_speed[at], plate_angle[at], plate_speed[at], engine[at],
+                                                  friction[at], linear, there.angle, there.speed)
+            return cycles_from_samples(t[at], slip_speed[at], slip, plate_angle[at], plate_speed[at], plate,
+                                       starts=starts, stick_speed=stick_speed, linear=linear, far=there,
+                                       bridged=None if bridged is None else bridged[a:b])
+
+        changes = np.flatnonzero(np.diff(held))
+        changes = changes[(t[changes] > cuts[0]) & (t[changes] < cuts[-1])]
+        if not len(changes):
+            return between(0, len(t) - 1, cuts)
+        places = np.searchsorted(cuts, t[changes])
+        ends, whole = np.insert(cuts, places, t[changes]), np.insert(np.ones(len(cuts), np.bool_), places, False)
+        edges = [0, *(places + np.arange(len(places))).tolist(), len(ends) - 1]
+        parts = concatenated([between(a, b, ends[first:last + 1]) for (a, b), (first, last) in zip(
+            pairwise([0, *changes.tolist(), len(t) - 1]), pairwise(edges))])
+        assert parts.loads is not None
+        first, interval = np.flatnonzero(whole)[:-1], np.searchsorted(t, ends[:-1], side="right")
+        energy, power, high, low, breakaways, fluid = parts.loads.columns()
+        breakaways = np.where(np.diff(interval, append=-1) == 0, 0.0, breakaways)  # They belong to the later part.
+        return Cycles(parts.section[whole], np.fmax.reduceat(parts.highest, first),
+                      np.fmin.reduceat(parts.lowest, first), np.add.reduceat(parts.stick_time, first),
+                      Loads(np.add.reduceat(energy, first), np.fmax.reduceat(power, first),
+                            np.fmax.reduceat(high, first), np.fmin.reduceat(low, first),
+                            np.add.reduceat(breakaways, first), np.add.reduceat(fluid, first)))
 
 
 def first_cycle_of(trajectory: Trajectory) -> int:
