@@ -157,8 +157,8 @@ def _without_holes(table: MeasuredTable) -> MeasuredTable:
 
 
 def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> tuple[Measurement, Scene]:
-    """Return the longest run of a recording, and its scene; without one, `scene`. `driveline` selects a driveline (see
-    `recording.drivelines.Choice`).
+    """Return the longest run of a recording, and the run's scene; without one, `scene`. `driveline` selects a driveline
+    (see `recording.drivelines.Choice`).
 
     Inputs from topics count as measured, with their values at both ends of the tick after each sample
     (`replay.applied`).
@@ -166,7 +166,7 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     Raises
     ------
     InputError
-        The recording holds no scene, its scene changed during the run, or the far end of the shaft moved.
+        The recording holds no scene, the scene changed during the run, or the far end of the shaft moved.
     RecordingError
         Nothing can be read.
     """
@@ -177,9 +177,7 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
         scene = parse_scene(recorded.scene_text, str(path))
     if scene is None:
         raise InputError(f"{path} holds no scene; name the scene of the recorded driveline with --scene")
-    if len({record.text for record in recorded.scenes}) > 1:
-        raise InputError(f"{path}: the scene changed while it ran; identification needs one scene")
-    states, ticks = measured_run(recorded, scene)
+    states, ticks, scene = measured_run(recorded, scene)
     _check_still(path, states.output_speed)
     inputs = {name: np.concatenate([values, values[-1:]])[states.known] for name, values in ticks.items()}
     states = states[states.known]

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.errors import InputError
 from tcc_sim.messages.held import COMMAND
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.model.profile import smooth_corners
@@ -19,7 +20,7 @@ from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.reader import Run
 from tcc_sim.replay.inputs import GROUPS
 from tcc_sim.replay.timeline import Timeline, timeline_of
-from tcc_sim.scene import Scene
+from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
@@ -91,13 +92,28 @@ def applied_inputs(line: Timeline, states: JointStates) -> dict[str, Floats]:
     return applied
 
 
-def measured_run(run: Run, scene: Scene) -> tuple[JointStates, dict[str, Floats]]:
-    """Return the longest run of a recording and its inputs from topics, as `applied_inputs`."""
+def measured_run(run: Run, scene: Scene) -> tuple[JointStates, dict[str, Floats], Scene]:
+    """Return the longest run of a recording, its inputs from topics, as `applied_inputs`, and its scene.
+
+    Parameters
+    ----------
+    scene : the recording's first scene
+
+    Raises
+    ------
+    InputError
+        The scene changed during the run, or cannot be read.
+    """
     line = timeline_of(run, scene)
-    states = max(line.runs, key=len)
+    states = line.longest
+    texts = line.scenes_in(states)
+    if len(texts) > 1:
+        raise InputError(f"{run.path}: the scene changed while it ran; identification needs one scene")
+    for text in texts:
+        scene = parse_scene(text, scene.name)
     applied = applied_inputs(line, states)
     return states, {name: ticks for name, ticks in applied.items()
-                    if getattr(scene.system, GROUPS[name]).source == "topic"}
+                    if getattr(scene.system, GROUPS[name]).source == "topic"}, scene
 
 
 def _stretches(varies: NDArray[np.bool_], scenes: NDArray[np.int64], values: Floats) -> list[tuple[int, int]]:

@@ -119,6 +119,12 @@ class Timeline:
         """Return the scene that applies to a state."""
         return next((scene for at, scene, _ in reversed(self.changes) if at <= index), self.scene)
 
+    def scenes_in(self, states: JointStates) -> set[str]:
+        """Return the texts of the scenes, readable or not, that apply in a run."""
+        first = [number for index, number in self.places if index <= states.index][-1:]
+        later = [number for index, number in self.places if states.index < index < states.index + len(states)]
+        return {self.scenes[number].parameters for number in (*first, *later)}
+
     def systems_of(self, states: JointStates) -> list[tuple[float, System, Origin]]:
         """Return the time from which each system of a run holds, s, the system, and the origin of its phases."""
         first = next((origin for at, _, origin in reversed(self.changes) if at <= states.index),

@@ -17,6 +17,7 @@ from tcc_sim.estimation.measurement import Measurement, measurement_in
 from tcc_sim.estimation.multiple_shooting import INDEX
 from tcc_sim.estimation.settings import Gates
 from tcc_sim.output.samples import write_samples
+from tcc_sim.recording.announcements import holding_from
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.tables.measured_table import table_in
@@ -171,6 +172,30 @@ def test_a_recording_with_losses_is_identified_from_its_longest_part(tmp_path) -
         assert found.inputs["actuation_pressure"].shape == (len(stamps), 2)
         assert len(found.notes) == bool(lost)
         assert all(f"{kept[0] * 1e-3:g} to {kept[1] * 1e-3:g} s" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize(("keys", "ticks", "changed"), [
+    ({"driveline.stiffness": 1000.0}, (100, 400), None), ({"driveline.stiffness": 1000.0}, (400, 100), None),
+    ({"pressure.source": "harmonic"}, (100, 400), None), ({}, (100, 400), None), ({}, (100, 400), 40),
+    ({}, (100, 400), 140)])
+def test_a_recording_is_identified_with_the_scene_of_its_longest_run(tmp_path, named, keys, ticks, changed):
+    """A driveline is started again with other keys; another one changes while it runs."""
+    scenes = first, second = load_scene("controlled"), load_scene("controlled").with_values(keys)
+    rows = [row for scene, count in zip(scenes, ticks) for row in ticked(
+        scene, count, pressure=lambda k: 90e3 + 10e3 * np.sin(0.05 * k))]
+    said = {ticks[0]: second.text()}
+    if changed is not None:
+        said[changed] = holding_from(first.with_values({"driveline.damping": 7.0}).text(), rows[changed][0])
+    path = bag(tmp_path / "run", rows, first, said=sorted(said.items()), named=named,
+               publishers=[(0, "a1"), (ticks[0], "b2")] if named else None)
+    if changed is not None and changed > ticks[0]:
+        with pytest.raises(InputError, match="scene changed"):
+            given(path)
+        return
+    found, scene = given(path)
+    assert (len(found.t), scene.system) == (400, scenes[ticks[1] > ticks[0]].system)
+    assert list(found.inputs) == ["actuation_pressure"] * (scene.system.pressure.source == "topic")
 
 
 def test_a_table_is_read_or_refused(tmp_path) -> None:
