@@ -20,6 +20,8 @@ from tcc_sim.topics import HELD_INPUTS, INPUTS
 
 RUN = r"[0-9a-f]{12}\.[0-9]{3}"
 """Pattern of the name of a run."""
+FIRST = ".001"
+"""End of the name of the first run of a process."""
 PROCESS = 12
 """Characters of the name of a run that all runs of a process share."""
 BEAT = 0.1

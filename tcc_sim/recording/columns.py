@@ -42,8 +42,9 @@ class JointStates:
     Stamps of simulation time, of receipt and of sending (ns), angles (rad), speeds (rad/s), torques (N m).
     `applied_pressure` (Pa), `output_angle` (rad) and `output_speed` (rad/s) of the shaft's far end are None if they
     were not recorded, and NaN where a message is missing. `run` counts the starts of simulation time within the
-    recording, `began` is the reason of this start, `index` is the index of the first state in the whole recording, and
-    `moved_ns` the stamp of the first state of the run with a motion of the far end, which stands still before.
+    recording, `began` is the reason of this start, and `cut` whether it came before the recording, as far as is known.
+    `index` is the index of the first state in the whole recording, and `moved_ns` the stamp of the first state of the
+    run with a motion of the far end, which stands still before.
     `held` has the messages on the inputs, of which `held_row` holds at each state (-1: unknown); None without.
     `further` has the fields of all other topics of `topics.stamped` that were recorded, NaN where a message is missing.
     """
@@ -62,6 +63,7 @@ class JointStates:
     output_speed: Floats | None = None
     run: int = 0
     began: Break = Break.START
+    cut: bool = False
     index: int = 0
     moved_ns: int = NEVER
     held: HeldRows | None = None

@@ -20,6 +20,8 @@ from tcc_sim.topics import HELD_INPUTS, INPUTS
 Positions = NDArray[np.int64]
 BEAT = round(held.BEAT * 1e9)
 """Longest simulation time between two messages on `held`, ns."""
+BEGIN_TICKS = 2.5
+"""Latest first state of a run whose begin was recorded, in ticks: two may be lost."""
 _PRESSURE, _FAR = INPUTS[1], "output_speed"
 
 
@@ -48,9 +50,13 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
         mine = order[slice(*np.searchsorted(origin, [number, number + 1]))]
         kind = (Break.START if not process else
                 Break.RESET if names[number][:held.PROCESS] == process else Break.RESTART)
-        process, of_run = names[number][:held.PROCESS], rows.get(number)
+        process, of_run, began = names[number][:held.PROCESS], rows.get(number), kind
+        if kind is Break.START and not names[number].endswith(held.FIRST):
+            began = Break.RESET  # The runs before it are not in the recording.
+        stamps = states.stamp_ns[mine]
+        cut = float(stamps[0]) > BEGIN_TICKS * (float(np.median(np.diff(stamps))) if len(mine) > 1 else 0.0)
         ended = of_run is not None and of_run[-1, held.LAST] == held.ENDED
-        counter.feed_run(states.stamp_ns[mine], kind, int(of_run[-1, held.TIME]) if ended else None)  # type: ignore[index]
+        counter.feed_run(stamps, kind, int(of_run[-1, held.TIME]) if ended else None)  # type: ignore[index]
         mine = mine[states.kept[mine] >= 0]
         if not len(mine):
             continue
@@ -60,7 +66,7 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
             _join(columns, messages, its)
         if of_run is not None:
             columns["held"], columns["held_row"] = HeldRows(of_run), _rows_at(of_run, columns["stamp_ns"])
-        runs.append(_filled(JointStates.of({**columns, "run": number, "began": kind, "index": index})))
+        runs.append(_filled(JointStates.of({**columns, "run": number, "began": began, "cut": cut, "index": index})))
         index += len(mine)
     counter.messages += counter.repeated
     return tuple(runs), differing

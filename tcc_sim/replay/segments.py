@@ -42,9 +42,9 @@ class Segment(Described):
 
     start: float = field(metadata=reported("simulation time", "s"))
     end: float = field(metadata=reported("simulation time", "s"))
-    began_by: str = field(metadata=reported(
+    began_by: str | None = field(metadata=reported(
         "start, reset, restart, parameters, fallback, controller (commands begin, return, or come from a "
-        "new publisher) or pause"))
+        "new publisher) or pause; null where the run began before the recording"))
     changes: Mapping[str, object] = field(metadata=reported(
         "new values of changed scene keys or target_slip_speed", "{*}"))
     summary: Summary | None = field(metadata=reported(
@@ -57,7 +57,8 @@ class Segment(Described):
         """Return the segment as rows for a terminal."""
         what = ", ".join(f"{key} = {value}" for key, value in self.changes.items())
         when = f"{self.start:.6g} to {self.end:.6g} s"
-        out = [(f"segment {number}", f"{when}, {self.began_by}{f': {what}' if what else ''}")]
+        by = self.began_by or "begun before"
+        out = [(f"segment {number}", f"{when}, {by}{f': {what}' if what else ''}")]
         if self.summary is not None:
             s = self.summary
             period = f"period {s.period}" if s.period else "no period"
@@ -75,7 +76,7 @@ class Cut:
     """
 
     states: JointStates
-    began_by: str
+    began_by: str | None
     changes: Mapping[str, object]
     scene: Scene
     stepped: bool | None
@@ -117,7 +118,8 @@ def cuts_of(line: Timeline, band: float = BAND, clock: EngineClock | None = None
             if not cuts or changed or index in handed:
                 if cuts:
                     cuts[-1] = replace(cuts[-1], states=cuts[-1].states[:index - cuts[-1].states.index])
-                cuts.append(Cut(states[index - states.index:], states.began.value if not cuts else "parameters"
+                began = None if states.cut else states.began.value
+                cuts.append(Cut(states[index - states.index:], began if not cuts else "parameters"
                                 if changed else handed[index], changed, scene,
                                 not cuts or TARGET in changed or (None if index in handed else False)))
         if len(reference.t):

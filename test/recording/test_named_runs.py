@@ -195,6 +195,7 @@ def alone(messages: list[Sent]) -> list[Sent]:
 LEFT: dict[str, Callable[[list[Sent]], list[Sent]]] = {
     "all": list, "without one of each topic": one_of_each, "without 2 %": two_percent, "a part alone": alone,
     "trimmed": lambda all_: [one for one in all_ if one.sent > PARTED],
+    "without the first run": lambda all_: [one for one in all_ if one.run != FIRST],
     "joined late": lambda all_: [one for one in all_ if one.sent > START + 60 * TICK or one.name in ("scene", "held")],
     "without a begin": lambda all_: [one for one in all_ if one.run != SECOND or one.name != "joint_states"
                                      or one.tick >= 40],
@@ -268,7 +269,8 @@ def test_figures_are_sums_over_the_states_that_are_left(original: list[Sent], ex
     assert result["seconds"] == pytest.approx(truth.seconds)
     assert result["covers"] == pytest.approx([truth.ticks[0] * 1e-3, truth.ticks[-1] * 1e-3])
     assert [one["began_by"] for one in result["segments"] if one["began_by"] not in ("pause", "controller")] == [
-        "start", *["reset"] * (FIRST in truth.runs), *["restart"] * (SECOND in truth.runs)]
+        None if ticks[0] > 2 else "start" if run == FIRST or (run, *truth.runs) == (THIRD, THIRD) else
+        "reset" if run == SECOND else "restart" for run, ticks in truth.runs.items()]
     unknown = left == "without held"
     for name, one in result["inputs"].items():
         assert (one["topic"] is None) is unknown
