@@ -74,6 +74,7 @@ def test_the_profile_of_the_speed_follows_the_order_too():
     ({"engine.speed": "fast"}, ("engine.speed", "'fast'", "rad/s", "rpm", "hz")),
     ({"engine.speed": "3bar"}, ("engine.speed", "3bar", "rad/s")),
     ({"engine.speed_values": [1.0, "x"]}, ("engine.speed_values", "'x'", "rad/s")),
+    ({"engine.speed_values[2]": 1.0}, ("engine.speed_values[2]", "engine.frequency_values[2]", "engine.order")),
     ({"engine.frequency": "1500rpm"}, ("engine.frequency", "1500rpm", "engine.speed")),
     ({"pressure.mean": "3rpm"}, ("pressure.mean", "3rpm")),
     ({"engine.speed": "0rpm"}, ("engine.frequency", "0 rad/s", "0.001 to 100000 rad/s")),

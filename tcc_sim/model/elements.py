@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.crank_speed import ORDER, frequency_key
 from tcc_sim.model.quantity import PROFILES, number_of
 
 _ELEMENT = re.compile(r"([\w.]+)\[(\d+)\](_times|_values)?")
@@ -28,6 +29,9 @@ def index_of(key: str, whole: Any) -> int:
     name, _, number = key.partition("[")
     place = int(number.partition("]")[0])
     if not isinstance(whole, Sequence) or isinstance(whole, str):
+        if name.endswith("_values") and frequency_key(name) != name:
+            raise InputError(f"{key}: a scene holds the speeds as frequencies; give {frequency_key(name)}[{place}], "
+                             f"which is {ORDER} times the speed, or the whole {name}")
         raise InputError(f"{key}: {name} is not a list")
     if not 1 <= place <= len(whole):
         has = f"has {len(whole)} values, [1] to [{len(whole)}]" if whole else "is empty"
