@@ -198,6 +198,17 @@ def add_layout(group: argparse._ActionsContainer, title: str) -> None:
     group.add_argument("--title", metavar="T", help=f"title above the picture (default: {title})")
 
 
+def check_used(arguments: argparse.Namespace, options: Mapping[str, tuple[object, tuple[str, ...]]]) -> None:
+    """Raise InputError for an option that changes nothing, as none of the files that it is for is written.
+
+    options : default of each option, and the options of its files
+    """
+    for name, (default, files) in options.items():
+        if getattr(arguments, name, default) != default and all(getattr(arguments, one, None) is None for one in files):
+            raise InputError(f"--{name} is only for {' and '.join(f'--{one}' for one in files)}; give "
+                             f"{'it' if len(files) == 1 else 'one of them'} a file, or leave --{name} out")
+
+
 def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *more: Path | None) -> None:
     """Check, before the computation, the files of --json, --out (with one of `suffixes`; if there are none, the verb
     checks --out itself), --plot and `more`.
@@ -205,11 +216,15 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
     Raises
     ------
     InputError
-        A wrong suffix, an existing file without --force, or one file for two options.
+        A wrong suffix, an existing file without --force, one file for two options, or an option of a picture without
+        one.
     MissingPackage
         --plot without matplotlib, or --dask without distributed.
     """
     plot, out = getattr(arguments, "plot", None), getattr(arguments, "out", None)
+    if hasattr(arguments, "plot"):
+        check_used(arguments, {"style": (None, ("plot",)), "width": ("page", ("plot",)),
+                               "title": (None, ("plot", "json", "out"))})
     if out is not None and suffixes:
         check_suffix(out, suffixes, "--out ")
         if out.suffix == ".parquet":

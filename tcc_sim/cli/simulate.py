@@ -95,9 +95,10 @@ def run(arguments: argparse.Namespace, samples: int = 200) -> int:
 
 
 def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:
-    """Raise InputError for a number of samples per cycle out of range, or for too many samples in a file."""
+    """Raise InputError for a number of samples per cycle out of range or without a file, or for too many in it."""
     if not 1 <= arguments.samples <= 1_000_000:
         raise InputError(f"--samples is {arguments.samples}; it must be 1 to 1000000 per period of excitation")
+    common.check_used(arguments, {"samples": (SAMPLES, ("out",))})
     samples = cycles * arguments.samples
     if arguments.out is not None and samples > LARGEST_OUTPUT:
         raise InputError(f"--out would hold {samples:.3g} samples; it must be at most {LARGEST_OUTPUT:g}")
