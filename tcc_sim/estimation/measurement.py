@@ -12,7 +12,7 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.profile import smooth_corners
 from tcc_sim.replay.applied import measured_run
-from tcc_sim.replay.given_inputs import BRIDGED_TICKS
+from tcc_sim.replay.given_inputs import BRIDGED_ROWS
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.tables.file_columns import TIME
@@ -142,7 +142,7 @@ def _without_holes(table: MeasuredTable) -> MeasuredTable:
     columns, bridged = dict(table.columns), []
     for name in (name for name in used if name in INPUTS):
         short = table.holes(name)
-        short = short[np.diff(short)[:, 0] < BRIDGED_TICKS * table.usual_step(name)]
+        short = short[np.diff(short)[:, 0] < BRIDGED_ROWS * table.usual_step(name)]
         inside = np.searchsorted(short[:, 0], table.t) > np.searchsorted(short[:, 1], table.t, side="right")
         if inside.any():
             columns[name] = np.where(inside, np.interp(table.t, *table.filled(name)), columns[name])

@@ -32,7 +32,7 @@ from tcc_sim.trajectory import Floats, Trajectory
 
 MOST_PARTS = 100_000
 """Largest number of parts into which an actuator's response is divided."""
-BRIDGED_TICKS = 3.5
+BRIDGED_ROWS = 3.5
 """Longest hole over which the inputs of a table are interpolated, relative to the usual step: two missing rows."""
 LEAST_PRESSURE = 1e3
 """Largest pressure of a table, Pa, below which it looks as if it were in another unit."""
@@ -214,7 +214,7 @@ def _missing(table: MeasuredTable) -> tuple[Floats, float]:
     names = _inputs_of(table)
     step = table.usual_step(*names)
     holes = table.holes(*names)
-    return holes[np.diff(holes)[:, 0] > BRIDGED_TICKS * step] if step else np.empty((0, 2)), step
+    return holes[np.diff(holes)[:, 0] > BRIDGED_ROWS * step] if step else np.empty((0, 2)), step
 
 
 def doubts_about(table: MeasuredTable) -> list[str]:
