@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import NumericalFailure, counted
 from tcc_sim.model.groups import Initial
 from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import latest
 from tcc_sim.result import Result, reported, units_of
 
 Floats = NDArray[np.float64]
@@ -319,12 +320,12 @@ class Trajectory(Result):
         if not self.systems:
             return np.full(len(self.t), math.nan if self.system is None else quantity(self.system))
         times, systems = zip(*self.systems)
-        held: Floats = np.array([quantity(system) for system in systems])[_latest(times, self.t)]
+        held: Floats = np.array([quantity(system) for system in systems])[latest(times, self.t)]
         return held
 
     def system_at(self, t: float) -> System | None:
         """Return the system that held at a time, s; None without a system."""
-        return self.systems[int(_latest([since for since, _ in self.systems], t))][1] if self.systems else self.system
+        return self.systems[int(latest([since for since, _ in self.systems], t))][1] if self.systems else self.system
 
     @property
     def far_end(self) -> FarEnd:
@@ -379,11 +380,6 @@ UNITS = {**SAMPLED, "coupling_torque": "N m"}
 def integral(values: Floats, t: Floats) -> Floats:
     """Return the integral of samples over time from the first to each sample, (n,), by the trapezoidal rule."""
     return np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t))])
-
-
-def _latest(times: Sequence[float], t: Any) -> Any:
-    """Return the number of the last of some times that is not after each t; of the first one before them."""
-    return np.maximum(np.searchsorted(times, t, side="right") - 1, 0)
 
 
 def modes_of(slip_speed: Floats, stick_speed: float | Floats) -> Modes:

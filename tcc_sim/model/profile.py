@@ -211,7 +211,12 @@ def along(profile: Floats, t: Any) -> Any:
 
 def pieces(profile: Floats, t: Any, column: int = TIME) -> Any:
     """Return the index of the interval that contains each time (or value of an increasing column); at least 0."""
-    return np.maximum(np.searchsorted(profile[:, column], t, side="right") - 1, 0)
+    return np.maximum(np.searchsorted(profile[:, column], t, side="right") - 1, 0)  # As `latest`; the FMU prints it.
+
+
+def latest(times: Floats | Sequence[float], t: Any) -> Any:
+    """Return the index of the last of ascending times that is not after each t; that of the first before them."""
+    return np.maximum(np.searchsorted(times, t, side="right") - 1, 0)
 
 
 def phase_at(profile: Floats, t: Any) -> Any:

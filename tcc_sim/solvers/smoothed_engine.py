@@ -35,6 +35,7 @@ from tcc_sim.model.profile import (
     SWELLS,
     TIME,
     UNTIL,
+    latest,
 )
 from tcc_sim.polynomials import polynomial
 from tcc_sim.polynomials.bernstein import BERNSTEIN, to_bernstein
@@ -715,7 +716,7 @@ def profile_rows(profile: Floats, times: Floats, edges: Floats, shift: float) ->
     them; the load's angle is `shift` there, rad. `times` are those of the profile.
     """
     begins, ends = edges[:-1], edges[1:]
-    k = np.maximum(np.searchsorted(times, 0.5 * (begins + ends), side="right") - 1, 0)
+    k = latest(times, 0.5 * (begins + ends))
     piece: Floats = profile[k]
     past = begins - piece[:, TIME]
     rows: Floats = piece.copy()

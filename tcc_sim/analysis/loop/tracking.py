@@ -33,6 +33,7 @@ from tcc_sim.analysis.loop.loop_verdict import (
 from tcc_sim.analysis.measured.engine_clock import EngineClock
 from tcc_sim.analysis.measured.stream import CyclePiece, CycleStream
 from tcc_sim.errors import InputError
+from tcc_sim.model.profile import latest
 from tcc_sim.result import reported
 from tcc_sim.shown_units import speed
 from tcc_sim.trajectory import Floats, Trajectory
@@ -333,11 +334,11 @@ def mean_between(reference: Steps, starts: Floats, ends: Floats) -> Floats:
     area = np.append(0.0, np.cumsum(values[:-1] * np.diff(t)))
 
     def integral_to(at: Floats) -> Floats:
-        row = np.maximum(np.searchsorted(t, at, side="right") - 1, 0)
+        row = latest(t, at)
         return np.asarray(area[row] + values[row] * (at - t[row]), dtype=np.float64)
 
     return np.where(ends > starts, (integral_to(ends) - integral_to(starts)) / np.maximum(ends - starts, 1e-300),
-                    values[np.maximum(np.searchsorted(t, ends, side="right") - 1, 0)])
+                    values[latest(t, ends)])
 
 
 @dataclass(frozen=True)
