@@ -24,8 +24,8 @@ TARGET = 20.0
 """Target slip speed of the slip controller in scenes with a commanded pressure, rad/s."""
 CONTROLLED = "controlled"
 """Default scene for the user's controller."""
-RATE = 500.0
-"""Ticks per second of the default demo, Hz: two cores of a slow machine carry driveline, recorder and commander."""
+RATE = 250.0
+"""Ticks per second of the default demo, Hz: two slow cores that lose 3 ms at a time still answer each state in time."""
 STEP = 0.1
 """Time between two checks of the nodes, s."""
 
@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace, scene: str | None = None, controller: str
 
     Parameters
     ----------
-    scene : name of a bundled scene, or a file (default: commands at 500 Hz, with a node that publishes both commands)
+    scene : name of a bundled scene, or a file (default: commands at 250 Hz, with a node that publishes both commands)
     controller : command that starts your controller instead of the example, such as 'python my_node.py'; the default
         scene is then controlled
     duration : recorded time, s
