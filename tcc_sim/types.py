@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from tcc_sim.replay.result import Replay
     from tcc_sim.study.basins.results import Axis, Basins, Planes
     from tcc_sim.study.continuation.branch import Branch
-    from tcc_sim.study.continuation.driveline import Seed
-    from tcc_sim.study.continuation.motions import Motions
+    from tcc_sim.study.continuation.motions import Motions, Seed
     from tcc_sim.study.paper.figure_results import Figure
     from tcc_sim.sweeps.gains import GainMap
     from tcc_sim.sweeps.results import Grid, Sweep
@@ -53,7 +52,7 @@ _MODULES = {
     "fmi.controller": "FmuController", "plant.closed_loop": "ControlledRun", "plant.driveline": "Reading",
     "plant.sensors": "Sensor", "replay.measured": "MeasuredRun", "replay.recorded": "RecordedRun Recording",
     "replay.result": "Replay", "study.basins.results": "Axis Basins Planes", "study.continuation.branch": "Branch",
-    "study.continuation.driveline": "Seed", "study.continuation.motions": "Motions",
+    "study.continuation.motions": "Motions Seed",
     "study.paper.figure_results": "Figure", "sweeps.gains": "GainMap", "sweeps.results": "Grid Sweep",
     "sweeps.scatter": "Scattered", "sweeps.simulation": "Plan Simulation", "sweeps.steady_state": "Start",
     "tables.measured_table": "MeasuredTable", "testing.rig": "Rig", "testing.run": "LockstepRun",

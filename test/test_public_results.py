@@ -16,7 +16,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.output.samples import write_trajectory
 from tcc_sim.study.basins.results import Axis
-from tcc_sim.study.continuation.special_points import Bifurcation
+from tcc_sim.study.continuation.bifurcations import Bifurcation
 
 AMPLITUDE, PRESSURE = "engine.torque_amplitude", "pressure.mean"
 FOLDER = TemporaryDirectory()

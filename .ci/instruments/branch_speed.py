@@ -28,9 +28,8 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.study.benchmarks.peers import repeated
 from tcc_sim.study.continuation.branch import branch_through, first_point
-from tcc_sim.study.continuation.driveline import start_orbit
-from tcc_sim.study.continuation.motions import ContinuationPlan, check
-from tcc_sim.study.continuation.shooting import ParameterRange, Settings
+from tcc_sim.study.continuation.motions import ContinuationPlan, check, start_orbit
+from tcc_sim.study.continuation.orbits import ParameterRange, Settings
 from tcc_sim.trajectory import State
 
 AUTO = Path(os.environ.get("AUTO_DIR", "/usr/lib/auto-07p"))

@@ -33,8 +33,7 @@ from tcc_sim.solvers.stroboscopic import stroboscopic_map
 from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.benchmarks.peers import xppaut_file
 from tcc_sim.study.benchmarks.references import reference, sliding_of
-from tcc_sim.study.continuation.driveline import DrivelineMap
-from tcc_sim.study.continuation.motions import continuation
+from tcc_sim.study.continuation.motions import DrivelineMap, continuation
 from tcc_sim.study.paper.harmonic_balance import harmonic_balance
 from tcc_sim.trajectory import State
 

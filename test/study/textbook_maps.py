@@ -6,11 +6,21 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from tcc_sim.study.continuation.bifurcations import Bifurcation
 from tcc_sim.study.continuation.branch import Branch, branch_through, first_point
-from tcc_sim.study.continuation.newton import find_orbit
-from tcc_sim.study.continuation.problem import Floats, Image, Margin, Margins, Observation, Values
-from tcc_sim.study.continuation.shooting import DEFAULTS, ParameterRange, Settings, Shooting
-from tcc_sim.study.continuation.special_points import Bifurcation
+from tcc_sim.study.continuation.orbits import (
+    DEFAULTS,
+    Floats,
+    Image,
+    Margin,
+    Margins,
+    Observation,
+    ParameterRange,
+    Settings,
+    Shooting,
+    Values,
+    find_orbit,
+)
 
 Step = Callable[[Floats, Values], tuple[Floats, Floats, Floats]]
 

@@ -25,9 +25,7 @@ from tcc_sim.study.basins.proximity import (
     labelled,
     section_points,
 )
-from tcc_sim.study.continuation.newton import minimal_period, newton
-from tcc_sim.study.continuation.problem import Floats
-from tcc_sim.study.continuation.shooting import Shooting
+from tcc_sim.study.continuation.orbits import Floats, Shooting, minimal_period, newton
 
 LONGEST_PERIOD = 16  # longest period of an attractor, cycles
 NEAR = 0.3  # distance of two points a period apart below which Newton's method starts

@@ -29,7 +29,7 @@ from tcc_sim.study.basins.attractors import find_attractors, numbered
 from tcc_sim.study.basins.driveline import DrivelineMotion
 from tcc_sim.study.basins.proximity import UNDECIDED, Attractor, ProximityMapper, labelled
 from tcc_sim.study.basins.results import Axis, Basins
-from tcc_sim.study.continuation.problem import Floats
+from tcc_sim.study.continuation.orbits import Floats
 from tcc_sim.sweeps.executors import AHEAD, Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar

@@ -10,8 +10,8 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.runs import sections
 from tcc_sim.solvers.terms import peak_load, terms_of
-from tcc_sim.study.continuation.driveline import DrivelineMap
-from tcc_sim.study.continuation.problem import Floats, ParameterMap
+from tcc_sim.study.continuation.motions import DrivelineMap
+from tcc_sim.study.continuation.orbits import Floats, ParameterMap
 from tcc_sim.trajectory import NO_ORBITS, Orbits, State
 
 ATTRACTOR_RTOL = 1e-8  # relative tolerance of the motions that find attractors

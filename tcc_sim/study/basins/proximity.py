@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tcc_sim.result import Described
-from tcc_sim.study.continuation.problem import Floats, ParameterMap
+from tcc_sim.study.continuation.orbits import Floats, ParameterMap
 from tcc_sim.trajectory import NO_ORBITS, Orbits
 
 

@@ -35,8 +35,7 @@ def run(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> 
     seeds : start from the attractors in FILE, which basins --json wrote
     """
     from tcc_sim.output.files import read_json
-    from tcc_sim.study.continuation.driveline import seeds_in
-    from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
+    from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions, seeds_in
     from tcc_sim.sweeps.progress import point_bar
 
     scene = common.scene_of(arguments)

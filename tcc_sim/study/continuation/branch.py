@@ -12,34 +12,41 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.result import Described, reported, reporting
-from tcc_sim.study.continuation.follow import (
+from tcc_sim.study.continuation.arclength import (
     FLAT_STEP,
+    Bracket,
     Continuation,
+    CurvePoint,
     End,
     Rules,
     StopReason,
     back_at_start,
-    own_start,
-    predicted,
-)
-from tcc_sim.study.continuation.newton import SAME, Orbit, OrbitFigures, newton, shifts
-from tcc_sim.study.continuation.palc import (
-    Bracket,
-    CurvePoint,
     corrector,
     null_direction,
     oriented,
+    own_start,
+    predicted,
     solution_at,
     tangent_of,
 )
-from tcc_sim.study.continuation.problem import FAILURES, Floats, differ
-from tcc_sim.study.continuation.shooting import Linearised, Shooting
-from tcc_sim.study.continuation.special_points import (
+from tcc_sim.study.continuation.bifurcations import (
     Bifurcation,
     ContinuationPoint,
     period_doubling_end,
     point_at,
     special_points_between,
+)
+from tcc_sim.study.continuation.orbits import (
+    FAILURES,
+    SAME,
+    Floats,
+    Linearised,
+    Orbit,
+    OrbitFigures,
+    Shooting,
+    differ,
+    newton,
+    shifts,
 )
 
 FAMILY = 1e-7  # distance of a multiplier from 1, and slope of the parameter, in a family at one value

@@ -19,31 +19,43 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.steady.multipliers import multipliers_of
 from tcc_sim.result import Described, reported, reporting
 from tcc_sim.shown_units import key_unit
-from tcc_sim.study.continuation.bordered import BORDER_HALVINGS, MinimallyAugmented, cyclic, nearest_margins
-from tcc_sim.study.continuation.follow import (
+from tcc_sim.study.continuation.arclength import (
     FLAT_STEP,
+    OPPOSITE,
+    Bracket,
     Continuation,
+    CurvePoint,
     End,
+    P,
     Rules,
     StopReason,
     back_at_start,
-    gave_up,
-    predicted,
-)
-from tcc_sim.study.continuation.palc import (
-    OPPOSITE,
-    Bracket,
-    CurvePoint,
-    P,
     chandrupatla,
     corrector,
+    gave_up,
     null_direction,
+    predicted,
     solution_at,
     turned_round,
 )
-from tcc_sim.study.continuation.problem import FAILURES, Floats, ParameterMap, differ, kind_of_change
-from tcc_sim.study.continuation.shooting import DEFAULTS, Linearised, ParameterRange, Settings
-from tcc_sim.study.continuation.special_points import Bifurcation
+from tcc_sim.study.continuation.bifurcations import (
+    BORDER_HALVINGS,
+    Bifurcation,
+    MinimallyAugmented,
+    cyclic,
+    nearest_margins,
+)
+from tcc_sim.study.continuation.orbits import (
+    DEFAULTS,
+    FAILURES,
+    Floats,
+    Linearised,
+    ParameterMap,
+    ParameterRange,
+    Settings,
+    differ,
+    kind_of_change,
+)
 
 CURVE_ROOT = 1e-9  # width of the bracket of a point of codimension two, relative to the step
 CURVE_SLOPE = 1e-2  # distance from it of the slope of its test, relative to the bracket

@@ -26,13 +26,20 @@ from tcc_sim.study.basins.attractors import find_attractors
 from tcc_sim.study.basins.compute import halton
 from tcc_sim.study.basins.driveline import DrivelineMotion
 from tcc_sim.study.continuation import diagram
+from tcc_sim.study.continuation.bifurcations import SMOOTH, Bifurcation
 from tcc_sim.study.continuation.branch import Branch
-from tcc_sim.study.continuation.diagram import ALIKE, SWEPT, SettledMotion, point_of
-from tcc_sim.study.continuation.driveline import DrivelineMap
-from tcc_sim.study.continuation.loss_of_stability import StableSegment, jumps_of, segment_of, stable_segments
-from tcc_sim.study.continuation.newton import shifts
-from tcc_sim.study.continuation.shooting import ParameterRange, Settings
-from tcc_sim.study.continuation.special_points import SMOOTH, Bifurcation
+from tcc_sim.study.continuation.diagram import (
+    ALIKE,
+    SWEPT,
+    SettledMotion,
+    StableSegment,
+    jumps_of,
+    point_of,
+    segment_of,
+    stable_segments,
+)
+from tcc_sim.study.continuation.motions import DrivelineMap
+from tcc_sim.study.continuation.orbits import ParameterRange, Settings, shifts
 from tcc_sim.study.paper.catalogue import NORMALISED
 from tcc_sim.study.paper.evidence import CYCLES, FREQUENCY, JUMP, LATER, Evidence, Values, later, share_where
 from tcc_sim.study.paper.figure_results import JumpBehind, MotionsBehind

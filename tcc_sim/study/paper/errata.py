@@ -14,7 +14,7 @@ from tcc_sim.analysis.steady.damping import damping_of_cycles
 from tcc_sim.model import pure_slip, pure_stick
 from tcc_sim.output.tables import escape, text
 from tcc_sim.solvers import solve
-from tcc_sim.study.continuation.palc import chandrupatla
+from tcc_sim.study.continuation.arclength import chandrupatla
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.study.paper.evidence import FREQUENCY, KINETIC, Evidence, rms_apart, two_digits, with_kinetic
 from tcc_sim.study.paper.harmonic_balance import harmonic_balance, mean_friction_torque

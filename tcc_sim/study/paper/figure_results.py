@@ -11,9 +11,9 @@ from tcc_sim.analysis.steady.damping import Damping
 from tcc_sim.analysis.steady.multipliers import Lyapunov
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.result import Described, as_in, reported
+from tcc_sim.study.continuation.bifurcations import Bifurcation
 from tcc_sim.study.continuation.branch import Branch
-from tcc_sim.study.continuation.newton import OrbitFigures
-from tcc_sim.study.continuation.special_points import Bifurcation
+from tcc_sim.study.continuation.orbits import OrbitFigures
 from tcc_sim.sweeps.results import Point
 
 optional, same = partial(reported, optional=True), partial(as_in, optional=True)

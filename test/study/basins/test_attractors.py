@@ -11,7 +11,7 @@ from textbook_maps import TextbookMap
 
 from tcc_sim.study.basins.attractors import find_attractors, numbered
 from tcc_sim.study.basins.proximity import Attractor, Settings
-from tcc_sim.study.continuation.problem import Image
+from tcc_sim.study.continuation.orbits import Image
 
 
 def cloud(points: Any, number: int = 0, phases: Any = None) -> Attractor:

@@ -10,8 +10,7 @@ import pytest
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.scene import load_scene
-from tcc_sim.study.continuation.driveline import Seed, seeds_in
-from tcc_sim.study.continuation.motions import ContinuationPlan, continue_motions
+from tcc_sim.study.continuation.motions import ContinuationPlan, Seed, continue_motions, seeds_in
 
 MU_K = "friction.kinetic_coefficient"
 CHANGES = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, MU_K: 0.255,

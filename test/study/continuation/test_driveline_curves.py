@@ -11,10 +11,8 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.study.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at
-from tcc_sim.study.continuation.driveline import DrivelineMap
-from tcc_sim.study.continuation.motions import ContinuationPlan, continue_motions
-from tcc_sim.study.continuation.newton import newton
-from tcc_sim.study.continuation.shooting import ParameterRange, Settings, Shooting
+from tcc_sim.study.continuation.motions import ContinuationPlan, DrivelineMap, continue_motions
+from tcc_sim.study.continuation.orbits import ParameterRange, Settings, Shooting, newton
 from tcc_sim.trajectory import State
 
 MU_K, OMEGA = "friction.kinetic_coefficient", "engine.frequency"

@@ -13,12 +13,18 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
+from tcc_sim.study.continuation.arclength import StopReason
 from tcc_sim.study.continuation.branch import branch_through, first_point
-from tcc_sim.study.continuation.driveline import DrivelineMap, Seed, start_orbit
-from tcc_sim.study.continuation.follow import StopReason
-from tcc_sim.study.continuation.motions import ContinuationPlan, Motions, check, continue_motions
-from tcc_sim.study.continuation.newton import newton, orbit_at
-from tcc_sim.study.continuation.shooting import ParameterRange, Settings, Shooting
+from tcc_sim.study.continuation.motions import (
+    ContinuationPlan,
+    DrivelineMap,
+    Motions,
+    Seed,
+    check,
+    continue_motions,
+    start_orbit,
+)
+from tcc_sim.study.continuation.orbits import ParameterRange, Settings, Shooting, newton, orbit_at
 
 CONSTANT_LOAD = {"pressure.amplitude": 0.0, "pressure.mean": 225e3}
 MU_K = "friction.kinetic_coefficient"

@@ -28,11 +28,19 @@ from textbook_maps import (
 )
 
 from tcc_sim.errors import InputError, OutOfRange
+from tcc_sim.study.continuation.arclength import StopReason
 from tcc_sim.study.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at
 from tcc_sim.study.continuation.diagram import switch
-from tcc_sim.study.continuation.follow import StopReason
-from tcc_sim.study.continuation.newton import find_orbit, minimal_period, newton, orbit_at
-from tcc_sim.study.continuation.shooting import DEFAULTS, ParameterRange, Settings, Shooting
+from tcc_sim.study.continuation.orbits import (
+    DEFAULTS,
+    ParameterRange,
+    Settings,
+    Shooting,
+    find_orbit,
+    minimal_period,
+    newton,
+    orbit_at,
+)
 
 
 def saddle(x, p):

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from textbook_maps import BORDERS, Edged, Step, TextbookMap, at_second, branch_of, henon, mirrored, of_kind, resized
 
+from tcc_sim.study.continuation.arclength import StopReason, solution_at
+from tcc_sim.study.continuation.bifurcations import Bifurcation, point_at
 from tcc_sim.study.continuation.curves import BifurcationCurve, bifurcation_curve
-from tcc_sim.study.continuation.follow import StopReason
-from tcc_sim.study.continuation.palc import solution_at
-from tcc_sim.study.continuation.shooting import DEFAULTS, ParameterRange, Settings, Shooting
-from tcc_sim.study.continuation.special_points import Bifurcation, point_at
+from tcc_sim.study.continuation.orbits import DEFAULTS, ParameterRange, Settings, Shooting
 
 P, Q, UNIT = (-1.2, 5.0), (-1.5, 1.5), (-0.5, 0.5)
 BOTH = {StopReason.RANGE}

@@ -11,25 +11,22 @@ from textbook_maps import Step, TextbookMap, hysteresis, logistic
 
 from tcc_sim.study.continuation.branch import Branch
 from tcc_sim.study.continuation.diagram import (
-    SWEPT,
-    SettledMotion,
-    amplitude_of,
-    bifurcation_diagram,
-    left_out,
-    place_of,
-    point_of,
-)
-from tcc_sim.study.continuation.loss_of_stability import (
     APERIODIC,
     BASIN,
     NOT_FOLLOWED,
     STEEP,
+    SWEPT,
+    SettledMotion,
+    amplitude_of,
+    bifurcation_diagram,
     jumps_of,
+    left_out,
+    place_of,
+    point_of,
     segment_of,
     stable_segments,
 )
-from tcc_sim.study.continuation.problem import Image
-from tcc_sim.study.continuation.shooting import ParameterRange
+from tcc_sim.study.continuation.orbits import Image, ParameterRange
 
 FOLD = 2.0 / (3.0 * math.sqrt(3.0))
 UNIT, NARROW = ParameterRange(-1.0, 1.0, name="p"), ParameterRange(-0.3, 0.3, name="p")

@@ -10,12 +10,10 @@ from independent import Piecewise
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
-from tcc_sim.study.continuation.driveline import DrivelineMap
-from tcc_sim.study.continuation.motions import ContinuationPlan, continue_motions
-from tcc_sim.study.continuation.palc import corrector
-from tcc_sim.study.continuation.problem import differ
-from tcc_sim.study.continuation.shooting import Settings
-from tcc_sim.study.continuation.special_points import special_points_between
+from tcc_sim.study.continuation.arclength import corrector
+from tcc_sim.study.continuation.bifurcations import special_points_between
+from tcc_sim.study.continuation.motions import ContinuationPlan, DrivelineMap, continue_motions
+from tcc_sim.study.continuation.orbits import Settings, differ
 
 MU_K, OMEGA, PSI = "friction.kinetic_coefficient", "engine.frequency", "pressure.phase"
 ALIKE = replace(System(), {"friction.law": "set_valued", MU_K: 0.299, "pressure.mean": 225e3,
