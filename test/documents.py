@@ -18,13 +18,19 @@ from tcc_sim.output.provenance import HEAD, format_of
 from tcc_sim.result import names_in, reported_of
 
 
-def valid(kind: str, result: dict[str, Any]) -> dict[str, Any]:
-    """Return `found` after checks of its head, and that its fields and units are documented."""
+def valid(kind: str, result: dict[str, Any], table: Mapping[str, tuple[str, str]] | None = None) -> dict[str, Any]:
+    """Return `found` after checks of its head, and that its fields and units are documented, or are those of a table of
+    meanings and units.
+    """
     assert list(result)[:2] == ["format", "version"]
     assert (result["format"], result["version"]) == (format_of(kind), code_version())
     assert set(QUANTITIES) <= result["scene"].keys()
     assert result["command"]
     assert set(HEAD) - set(result) <= {"warnings"}
+    if table is not None:
+        assert result.keys() - set(HEAD) <= table.keys()
+        assert result["units"] == {name: unit for name, (_, unit) in table.items() if unit}
+        return result
     documented = fields_by_kind(kind)
     names = set(documented)
     present = paths_in({key: value for key, value in result.items() if key not in HEAD}, names)

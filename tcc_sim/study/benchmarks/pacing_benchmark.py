@@ -112,9 +112,7 @@ class Stretches:
         self.pacers.append(pacer)
 
     def figures(self, prefix: str) -> dict[str, float]:
-        """Return percentiles and maximum of the lateness, s, share of late ticks, and processor time as a fraction of
-        one core.
-        """
+        """Return percentiles and maximum of the lateness, s, and shares of late ticks and of a core."""
         late = np.concatenate([p.latenesses() for p in self.pacers])
         middle, high = np.percentile(late, (50, 99))
         return {f"{prefix}lateness_p50_s": float(middle), f"{prefix}lateness_p99_s": float(high),
@@ -127,19 +125,11 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
             settings: Settings = Settings()) -> PacingFigures:
     """Run the node's loop with its publishing, and the bare loop, `duration` seconds each, with the same settings.
 
-    Parameters
-    ----------
     rate : tick rate, Hz
     duration : duration of each loop, s
     progress : function called with the finished fraction, 0 to 1
     recorder : whether to publish to a recorder in a separate process, which is idle while the bare loop runs
     settings : settings of both loops
-
-    Returns
-    -------
-    The figures of `tcc-sim realtime --json`. The drift of the node's clock against real time is the largest of the
-    stretches; missed ticks are ticks dropped beyond the catch-up bound. `settings` has the bare loop's figures with
-    each single setting, and the refused settings.
     """
     private = PrivateEnvironment()
     os.environ.update(private.values)

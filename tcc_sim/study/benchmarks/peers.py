@@ -1,7 +1,5 @@
 """Other programs on the same problem, all optional: XPPAUT, CVODE of SUNDIALS in C, LSODA in C++ by numbalsoda, and
-direct calls of SciPy's LSODA.
-
-The run time of every program, and of this package, is the least CPU time of repeated calls.
+direct calls of SciPy's LSODA. A program that gives no result raises `Failed` with the reason.
 """
 
 from __future__ import annotations
@@ -66,12 +64,8 @@ class PeerRun:
 
 def repeated(run: Callable[[], Timed], repeats: int, patience: float = math.inf,
              clock: Callable[[], float] = time.process_time) -> tuple[list[float], Timed]:
-    """Return the CPU time of every call of `run`, s, and the last result.
+    """Return the CPU time of each of at most `repeats` calls, s, and the last result; none begins after `patience`, s.
 
-    Parameters
-    ----------
-    repeats : largest number of calls; there is at least one
-    patience : total time after which no further call begins, s
     clock : function of the CPU seconds so far, of this process or with `of_children` of other programs
     """
     used = list[float]()
@@ -108,14 +102,8 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
 
 
 def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
-    """Call LSODA in C++ (liblsoda) by numbalsoda, with compiled equations and no Python between the cycle ends.
-
-    It takes one absolute tolerance: that of the smallest signal.
-
-    Raises
-    ------
-    Failed
-        numbalsoda is not installed, or it stopped early.
+    """Call LSODA in C++ (liblsoda) by numbalsoda, with compiled equations and no Python between the cycle ends; its one
+    absolute tolerance is that of the smallest signal.
     """
     try:
         from numbalsoda import lsoda, lsoda_sig
@@ -133,7 +121,7 @@ def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
         return np.asarray(states)
 
     solve(1)  # It compiles its own part.
-    used, section = repeated(lambda: solve(1), max(repeats, 1))
+    used, section = repeated(lambda: solve(1), repeats)
     largest = _largest(system, _times(system, cycles, FINE), solve(FINE))
     del kept
     return PeerRun(section, largest, min(used), max(used))
@@ -160,13 +148,7 @@ def rates_for_c(system: System) -> Callable[..., None]:
 
 
 def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
-    """Run CVODE's BDF of SUNDIALS in double precision with `cvode.c`, a program without Python that times itself.
-
-    Raises
-    ------
-    Failed
-        There is no C compiler or no SUNDIALS, or CVODE failed.
-    """
+    """Run CVODE's BDF of SUNDIALS in double precision with `cvode.c`, a program without Python that times itself."""
     check_supported("peer", system, "CVODE in C")
     d, f, c, e, p = system.driveline, system.friction, system.clutch, system.engine, system.pressure
     numbers = [d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness, c.area, c.radius, f.static_coefficient,
@@ -190,13 +172,7 @@ def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
 
 @cache
 def cvode_program() -> str:
-    """Compile `cvode.c`, once per process; the binary is deleted at the end of the process.
-
-    Raises
-    ------
-    Failed
-        There is no C compiler, or it does not find SUNDIALS.
-    """
+    """Compile `cvode.c`, once per process; the binary is deleted at the end of the process."""
     command = compiler()
     if command is None:
         raise Failed("not compiled: there is no C compiler")
@@ -254,12 +230,7 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
     """Run one of XPPAUT's methods; `seconds` is the CPU time of some cycles minus that of one, scaled.
 
     A fast method solves TIMED cycles for it, a slow one `cycles`. The difference excludes start-up and reading the
-    file. Time and states come from runs with outputs at the cycle ends only. Without repeats there is no time.
-
-    Raises
-    ------
-    Failed
-        XPPAUT is not installed, stopped early, took too long, or its clock does not resolve the time.
+    file. Time and states come from runs with outputs at the cycle ends only.
     """
     if shutil.which("xppaut") is None:
         raise Failed("not installed")
@@ -282,12 +253,10 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
             return rows[:count * per_cycle + 1, 1:4]
 
         took, fine = repeated(lambda: run(cycles, FINE), 1, clock=of_children)
-        section, seconds, slowest = run(cycles, 1), math.nan, math.nan
-        if repeats:
-            many = max(cycles, TIMED) if took[0] < RESOLVED else cycles
-            long, _ = repeated(lambda: run(many, 1), repeats, RESOLVED, of_children)
-            short, _ = repeated(lambda: run(1, 1), repeats, RESOLVED, of_children)
-            seconds, slowest = ((of(long) - min(short)) * cycles / (many - 1) for of in (min, max))
-            if seconds <= 0.0:
-                raise Failed(f"{many} cycles take no longer than one, by the clock")
+        section, many = run(cycles, 1), max(cycles, TIMED) if took[0] < RESOLVED else cycles
+        long, _ = repeated(lambda: run(many, 1), repeats, RESOLVED, of_children)
+        short, _ = repeated(lambda: run(1, 1), repeats, RESOLVED, of_children)
+        seconds, slowest = ((of(long) - min(short)) * cycles / (many - 1) for of in (min, max))
+        if seconds <= 0.0:
+            raise Failed(f"{many} cycles take no longer than one, by the clock")
     return PeerRun(section, _largest(system, _times(system, cycles, FINE), fine), seconds, slowest)

@@ -134,13 +134,7 @@ class Law:
         """Solve one mode up to its end or the end time; the second event is the load's zero.
 
         changed : time before which a mode +1 or -1 does not end, s, less REARM
-
-        Raises
-        ------
-        Unfinished
-            SciPy failed.
         """
-
         def over(t: float, y: Floats) -> float:
             if mode == 0:
                 return self.ratio * self.load(t) - abs(self.need(t, y))
@@ -236,13 +230,7 @@ def slope(v: float, mode: int, pairs: Pairs, sigma: float) -> float:
 
 
 def reference(system: System, cycles: int, method: str, rtol: float) -> Reference:
-    """Solve `system` from its initial state with SciPy's `method` at this tolerance.
-
-    Raises
-    ------
-    Unfinished
-        SciPy failed.
-    """
+    """Solve `system` from its initial state with SciPy's `method` at this tolerance; raise Unfinished if it fails."""
     check_supported("reference", system, "a reference solution")
     law, start = Law(system), np.array(State.at_start(system).numbers)
     section, largest, size = np.empty((cycles + 1, 3)), np.zeros(cycles), np.zeros(3)
@@ -259,12 +247,8 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
 
 
 def final_state(system: System, duration: float, method: str, rtol: float) -> tuple[Floats, Floats]:
-    """Return the state after `duration` seconds, and the largest magnitude of each component until then, both (3,).
-
-    Raises
-    ------
-    Unfinished
-        SciPy failed or needed more than EVALUATIONS.
+    """Return the state after `duration` seconds, and the largest magnitude of each component until then, both (3,);
+    raise Unfinished if SciPy failed or needed more than EVALUATIONS.
     """
     check_supported("reference", system, "a reference solution")
     last: Floats = np.array(State.at_start(system).numbers)
@@ -281,12 +265,8 @@ def disagreement(first: Reference, second: Reference) -> float:
 
 
 def errors(section: Floats, largest: Floats, truth: Reference) -> tuple[float, float, float]:
-    """Return final, section and maximum-slip error, relative to signal maxima in the second half of the horizon.
-
-    Parameters
-    ----------
-    section : (N + 1, 3) array; the first error is that of its last row, the second the largest of any row
-    largest : (N,) array, largest |slip speed| of each cycle, rad/s
+    """Return final, section and maximum-slip error, relative to signal maxima in the second half of the horizon, of
+    sections (N + 1, 3) and largest |slip speed| per cycle (N,), rad/s.
     """
     size = np.maximum(truth.size, 1e-300)
     off = np.abs(section - truth.section) / size

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.study.benchmarks.peers import SINGLE
+from tcc_sim.study.benchmarks.precision import largest_error
 from tcc_sim.views import style
 
 GROUPS = {"this package": ("smoothed", "event_driven", "fixed_step"), "explicit": ("rk4", "rk45", "dop853"),
@@ -31,11 +32,9 @@ def draw_precision(stem: Path, report: Any, title: str = "", width: float = styl
     """Draw the largest of three errors over run time as `stem`.png and `stem`.svg, and return `stem`.
 
     On a page there is a column per scene and a row per group of solvers; in a column each scene has two rows of two
-    groups. Set-valued runs are in the panel of their scene.
-
-    report : a PrecisionReport, or its JSON
+    groups. Set-valued runs are in the panel of their scene. `report` has the contents of precision.json.
     """
-    wide, names = style.wide(width), list(dict.fromkeys(s.scene.removesuffix(SET_VALUED) for s in report.scenes))
+    wide, names = style.wide(width), list(dict.fromkeys(s["scene"].removesuffix(SET_VALUED) for s in report["scenes"]))
     panels = [(name, group) for group in GROUPS for name in names] if wide else [
         (name, group) for name in names for group in GROUPS]
     columns = len(names) if wide else 2
@@ -44,8 +43,8 @@ def draw_precision(stem: Path, report: Any, title: str = "", width: float = styl
         axes = drawn.subplots(count, columns, sharex=True, sharey=True, squeeze=False)
         handles: dict[str, Any] = {}
         for number, (axis, (name, group)) in enumerate(zip(axes.flat, panels)):
-            for scene in report.scenes:
-                if scene.scene.removesuffix(SET_VALUED) == name:
+            for scene in report["scenes"]:
+                if scene["scene"].removesuffix(SET_VALUED) == name:
                     _draw_curves(axis, scene, handles, {*GROUPS[group], *ENGINES})
             axis.set(xscale="log", yscale="log", ylim=(1e-15, 2.0))
             axis.set_yticks([1e-12, 1e-8, 1e-4, 1.0])
@@ -64,29 +63,26 @@ def draw_precision(stem: Path, report: Any, title: str = "", width: float = styl
 
 def _draw_curves(axis: Any, scene: Any, handles: dict[str, Any], shown: set[str]) -> None:
     """Draw the results of some solvers in one panel; errors below the floor, or an output's precision, are faded."""
-    for name in dict.fromkeys(row.solver for row in scene.results if row.solver in shown):
-        rows = [row for row in scene.results if row.solver == name]
-        errors = np.array([max(row.error_final, row.error_section, row.error_max_slip, 1e-16) for row in rows])
-        floor = max(scene.reference.floor, SINGLE if name.startswith("XPPAUT") else 0.0)
+    for name in dict.fromkeys(row["solver"] for row in scene["results"] if row["solver"] in shown):
+        rows = [row for row in scene["results"] if row["solver"] == name]
+        errors = np.array([max(largest_error(row), 1e-16) for row in rows])
+        floor = max(scene["reference"]["floor"], SINGLE if name.startswith("XPPAUT") else 0.0)
         colour, marker = LOOKS[name]
         look = {"color": colour, "marker": marker, "linewidth": 1.8 if name in ENGINES else 1.0, "markersize": 3.0}
-        seconds = [row.seconds for row in rows]
+        seconds = [row["seconds"] for row in rows]
         axis.plot(seconds, errors, alpha=0.2, zorder=2, **look)
         handles[name], = axis.plot(seconds, np.where(errors >= floor, errors, np.nan), zorder=3, **look)
-    law, colour = ("(7)", style.GREY) if scene.law == "smoothed" else ("(6)", style.RED)
+    law, colour = ("(7)", style.GREY) if scene["law"] == "smoothed" else ("(6)", style.RED)
     handles[f"reference floor, law {law}"] = axis.axhline(
-        scene.reference.floor, color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1)
+        scene["reference"]["floor"], color=colour, linewidth=0.9, linestyle=(0, (1, 1.5)), zorder=1)
 
 
 def draw_stability(stem: Path, report: Any, title: str = "", width: float = style.PAGE) -> Path:
-    """Draw errors and power residuals of the extreme scenes as `stem`.png and `stem`.svg, and return `stem`.
-
-    report : a StabilityReport, or its JSON
-    """
+    """Draw errors and power residuals of a stability.json as `stem`.png and `stem`.svg, and return `stem`."""
     with style.figure(width, 2.6, title) as drawn:
         panels = drawn.subplots(1, 2)
         for panel, key, name in zip(panels, ("error", "power_residual"), ("relative error", "residual")):
-            _sorted(panel, report.cases, key)
+            _sorted(panel, report["cases"], key)
             panel.set(yscale="log", ylabel=name, xlabel="share of the cases (%)")
         style.panel_titles(panels, ["error", "power balance"])
         named = {name: handle for panel in panels for handle, name in zip(*style.entries(panel))}
@@ -99,7 +95,7 @@ def draw_stability(stem: Path, report: Any, title: str = "", width: float = styl
 def _sorted(axis: Any, cases: Sequence[Any], key: str) -> None:
     """Draw every engine's values in rising order over the share of its cases."""
     for engine, (colour, marker) in ENGINES.items():
-        values = np.sort([x for row in cases if row.solver == engine and (x := getattr(row, key)) is not None])
+        values = np.sort([row[key] for row in cases if row["solver"] == engine and row[key] is not None])
         if len(values):
             share = 100.0 * (np.arange(len(values)) + 0.5) / len(values)
             axis.plot(share, np.maximum(values, 1e-17), color=colour, marker=marker, markersize=2.0, linewidth=0.8,

@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from dataclasses import replace as with_fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,13 +17,32 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DEFAULTS, System, replace
 from tcc_sim.output.tables import markdown_table
-from tcc_sim.result import reported, reporting
 from tcc_sim.solvers import Status, solve
 from tcc_sim.solvers.terms import substeps, terms_of
 from tcc_sim.study.benchmarks.references import Floats, Unfinished, final_state
 from tcc_sim.trajectory import Trajectory, integral
 
 Keys = dict[str, Any]
+FIELDS = {
+    "cases": ("every case with every engine: scene keys that differ from `scene`, periods of excitation (`cycles`) and "
+              "friction law, and the fields from `solver` on", ""),
+    "quick": ("whether there were fewer scenes", ""), "complete": ("false where it was interrupted", ""),
+    "summary": ("by engine the fields of SUMMARY", ""), "solver": ("name of the solver", ""),
+    "step": ("null for an engine that chooses its own", "s"), "status": ("how the solver ended", ""),
+    "why": ("reason of a refusal, stop or missing reference", ""), "finite": ("whether the states are finite", ""),
+    "bounded": ("whether they stay below the energy bound", ""),
+    "error": ("of the final state, relative to each signal's maximum", ""),
+    "iterations_max": ("most iterations in a stage", ""), "iterations_bound": ("its bound", ""),
+    "power_residual": ("residual of the power balance", ""), "seconds": ("computing time", "s")}
+"""Meaning and unit of every field of stability.json; a refused or stopped run has null where it has no result."""
+SUMMARY = {
+    "cases": "number of cases", "statuses": "number of cases by status",
+    "not_finite": "number of runs that are not finite", "not_bounded": "number of runs above the energy bound",
+    "iterations_max": "most iterations in a stage", "iterations_bound": "largest bound of iterations",
+    "without_reference": "number of runs without a reference",
+    "error": "error of the final state, relative to each signal's maximum: median, 90th and 99th percentile, largest",
+    "power_residual": "residual of the power balance: the same", "longest_seconds": "longest run time"}
+"""Fields of the summary of an engine."""
 ENGINES = {"smoothed": ("smoothed", None), "event_driven": ("set_valued", None), "fixed_step": ("smoothed", 1e-3)}
 """Friction law and step, s, of each engine."""
 MANY = 300
@@ -141,82 +158,32 @@ def grazing() -> list[Keys]:
             for ratio in (1.0, 1.25) for share in (-1e-3, -1e-6, 1e-9, 1e-6, 1e-3, 1e-2)]
 
 
-@dataclass(frozen=True)
-class Examined:
-    """Results of one engine on one case in stability.json; None if a refused or stopped run has none."""
-
-    keys: Mapping[str, Any] = field(metadata=reported(
-        "scene keys that differ from `scene`, periods of excitation and friction law", "{*}", spread=True))
-    solver: str = field(metadata=reported("name of the solver"))
-    step: float | None = field(metadata=reported("null for an engine that chooses its own", "s"))
-    status: str = field(default="REFUSED", metadata=reported("how the solver ended"))
-    why: str = field(default="", metadata=reported("reason of a refusal, stop or missing reference"))
-    finite: bool | None = field(default=None, metadata=reported("whether the states are finite"))
-    bounded: bool | None = field(default=None, metadata=reported("whether they stay below the energy bound"))
-    error: float | None = field(default=None, metadata=reported(
-        "of the final state, relative to each signal's maximum"))
-    iterations_max: int | None = field(default=None, metadata=reported("most iterations in a stage"))
-    iterations_bound: int | None = field(default=None, metadata=reported("its bound"))
-    power_residual: float | None = field(default=None, metadata=reported("residual of the power balance"))
-    seconds: float = field(default=0.0, metadata=reported("computing time", "s"))
-
-    @property
-    def failed(self) -> bool:
-        """Whether the run was stopped, is not finite, or exceeded its energy or iteration bound."""
-        return self.status not in ("DONE", "REFUSED") or self.finite is False or self.bounded is False or (
-            self.iterations_max or 0) > (self.iterations_bound or math.inf)
+def failed(row: Keys) -> bool:
+    """Return whether a run was stopped, is not finite, or exceeded its energy or iteration bound."""
+    return row["status"] not in ("DONE", "REFUSED") or row["finite"] is False or row["bounded"] is False or (
+        row["iterations_max"] or 0) > (row["iterations_bound"] or math.inf)
 
 
-@dataclass(frozen=True)
-class EngineSummary:
-    """Statuses of one engine's cases, violations of the criteria, quantiles of error and power residual."""
-
-    cases: int = field(metadata=reported("number of cases"))
-    statuses: Mapping[str, int] = field(metadata=reported("number of cases by status"))
-    not_finite: int = field(metadata=reported("number of runs that are not finite"))
-    not_bounded: int = field(metadata=reported("number of runs above the energy bound"))
-    iterations_max: int = field(metadata=reported("most iterations in a stage"))
-    iterations_bound: int = field(metadata=reported("largest bound of iterations"))
-    without_reference: int = field(metadata=reported("number of runs without a reference"))
-    error: Sequence[float] = field(metadata=reported(
-        "error of the final state, relative to each signal's maximum: median, 90th and 99th percentile, largest"))
-    power_residual: Sequence[float] = field(metadata=reported("residual of the power balance: the same"))
-    longest_seconds: float = field(metadata=reported("longest run time", "s"))
-
-
-@dataclass(frozen=True)
-class StabilityReport:
-    """Contents of stability.json."""
-
-    cases: Sequence[Examined] = field(metadata=reported("every case with every engine"))
-    quick: bool = field(metadata=reported("whether there were fewer scenes"))
-    complete: bool = field(metadata=reported("false where it was interrupted"))
-
-    @property
-    @reporting("by engine")
-    def summary(self) -> dict[str, EngineSummary]:
-        """Summary of the cases of each engine."""
-        out = {}
-        for engine in ENGINES:
-            rows = [r for r in self.cases if r.solver == engine]
-            ran = [r for r in rows if r.status != "REFUSED"]
-            error, residual = (
-                np.quantile([x for r in ran if (x := getattr(r, name)) is not None] or [math.nan],
-                            (0.5, 0.9, 0.99, 1.0)).tolist() for name in ("error", "power_residual"))
-            out[engine] = EngineSummary(
-                len(rows), Counter(r.status for r in rows), sum(r.finite is False for r in ran),
-                sum(r.bounded is False for r in ran), max((r.iterations_max or 0 for r in ran), default=0),
-                max((r.iterations_bound or 0 for r in ran), default=0), sum(r.error is None for r in ran), error,
-                residual, max((r.seconds for r in ran), default=0.0))
-        return out
+def report_of(cases: Sequence[Keys], quick: bool, complete: bool) -> Keys:
+    """Return the contents of stability.json, with the summary of every engine."""
+    summary = {}
+    for engine in ENGINES:
+        rows = [row for row in cases if row["solver"] == engine]
+        ran = [row for row in rows if row["status"] != "REFUSED"]
+        error, residual = (np.quantile([row[name] for row in ran if row[name] is not None] or [math.nan],
+                                       (0.5, 0.9, 0.99, 1.0)).tolist() for name in ("error", "power_residual"))
+        most, bound, longest = (max((row[name] or 0 for row in ran), default=0)
+                                for name in ("iterations_max", "iterations_bound", "seconds"))
+        summary[engine] = dict(zip(SUMMARY, (
+            len(rows), Counter(row["status"] for row in rows), *(sum(row[name] is False for row in ran)
+                                                                 for name in ("finite", "bounded")),
+            most, bound, sum(row["error"] is None for row in ran), error, residual, float(longest))))
+    return {"cases": cases, "quick": quick, "complete": complete, "summary": summary}
 
 
-def grid(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Examined]:
-    """Yield the row of every extreme case with every engine.
-
-    Parameters
-    ----------
-    done : function called with the numbers of finished and of all cases, and the next step
+def grid(quick: bool, done: Callable[[int, int, str], None]) -> Iterator[Keys]:
+    """Yield the row of every extreme case with every engine; `done` takes the numbers of finished and of all cases,
+    and the next step.
     """
     chosen = extreme_cases(QUICK_COUNT if quick else COUNT)
     for count, keys in enumerate(chosen):
@@ -248,14 +215,8 @@ def truth_of(keys: Keys, law: str) -> Truth:
     return Truth(duration, state, np.maximum(largest, [1e-6 * max(float(largest[2]), 1e-6), 1e-12, 1e-9]))
 
 
-def examine(keys: Keys, engine: str, truth: Truth) -> Examined:
-    """Solve one case with one engine.
-
-    Parameters
-    ----------
-    keys : scene keys that differ from the defaults, and keys of RUN
-    truth : the reference for these keys and the law of the engine
-    """
+def examine(keys: Keys, engine: str, truth: Truth) -> Keys:
+    """Solve one case, of scene keys and keys of RUN, with one engine; `truth` is the reference for its law."""
     law, step = ENGINES[engine]
     step = keys.get("tick", step) if step is not None else None
     system = replace(System(), {**scene_keys(keys), "friction.law": law})
@@ -268,13 +229,15 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Examined:
         load = system.saturation_mean + system.saturation_amplitude
         stops = max(system.inverse_inertia * system.friction_ratio * load, 1e-12) / slip
         samples = max(samples, SAMPLES_PER_STOP * system.cycle * stops)
-    row = Examined({**scene_keys(keys), "cycles": cycles, "friction.law": law}, engine, step)
+    row = {**scene_keys(keys), "cycles": cycles, "friction.law": law, "solver": engine, "step": step,
+           "status": "REFUSED", "why": "", **dict.fromkeys(
+               ("finite", "bounded", "error", "iterations_max", "iterations_bound", "power_residual")), "seconds": 0.0}
     try:
         run = solve(system, cycles=cycles, solver=engine, step=step, samples_per_cycle=int(min(samples, 200_000.0)))
     except InputError as error:
-        return with_fields(row, why=str(error))
+        return {**row, "why": str(error)}
     if run.status is Status.REFUSED:
-        return with_fields(row, why=run.detail)
+        return {**row, "why": run.detail}
     off, fine = None, run
     if not truth.why:
         short = solve(system, duration=truth.duration, solver=engine, step=step)
@@ -285,11 +248,11 @@ def examine(keys: Keys, engine: str, truth: Truth) -> Examined:
         fine = solve(system, cycles=CYCLES, solver=engine, step=step, samples_per_cycle=min(
             round(system.cycle / step) * substeps(terms_of(system), step), 1_000_000))
     whole, did = finite(run) and finite(fine), run.statistics
-    return with_fields(
-        row, status=run.status.name, why=(run.detail if run.status is not Status.DONE else "") or truth.why,
-        finite=whole, bounded=energy_excess(system, fine) <= SLACK if whole else None, error=off,
-        iterations_max=did.iterations_max, iterations_bound=did.iterations_bound,
-        power_residual=power_residual(system, run) if whole else None, seconds=did.seconds)
+    return row | {
+        "status": run.status.name, "why": (run.detail if run.status is not Status.DONE else "") or truth.why,
+        "finite": whole, "bounded": energy_excess(system, fine) <= SLACK if whole else None, "error": off,
+        "iterations_max": did.iterations_max, "iterations_bound": did.iterations_bound,
+        "power_residual": power_residual(system, run) if whole else None, "seconds": did.seconds}
 
 
 def finite(run: Trajectory) -> bool:
@@ -317,11 +280,8 @@ def energy_excess(system: System, run: Trajectory) -> float:
 
 
 def power_residual(system: System, run: Trajectory) -> float | None:
-    """Return the residual of the power balance: engine work minus losses and stored energy per cycle, relative.
-
-    The trapezoidal rule over samples at most PHASE apart has an error of about 1e-5. Samples of fixed_step are
-    interpolated between its sub-steps, which increases the residual if slip stops within a sub-step.
-    Returns None if the run has no whole cycle.
+    """Return the residual of the power balance: engine work minus losses and stored energy per cycle, relative; None
+    if the run has no whole cycle. The trapezoidal rule has an error of about 1e-5.
     """
     supply = run.engine_torque * (run.slip_speed + run.plate_speed)
     losses = run.friction_torque * run.slip_speed + system.driveline.damping * run.plate_speed**2
@@ -337,32 +297,32 @@ def power_residual(system: System, run: Trajectory) -> float | None:
     return float(residual.max()) / max(float(stored.max()), float(work(np.abs(supply)).max()), 1e-300)
 
 
-def changes(row: Examined) -> str:
+def changes(row: Keys) -> str:
     """Return the differences of a case from the defaults: scene keys, more cycles than usual, a coarser tick."""
-    out = {k: v for k, v in row.keys.items() if k in DEFAULTS and k != "friction.law" and DEFAULTS[k] != v}
-    out |= {"cycles": MANY} if row.keys["cycles"] == MANY else {}
-    out |= {"tick": row.step} if (row.step or 0.0) > (ENGINES[row.solver][1] or math.inf) else {}
+    out = {k: v for k, v in row.items() if k in DEFAULTS and k != "friction.law" and DEFAULTS[k] != v}
+    out |= {"cycles": MANY} if row["cycles"] == MANY else {}
+    out |= {"tick": row["step"]} if (row["step"] or 0.0) > (ENGINES[row["solver"]][1] or math.inf) else {}
     return ", ".join(f"{key} {value:.6g}" if isinstance(value, float) else f"{key} {value}"
                      for key, value in out.items())
 
 
-def stability_tables(report: StabilityReport) -> str:
+def stability_tables(report: Keys) -> str:
     """Return the tables of a report: a summary by engine, runs that failed, refusals, and the largest errors."""
-    summary = report.summary
-    lines = ["**Interrupted: this report is not complete.**", ""] * (not report.complete)
+    summary, cases = report["summary"], report["cases"]
+    lines = ["**Interrupted: this report is not complete.**", ""] * (not report["complete"])
     lines += markdown_table(["", *(f"`{engine}`" for engine in summary)], [
-        [name, *(text_of_cell(getattr(of, item.name)) for of in summary.values())]
-        for item in fields(EngineSummary) for name in [item.metadata["reported"].meaning]], "---:", "---")
+        [meaning, *(text_of_cell(of[name]) for of in summary.values())] for name, meaning in SUMMARY.items()],
+        "---:", "---")
     for head, chosen in (
-            ("failed", [r for r in report.cases if r.failed]), ("without a reference", [
-                r for r in report.cases if r.status == "DONE" and r.error is None]),
-            ("refused", [r for r in report.cases if r.status == "REFUSED"])):
+            ("failed", [r for r in cases if failed(r)]), ("without a reference", [
+                r for r in cases if r["status"] == "DONE" and r["error"] is None]),
+            ("refused", [r for r in cases if r["status"] == "REFUSED"])):
         lines += ["", *markdown_table(["solver", head, "scene"], [
-            [f"`{r.solver}`", f"{r.status} {r.why}".strip(), changes(r)] for r in chosen])] if chosen else []
-    worst = [r for engine in ENGINES for r in sorted((r for r in report.cases if r.solver == engine and r.error),
-                                                     key=lambda r: -(r.error or 0.0))[:5]]
+            [f"`{r['solver']}`", f"{r['status']} {r['why']}".strip(), changes(r)] for r in chosen])] if chosen else []
+    worst = [r for engine in ENGINES for r in sorted((r for r in cases if r["solver"] == engine and r["error"]),
+                                                     key=lambda r: -float(r["error"]))[:5]]
     lines += ["", *markdown_table(["solver", "error", "scene"],
-                                  [[f"`{r.solver}`", f"{r.error:.1e}", changes(r)] for r in worst])]
+                                  [[f"`{r['solver']}`", f"{r['error']:.1e}", changes(r)] for r in worst])]
     return "\n".join(lines) + "\n"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -86,28 +86,23 @@ def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()
 
     folder = new_directory(out)
     require("matplotlib", "a picture")
-    verb, rows = arguments.verb, list[Any]()
-    measured: Iterator[Any]
+    verb, rows = arguments.verb, list[dict[str, Any]]()
+    reports: dict[str, tuple[Any, ...]] = {
+        "precision": (precision, precision.precision_tables, report_drawings.draw_precision, load_scene("fig02")),
+        "stability": (stability, stability.stability_tables, report_drawings.draw_stability, System())}
+    of, tables_of, draw, scene = reports[verb]
     with counted_bar("run") as running:
-        if verb == "precision":
-            effort = precision.QUICK if arguments.quick else precision.FULL
-            measured = precision.precision_study(replace(effort, scenes=tuple(scenes)), running.done)
-        else:
-            measured = stability.grid(arguments.quick, running.done)
-        for row in measured:
+        effort = replace(precision.QUICK if arguments.quick else precision.FULL, scenes=tuple(scenes))
+        for row in (precision.precision_study(effort, running.done) if of is precision else
+                    stability.grid(arguments.quick, running.done)):
             rows.append(row)
     if not rows:
         return 130
-    reports: dict[str, tuple[Any, ...]] = {
-        "precision": (precision.PrecisionReport, precision.precision_tables, report_drawings.draw_precision),
-        "stability": (stability.StabilityReport, stability.stability_tables, report_drawings.draw_stability)}
-    kind, tables_of, draw = reports[verb]
-    report = kind(rows, arguments.quick, running.complete)
-    tables = tables_of(report)
-    scene = load_scene("fig02") if verb == "precision" else System()
+    report = of.report_of(rows, arguments.quick, running.complete)
+    tables, units = tables_of(report), {name: unit for name, (_, unit) in of.FIELDS.items() if unit}
     folder.mkdir()
-    write_json(folder / f"{verb}.json", document(verb, report, scene, arguments.words,
-                                                    arguments.title or ""))
+    write_json(folder / f"{verb}.json", {
+        **document(verb, report, scene, arguments.words, arguments.title or ""), "units": units})
     (folder / f"{verb}.md").write_text(tables, encoding="utf-8")
     draw(folder / verb, report, title=printable(arguments.title or ""), width=width_of(arguments.width))
     print(next(block for block in tables.split("\n\n") if block.startswith("|")))

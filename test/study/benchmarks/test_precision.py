@@ -16,7 +16,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.study.benchmarks import peers, precision
-from tcc_sim.study.benchmarks.precision import LongRun, Omitted, PrecisionResult, References, SteadyState, StudiedScene
+from tcc_sim.study.benchmarks.precision import ERRORS, FIELDS, largest_error
 from tcc_sim.study.benchmarks.references import Reference, disagreement, errors, reference
 
 SLIP = {"friction.kinetic_coefficient": 0.3, "pressure.mean": 100e3, "pressure.amplitude": 0.0,
@@ -99,7 +99,7 @@ TINY = precision.Effort(
     4, 0.01, 8.0,
     {"smoothed": (("LSODA", 1e-10), ("LSODA", 1e-12)), "set_valued": (("DOP853", 1e-12), ("LSODA", 1e-12))},
     {"smoothed": (1e-4, 1e-9), "event_driven": (1e-10,), "lsoda": (1e-3,), "dop853": (1e-6,),
-     "solve_ivp LSODA": (1e-8,)}, 20, 400, 2, ("fig02", "minimal, set-valued"))
+     "solve_ivp LSODA": (1e-8,)}, 20, 2, ("fig02", "minimal, set-valued"))
 
 
 @pytest.fixture(scope="module")
@@ -111,70 +111,61 @@ def studied():
 def test_rows_have_the_errors_of_an_independent_solution(studied):
     """Ladders go on for two settings beyond their end until the target; steps that would take too long are left out."""
     fig02, exact = studied
-    assert [(r.scene, r.law, r.cycles) for r in studied] == [("fig02", "smoothed", 4),
-                                                            ("minimal, set-valued", "set_valued", 4)]
-    assert 0.0 < fig02.reference.floor < 1e-7
+    assert [(r["scene"], r["law"], r["cycles"]) for r in studied] == [("fig02", "smoothed", 4),
+                                                                     ("minimal, set-valued", "set_valued", 4)]
+    assert 0.0 < fig02["reference"]["floor"] < 1e-7
     case, = precision.cases(with_fields(TINY, scenes=("fig02",)))
-    start = solve(case.scene, cycles=precision.SETTLING, solver="smoothed", rtol=1e-11).solved_cycles.section[-1]
+    base = load_scene("fig02").system
+    start = solve(base, cycles=precision.SETTLING, solver="smoothed", rtol=1e-11).solved_cycles.section[-1]
     assert [*vars(case.system.initial).values()][:3] == pytest.approx([*start], abs=1e-9)
     truth = smoothed_states(case.system, [*start, 0.0], 4, 400)[:, :3]
     size = np.abs(truth[800:]).max(axis=0)
-    rows = {(r.solver, r.setting): r for r in fig02.results}
+    rows = {(r["solver"], r["setting"]): r for r in fig02["results"]}
     for solver, setting in (("smoothed", 1e-4), ("lsoda", 1e-3)):
         run = solve(case.system, cycles=4, solver=solver, rtol=setting).solved_cycles
         off = np.abs(run.section - truth[::400]) / size
         row = rows[solver, setting]
-        assert row.error_final == pytest.approx(off[-1].max(), rel=0.02, abs=1e-8)
-        assert row.error_section == pytest.approx(off.max(), rel=0.02, abs=1e-8)
-        assert row.error_max_slip < 10.0 * row.error_section
-    assert rows["smoothed", 1e-9].largest_error < 1e-8 < rows["smoothed", 1e-4].largest_error
-    assert rows["smoothed", 1e-9].error_steady < 1e-4
-    assert max(row.largest_error for row in exact.results) < 1e-9
-    lsoda = [row for row in fig02.results if row.solver == "lsoda"]
-    assert [row.setting for row in lsoda] == pytest.approx([1e-3, 1e-4, 1e-5][:len(lsoda)])
+        assert row["error_final"] == pytest.approx(off[-1].max(), rel=0.02, abs=1e-8)
+        assert row["error_section"] == pytest.approx(off.max(), rel=0.02, abs=1e-8)
+        assert row["error_max_slip"] < 10.0 * row["error_section"]
+    assert largest_error(rows["smoothed", 1e-9]) < 1e-8 < largest_error(rows["smoothed", 1e-4])
+    assert max(map(largest_error, exact["results"])) < 1e-9
+    lsoda = [row for row in fig02["results"] if row["solver"] == "lsoda"]
+    assert [row["setting"] for row in lsoda] == pytest.approx([1e-3, 1e-4, 1e-5][:len(lsoda)])
     assert len(lsoda) > 1
-    assert all(row.largest_error > precision.TARGET for row in lsoda[:-1])
-    assert {row.solver for row in fig02.omitted} == {"dop853"}
-    assert all(row.why for row in fig02.omitted)
-    assert {(row.solver, row.cycles) for row in fig02.long_run} <= {("smoothed", 20), ("solve_ivp LSODA", 1)}
-    assert {"smoothed", "lsoda"} <= set(fig02.warm_up)
-    for law, period, largest in ((fig02, 1, 36.297), (exact, 1, 22.223)):  # Figure 2, and pure stick-slip of one slip.
-        assert (law.steady.period, law.steady.max_slip_speed) == (period, pytest.approx(largest, abs=2e-3))
-        assert law.steady.closure < 1e-4
+    assert all(largest_error(row) > precision.TARGET for row in lsoda[:-1])
+    assert {row["solver"] for row in fig02["omitted"]} == {"dop853"}
+    assert all(row["why"] for row in fig02["omitted"])
+    assert {(row["solver"], row["cycles"]) for row in fig02["long_run"]} <= {("smoothed", 20), ("solve_ivp LSODA", 1)}
+    assert {"smoothed", "lsoda"} <= set(fig02["warm_up"])
 
 
 @pytest.mark.parametrize(("off", "kept"), [(0.99, True), (1.01, False), (np.nan, False)])
-def test_a_result_without_a_right_digit_is_left_out(studied, off, kept):
+def test_a_result_without_a_right_digit_is_left_out(off, kept):
     """Beside a reference whose last plate angle is off by nearly, and by more than, its largest."""
     case, = precision.cases(with_fields(TINY, scenes=("fig02",)))
     truth = reference(case.system, 4, "LSODA", 1e-9)
     truth.section[4, 1] += off * truth.size[1]
-    row = precision.measured_row(case, "smoothed", 1e-9, truth, studied[0].steady, TINY)
-    assert isinstance(row, PrecisionResult if kept else Omitted)
-
-
-def test_a_steady_state_is_that_of_the_last_cycles():
-    turn = np.arange(201) % 2
-    section = np.stack([5.0 + turn, 0.1 + 0.01 * turn, turn], axis=1).astype(float)
-    largest = np.full(200, 5.0)
-    largest[103], largest[104] = 80.0, 6.0
-    assert precision.steady_of(section, largest) == (2, 6.0)
+    row = precision.measured_row(case, "smoothed", 1e-9, truth, TINY)
+    assert ("why" not in row) is kept
 
 
 def row(solver, setting, error, seconds):
-    return PrecisionResult(solver, setting, error, 0.5 * error, 0.25 * error, None, seconds, 2.0 * seconds, 7)
+    return {"solver": solver, "setting": setting, **dict(zip(ERRORS, (error, 0.5 * error, 0.25 * error))),
+            "seconds": seconds, "slowest": 2.0 * seconds, "steps": 7}
 
 
 def by_hand(name, fast):
     """A scene whose best setting at 1e-6 takes `fast`, 24 ms and 300 ms for 4 cycles; one solver never gets there."""
     rows = [row("smoothed", 1e-9, 1e-6, fast), row("smoothed", 1e-8, 1.1e-6, 0.1 * fast),
             row("rk45", 1e-7, 1e-7, 24e-3), row("bdf", 1e-7, 1e-6, 0.3), row("rk4", 1, 1e-4, 1)]
-    return StudiedScene(name, "a | b", "smoothed", 4, References(["one", "two"], 1e-9), SteadyState(400, 1, 36.3, 1e-6),
-                        rows, [Omitted("CVODE", 1e-4, "not compiled")], {}, [LongRun("smoothed", 1e-9, 100, 5e-3)])
+    return {"scene": name, "description": "a | b", "cycles": 4, "reference": {"solvers": ["one", "two"], "floor": 1e-9},
+            "results": rows, "omitted": [{"solver": "CVODE", "setting": 1e-4, "why": "not compiled"}],
+            "long_run": [{"solver": "smoothed", "cycles": 100, "seconds_per_100_cycles": 5e-3}]}
 
 
 def test_tables_have_the_numbers_of_the_rows():
-    report = precision.PrecisionReport([by_hand("fig02", 2e-3), by_hand("other", 4e-3)], True, False)
+    report = precision.report_of([by_hand("fig02", 2e-3), by_hand("other", 4e-3)], True, False)
     blocks = [[[cell.strip() for cell in line[2:-2].split(" | ")] for line in block.splitlines() if line[:1] == "|"]
               for block in precision.precision_tables(report).split("\n\n")]
     tables = {rows[0][0]: {cells[0]: cells[1:] for cells in rows[2:]} for rows in blocks if rows}
@@ -192,9 +183,10 @@ def test_the_command_writes_what_it_promises(tmp_path, pictures):
     folder = tmp_path / "out"
     words = ["precision", "--quick", "--scenes", "minimal, set-valued", "--width", "column", "--out", str(folder)]
     assert main(words) == 0
-    document = valid("precision", json.loads((folder / "precision.json").read_text()))
+    document = valid("precision", json.loads((folder / "precision.json").read_text()), FIELDS)
     assert [r["scene"] for r in document["scenes"]] == ["minimal, set-valued"]
     assert {r["solver"] for r in document["results"]} == {"event_driven"}
+    assert all(row.keys() <= FIELDS.keys() for row in (*document["scenes"], *document["results"]))
     assert {path.name for path in folder.iterdir()} == {f"precision.{end}" for end in ("json", "md", "png", "svg")}
     rows, keys, whole = document["results"], ("error_final", "error_section", "error_max_slip"), pictures[0]
     assert shows(whole, [r["seconds"] for r in rows], [max(1e-16, *(r[k] for k in keys)) for r in rows])
