@@ -13,6 +13,7 @@ angle by which the input turns in a segment. Segments are added until the respon
 
 from __future__ import annotations
 
+import cmath
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -117,13 +118,13 @@ class Linearisation(Result):
     @reporting("amplitude of the output over that of the input", "({output})/({input})")
     def gain(self) -> Floats:
         """(m,) amplitude of the output over that of the input, in SI units."""
-        return np.abs(self.response)
+        return np.hypot(self.response.real, self.response.imag)
 
     @property
     @reporting("by which the output leads, without jumps of 2 pi", "rad")
     def phase(self) -> Floats:
         """(m,) phase by which the output leads, without jumps of 2 pi, rad."""
-        return np.unwrap(np.angle(self.response))
+        return np.unwrap([cmath.phase(value) for value in self.response])  # NumPy's last bit depends on the processor.
 
     def columns(self) -> dict[str, Floats]:
         """Return a row for every frequency."""
@@ -201,7 +202,8 @@ def linearise(scene: SceneLike, *, input: Literal["actuation_pressure", "engine_
 
 def _frequencies(system: System, requested: Sequence[float] | None) -> Floats:
     if requested is None:
-        return np.geomspace(LOWEST, 3.0 * max(system.natural_frequency, LOWEST), FREQUENCIES)
+        whole = 3.0 * max(system.natural_frequency, LOWEST) / LOWEST
+        return np.array([LOWEST * whole ** (k / (FREQUENCIES - 1)) for k in range(FREQUENCIES)])
     out = np.asarray(requested, dtype=np.float64).ravel()
     if not 1 <= len(out) <= MOST_FREQUENCIES:
         raise InputError(f"there are {len(out)} frequencies; 1 to {MOST_FREQUENCIES} are allowed")

@@ -4,6 +4,7 @@ whichever of its loops NumPy does.
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -65,3 +66,19 @@ def test_other_kernels_of_openblas_and_loops_of_numpy_change_no_bit_and_compile_
         here: tuple[Path, str, list[str]], environment: dict[str, str]) -> None:
     cache, out, kept = here
     assert outcome(cache, **environment) == (out, "", kept)
+
+
+@pytest.mark.parametrize("words", [
+    "continue chaos --over friction.kinetic_coefficient=0.29:0.3", "linearise controlled --slip 20"])
+def test_commands_with_linear_algebra_write_the_same_bits(words: str, tmp_path: Path) -> None:
+    """Other kernels of OpenBLAS and other loops of NumPy write the file that those of this processor write."""
+    written = []
+    for name, other in (("here", {}), ("there", {"OPENBLAS_CORETYPE": "Prescott",
+                                                 "NPY_DISABLE_CPU_FEATURES": newer_loops()})):
+        done = subprocess.run([sys.executable, "-m", "tcc_sim", *words.split(), "--json", f"{name}.json"], cwd=tmp_path,
+                              env={**os.environ, **other}, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        written.append(json.loads((tmp_path / f"{name}.json").read_text()))
+        for differing in "command", "seconds":
+            written[-1].pop(differing, None)
+    assert written[0] == written[1]
