@@ -142,7 +142,7 @@ def _drawn(result: Any, path: Path, width: str, title: str) -> Path:
 
 
 PANELS = {"Sweep": ("sweeps", "sweep_panels"), "Grid": ("sweeps", "grid_panels"),
-          "Scattered": ("sweeps", "scatter_panels"), "GainMap": ("gains", "gain_panels"),
+          "Scattered": ("sweeps", "scatter_panels"), "GainMap": ("sweeps", "gain_panels"),
           "Linearisation": ("estimation", "bode"),
           "Identification": ("estimation", "identification"), "Orders": ("order_maps", "order_panels"),
           "OrderComparison": ("order_maps", "comparison_panels"), "Spectrum": ("order_maps", "spectrum_panels"),
