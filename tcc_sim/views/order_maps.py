@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -38,22 +37,42 @@ BOX = {"facecolor": "black", "alpha": 0.55, "edgecolor": "none", "pad": 0.8}
 def order_panels(orders: Orders) -> list[Panel]:
     """Return the panels of the orders, over the engine frequency if it always rises or always falls, else over time."""
     orders = orders.with_blanks()
+    along, over = _along(orders)
+    ends, judder = (along.min(), along.max()), orders.judder
+
+    def unmeasured(axis: Any) -> None:
+        nothing(axis)
+        quantities(axis, over)
+
+    def judders(axis: Any) -> None:
+        peaks = np.sort(judder.peak[np.isfinite(judder.peak)])
+        few = max(1, round(FEW * len(peaks)))
+        top = 1.1 * float(peaks[-few - 1]) if len(peaks) > few else 0.0
+        above = int(np.count_nonzero(peaks > top)) if 0.0 < PEAKED * top < peaks[-1] else 0
+        axis.plot(along, judder.peak, color=style.BLUE,
+                  label=f"peak ({above} of {len(peaks)} windows off scale)" if above else "peak")
+        axis.plot(along, judder.rms, color=style.BLUE, ls=":", label="rms")
+        axis.set(ylim=(0.0, top if above else None), xlim=ends)
+        quantities(axis, over, AxisQuantity("slip about its mean", "rad/s"))
+
+    def heat(axis: Any) -> None:
+        if np.isfinite(orders.heat).any():
+            axis.plot(along, orders.heat * 1e-3, color=style.ORANGE)
+        else:
+            nothing(axis)
+        axis.set(ylim=(0.0, None), xlim=ends)
+        quantities(axis, over, style.HEAT)
+
     known = bool(np.isfinite(orders.shaft_torque).any())
+    maps, cuts = ({of: partial(draw, orders=orders, of=of) if known or of == "slip_speed" else unmeasured
+                   for of in ("shaft_torque", "slip_speed")} for draw in (_map, _cuts))
     shaft = "shaft_torque" if known else "slip_speed"
-    blank = partial(_unmeasured, orders=orders)
-    maps = [Panel(_capitalised(name), partial(_map, orders=orders, amplitude=getattr(orders, name), of=name) if measured
-                  else blank, 2.3, beside=name == "slip_speed", named=False)
-            for name, measured in (("shaft_torque", known), ("slip_speed", True))]
-    if not known:
-        maps[0] = maps[0]._replace(alone=maps[1].draw)
-    panels = [*maps,
-              Panel("Orders of the shaft torque", partial(_cuts, orders=orders, of="shaft_torque") if known
-                    else blank, 2.4, over=True),
-              Panel("Orders of the slip speed", partial(_cuts, orders=orders, of="slip_speed"), 2.4, beside=True,
-                    over=True),
-              Panel("Judder", partial(_judder, orders=orders), 1.9),
-              Panel("Cumulative heat", partial(_heat, orders=orders), 1.6, beside=True)]
-    if _along(orders)[1] is not style.TIME:
+    panels = [*(Panel(SIGNALS[of].name.capitalize(), draw, 2.3, beside=of == "slip_speed", named=False,
+                      alone=maps[shaft]) for of, draw in maps.items()),
+              *(Panel(f"Orders of the {SIGNALS[of].name}", draw, 2.4, beside=of == "slip_speed", over=True)
+                for of, draw in cuts.items()),
+              Panel("Judder", judders, 1.9), Panel("Cumulative heat", heat, 1.6, beside=True)]
+    if over is not style.TIME:
         panels.append(Panel(f"Campbell diagram of the {SIGNALS[shaft].name}",
                             partial(_campbell, orders=orders, of=shaft), 2.7, named=False))
     return panels
@@ -61,62 +80,40 @@ def order_panels(orders: Orders) -> list[Panel]:
 
 def comparison_panels(comparison: OrderComparison) -> list[Panel]:
     """Return the maps of a measured and a simulated run with their difference, and the cuts of both."""
-    measured, simulated = comparison.measured.with_blanks(), comparison.simulated.with_blanks()
-    comparison = replace(comparison, measured=measured, simulated=simulated)
+    runs = {"measured": comparison.measured.with_blanks(), "simulated": comparison.simulated.with_blanks()}
+    measured = runs["measured"]
+    along, over = _along(measured)
+    shown = _shown(measured)
+
+    def difference(axis: Any, of: str, top: float) -> None:
+        """Draw a map of the simulated minus the measured level, blank where both are below the range of the maps."""
+        one, other = (level(getattr(run, of)[:, shown]).T for run in runs.values())
+        apart = np.ma.masked_where(~(np.maximum(one, other) >= top - SHOWN), other - one)
+        _levels(axis, along, measured.order[shown], apart, cmap="RdBu_r", low=-DIFFERENCE, top=DIFFERENCE,
+                label=f"simulated less measured (dB),\nblank below {top - SHOWN:.0f} dB")
+        axis.set(ylim=(0.25 * measured.per_revolution, float(measured.order[-1])), xlim=(along.min(), along.max()))
+        quantities(axis, over, ORDER)
+
+    def both(axis: Any, of: str) -> None:
+        _cuts(axis, measured, of, "_measured", linewidth=2.4, alpha=0.45)
+        _cuts(axis, runs["simulated"], of, "", linewidth=0.9)
+
     names = [name for name in SIGNALS if np.isfinite(getattr(measured, name)).any()]
     panels = []
     for name in names:
-        top = max(_top(getattr(run, name), run) for run in (measured, simulated))
-        maps = [partial(_map, orders=run, amplitude=getattr(run, name), of=name, top=top, named=False)
-                for run in (measured, simulated)]
-        difference = partial(_difference, comparison=comparison, name=name, top=top)
-        panels += [Panel(f"{SHORT[name]}, {which}", draw, 2.3, beside=k > 0, named=False, alone=difference)
-                   for k, (which, draw) in enumerate(zip(("measured", "simulated", "difference"), (*maps, difference)))]
-    return panels + [Panel("Wide: measured, thin: simulated", partial(_both_cuts, comparison=comparison, name=name),
-                           2.4, beside=k > 0) for k, name in enumerate(names)]
+        top = max(_top(getattr(run, name), run) for run in runs.values())
+        apart = partial(difference, of=name, top=top)
+        maps = {which: partial(_map, orders=run, of=name, top=top, named=False) for which, run in runs.items()}
+        panels += [Panel(f"{SHORT[name]}, {which}", draw, 2.3, beside=which != "measured", named=False, alone=apart)
+                   for which, draw in {**maps, "difference": apart}.items()]
+    return panels + [Panel("Wide: measured, thin: simulated", partial(both, of=name), 2.4, beside=k > 0)
+                     for k, name in enumerate(names)]
 
 
 def spectrum_panels(spectrum: Spectrum) -> list[Panel]:
     """Return the spectra of slip speed and shaft torque over the crank order."""
     return [Panel(f"Spectrum of the {quantity.name}", partial(_spectrum, spectrum=spectrum, name=name), 2.4,
                   beside=name == "shaft_torque") for name, quantity in SIGNALS.items()]
-
-
-def _capitalised(name: str) -> str:
-    return SIGNALS[name].name.capitalize()
-
-
-def _unmeasured(axis: Any, orders: Orders) -> None:
-    nothing(axis)
-    quantities(axis, _along(orders)[1])
-
-
-def _judder(axis: Any, orders: Orders) -> None:
-    along, over = _along(orders)
-    peaks = np.sort(orders.judder.peak[np.isfinite(orders.judder.peak)])
-    few = max(1, round(FEW * len(peaks)))
-    top = 1.1 * float(peaks[-few - 1]) if len(peaks) > few else 0.0
-    above = int(np.count_nonzero(peaks > top)) if 0.0 < PEAKED * top < peaks[-1] else 0
-    axis.plot(along, orders.judder.peak, color=style.BLUE,
-              label=f"peak ({above} of {len(peaks)} windows off scale)" if above else "peak")
-    axis.plot(along, orders.judder.rms, color=style.BLUE, ls=":", label="rms")
-    axis.set(ylim=(0.0, top if above else None), xlim=(along.min(), along.max()))
-    quantities(axis, over, AxisQuantity("slip about its mean", "rad/s"))
-
-
-def _heat(axis: Any, orders: Orders) -> None:
-    along, over = _along(orders)
-    if np.isfinite(orders.heat).any():
-        axis.plot(along, orders.heat * 1e-3, color=style.ORANGE)
-    else:
-        nothing(axis)
-    axis.set(ylim=(0.0, None), xlim=(along.min(), along.max()))
-    quantities(axis, over, style.HEAT)
-
-
-def _both_cuts(axis: Any, comparison: OrderComparison, name: str) -> None:
-    _cuts(axis, comparison.measured, name, "_measured", linewidth=2.4, alpha=0.45)
-    _cuts(axis, comparison.simulated, name, "", linewidth=0.9)
 
 
 def _spectrum(axis: Any, spectrum: Spectrum, name: str) -> None:
@@ -178,11 +175,9 @@ def _shown(orders: Orders) -> Any:
     return orders.order > 0.25 * orders.per_revolution
 
 
-def _map(axis: Any, orders: Orders, amplitude: Floats, of: str, top: float | None = None,
-         named: bool = True) -> None:
+def _map(axis: Any, orders: Orders, of: str, top: float | None = None, named: bool = True) -> None:
     """Draw an order map of a signal with the two linear modes, which may be named."""
-    along, over = _along(orders)
-    shown = _shown(orders)
+    (along, over), shown, amplitude = _along(orders), _shown(orders), getattr(orders, of)
     levels = level(amplitude[:, shown]).T
     top = _top(amplitude, orders) if top is None else top
     _levels(axis, along, orders.order[shown], levels, f"dB re 1 {SIGNALS[of].unit}", top,
@@ -243,16 +238,3 @@ def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple
     at = int(np.argmax(np.where(inside, between - 0.05 * place, -1.0)))
     axis.annotate(text, (along[at], order[at]), xytext=(4, 0), color="white", textcoords="offset points",
                   fontsize=6.5, va="center", bbox=BOX)
-
-
-def _difference(axis: Any, comparison: OrderComparison, name: str, top: float) -> None:
-    """Draw a map of the simulated minus the measured level, blank where both are below the range of the maps."""
-    along, over = _along(comparison.measured)
-    shown = _shown(comparison.measured)
-    one, other = (level(getattr(run, name)[:, shown]).T for run in (comparison.measured, comparison.simulated))
-    apart = np.ma.masked_where(~(np.maximum(one, other) >= top - SHOWN), other - one)
-    _levels(axis, along, comparison.measured.order[shown], apart, cmap="RdBu_r", low=-DIFFERENCE, top=DIFFERENCE,
-            label=f"simulated less measured (dB),\nblank below {top - SHOWN:.0f} dB")
-    axis.set(ylim=(0.25 * comparison.measured.per_revolution, float(comparison.measured.order[-1])),
-             xlim=(along.min(), along.max()))
-    quantities(axis, over, ORDER)
