@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from tcc_sim.cli import GROUPS, VERBS, build_parser, main
+from tcc_sim.cli import VERBS, build_parser, main
+from tcc_sim.cli.verbs import GROUPS
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES
 from tcc_sim.model.quantity import Options, Quantity
 from tcc_sim.nodes.options import OPTIONS

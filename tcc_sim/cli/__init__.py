@@ -1,4 +1,4 @@
-"""The command `tcc-sim`: a module per verb, or per few short ones (`verbs.TOGETHER`), imported when the verb is used.
+"""The command `tcc-sim`: modules of verbs (`verbs.MODULES`), imported when a verb is used.
 
 A verb is a function whose options follow from its signature and docstring and from those of library functions
 (`options.command`); `verbs` describes the verbs.
@@ -23,7 +23,7 @@ from typing import Any, NoReturn
 
 from tcc_sim import __version__
 from tcc_sim.cli.options import VerbFunction
-from tcc_sim.cli.verbs import GROUPS, STUDY, TOGETHER, VERBS, verbs_by_purpose
+from tcc_sim.cli.verbs import MODULES, VERBS, verbs_by_purpose
 from tcc_sim.errors import InputError, TccError, missing_package, one_line
 from tcc_sim.output.terminal import open_streams
 from tcc_sim.shown_units import show_in
@@ -132,11 +132,7 @@ def _status_of(words: list[str]) -> int:
 
 
 def command_of(verb: str) -> VerbFunction:
-    """Return a verb: a function of the module in TOGETHER, or `run` of its own; both names have an underscore after a
-    Python keyword.
-    """
-    room = "tcc_sim.study.cli" if any(verb in GROUPS[group] for group in STUDY) else "tcc_sim.cli"
-    name = f"{verb}_" if iskeyword(verb) else verb
-    found: VerbFunction = getattr(import_module(f"{room}.{TOGETHER.get(verb, name)}"),
-                                  name if verb in TOGETHER else "run")
+    """Return the function of a verb."""
+    module = next(module for module, verbs in MODULES.items() if verb in verbs.split())
+    found: VerbFunction = getattr(import_module(module), f"{verb}_" if iskeyword(verb) else verb)
     return found

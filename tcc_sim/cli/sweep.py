@@ -8,9 +8,9 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.analyse import limits, targets
 from tcc_sim.cli.options import Form, command, keywords_of, of, option_of, options_in
 from tcc_sim.cli.ranges import bounds_of_range, values_of_range
+from tcc_sim.cli.runs import limits, targets
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted, given_in
 from tcc_sim.model.crank_speed import ORDER
 from tcc_sim.model.quantity import SPEED_UNIT, number_in
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
              "same command resumes from them", force="replace an existing --json file, table or picture"),
          forms={"over": Form("KEY=START:STOP:COUNT[:log]|KEY=V,V,...", repeated=True),
                 "scatter": Form("KEY=LOW:HIGH", repeated=True)})
-def run(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequence[str] = ()) -> int:
+def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequence[str] = ()) -> int:
     """Sweep, write the files, and print a table unless a file holds the points.
 
     Parameters

@@ -159,11 +159,12 @@ GROUPS: dict[str, dict[str, Verb]] = {
 """Verbs by purpose, in the order of `tcc-sim --help`."""
 VERBS: dict[str, Verb] = {name: verb for verbs in GROUPS.values() for name, verb in verbs.items()}
 """Every verb by its name."""
-TOGETHER = {"scenes": "scenes", "explain": "scenes", "recover": "bags", "import": "bags", "watch": "running",
-            "control": "running", "precision": "measuring", "stability": "measuring", "realtime": "measuring"}
-"""Modules of verbs that share one; the function has the name of the verb there, and `run` in a module of one verb."""
-STUDY = ("motions and methods", "the paper", "measurements of the program")
-"""The groups for those who study motions and methods, the last ones, whose modules are in the study."""
+MODULES = {"tcc_sim.cli.demo": "demo", "tcc_sim.cli.scenes": "scenes explain", "tcc_sim.cli.sweep": "sweep",
+           "tcc_sim.cli.runs": "simulate analyse", "tcc_sim.cli.estimation": "linearise identify",
+           "tcc_sim.cli.files": "recover import plot fmu", "tcc_sim.cli.running": "watch control",
+           "tcc_sim.study.cli.motions": "continue basins", "tcc_sim.study.cli.paper": "figure claims",
+           "tcc_sim.study.cli.measuring": "precision stability realtime"}
+"""Verbs by module; each has a function of the verb's name, with an underscore after a Python keyword."""
 
 
 def verbs_by_purpose() -> str:

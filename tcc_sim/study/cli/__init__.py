@@ -1,1 +1,1 @@
-"""The verbs of the study: one module each, and one for those that measure."""
+"""The verbs of the study."""

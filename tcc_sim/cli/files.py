@@ -1,0 +1,107 @@
+"""`tcc-sim recover`, `import`, `plot` and `fmu`: a complete bag from a damaged one, a recording from a foreign bag, a
+picture of a stored result, and a scene as an FMU.
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+from tcc_sim.cli import arguments as common
+from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
+from tcc_sim.errors import counted, one_line, printable
+from tcc_sim.output.files import new_file
+from tcc_sim.output.terminal import say
+
+FMU = "tcc_sim.functions:fmu_file"
+TOPICS_SHOWN = 100
+"""Largest number of topics listed."""
+
+
+@command(forms={"recording": Form("RUN", Path), "out": Form("DIR", Path)})
+def recover(arguments: argparse.Namespace, recording: Path, out: Path | None = None) -> int:
+    """Recover the recording and print the missing parts.
+
+    Parameters
+    ----------
+    recording : bag directory or .mcap file, which stays unchanged
+    out : directory to create (default: RUN_recovered beside it)
+    """
+    from tcc_sim.recording import recovery
+    from tcc_sim.recording.reader import open_run
+
+    result = recovery.recover(open_run(recording), out or recovery.default_directory(recording))
+    say(printable(f"recovered {counted(sum(result.messages.values()), 'message')} into {result.directory}"))
+    for topic, count in list(result.messages.items())[:TOPICS_SHOWN]:
+        say(f"  {one_line(topic)}: {count}")
+    if len(result.messages) > TOPICS_SHOWN:
+        say(f"  and {counted(len(result.messages) - TOPICS_SHOWN, 'more topic')}")
+    for sentence in result.missing:
+        say(f"  note: {one_line(sentence)}")
+    if not result.missing:
+        say("  nothing is missing; the original was complete" if result.complete else "  nothing is missing")
+    return 0
+
+
+@command(of("tcc_sim.recording.importer:import_bag", common.FORMS, common.DRIVELINE),
+         forms={"bag": Form("BAG", Path), "recording": Form("RUN", Path)})
+def import_(arguments: argparse.Namespace, bag: Path, recording: Path) -> int:
+    """Import the bag and print what it holds and what is unknown.
+
+    Parameters
+    ----------
+    bag : a bag in SQLite, of ROS 1, compressed, or of another program in MCAP; it stays unchanged
+    recording : directory to create
+    """
+    from tcc_sim.recording.importer import import_bag
+
+    result = import_bag(bag, recording, **common.driveline_of(arguments))
+    say(printable(f"imported {counted(result.states, 'state')} of {counted(result.runs, 'run')} into "
+                  f"{result.directory}"))
+    for sentence in result.notes:
+        say(f"  note: {one_line(sentence)}")
+    return 0
+
+
+@command(partial(common.add_layout, title="that of the command"),
+         partial(common.add_units, default="those of the command"),
+         forms={"result": Form("FILE.json|FILE.npz", Path)})
+def plot(arguments: argparse.Namespace, result: Path, plot: Path | None = None, force: bool = False) -> int:
+    """Check the files, draw, and print the name of the picture.
+
+    Parameters
+    ----------
+    result : file that --json or --out wrote; a run is in that of --out
+    plot : the picture: .pdf, .svg or .png (default: the result's name with .pdf, in this directory)
+    force : replace an existing file
+    """
+    from tcc_sim.output.files import draft
+    from tcc_sim.views import plots
+
+    path, title = plot or Path(result.with_suffix(".pdf").name), arguments.title
+    plots.check_picture(path, arguments.width)
+    new_file(path, force)
+    with draft(path) as part:
+        plots.plot(result, part, arguments.width, title=title and printable(title), units=arguments.units)
+    say(f"picture in {path}")
+    return 0
+
+
+@command(common.add_scene, of(FMU, {"step": Form("S", common.number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)}))
+def fmu(arguments: argparse.Namespace) -> int:
+    """Write the FMU and print its contents."""
+    from tcc_sim.fmi.export import compiler, folder_of_binary
+    from tcc_sim.functions import fmu_file
+
+    scene = common.scene_of(arguments)
+    path = fmu_file(scene, **keywords_of(arguments, options_in(FMU)))
+    common.warn_of(scene)
+    if folder := folder_of_binary(path):
+        held = f"sources in C99 and a binary for {folder}"
+    elif arguments.sources_only or compiler() is not None:
+        held = "sources in C99; importers compile them"
+    else:
+        held = "sources in C99; no C compiler was found here, so importers compile them"
+    say(f"{path}: FMI {arguments.fmi}.0 for co-simulation, {held}")
+    return 0
