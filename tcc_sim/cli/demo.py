@@ -133,7 +133,7 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
                                                       title=scene.name))
     made = ["recording", "analysis.json"] + ([] if "rerun" in missing else ["run.rrd"])
     if "rerun" not in missing:
-        from tcc_sim.views.recording_layout import write_layout
+        from tcc_sim.views.rerun_layout import write_layout
 
         write_layout(recording)
     if "matplotlib" not in missing:

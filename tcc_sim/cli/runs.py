@@ -168,7 +168,7 @@ def analyse(arguments: argparse.Namespace, layout: bool = False) -> int:
     scene = load_scene(arguments.scene or "fig02") if table else source.scene
     show_in(order=scene.system.engine.order)
     if layout:
-        from tcc_sim.views.recording_layout import write_layout
+        from tcc_sim.views.rerun_layout import write_layout
 
         say(f"layout: {write_layout(path)}")
     result = analysis(source, **keywords_of(arguments, options_in(common.ANALYSIS)), progress=True)

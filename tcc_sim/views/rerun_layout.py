@@ -1,17 +1,20 @@
-"""Layout of a run in Rerun: names, colours, the axes of the phase portrait, and the blueprint."""
+"""Layout of a run in Rerun: names, colours, the axes of the phase portrait, and the blueprint; and the layout file
+beside a recording, with which Rerun shows the signals of the MCAP file without conversion.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from tcc_sim.errors import require
-from tcc_sim.topics import shown
+from tcc_sim.errors import InputError, require
+from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, INT8, TOPICS, Topic, shown
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
 
@@ -46,6 +49,13 @@ WIDTH = 2.1
 """Width of the phase portrait's box; its height is 1."""
 BOUNDS = (-0.42, WIDTH + 0.2), (-0.28, 1.48)
 """Ranges of the view around the box, x and y (downwards), with room for the labels."""
+PARTS = {FLOAT64: ("std_msgs.msg.Float64:message", ".data"), INT8: ("std_msgs.msg.Int8:message", ".data"),
+         FLUID_PRESSURE: ("Measurements:values", None)}
+"""Component that Rerun's MCAP reader makes of a message, and the selector of its number, by message type."""
+VIEWS = {"Slip speed (rad/s)": ("slip", "control"), "Torques (N m)": ("torque",),
+          "Stick and slip: -1, 0, 1": ("state",), "Actuation pressure (Pa)": ("pressure",),
+          "Far end of the shaft (rad/s)": ("far_end",)}
+"""Panels of `Topic.view` in each time series view."""
 
 
 def signals() -> dict[str, str]:
@@ -67,67 +77,48 @@ def further_panels(names: Collection[str]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class PhaseAxes:
-    """Axes of the phase portrait, which end at round numbers in rad and rad/s and fill the box."""
+    """Axes of the phase portrait by their ticks, rad and rad/s; the first and the last one are the ends of the box."""
 
-    angle: tuple[float, float]
-    speed: tuple[float, float]
+    angle: tuple[float, ...]
+    speed: tuple[float, ...]
 
     @staticmethod
     def around(low: Floats, high: Floats) -> PhaseAxes:
         """Return axes that contain `low` to `high`, (2,) arrays: plate angle (rad), slip speed (rad/s)."""
         least = np.maximum(1e-6 * np.maximum(np.abs(low), np.abs(high)), 1e-9)  # Single precision has seven digits.
         middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, least)
-        ends = [_round_ends(float(m - h), float(m + h), ticks)
-                for m, h, ticks in zip(middle, half, (ANGLE_TICKS, SPEED_TICKS))]
-        return PhaseAxes(ends[0], ends[1])
+        ends = np.stack([middle - half, middle + half], axis=1).tolist()
+        return PhaseAxes(_ticks(*ends[0], ANGLE_TICKS), _ticks(*ends[1], SPEED_TICKS))
 
     def hold(self, low: Floats, high: Floats) -> bool:
         """Return whether `low` to `high` is inside and not in a small part of either axis."""
-        ends = np.array([self.angle, self.speed])
-        inside = bool((ends[:, 0] <= low).all() and (high <= ends[:, 1]).all())
-        return inside and bool(((high - low) >= 0.3 * (ends[:, 1] - ends[:, 0])).all())
+        first, last = np.array([[ticks[0], ticks[-1]] for ticks in (self.angle, self.speed)]).T
+        return bool(((first <= low) & (high <= last) & (high - low >= 0.3 * (last - first))).all())
 
     def transform(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return translation and scale that take (plate angle, -slip speed) into the box."""
-        scale = WIDTH / (self.angle[1] - self.angle[0]), 1.0 / (self.speed[1] - self.speed[0])
-        return (-self.angle[0] * scale[0], self.speed[1] * scale[1]), scale
+        scale = WIDTH / (self.angle[-1] - self.angle[0]), 1.0 / (self.speed[-1] - self.speed[0])
+        return (-self.angle[0] * scale[0], self.speed[-1] * scale[1]), scale
 
-    def places(self) -> tuple[list[tuple[float, str]], list[tuple[float, str]]]:
-        """Return the ticks of both axes: x and y in the box, and the number."""
-        (right, down), (across, along) = self.transform()
-        return ([(right + across * a, f"{a:.6g}") for a in _ticks(*self.angle, ANGLE_TICKS)],
-                [(down - along * v, f"{v:.6g}") for v in _ticks(*self.speed, SPEED_TICKS)])
-
-    def strips(self) -> list[list[tuple[float, float]]]:
-        """Return both axes as lines, with a short line at every tick."""
-        across, along = self.places()
-        out = [[(0.0, 0.0), (0.0, 1.0), (WIDTH, 1.0)]]
-        out += [[(x, 1.0), (x, 1.02)] for x, _ in across]
-        return out + [[(0.0, y), (-0.02, y)] for y, _ in along]
-
-    def labels(self) -> tuple[list[tuple[float, float]], list[str]]:
-        """Return positions and texts of the tick labels and of the names of the axes; a label hangs below its position.
+    def drawn(self) -> tuple[list[list[tuple[float, float]]], list[tuple[float, float]], list[str]]:
+        """Return both axes as lines with a short line at every tick, and positions and texts of the labels at the ticks
+        and of the names, which hang below their positions.
         """
-        across, along = self.places()
-        named = [(x, 1.11, text) for x, text in across] + [(-0.19, y - 0.07, text) for y, text in along]
-        named += [(0.5 * WIDTH, 1.29, "plate angle (rad)"), (0.1, -0.265, "slip speed (rad/s)")]
-        return [(x, y) for x, y, _ in named], [text for *_, text in named]
+        (right, down), (across, along) = self.transform()
+        xs, ys = [right + across * a for a in self.angle], [down - along * v for v in self.speed]
+        lines = [[(0.0, 0.0), (0.0, 1.0), (WIDTH, 1.0)], *([(x, 1.0), (x, 1.02)] for x in xs),
+                 *([(0.0, y), (-0.02, y)] for y in ys)]
+        places = [*((x, 1.11) for x in xs), *((-0.19, y - 0.07) for y in ys), (0.5 * WIDTH, 1.29), (0.1, -0.265)]
+        return lines, places, [*(f"{x:.6g}" for x in (*self.angle, *self.speed)), "plate angle (rad)",
+                               "slip speed (rad/s)"]
 
 
-def _step(low: float, high: float, intervals: int) -> float:
+def _ticks(low: float, high: float, intervals: int) -> tuple[float, ...]:
+    """Return round numbers at even distances, the first at or below `low` and the last at or above `high`."""
     raw = max(high - low, 1e-12) / intervals
     power = 10.0 ** math.floor(math.log10(raw))
-    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1.0 - 1e-9))
-
-
-def _round_ends(low: float, high: float, intervals: int) -> tuple[float, float]:
-    step = _step(low, high, intervals)
-    return math.floor(low / step + 1e-9) * step, math.ceil(high / step - 1e-9) * step
-
-
-def _ticks(low: float, high: float, intervals: int) -> list[float]:
-    step = _step(low, high, intervals)
-    return [k * step for k in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1.0 - 1e-9))
+    return tuple(k * step for k in range(math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9) + 1))
 
 
 def blueprint(cycle: float, controlled: bool = False, least: float = 0.0,
@@ -208,3 +199,52 @@ def looks(controlled: bool) -> Iterator[tuple[str, Any]]:
                                          colors=[rgb(c) for c in STATE_COLOURS.values()])
     yield "phase/orbit", rr.LineStrips2D.from_fields(colors=rgb(style.BLUE), radii=rr.Radius.ui_points(0.4))
     yield "phase/section", rr.Points2D.from_fields(colors=rgb(style.RED), radii=rr.Radius.ui_points(3.0))
+
+
+def write_layout(recording: Path) -> Path:
+    """Write the layout beside a recording, and return its path: the first MCAP file with the suffix .rbl.
+
+    Rerun applies a layout to the application of its name, which is the stem of an MCAP file.
+
+    Parameters
+    ----------
+    recording : an MCAP file, or a directory with one
+
+    Raises
+    ------
+    InputError
+        No MCAP file is there, the layout exists, or it cannot be written.
+    MissingPackage
+        rerun-sdk is not installed.
+    """
+    files = [recording] if recording.is_file() else sorted(recording.glob("*.mcap"))
+    if not files:
+        raise InputError(f"{recording} holds no MCAP file")
+    path, rrb = files[0].with_suffix(".rbl"), rerun().blueprint
+    rows = [row for row in TOPICS if row.view and row.type in PARTS]
+    views = {title: [row for row in rows if row.panel in panels] for title, panels in VIEWS.items()}
+    known = [row for shown in views.values() for row in shown]
+    views |= {f"{row.name.replace('_', ' ').capitalize()} ({row.unit})": [row] for row in rows if row not in known}
+    shown = [rrb.TimeSeriesView(origin="/", name=title, contents=[f"/{row.name}" for row in shown],
+                                overrides={f"/{row.name}": _line_of(row) for row in shown})
+             for title, shown in views.items()]
+    shown.append(rrb.TimeSeriesView(origin="/joint_states", name="Joint states"))  # Rerun draws it without a mapping.
+    blueprint = rrb.Blueprint(rrb.Vertical(*shown), collapse_panels=True, auto_views=False)
+    try:
+        path.open("xb").close()
+        blueprint.save(path.stem, str(path))
+    except FileExistsError:
+        raise InputError(f"{path} exists already and is not overwritten") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be written: {error.strerror}") from None
+    return path
+
+
+def _line_of(row: Topic) -> Any:
+    """Return the look of a topic as a line, with the component of its messages."""
+    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
+
+    component, selector = PARTS[row.type]
+    return rerun().SeriesLines(names=row.name.replace("_", " ")).visualizer(mappings=[VisualizerComponentMapping(
+        "Scalars:scalars", source_kind=ComponentSourceKind.SourceComponent, source_component=component,
+        selector=selector)])

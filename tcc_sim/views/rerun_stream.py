@@ -90,7 +90,6 @@ class RerunStream:
             _create(file)
         self._file = file
         self._cycle = cycle
-        self._further = layout.further_panels(topics)
         self._state: int | None = None
         self._elapsed_ns = 0
         self._offset_ns = 0
@@ -99,7 +98,6 @@ class RerunStream:
         self._cycle_number: int | None = None
         self._mean = 0.0
         self._held: dict[str, float] = {}
-        self._controlled, self._history, self._length = controlled, history, length
         self._patience, self._room = patience, room
         self._say, self.left_out, self._stalled, self._restarted = say, 0, False, False
         self._sent = self._received = 0
@@ -107,29 +105,25 @@ class RerunStream:
         self._asked: tuple[int, Future[None]] | None = None
         self._extents: deque[Floats] = deque(maxlen=layout.PORTRAIT_CYCLES)
         self._axes: layout.PhaseAxes | None = None
+        self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
+        self.recording.set_log_time_enabled(False)
+        self.recording.set_log_tick_enabled(False)
+        shown = layout.blueprint(cycle, controlled, history, layout.further_panels(topics), length)
         try:
-            self._open(name, spawn, url)
+            if file is not None:
+                _writable(file, LAYOUT)  # Rerun would wait for ever for a writer that ends here.
+                self.recording.save(file, default_blueprint=shown)
+            elif spawn:
+                _open_viewer(self.recording, shown)
+            else:
+                self.recording.connect_grpc(url, default_blueprint=shown)
+            self.recording.send_recording_name(name)
+            for path, look in layout.looks(controlled):
+                self._always(path, look)
         except BaseException:
             if file is not None:
                 file.unlink(missing_ok=True)
             raise
-
-    def _open(self, name: str, spawn: bool, url: str | None) -> None:
-        self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
-        self.recording.set_log_time_enabled(False)
-        self.recording.set_log_tick_enabled(False)
-        shown = layout.blueprint(self._cycle, self._controlled, self._history, self._further, self._length)
-        file = self._file
-        if file is not None:
-            _writable(file, LAYOUT)  # Rerun would wait for ever for a writer that ends here.
-            self.recording.save(file, default_blueprint=shown)
-        elif spawn:
-            _open_viewer(self.recording, shown)
-        else:
-            self.recording.connect_grpc(url, default_blueprint=shown)
-        self.recording.send_recording_name(name)
-        for path, look in layout.looks(self._controlled):
-            self._always(path, look)
 
     def __enter__(self) -> RerunStream:
         return self
@@ -369,11 +363,11 @@ class RerunStream:
         if axes == self._axes:
             return
         self._axes = axes
-        rr, (places, texts), grey = self._rr, self._axes.labels(), layout.rgb(style.GREY)
-        self._always("phase/axes", rr.LineStrips2D(self._axes.strips(), colors=grey, radii=rr.Radius.ui_points(0.5)))
+        rr, (lines, places, texts), grey = self._rr, axes.drawn(), layout.rgb(style.GREY)
+        self._always("phase/axes", rr.LineStrips2D(lines, colors=grey, radii=rr.Radius.ui_points(0.5)))
         self._always("phase/labels", rr.Points2D(places, labels=texts, show_labels=True, colors=grey,
                                                  radii=rr.Radius.ui_points(0.0)))
-        move, scale = self._axes.transform()
+        move, scale = axes.transform()
         for path in ("phase/orbit", "phase/section"):
             self._always(path, rr.Transform3D(translation=(*move, 0.0), scale=(*scale, 1.0)))
 

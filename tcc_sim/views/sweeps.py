@@ -77,7 +77,7 @@ def sweep_panels(values: Mapping[str, Any]) -> list[Panel]:
         axis.set_ylim(style.widened(axis.get_ylim()))  # A motion that stays the same is no diagram of rounding.
         quantities(axis, over, AxisQuantity("plate angle on section", "rad"))
 
-    def curve(axis: Any, name: str, quantity: AxisQuantity, factor: float) -> None:
+    def curve(axis: Any, name: str, quantity: AxisQuantity, factor: float = 1.0) -> None:
         axis.plot(*parted(x, factor * numbers(values[name])), **{**DOTS, "linestyle": "-"}, markersize=size,
                   color=style.BLUE, linewidth=0.9)
         if name == "stick_fraction":
@@ -92,11 +92,11 @@ def sweep_panels(values: Mapping[str, Any]) -> list[Panel]:
         axis.plot(x, middle, **DOTS, markersize=size, color=style.BLUE)
         quantities(axis, over, AxisQuantity("exponent", "1/s"))
 
-    (stick, *of_stick), (energy, *of_energy) = RESULTS[1:]
+    (stick, of_stick, percent), (energy, of_energy, _) = RESULTS[1:]
     return [Panel("Maxima", maxima, 1.9),
-            Panel("Heat", lambda axis: curve(axis, energy, *of_energy), 1.9, over=True) if values.get("varying") else
+            Panel("Heat", lambda axis: curve(axis, energy, of_energy), 1.9, over=True) if values.get("varying") else
             Panel("Orbit diagram", orbit, 1.9, over=True),  # A manoeuvre has no orbit.
-            Panel("Time in stick", lambda axis: curve(axis, stick, *of_stick), 1.5, over=True),
+            Panel("Time in stick", lambda axis: curve(axis, stick, of_stick, percent), 1.5, over=True),
             *([Panel("Largest Lyapunov exponent", exponents, over=True)] if values.get("lyapunov") else [])]
 
 

@@ -26,7 +26,7 @@ from tcc_sim.topics import TOPICS
 from tcc_sim.trajectory import Cycles
 
 pytest.importorskip("rerun", reason="rerun is not installed")
-from tcc_sim.views.recording_layout import write_layout
+from tcc_sim.views.rerun_layout import write_layout
 from tcc_sim.views.rerun_stream import RerunStream
 
 CYCLE = 0.05
