@@ -87,8 +87,8 @@ class PhaseAxes:
         """Return axes that contain `low` to `high`, (2,) arrays: plate angle (rad), slip speed (rad/s)."""
         least = np.maximum(1e-6 * np.maximum(np.abs(low), np.abs(high)), 1e-9)  # Single precision has seven digits.
         middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, least)
-        ends = np.stack([middle - half, middle + half], axis=1).tolist()
-        return PhaseAxes(_ticks(*ends[0], ANGLE_TICKS), _ticks(*ends[1], SPEED_TICKS))
+        (left, right), (bottom, top) = zip((middle - half).tolist(), (middle + half).tolist())
+        return PhaseAxes(_ticks(left, right, ANGLE_TICKS), _ticks(bottom, top, SPEED_TICKS))
 
     def hold(self, low: Floats, high: Floats) -> bool:
         """Return whether `low` to `high` is inside and not in a small part of either axis."""
