@@ -118,7 +118,7 @@ def run(arguments):
 
 run.add_arguments = lambda parser: None
 cli.VERBS["long"] = cli.verbs.Verb("take long")
-cli.verbs.MODULES["tcc_sim.cli.long"] = "long"
+cli.MODULES["tcc_sim.cli.long"] = "long"
 sys.modules["tcc_sim.cli.long"] = SimpleNamespace(long=run)
 sys.argv = ["tcc-sim", "long"]
 sys.exit(cli.main())

@@ -1,4 +1,4 @@
-"""The command `tcc-sim`: modules of verbs (`verbs.MODULES`), imported when a verb is used.
+"""The command `tcc-sim`: modules of verbs (`MODULES`), imported when a verb is used.
 
 A verb is a function whose options follow from its signature and docstring and from those of library functions
 (`options.command`); `verbs` describes the verbs.
@@ -23,10 +23,17 @@ from typing import Any, NoReturn
 
 from tcc_sim import __version__
 from tcc_sim.cli.options import VerbFunction
-from tcc_sim.cli.verbs import MODULES, VERBS, verbs_by_purpose
+from tcc_sim.cli.verbs import VERBS, verbs_by_purpose
 from tcc_sim.errors import InputError, TccError, missing_package, one_line
 from tcc_sim.output.terminal import open_streams
 from tcc_sim.shown_units import show_in
+
+MODULES = {"tcc_sim.cli.demo": "demo", "tcc_sim.cli.scenes": "scenes explain", "tcc_sim.cli.sweep": "sweep",
+           "tcc_sim.cli.runs": "simulate analyse", "tcc_sim.cli.estimation": "linearise identify",
+           "tcc_sim.cli.files": "recover import plot fmu", "tcc_sim.cli.running": "watch control",
+           "tcc_sim.study.cli.motions": "continue basins", "tcc_sim.study.cli.paper": "figure claims",
+           "tcc_sim.study.cli.measuring": "precision stability realtime"}
+"""Verbs by module; each has a function of the verb's name, with an underscore after a Python keyword."""
 
 
 def _reader(kind: type[float] | type[int], what: str) -> Callable[[str], float]:

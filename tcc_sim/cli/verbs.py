@@ -159,12 +159,6 @@ GROUPS: dict[str, dict[str, Verb]] = {
 """Verbs by purpose, in the order of `tcc-sim --help`."""
 VERBS: dict[str, Verb] = {name: verb for verbs in GROUPS.values() for name, verb in verbs.items()}
 """Every verb by its name."""
-MODULES = {"tcc_sim.cli.demo": "demo", "tcc_sim.cli.scenes": "scenes explain", "tcc_sim.cli.sweep": "sweep",
-           "tcc_sim.cli.runs": "simulate analyse", "tcc_sim.cli.estimation": "linearise identify",
-           "tcc_sim.cli.files": "recover import plot fmu", "tcc_sim.cli.running": "watch control",
-           "tcc_sim.study.cli.motions": "continue basins", "tcc_sim.study.cli.paper": "figure claims",
-           "tcc_sim.study.cli.measuring": "precision stability realtime"}
-"""Verbs by module; each has a function of the verb's name, with an underscore after a Python keyword."""
 
 
 def verbs_by_purpose() -> str:
