@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
@@ -25,7 +25,7 @@ from tcc_sim.recording.mcap_file import (
     SCENE_RECORD,
     digest,
 )
-from tcc_sim.recording.records import DECODERS, DamagedChunk, McapRecord, RecordStream, Warnings, decoded
+from tcc_sim.recording.records import DECODERS, DamagedChunk, McapRecord, RecordStream, decoded
 from tcc_sim.topics import HEADER, TOPICS
 
 MOST_DAMAGED = 10_000
@@ -99,10 +99,8 @@ class Contents:
     """Number of metadata records of other programs."""
     passed_over: int = 0
     """Number of records after MOST_DAMAGED damaged ones."""
-    stretches: Sequence[int] = ()
     complete: bool = False
-    places: Warnings = field(default_factory=Warnings)
-    """Begins and ends of the stretches that hold messages, whether the footer was reached, and damaged places."""
+    """Whether the footer was reached."""
 
     def add(self, opcode: int, body: bytes, checked: bool = False) -> None:
         """Take one record and count it if it is damaged. Records under a chunk's checksum (`checked`) take precedence.
@@ -193,7 +191,7 @@ def chunks(stream: RecordStream, source: Iterable[McapRecord], skip: Skip,
 
     Parameters
     ----------
-    source : the records of `stream`, those with messages
+    source : the records of `stream`
     skipped : counter of the messages in other chunks, by channel
     """
     chunk: McapRecord | None = None
@@ -213,9 +211,9 @@ def chunks(stream: RecordStream, source: Iterable[McapRecord], skip: Skip,
             continue
         yield from ended()
         chunk, indexes = None, []
-        if record.opcode == Opcode.CHUNK:
+        if record.opcode == Opcode.CHUNK and record.body[16:24] != bytes(8):  # It has bytes.
             chunk = record
-        else:
+        elif record.opcode == Opcode.MESSAGE:
             if skip([channel := int.from_bytes(record.body[:2], "little")]):
                 skipped[channel] += 1
                 continue

@@ -143,7 +143,7 @@ class Run:
             stream = RecordStream(file)
             for record in records_of(path, stream):
                 contents.add(record.opcode, record.body)
-        contents.stretches, contents.complete, contents.places = stream.found, stream.complete, stream.warnings
+        contents.complete = stream.complete
         self._contents[path] = contents
         self.size += size
         self._incomplete |= not stream.complete
@@ -412,14 +412,13 @@ class Run:
         known = self._contents[path]
         contents = Contents(channels=dict(known.channels), schemas=dict(known.schemas), damaged=known.damaged,
                             passed_over=known.passed_over, recovered=known.recovered)
-        self.warnings.take(known.places)
         seen, unchecked, good, bad = Counter[int](), False, 0, 0
 
         def skip(channels: Iterable[int]) -> bool:
             return all(number in contents.channels and not wants(contents.channels[number]) for number in channels)
 
         with self._opened(path) as file:
-            stream = RecordStream(file, known.stretches, warnings=self.warnings)
+            stream = RecordStream(file, warnings=self.warnings)
             expansion = Expansion(file.seek(0, os.SEEK_END))
             for packed in chunks(stream, records_of(path, stream), skip, seen):
                 try:

@@ -10,7 +10,7 @@ import io
 import struct
 import zlib
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO, NamedTuple
 
@@ -49,9 +49,8 @@ ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of data compressed with zstd; a serialised message starts with 0."""
 _LARGEST_RECORD, _HEAD_SIZE, _BLOCK = 16 << 20, 24, 8192
 _SMALLEST = {Opcode.MESSAGE: MESSAGE_HEAD, Opcode.CHUNK: 40}
-_SMALLEST_INDEX = 22
-"""Least lengths of records with messages, and of an index with an entry, bytes."""
-_DESCRIBING = frozenset(set(DECODERS) - {Opcode.CHUNK})
+"""Least lengths of records with messages, bytes."""
+_DESCRIBING = frozenset({*DECODERS, Opcode.MESSAGE_INDEX} - {Opcode.CHUNK})
 _RECORD = struct.Struct("<BQ")
 _CHANNEL = struct.Struct("<H")
 _HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2")])
@@ -73,11 +72,6 @@ class Warnings(list[str]):
         self._places += 1
         if self._places <= MOST_SENTENCES:
             self.append(sentence)
-
-    def take(self, others: Warnings) -> None:
-        """Add the warnings of another reading of the same file."""
-        self.extend(others)
-        self._places += others._places
 
     def conclude(self) -> None:
         """Add the number of places that were not listed."""
@@ -127,37 +121,19 @@ class RecordStream:
     """Iterator over the records of an open MCAP file, in order. Records of unknown opcodes are skipped by their length,
     as MCAP prescribes.
 
-    stretches : begins and ends of the stretches to read, in turn, such as an earlier stream found; None for the file
     complete : whether the footer was reached
     warnings : one sentence for each damaged part
-    found : begins and ends of the stretches that hold messages, if `stretches` is None
     """
 
     file: BinaryIO
-    stretches: Sequence[int] | None = None
     complete: bool = False
     warnings: Warnings = field(default_factory=Warnings)
-    found: array[int] = field(default_factory=lambda: array("q"))
 
     def __iter__(self) -> Iterator[McapRecord]:
-        if self.stretches is not None:
-            for begin, end in zip(self.stretches[::2], self.stretches[1::2]):
-                yield from self._records(begin, end)
-            return
         self.file.seek(0)
         if self.file.read(len(MAGIC)) != MAGIC:
             raise RecordingError(not_mcap(self.file))
-        for record in self._records(len(MAGIC), self.file.seek(0, 2)):
-            if self._holds_messages(record):
-                if not self.found or self.found[-1] != record.offset:
-                    self.found.extend((record.offset, record.offset))
-                self.found[-1] = record.offset + _RECORD.size + record.length
-            yield record
-
-    def _records(self, position: int, size: int) -> Iterator[McapRecord]:
-        """Iterate over the records from a position to the end of a stretch, reading a block of bytes at a time."""
-        block, begin = b"", 0
-        whole = self.stretches is None
+        position, size, block, begin = len(MAGIC), self.file.seek(0, 2), b"", 0
         while position + _RECORD.size <= size:
             at = position - begin
             if not 0 <= at <= len(block) - _RECORD.size - _HEAD_SIZE:
@@ -172,7 +148,12 @@ class RecordStream:
                 return
             if opcode in _SMALLEST:
                 head = block[body:body + min(length, _HEAD_SIZE)]
-            elif opcode not in _DESCRIBING and (whole or opcode != Opcode.MESSAGE_INDEX):
+                if length < _SMALLEST[opcode]:
+                    kind = "chunk" if opcode == Opcode.CHUNK else "message"
+                    self.warnings.place(f"the {kind} at byte {position} is left out: its fields do not fit into it")
+                    position = end
+                    continue
+            elif opcode not in _DESCRIBING:
                 head = b""
             elif length <= len(block) - body:
                 head = block[body:body + length]
@@ -184,19 +165,6 @@ class RecordStream:
                 self.complete = self.file.read(len(MAGIC)) == MAGIC
                 return
             position = end
-
-    def _holds_messages(self, record: McapRecord) -> bool:
-        """Return whether a record is a chunk with messages, an index behind one, or a message; warn if it is too short.
-        """
-        if record.opcode == Opcode.MESSAGE_INDEX:
-            return record.length >= _SMALLEST_INDEX and bool(self.found) and self.found[-1] == record.offset
-        if record.opcode not in _SMALLEST:
-            return False
-        if record.length < _SMALLEST[record.opcode]:
-            kind = "chunk" if record.opcode == Opcode.CHUNK else "message"
-            self.warnings.place(f"the {kind} at byte {record.offset} is left out: its fields do not fit into it")
-            return False
-        return record.opcode == Opcode.MESSAGE or record.body[16:24] != bytes(8)
 
     def _described(self, position: int, length: int) -> bytes:
         """Read the body of a long record that describes the recording or a chunk."""
