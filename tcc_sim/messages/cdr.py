@@ -268,10 +268,15 @@ class Layout(NamedTuple):
         """Return the values of the messages with this layout, and an (n,) mask of these messages."""
         right = np.array([len(data) == len(self.example) for data in messages], dtype=np.bool_)
         joined = b"".join(data for data, whole in zip(messages, right.tolist()) if whole)
-        rows = np.frombuffer(joined, np.uint8).reshape(-1, len(self.example))
-        same = ((rows == self.example) | ~self.fixed).all(axis=1)
-        right[right] = same
-        return np.ascontiguousarray(rows[same]).view(self.record)[:, 0], right
+        found, right[right] = self.found(np.frombuffer(joined, np.uint8).reshape(-1, len(self.example)))
+        return found, right
+
+    def found(self, rows: NDArray[np.uint8]) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
+        """Return the values of messages with this layout among (n, length) bytes, and an (n,) mask of these."""
+        mask, kind = self.fixed.astype(np.uint8) * 0xFF, "<u4" if len(self.example) % 4 == 0 else "u1"
+        rows = np.ascontiguousarray(rows)
+        same = ~((rows.view(kind) ^ self.example.view(kind)) & mask.view(kind)).any(axis=1)
+        return rows[same].view(self.record)[:, 0], same
 
 
 class _Shape:
@@ -351,8 +356,10 @@ def fluid_pressure_layout(frame_id: str = "", field: str = "fluid_pressure") -> 
     return shape.layout({field: start, "variance": start + 8})
 
 
-JOINT_STATE = joint_state_layout().record
-"""NumPy type of a serialised joint_states message with an empty frame."""
+
+def float64_layout(field: str) -> Layout:
+    """Return the layout of Float64 messages; `field` names the value."""
+    return _Shape().layout({field: 4})
 
 
 def _own_layout(row: topics.Topic, frame_id: str) -> Layout:

@@ -60,6 +60,15 @@ def held_message(run: str, values: Sequence[float]) -> bytes:
     return cdr.float64_array(f"held 1 {run}", values)
 
 
+_EXAMPLE = held_message(f"{0:012x}{FIRST}", [0.0] * SIZE)
+_RUN_AT = _EXAMPLE.index(f"{0:012x}{FIRST}".encode())
+LAYOUT = cdr.Layout(
+    np.dtype({"names": ["run", "values"], "formats": [f"S{cdr.RUN_LENGTH}", ("<f8", (SIZE,))],
+              "offsets": [_RUN_AT, len(_EXAMPLE) - 8 * SIZE], "itemsize": len(_EXAMPLE)}),
+    np.frombuffer(_EXAMPLE, np.uint8), np.isin(np.arange(len(_EXAMPLE)), [0, 1, *range(4, _RUN_AT)]))
+"""Layout of the messages of `held`."""
+
+
 def read_held(data: bytes) -> tuple[str, NDArray[np.float64]]:
     """Return run and (SIZE,) values of a serialised message of `held`.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.messages import held
 from tcc_sim.messages.held import index_in_held
-from tcc_sim.recording.layouts import Floats, Values
+from tcc_sim.recording.layouts import Floats
 from tcc_sim.recording.stamps import Break
 from tcc_sim.topics import INPUTS, shown
 from tcc_sim.trajectory import STILL, FarEnd
@@ -19,20 +19,6 @@ from tcc_sim.trajectory import STILL, FarEnd
 BLOCK = 1 << 16
 """Number of states processed at once where each takes memory."""
 NEVER = (1 << 63) - 1
-_YEAR = 365 * 86_400 * 1_000_000_000
-
-
-def receipt_times(log_ns: NDArray[np.int64], sent_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the times of receipt, ns, or the times of sending if the recorder logged simulation time (use_sim_time),
-    which is years earlier.
-    """
-    return np.where(log_ns < sent_ns - _YEAR, sent_ns, log_ns)
-
-
-class HeldRows(NamedTuple):
-    """Messages of `held` of one run, (m, messages.held.SIZE); values that were not recorded are NaN."""
-
-    rows: Floats
 
 
 @dataclass(frozen=True)
@@ -45,7 +31,8 @@ class JointStates:
     recording, `began` is the reason of this start, and `cut` whether it came before the recording, as far as is known.
     `index` is the index of the first state in the whole recording, and `moved_ns` the stamp of the first state of the
     run with a motion of the far end, which stands still before.
-    `held` has the messages on the inputs, of which `held_row` holds at each state (-1: unknown); None without.
+    `held` has the messages on the inputs, (m, messages.held.SIZE), NaN for values that were not recorded; the one of
+    number `held_row` holds at each state (-1: unknown). Both are None without such messages.
     `further` has the fields of all other topics of `topics.stamped` that were recorded, NaN where a message is missing.
     """
 
@@ -66,7 +53,7 @@ class JointStates:
     cut: bool = False
     index: int = 0
     moved_ns: int = NEVER
-    held: HeldRows | None = None
+    held: Floats | None = None
     held_row: NDArray[np.int64] | None = None
     further: Mapping[str, Floats] = field(default_factory=dict)
 
@@ -93,7 +80,7 @@ class JointStates:
         """
         if self.held is None or self.held_row is None:
             return np.full(len(self), np.nan)
-        values: Floats = self.held.rows[self.held_row, index_in_held(name, field)]
+        values: Floats = self.held[self.held_row, index_in_held(name, field)]
         unknown = (values == held.NOBODY) & (field == "source" and name in INPUTS)
         out: Floats = np.where((self.held_row >= 0) & ~unknown, values, np.nan)
         return out
@@ -111,8 +98,7 @@ class JointStates:
         """Stamps after which the driveline was paused, ns."""
         if self.held is None:
             return np.empty(0)
-        rows: Floats = self.held.rows
-        stamps: Floats = rows[rows[:, held.LAST] == held.PAUSED, held.TIME]
+        stamps: Floats = self.held[self.held[:, held.LAST] == held.PAUSED, held.TIME]
         return stamps
 
     @property
@@ -137,8 +123,8 @@ class JointStates:
 
     def __getitem__(self, rows: slice | NDArray[np.bool_]) -> JointStates:
         """Return the selected rows."""
-        columns: dict[str, Any] = {name: column[rows] for name,
-                                   column in vars(self).items() if isinstance(column, np.ndarray)}
+        columns: dict[str, Any] = {name: column[rows] for name, column in vars(self).items()
+                                   if isinstance(column, np.ndarray) and name != "held"}
         first = rows.indices(len(self))[0] if isinstance(rows, slice) else 0
         further = {name: column[rows] for name, column in self.further.items()}
         return replace(self, index=self.index + first, further=further, **columns)
@@ -191,59 +177,3 @@ class Columns:
     counts: Mapping[str, int]
     keyed: bool
     limits: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True)
-class StampedMessages:
-    """Messages of one kind in the order of reading, (n,) arrays.
-
-    origin : number of the run or publisher that each is from
-    stamp_ns, number, log_ns, sent_ns : stamp, sequence number, times of receipt and sending, ns
-    kept : index of each message in the columns, -1 for one outside the window
-    columns : values by field
-    """
-
-    origin: NDArray[np.int64]
-    stamp_ns: NDArray[np.int64]
-    number: NDArray[np.int64]
-    log_ns: NDArray[np.int64]
-    sent_ns: NDArray[np.int64]
-    kept: NDArray[np.int64]
-    columns: Mapping[str, Floats]
-
-    def __len__(self) -> int:
-        return len(self.origin)
-
-
-class Collected:
-    """Messages of one kind that are collected while a recording is read.
-
-    Parameters
-    ----------
-    fields : names of their values
-    """
-
-    def __init__(self, fields: Sequence[str]) -> None:
-        self._fields = fields
-        self._light: list[tuple[NDArray[np.int64], ...]] = []
-        self._columns: list[dict[str, Floats]] = []
-        self.count = self.kept = 0
-
-    def add(self, values: Values, origin: NDArray[np.int64], stamp_ns: NDArray[np.int64],
-            inside: NDArray[np.bool_]) -> None:
-        """Add messages of a chunk, all with their stamps and times, and those `inside` the window with their values.
-        """
-        log, sent, number = (values.heads[name].astype(np.int64) for name in ("log_ns", "sent_ns", "number"))
-        sent = np.where(sent > 0, sent, log)
-        places = np.where(inside, self.kept + np.cumsum(inside) - 1, -1)
-        self._light.append((origin, stamp_ns, number, receipt_times(log, sent), sent, places))
-        self._columns.append({name: values.columns[name][inside] for name in self._fields})
-        self.count += len(origin)
-        self.kept += int(np.count_nonzero(inside))
-
-    def messages(self) -> StampedMessages:
-        """Return all messages."""
-        origin, stamp, number, log, sent, kept = (
-            [np.concatenate(column) for column in zip(*self._light)] if self._light else [np.empty(0, np.int64)] * 6)
-        return StampedMessages(origin, stamp, number, log, sent, kept, {
-            name: np.concatenate([np.empty(0), *(part[name] for part in self._columns)]) for name in self._fields})

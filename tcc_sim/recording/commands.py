@@ -8,14 +8,13 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
 from tcc_sim.messages.held import PROCESS, RUN
 from tcc_sim.recording.announcements import LONGEST, MOST_SOURCES, InputSource, Stamps, read_source
 from tcc_sim.recording.contents import Channel
-from tcc_sim.recording.layouts import heads_at
+from tcc_sim.recording.layouts import Layouts, times_of
 from tcc_sim.recording.records import MESSAGE_HEAD, Messages
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, LIMITS, SHAFT, TARGET
 
@@ -52,6 +51,7 @@ class Commands:
 
     def __init__(self, space: str, zeros: Stamps) -> None:
         self._zeros, self._space = zeros, space
+        self._layouts = {kind: Layouts(kind, (), ["value"]) for kind in (FLOAT64, FLUID_PRESSURE)}
         self._sent: dict[str, list[tuple[Rows, Rows, Stamps, Floats]]] = {}
         self._sources: dict[InputSource, None] = {}
         self._announcers: set[str] = set()
@@ -89,11 +89,13 @@ class Commands:
                 self._announcers.add(channel.publisher)
                 self._announced(data, offset.tolist(), length.tolist())
             elif channel.type == SIGNALS.get(name):
-                numbers, sent, values = _decoded(np.frombuffer(data, np.uint8), offset, length, channel.type)
+                found = self._layouts[channel.type].take(np.frombuffer(data, np.uint8), messages, [number])
+                found = found.part(np.isfinite(found.columns["value"]))
+                values = found.columns["value"]
                 if name in COMMANDS and len(values):
                     self.publishers.setdefault(name, set()).add(channel.publisher)
                 who = np.full(len(values), self._numbers.setdefault(channel.publisher, len(self._numbers)))
-                self._sent.setdefault(name, []).append((who, numbers, sent, values))
+                self._sent.setdefault(name, []).append((who, found.heads["number"], times_of(found.heads)[1], values))
 
     def _here(self, channel: Channel) -> bool:
         """Return whether a topic belongs to the driveline: by its namespace, or because it was remapped."""
@@ -173,27 +175,3 @@ def _once(parts: Sequence[tuple[Any, ...]]) -> list[Any]:
     same[:1] = False
     kept = np.sort(order[~same])
     return [column[kept] for column in columns]
-
-
-def _decoded(array: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
-             kind: str) -> tuple[Rows, Stamps, Floats]:
-    """Return sequence numbers, times of sending (ns; of receipt without one) and values of valid messages."""
-    if kind == FLOAT64:
-        place = offset + MESSAGE_HEAD + 4
-    else:
-        whole = length >= MESSAGE_HEAD + 16
-        offset, length = offset[whole], length[whole]
-        body = offset + MESSAGE_HEAD
-        # The pressure follows the frame's name and is aligned to eight bytes, counted from byte 4.
-        name = sliding_window_view(array, 4)[body + 12].copy().view("<u4")[:, 0].astype(np.int64)
-        place = body + 4 + (12 + name + 7) // 8 * 8
-    inside = place + 8 <= np.minimum(offset + length, len(array))
-    offset, place = offset[inside], place[inside]
-    body = offset + MESSAGE_HEAD
-    little = (array[body] == 0) & (array[body + 1] == 1)  # Little-endian, as cdr encodes.
-    offset, place = offset[little], place[little]
-    values = sliding_window_view(array, 8)[place].copy().view("<f8")[:, 0]
-    finite = np.isfinite(values)
-    heads = heads_at(array, offset[finite])
-    number, log, sent = (heads[name].astype(np.int64) for name in ("number", "log_ns", "sent_ns"))
-    return number, np.where(sent > 0, sent, log), values[finite].astype(np.float64)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
@@ -17,7 +16,7 @@ from tcc_sim.messages.held import PROCESS, RUN
 from tcc_sim.parameter_file import LARGEST_FILE, description_in
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.contents import Batch, Channel
-from tcc_sim.recording.layouts import Layouts, SameLayout
+from tcc_sim.recording.layouts import Decoded, Layouts
 from tcc_sim.recording.records import HEAD, MESSAGE_HEAD
 from tcc_sim.result import reported
 from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
@@ -89,18 +88,13 @@ class _Sent:
         self.place = self.log_ns = self.sent_ns = self.stamps = (1 << 63, -1 << 63)
         """Smallest and largest: number in the order of reading, times of receipt and of sending, and stamp, ns."""
 
-    def add(self, group: SameLayout, before: int) -> None:
+    def add(self, group: Decoded, before: int) -> None:
         """Take messages of one chunk, which has `before` messages before it."""
         self.names[group.names] += len(group.rows)
         for what, values in (("place", before + group.rows), ("stamps", group.stamps),
                              *((name, group.heads[name]) for name in _TIMES)):
             low, high = getattr(self, what)
             setattr(self, what, (min(low, int(values.min())), max(high, int(values.max()))))
-
-    def part(self, group: SameLayout, which: NDArray[np.bool_], before: int) -> None:
-        """Take some of the messages of a group."""
-        self.add(SameLayout(group.names, group.rows[which], group.heads[which], group.stamps[which],
-                            group.frames[which]), before)
 
 
 class _Announced(NamedTuple):
@@ -156,19 +150,13 @@ class Inventory:
                     name = run.decode("ascii", "replace")
                     if _RUN.fullmatch(name):
                         sent = self._runs.setdefault(name, _Sent(channel.topic, channel.publisher, True, name))
-                        sent.part(same, same.frames == run, self._place)
-                        same = self._without(same, run)
+                        sent.add(same.part(same.frames == run), self._place)
+                        same = same.part(same.frames != run)
                 if not len(same.rows):
                     continue
                 key = channel.topic, channel.publisher, tuple(self._joints) if able else tuple(sorted(same.names))
                 self._sent.setdefault(key, _Sent(channel.topic, channel.publisher, able)).add(same, self._place)
         self._place += len(batch.messages.channel)
-
-    @staticmethod
-    def _without(group: SameLayout, run: bytes) -> SameLayout:
-        """Return the messages of a group except those of a run."""
-        rest = group.frames != run
-        return SameLayout(group.names, group.rows[rest], group.heads[rest], group.stamps[rest], group.frames[rest])
 
     def _announced(self, batch: Batch, number: int, channel: Channel) -> None:
         """Take the scenes on a channel."""

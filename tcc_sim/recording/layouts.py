@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,29 +11,23 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
-from tcc_sim.recording.announcements import Stamps, simulation_ns
 from tcc_sim.recording.records import HEAD, MESSAGE_HEAD, Messages
-from tcc_sim.topics import FLUID_PRESSURE, JOINT_STATE
+from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, JOINT_STATE
 
 MOST_LAYOUTS = 100
 """Largest number of layouts of the messages of a topic; messages of further layouts are left out."""
-NO_ZEROS: Stamps = np.empty(0, np.int64)
-NO_FRAMES: NDArray[np.bytes_] = np.empty(0, f"S{cdr.RUN_LENGTH}")
 _FRAME = 16
 """Byte at which the frame of a message with a header begins."""
+_YEAR = 365 * 86_400 * 1_000_000_000
 Floats = NDArray[np.float64]
 Positions = NDArray[np.int64]
+Frames = NDArray[np.bytes_]
 
 
-def heads_at(data: NDArray[np.uint8], offsets: NDArray[Any]) -> NDArray[np.void]:
-    """Return the HEAD of the messages that begin at these bytes, (n,)."""
-    heads: NDArray[np.void] = sliding_window_view(data, MESSAGE_HEAD)[offsets].view(HEAD)[:, 0]
-    return heads
+class Decoded(NamedTuple):
+    """Messages of a chunk, in their order.
 
-
-class Values(NamedTuple):
-    """Messages of a chunk that hold the wanted values, in their order.
-
+    names : names of their joints; empty for several layouts
     rows : (n,) index of each message in the chunk
     heads : (n,) array of HEAD
     stamps : (n,) stamps, ns
@@ -40,25 +35,23 @@ class Values(NamedTuple):
     columns : (n,) values by field, NaN where a message has none
     """
 
-    rows: Positions
-    heads: NDArray[np.void]
-    stamps: NDArray[np.int64]
-    frames: NDArray[np.bytes_]
-    columns: dict[str, Floats]
-
-
-class SameLayout(NamedTuple):
-    """Messages of one layout in a chunk: its joints, and index, HEAD, stamp (ns) and frame of each message."""
-
     names: tuple[str, ...]
     rows: Positions
     heads: NDArray[np.void]
     stamps: NDArray[np.int64]
-    frames: NDArray[np.bytes_]
+    frames: Frames
+    columns: dict[str, Floats]
+
+    def part(self, which: NDArray[Any]) -> Decoded:
+        """Return some of the messages."""
+        return Decoded(self.names, self.rows[which], self.heads[which], self.stamps[which], self.frames[which],
+                       {name: column[which] for name, column in self.columns.items()})
 
 
-Group = tuple[tuple[str, ...], Positions, NDArray[np.void], NDArray[np.void], NDArray[np.bytes_]]
-"""Joints, indices, HEADs, values and frames of the messages of one layout."""
+def times_of(heads: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return times of receipt and of sending, ns; that of receipt for both where the message has no other."""
+    log, sent = (heads[name].astype(np.int64) for name in ("log_ns", "sent_ns"))
+    return log, np.where(sent > 0, sent, log)
 
 
 class Layouts:
@@ -66,15 +59,12 @@ class Layouts:
 
     Parameters
     ----------
-    type : message type, JointState or FluidPressure
+    type : message type: JointState, FluidPressure or Float64
     joints : names of the joints whose values are wanted
     fields : names of the values
-    zeros : stamps of simulation time 0, as in `simulation_ns`
     """
 
-    def __init__(self, type: str, joints: Sequence[str] = (), fields: Sequence[str] = (),
-                 zeros: Stamps = NO_ZEROS) -> None:
-        self._zeros = zeros
+    def __init__(self, type: str, joints: Sequence[str] = (), fields: Sequence[str] = ()) -> None:
         self.type, self.joints, self.fields = type, joints, fields
         self.refused = 0
         """Number of messages that could not be decoded."""
@@ -82,31 +72,21 @@ class Layouts:
         """Reason of the first of them."""
         self._known: list[tuple[tuple[str, ...], cdr.Layout]] = []
 
-    def groups(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> list[SameLayout]:
-        """Return the messages of these channels by their layouts."""
-        return [SameLayout(names, rows, heads, cdr.stamps(records), frames) for names, rows, heads, records, frames in
-                self._sorted(data, messages, channels)]
-
-    def take(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> Values:
+    def take(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> Decoded:
         """Return the messages of these channels that hold the wanted values."""
-        groups = [group for group in self._sorted(data, messages, channels) if set(self.joints) <= set(group[0])]
-        if not groups:
-            return Values(np.empty(0, np.int64), np.empty(0, HEAD), np.empty(0, np.int64), NO_FRAMES,
-                          {name: np.empty(0) for name in self.fields})
-        rows, heads, frames = (np.concatenate([group[k] for group in groups]) for k in (1, 2, 4))
-        order = np.argsort(rows) if len(groups) > 1 else slice(None)
-        columns: dict[str, Any] = {}
-        for name in self.fields:
-            columns[name] = np.concatenate([
-                values[name].astype(np.float64) if name in (values.dtype.names or ()) else np.full(len(values), np.nan)
-                for *_, values, _ in groups])[order]
-        stamps = np.concatenate([cdr.stamps(group[3]) for group in groups])
-        return Values(rows[order], heads[order], simulation_ns(stamps[order], self._zeros), frames[order], columns)
+        none = Decoded((), np.empty(0, np.int64), np.empty(0, HEAD), np.empty(0, np.int64),
+                       np.empty(0, f"S{cdr.RUN_LENGTH}"), {name: np.empty(0) for name in self.fields})
+        groups = [group for group in self.groups(data, messages, channels) if set(self.joints) <= set(group.names)]
+        if len(groups) < 2:
+            return groups[0] if groups else none
+        rows, heads, stamps, frames = (np.concatenate(columns) for columns in zip(*(group[1:5] for group in groups)))
+        columns = {name: np.concatenate([group.columns[name] for group in groups]) for name in self.fields}
+        return Decoded((), rows, heads, stamps, frames, columns).part(np.argsort(rows))
 
-    def _sorted(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]
-                ) -> list[Group]:
+    def groups(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> list[Decoded]:
+        """Return the messages of these channels by their layouts."""
         left: Positions = np.flatnonzero(np.isin(messages.channel, channels))
-        groups: list[Group] = []
+        groups: list[Decoded] = []
         for names, layout in self._known:
             left = self._of(data, messages, left, names, layout, groups)
         while len(left):
@@ -134,6 +114,8 @@ class Layouts:
                 made = shape.names, cdr.joint_state_layout(
                     shape.names, self.joints if wanted else (), shape.frame_id, self.fields if wanted else (),
                     shape.counts)
+            elif self.type == FLOAT64:
+                made = (), cdr.float64_layout(*self.fields)
             else:
                 return None
         except (ValueError, UnicodeError) as error:
@@ -143,26 +125,88 @@ class Layouts:
         return made
 
     def _of(self, data: NDArray[np.uint8], messages: Messages, left: Positions, names: tuple[str, ...],
-            layout: cdr.Layout, groups: list[Group]) -> Positions:
-        """Add the messages of one layout to `found`; return the indices of the others."""
-        expected = layout.example
-        mine = messages.length[left] == MESSAGE_HEAD + len(expected)
+            layout: cdr.Layout, groups: list[Decoded]) -> Positions:
+        """Add the messages of one layout to `groups`; return the indices of the others."""
+        size = len(layout.example)
+        mine = messages.length[left] == MESSAGE_HEAD + size
         if not mine.any():
             return left
         offset = messages.offset[left[mine]]
-        rows = sliding_window_view(data, len(expected))[offset + MESSAGE_HEAD]
-        mask = np.where(layout.fixed, np.uint8(0xFF), np.uint8(0))
-        if len(expected) % 4 == 0:
-            wrong = ((rows.view("<u4") ^ expected.view("<u4")) & mask.view("<u4")).any(axis=1)
-        else:
-            wrong = ((rows ^ expected) & mask).any(axis=1)
-        mine[mine] = ~wrong
-        if mine.any():
-            heads = heads_at(data, offset[~wrong])
-            right = np.ascontiguousarray(rows[~wrong])
-            length = int.from_bytes(expected[_FRAME - 4:_FRAME].tobytes(), "little") - 1
-            frames = (np.ascontiguousarray(right[:, _FRAME:_FRAME + cdr.RUN_LENGTH]).view(NO_FRAMES.dtype)[:, 0]
-                      if length == cdr.RUN_LENGTH else np.zeros(len(right), NO_FRAMES.dtype))
-            groups.append((names, left[mine], heads, right.view(layout.record)[:, 0], frames))
+        values, same = layout.found(sliding_window_view(data, size)[offset + MESSAGE_HEAD])
+        mine[mine] = same
+        if len(values):
+            heads: NDArray[np.void] = sliding_window_view(data, MESSAGE_HEAD)[offset[same]].view(HEAD)[:, 0]
+            frames = np.zeros(len(values), f"S{cdr.RUN_LENGTH}")
+            if int.from_bytes(layout.example[_FRAME - 4:_FRAME].tobytes(), "little") == cdr.RUN_LENGTH + 1:
+                bodies = values.view(np.uint8).reshape(-1, size)[:, _FRAME:_FRAME + cdr.RUN_LENGTH]
+                frames = np.ascontiguousarray(bodies).view(frames.dtype)[:, 0]
+            columns = {name: values[name].astype(np.float64) if name in (values.dtype.names or ())
+                       else np.full(len(values), np.nan) for name in self.fields}
+            groups.append(Decoded(names, left[mine], heads, cdr.stamps(values), frames, columns))
         rest: Positions = left[~mine]
         return rest
+
+
+@dataclass(frozen=True)
+class StampedMessages:
+    """Messages of one kind in the order of reading, (n,) arrays.
+
+    origin : number of the run or publisher that each is from
+    stamp_ns, number, log_ns, sent_ns : stamp, sequence number, times of receipt and sending, ns; of receipt, the time
+        of sending if the recorder logged simulation time (use_sim_time), which is years earlier
+    kept : index of each message in the columns, -1 for one outside the window
+    columns : values by field
+    """
+
+    origin: NDArray[np.int64]
+    stamp_ns: NDArray[np.int64]
+    number: NDArray[np.int64]
+    log_ns: NDArray[np.int64]
+    sent_ns: NDArray[np.int64]
+    kept: NDArray[np.int64]
+    columns: Mapping[str, Floats]
+
+    def __len__(self) -> int:
+        return len(self.origin)
+
+
+class Collected:
+    """Messages of one kind that are collected while a recording is read.
+
+    Parameters
+    ----------
+    layouts : their layouts
+    place : function that returns the run or publisher of each message (-1: another driveline's), its simulation time
+        (ns), and whether it lies in the window, each (n,)
+    """
+
+    def __init__(self, layouts: Layouts, place: Callable[[Decoded], tuple[Positions, Positions, NDArray[np.bool_]]]
+                 ) -> None:
+        self.layouts, self._place = layouts, place
+        self._parts: list[tuple[NDArray[np.int64], ...]] = []
+        self._columns: list[dict[str, Floats]] = []
+        self.kept = 0
+        """Number of messages in the window."""
+
+    def take(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> None:
+        """Take the messages of these channels in one chunk: all with their stamps and times, those in the window with
+        their values.
+        """
+        found = self.layouts.take(data, messages, channels)
+        origin, stamps, inside = self._place(found)
+        ours = origin >= 0
+        heads, kept = found.heads[ours], inside[ours]
+        log, sent = times_of(heads)
+        self._parts.append((origin[ours], stamps[ours], heads["number"].astype(np.int64),
+                            np.where(log < sent - _YEAR, sent, log), sent,
+                            np.where(kept, self.kept + np.cumsum(kept) - 1, -1)))
+        self._columns.append({name: column[ours & inside] for name, column in found.columns.items()})
+        self.kept += int(np.count_nonzero(kept))
+
+    def messages(self) -> StampedMessages:
+        """Return all messages."""
+        none = (np.empty(0, np.int64),) * 6
+        origin, stamp, number, log, sent, kept = (np.concatenate(columns) for columns in zip(none, *self._parts))
+        return StampedMessages(origin, stamp, number, log, sent, kept, {
+            name: np.concatenate([np.empty(0), *(part[name] for part in self._columns)])
+            for name in self.layouts.fields})

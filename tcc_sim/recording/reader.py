@@ -12,18 +12,17 @@ from typing import Any, BinaryIO
 from weakref import finalize
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim import topics
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import held
 from tcc_sim.recording.announcements import SceneRecord, simulation_ns, zeros_of
-from tcc_sim.recording.columns import Collected, Columns, JointStates
+from tcc_sim.recording.columns import Columns, JointStates
 from tcc_sim.recording.commands import COMMANDS, SIGNALS, SOURCE, Commands
 from tcc_sim.recording.contents import CDR, MOST_DAMAGED, Batch, Channel, Contents, chunks, together, unpack
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
-from tcc_sim.recording.layouts import NO_ZEROS, Layouts, Values
+from tcc_sim.recording.layouts import Collected, Decoded, Layouts
 from tcc_sim.recording.parts import (
     Parts,
     missing_parts,
@@ -64,9 +63,6 @@ BYTES_A_STATE = 230
 MOST_DIFFERING = 0.2
 """Largest share of states with the stamp of another one and other values, if states do not name their run."""
 _MOST_NAMED, _LARGEST_COUNT = 50, 10**18
-_HELD = held.held_message(f"{0:012x}.000", [0.0] * held.SIZE)
-_HELD_RUN, _HELD_VALUES = _HELD.index(b"000000000000.000"), len(_HELD) - 8 * held.SIZE
-"""Bytes of a message of `held` at which the run and the values begin."""
 
 Tap = Callable[[bytes, Messages, Mapping[int, Channel]], None]
 """Function of the bytes of an unpacked chunk, the positions of its messages, and the channels described so far."""
@@ -301,24 +297,25 @@ class Run:
                                for one in self._every_channel())
         zeros = zeros_of(scene.text for scene in self.scenes)
         origins = _Origins(self, window, zeros)
-        kinds = {"joint_states": _Kind(Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields),
-                                       origins)}
-        kinds |= {row.name: _Kind(Layouts(row.type, row.joints, row.joint_fields or row.fields), origins)
+        kinds = {"joint_states": Collected(
+            Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields), origins.of)}
+        kinds |= {row.name: Collected(Layouts(row.type, row.joints, row.joint_fields or row.fields), origins.of)
                   for row in topics.stamped()}
-        commands, rows = Commands(space, NO_ZEROS if keyed else zeros), dict[int, list[NDArray[np.float64]]]()
+        commands, rows = Commands(space, zeros[:0] if keyed else zeros), dict[int, list[NDArray[np.float64]]]()
         for data, messages, channels in self._chunks():
             array = np.frombuffer(data, dtype=np.uint8)
             here = [(number, channels[number]) for number in np.flatnonzero(np.bincount(messages.channel)).tolist()
                     if number in channels] if len(messages.channel) else []
             for name, kind in kinds.items():
-                kind.take(array, messages, [number for number, channel in here if self._is(channel, name)])
+                if mine := [number for number, channel in here if self._is(channel, name)]:
+                    kind.take(array, messages, mine)
             if keyed:
                 for number, channel in here:
                     if channel.type == FLOAT64_ARRAY:
-                        origins.take_held(array, messages, number, rows)
+                        origins.take_held(data, messages, number, rows)
             commands.take(data, messages, {number: channel for number, channel in here if self._ours(channel)})
-            self._check_memory(kinds["joint_states"].found.kept)
-        found = {name: kind.found.messages() for name, kind in kinds.items()}
+            self._check_memory(kinds["joint_states"].kept)
+        found = {name: kind.messages() for name, kind in kinds.items()}
         joined = {row.name: replace(found[row.name], columns={  # The shaft's torque follows from the states.
             name: found[row.name].columns[name] for name in row.fields if name != SHAFT})
             for row in topics.stamped() if len(found[row.name])}
@@ -451,12 +448,13 @@ class Run:
         if short:
             self.warnings.append(f"{short} of {counted(sum(known.expected.values()), 'message')} could not be read")
 
-    def _pass_over(self, kinds: Mapping[str, _Kind]) -> None:
+    def _pass_over(self, kinds: Mapping[str, Collected]) -> None:
         """Add warnings for messages and drivelines that were passed over."""
         topic = self.driveline.topic
         space = topic.rpartition("/")[0]
+        pressures = kinds["applied_pressure"].layouts
         for name, (refused, why) in ((topic, self._refused),
-                                     (f"{space}/applied_pressure", kinds["applied_pressure"].refused)):
+                                     (f"{space}/applied_pressure", (pressures.refused, pressures.why))):
             if refused:
                 self.warnings.append(f"{counted(refused, 'message')} of {name} left out: their layout differs"
                                      + (f" ({why})" if why else ""))
@@ -504,63 +502,29 @@ class _Origins:
         self._zero = np.array([by_run.get(name, 0) for name in self._names], np.int64)
         self._identified = int(bool(run.driveline.publisher))
 
-    def of(self, values: Values) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return number of the run (-1: another driveline's) and simulation time (ns) of each message; for runs without
-        names 1 in place of the number if the publisher is identified, else 0.
+    def of(self, found: Decoded) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Return number of the run (-1: another driveline's) and simulation time (ns) of each message, and whether it
+        lies in the window. Runs without names have 1 in place of the number if the publisher is identified, else 0, and
+        lie in the window by time alone.
         """
-        if self._names:
-            names, inverse = np.unique(values.frames, return_inverse=True)
-            origin = np.array([self._numbers.get(name, -1) for name in names.tolist()], np.int64)[inverse]
-            return origin, values.stamps - self._zero[np.maximum(origin, 0)]
-        return (np.where(values.frames == b"", self._identified, -1), simulation_ns(values.stamps, self._zeros))
+        if not self._names:
+            stamps = simulation_ns(found.stamps, self._zeros)
+            return np.where(found.frames == b"", self._identified, -1), stamps, self._window.mask(stamps, None)
+        names, inverse = np.unique(found.frames, return_inverse=True)
+        origin = np.array([self._numbers.get(name, -1) for name in names.tolist()], np.int64)[inverse]
+        stamps = found.stamps - self._zero[np.maximum(origin, 0)]
+        return origin, stamps, self._window.mask(stamps, origin)
 
-    def inside(self, origin: NDArray[np.int64], stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which messages lie in the window, of unnamed runs by time alone."""
-        return self._window.mask(stamps, origin if self._names else None)
-
-    def take_held(self, data: NDArray[np.uint8], messages: Messages, channel: int,
+    def take_held(self, data: bytes, messages: Messages, channel: int,
                   rows: dict[int, list[NDArray[np.float64]]]) -> None:
         """Add the messages of `held` on a channel to the rows of their runs."""
-        mine = (messages.channel == channel) & (messages.length == MESSAGE_HEAD + len(_HELD))
-        offset = messages.offset[mine] + MESSAGE_HEAD
-        if not len(offset):
-            return
-        bodies = sliding_window_view(data, len(_HELD))[offset]
-        head = np.frombuffer(_HELD, np.uint8)[:_HELD_RUN]
-        bodies = bodies[(bodies[:, 4:_HELD_RUN] == head[4:]).all(axis=1)]
-        names = np.ascontiguousarray(bodies[:, _HELD_RUN:_HELD_RUN + 16]).view("S16")[:, 0]
-        values = np.ascontiguousarray(bodies[:, _HELD_VALUES:]).view("<f8")
-        values, names = (column[np.isfinite(values[:, :held.HEAD]).all(axis=1)] for column in (values, names))
-        for name in np.unique(names).tolist():
+        mine = messages.channel == channel
+        found, _ = held.LAYOUT.records([data[begin + MESSAGE_HEAD:begin + length] for begin, length in zip(
+            messages.offset[mine].tolist(), messages.length[mine].tolist())])
+        found = found[np.isfinite(found["values"][:, :held.HEAD]).all(axis=1)]
+        for name in np.unique(found["run"]).tolist():
             if name in self._numbers:
-                rows.setdefault(self._numbers[name], []).append(values[names == name])
-
-
-class _Kind:
-    """Messages of one kind that are collected."""
-
-    def __init__(self, layouts: Layouts, origins: _Origins) -> None:
-        self._layouts, self._origins = layouts, origins
-        self.found = Collected(layouts.fields)
-
-    @property
-    def refused(self) -> tuple[int, str]:
-        """Number of messages that could not be decoded, and the reason of one."""
-        return self._layouts.refused, self._layouts.why
-
-    def take(self, data: NDArray[np.uint8], messages: Messages, mine: list[int]) -> None:
-        """Take the messages of these channels in one chunk."""
-        if not mine:
-            return
-        values = self._layouts.take(data, messages, mine)
-        origin, stamps = self._origins.of(values)
-        ours = origin >= 0
-        if not ours.all():
-            origin, stamps = origin[ours], stamps[ours]
-            values = Values(values.rows[ours], values.heads[ours], values.stamps[ours], values.frames[ours],
-                            {name: column[ours] for name, column in values.columns.items()})
-        if len(origin):
-            self.found.add(values, origin, stamps, self._origins.inside(origin, stamps))
+                rows.setdefault(self._numbers[name], []).append(found["values"][found["run"] == name])
 
 
 def _in_order(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from tcc_sim.messages import held
 from tcc_sim.recording.announcements import InputSource, SceneRecord
-from tcc_sim.recording.columns import NEVER, Commanded, HeldRows, JointStates, StampedMessages
-from tcc_sim.recording.layouts import Floats
+from tcc_sim.recording.columns import NEVER, Commanded, JointStates
+from tcc_sim.recording.layouts import Floats, Positions, StampedMessages
 from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.topics import HELD_INPUTS, INPUTS
 
-Positions = NDArray[np.int64]
 BEAT = round(held.BEAT * 1e9)
 """Longest simulation time between two messages on `held`, ns."""
 BEGIN_TICKS = 2.5
@@ -65,7 +64,7 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
             its = by_key[slice(*np.searchsorted(its_origin, [number, number + 1]))]
             _join(columns, messages, its)
         if of_run is not None:
-            columns["held"], columns["held_row"] = HeldRows(of_run), _rows_at(of_run, columns["stamp_ns"])
+            columns["held"], columns["held_row"] = of_run, _rows_at(of_run, columns["stamp_ns"])
         runs.append(_filled(JointStates.of({**columns, "run": number, "began": began, "cut": cut, "index": index})))
         index += len(mine)
     counter.messages += counter.repeated
@@ -267,9 +266,9 @@ def _filled(states: JointStates) -> JointStates:
 
 def tick_of(states: JointStates) -> float:
     """Return the time of a tick by the messages of `held`, ns; 0 if they do not tell it."""
-    if states.held is None or not len(states.held.rows) or not states.held.rows[-1, held.TICK] > 0.0:
+    if states.held is None or not len(states.held) or not states.held[-1, held.TICK] > 0.0:
         return 0.0
-    return float(states.held.rows[-1, held.TIME] / states.held.rows[-1, held.TICK])
+    return float(states.held[-1, held.TIME] / states.held[-1, held.TICK])
 
 
 def _with_sources(runs: Sequence[JointStates], sources: Sequence[InputSource]) -> tuple[JointStates, ...]:
@@ -287,7 +286,7 @@ def _with_sources(runs: Sequence[JointStates], sources: Sequence[InputSource]) -
     for states in runs:
         last = np.searchsorted(at[:, 0], states.index + np.arange(len(states)), side="right") - 1
         held_row = np.where(last >= 0, at[np.maximum(last, 0), 1], -1)
-        out.append(JointStates(**{**vars(states), "held": HeldRows(rows), "held_row": held_row}))
+        out.append(JointStates(**{**vars(states), "held": rows, "held_row": held_row}))
     return tuple(out)
 
 
@@ -295,9 +294,9 @@ def commands_held(runs: Iterable[JointStates]) -> dict[str, Commanded]:
     """Return the commands that acted, by topic, each at the first state that it acted on."""
     parts: dict[str, list[Commanded]] = {name: [] for name in HELD_INPUTS}
     for states in runs:
-        if states.held is None or not len(states.held.rows):
+        if states.held is None or not len(states.held):
             continue
-        rows, tick = states.held.rows, tick_of(states)
+        rows, tick = states.held, tick_of(states)
         for name in HELD_INPUTS:
             source, value, stamp, since = (rows[:, held.index_in_held(name, field)]
                                            for field in ("source", "value", "stamp", "since"))
