@@ -157,8 +157,8 @@ class Columns:
     """Data of one driveline in a recording.
 
     runs : the states of each run, views of common arrays
-    commands : commands that acted by the name of their topic; none in a recording that does not state them
-    further : likewise speeds of the far end
+    commands : commands that acted and speeds of the far end, by the name of their topic; none in a recording that does
+        not state them
     publishers, recorded : numbers of publishers of commands, and of recorded messages, by topic; of a window too those
         of the whole recording
     received : likewise the number of commands that the driveline received or that may have been on their way at the
@@ -170,10 +170,9 @@ class Columns:
 
     runs: tuple[JointStates, ...]
     commands: Mapping[str, Commanded]
-    further: Mapping[str, Commanded]
     publishers: Mapping[str, int]
     recorded: Mapping[str, int]
     received: Mapping[str, int | None]
     counts: Mapping[str, int]
     keyed: bool
-    limits: tuple[float, float] | None = None
+    limits: tuple[float, float] | None

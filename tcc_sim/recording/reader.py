@@ -332,7 +332,6 @@ class Run:
                                  "came before with other values")
         self._warn_of_inputs(runs)
         self._pass_over(kinds)
-        acted = commands_held(runs)
         last = int(states.sent_ns.max(initial=0))
         recorded, before = commands.recorded(last), commands.recorded(last - BEAT)
         if not held_rows and (names := [name for name in COMMANDS if recorded.get(name)]):
@@ -345,10 +344,8 @@ class Run:
         for name in INPUTS if held_rows and not mixed else ():
             count = received_of(held_rows, states, name)  # Those sent shortly before the end may be on their way.
             received[name] = max(count, recorded.get(name, 0)) if before.get(name, 0) <= count else count
-        return Columns(runs, {name: acted[name] for name in COMMANDS if name in acted},
-                       {name: values for name, values in acted.items() if name not in COMMANDS},
-                       {name: len(who) for name, who in commands.publishers.items()}, recorded,
-                       received, commands.counts(driveline.runs), keyed, commands.limits)
+        return Columns(runs, commands_held(runs), {name: len(who) for name, who in commands.publishers.items()},
+                       recorded, received, commands.counts(driveline.runs), keyed, commands.limits)
 
     def _warn_of_inputs(self, runs: Sequence[JointStates]) -> None:
         unknown = sum(int(np.count_nonzero(one.held_row < 0)) for one in runs if one.held_row is not None)

@@ -4,7 +4,8 @@ sequence number and stamp.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ BEAT = round(held.BEAT * 1e9)
 BEGIN_TICKS = 2.5
 """Latest first state of a run whose begin was recorded, in ticks: two may be lost."""
 _PRESSURE, _FAR = INPUTS[1], "output_speed"
+_Part = tuple[int, dict[str, Any], Positions]
+"""Number of a run, further attributes of its states, and these by their index among all messages."""
 
 
 def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], rows: Mapping[int, Floats],
@@ -42,9 +45,8 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
     counter.repeated = int(np.count_nonzero(~fresh))
     differing = _count_differing(states, order, fresh)
     order, origin = order[fresh], origin[fresh]
-    sorted_joined = {name: _by_key(messages) for name, messages in joined.items()}
-    runs: list[JointStates] = []
-    index, process = 0, ""
+    parts: list[_Part] = []
+    process = ""
     for number in np.unique(origin).tolist():
         mine = order[slice(*np.searchsorted(origin, [number, number + 1]))]
         kind = (Break.START if not process else
@@ -56,19 +58,9 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
         cut = float(stamps[0]) > BEGIN_TICKS * (float(np.median(np.diff(stamps))) if len(mine) > 1 else 0.0)
         ended = of_run is not None and of_run[-1, held.LAST] == held.ENDED
         counter.feed_run(stamps, kind, int(of_run[-1, held.TIME]) if ended else None)  # type: ignore[index]
-        mine = mine[states.kept[mine] >= 0]
-        if not len(mine):
-            continue
-        columns = _columns(states, mine)
-        for messages, by_key, its_origin in sorted_joined.values():
-            its = by_key[slice(*np.searchsorted(its_origin, [number, number + 1]))]
-            _join(columns, messages, its)
-        if of_run is not None:
-            columns["held"], columns["held_row"] = of_run, _rows_at(of_run, columns["stamp_ns"])
-        runs.append(_filled(JointStates.of({**columns, "run": number, "began": began, "cut": cut, "index": index})))
-        index += len(mine)
+        parts.append((number, {"began": began, "cut": cut}, mine))
     counter.messages += counter.repeated
-    return tuple(runs), differing
+    return tuple(_runs(states, joined, parts, rows)), differing
 
 
 def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], sources: Sequence[InputSource],
@@ -86,42 +78,51 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
     sources : announced sources of the inputs
     counter : of stamps, which receives them
     """
-    order = _order_of(states)
-    starts, kept, run = list[tuple[int, Break]](), np.zeros(len(order), np.bool_), np.zeros(len(order), np.int64)
+    order, starts = _order_of(states), list[tuple[int, Break]]()
+    kept = np.zeros(len(order), np.bool_)
     for piece, preceded in counter.pieces(states.stamp_ns[order], states.origin[order]):
         kept[piece] = True
         if preceded.begins_a_run:
             starts.append((piece.start, preceded))
     ends = [*(start for start, _ in starts[1:]), len(order)]
-    parts, index = list[tuple[int, Break, Positions]](), 0
-    for number, ((start, kind), end) in enumerate(zip(starts, ends)):
-        run[start:end] = number
-        mine = order[start:end][kept[start:end]]
-        parts.append((number, kind, mine))
-    of_run, unplaced = dict[str, Positions](), list[str]()
+    parts: list[_Part] = [(number, {"began": kind}, order[start:end][kept[start:end]])
+                          for number, ((start, kind), end) in enumerate(zip(starts, ends))]
+    of_runs, unplaced = dict[str, StampedMessages](), list[str]()
     for name, messages in joined.items():
         its_order = _order_of(messages)
-        its = messages.stamp_ns[its_order]
+        its, origin = messages.stamp_ns[its_order], np.full(len(messages), -1)
         back = 1 + np.flatnonzero(np.diff(its) < 0)
         matched = _matched(its[np.append(back, len(its)) - 1], [int(states.stamp_ns[mine].max()) for *_, mine in parts])
-        of_run[name] = np.full(len(its), -1)
         if matched:
-            of_run[name][its_order] = np.repeat(matched, np.diff(back, prepend=0, append=len(its)))
+            origin[its_order] = np.repeat(matched, np.diff(back, prepend=0, append=len(its)))
         else:
             unplaced.append(name)
-    runs: list[JointStates] = []
-    for number, kind, mine in parts:
+        of_runs[name] = replace(messages, origin=origin)
+    fresh = np.append(True, np.diff(states.stamp_ns[order]) != 0)[:len(order)]
+    runs = _with_sources(list(_runs(states, of_runs, parts, {})), sources)
+    return runs, _count_differing(states, order, fresh), unplaced
+
+
+def _runs(states: StampedMessages, joined: Mapping[str, StampedMessages], parts: Iterable[_Part],
+          rows: Mapping[int, Floats]) -> Iterator[JointStates]:
+    """Iterate over the runs of states in the window, each with the other messages of its number at equal stamps."""
+    orders = [np.lexsort((messages.stamp_ns, messages.origin)) for messages in joined.values()]
+    by_key = [(messages, order, messages.origin[order]) for messages, order in zip(joined.values(), orders)]
+    index = 0
+    for number, facts, mine in parts:
         mine = mine[states.kept[mine] >= 0]
         if not len(mine):
             continue
-        columns = _columns(states, mine)
-        for name, messages in joined.items():
-            its = np.flatnonzero(of_run[name] == number)
-            _join(columns, messages, its[np.argsort(messages.stamp_ns[its], kind="stable")])
-        runs.append(_filled(JointStates.of({**columns, "run": number, "began": kind, "index": index})))
+        stamps = states.stamp_ns[mine]
+        columns: dict[str, Any] = {
+            "stamp_ns": stamps, "log_ns": states.log_ns[mine], "sent_ns": states.sent_ns[mine], "run": number,
+            "index": index, **{name: column[states.kept[mine]] for name, column in states.columns.items()}, **facts}
+        for messages, order, origin in by_key:
+            _join(columns, messages, order[slice(*np.searchsorted(origin, [number, number + 1]))])
+        if number in rows:
+            columns["held"], columns["held_row"] = rows[number], _rows_at(rows[number], stamps)
+        yield _filled(JointStates.of(columns))
         index += len(mine)
-    fresh = np.append(True, np.diff(states.stamp_ns[order]) != 0)[:len(order)]
-    return _with_sources(runs, sources), _count_differing(states, order, fresh), unplaced
 
 
 def _order_of(messages: StampedMessages) -> Positions:
@@ -178,18 +179,6 @@ def placed_by_run(scenes: Sequence[SceneRecord], runs: Iterable[JointStates], na
             if one.run == names[states.run] and row < len(states):
                 out.append((states.index + row, number))
     return out
-
-
-def _columns(states: StampedMessages, mine: Positions) -> dict[str, Any]:
-    at = states.kept[mine]
-    return {"stamp_ns": states.stamp_ns[mine], "log_ns": states.log_ns[mine], "sent_ns": states.sent_ns[mine],
-            **{name: column[at] for name, column in states.columns.items()}}
-
-
-def _by_key(messages: StampedMessages) -> tuple[StampedMessages, Positions, Positions]:
-    """Return messages, their order by run and stamp, and the runs in this order."""
-    order = np.lexsort((messages.stamp_ns, messages.origin))
-    return messages, order, messages.origin[order]
 
 
 def _join(columns: dict[str, Any], messages: StampedMessages, its: Positions) -> None:

@@ -62,7 +62,7 @@ def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: in
     if any(np.isfinite(mean).any() for *_, mean in cycle_means):
         signals["mean_slip"] = joined_means(cycle_means)
     end = states.index + len(states)
-    for name, (rows, values, _) in (*line.commands.items(), *line.further.items()):
+    for name, (rows, values, _) in line.commands.items():
         low, high = np.searchsorted(rows, [states.index, end])
         if high > low:
             signals[name] = states.stamp_ns[rows[low:high] - states.index], values[low:high]

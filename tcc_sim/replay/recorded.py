@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.loop.control import Control
 from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.errors import counted, require
+from tcc_sim.recording.commands import COMMANDS
 from tcc_sim.recording.drivelines import RecordedDriveline
 from tcc_sim.recording.reader import TooManyStates, open_run
 from tcc_sim.recording.window import Window
@@ -144,6 +145,8 @@ class Recording(Result):
         runs, commands = self.line().runs, {}
         firsts = [states.index for states in runs]
         for name, (rows, values, _) in self.line().commands.items():
+            if name not in COMMANDS:
+                continue
             number = np.searchsorted(firsts, rows, side="right") - 1
             t = np.concatenate([np.empty(0), *(states.stamp_ns[rows[number == k] - states.index] * 1e-9
                                                for k, states in enumerate(runs))])

@@ -107,7 +107,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, printable(recording.path.name), timing, shown, where,
                      run.controlled or aim is not None,
-                     [*line.commands, *line.further, *[SHAFT] * (SHAFT in line.recorded), *line.runs[0].shown()],
+                     [*line.commands, *[SHAFT] * (SHAFT in line.recorded), *line.runs[0].shown()],
                      1e-9 * sum(int(np.ptp(states.stamp_ns)) for states in line.runs)) if where else None
         result = _analysed(recording, line, shown, timing, default_of(discard, timing, shown), damping, view, bar,
                            began, band, limits or line.limits)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,7 +18,7 @@ from tcc_sim.model.equations import accelerations, linear_of
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import START, Origin
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord
-from tcc_sim.recording.columns import Commanded, JointStates
+from tcc_sim.recording.columns import Columns, Commanded, JointStates
 from tcc_sim.recording.reader import Run
 from tcc_sim.recording.runs import placed, placed_by_run
 from tcc_sim.recording.window import Window
@@ -31,36 +31,19 @@ _TORQUES = ("engine_torque", "friction_torque")
 
 
 @dataclass(frozen=True)
-class Timeline:
-    """States of a recording with everything that applies to them; indices of states count over the whole recording.
+class Timeline(Columns):
+    """Data of a recording, or its part in a window, with the scenes; indices count over the whole recording.
 
-    runs : the states of every run, or their part in a window
     scene : the first scene
     scenes : all scenes of the recording
     places : (index of the first state, number of the scene that applies from it on), not descending
-    commands : commands by topic
-    further : likewise speeds of the far end
-    publishers, recorded, received : by topic, numbers of publishers of commands, and of recorded and received
-        messages over the whole recording, as `Columns`
-    counts : counts of the driveline's diagnostics over the whole recording, by key
-    keyed : whether the states name their runs
-    limits : last limits of the pressure that a controller stated, Pa
+    whole : whether it is the whole recording
     """
 
-    runs: tuple[JointStates, ...]
     scene: Scene
     scenes: Sequence[SceneRecord]
     places: tuple[tuple[int, int], ...]
-    commands: Mapping[str, Commanded]
-    further: Mapping[str, Commanded]
-    publishers: Mapping[str, int]
-    recorded: Mapping[str, int]
-    received: Mapping[str, int | None]
-    counts: Mapping[str, int]
-    keyed: bool = False
-    limits: tuple[float, float] | None = None
     whole: bool = True
-    """Whether it is the whole recording."""
 
     def within(self, window: Window) -> Timeline:
         """Return the part in a window; the last command before the window applies from its first state on."""
@@ -68,9 +51,8 @@ class Timeline:
             return self
         runs = tuple(states[rows] for states in self.runs for rows in [window.rows(states)] if rows.stop > rows.start)
         begins = [next(every.index for every in self.runs if every.run == states.run) for states in runs]
-        commands, further = ({name: _within(runs, begins, every) for name, every in of.items()}
-                             for of in (self.commands, self.further))
-        return replace(self, runs=runs, commands=commands, further=further, whole=False)
+        commands = {name: _within(runs, begins, every) for name, every in self.commands.items()}
+        return replace(self, runs=runs, commands=commands, whole=False)
 
     @cached_property
     def absent(self) -> tuple[str, ...]:
@@ -231,9 +213,7 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
     scenes = run.scenes[:MOST_SCENES]
     places = (placed_by_run(scenes, columns.runs, run.driveline.runs) if columns.keyed
               else placed(scenes, columns.runs))
-    line = Timeline(columns.runs, scene, run.scenes, tuple(places), columns.commands, columns.further,
-                    columns.publishers, columns.recorded, columns.received, columns.counts, columns.keyed,
-                    columns.limits)
+    line = Timeline(**vars(columns), scene=scene, scenes=run.scenes, places=tuple(places))
     return line if window is None else line.within(window)
 
 
