@@ -12,7 +12,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from itertools import islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,9 @@ _INT8 = struct.Struct("<4sb3x")
 _CLOCK = struct.Struct("<4siI")
 _LENGTH = struct.Struct("<I")
 _DOUBLE = struct.Struct("<d")
+_DOUBLES = struct.Struct("<dd")
 _STAMP = struct.Struct("<iI")
+_LENGTHS = struct.Struct("<III")
 
 
 def _string(text: str) -> bytes:
@@ -60,31 +62,9 @@ def header(stamp_ns: int, frame_id: str) -> bytes:
     return HEADER + _STAMP.pack(*divmod(stamp_ns, _NANOSECONDS)) + _string(frame_id)
 
 
-def read_header(data: bytes) -> tuple[int, str]:
-    """Return stamp (ns) and frame_id of a serialised Header.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian Header.
-    """
-    return read_stamp(data), _text_at(data, 12, topics.HEADER, "replace")[0]
-
-
 def string(text: str) -> bytes:
     """Serialise a std_msgs/msg/String."""
     return HEADER + _string(text)
-
-
-def read_string(data: bytes) -> str:
-    """Return the text of a serialised String.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian String.
-    """
-    return _text_at(data, 4, topics.STRING, "replace")[0]
 
 
 def clock(stamp_ns: int) -> bytes:
@@ -162,38 +142,6 @@ def pressure_limits(low: float, high: float) -> bytes:
     return float64_array(topics.LIMITS, (low, high))
 
 
-def read_pressure_limits(data: bytes) -> tuple[float, float]:
-    """Return the smallest and the largest pressure, Pa, of a serialised message of pressure_limits.
-
-    Raises
-    ------
-    ValueError
-        It is none, or the limits are not 0 or more and ascending.
-    """
-    _, values = read_float64_array(data)
-    if len(values) != 2 or not 0.0 <= values[0] < values[1] < math.inf:
-        raise ValueError("not two ascending pressures")
-    return float(values[0]), float(values[1])
-
-
-def read_float64_array(data: bytes) -> tuple[str, NDArray[np.float64]]:
-    """Return the label of the first dimension and the values of a serialised Float64MultiArray.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian Float64MultiArray of one dimension.
-    """
-    kind = topics.FLOAT64_ARRAY
-    dimensions, position = _count_at(data, 4, kind)
-    label, position = _text_at(data, position, kind, "replace")
-    count, position = _count_at(data, position + 12, kind)
-    position += -(position - 4) % 8
-    if dimensions != 1 or len(data) != position + 8 * count:
-        raise ValueError(f"not a little-endian {kind} of one dimension")
-    return label, np.frombuffer(data, "<f8", count, position)
-
-
 def _framed(encode: Callable[..., bytes]) -> Callable[..., bytes]:
     """Return an encoder of a message without header, which takes a stamp and a frame too."""
     return lambda _, value, frame="": encode(value)
@@ -208,43 +156,6 @@ ENCODERS: Mapping[str, Callable[..., bytes]] = {
 """Topic with a message for every tick -> function that serialises a stamp (ns) and the fields; `frame` is that of
 messages with a header.
 """
-
-
-def read_stamp(data: bytes) -> int:
-    """Return the stamp, ns, of a message that starts with a header or a time; 0 if the message is too short."""
-    if len(data) < 12:
-        return 0
-    sec, nanosec = _STAMP.unpack_from(data, 4)
-    return int(sec) * _NANOSECONDS + int(nanosec)
-
-
-def read_float64(data: bytes) -> float:
-    """Return the value of a serialised Float64.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian Float64.
-    """
-    if len(data) < _FLOAT64.size or data[1] != HEADER[1]:
-        raise ValueError("not a little-endian std_msgs/msg/Float64")
-    return float(_FLOAT64.unpack_from(data)[1])
-
-
-def read_fluid_pressure(data: bytes) -> tuple[int, float]:
-    """Return stamp (ns) and pressure (Pa) of a serialised FluidPressure with any frame_id.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian FluidPressure.
-    """
-    if len(data) >= 16 and data[1] == HEADER[1]:
-        end = 12 + _LENGTH.unpack_from(data, 12)[0]
-        start = 4 + (end + 7) // 8 * 8
-        if start + 16 <= len(data):
-            return read_stamp(data), float(_DOUBLE.unpack_from(data, start)[0])
-    raise ValueError("not a little-endian sensor_msgs/msg/FluidPressure")
 
 
 def stamps(records: NDArray[np.void]) -> NDArray[np.int64]:
@@ -389,52 +300,124 @@ def own_records(messages: Sequence[bytes], name: str) -> tuple[NDArray[np.void],
     return out[own], own
 
 
+class _Reader:
+    """Cursor over the fields of a serialised message; ValueError if it is cut or of another encoding."""
+
+    def __init__(self, data: bytes, kind: str) -> None:
+        self.data, self.at, self.wrong = data, 4, ValueError(f"not a little-endian {kind}")
+        if len(data) < 4 or data[1] != HEADER[1]:
+            raise self.wrong
+
+    def take(self, layout: struct.Struct, size: int = 4) -> tuple[Any, ...]:
+        """Return fields aligned to `size` bytes."""
+        begin = self.at + -(self.at - 4) % size
+        if begin + layout.size > len(self.data):
+            raise self.wrong
+        self.at = begin + layout.size
+        return layout.unpack_from(self.data, begin)
+
+    def stamp(self) -> int:
+        """Return a time, ns."""
+        sec, nanosec = self.take(_STAMP)
+        return int(sec) * _NANOSECONDS + int(nanosec)
+
+    def count(self) -> int:
+        """Return the length of a sequence."""
+        return int(self.take(_LENGTH)[0])
+
+    def text(self, errors: str = "replace") -> str:
+        """Return a string."""
+        size = self.count()
+        if not 1 <= size <= len(self.data) - self.at:
+            raise self.wrong
+        begin, self.at = self.at, self.at + size
+        return self.data[begin:begin + size - 1].decode(errors=errors)
+
+
+def read_stamp(data: bytes) -> int:
+    """Return the stamp, ns, of a message that starts with a header or a time; 0 if the message is too short."""
+    if len(data) < 12:
+        return 0
+    sec, nanosec = _STAMP.unpack_from(data, 4)
+    return int(sec) * _NANOSECONDS + int(nanosec)
+
+
+def read_header(data: bytes) -> tuple[int, str]:
+    """Return stamp (ns) and frame_id of a Header; ValueError if it is none, as in all these functions."""
+    reader = _Reader(data, topics.HEADER)
+    return reader.stamp(), reader.text()
+
+
+def read_string(data: bytes) -> str:
+    """Return the text of a String."""
+    return _Reader(data, topics.STRING).text()
+
+
+def read_float64(data: bytes) -> float:
+    """Return the value of a Float64."""
+    return float(_Reader(data, topics.FLOAT64).take(_DOUBLE, 8)[0])
+
+
+def read_fluid_pressure(data: bytes) -> tuple[int, float]:
+    """Return stamp (ns) and pressure (Pa) of a FluidPressure with any frame_id."""
+    reader = _Reader(data, topics.FLUID_PRESSURE)
+    stamp, _ = reader.stamp(), reader.text()
+    return stamp, float(reader.take(_DOUBLES, 8)[0])
+
+
+def read_float64_array(data: bytes) -> tuple[str, NDArray[np.float64]]:
+    """Return the label of the dimension and the values of a Float64MultiArray of one dimension."""
+    reader = _Reader(data, topics.FLOAT64_ARRAY)
+    dimensions, label, _ = reader.count(), reader.text(), reader.take(_LENGTHS)
+    count = reader.count()
+    begin = reader.at + -(reader.at - 4) % 8
+    if dimensions != 1 or len(data) != begin + 8 * count:
+        raise ValueError(f"not a little-endian {topics.FLOAT64_ARRAY} of one dimension")
+    return label, np.frombuffer(data, "<f8", count, begin)
+
+
+def read_pressure_limits(data: bytes) -> tuple[float, float]:
+    """Return the smallest and the largest pressure, Pa, of a message of pressure_limits; ValueError also unless they
+    are 0 or more and ascending.
+    """
+    _, values = read_float64_array(data)
+    if len(values) != 2 or not 0.0 <= values[0] < values[1] < math.inf:
+        raise ValueError("not two ascending pressures")
+    return float(values[0]), float(values[1])
+
+
 class Joints(NamedTuple):
     """Frame and joint names of a JointState, and its numbers of positions, velocities and efforts."""
 
     frame_id: str
     names: tuple[str, ...]
-    counts: tuple[int, int, int]
+    counts: tuple[int, ...]
 
 
 def read_joints(data: bytes) -> Joints:
-    """Return what defines the layout of a serialised JointState.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian JointState, or an array has neither no value nor one for each name.
+    """Return what defines the layout of a JointState; ValueError also if an array has neither no value nor one for each
+    name.
     """
-    wrong = ValueError(f"not a little-endian {topics.JOINT_STATE}")
-    frame_id, position = _text_at(data, 12, topics.JOINT_STATE, "replace")
-    number, position = _count_at(data, position, topics.JOINT_STATE)
+    reader = _Reader(data, topics.JOINT_STATE)
+    _, frame_id, number = reader.stamp(), reader.text(), reader.count()
     if number > MOST_JOINTS:
-        raise wrong
-    names = []
-    for _ in range(number):
-        name, position = _text_at(data, position, topics.JOINT_STATE)
-        names.append(name)
-    counts = []
+        raise reader.wrong
+    names, counts = tuple(reader.text("strict") for _ in range(number)), list[int]()
     for field in ("position", "velocity", "effort"):
-        count, position = _count_at(data, position, topics.JOINT_STATE)
+        count = reader.count()
         if count not in (0, number):
             raise ValueError(f"{field} has {counted(count, 'value')} for {counted(number, 'name')}")
         counts.append(count)
-        position += (-(position - 4) % 8 + 8 * count) if count else 0
-    if position != len(data):
-        raise wrong
-    return Joints(frame_id, tuple(names), (counts[0], counts[1], counts[2]))
+        reader.at += (-(reader.at - 4) % 8 + 8 * count) if count else 0
+    if reader.at != len(data):
+        raise reader.wrong
+    return Joints(frame_id, names, tuple(counts))
 
 
 def read_frame(data: bytes, kind: str) -> str:
-    """Return the frame of a serialised message that starts with a header.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian message.
-    """
-    return _text_at(data, 12, kind, "replace")[0]
+    """Return the frame of a message of this type that starts with a header."""
+    reader = _Reader(data, kind)
+    return (reader.stamp(), reader.text())[1]
 
 
 class DiagnosticsStatus(NamedTuple):
@@ -446,43 +429,12 @@ class DiagnosticsStatus(NamedTuple):
 
 
 def read_diagnostics(data: bytes) -> list[DiagnosticsStatus]:
-    """Return the statuses of a serialised DiagnosticArray.
-
-    Raises
-    ------
-    ValueError
-        Not a little-endian DiagnosticArray.
-    """
-    kind, out = topics.DIAGNOSTIC_ARRAY, list[DiagnosticsStatus]()
-    _, position = _text_at(data, 12, kind, "replace")
-    statuses, position = _count_at(data, position, kind)
-    for _ in range(statuses):
-        position += 4  # The level, padded to the start of the name.
-        texts = list[str]()
-        for _ in range(3):
-            text, position = _text_at(data, position, kind, "replace")
-            texts.append(text)
-        values, position = _count_at(data, position, kind)
-        pairs = dict[str, str]()
-        for _ in range(values):
-            key, position = _text_at(data, position, kind, "replace")
-            pairs[key], position = _text_at(data, position, kind, "replace")
-        out.append(DiagnosticsStatus(texts[0], texts[2], pairs))
+    """Return the statuses of a DiagnosticArray."""
+    reader, out = _Reader(data, topics.DIAGNOSTIC_ARRAY), list[DiagnosticsStatus]()
+    reader.stamp(), reader.text()
+    for _ in range(reader.count()):
+        reader.at += -(reader.at - 4) % 4 + 1  # The level.
+        name, _, hardware_id = reader.text(), reader.text(), reader.text()
+        pairs = ((reader.text(), reader.text()) for _ in range(reader.count()))
+        out.append(DiagnosticsStatus(name, hardware_id, dict(pairs)))
     return out
-
-
-def _count_at(data: bytes, position: int, kind: str) -> tuple[int, int]:
-    """Return the length of a sequence and the position of its first element."""
-    if len(data) < position + 4:
-        raise ValueError(f"not a little-endian {kind}")
-    return int(_LENGTH.unpack_from(data, position)[0]), position + 4
-
-
-def _text_at(data: bytes, position: int, kind: str, errors: str = "strict") -> tuple[str, int]:
-    """Return a string at a position in a message of this type, and the next 4-byte boundary after it."""
-    if len(data) >= position + 4 and data[1] == HEADER[1]:
-        size = _LENGTH.unpack_from(data, position)[0]
-        if 1 <= size <= len(data) - position - 4:
-            text = data[position + 4:position + 3 + size].decode(errors=errors)
-            return text, position + 4 + (size + 3) // 4 * 4
-    raise ValueError(f"not a little-endian {kind}")
