@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, counted
-from tcc_sim.model.profile import START
+from tcc_sim.model.profile import START, Origin
 from tcc_sim.recording.columns import BLOCK, JointStates
 from tcc_sim.recording.stamps import Break
 from tcc_sim.replay.applied import inputs_of_ticks
@@ -19,7 +20,7 @@ from tcc_sim.replay.ticks import TICKS_AT_ONCE, solve_ticks, substeps_of_ticks
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.fixed_step import Stepper, course
-from tcc_sim.solvers.terms import Terms, substeps, terms_from
+from tcc_sim.solvers.terms import substeps, terms_from
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
@@ -70,7 +71,7 @@ class _Verifier:
         self._absent = np.isin(COLUMNS, line.absent)
         self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
         self._gap_work = self._work_limit // 2
-        self._scene, self._origin, self._first_scene, self._next_place = line.scene, START, True, 0
+        self._scenes: dict[int, tuple[Scene, Origin]] = {}
         self._largest = np.zeros(len(COLUMNS))
         self._compared = self._exactly = self._leapt = 0
         self.solved = self.unknown = 0
@@ -108,48 +109,14 @@ class _Verifier:
         verified = self._first is None and self.solved > 0 and not self.unknown and self.broken is None
         return Verification(verified, largest, self._compared, self.solved, self._exactly, self._first, detail)
 
-    def scene_at_begin(self, index: int, stamp_ns: int) -> Scene:
-        """Return the scene that applies to the first state of a run."""
-        places, latest = self.line.places, None
-        while self._next_place < len(places):
-            at, number = places[self._next_place]
-            if at > index or (at == index and self.line.scenes[number].first_stamp_ns > stamp_ns):
-                break
-            latest, self._next_place = number, self._next_place + 1
-        if latest is None and self._first_scene and self.line.scenes:
-            latest = 0
-        if latest is not None:
-            self._take(latest)
-        if stamp_ns == 0:
-            self._origin = START
-        return self._scene
-
-    def scenes_of(self, states: JointStates, ticks: NDArray[np.int64],
-                  step_ns: float) -> list[tuple[int, Terms, float]]:
-        """Return the scenes of a run: first tick made with each, its terms, and its saturation torque per pressure."""
-        numbers: dict[int, int] = {}
-        for at, number in self.line.places[self._next_place:]:
-            stamp, row = self.line.scenes[number].first_stamp_ns, max(at - states.index, 0)
-            if row < len(states) and (row == 0 or states.stamp_ns[row] < stamp):
-                row += 1
-                stamp = 0
-            if row >= len(states):
-                break
-            tick = int(stamp / step_ns)
-            tick += round(tick * step_ns) < stamp
-            numbers[max(min(max(tick, int(ticks[row - 1]) + 1), int(ticks[row])), *numbers, 0)] = number
-            self._next_place += 1
-        out = [(-1, terms_from(self._scene.system, self._origin), self._scene.system.torque_per_pressure)]
-        for tick, number in numbers.items():
-            self._take(number)
-            out.append((tick, terms_from(self._scene.system, self._origin), self._scene.system.torque_per_pressure))
-        return out
-
-    def _take(self, number: int) -> None:
-        """Read the scene with this number."""
-        record = self.line.scenes[number]
-        self._scene, self._origin = parse_scene(record.text, self._scene.name), record.origin
-        self._first_scene = False
+    def scene(self, number: int) -> tuple[Scene, Origin]:
+        """Return the scene with this number and the origin of its phases; the first one where there is none."""
+        if number >= len(self.line.scenes):
+            return self.line.scene, START
+        if number not in self._scenes:
+            record = self.line.scenes[number]
+            self._scenes = {number: (parse_scene(record.text, self.line.scene.name), record.origin)}
+        return self._scenes[number]
 
     def bridged(self, cost: int) -> bool:
         """Return whether the work that is left suffices for the ticks of a gap, and subtract it."""
@@ -187,12 +154,21 @@ class _Run:
 
     def __init__(self, verifier: _Verifier, states: JointStates) -> None:
         self._verifier, self._states = verifier, states
-        scene = verifier.scene_at_begin(states.index, int(states.stamp_ns[0]))
+        places, scenes, first = verifier.line.places, verifier.line.scenes, int(states.stamp_ns[0])
+        later = bisect_left(places, (states.index, 0))
+        while later < len(places) and places[later][0] == states.index and (
+                scenes[places[later][1]].first_stamp_ns <= first):
+            later += 1
+        scene, origin = verifier.scene(places[later - 1][1] if later else 0)
         self._step, pressure = 1.0 / scene.operation.rate, scene.system.pressure
         self._stepper = Stepper(scene.system, self._step)
         self._ticks = self._numbers(scene.operation.rate)
-        origin = verifier.scenes_of(states, self._ticks, 1e9 / scene.operation.rate)
-        self._changes, self._terms, self._per_pressure = (list(column) for column in zip(*origin))
+        made = {-1: (scene, START if first == 0 else origin)}
+        for tick, number in self._changed(places[later:], 1e9 / scene.operation.rate).items():
+            made[tick] = verifier.scene(number)
+        self._changes = list(made)
+        self._terms = [terms_from(scene.system, origin) for scene, origin in made.values()]
+        self._per_pressure = [scene.system.torque_per_pressure for scene, _ in made.values()]
         self._inputs = inputs_of_ticks(verifier.line, states)
         verifier.sources_matter |= states.held is None and any(
             group.source == "topic" and group.harmonic for group in (scene.system.engine, pressure))
@@ -207,6 +183,21 @@ class _Run:
         self._gaps = self._solvable(topics)
         self._exact = np.logical_and.accumulate(np.append(self._ticks[0] == 0, self._gaps[1:] > 0))
         verifier.solved += int(self._exact[0]) + int(np.count_nonzero(self._gaps))
+
+    def _changed(self, places: Sequence[tuple[int, int]], step_ns: float) -> dict[int, int]:
+        """Return the numbers of scenes that a run changes to, by the first tick made with each."""
+        states, numbers = self._states, dict[int, int]()
+        for at, number in places:
+            stamp, row = self._verifier.line.scenes[number].first_stamp_ns, max(at - states.index, 0)
+            if row < len(states) and (row == 0 or states.stamp_ns[row] < stamp):
+                row += 1
+                stamp = 0
+            if row >= len(states):
+                break
+            tick = int(stamp / step_ns)
+            tick += round(tick * step_ns) < stamp
+            numbers[max(min(max(tick, int(self._ticks[row - 1]) + 1), int(self._ticks[row])), *numbers, 0)] = number
+        return numbers
 
     def _numbers(self, rate: float) -> NDArray[np.int64]:
         """Return the number of the tick at each state; raise InputError unless they are ticks, each after the other."""
