@@ -264,10 +264,7 @@ def unpack(stream: RecordStream, packed: Packed, contents: Contents, expansion: 
     numbers, inverse, counts = np.unique(messages.channel, return_inverse=True, return_counts=True)
     mine = np.array([not skip([number]) for number in numbers.tolist()], np.bool_)[inverse]
     expansion.take(int(messages.length[mine].sum()))
-    alone = records.starts_with(np.frombuffer(data, np.uint8), messages.offset[mine], messages.length[mine],
-                                records.ZSTD)
-    if alone.any():
-        data, messages = records.uncompressed(data, messages, mine, expansion)
+    data, messages = records.uncompressed(data, messages, mine, expansion)
     return Batch(data, messages, checked, dict(zip(numbers.tolist(), counts.tolist())))
 
 

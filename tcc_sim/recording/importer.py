@@ -26,8 +26,7 @@ from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.mcap_file import McapFile
 from tcc_sim.recording.parts import ROS1, SQLITE, listed_counts
 from tcc_sim.recording.reader import Run, open_run
-from tcc_sim.recording.records import MESSAGE_HEAD, Messages
-from tcc_sim.recording.recovery import MESSAGE, recover
+from tcc_sim.recording.recovery import copy_messages, recover
 from tcc_sim.recording.runs import placed
 from tcc_sim.recording.stamps import Break
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, HELD_INPUTS, INPUTS, JOINT_STATE, TARGET
@@ -172,7 +171,16 @@ def _written(run: Run, directory: Path) -> Imported:
                     scene = run.scenes[number]
                     bag.describe(_named(scene, name, run.driveline.topic), scene.version)
             _write_run(bag, channels, states, name, columns, 0 if run.scenes else int(states.stamp_ns[0]))
-        run.tapped(_Commands(bag, run.driveline.topic.rpartition("/")[0]))
+        space = run.driveline.topic.rpartition("/")[0]
+
+        def channel_of(channel: Channel) -> int | None:
+            if COMMANDS.get(channel.row) != channel.type or channel.topic.rpartition("/")[0] != space:
+                return None
+            if channel.row not in channels:
+                channels[channel.row] = bag.channel(f"/{channel.row}", channel.type, row=channel.row)
+            return channels[channel.row]
+
+        copy_messages(run, bag, channel_of)
         bag.close(run.result)
     except BaseException as error:
         bag.discard(error)
@@ -238,25 +246,3 @@ def _reports(states: JointStates, columns: Columns, tick: float, zero: int) -> I
                 source, value, acts = held.COMMAND, target, round(float(states.stamp_ns[since] - zero) / tick)
             row += [held.NOBODY if np.isnan(source) else source, value, value, np.nan, acts, 0, *[np.nan] * 4]
         yield k, row
-
-
-class _Commands:
-    """Tap that copies the commands that a bag holds, as they are."""
-
-    def __init__(self, bag: BagWriter, space: str) -> None:
-        self._bag, self._space = bag, space
-        self._numbers: dict[str, int] = {}
-
-    def __call__(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
-        """Copy the commands of one chunk."""
-        for number, offset, length in zip(*(column.tolist() for column in (messages.channel, messages.offset,
-                                                                             messages.length))):
-            channel = channels.get(number)
-            if channel is None or COMMANDS.get(channel.row) != channel.type or (
-                    channel.topic.rpartition("/")[0] != self._space):
-                continue
-            if channel.row not in self._numbers:
-                self._numbers[channel.row] = self._bag.channel(f"/{channel.row}", channel.type, row=channel.row)
-            _, sequence, log, sent = MESSAGE.unpack_from(data, offset)
-            content = data[offset + MESSAGE_HEAD:offset + length]
-            self._bag.write(self._numbers[channel.row], log, sent, content, sequence)

@@ -46,6 +46,12 @@ class Parts:
     unlisted: list[str] = field(default_factory=list)
     note: str = ""
 
+    @property
+    def missing(self) -> list[int]:
+        """Numbers that are missing among the names of parts that are not listed; none for other names."""
+        numbers = numbers_of(self.paths) if not self.ordered and len(self.paths) > 1 else set()
+        return sorted(set(range(min(max(numbers, default=0), _MOST_PARTS))) - numbers)
+
     def sentences(self) -> Iterator[str]:
         """Yield a sentence for every file that is absent or left out."""
         if self.note:
@@ -58,6 +64,9 @@ class Parts:
             yield f"left out: {METADATA} does not list {one_line(name)}"
         if len(self.unlisted) > _MOST_NAMED:
             yield f"left out: {len(self.unlisted) - _MOST_NAMED} more files that {METADATA} does not list"
+        if missing := self.missing:
+            yield (f"part {missing[0]} is missing" if len(missing) == 1 else
+                   f"{len(missing)} parts are missing, the first is part {missing[0]}")
 
 
 def parts_of(path: Path) -> Parts:
@@ -113,11 +122,20 @@ def importable(bag: Path, kind: str) -> str:
 def listed_counts(path: Path) -> dict[str, int]:
     """Return the numbers of messages of the files in a bag's metadata.yaml, by name; none without them."""
     try:
-        content = yaml.load((path / METADATA).read_text(encoding="utf-8"), Loader=LOADER)  # noqa: S506
-        files = content["rosbag2_bagfile_information"]["files"]
-        return {Path(one["path"]).name: int(one["message_count"]) for one in files}
-    except (OSError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):
+        return {Path(one["path"]).name: int(one["message_count"]) for one in _information(path)["files"]}
+    except (ValueError, TypeError, KeyError):
         return {}
+
+
+def _information(folder: Path) -> dict[str, Any]:
+    """Return the content of a bag's metadata.yaml; empty if it is not valid."""
+    try:
+        if (folder / METADATA).stat().st_size <= _LONGEST_METADATA:
+            content = yaml.load((folder / METADATA).read_text(encoding="utf-8"), Loader=LOADER)  # noqa: S506
+            return dict(content["rosbag2_bagfile_information"])
+    except (OSError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):
+        pass
+    return {}
 
 
 def _natural(path: Path) -> list[tuple[str, int]]:
@@ -127,25 +145,12 @@ def _natural(path: Path) -> list[tuple[str, int]]:
 
 def _listed(folder: Path) -> tuple[list[str] | None, str]:
     """Return the names of the parts in a bag's metadata.yaml (None without it), and a sentence if it is not valid."""
-    file = folder / METADATA
-    if not file.is_file():
+    if not (folder / METADATA).is_file():
         return None, ""
-    try:
-        if file.stat().st_size > _LONGEST_METADATA:
-            raise ValueError
-        content = yaml.load(file.read_text(encoding="utf-8"), Loader=LOADER)  # noqa: S506
-        names = content["rosbag2_bagfile_information"]["relative_file_paths"]
-        if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
-            return names, ""
-    except (OSError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):
-        pass
+    names = _information(folder).get("relative_file_paths")
+    if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
+        return names, ""
     return None, f"{METADATA} lists no parts that can be read: the names of the parts give their order"
-
-
-def named_as_part(path: Path) -> bool:
-    """Return whether the name of a file is that of a part."""
-    stem = path.name.partition(".mcap")[0]
-    return any(pattern.fullmatch(stem) for pattern in (_COUNTER_FIRST, _COUNTER_LAST))
 
 
 def numbers_of(paths: Sequence[Path]) -> set[int]:
@@ -156,12 +161,6 @@ def numbers_of(paths: Sequence[Path]) -> set[int]:
         if len(matches) == len(stems) and len({match[prefix] for match in matches}) == 1:
             return {int(match[number]) for match in matches}
     return set()
-
-
-def missing_parts(paths: Sequence[Path]) -> list[int]:
-    """Return the numbers that are missing among the names of parts without metadata.yaml; none for other names."""
-    numbers = numbers_of(paths) if len(paths) > 1 else set()
-    return sorted(set(range(min(max(numbers, default=0), _MOST_PARTS))) - numbers)
 
 
 def open_file(path: Path) -> BinaryIO:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -25,8 +25,6 @@ from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, j
 from tcc_sim.recording.layouts import Collected, Decoded, Layouts
 from tcc_sim.recording.parts import (
     Parts,
-    missing_parts,
-    named_as_part,
     numbers_of,
     open_file,
     parts_of,
@@ -98,7 +96,6 @@ class Run:
         self._contents: dict[Path, Contents] = {}
         self._left_out = list(parts.sentences())
         self._incomplete = False
-        self.complete &= not parts.absent
         unreadable: list[str] = []
         for name in parts.paths:
             try:
@@ -110,14 +107,10 @@ class Run:
         self._left_out += unreadable
         if not self._contents:
             raise RecordingError(unreadable[0].removeprefix("left out: "))
-        missing = [] if parts.ordered else missing_parts(parts.paths)
-        if missing:
-            self._left_out.append(f"part {missing[0]} is missing" if len(missing) == 1 else
-                                  f"{len(missing)} parts are missing, the first is part {missing[0]}")
-        self.parts_missing = bool(missing or parts.absent)
+        self.parts_missing = bool(parts.missing or parts.absent)
         """Whether a part of the recording is not there."""
-        self.complete &= not missing and not any(parts.ordered or named_as_part(part) for part in parts.paths
-                                                 if part not in self._contents)
+        self.complete &= not self.parts_missing and not any(parts.ordered or numbers_of([part]) for part in parts.paths
+                                                            if part not in self._contents)
         self.paths = list(self._contents)
         self._order_known = parts.ordered or len(self.paths) == 1 or bool(numbers_of(self.paths))
         for name in self.paths:
@@ -164,11 +157,9 @@ class Run:
         """Read what tells the drivelines apart."""
         inventory = Inventory(self._choice.names)
         kept, self.warnings = self.warnings, Warnings()
-        for path in self.paths:
-            for batch, channels in self._batches(path, inventory.wants):
-                inventory.take(batch, channels)
-                self.topics.update({channel.topic: channel.type for channel in channels.values()})
-            self.topics.update({channel.topic: channel.type for channel in self._contents[path].channels.values()})
+        for batch, channels in self._batches(inventory.wants):
+            inventory.take(batch, channels)
+        self.topics = {channel.topic: channel.type for channel in self._every_channel()}
         self._damage, self.warnings = next(iter(self.warnings), ""), kept
         return inventory
 
@@ -276,9 +267,8 @@ class Run:
     def tapped(self, tap: Tap) -> None:
         """Call a function with every readable chunk of all files, in their order."""
         self.warnings, self.messages = Warnings(), dict.fromkeys(self.topics, 0)
-        for path in self.paths:
-            for batch, channels in self._batches(path, lambda _: True):
-                tap(batch.data, batch.messages, channels)
+        for batch, channels in self._batches(lambda _: True):
+            tap(batch.data, batch.messages, channels)
         self.warnings.extend(self._left_out)
         self._warn_of_cut()
         for what in ("attachments", "foreign"):
@@ -302,7 +292,7 @@ class Run:
         kinds |= {row.name: Collected(Layouts(row.type, row.joints, row.joint_fields or row.fields), origins.of)
                   for row in topics.stamped()}
         commands, rows = Commands(space, zeros[:0] if keyed else zeros), dict[int, list[NDArray[np.float64]]]()
-        for data, messages, channels in self._chunks():
+        for (data, messages, *_), channels in self._batches(self._wants):
             array = np.frombuffer(data, dtype=np.uint8)
             here = [(number, channels[number]) for number in np.flatnonzero(np.bincount(messages.channel)).tolist()
                     if number in channels] if len(messages.channel) else []
@@ -330,7 +320,8 @@ class Run:
         if self._differing:
             self.warnings.append(f"{counted(self._differing, 'message')} left out: their {'run and ' * keyed}stamp "
                                  "came before with other values")
-        self._warn_of_inputs(runs)
+        if unknown := sum(int(np.count_nonzero(one.held_row < 0)) for one in runs if one.held_row is not None):
+            self.warnings.append(f"inputs are unknown at {counted(unknown, 'tick')}: messages of held are missing")
         self._pass_over(kinds)
         last = int(states.sent_ns.max(initial=0))
         recorded, before = commands.recorded(last), commands.recorded(last - BEAT)
@@ -346,17 +337,6 @@ class Run:
             received[name] = max(count, recorded.get(name, 0)) if before.get(name, 0) <= count else count
         return Columns(runs, commands_held(runs), {name: len(who) for name, who in commands.publishers.items()},
                        recorded, received, commands.counts(driveline.runs), keyed, commands.limits)
-
-    def _warn_of_inputs(self, runs: Sequence[JointStates]) -> None:
-        unknown = sum(int(np.count_nonzero(one.held_row < 0)) for one in runs if one.held_row is not None)
-        if unknown:
-            self.warnings.append(f"inputs are unknown at {counted(unknown, 'tick')}: messages of held are missing")
-
-    def _chunks(self) -> Iterator[tuple[bytes, Messages, Mapping[int, Channel]]]:
-        """Iterate over the chunks of all files that hold wanted messages."""
-        for path in self.paths:
-            for batch, channels in self._batches(path, self._wants):
-                yield batch.data, batch.messages, channels
 
     def _is(self, channel: Channel, name: str) -> bool:
         """Return whether a channel may hold messages of one of the driveline's topics with stamps."""
@@ -401,8 +381,12 @@ class Run:
                                 f"more than half of the {memory / 1e9:.3g} GB of this machine; ask for a window: "
                                 "--from and --to (simulation time, s), or start and end in Python")
 
-    def _batches(self, path: Path, wants: Callable[[Channel], bool]) -> Iterator[tuple[Batch, dict[int, Channel]]]:
-        """Iterate over the chunks of one file with wanted messages; skip damaged ones with a warning."""
+    def _batches(self, wants: Callable[[Channel], bool]) -> Iterator[tuple[Batch, dict[int, Channel]]]:
+        """Iterate over the chunks of all files with wanted messages; skip damaged ones with a warning."""
+        for path in self.paths:
+            yield from self._batches_of(path, wants)
+
+    def _batches_of(self, path: Path, wants: Callable[[Channel], bool]) -> Iterator[tuple[Batch, dict[int, Channel]]]:
         known = self._contents[path]
         contents = Contents(channels=dict(known.channels), schemas=dict(known.schemas), damaged=known.damaged,
                             passed_over=known.passed_over, recovered=known.recovered)

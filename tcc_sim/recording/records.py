@@ -353,13 +353,12 @@ def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
 def uncompressed(data: bytes, messages: Messages, which: NDArray[np.bool_],
                  expansion: Expansion) -> tuple[bytes, Messages]:
     """Return the chosen messages of a chunk, each unpacked if it was compressed by itself (as rosbag2 does in the
-    compression mode message).
-
-    Raises
-    ------
-    DamagedChunk
-        A message does not unpack, or is too large.
+    compression mode message), or all as they are; DamagedChunk if one does not unpack or is too large.
     """
+    long = messages.offset[which & (messages.length >= MESSAGE_HEAD + len(ZSTD))] + MESSAGE_HEAD
+    starts = sliding_window_view(np.frombuffer(data, np.uint8), len(ZSTD))[long] if len(long) else long[:, None]
+    if not (starts == np.frombuffer(ZSTD, np.uint8)).all(axis=1).any():
+        return data, messages
     parts: list[bytes] = []
     unpacker = zstandard.ZstdDecompressor()
     for offset, length in zip(messages.offset[which].tolist(), messages.length[which].tolist()):
@@ -375,21 +374,5 @@ def uncompressed(data: bytes, messages: Messages, which: NDArray[np.bool_],
             except zstandard.ZstdError as error:
                 raise DamagedChunk(f"a compressed message in it does not unpack ({error})") from None
         parts.append(data[offset:offset + MESSAGE_HEAD] + content)
-    return joined(parts, messages.channel[which])
-
-
-def joined(bodies: list[bytes], channels: NDArray[np.uint16]) -> tuple[bytes, Messages]:
-    """Return messages behind one another, with their positions."""
-    length = np.array([len(body) for body in bodies], dtype=np.int64)
-    return b"".join(bodies), Messages(np.cumsum(length) - length, length, channels, [])
-
-
-def starts_with(data: NDArray[np.uint8], offset: NDArray[np.int64], length: NDArray[np.int64],
-                start: bytes) -> NDArray[np.bool_]:
-    """Return which of these messages start with some bytes."""
-    matches = length >= MESSAGE_HEAD + len(start)
-    if not matches.any():
-        return matches
-    inside = offset[matches] + MESSAGE_HEAD
-    matches[matches] = (sliding_window_view(data, len(start))[inside] == np.frombuffer(start, np.uint8)).all(axis=1)
-    return matches
+    length = np.array([len(part) for part in parts], dtype=np.int64)
+    return b"".join(parts), Messages(np.cumsum(length) - length, length, messages.channel[which], [])

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from tcc_sim.errors import RecordingError
@@ -17,11 +18,11 @@ from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.mcap_file import RECOVERY_RECORD, RELIABLE, ROW_KEY
 from tcc_sim.recording.parts import LOADER
 from tcc_sim.recording.reader import Run
-from tcc_sim.recording.records import Messages
+from tcc_sim.recording.records import MESSAGE_HEAD, Messages
 
 _LONGEST_PROFILES, _LONGEST_ALL_PROFILES = 20_000, 400_000
 """Characters of quality of service to parse, of one channel and of all: the YAML reader takes 1 s for 0.2 MB."""
-MESSAGE = struct.Struct("<HIQQ")
+_MESSAGE = struct.Struct("<HIQQ")
 """Head of a message record: channel, sequence number, times of receipt and sending, ns."""
 
 
@@ -53,62 +54,62 @@ def recover(run: Run, directory: Path) -> Recovery:
     OSError
         The disk is full or fails; the error names `directory`.
     """
-    copy = _Copy(run, directory)
+    bag = BagWriter(directory)
     try:
-        run.tapped(copy)
-        if copy.bag is None:
+        for scene in run.recorded_scenes:
+            bag.describe(scene.text, scene.version, scene.log_ns)
+        channels, profiles = dict[tuple[str, str, str], int](), _Profiles()
+
+        def channel_of(channel: Channel) -> int:
+            key = (channel.topic, channel.type, channel.publisher)
+            if key not in channels:
+                schema = Definition(channel.definition, channel.metadata.get("topic_type_hash", ""))
+                channels[key] = bag.channel(channel.topic, channel.type, profiles.of(channel), schema,
+                                            channel.publisher, channel.metadata.get(ROW_KEY, ""))
+            return channels[key]
+
+        copy_messages(run, bag, channel_of)
+        if not channels:
             reason = f" ({run.warnings[0]})" if run.warnings else ""
             raise RecordingError(f"{run.paths[0]}: nothing in it can be recovered{reason}")
-        copy.bag.file.note(RECOVERY_RECORD, run.warnings)
-        copy.bag.close(run.result)
+        bag.file.note(RECOVERY_RECORD, run.warnings)
+        bag.close(run.result)
     except BaseException as error:
-        if copy.bag is not None:
-            copy.bag.discard(error)
+        bag.discard(error)
         raise
-    saved, counts = copy.bag.counts, dict[str, int]()
-    for (topic, _, _), number in copy.known.items():
+    saved, counts = bag.counts, dict[str, int]()
+    for (topic, _, _), number in channels.items():
         counts[topic] = counts.get(topic, 0) + saved[number]
     return Recovery(directory, counts, run.complete, list(run.warnings))
 
 
-class _Copy:
-    """Tap that copies the messages whose topic is described; it creates the bag at the first chunk."""
-
-    def __init__(self, run: Run, directory: Path) -> None:
-        self.bag: BagWriter | None = None
-        self.known: dict[tuple[str, str, str], int] = {}
-        self._profiles: dict[str, list[dict[str, Any]]] = {}
-        self._parsed = 0
-        self._scenes = run.recorded_scenes
-        self._directory = directory
-
-    def __call__(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
-        """Copy one chunk."""
-        if self.bag is None:
-            self.bag = BagWriter(self._directory)
-            for scene in self._scenes:
-                self.bag.describe(scene.text, scene.version, scene.log_ns)
-        numbers: dict[int, int] = {}
+def copy_messages(run: Run, bag: BagWriter, channel_of: Callable[[Channel], int | None]) -> None:
+    """Write the readable messages of a recording, as they are, into the channels of a bag; None leaves them out."""
+    def copy(data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
+        numbers = {number: channel_of(channels[number]) for number in np.unique(messages.channel).tolist()
+                   if number in channels}
         for offset, length in zip(messages.offset.tolist(), messages.length.tolist()):
-            source, sequence, log_ns, publish_ns = MESSAGE.unpack_from(data, offset)
-            if source not in numbers:
-                if source not in channels:
-                    continue
-                numbers[source] = self._channel(self.bag, channels[source])
-            self.bag.write(numbers[source], log_ns, publish_ns, data[offset + MESSAGE.size:offset + length], sequence)
+            source, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, offset)
+            if (number := numbers.get(source)) is not None:
+                bag.write(number, log_ns, publish_ns, data[offset + MESSAGE_HEAD:offset + length], sequence)
 
-    def _channel(self, bag: BagWriter, channel: Channel) -> int:
-        """Return the new bag's channel for a channel of the original."""
-        key = (channel.topic, channel.type, channel.publisher)
-        if key not in self.known:
-            text = channel.metadata.get("offered_qos_profiles", "")[:_LONGEST_PROFILES]
-            if text not in self._profiles:
-                self._parsed += len(text)
-                self._profiles[text] = _parsed(text if self._parsed <= _LONGEST_ALL_PROFILES else "")
-            schema = Definition(channel.definition, channel.metadata.get("topic_type_hash", ""))
-            self.known[key] = bag.channel(channel.topic, channel.type, self._profiles[text], schema, channel.publisher,
-                                           channel.metadata.get(ROW_KEY, ""))
-        return self.known[key]
+    run.tapped(copy)
+
+
+class _Profiles:
+    """Quality of service of channels, of which only so much is parsed."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, list[dict[str, Any]]] = {}
+        self._parsed = 0
+
+    def of(self, channel: Channel) -> list[dict[str, Any]]:
+        """Return the quality of service of a channel."""
+        text = channel.metadata.get("offered_qos_profiles", "")[:_LONGEST_PROFILES]
+        if text not in self._known:
+            self._parsed += len(text)
+            self._known[text] = _parsed(text if self._parsed <= _LONGEST_ALL_PROFILES else "")
+        return self._known[text]
 
 
 def _parsed(text: str) -> list[dict[str, Any]]:
