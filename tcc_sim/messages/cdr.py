@@ -223,7 +223,7 @@ class _Shape:
 def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str] = JOINT_NAMES, frame_id: str = "",
                        fields: Sequence[str] = topics.topic("joint_states").fields,
                        counts: Sequence[int] | None = None) -> Layout:
-    """Return the layout of joint_states with these names.
+    """Return the layout of joint_states with these names; ValueError if a joint is not among the names.
 
     Parameters
     ----------
@@ -233,11 +233,6 @@ def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str]
     fields : names of the values: positions of `joints`, then velocities, then efforts
     counts : numbers of positions, velocities and efforts, each 0 or that of the names; an array without values has no
         fields. By default all are there
-
-    Raises
-    ------
-    ValueError
-        A joint is not among the names.
     """
     shape, values = _Shape(), dict[str, int]()
     shape.text(frame_id, same=False)

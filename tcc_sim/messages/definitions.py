@@ -60,12 +60,8 @@ class Definition:
 
 
 def definition(type_name: str) -> Definition:
-    """Return the definition of `type_name` (package/msg/Name) with its dependencies in the order of their first use.
-
-    Raises
-    ------
-    InputError
-        The name is not a message type, or its definition is not available.
+    """Return the definition of `type_name` (package/msg/Name) with its dependencies in the order of their first use;
+    InputError for a name that is no message type, or whose definition is not available.
     """
     text = _text_of_type(type_name)
     parts, needed, seen = [text], list(_dependencies(type_name, text)), {type_name}
@@ -85,13 +81,7 @@ def definition(type_name: str) -> Definition:
 
 
 def type_parts(type_name: str) -> tuple[str, str]:
-    """Return package and short name of `package/msg/Name`.
-
-    Raises
-    ------
-    InputError
-        The name does not have that form.
-    """
+    """Return package and short name of `package/msg/Name`; InputError for a name of another form."""
     match = _TYPE_NAME.fullmatch(type_name)
     if match is None:
         raise InputError(f"{type_name!r} is not a message type; it must be like std_msgs/msg/Float64")

@@ -70,13 +70,7 @@ LAYOUT = cdr.Layout(
 
 
 def read_held(data: bytes) -> tuple[str, NDArray[np.float64]]:
-    """Return run and (SIZE,) values of a serialised message of `held`.
-
-    Raises
-    ------
-    ValueError
-        It is none.
-    """
+    """Return run and (SIZE,) values of a serialised message of `held`; ValueError if it is none."""
     label, values = cdr.read_float64_array(data)
     match = _LABEL.fullmatch(label)
     if match is None or len(values) != SIZE or not np.isfinite(values[:HEAD]).all():

@@ -243,12 +243,7 @@ class Batch(NamedTuple):
 
 
 def unpack(stream: RecordStream, packed: Packed, contents: Contents, expansion: records.Expansion, skip: Skip) -> Batch:
-    """Return the messages of a chunk; put its schemas and channels into `contents`.
-
-    Raises
-    ------
-    DamagedChunk
-        The chunk cannot be used.
+    """Return the messages of a chunk; put its schemas and channels into `contents`; DamagedChunk if it cannot be used.
     """
     checked = packed.loose is None
     if packed.loose is not None:

@@ -175,16 +175,12 @@ class Inventory:
                 self._scenes.setdefault(_Announced(space, channel.publisher, SceneRecord(text, "", when)))
 
     def drivelines(self, recorded: Sequence[SceneRecord], choice: Choice) -> list[RecordedDriveline]:
-        """Return the drivelines, those that can be read first, with the chosen one marked.
+        """Return the drivelines, those that can be read first, with the chosen one marked; InputError if the choice
+        does not exist or lacks the joints.
 
         Parameters
         ----------
         recorded : scenes in metadata records
-
-        Raises
-        ------
-        InputError
-            The choice does not exist or does not have the joints.
         """
         scenes = list(dict.fromkeys([*recorded, *(one.record for one in self._scenes)]))
         drivelines = [self._driveline(sent, recorded) for sent in self._sent.values()]

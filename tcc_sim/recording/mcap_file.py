@@ -128,12 +128,8 @@ class McapFile:
             raise
 
     def describe(self, scene_text: str, version: str = "", log_ns: int = 0) -> None:
-        """Record the scene (YAML) that the following messages come from; each start of a driveline records one.
-
-        Raises
-        ------
-        InputError
-            The text is longer than a scene may be.
+        """Record the scene (YAML) that the following messages come from; each start of a driveline records one;
+        InputError if the text is longer than a scene may be.
         """
         if len(scene_text) > LARGEST_FILE:
             raise InputError(f"the scene has {len(scene_text)} characters; it must have at most {LARGEST_FILE}")
@@ -152,14 +148,10 @@ class McapFile:
 
     def channel(self, topic: str, type_name: str, qos: Sequence[Mapping[str, Any]] = RELIABLE,
                 schema: Definition | None = None, publisher: str = "", row: str = "") -> int:
-        """Announce a topic (fully resolved name), optionally of one publisher, and return its channel.
+        """Announce a topic (fully resolved name), optionally of one publisher, and return its channel; InputError if
+        the type's definition is neither given as `schema` nor available.
 
         `row` is the topic's name in `topics.TOPICS`, which says what the topic is if it was remapped.
-
-        Raises
-        ------
-        InputError
-            No `schema` was given and the type's definition is not available.
         """
         return self.announce(TopicMetadata(topic, type_name, tuple(qos), schema or definition(type_name), publisher,
                                            row))

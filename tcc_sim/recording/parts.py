@@ -70,12 +70,8 @@ class Parts:
 
 
 def parts_of(path: Path) -> Parts:
-    """Return the files of a recording.
-
-    Raises
-    ------
-    RecordingError
-        No MCAP file is there, or the bag is stored or compressed in a way that is not read.
+    """Return the files of a recording; RecordingError if no MCAP file is there, or the bag is stored or compressed in a
+    way that is not read.
     """
     if not path.is_dir():
         if path.suffix == ".db3" or path.name.endswith(f".db3{_PACKED}"):
@@ -174,12 +170,8 @@ def open_file(path: Path) -> BinaryIO:
 
 
 def unpacked_file(path: Path, file: BinaryIO) -> BinaryIO | None:
-    """Return a temporary file with the content of a file compressed with zstd; None for another file.
-
-    Raises
-    ------
-    RecordingError
-        It cannot be unpacked.
+    """Return a temporary file with the content of a file compressed with zstd; None for another file; RecordingError if
+    it cannot be unpacked.
     """
     try:
         start = file.read(len(ZSTD))

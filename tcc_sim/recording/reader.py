@@ -165,13 +165,7 @@ class Run:
 
     @property
     def driveline(self) -> RecordedDriveline:
-        """The driveline to read.
-
-        Raises
-        ------
-        RecordingError
-            The recording holds none.
-        """
+        """The driveline to read; RecordingError if the recording holds none."""
         if self._driveline is not None:
             return self._driveline
         if self.drivelines:

@@ -88,12 +88,7 @@ class Expansion:
         self._passing = PASSED_OVER * self.limit
 
     def take(self, count: int, used: bool = True) -> None:
-        """Subtract `count` bytes, of messages that are used or of everything unpacked.
-
-        Raises
-        ------
-        DamagedChunk
-            Fewer bytes are left.
+        """Subtract `count` bytes, of messages that are used or of everything unpacked; DamagedChunk if fewer are left.
         """
         left, limit = (self.left, self.limit) if used else (self._passing, PASSED_OVER * self.limit)
         if count > left:
@@ -176,13 +171,7 @@ class RecordStream:
         return self.file.read(length)
 
     def read(self, record: McapRecord) -> bytes:
-        """Return the whole body of a chunk or message.
-
-        Raises
-        ------
-        DamagedChunk
-            It is too large, or the disk fails.
-        """
+        """Return the whole body of a chunk or message; DamagedChunk if it is too large, or the disk fails."""
         if record.length > LARGEST_CHUNK:
             raise DamagedChunk(f"it has {record.length} bytes; at most {LARGEST_CHUNK} are accepted")
         try:
@@ -204,13 +193,7 @@ def not_mcap(file: BinaryIO) -> str:
 
 
 def decoded(opcode: int, body: bytes) -> Any:
-    """Decode the fields of a record of one of DECODERS.
-
-    Raises
-    ------
-    ValueError
-        The fields do not fit into the record.
-    """
+    """Decode the fields of a record of one of DECODERS; ValueError if the fields do not fit into the record."""
     try:
         return DECODERS[opcode].read(ReadDataStream(io.BytesIO(body)))
     except (McapError, struct.error, OverflowError):
@@ -218,12 +201,8 @@ def decoded(opcode: int, body: bytes) -> Any:
 
 
 def unpack_chunk(body: bytes, expansion: Expansion) -> bytes:
-    """Unpack the records of a chunk and verify its checksum; `expansion` bounds the unpacked size.
-
-    Raises
-    ------
-    DamagedChunk
-        Lengths disagree, the size exceeds the limit, the compression is broken, or the checksum is wrong.
+    """Unpack the records of a chunk and verify its checksum; `expansion` bounds the unpacked size; DamagedChunk if
+    lengths disagree, the size exceeds the limit, or compression or checksum is wrong.
     """
     try:
         chunk = decoded(Opcode.CHUNK, body)
@@ -287,12 +266,8 @@ def _entries(body: bytes) -> NDArray[np.uint64]:
 
 
 def find_messages(data: bytes, indexes: list[bytes]) -> Messages:
-    """Find the messages by the chunk's index records if they cover the chunk without a gap, else record by record.
-
-    Raises
-    ------
-    DamagedChunk
-        The lengths of the records do not add up to the chunk.
+    """Find the messages by the chunk's index records if they cover the chunk without a gap, else record by record;
+    DamagedChunk if the lengths of the records do not add up to the chunk.
     """
     starts = np.concatenate([np.empty(0, np.uint64), *(_entries(body)[1::2] for body in indexes)])
     if len(starts):

@@ -93,16 +93,12 @@ def applied_inputs(line: Timeline, states: JointStates) -> dict[str, Floats]:
 
 
 def measured_run(run: Run, scene: Scene) -> tuple[JointStates, dict[str, Floats], Scene]:
-    """Return the longest run of a recording, its inputs from topics, as `applied_inputs`, and its scene.
+    """Return the longest run of a recording, its inputs from topics, as `applied_inputs`, and its scene; InputError if
+    the scene changed during the run or cannot be read.
 
     Parameters
     ----------
     scene : the recording's first scene
-
-    Raises
-    ------
-    InputError
-        The scene changed during the run, or cannot be read.
     """
     line = timeline_of(run, scene)
     states = line.longest

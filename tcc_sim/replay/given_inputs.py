@@ -265,12 +265,7 @@ class Twin:
 
 def twin_of(source: Source, trajectory: Trajectory) -> Twin | None:
     """Return a simulation with the slip speed of a recording's first run or of a table; None without a slip speed
-    within the simulation's time.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read.
+    within the simulation's time; InputError if the file cannot be read.
     """
     given = opened(source)
     if isinstance(given, MeasuredTable):

@@ -88,12 +88,8 @@ def _spectrum(signals: Signals) -> Spectrum:
 
 
 def at_measured_speed(scene: Scene, table: MeasuredTable, pulses: int | None = None) -> tuple[Scene, Signals | None]:
-    """Return the scene with the measured engine speed, and the signals in the table (None without a slip speed).
-
-    Raises
-    ------
-    InputError
-        The phase of the engine cannot be determined.
+    """Return the scene with the measured engine speed, and the signals in the table (None without a slip speed);
+    InputError if the phase of the engine cannot be determined.
     """
     system = scene.system
     phase = measured_phase(table, system.engine.order, pulses)

@@ -62,12 +62,7 @@ class Timeline(Columns):
 
     def with_torques(self) -> Timeline:
         """Return the timeline with torques that were not recorded, as estimates: (2a) and (2b) with central differences
-        of the recorded speeds.
-
-        Raises
-        ------
-        InputError
-            An angle of the plate or a speed was not recorded.
+        of the recorded speeds; InputError if an angle of the plate or a speed was not recorded.
         """
         missing = [name for name in self.absent if name not in (*_TORQUES, "flywheel_angle")]
         if missing:
@@ -202,13 +197,7 @@ def _within(runs: Sequence[JointStates], begins: Sequence[int], every: Commanded
 
 
 def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timeline:
-    """Read the timeline of a recording, or of the states in a window.
-
-    Raises
-    ------
-    RecordingError, TooManyStates
-        As `Run.columns`.
-    """
+    """Read the timeline of a recording, or of the states in a window; errors are those of `Run.columns`."""
     columns = run.columns(window)
     scenes = run.scenes[:MOST_SCENES]
     places = (placed_by_run(scenes, columns.runs, run.driveline.runs) if columns.keyed

@@ -98,7 +98,7 @@ class Timing:
 
 def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], changed: bool = False,
               foreign: bool = False) -> Timing:
-    """Return the timing of the engine cycles of a recording of this scene.
+    """Return the timing of the engine cycles of a recording of this scene; InputError for a frequency out of range.
 
     Parameters
     ----------
@@ -106,11 +106,6 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
     runs : states, used only if the torque came from a topic or its frequency was changed
     changed : whether the frequency was changed while running
     foreign : whether the recording holds no scene: the frequency of its torque then precedes another one of the scene
-
-    Raises
-    ------
-    InputError
-        The frequency is out of range.
     """
     if given is not None and not 1e-3 <= given <= 1e5:
         raise InputError(f"frequency is {given:g} rad/s; it must be 0.001 to 100000 rad/s")
@@ -175,12 +170,8 @@ def frequency_changes(run: Run) -> bool:
 
 
 def recorded_scene(run: Run, given: str | None = None) -> Scene:
-    """Return the scene in a recording, or the given scene if the recording has none.
-
-    Raises
-    ------
-    InputError
-        Neither scene is available, or one of them is not valid.
+    """Return the scene in a recording, or the given scene if the recording has none; InputError if neither is available
+    or one is not valid.
     """
     scene = None if given is None else load_scene(given)
     if run.scene_text is not None:
