@@ -14,13 +14,11 @@ from tcc_sim.messages.held import COMMAND, FALLBACK
 from tcc_sim.model.parameters import values_of
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
-from tcc_sim.topics import SHAFT, TARGET
+from tcc_sim.topics import INPUTS, SHAFT, TARGET
 from tcc_sim.trajectory import Floats
 
 MOST_STEPS = 200_000  # Most values of a held signal that are kept for a picture; the earliest go first.
 
-INPUTS = {"engine_torque": ("engine", "engine torque"), "actuation_pressure": ("pressure", "pressure")}
-"""Command topic -> group of the scene whose `source` enables it, and the name of the input."""
 PER_CYCLE = 50
 """Largest number of values of a signal per engine cycle in a picture."""
 Signal = tuple[NDArray[np.int64], Floats]
@@ -105,7 +103,7 @@ def _changes(line: Timeline, states: JointStates) -> Iterator[Event]:
 
 def _fallbacks(line: Timeline, states: JointStates) -> Iterator[Event]:
     """Iterate over the times from which the driveline states that an input fell back within the run."""
-    for name, (_, what) in INPUTS.items():
+    for name, what in zip(INPUTS, ("engine torque", "pressure")):
         source = states.input(name, "source")
         for k in (1 + np.flatnonzero((source[:-1] == COMMAND) & (source[1:] == FALLBACK))).tolist():
             limit = line.scene_at(states.index + k).operation.command_timeout

@@ -6,17 +6,15 @@ A recording of version 1.0 or of another program does not state which commands a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop.tracking import Counts
 from tcc_sim.errors import counted
 from tcc_sim.messages import held
 from tcc_sim.plant.closed_loop import doubt_of
-from tcc_sim.recording.columns import JointStates
+from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported
 from tcc_sim.topics import INPUTS
@@ -98,13 +96,8 @@ def counts_between(states: JointStates, begin: float, end: float) -> Counts | No
     return Counts(int(received - superseded), int(superseded))
 
 
-def held_inputs(line: Timeline) -> dict[str, HeldInput]:
-    """Return sources and counts of each input, by the name of its topic."""
-    return {name: _held_input(line, name) for name in INPUTS}
-
-
-def _held_input(line: Timeline, name: str) -> HeldInput:
-    """Return sources and counts of one input."""
+def held_input(line: Timeline, name: str) -> HeldInput:
+    """Return sources and counts of the input of a topic."""
     seconds = dict.fromkeys((held.SCENE, held.FALLBACK, held.COMMAND), 0.0)
     unknown, stated, counts = 0.0, False, np.zeros(4)
     for states in line.runs:
@@ -121,16 +114,16 @@ def _held_input(line: Timeline, name: str) -> HeldInput:
             seconds[one] += float(steps[source == one].sum())
         unknown += float(steps[np.isnan(source)].sum())
         counts += [states.grown(name, what) for what in ("received", "superseded", "refused", "lost")]
-    publishers, recorded = line.publishers.get(name, 0), line.recorded.get(name, 0)
+    recorded, ignored, commands, why = line.recorded.get(name, 0), None, None, ""
+    result = HeldInput(seconds[held.COMMAND], seconds[held.FALLBACK], seconds[held.SCENE],
+                       line.counts.get(f"{name} refused"), line.publishers.get(name, 0),
+                       recorded if line.whole else None, unknown=unknown, why=UNNAMED)
     if unknown and not stated:
-        return HeldInput(None, None, seconds[held.SCENE], line.counts.get(f"{name} refused"), publishers,
-                         recorded if line.whole else None, unknown=unknown, why=UNNAMED)
+        return replace(result, topic=None, fallback=None)
     if np.isnan(counts).any() or (recorded and not line.keyed):
-        return HeldInput(seconds[held.COMMAND], seconds[held.FALLBACK], seconds[held.SCENE],
-                         line.counts.get(f"{name} refused"), publishers, recorded if line.whole else None,
-                         unknown=unknown, why=UNNAMED)
+        return result
     received, superseded, refused, lost = (int(count) for count in counts)
-    known, ignored, commands, why = line.received.get(name, 0), None, None, ""
+    known = line.received.get(name, 0)
     if known is None:
         why = "commands to another driveline, or repeats, are among those recorded"
     else:
@@ -141,74 +134,49 @@ def _held_input(line: Timeline, name: str) -> HeldInput:
             commands = received + ignored
         else:
             why = "commands are missing in the recording"
-    return HeldInput(seconds[held.COMMAND], seconds[held.FALLBACK], seconds[held.SCENE], refused, publishers, commands,
-                     received - superseded, superseded, ignored, lost, unknown, why)
+    return replace(result, refused=refused, commands=commands, applied=received - superseded, superseded=superseded,
+                   ignored=ignored, lost=lost, why=why)
 
 
-class Ages:
-    """Ages of the held pressure commands of a recording, and what their stamps are.
-
-    Parameters
-    ----------
-    tick : time between stamps, ns
+def age_of(line: Timeline, tick: int) -> CommandAge | None:
+    """Return the ages of the held pressure commands over all ticks with a command; None if the recording does not state
+    it, or if most of these commands carry no stamp of an earlier state. `tick` is the time between stamps, ns.
     """
-
-    def __init__(self, line: Timeline, tick: int) -> None:
-        self._line, self._tick = line, tick
-
-    @cached_property
-    def age(self) -> CommandAge | None:
-        """The ages over all ticks with a command; None if the recording does not state it, or if most of these commands
-        carry no stamp of an earlier state.
-        """
-        ages, ticks = [np.empty(0)], 0
-        for states in self._line.runs:
-            acts = states.input(INPUTS[1], "source") == held.COMMAND
-            answered, acted = states.input(INPUTS[1], "stamp")[acts], states.stamp_ns[acts]
-            ticks += len(acted)
-            said = (answered >= 0.0) & (answered < acted)
-            ages.append(np.maximum(acted[said] - answered[said] - self._tick, 0.0))
-        every = np.concatenate(ages) * 1e-9
-        if 2 * len(every) <= ticks or not len(every):
-            return None
-        return CommandAge(*np.quantile(every, [0.5, 0.95, 1.0]).tolist())
-
-    @cached_property
-    def largest(self) -> float:
-        """The largest size of a pressure command, Pa; 0 without one."""
-        commands = self._line.commands.get(INPUTS[1])
-        return float(np.abs(commands.values).max()) if commands is not None and len(commands.values) else 0.0
-
-    def stamps(self) -> Iterator[str]:
-        """Iterate over sentences on stamps that are not those of the answered states."""
-        commands = self._line.commands.get(INPUTS[1])
-        if commands is None or not len(commands.rows) or not self._line.keyed:
-            return
-        acted = self._stamps_at(commands.rows)
-        stamps, count = commands.answers, len(commands.rows)
-        ahead = stamps - acted
-        wall, future = int((ahead > A_YEAR).sum()), int(((ahead >= 0) & (ahead <= A_YEAR)).sum())
-        repeated = int(((np.diff(stamps) == 0) & (stamps[1:] > 0)).sum())
-        if wall:
-            yield (f"{wall} of {counted(count, 'pressure command')} carry stamps of the wall clock, not of the state "
-                   "that they answer, so their age is unknown; copy the state's stamp, or set use_sim_time")
-        if future:
-            yield (f"{future} of {counted(count, 'pressure command')} carry stamps that are later than the state "
-                   "before which they acted, so their age is unknown")
-        if 2 * repeated > count:
-            yield (f"{repeated} of {counted(count, 'pressure command')} repeat the stamp of the command before, from "
-                   "which their age counts; copy the stamp of the newest state")
-
-    def _stamps_at(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the stamps of states by their index in the whole recording, ns."""
-        out = np.zeros(len(rows), np.int64)
-        for states in self._line.runs:
-            inside = (rows >= states.index) & (rows < states.index + len(states))
-            out[inside] = states.stamp_ns[rows[inside] - states.index]
-        return out
+    ages, ticks = [np.empty(0)], 0
+    for states in line.runs:
+        acts = states.input(INPUTS[1], "source") == held.COMMAND
+        answered, acted = states.input(INPUTS[1], "stamp")[acts], states.stamp_ns[acts]
+        ticks += len(acted)
+        said = (answered >= 0.0) & (answered < acted)
+        ages.append(np.maximum(acted[said] - answered[said] - tick, 0.0))
+    every = np.concatenate(ages) * 1e-9
+    if 2 * len(every) <= ticks or not len(every):
+        return None
+    return CommandAge(*np.quantile(every, [0.5, 0.95, 1.0]).tolist())
 
 
-def command_notes(inputs: Mapping[str, HeldInput], ages: Ages, tick: int, tracked: bool) -> Iterator[str]:
+def _stamp_notes(line: Timeline) -> Iterator[str]:
+    """Iterate over sentences on stamps of pressure commands that are not those of the answered states."""
+    commands = line.commands.get(INPUTS[1], Commanded.none())
+    count, stamps = len(commands.rows), commands.answers
+    if not count or not line.keyed:
+        return
+    ahead = stamps - line.stamps_at(commands.rows)
+    wall, future = int((ahead > A_YEAR).sum()), int(((ahead >= 0) & (ahead <= A_YEAR)).sum())
+    repeated = int(((np.diff(stamps) == 0) & (stamps[1:] > 0)).sum())
+    if wall:
+        yield (f"{wall} of {counted(count, 'pressure command')} carry stamps of the wall clock, not of the state "
+               "that they answer, so their age is unknown; copy the state's stamp, or set use_sim_time")
+    if future:
+        yield (f"{future} of {counted(count, 'pressure command')} carry stamps that are later than the state "
+               "before which they acted, so their age is unknown")
+    if 2 * repeated > count:
+        yield (f"{repeated} of {counted(count, 'pressure command')} repeat the stamp of the command before, from "
+               "which their age counts; copy the stamp of the newest state")
+
+
+def command_notes(line: Timeline, inputs: Mapping[str, HeldInput], age: CommandAge | None, tick: int,
+                  tracked: bool) -> Iterator[str]:
     """Iterate over sentences on commands that did not act, acted late, or had no target.
 
     Parameters
@@ -221,10 +189,10 @@ def command_notes(inputs: Mapping[str, HeldInput], ages: Ages, tick: int, tracke
             yield (f"none of the {counted(one.commands, 'recorded command')} on {name} was applied: the driveline "
                    "takes commands where its source is topic, and from reliable publishers only, so check the scene "
                    "and the publisher's quality of service")
-    yield from ages.stamps()
-    if doubt := doubt_of(INPUTS[1], ages.largest):
+    yield from _stamp_notes(line)
+    values = line.commands.get(INPUTS[1], Commanded.none()).values
+    if doubt := doubt_of(INPUTS[1], float(np.abs(values).max(initial=0.0))):
         yield doubt
-    age = ages.age
     if age is not None and tick and age.median >= tick * 1e-9 and tracked:
         yield (f"the held pressure command was {age.median:.4g} s old (median), "
                f"{counted(round(age.median * 1e9 / tick), 'tick')}: this delay adds to the tracking error")

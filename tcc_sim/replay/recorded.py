@@ -142,15 +142,12 @@ class Recording(Result):
     @cached_property
     def commands(self) -> Mapping[str, Command]:
         """Commands by topic: engine_torque (N m), actuation_pressure (Pa), target_slip_speed (rad/s)."""
-        runs, commands = self.line().runs, {}
-        firsts = [states.index for states in runs]
-        for name, (rows, values, _) in self.line().commands.items():
-            if name not in COMMANDS:
-                continue
-            number = np.searchsorted(firsts, rows, side="right") - 1
-            t = np.concatenate([np.empty(0), *(states.stamp_ns[rows[number == k] - states.index] * 1e-9
-                                               for k, states in enumerate(runs))])
-            commands[name] = Command(np.array([runs[k].run for k in number.tolist()]), t, values)
+        line, commands = self.line(), dict[str, Command]()
+        firsts, numbers = [states.index for states in line.runs], np.array([states.run for states in line.runs])
+        for name, (rows, values, _) in line.commands.items():
+            if name in COMMANDS:
+                run = numbers[np.searchsorted(firsts, rows, side="right") - 1]
+                commands[name] = Command(run, line.stamps_at(rows).astype(np.float64) * 1e-9, values)
         return commands
 
     def line(self, window: Window | None = None) -> Timeline:

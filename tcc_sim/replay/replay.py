@@ -25,7 +25,7 @@ from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.commands import LATE, LATE_SHARE
 from tcc_sim.recording.window import Window
 from tcc_sim.replay.control import signals_of
-from tcc_sim.replay.inputs import Ages, command_notes, held_inputs
+from tcc_sim.replay.inputs import age_of, command_notes, held_input
 from tcc_sim.replay.recorded import Recording
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, segments_of
@@ -35,7 +35,7 @@ from tcc_sim.replay.verification import verify as verification_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.sweeps.progress import begin_progress
-from tcc_sim.topics import SHAFT
+from tcc_sim.topics import INPUTS, SHAFT
 from tcc_sim.trajectory import Floats, modes_of
 
 if TYPE_CHECKING:
@@ -195,9 +195,9 @@ def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing
                                   stream=stream, band=band, limits=limits)
     if count > MOST_SEGMENTS:
         warnings.append(f"only the first {MOST_SEGMENTS} of {count} segments are analysed")
-    inputs, ages = held_inputs(line), Ages(line, run.stamps.tick)
+    inputs, age = {name: held_input(line, name) for name in INPUTS}, age_of(line, run.stamps.tick)
     tracked = any(segment.tracking is not None for segment in segments)
-    warnings += command_notes(inputs, ages, run.stamps.tick, tracked)
+    warnings += command_notes(line, inputs, age, run.stamps.tick, tracked)
     late, paced = (line.counts.get(key) for key in ("late ticks", "paced ticks"))
     share = late / paced if late is not None and paced else math.nan
     late_first, late_last, latest = (line.counts[key] * 1e-9 if late and key in line.counts else math.nan
@@ -206,7 +206,7 @@ def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing
         warnings.append(f"{100.0 * share:.3g} % of the ticks came more than a period late: the driveline did not keep "
                         "real time")
     return Replay(
-        inputs=inputs, command_age=ages.age, missed_ticks=line.counts.get("missed ticks"),
+        inputs=inputs, command_age=age, missed_ticks=line.counts.get("missed ticks"),
         late_ticks=late, late_share=share, late_first=late_first, late_last=late_last, latest_tick=latest,
         path=recording.path, scene=scene, summary=summary,
         trajectory=trajectory_of(line, end, at_end, clock, run), cycles=cycles,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop.control import Steps
 from tcc_sim.analysis.measured.engine_clock import EngineClock
@@ -141,6 +142,14 @@ class Timeline(Columns):
     def longest(self) -> JointStates:
         """The run with the most states, the last of several."""
         return max(self.runs, key=lambda states: (len(states), states.run))
+
+    def stamps_at(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the stamps of states, ns, by their index in the whole recording; 0 outside."""
+        out = np.zeros(len(rows), np.int64)
+        for states in self.runs:
+            inside = (rows >= states.index) & (rows < states.index + len(states))
+            out[inside] = states.stamp_ns[rows[inside] - states.index]
+        return out
 
     def target_in(self, states: JointStates) -> Steps:
         """Return the target slip speed in a run, rad/s."""
