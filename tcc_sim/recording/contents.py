@@ -101,6 +101,8 @@ class Contents:
     """Number of records after MOST_DAMAGED damaged ones."""
     complete: bool = False
     """Whether the footer was reached."""
+    size: int = 0
+    """Bytes of the file."""
 
     def add(self, opcode: int, body: bytes, checked: bool = False) -> None:
         """Take one record and count it if it is damaged. Records under a chunk's checksum (`checked`) take precedence.
@@ -185,15 +187,8 @@ class Packed(NamedTuple):
     loose: bytes | None = None
 
 
-def chunks(stream: RecordStream, source: Iterable[McapRecord], skip: Skip,
-           skipped: Counter[int]) -> Iterator[Packed]:
-    """Iterate over the chunks of which some messages are wanted.
-
-    Parameters
-    ----------
-    source : the records of `stream`
-    skipped : counter of the messages in other chunks, by channel
-    """
+def chunks(stream: RecordStream, skip: Skip, skipped: Counter[int]) -> Iterator[Packed]:
+    """Iterate over the chunks of which some messages are wanted; `skipped` counts those in others by channel."""
     chunk: McapRecord | None = None
     indexes: list[bytes] = []
     loose = bytearray()
@@ -205,7 +200,7 @@ def chunks(stream: RecordStream, source: Iterable[McapRecord], skip: Skip,
         elif chunk is not None:
             yield Packed(chunk, indexes)
 
-    for record in source:
+    for record in stream:
         if record.opcode == Opcode.MESSAGE_INDEX:
             indexes.append(record.body)
             continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -13,7 +14,7 @@ import yaml
 import zstandard
 
 from tcc_sim.errors import RecordingError, counted, one_line
-from tcc_sim.recording.records import PASSED_OVER, ZSTD, Expansion, McapRecord, RecordStream
+from tcc_sim.recording.records import MAGIC, PASSED_OVER, ZSTD, Expansion, not_mcap
 
 METADATA = "metadata.yaml"
 _MOST_PARTS, _LONGEST_METADATA, _MOST_NAMED = 100_000, 1 << 22, 20
@@ -159,29 +160,30 @@ def numbers_of(paths: Sequence[Path]) -> set[int]:
     return set()
 
 
-def open_file(path: Path) -> BinaryIO:
-    """Open a regular file for reading; refuse a pipe, which could block."""
-    try:
-        if path.exists() and not path.is_file():
-            raise RecordingError(f"{path} is not a regular file")
-        return path.open("rb")
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
-
-
-def unpacked_file(path: Path, file: BinaryIO) -> BinaryIO | None:
-    """Return a temporary file with the content of a file compressed with zstd; None for another file; RecordingError if
-    it cannot be unpacked.
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """Open an MCAP file behind its first bytes, unpacked into a temporary one if it is compressed with zstd;
+    RecordingError if it is none or cannot be read, and for errors of the disk while it is open.
     """
     try:
-        start = file.read(len(ZSTD))
-        file.seek(0)
+        if path.exists() and not path.is_file():  # A pipe could block.
+            raise RecordingError(f"{path} is not a regular file")
+        with ExitStack() as stack:
+            file: BinaryIO = stack.enter_context(path.open("rb"))
+            if file.read(len(ZSTD)) == ZSTD:
+                file = _unpack(path, file, stack.enter_context(tempfile.TemporaryFile()))
+            file.seek(0)
+            if file.read(len(MAGIC)) != MAGIC:
+                raise RecordingError(f"{path}: {not_mcap(file)}")
+            yield file
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
-    if start != ZSTD:
-        return None
+
+
+def _unpack(path: Path, file: BinaryIO, unpacked: BinaryIO) -> BinaryIO:
+    """Unpack a file that is compressed with zstd into another one."""
+    file.seek(0)
     limit = PASSED_OVER * Expansion(path.stat().st_size).limit
-    unpacked: BinaryIO = tempfile.TemporaryFile()  # noqa: SIM115
     try:
         with zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True, closefd=False) as reader:
             while block := reader.read(_BLOCK):
@@ -189,19 +191,6 @@ def unpacked_file(path: Path, file: BinaryIO) -> BinaryIO | None:
                 if unpacked.tell() > limit:
                     raise RecordingError(f"{path} would unpack to more than {limit} bytes, the most allowed for a file "
                                          "of its size")
-        return unpacked
-    except (OSError, zstandard.ZstdError, RecordingError) as error:
-        unpacked.close()
-        if isinstance(error, RecordingError):
-            raise
-        raise RecordingError(f"{path} does not unpack ({getattr(error, 'strerror', None) or error})") from None
-
-
-def records_of(path: Path, stream: RecordStream) -> Iterator[McapRecord]:
-    """Iterate over the stream's records; errors name the file."""
-    try:
-        yield from stream
-    except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from None
-    except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
+    except zstandard.ZstdError as error:
+        raise RecordingError(f"{path} does not unpack ({error})") from None
+    return unpacked

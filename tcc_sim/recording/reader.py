@@ -5,11 +5,9 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, BinaryIO
-from weakref import finalize
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +24,8 @@ from tcc_sim.recording.layouts import Collected, Decoded, Layouts
 from tcc_sim.recording.parts import (
     Parts,
     numbers_of,
-    open_file,
+    opened,
     parts_of,
-    records_of,
-    unpacked_file,
 )
 from tcc_sim.recording.records import (
     MESSAGE_HEAD,
@@ -83,85 +79,41 @@ class Run:
     """
 
     def __init__(self, path: Path, parts: Parts, choice: Choice) -> None:
-        self.path = path
-        self.warnings = Warnings()
-        self.messages: dict[str, int] = {}
-        self.stamps = StampCounter()
-        self.complete = True
-        self.recorded_scenes: list[SceneRecord] = []
+        self.path, self._choice = path, choice
+        self.warnings, self.stamps, self.messages = Warnings(), StampCounter(), dict[str, int]()
         self.result: dict[str, Any] | None = None
-        self.topics: dict[str, str] = {}
-        self.size = 0
-        self._unpacked: dict[Path, BinaryIO] = {}
         self._contents: dict[Path, Contents] = {}
-        self._left_out = list(parts.sentences())
-        self._incomplete = False
         unreadable: list[str] = []
         for name in parts.paths:
             try:
-                self._open(name)
+                self._contents[name] = _contents_of(name)
             except RecordingError as error:
                 if len(parts.paths) == 1:
                     raise
                 unreadable.append(f"left out: {error}")
-        self._left_out += unreadable
         if not self._contents:
             raise RecordingError(unreadable[0].removeprefix("left out: "))
+        self.paths, every = list(self._contents), self._contents.values()
+        self.size, cut = sum(one.size for one in every), not all(one.complete for one in every)
+        self._left_out = [*parts.sentences(), *unreadable,
+                          *["the recording was cut short: data after the last flush is missing"] * cut]
         self.parts_missing = bool(parts.missing or parts.absent)
         """Whether a part of the recording is not there."""
-        self.complete &= not self.parts_missing and not any(parts.ordered or numbers_of([part]) for part in parts.paths
-                                                            if part not in self._contents)
-        self.paths = list(self._contents)
+        self.complete = not (cut or self.parts_missing) and not any(
+            parts.ordered or numbers_of([part]) for part in parts.paths if part not in self._contents)
         self._order_known = parts.ordered or len(self.paths) == 1 or bool(numbers_of(self.paths))
-        for name in self.paths:
-            contents = self._contents[name]
-            self.recorded_scenes += contents.scenes
+        for contents in every:
             self.result = together(self.result, contents.result)
-        self.recorded_scenes = list(dict.fromkeys(self.recorded_scenes))  # Each part of a split recording repeats it.
-        self._choice = choice
-        inventory = self._inventory()
-        self.drivelines = inventory.drivelines(self.recorded_scenes, choice)
-        self._driveline = next((one for one in self.drivelines if one.read), None)
-        self._refused = inventory.refused(self.joint_states_topic)
-
-    def _open(self, path: Path) -> None:
-        """Read the records that describe a file."""
-        contents = Contents()
-        with self._opened(path) as file:
-            size = file.seek(0, os.SEEK_END)
-            stream = RecordStream(file)
-            for record in records_of(path, stream):
-                contents.add(record.opcode, record.body)
-        contents.complete = stream.complete
-        self._contents[path] = contents
-        self.size += size
-        self._incomplete |= not stream.complete
-        self.complete &= stream.complete
-
-    @contextmanager
-    def _opened(self, path: Path) -> Iterator[BinaryIO]:
-        """Open a file; one that is compressed is unpacked once."""
-        if path in self._unpacked:
-            yield self._unpacked[path]
-            return
-        with open_file(path) as file:
-            unpacked = unpacked_file(path, file)
-            if unpacked is None:
-                yield file
-        if unpacked is not None:
-            finalize(self, unpacked.close)
-            self._unpacked[path] = unpacked
-            yield unpacked
-
-    def _inventory(self) -> Inventory:
-        """Read what tells the drivelines apart."""
-        inventory = Inventory(self._choice.names)
-        kept, self.warnings = self.warnings, Warnings()
+        # Each part of a split recording repeats the scene.
+        self.recorded_scenes = list(dict.fromkeys(scene for contents in every for scene in contents.scenes))
+        inventory = Inventory(choice.names)
         for batch, channels in self._batches(inventory.wants):
             inventory.take(batch, channels)
         self.topics = {channel.topic: channel.type for channel in self._every_channel()}
-        self._damage, self.warnings = next(iter(self.warnings), ""), kept
-        return inventory
+        self._damage, self.warnings = next(iter(self.warnings), ""), Warnings()
+        self.drivelines = inventory.drivelines(self.recorded_scenes, choice)
+        self._driveline = next((one for one in self.drivelines if one.read), None)
+        self._refused = inventory.refused(self.joint_states_topic)
 
     @property
     def driveline(self) -> RecordedDriveline:
@@ -171,8 +123,7 @@ class Run:
         if self.drivelines:
             raise RecordingError(joints_sentence(self.drivelines))
         damage = f" ({self._damage})" if self._damage else ""
-        channels = [channel for contents in self._contents.values() for channel in contents.channels.values()]
-        for channel in channels:
+        for channel in self._every_channel():
             if channel.type.replace("/msg/", "/") == "sensor_msgs/JointState" and channel.encoding != CDR:
                 how = "; a .bag of ROS 1 is read by tcc-sim import" if channel.encoding == "ros1" else ""
                 raise RecordingError(f"{self.paths[0]}: the messages of {one_line(channel.topic)} are in the encoding "
@@ -264,7 +215,6 @@ class Run:
         for batch, channels in self._batches(lambda _: True):
             tap(batch.data, batch.messages, channels)
         self.warnings.extend(self._left_out)
-        self._warn_of_cut()
         for what in ("attachments", "foreign"):
             if count := sum(getattr(contents, what) for contents in self._contents.values()):
                 kind = "attachment" if what == "attachments" else "metadata record"
@@ -389,10 +339,10 @@ class Run:
         def skip(channels: Iterable[int]) -> bool:
             return all(number in contents.channels and not wants(contents.channels[number]) for number in channels)
 
-        with self._opened(path) as file:
+        with opened(path) as file:
             stream = RecordStream(file, warnings=self.warnings)
             expansion = Expansion(file.seek(0, os.SEEK_END))
-            for packed in chunks(stream, records_of(path, stream), skip, seen):
+            for packed in chunks(stream, skip, seen):
                 try:
                     batch = unpack(stream, packed, contents, expansion, skip)
                     good += 1
@@ -440,14 +390,9 @@ class Run:
         if len(others) > _MOST_TOPICS:
             self.warnings.append(f"not read: {len(others) - _MOST_TOPICS} more publishers of joint states")
 
-    def _warn_of_cut(self) -> None:
-        if self._incomplete:
-            self.warnings.append("the recording was cut short: data after the last flush is missing")
-
     def _conclude(self) -> None:
         """Add the warnings that need the whole recording."""
         self.warnings.extend(self._left_out)
-        self._warn_of_cut()
         stamps = self.stamps
         if stamps.lost:
             self.warnings.append(f"{counted(stamps.lost, 'message')} of {self.joint_states_topic} missing, according "
@@ -500,6 +445,18 @@ class _Origins:
         for name in np.unique(found["run"]).tolist():
             if name in self._numbers:
                 rows.setdefault(self._numbers[name], []).append(found["values"][found["run"] == name])
+
+
+def _contents_of(path: Path) -> Contents:
+    """Read the records that describe a file."""
+    contents = Contents()
+    with opened(path) as file:
+        contents.size = file.seek(0, os.SEEK_END)
+        stream = RecordStream(file)
+        for record in stream:
+            contents.add(record.opcode, record.body)
+    contents.complete = stream.complete
+    return contents
 
 
 def _in_order(rows: NDArray[np.float64]) -> NDArray[np.float64]:

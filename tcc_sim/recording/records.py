@@ -24,7 +24,7 @@ from mcap.records import Channel, Chunk, Metadata, Schema, Statistics
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tcc_sim.errors import RecordingError, counted
+from tcc_sim.errors import counted
 
 MAGIC = b"\x89MCAP0\r\n"
 DECODERS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.CHUNK: Chunk,
@@ -125,9 +125,6 @@ class RecordStream:
     warnings: Warnings = field(default_factory=Warnings)
 
     def __iter__(self) -> Iterator[McapRecord]:
-        self.file.seek(0)
-        if self.file.read(len(MAGIC)) != MAGIC:
-            raise RecordingError(not_mcap(self.file))
         position, size, block, begin = len(MAGIC), self.file.seek(0, 2), b"", 0
         while position + _RECORD.size <= size:
             at = position - begin
