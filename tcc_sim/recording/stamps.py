@@ -161,77 +161,60 @@ class StampCounter:
         publisher : number of each stamp's publisher, one number or (n,) array; 0 if it is not identified
         """
         pieces: list[tuple[slice, Break]] = []
-        if not len(stamps):
-            return pieces
         stamps = np.asarray(stamps, dtype=np.int64)
         who = np.broadcast_to(np.asarray(publisher, dtype=np.int64), stamps.shape)
-        cuts = (1 + np.flatnonzero(np.diff(who))).tolist()
-        for begin, end in zip([0, *cuts], [*cuts, len(stamps)]):
-            if int(who[begin]) in self._gone:
+        cuts = (1 + np.flatnonzero((np.diff(who) != 0) | (np.diff(stamps) < 0))).tolist()
+        for begin, end in pairwise([0, *cuts, len(stamps)] if len(stamps) else []):
+            now = int(who[begin])
+            if now in self._gone:
                 self.late += end - begin
-            else:
-                self._one_publisher(stamps[begin:end], int(who[begin]), begin, pieces)
+                continue
+            taken_over = self.last is not None and now != self._publisher
+            if taken_over:
+                self._gone.add(self._publisher)
+            kind = Break.NOTHING
+            if taken_over or self.last is None or stamps[begin] < self.last:
+                kind = self._begin(now, taken_over)
+            self._cut(stamps[begin:end], kind, begin, pieces)
+            self._publisher, self.last = now, int(stamps[end - 1])
         return pieces
 
-    def _one_publisher(self, stamps: Stamps, publisher: int, offset: int,
-                       pieces: list[tuple[slice, Break]]) -> None:
-        """Split stamps of one publisher."""
-        taken_over = self.last is not None and publisher != self._publisher
-        fresh = self.last is None or taken_over
-        if taken_over:
-            self._gone.add(self._publisher)
-        before = stamps[0] if fresh or self.last is None else self.last
-        steps = np.diff(stamps, prepend=np.int64(before))
-        starts = np.flatnonzero(steps < 0).tolist()
-        if fresh:
-            starts.insert(0, 0)
-        bounds = [*starts, len(stamps)] if starts and starts[0] == 0 else [0, *starts, len(stamps)]
-        for number, (begin, end) in enumerate(pairwise(bounds)):
-            kind = Break.NOTHING
-            if number or (starts and starts[0] == 0):
-                kind = self._begin(publisher, fresh and begin == 0)
-            self._cut(stamps, steps, slice(begin, end), kind, offset, pieces)
-            self.last = int(stamps[end - 1])
-        self._publisher = publisher
-
-    def _begin(self, publisher: int, fresh: bool) -> Break:
+    def _begin(self, publisher: int, taken_over: bool) -> Break:
         """Begin a run; return the kind of its start."""
         self._settle()
         self.runs += 1
         if self.last is None:
             return Break.START
-        if not fresh and publisher == 0:
-            self._former = self.last
-        if fresh:
+        if taken_over:
             self.restarts += 1
             return Break.RESTART
+        if publisher == 0:
+            self._former = self.last
         self.resets += 1
         return Break.RESET
 
-    def _cut(self, stamps: Stamps, steps: Stamps, part: slice, kind: Break, offset: int,
-             pieces: list[tuple[slice, Break]]) -> None:
+    def _cut(self, stamps: Stamps, kind: Break, offset: int, pieces: list[tuple[slice, Break]]) -> None:
         """Split stamps of one run at gaps, and leave repeated stamps out."""
-        begin, end = part.start, part.stop
-        first = begin + kind.begins_a_run
-        forward = steps[first:end]
-        self.messages += end - begin
-        self._run.messages += end - begin
-        self._run.add(forward[forward > 0])
-        self._look_back(stamps[first:end], forward)
-        self._run.settle(end - begin)
-        start = begin
-        for k in (first + np.flatnonzero((forward == 0) | self._run.gaps_in(forward))).tolist():
+        first = int(kind.begins_a_run)
+        steps = np.diff(stamps) if first or self.last is None else np.diff(stamps, prepend=np.int64(self.last))
+        self.messages += len(stamps)
+        self._run.messages += len(stamps)
+        self._run.add(steps[steps > 0])
+        self._look_back(stamps[first:], steps)
+        self._run.settle(len(stamps))
+        start = 0
+        for k in (first + np.flatnonzero((steps == 0) | self._run.gaps_in(steps))).tolist():
             if k > start:
                 pieces.append((slice(offset + start, offset + k), kind))
                 kind = Break.NOTHING
             start = k
-            if steps[k] == 0:
+            if steps[k - first] == 0:
                 self.repeated += 1
                 start = k + 1
             else:
                 kind = Break.GAP
-        if start < end:
-            pieces.append((slice(offset + start, offset + end), kind))
+        if start < len(stamps):
+            pieces.append((slice(offset + start, offset + len(stamps)), kind))
 
     def _look_back(self, stamps: Stamps, steps: Stamps) -> None:
         """Count a jump to just after the end of the run before, as two alternating publishers make."""
