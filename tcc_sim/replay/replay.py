@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +35,7 @@ from tcc_sim.replay.timing import Timing, default_of, frequency_changes, pace_of
 from tcc_sim.replay.verification import verify as verification_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.sweeps.progress import begin_progress
+from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.topics import INPUTS, SHAFT
 from tcc_sim.trajectory import Floats, modes_of
 
@@ -89,8 +90,9 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     aim = None if target is None else target_steps(target)
     with ExitStack() as stack:
         stack.enter_context(np.errstate(all="ignore"))  # A file may hold any double.
-        bar = stack.enter_context(_Bar(progress))
-        whole = recording.line(None if verify else chosen)
+        bar = partial(progress_bar, " states", shown=progress, unit_scale=True, leave=False)
+        with bar(desc="reading"):
+            whole = recording.line(None if verify else chosen)
         line = whole.within(chosen)
         if not line.runs:
             chosen.refuse(run.stamps.runs)
@@ -112,10 +114,10 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         result = _analysed(recording, line, shown, timing, default_of(discard, timing, shown), damping, view, bar,
                            began, band, limits or line.limits)
         if verify:
-            bar.begin("solving")
             versions = dict.fromkeys(scene.version for scene in run.scenes)
-            result = replace(result, verification=verification_of(whole, run.size, bar.advance),
-                             warnings=(*result.warnings, *filter(None, map(differences_from, versions))))
+            with bar(desc="solving") as solving:
+                result = replace(result, verification=verification_of(whole, run.size, solving.update),
+                                 warnings=(*result.warnings, *filter(None, map(differences_from, versions))))
         if note:
             result = replace(result, warnings=(*result.warnings, note))
         if chosen.sentence():
@@ -125,49 +127,25 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
     return result
 
 
-class _Bar:
-    """Progress bar, restarted for each stage."""
-
-    def __init__(self, shown: bool) -> None:
-        self._shown = shown
-        self._bar: Any = None
-
-    def __enter__(self) -> _Bar:
-        self.begin("reading")
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.close()
-
-    def begin(self, stage: str) -> None:
-        """Begin a stage."""
-        if self._bar is not None:
-            self._bar.close()
-        self._bar = begin_progress(" states", shown=self._shown, desc=stage, unit_scale=True, leave=False)
-
-    def advance(self, states: int) -> None:
-        """Advance by a number of states."""
-        self._bar.update(states)
-
-
 def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing, discard: int | None, damping: bool,
-              view: RerunStream | None, bar: _Bar, began: float, band: float, limits: Limits | None) -> Replay:
+              view: RerunStream | None, bar: Callable[..., AbstractContextManager[Any]], began: float, band: float,
+              limits: Limits | None) -> Replay:
     """Compute all figures except the verification, those of the longest run with the scene at its begin."""
     run, clock, system = recording.file, timing.clock, scene.system
     if timing.source in ("given", "found"):
         system = replace(system, engine=replace(system.engine, frequency=timing.frequency))
     stream = CycleStream(system, clock)
-    bar.begin("analysing")
-    for states in line.runs:
-        for block in states.blocks():
-            pieces = line.feed(stream, block)
+    with bar(desc="analysing") as analysing:
+        for states in line.runs:
+            for block in states.blocks():
+                pieces = line.feed(stream, block)
+                if view is not None:
+                    _show(view, block, line.along(block, _stick_speed), pieces if clock.identified else [],
+                          new_run=block.index == states.index, longest=stream.continuity.longest)
+                analysing.update(len(block))
             if view is not None:
-                _show(view, block, line.along(block, _stick_speed), pieces if clock.identified else [],
-                      new_run=block.index == states.index, longest=stream.continuity.longest)
-            bar.advance(len(block))
-        if view is not None:
-            signals = signals_of(line, states, clock, stream.continuity.tick)
-            view.control(signals.signals, signals.events)
+                signals = signals_of(line, states, clock, stream.continuity.tick)
+                view.control(signals.signals, signals.events)
     elapsed = time.perf_counter() - began
     number = stream.longest()[0]
     states = next(states for states in line.runs if stream.numbers.get(states.run) == number)
