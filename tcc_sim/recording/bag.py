@@ -174,13 +174,11 @@ class BagWriter:
             raise OSError(error.errno, error.strerror, str(self.directory)) from None
 
     def _release(self) -> None:
-        """Close the descriptor of the directory."""
         if self._folder >= 0:
             os.close(self._folder)
         self._folder = -1
 
     def _path(self, number: int) -> Path:
-        """Return the file of a part."""
         return self.directory / f"{self._name}_{number}.mcap"
 
     def _split(self) -> McapFile:

@@ -103,7 +103,6 @@ class Commands:
         return space == self._space or name != channel.row
 
     def _announced(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
-        """Take messages that announce the sources of the inputs."""
         for offset, length in zip(offsets, lengths):
             source = read_source(data[offset:offset + length], self._zeros) if length <= LONGEST else None
             if source is not None and len(self._sources) < MOST_SOURCES:

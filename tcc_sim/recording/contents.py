@@ -141,7 +141,6 @@ class Contents:
 
     @staticmethod
     def _keep(table: dict[int, _T], number: int, value: _T, checked: bool) -> None:
-        """Store a value under its number."""
         if number not in table and len(table) >= MOST_TOPICS:
             raise ValueError("too many topics")
         if checked or number not in table:

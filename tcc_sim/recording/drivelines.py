@@ -159,7 +159,6 @@ class Inventory:
         self._place += len(batch.messages.channel)
 
     def _announced(self, batch: Batch, number: int, channel: Channel) -> None:
-        """Take the scenes on a channel."""
         mine = batch.messages.channel == number
         for offset, length in zip(batch.messages.offset[mine].tolist(), batch.messages.length[mine].tolist()):
             if length > LARGEST_FILE * 4 or len(self._scenes) >= MOST_SCENES:
@@ -208,7 +207,6 @@ class Inventory:
         return [[run for runs in chain for run in runs] for several in chains.values() for chain in several]
 
     def _named(self, chain: Sequence[_Sent], scenes: Sequence[SceneRecord]) -> RecordedDriveline:
-        """Return the driveline of runs that are named."""
         runs, names = tuple(one.run for one in chain), sum((one.names for one in chain), Counter[tuple[str, ...]]())
         latest: dict[str, SceneRecord] = {}
         for one in sorted(scenes, key=lambda one: one.log_ns):

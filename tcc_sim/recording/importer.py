@@ -138,7 +138,6 @@ def _copied(part: Path, file: McapFile) -> tuple[int, int]:
 
 
 def _converter(connections: Sequence[Any]) -> Callable[[bytes, str], bytes]:
-    """Return a function that serialises a message of ROS 1 as ROS 2 does."""
     from rosbags.convert.converter import generate_message_converter
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 

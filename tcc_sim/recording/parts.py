@@ -181,7 +181,6 @@ def opened(path: Path) -> Iterator[BinaryIO]:
 
 
 def _unpack(path: Path, file: BinaryIO, unpacked: BinaryIO) -> BinaryIO:
-    """Unpack a file that is compressed with zstd into another one."""
     file.seek(0)
     limit = PASSED_OVER * Expansion(path.stat().st_size).limit
     try:

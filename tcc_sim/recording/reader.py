@@ -106,10 +106,11 @@ class Run:
             self.result = together(self.result, contents.result)
         # Each part of a split recording repeats the scene.
         self.recorded_scenes = list(dict.fromkeys(scene for contents in every for scene in contents.scenes))
-        inventory = Inventory(choice.names)
+        inventory, self.topics = Inventory(choice.names), dict[str, str]()
         for batch, channels in self._batches(inventory.wants):
             inventory.take(batch, channels)
-        self.topics = {channel.topic: channel.type for channel in self._every_channel()}
+            self.topics.update({channel.topic: channel.type for channel in channels.values()})
+        self.topics.update({channel.topic: channel.type for channel in self._every_channel()})
         self._damage, self.warnings = next(iter(self.warnings), ""), Warnings()
         self.drivelines = inventory.drivelines(self.recorded_scenes, choice)
         self._driveline = next((one for one in self.drivelines if one.read), None)
@@ -391,7 +392,6 @@ class Run:
             self.warnings.append(f"not read: {len(others) - _MOST_TOPICS} more publishers of joint states")
 
     def _conclude(self) -> None:
-        """Add the warnings that need the whole recording."""
         self.warnings.extend(self._left_out)
         stamps = self.stamps
         if stamps.lost:
@@ -448,7 +448,6 @@ class _Origins:
 
 
 def _contents_of(path: Path) -> Contents:
-    """Read the records that describe a file."""
     contents = Contents()
     with opened(path) as file:
         contents.size = file.seek(0, os.SEEK_END)

@@ -180,7 +180,6 @@ class StampCounter:
         return pieces
 
     def _begin(self, publisher: int, taken_over: bool) -> Break:
-        """Begin a run; return the kind of its start."""
         self._settle()
         self.runs += 1
         if self.last is None:

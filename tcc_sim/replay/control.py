@@ -89,7 +89,6 @@ def _thinned(signal: Signal, cycle: float) -> Steps:
 
 
 def _changes(line: Timeline, states: JointStates) -> Iterator[Event]:
-    """Iterate over the changes of parameters during the run."""
     scene = line.scene_at(states.index)
     for index, after, _ in line.changes:
         if states.index < index < states.index + len(states):

@@ -216,7 +216,6 @@ def _warnings(recording: Recording, line: Timeline, timing: Timing) -> Iterator[
 
 
 def _end_of(states: JointStates, cycle: float) -> JointStates:
-    """Return the last states of a run, for a picture."""
     start = int(states.stamp_ns[-1]) - round(TAIL_CYCLES * cycle * 1e9)
     return states[max(int(np.searchsorted(states.stamp_ns, start)), len(states) - TAIL_SAMPLES):]
 

@@ -204,14 +204,12 @@ class Replay(Result):
         return [printable(line) for line in lines]
 
     def _ended(self) -> str:
-        """Return whether the recording is complete, as text."""
         if not self.complete:
             return ("not complete: a part is missing" if self.parts_missing else
                     "cut short; data up to the last flush is read")
         return f"closed properly; {counted(self.lost_messages, 'message')} lost" if self.lost_messages else "complete"
 
     def _pace(self) -> list[tuple[str, str]]:
-        """Return the row of the reached rate."""
         if not math.isfinite(self.pace) or not self.continuity.tick:
             return [("rate", "not known: the times of receipt do not show it")]
         return [("rate", f"{self.pace * 1e9 / self.continuity.tick:.2f} Hz reached, {self.pace:.5f} of real time")]

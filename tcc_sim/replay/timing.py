@@ -131,7 +131,6 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
 
 
 def _phase_found(runs: Iterable[JointStates]) -> Timing:
-    """Return the timing by the phase of the recorded torque."""
     tracker = PhaseTracker()
     for states in runs:
         for block in states.blocks():

@@ -2,30 +2,36 @@
 
 from __future__ import annotations
 
+import ctypes
+import itertools
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.compiling.compiled import Kernel
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.profile import START, Origin
 from tcc_sim.recording.columns import BLOCK, JointStates
 from tcc_sim.recording.stamps import Break
 from tcc_sim.replay.applied import inputs_of_ticks
 from tcc_sim.replay.result import STEP_TOLERANCE, Verification
-from tcc_sim.replay.ticks import TICKS_AT_ONCE, solve_ticks, substeps_of_ticks
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.scene import Scene, parse_scene
-from tcc_sim.solvers.fixed_step import Stepper, course
-from tcc_sim.solvers.terms import substeps, terms_from
+from tcc_sim.solvers.fixed_step import Stepper, course, tick
+from tcc_sim.solvers.terms import Terms, for_ticks, holding, substeps, terms_from
 from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
 COLUMNS = topic("joint_states").fields
 """Columns of a row: angles (rad) and speeds (rad/s) of flywheel and plate, engine and friction torque (N m)."""
+TICKS_AT_ONCE, WITH_PROFILES = 1 << 14, 1 << 8
+"""Ticks of `solve_ticks` in one compiled call, without and with a profile for each."""
+RESULTS = 7
+"""Numbers in `fixed_step.Reached`, of which the last counts iterations."""
 SMALLEST_WORK, WORK_PER_BYTE = 30_000_000, 1000
 """Largest number of sub-steps for a verification: a constant, and a number for each byte of the recording. A tick
 counts as 20 more. Gaps may use half of the total.
@@ -164,8 +170,8 @@ class _Run:
         self._stepper = Stepper(scene.system, self._step)
         self._ticks = self._numbers(scene.operation.rate)
         made = {-1: (scene, START if first == 0 else origin)}
-        for tick, number in self._changed(places[later:], 1e9 / scene.operation.rate).items():
-            made[tick] = verifier.scene(number)
+        for begin, number in self._changed(places[later:], 1e9 / scene.operation.rate).items():
+            made[begin] = verifier.scene(number)
         self._changes = list(made)
         self._terms = [terms_from(scene.system, origin) for scene, origin in made.values()]
         self._per_pressure = [scene.system.torque_per_pressure for scene, _ in made.values()]
@@ -194,9 +200,9 @@ class _Run:
                 stamp = 0
             if row >= len(states):
                 break
-            tick = int(stamp / step_ns)
-            tick += round(tick * step_ns) < stamp
-            numbers[max(min(max(tick, int(self._ticks[row - 1]) + 1), int(self._ticks[row])), *numbers, 0)] = number
+            begin = int(stamp / step_ns)
+            begin += round(begin * step_ns) < stamp
+            numbers[max(min(max(begin, int(self._ticks[row - 1]) + 1), int(self._ticks[row])), *numbers, 0)] = number
         return numbers
 
     def _numbers(self, rate: float) -> NDArray[np.int64]:
@@ -252,7 +258,6 @@ class _Run:
         return solved, self._exact[begin:end]
 
     def _now(self) -> list[float]:
-        """Return the row of the initial state."""
         torque, pressure = (float(values[0]) if self._inputs[name].commanded[0] and math.isfinite(values[0]) else None
                             for name, values in zip(INPUTS, (self._torque, self._pressure)))
         if math.isfinite(self._pressure[0]):
@@ -290,3 +295,92 @@ class _Run:
 def rows_of(states: JointStates) -> Floats:
     """Return states as rows, (n, 6)."""
     return np.stack([getattr(states, name) for name in COLUMNS], axis=1)
+
+
+def substeps_of_ticks(terms: Terms, step: float, torque: Floats | None, load: Floats | None,
+                      ticks: int) -> NDArray[np.int64]:
+    """Return the sub-steps of ticks with the inputs of `solve_ticks`, (ticks,); OutOfRange for too many.
+
+    More load never needs fewer, so a load between two that need as many needs no count.
+    """
+    held = None if torque is None else float(torque[0])
+    if load is None:
+        return np.full(ticks, substeps(holding(terms, held, None), step))
+    loads, place = np.unique(load, return_inverse=True)
+    counts, parts = np.zeros(len(loads), np.int64), [(0, len(loads) - 1)]
+    for low, high in parts:
+        for k in (low, high):
+            counts[k] = counts[k] or substeps(holding(terms, held, float(loads[k])), step)
+        if counts[low] == counts[high]:
+            counts[low:high] = counts[low]
+        elif high > low + 1:
+            parts += [(low, (low + high) // 2), ((low + high) // 2, high)]
+    return counts[place]
+
+
+def solve_ticks(terms: Terms, step: float, first: NDArray[np.int64], states: Sequence[Floats], count: NDArray[np.int64],
+                torque: Floats | None = None, load: Floats | None = None, approach: Floats | None = None,
+                far: Floats | None = None) -> Floats:
+    """Make n ticks one after the other, to the last bit as a Stepper makes them, in a few compiled calls.
+
+    Parameters
+    ----------
+    terms : of the scene, as `terms_of`
+    step : length of a tick, s
+    first : (n,) number of each tick, which begins at this number times the step
+    states : n arrays (4,), which the ticks change in place; the same one where a tick follows the one before
+    count : (n,) sub-steps, as `substeps_of_ticks`
+    torque, load : (n,) commanded engine torque and saturation torque, N m; None for those of the scene
+    approach, far : (n, 4) rows of `Terms`; None without a lag, and where the far end stands still
+
+    Returns
+    -------
+    (n, 6) v, theta2, omega2, theta1, engine and friction torque after each tick
+    """
+    varies = terms.profile is not None and not (torque is None and load is None)
+    size, out = WITH_PROFILES if varies else TICKS_AT_ONCE, np.empty((len(first), 6))
+    for begin in range(0, len(first), size):
+        part = slice(begin, begin + size)
+        held = [itertools.repeat(None) if values is None else values[part].tolist() for values in (torque, load)]
+        own = [for_ticks(holding(terms, *inputs)) for inputs, _ in zip(zip(*held), first[part] if varies else range(1))]
+        arrays = {"profile": [one.profile for one in own] if varies else None,
+                  "approach": None if approach is None else list(approach[part, None]),
+                  "far": [own[0].far] * len(first[part]) if far is None else list(far[part, None])}
+        means = [np.full(len(first[part]), mean) if values is None else values[part]
+                 for values, mean in ((torque, own[0].mean_torque), (load, own[0].mean_load))]
+        out[part] = _solve_part(own[0], step, first[part], states[part], count[part], means,
+                                {name: rows for name, rows in arrays.items() if rows is not None})
+    return out
+
+
+def _solve_part(terms: Terms, step: float, first: NDArray[np.int64], states: Sequence[Floats], count: NDArray[np.int64],
+                means: Sequence[Floats], arrays: Mapping[str, Sequence[Any]]) -> Floats:
+    """Make ticks by one call of machine code, which takes the arguments of each call of `tick` one after the other.
+
+    Parameters
+    ----------
+    means : (n,) mean torques and loads
+    arrays : the last fields of `terms`, of which each tick has its own
+    """
+    numbers = first * step, (first + 1) * step, count, step / count, *means
+
+    def arguments(k: int) -> tuple[Any, ...]:
+        own = terms._replace(**{name: rows[k] for name, rows in arrays.items()})
+        return (states[k], *(column[k].item() for column in numbers), own)
+
+    def addresses(rows: Sequence[Any]) -> NDArray[np.int64]:
+        return np.fromiter(map(id, rows), np.int64, len(rows))
+
+    entry, block = cast(Kernel, tick).laid_out(arguments(0))
+    if type(block) is list:  # Without machine code that is kept.
+        return np.array([entry.run([list(arguments(k))]) for k in range(len(first))])[:, :RESULTS - 1]
+    one = np.frombuffer(block, np.float64)[1:]
+    laid = np.empty(1 + len(first) * len(one))
+    laid[:1].view(np.int64)[0] = len(first)
+    rows, inputs = laid[1:].reshape(len(first), len(one)), len(one) - RESULTS
+    rows[:] = one
+    for place, column in ((0, addresses(states)), *enumerate(numbers, 1),
+                          *((inputs - 1 - k, addresses(of)) for k, of in enumerate(reversed([*arrays.values()])))):
+        rows[:, place] = column.view(np.float64)
+    entry.run((ctypes.c_char * laid.nbytes).from_buffer(laid.data))
+    return rows[:, inputs:-1]
