@@ -154,23 +154,13 @@ def _count_in(values: Mapping[str, str], key: str) -> int:
 
 
 def _not_behind(parts: Sequence[tuple[Any, ...]], last: int) -> int:
-    """Return the number of messages without the last ones of each publisher, all sent after `last`, ns."""
-    who, numbers, sent, _ = _once(parts)
-    order, count = np.lexsort((sent, numbers, who)), 0
-    for publisher in np.unique(who).tolist():
-        before = np.flatnonzero(sent[order][who[order] == publisher] <= last)
-        count += int(before[-1]) + 1 if len(before) else 0
-    return count
-
-
-def _once(parts: Sequence[tuple[Any, ...]]) -> list[Any]:
-    """Return messages without repeats: equal in publisher, sequence number, time of sending and value."""
+    """Return the number of messages without repeats, which are equal in publisher, sequence number, time of sending and
+    value, and without the last ones of each publisher, all sent after `last`, ns.
+    """
     columns = [np.concatenate(column) for column in zip(*parts)]
-    who, numbers, sent, values = columns
-    order = np.lexsort((np.arange(len(who)), values, numbers, sent, who))
-    same = np.ones(len(order), np.bool_)
-    for column in (who, numbers, sent, values):
-        same[1:] &= column[order][1:] == column[order][:-1]
-    same[:1] = False
-    kept = np.sort(order[~same])
-    return [column[kept] for column in columns]
+    order = np.lexsort(columns[::-1])
+    columns = [column[order] for column in columns]
+    fresh = np.append(True, np.any([column[1:] != column[:-1] for column in columns], axis=0))[:len(order)]
+    who, _, sent, _ = (column[fresh] for column in columns)
+    before = [np.flatnonzero(sent[who == publisher] <= last) for publisher in np.unique(who).tolist()]
+    return sum(int(rows[-1]) + 1 for rows in before if len(rows))

@@ -14,17 +14,8 @@ from mcap.opcode import Opcode
 
 from tcc_sim.errors import counted, one_line
 from tcc_sim.parameter_file import LARGEST_FILE
-from tcc_sim.recording import records
+from tcc_sim.recording import mcap_file, records
 from tcc_sim.recording.announcements import SceneRecord
-from tcc_sim.recording.mcap_file import (
-    PUBLISHER_KEY,
-    RECOVERY_RECORD,
-    RESULT_RECORD,
-    ROSBAG2_RECORD,
-    ROW_KEY,
-    SCENE_RECORD,
-    digest,
-)
 from tcc_sim.recording.records import DECODERS, DamagedChunk, McapRecord, RecordStream, decoded
 from tcc_sim.topics import HEADER, TOPICS
 
@@ -59,12 +50,12 @@ class Channel:
     @property
     def row(self) -> str:
         """Name of the topic in `topics.TOPICS`, whatever it was remapped to; the topic's last name if it is unknown."""
-        return self.metadata.get(ROW_KEY) or self.topic.rpartition("/")[2]
+        return self.metadata.get(mcap_file.ROW_KEY) or self.topic.rpartition("/")[2]
 
     @property
     def publisher(self) -> str:
         """Identifier of the publisher in the middleware; empty if it was not recorded."""
-        return self.metadata.get(PUBLISHER_KEY, "")
+        return self.metadata.get(mcap_file.PUBLISHER_KEY, "")
 
 
 def _channel(record: Any, schema: tuple[str, str]) -> Channel:
@@ -149,22 +140,23 @@ class Contents:
     def _metadata(self, record: Any) -> None:
         """Take a metadata record of this package; ignore others."""
         name, values = record.name, record.metadata
-        if name not in (SCENE_RECORD, RESULT_RECORD, RECOVERY_RECORD):
-            self.foreign += name != ROSBAG2_RECORD
+        if name not in (mcap_file.SCENE_RECORD, mcap_file.RESULT_RECORD, mcap_file.RECOVERY_RECORD):
+            self.foreign += name != mcap_file.ROSBAG2_RECORD
             return
-        if name == SCENE_RECORD:
+        if name == mcap_file.SCENE_RECORD:
             version, scene, log_time = values["version"], values["scene"], values["log_time"]
             if (len(scene) > LARGEST_FILE or len(log_time) > _DIGITS
-                    or values["sha256"] != digest(version, scene, log_time)):
+                    or values["sha256"] != mcap_file.digest(version, scene, log_time)):
                 raise ValueError(name)
             self.scenes.append(SceneRecord(scene, version, int(log_time)))
             return
-        if values["sha256"] != digest(values["result"]) or len(values["result"]) > _LONGEST_RESULT:
+        if values["sha256"] != mcap_file.digest(values["result"]) or len(values["result"]) > _LONGEST_RESULT:
             raise ValueError(name)
         result = json.loads(values["result"])
-        if name == RESULT_RECORD and isinstance(result, dict):
+        if name == mcap_file.RESULT_RECORD and isinstance(result, dict):
             self.result = result
-        elif name == RECOVERY_RECORD and isinstance(result, list) and all(isinstance(one, str) for one in result):
+        elif name == mcap_file.RECOVERY_RECORD and isinstance(result, list) and all(
+                isinstance(one, str) for one in result):
             self.recovered = [f"missing before the recovery: {one_line(sentence)}"
                               for sentence in result[:_MOST_SENTENCES]]
             if len(result) > _MOST_SENTENCES:

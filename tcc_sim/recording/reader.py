@@ -21,33 +21,12 @@ from tcc_sim.recording.commands import COMMANDS, SIGNALS, SOURCE, Commands
 from tcc_sim.recording.contents import CDR, MOST_DAMAGED, Batch, Channel, Contents, chunks, together, unpack
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import Collected, Decoded, Layouts
-from tcc_sim.recording.parts import (
-    Parts,
-    numbers_of,
-    opened,
-    parts_of,
-)
-from tcc_sim.recording.records import (
-    MESSAGE_HEAD,
-    DamagedChunk,
-    Expansion,
-    Messages,
-    RecordStream,
-    Warnings,
-)
+from tcc_sim.recording.parts import Parts, numbers_of, opened, parts_of
+from tcc_sim.recording.records import MESSAGE_HEAD, DamagedChunk, Expansion, Messages, RecordStream, Warnings
 from tcc_sim.recording.runs import BEAT, commands_held, keyed_runs, received_of, unkeyed_runs
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.recording.window import Window
-from tcc_sim.topics import (
-    DIAGNOSTIC_ARRAY,
-    FLOAT64_ARRAY,
-    FLUID_PRESSURE,
-    INPUTS,
-    JOINT_STATE,
-    LIMITS,
-    SHAFT,
-    TARGET,
-)
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, INPUTS, JOINT_STATE, LIMITS, SHAFT, TARGET
 
 _TOPICS_OF_DRIVELINE = {*(row.name for row in topics.stamped()), SOURCE, SHAFT}
 """Topics that the driveline itself publishes."""
