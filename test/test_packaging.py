@@ -93,7 +93,8 @@ def test_without_its_numba_a_wheel_is_pure_and_a_line_gives_the_reason(tmp_path,
         (hiding / "__init__.py").write_text("raise ModuleNotFoundError(name='numba')")
         if reason == "other":
             (hiding / "_version.py").write_text('{"version": "0.58.1"}')
-            said = "the build has Numba 0.58.1, not one of 0.62 to 0.68"
+            said = ("Numba 0.58.1 is installed, and kernels need 0.62 to 0.68; python3 -m pip install "
+                    "'numba>=0.62,<0.69' brings one")
         else:
             monkeypatch.setenv("NO_NUMBA", "1")
             (tmp_path / "hiding" / "sitecustomize.py").write_text(

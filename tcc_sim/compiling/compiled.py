@@ -28,19 +28,18 @@ from llvmlite import binding
 from tcc_sim.background import awaited
 from tcc_sim.compiling import kernel_cache
 from tcc_sim.compiling.kernel_cache import LEVEL, processor
+from tcc_sim.errors import MissingPackage
 from tcc_sim.model import equations, friction, profile
 
 Function = TypeVar("Function", bound=Callable[..., object])
 Kind = tuple[Any, ...]
 Words = list[float]
-Laid = tuple[tuple[Any, ...], Words]
-"""Arguments of a call, and their words."""
 
 SCALARS = {float: "d", np.float64: "d", int: "q", np.int64: "q", bool: "?", type(None): ""}
 C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
 """NumPy's flags of an array that Numba compiles for; of an array in both orders it takes the first."""
 TESTED = "0.62", "0.68"
-"""First and last version of Numba that `linked` works with; other versions compile in every process."""
+"""First and last version of Numba that `linked` works with; other versions are refused."""
 WORD = 8
 """Bytes of a number or an address in a block, which begins with the number of its calls (NUMBER)."""
 NUMBER = Struct("q")
@@ -52,12 +51,12 @@ _lock = threading.RLock()
 class EntryPoint(NamedTuple):
     """Compiled code, ready to call.
 
-    block : lays out calls one after the other, given the arguments and their words of each
+    block : lays out calls one after the other, given the words of each
     run : makes the calls of a block, in which it changes the results only; returns the result of the first
     results : returns the results of all calls of a block
     """
 
-    block: Callable[[Sequence[Laid]], Any]
+    block: Callable[[Sequence[Words]], Any]
     run: Callable[[Any], Any]
     results: Callable[[Any], list[Any]]
 
@@ -84,15 +83,14 @@ class Kernel:
         """Return the code for these arguments, and a block with one call."""
         words: Words = []
         entry = self.entry(_laid_out(arguments, words), arguments, words)
-        return entry, entry.block([(arguments, words)])
+        return entry, entry.block([words])
 
     @cached_property
     def dispatcher(self) -> Any:
         """Numba's dispatcher of the function."""
         from tcc_sim.compiling import linked
 
-        make = linked.dispatcher if numba_supported() else linked.registered
-        return make(self.py_func, self.options)
+        return linked.dispatcher(self.py_func, self.options)
 
     @property
     def _numba_type_(self) -> Any:
@@ -101,30 +99,19 @@ class Kernel:
 
     def entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> EntryPoint:
         """Return the code for arguments of a kind; one thread at a time loads or compiles it."""
-        entry = self.entries.get(kind)
-        if entry is not None:
-            return entry
-        with _lock:
-            if kind not in self.entries:
-                self.entries[kind] = self._entry(kind, arguments, words)
+        if kind in self.entries:
             return self.entries[kind]
-
-    def _entry(self, kind: Kind, arguments: tuple[Any, ...], words: Words) -> EntryPoint:
-        """Load or compile the code for arguments like these."""
-        if not numba_supported():
-            kernel_cache.print_once("compiling", f"Numba {_numba()[0]} compiles in every process; python3 -m pip "
-                                    f"install 'numba>={TESTED[0]},<={TESTED[1]}.99' brings one whose kernels are kept")
-            return EntryPoint(lambda calls: [list(arguments) for arguments, _ in calls],
-                              lambda block: self.dispatcher(*block[0]),
-                              lambda block: [self.dispatcher(*arguments) for arguments in block])
 
         def make() -> bytes:
             code: bytes = awaited(lambda: self.dispatcher.machine_code(arguments))
             return code
 
-        if not self.py_func.__module__.startswith(f"{kernel_cache.PACKAGE.name}."):  # No digest stands for its source.
-            return loaded(make(), words)
-        return kernel_cache.load_or_build(self.file_name(kind), make, lambda content: loaded(content, words))
+        with _lock:
+            if kind not in self.entries:  # No digest stands for the source of a kernel outside the package.
+                own = self.py_func.__module__.startswith(f"{kernel_cache.PACKAGE.name}.")
+                self.entries[kind] = loaded(make(), words) if not own else kernel_cache.load_or_build(
+                    self.file_name(kind), make, lambda content: loaded(content, words))
+            return self.entries[kind]
 
     def file_name(self, kind: Kind) -> str:
         """Return the name on disk of the code for arguments of a kind."""
@@ -152,27 +139,21 @@ def timed(kernel: Callable[..., object], *arguments: Any) -> tuple[Any, float]:
 class Call:
     """A repeated call: its arguments are laid out once, and only changing numbers are written anew, by one thread.
 
-    Parameters
-    ----------
     first : position of the first argument that changes; those before it are numbers and arrays
     formats : `struct` formats of the changing arguments from there on: d for a float, q for an integer
     """
 
     def __init__(self, kernel: Callable[..., object], first: int, formats: str) -> None:
-        self._kernel, self._changing = cast(Kernel, kernel), slice(first, first + len(formats))
-        self._write, self._place = Struct(formats).pack_into, WORD * (1 + first)
+        self._kernel, self._write, self._place = cast(Kernel, kernel), Struct(formats).pack_into, WORD * (1 + first)
 
     def use(self, *arguments: Any) -> None:
         """Use these arguments from the next call on; arrays are not copied."""
         entry, self._block = self._kernel.laid_out(arguments)
-        self._arguments, self._run = arguments, entry.run
+        self._arguments, self._run = arguments, entry.run  # The arguments must live as long as their addresses.
 
     def __call__(self, *numbers: float) -> Any:
         """Call with these numbers in the place of those that change."""
-        if type(self._block) is list:
-            self._block[0][self._changing] = numbers
-        else:
-            self._write(self._block, self._place, *numbers)
+        self._write(self._block, self._place, *numbers)
         return self._run(self._block)
 
 
@@ -190,19 +171,18 @@ class Calls:
 
     def __call__(self, numbers: Sequence[tuple[float, ...]], changing: Sequence[tuple[Any, ...]]) -> list[Any]:
         """Return the results of calls with these numbers, then these arguments, in front of those of the slots."""
-        results, waiting = list[Any](), list[Laid]()
+        results, waiting = list[Any](), list[Words]()
         entry = before = None
         for first, changed, (last, kind, words) in zip(numbers, changing, self._slots):
             laid = Words(first)
             mine = _laid_out(changed, laid)
-            arguments = first + changed + last
             laid += words
             if entry is None or mine != before:
                 if entry is not None:
                     results += entry.results(entry.block(waiting))
-                entry = self._kernel.entry(_laid_out(first, Words()) + mine + kind, arguments, laid)
+                entry = self._kernel.entry(_laid_out(first, Words()) + mine + kind, first + changed + last, laid)
                 waiting, before = [], mine
-            waiting.append((arguments, laid))
+            waiting.append(laid)
         return results + entry.results(entry.block(waiting)) if entry is not None else results
 
 
@@ -231,31 +211,33 @@ def _laid_out(values: tuple[Any, ...], words: Words) -> Kind:
 
 
 @cache
-def _numba() -> tuple[str, str]:
-    """Return Numba's version and the text of its version module, without loading Numba."""
+def _numba() -> str:
+    """Return the text of Numba's version module, without loading Numba; raise MissingPackage for an untested version.
+    """
     spec = importlib.util.find_spec("numba")
     if spec is None or spec.origin is None:
         raise ModuleNotFoundError("No module named 'numba'", name="numba")
     text = Path(spec.origin).with_name("_version.py").read_text()
-    return str(re.search(r'"version": "([^"]*)"', text)[1]), text  # type: ignore[index]
-
-
-def numba_supported() -> bool:
-    """Return whether `linked` works with this version of Numba."""
-    first, last, version = (tuple(map(int, re.findall(r"\d+", text)[:2])) for text in (*TESTED, _numba()[0]))
-    return first <= version <= last
+    present = str(re.search(r'"version": "([^"]*)"', text)[1])  # type: ignore[index]
+    first, last, version = (tuple(map(int, re.findall(r"\d+", name)[:2])) for name in (*TESTED, present))
+    if not first <= version <= last:
+        raise MissingPackage(f"Numba {present} is installed, and kernels need {' to '.join(TESTED)}; python3 -m pip "
+                             "install 'numba>=0.62,<0.69' brings one")
+    return text
 
 
 @cache
 def _compiler() -> tuple[object, ...]:
     """Return the versions of the compiler and the processor, without loading Numba."""
-    return _numba()[1], llvmlite.__version__, sys.version_info[:2], *processor()
+    return _numba(), llvmlite.__version__, sys.version_info[:2], *processor()
 
 
 def not_to_ship() -> str:
     """Return why code that is compiled here does not go with the package; empty if it does."""
-    if not numba_supported():
-        return f"the build has Numba {_numba()[0]}, not one of {TESTED[0]} to {TESTED[1]}"
+    try:
+        _numba()
+    except MissingPackage as error:
+        return str(error)
     return "" if processor().name == LEVEL else f"the build's processor is not {LEVEL}"
 
 
@@ -276,10 +258,10 @@ def loaded(content: bytes, words: Words) -> EntryPoint:
     result, several = Struct(outputs.strip(b"()")), outputs.startswith(b"(")
     size, first, unpack_from = inputs.size + result.size, WORD + inputs.size, result.unpack_from
 
-    def block(calls: Sequence[Laid]) -> Any:
+    def block(calls: Sequence[Words]) -> Any:
         out = (ctypes.c_char * (WORD + size * len(calls)))()
         NUMBER.pack_into(out, 0, len(calls))
-        for k, (_, words) in enumerate(calls):
+        for k, words in enumerate(calls):
             inputs.pack_into(out, WORD + size * k, *words)
         return out
 

@@ -33,7 +33,7 @@ from numba.extending import lower_builtin, typeof_impl
 from numba.np.arrayobj import populate_array
 
 from tcc_sim.compiling.kernel_cache import processor
-from tcc_sim.compiling.unrolled import Unrolled
+from tcc_sim.compiling.unrolled import Name, Storage, Unrolled, items_of
 
 NEEDED = {"TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune",
           "GenericRewrites", "ReconstructSSA", "NopythonTypeInference", "PreLowerStripPhis", "IRLegalization",
@@ -100,22 +100,18 @@ class LoweringCompiler(compiler.CompilerBase):  # type: ignore[misc]
         return [out]
 
 
-def registered(function: FunctionType, options: dict[str, Any], **how: Any) -> Any:
-    """Return Numba's dispatcher of a function, whose types do not depend on the values of literal numbers.
+def dispatcher(function: FunctionType, options: dict[str, Any]) -> Any:
+    """Return Numba's dispatcher of a function, whose `machine_code` makes a kernel of it.
 
-    Every option that a function would inherit from whoever calls it first is stated: its code is its own.
+    Its types do not depend on the values of literal numbers. Every option that a function would inherit from whoever
+    calls it first is stated: its code is its own.
     """
     stated = {"nogil": True, "error_model": "numpy", "fastmath": False, "forceinline": False, **options}
-    out = numba.njit(function, **how, **stated)
+    out = numba.njit(function, pipeline_class=LoweringCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True,
+                     **stated)
     template = out.get_call_template
     out.get_call_template = lambda kinds, names: template(
         tuple(map(unliteral, kinds)), {name: unliteral(kind) for name, kind in names.items()})
-    return out
-
-
-def dispatcher(function: FunctionType, options: dict[str, Any]) -> Any:
-    """Return Numba's dispatcher of a function, whose `machine_code` makes a kernel of it."""
-    out = registered(function, options, pipeline_class=LoweringCompiler, no_cpython_wrapper=True, no_cfunc_wrapper=True)
     out.machine_code = lambda arguments: machine_code(out, arguments)
     return out
 
@@ -140,8 +136,26 @@ def _typed(staged: Unrolled) -> Any:
         def generic(self, kinds: Any, _names: Any) -> Any:
             return signature(types.void, *kinds)
 
-    lower_builtin(staged, types.VarArg(types.Any))(staged.write)
+    @lower_builtin(staged, types.VarArg(types.Any))  # type: ignore[untyped-decorator]
+    def write(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+        staged.write(builder, arguments[0],
+                     [_named(context, builder, k, a) for k, a in zip(given.args[1:], arguments[1:])])
+        return context.get_dummy_value()
+
     return types.Function(Template)
+
+
+def _named(context: Any, builder: Any, kind: Any, argument: Any) -> Any:
+    """Return the staged function's argument: None, a tuple or NamedTuple, a Storage or a Name."""
+    if isinstance(kind, types.NoneType):
+        return None
+    if isinstance(kind, types.BaseTuple):
+        items = [_named(context, builder, k, a) for k, a in zip(kind, items_of(builder, argument))]
+        return kind.instance_class(*items) if isinstance(kind, types.BaseNamedTuple) else tuple(items)
+    if hasattr(kind, "dtype"):
+        array = context.make_array(kind)(context, builder, argument)
+        return Storage(builder, array.data, array.strides, kind.layout == "C", getattr(kind, "shape", (0,)))
+    return Name(builder, argument)
 
 
 @cache

@@ -84,15 +84,13 @@ class Name:
 class Storage:
     """An array of floats with one or two dimensions; the code reads each entry once and writes it where it is set."""
 
-    def __init__(self, context: Any, builder: Any, kind: Any, argument: Any) -> None:
-        array = context.make_array(kind)(context, builder, argument)
+    def __init__(self, builder: Any, data: Any, strides: Any, in_rows: bool, shape: tuple[int, ...]) -> None:
         self.builder = builder
-        self.start = builder.bitcast(array.data, BYTE.as_pointer())
-        self.strides = _items(builder, array.strides)
-        if kind.layout == "C":
+        self.start = builder.bitcast(data, BYTE.as_pointer())
+        self.strides = items_of(builder, strides)
+        if in_rows:
             self.strides[-1] = ir.Constant(WHOLE, 8)
-        self.shape = getattr(kind, "shape", (0,))
-        self.length = self.shape[-1]
+        self.shape, self.length = shape, shape[-1]
         self.entries: dict[Any, Name] = {}
 
     def _place(self, key: tuple[int, ...]) -> Any:
@@ -228,21 +226,9 @@ def _spread(builder: Any, value: Any, shape: Any) -> Any:
     return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), shape.count), None))
 
 
-def _items(builder: Any, value: Any) -> list[Any]:
+def items_of(builder: Any, value: Any) -> list[Any]:
     """Return the items of a tuple or a fixed array."""
     return [builder.extract_value(value, i) for i in range(len(value.type))]
-
-
-def _named(context: Any, builder: Any, kind: Any, argument: Any) -> Any:
-    """Return the staged function's argument: None, a tuple or NamedTuple, a Storage or a Name."""
-    if kind.name == "none":
-        return None
-    if hasattr(kind, "types"):
-        items = [_named(context, builder, k, a) for k, a in zip(kind, _items(builder, argument))]
-        return kind.instance_class(*items) if hasattr(kind, "instance_class") else tuple(items)
-    if hasattr(kind, "dtype"):
-        return Storage(context, builder, kind, argument)
-    return Name(builder, argument)
 
 
 class Causes(dict[int, Any]):
@@ -318,25 +304,21 @@ class Unrolled:
     def __init__(self, staged: Callable[..., Any]) -> None:
         self.py_func = staged
 
-    def write(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def write(self, builder: Any, order: Any, names: list[Any]) -> None:
         """Run the staged function, which writes the code."""
-        names = [_named(context, builder, k, a) for k, a in zip(signature.args[1:], arguments[1:])]
         end = builder.append_basic_block("reached")
         for k in self.py_func(*names) or ():
             further = builder.append_basic_block(f"beyond_{k}")
-            reached = builder.icmp_signed("<=", arguments[0], ir.Constant(arguments[0].type, k))
+            reached = builder.icmp_signed("<=", order, ir.Constant(order.type, k))
             builder.cbranch(reached, end, further)
             builder.position_at_end(further)
         builder.branch(end)
         builder.position_at_end(end)
-        return context.get_dummy_value()
 
 
 def unrolled(staged: Callable[..., Any]) -> Callable[..., None]:
     """Return `staged` for calls from compiled functions, with the order before its own arguments.
 
-    Parameters
-    ----------
     staged : a generator function of floats, tuples, None and arrays, that yields k once the coefficients up to order k
         are written: the code ends at the first yield with k at or above the order. Or an ordinary function, which
         ignores the order.

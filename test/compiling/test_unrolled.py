@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import operator
 from collections.abc import Callable
 from typing import Any
@@ -96,10 +97,9 @@ def fill(x: Any, out: Any) -> None:
 
 
 def test_the_exponential_is_good_to_a_unit_in_the_last_place() -> None:
-    rng = np.random.default_rng(1)
+    rng, out = np.random.default_rng(1), np.empty(9)
     for x in [*rng.uniform(-700.0, 700.0, (400, 8)), *rng.uniform(-1.0, 1.0, (100, 8)), np.zeros(8),
               np.array([-1e9, 1e9, 700.0, -700.0, 701.0, -701.0, 0.35, -0.35])]:
-        out = np.empty(9)
         fill(x, out)
         expected = np.exp(np.clip(x, -700.0, 700.0))
         assert (np.abs(out[:8] - expected) <= np.spacing(expected)).all()
@@ -123,12 +123,11 @@ def until(order: int, x: Any, out: Any) -> None:
     in_turn(order, x, out)
 
 
-@pytest.mark.parametrize("columns", [slice(None), slice(None, None, 2)])
-def test_the_code_ends_at_the_first_order_at_or_above_the_one_that_is_asked_for(columns: slice) -> None:
+def test_the_code_ends_at_the_first_order_at_or_above_the_one_that_is_asked_for() -> None:
     """Arrays whose columns are next to each other, and apart."""
-    x = np.arange(16.0).reshape(2, 8)[:, columns]
-    for order, count in ((0, 1), (1, 1), (2, 2), (3, 2), (4, 3), (7, 4), (99, 4)):
-        out = np.full((2, 8), -1.0)
+    for columns, (order, count) in itertools.product(
+            (slice(None), slice(None, None, 2)), ((0, 1), (1, 1), (2, 2), (3, 2), (4, 3), (7, 4), (99, 4))):
+        x, out = np.arange(16.0).reshape(2, 8)[:, columns], np.full((2, 8), -1.0)
         until(order, x, out[:, columns])
         expected = np.full((2, x.shape[1]), -1.0)
         expected[1, :count] = (x[0] * x[1])[:count]
