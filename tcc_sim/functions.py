@@ -20,8 +20,8 @@ from tcc_sim.topics import INPUTS
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.loop.tracking import Limits
+    from tcc_sim.analysis.measured.orders import Spectrum
     from tcc_sim.analysis.measured.signals import Signals
-    from tcc_sim.analysis.measured.spectra import Spectrum
     from tcc_sim.replay.measured import MeasuredRun
     from tcc_sim.replay.recorded import Recording
     from tcc_sim.replay.result import Replay
@@ -190,9 +190,8 @@ def _options(names: Iterable[str]) -> str:
 
 def with_recorded_figures(result: Replay, samples: Trajectory, *, orders: bool, spectrum: bool) -> Replay:
     """Return an analysis with orders and spectrum of its run, if wanted, from the samples of that run."""
-    from tcc_sim.analysis.measured.orders import orders_of
+    from tcc_sim.analysis.measured.orders import orders_of, spectrum_of
     from tcc_sim.analysis.measured.signals import run_signals
-    from tcc_sim.analysis.measured.spectra import spectrum_of
 
     if not (orders or spectrum):
         return result

@@ -18,10 +18,8 @@ from tcc_sim.errors import InputError
 from tcc_sim.friction_table import TABLE_COLUMNS, TABLE_FILE, with_table
 from tcc_sim.model import parameters
 from tcc_sim.model.actuator import delay_ticks
-from tcc_sim.model.crank_speed import DERIVED, FREQUENCY, SPEED, frequency_key, refuse_rpm
-from tcc_sim.model.elements import list_of
 from tcc_sim.model.groups import TABLE, TABULATED
-from tcc_sim.model.parameters import System
+from tcc_sim.model.parameters import DERIVED, FREQUENCY, SPEED, System, frequency_key, list_of, refuse_rpm
 from tcc_sim.model.quantity import PROFILED, PROFILES, Options, Quantity, number_in, quantity
 from tcc_sim.parameter_file import LARGEST_FILE, bundled_scenes, description_in, read_parameters
 from tcc_sim.result import html_of

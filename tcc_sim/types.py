@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tcc_sim.analysis.loop.control import Steps
     from tcc_sim.analysis.loop.tracking import Tracking
-    from tcc_sim.analysis.measured.orders import Orders
+    from tcc_sim.analysis.measured.orders import Orders, Spectrum
     from tcc_sim.analysis.measured.signals import Signals
-    from tcc_sim.analysis.measured.spectra import Spectrum
     from tcc_sim.analysis.steady.summary import Summary
     from tcc_sim.errors import InputError
     from tcc_sim.estimation.identify import Identification
@@ -45,14 +44,14 @@ __all__ = ["Axis", "Basins", "Branch", "ControlledRun", "Figure", "FitSettings",
            "Sweep", "Tracking", "Transitions"]
 
 _MODULES = {
-    "analysis.loop.control": "Steps", "analysis.measured.orders": "Orders", "analysis.measured.signals": "Signals",
-    "analysis.measured.spectra": "Spectrum", "analysis.steady.summary": "Summary", "analysis.loop.tracking": "Tracking",
-    "errors": "InputError", "estimation.identify": "Identification", "estimation.linearise": "Linearisation",
-    "estimation.measurement": "Measurement", "estimation.settings": "FitSettings Gates",
-    "fmi.controller": "FmuController", "plant.closed_loop": "ControlledRun", "plant.driveline": "Reading",
-    "plant.sensors": "Sensor", "replay.measured": "MeasuredRun", "replay.recorded": "RecordedRun Recording",
-    "replay.result": "Replay", "study.basins.results": "Axis Basins Planes", "study.continuation.branch": "Branch",
-    "study.continuation.motions": "Motions Seed",
+    "analysis.loop.control": "Steps", "analysis.loop.tracking": "Tracking",
+    "analysis.measured.orders": "Orders Spectrum", "analysis.measured.signals": "Signals",
+    "analysis.steady.summary": "Summary", "errors": "InputError", "estimation.identify": "Identification",
+    "estimation.linearise": "Linearisation", "estimation.measurement": "Measurement",
+    "estimation.settings": "FitSettings Gates", "fmi.controller": "FmuController", "plant.closed_loop": "ControlledRun",
+    "plant.driveline": "Reading", "plant.sensors": "Sensor", "replay.measured": "MeasuredRun",
+    "replay.recorded": "RecordedRun Recording", "replay.result": "Replay", "study.basins.results": "Axis Basins Planes",
+    "study.continuation.branch": "Branch", "study.continuation.motions": "Motions Seed",
     "study.paper.figure_results": "Figure", "sweeps.gains": "GainMap", "sweeps.results": "Grid Sweep",
     "sweeps.scatter": "Scattered", "sweeps.simulation": "Plan Simulation", "sweeps.steady_state": "Start",
     "tables.measured_table": "MeasuredTable", "testing.rig": "Rig", "testing.run": "LockstepRun",

@@ -21,8 +21,8 @@ from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.provenance import document
 from tcc_sim.output.tables import escape
 from tcc_sim.output.terminal import say
+from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED
 from tcc_sim.study.basins.compute import basins
-from tcc_sim.study.basins.proximity import RUNAWAY, UNDECIDED
 from tcc_sim.study.basins.results import Axis, Basins
 from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, FigureOptions, paper_system
 from tcc_sim.study.paper.drawings import UNNAMED, UNSEEN, behind, draw

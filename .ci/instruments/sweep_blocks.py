@@ -25,7 +25,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.supported_terms import LAWS
 from tcc_sim.output.terminal import say
 from tcc_sim.scene import system_of
-from tcc_sim.solvers import runs
+from tcc_sim.solvers import stroboscopic
 from tcc_sim.solvers.stroboscopic import engine_of
 from tcc_sim.sweeps import blocks, sweep
 from tcc_sim.sweeps.sweep import BATCH, Curve, Plan, solve_point, solve_points, sweep_curves
@@ -114,7 +114,7 @@ def counted() -> Iterator[Causes]:
                                    (blocks, "_confirmed", "confirming"), (sweep, "solve_block", "points"),
                                    (Curve, "at", "systems")):
             stack.enter_context(patch.object(place, name, causes.timed(cause, getattr(place, name))))
-        stack.enter_context(patch.object(runs, "engine_of", timed_engine))
+        stack.enter_context(patch.object(stroboscopic, "engine_of", timed_engine))
         stack.enter_context(patch.object(compiled.Kernel, "entry", timed_entry))
         yield causes
 

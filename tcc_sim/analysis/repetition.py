@@ -360,8 +360,6 @@ def judge_runs(runs: Any, most: int, tolerance: float, columns: Any, triangle: A
 def repetitions(runs: Floats, most: int, tolerance: float) -> list[tuple[int, bool, float]]:
     """Return period, whether it is settled, and the change over it, of every run.
 
-    Parameters
-    ----------
     runs : (m, n, 3) section points of each run in units of its size, finite, n > `most`
     most : longest period looked for, 1 to n // 3
     """

@@ -138,7 +138,7 @@ def scene_of(arguments: argparse.Namespace, more: Mapping[str, Any] | None = Non
 
 def refuse_swept(assignments: list[str], keys: Sequence[str]) -> None:
     """Raise InputError if --set gives a key that the command itself sets, or engine.speed for engine.frequency."""
-    from tcc_sim.model.crank_speed import frequency_key
+    from tcc_sim.model.parameters import frequency_key
 
     own = {frequency_key(key): key for key in keys}
     for word in assignments:

@@ -78,8 +78,7 @@ def _numbers(words: Sequence[str], wrong: InputError, key: str) -> list[float]:
 
     key : scene key that they are for; empty for frequencies, rad/s
     """
-    from tcc_sim.model.crank_speed import DERIVED, refuse_rpm
-    from tcc_sim.model.parameters import QUANTITIES
+    from tcc_sim.model.parameters import DERIVED, QUANTITIES, refuse_rpm
     from tcc_sim.model.quantity import SPEED_UNIT, number_in
 
     refuse_rpm(key, list(words))

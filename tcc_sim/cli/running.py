@@ -83,7 +83,7 @@ def add_actions(parser: argparse.ArgumentParser) -> None:
 @command(add_actions)
 def control(arguments: argparse.Namespace) -> int:
     """Send the request to the driveline and print its answer."""
-    from tcc_sim.model.elements import list_of
+    from tcc_sim.model.parameters import list_of
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.nodes.options import SCENE, TEXT
     from tcc_sim.scene import meaning_of, parse_assignments

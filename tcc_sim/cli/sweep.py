@@ -12,7 +12,7 @@ from tcc_sim.cli.options import Form, command, keywords_of, of, option_of, optio
 from tcc_sim.cli.ranges import bounds_of_range, values_of_range
 from tcc_sim.cli.runs import limits, targets
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted, given_in
-from tcc_sim.model.crank_speed import ORDER
+from tcc_sim.model.parameters import ORDER
 from tcc_sim.model.quantity import SPEED_UNIT, number_in
 from tcc_sim.output.files import STANDARD_OUTPUT
 from tcc_sim.output.terminal import terminal_width

@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.steady.multipliers import largest_first, multipliers_of
+from tcc_sim.analysis.steady.exponents import largest_first, multipliers_of
 from tcc_sim.errors import InputError, counted
 from tcc_sim.estimation.operating_point import (
     SEGMENTS,

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.repetition import LONGEST
 from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.model import friction
+from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.equations import linear_of, matrix_of
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.sines import common_cycles
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.engine import SCALES
 from tcc_sim.solvers.stroboscopic import Prepared

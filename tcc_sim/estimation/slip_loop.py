@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
-from tcc_sim.analysis.steady.multipliers import largest_first
+from tcc_sim.analysis.steady.exponents import largest_first
 from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.estimation.operating_point import Constant, Periodic, closed, matrices_of, operating_point, refined
 from tcc_sim.model.parameters import System

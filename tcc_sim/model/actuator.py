@@ -26,8 +26,6 @@ def delay_ticks(pressure: Pressure, step: float) -> int:
 def pressure_after(now: float, target: float, time_constant: float, rate_limit: float, seconds: float) -> float:
     """Return the pressure, Pa, after a time `seconds` with constant command: the exact solution of the lag.
 
-    Parameters
-    ----------
     now, target : pressure at the plates and commanded pressure, Pa
     time_constant : T, s; 0 for no lag
     rate_limit : R, Pa/s; 0 for no limit
@@ -62,10 +60,7 @@ def approach_between(before: float, after: float, time_constant: float, rate_lim
 class Actuator:
     """Actuator of one driveline, advanced in ticks of `step` s; its `pressure` is that at the plates, Pa.
 
-    Raises
-    ------
-    InputError
-        The dead time is not a whole number of ticks.
+    Raises InputError: the dead time is not a whole number of ticks.
     """
 
     def __init__(self, pressure: Pressure, step: float) -> None:

@@ -102,8 +102,6 @@ def engine_torque(t: Any, mean: float, torque: tuple[float, float] | None,
                   harmonics: NDArray[np.float64] | None) -> Any:
     """Te(t), N m: mean + Tp sin(omega t) + sum_n Tpn sin(n omega t + phi_n), Section 2.2 of the paper.
 
-    Parameters
-    ----------
     t : float or (n,) array, s
     mean : Tm, N m
     torque : (Tp in N m, omega in rad/s), or None for Tp = 0

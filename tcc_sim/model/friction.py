@@ -72,8 +72,6 @@ def with_slope(total: Any, fall: Any, side: Any, sigma: Any, step: Any, rest: An
 def smoothed_coefficient(v: Any, sigma: Any, stribeck: Any) -> Any:
     """Return mubar of (7), dimensionless: [1 + (r - 1) exp(-alpha |v|)] tanh(sigma v), r = mu_s/mu_k.
 
-    Parameters
-    ----------
     v : float or (n,) array, slip speed, rad/s
     sigma : smoothing factor, s/rad
     """

@@ -142,15 +142,10 @@ def fit_curve(slip_speeds: tuple[float, ...], coefficients: tuple[float, ...]) -
     Between its points the curve turns only where they turn. Beyond the last point it goes one way to the constant,
     which is within 20 % of the range of the coefficients from the last one.
 
-    Parameters
-    ----------
     slip_speeds : (n,) rad/s, rising from 0, n >= 3
     coefficients : (n,) dimensionless, above 0
 
-    Raises
-    ------
-    InputError
-        The lists form no table, or the error of every such curve exceeds 5 % of the largest coefficient.
+    Raises InputError: the lists form no table, or the error of every such curve exceeds 5 % of the largest coefficient.
     """
     check_table(slip_speeds, coefficients)
     size = max(coefficients)

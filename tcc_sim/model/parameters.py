@@ -3,6 +3,12 @@
 Every field of a group is a scene key, `group.field`. SI units, angles in rad. Sign convention of the whole package:
 slip speed is flywheel speed minus clutch plate speed, and a positive friction torque slows the flywheel and drives the
 plate.
+
+The speed of the crankshaft is a key too: engine.frequency = engine.order engine.speed. A system keeps the speeds that
+were given (`System.speeds`), so that a change of engine.order keeps them and changes the frequency. A frequency that
+was given stays as it is. Single numbers of lists are keys: `engine.harmonic_amplitudes[1]` is the first number, of
+harmonic 2. A list that has a profile (`model.quantity.PROFILES`) takes a profile of one of its numbers: `KEY[n]_times`
+and `KEY[n]_values`; the others stay as the scene has them.
 """
 
 from __future__ import annotations
@@ -11,20 +17,154 @@ import dataclasses
 import difflib
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.crank_speed import DERIVED, Speeds, frequency_key, refuse_rpm, with_frequency
-from tcc_sim.model.elements import list_of, with_whole_lists
 from tcc_sim.model.groups import TABLE, TABULATED, Clutch, Converter, Driveline, Engine, Friction, Initial, Pressure
-from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_in
+from tcc_sim.model.quantity import PROFILES, Group, Quantity, Value, number_in, number_of
 from tcc_sim.result import KEY_UNITS
 
 if TYPE_CHECKING:
     from tcc_sim.model.profile import Floats, Inputs
+
+SPEED, FREQUENCY, ORDER = "engine.speed", "engine.frequency", "engine.order"
+DERIVED = {
+    SPEED: Quantity("speed of the crankshaft: engine.frequency over engine.order", "rad/s",
+                    label=r"crankshaft speed $\omega/n$"),
+    f"{SPEED}_times": Quantity("times at which engine.speed_values hold, the first 0", "s"),
+    f"{SPEED}_values": Quantity("speed of the crankshaft at these times, linear between them", "rad/s")}
+"""The key and those of its profile, with their meanings."""
+KEY_UNITS[SPEED] = "rad/s"
+Speeds = Mapping[str, float | tuple[float, ...]]
+"""Speeds of the crankshaft by key, rad/s: one, or those of its profile."""
+
+
+def frequency_key(key: str) -> str:
+    """Return the key of the frequency that a key of the speed defines; any other key as it is."""
+    return key.replace(SPEED, FREQUENCY) if key in DERIVED else key
+
+
+def with_frequency(values: Mapping[str, object], engine: Engine, kept: Speeds) -> tuple[Mapping[str, object], Speeds]:
+    """Return scene values with speeds, given or kept, replaced by frequencies, and the speeds that are now given.
+
+    Raises InputError: engine.frequency is given beside engine.speed, or a value is no speed.
+    """
+    given = [key for key in DERIVED if key in values]
+    frequencies = [name for key in DERIVED if (name := frequency_key(key)) in values]
+    if given and frequencies:
+        raise InputError(f"{given[0]} and {frequencies[0]} are both given, and engine.frequency is engine.order times "
+                         "engine.speed; remove one of them")
+    speeds = {} if frequencies else dict(kept)
+    if not given and not (speeds and ORDER in values):
+        return values, speeds
+    if given:
+        speeds.setdefault(SPEED, engine.frequency / engine.order)
+        speeds.update((key, _speed(key, values[key])) for key in given if not key.endswith("_times"))
+    try:
+        order = number_in(values.get(ORDER, engine.order), "")
+    except TypeError:
+        return values, speeds  # The order itself is refused later.
+    changes = {frequency_key(key): value for key, value in values.items()}
+    for key, speed in speeds.items():
+        changes[frequency_key(key)] = [order * x for x in speed] if isinstance(speed, tuple) else order * speed
+    return changes, speeds
+
+
+def _speed(key: str, value: object) -> float | tuple[float, ...]:
+    """Return a speed, or each of several, in rad/s."""
+    try:
+        if isinstance(value, (list, tuple)):
+            return tuple(number_in(each, "rad/s") for each in value)
+        return number_in(value, "rad/s")
+    except TypeError:
+        raise InputError(f"{key} is {value!r}; it must be a number in rad/s, or one with rpm or hz behind it") from None
+
+
+def refuse_rpm(key: str, value: object) -> None:
+    """Raise InputError for the frequency of the excitation in rpm: an engine in rpm is the crankshaft's speed."""
+    texts = [each for each in (value if isinstance(value, (list, tuple)) else [value]) if isinstance(each, str)]
+    if key in (FREQUENCY, f"{FREQUENCY}_values") and any("rpm" in text.lower() for text in texts):
+        raise InputError(f"{key} is {texts[0]}; it is the frequency of the excitation, in rad/s or hz: give the "
+                         f"crankshaft's speed in rpm as {SPEED}={texts[0]}")
+
+
+_ELEMENT = re.compile(r"([\w.]+)\[(\d+)\](_times|_values)?")
+
+
+def list_of(key: str) -> str:
+    """Return the key of the list whose number, or times or values of a number, `key` names; else `key` itself."""
+    match = _ELEMENT.fullmatch(key)
+    return key if match is None else match[1] + (match[3] or "")
+
+
+def index_of(key: str, whole: Any) -> int:
+    """Return the index of the number that `key` names in its list; InputError if the list has no such number."""
+    name, _, number = key.partition("[")
+    place = int(number.partition("]")[0])
+    if not isinstance(whole, Sequence) or isinstance(whole, str):
+        if name.endswith("_values") and frequency_key(name) != name:
+            raise InputError(f"{key}: a scene holds the speeds as frequencies; give {frequency_key(name)}[{place}], "
+                             f"which is {ORDER} times the speed, or the whole {name}")
+        raise InputError(f"{key}: {name} is not a list")
+    if not 1 <= place <= len(whole):
+        has = f"has {len(whole)} values, [1] to [{len(whole)}]" if whole else "is empty"
+        raise InputError(f"{name}[{place}] does not exist: {name} {has}; give the whole list first")
+    return place - 1
+
+
+def with_whole_lists(values: Mapping[str, object], value_of: Callable[[str], Any]) -> Mapping[str, object]:
+    """Return scene values with single numbers of lists replaced by the whole lists.
+
+    value_of : returns the present value of a key
+
+    Raises InputError: the list has no such number, a value is not a number, or the profiles of the numbers do not
+    match.
+    """
+    if not any("[" in key for key in values):
+        return values
+    out = {key: value for key, value in values.items() if not _ELEMENT.fullmatch(key)}
+    profiles: dict[str, dict[int, dict[str, Any]]] = defaultdict(lambda: defaultdict(dict))
+    for key, value in values.items():
+        match = _ELEMENT.fullmatch(key)
+        if match is None:
+            continue
+        whole, part = match[1], match[3]
+        now: Any = out.get(whole, value_of(whole))
+        place = index_of(key, now)
+        if part is not None:
+            profiles[whole][place][part] = value
+            continue
+        try:
+            out[whole] = [*now[:place], number_of(value), *now[place + 1:]]
+        except TypeError:
+            raise InputError(f"{key} is {value!r}; it must be a number") from None
+    for whole, profile_lists in profiles.items():
+        now = out.get(whole, value_of(whole))
+        assert isinstance(now, Sequence)
+        out.update(_profile(whole, profile_lists, now))
+    return out
+
+
+def _profile(whole: str, given: Mapping[int, Mapping[str, Any]], now: Sequence[float]) -> dict[str, object]:
+    """Return times and values of a list in which some numbers, by index, have profiles and the others are constant."""
+    for place, part in given.items():
+        times, values = (part.get(name, []) for name in ("_times", "_values"))
+        if whole not in PROFILES or not len(times) == len(values) > 0:
+            raise InputError(f"{whole}[{place + 1}] has {len(times)} times and {len(values)} values of a profile; it "
+                             f"must have as many of both, and the lists with profiles are "
+                             f"{', '.join(key for key in PROFILES if key.endswith('s'))}")
+    import numpy as np
+
+    times = np.unique(np.concatenate([part["_times"] for part in given.values()]))
+    rows = np.tile(np.array(now, dtype=np.float64), (len(times), 1))
+    for place, part in given.items():
+        rows[:, place] = np.interp(times, part["_times"], part["_values"])
+    return {f"{whole}_times": times.tolist(), f"{whole}_values": rows.ravel().tolist()}
 
 
 @dataclass(frozen=True)
@@ -230,10 +370,8 @@ def coerce(key: str, value: object) -> Value:
 def replace(system: System, values: Mapping[str, object]) -> System:
     """Return `system` with some scene keys changed and checked together; `KEY[n]` is number n of a list, from 1.
 
-    Raises
-    ------
-    InputError
-        A key is unknown (the message suggests the nearest one), a type is wrong, or a value is out of range.
+    Raises InputError: a key is unknown (the message suggests the nearest one), a type is wrong, or a value is out of
+    range.
     """
     changes: dict[str, dict[str, Value]] = {}
     changed, speeds = with_frequency(values, system.engine, system.speeds)

@@ -64,10 +64,7 @@ class Inputs:
     end : time up to which the inputs are known, s
     output_speed : speed of the shaft's far end, rad/s; None for a fixed end
 
-    Raises
-    ------
-    InputError
-        The pressure falls below 0, by more than rounding: friction would drive the clutch.
+    Raises InputError: the pressure falls below 0, by more than rounding: friction would drive the clutch.
     """
 
     torque: Floats | None
@@ -113,8 +110,6 @@ def smooth_corners(t: Floats, values: Floats, low: float = -np.inf, high: float 
 def profile_of(engine: Engine, pressure: Pressure, inputs: Inputs | None = None, origin: Origin = START) -> Floats:
     """Return the profile, (m, SWELLS + SWELL k), with m intervals in order of time, k harmonics of varying amplitude.
 
-    Parameters
-    ----------
     inputs : torque and pressure from data, which replace those of the scene
     origin : reference of the phase; the profile starts there
     """
@@ -159,8 +154,6 @@ def motion_of_far_end(speed: Floats, times: Floats) -> Floats:
     """Return the motion of the shaft's far end from each time on, (m, 4) with the columns TIME, FAR_ANGLE, FAR_SPEED
     and FAR_RATE; its angle is 0 at time 0.
 
-    Parameters
-    ----------
     speed : lines, rad/s, that begin at time 0
     times : (m,) s, from 0 on, including the times of the lines
     """

@@ -33,10 +33,7 @@ MOST_VALUES = 1_000_000
 def sequence_of_numbers(key: str, values: Any) -> tuple[float, ...]:
     """Return successive values of a key, given as a sequence or array of numbers or as a single number.
 
-    Raises
-    ------
-    InputError
-        The values are not numbers.
+    Raises InputError: the values are not numbers.
     """
     try:
         return tuple(float(x) for x in (values if isinstance(values, Iterable) else (values,)))
@@ -183,10 +180,7 @@ class Group:
 class Options:
     """Options of a node, checked by the types and quantities of the fields; subclasses list the fields.
 
-    Raises
-    ------
-    InputError
-        A value has another type or is out of range.
+    Raises InputError: a value has another type or is out of range.
     """
 
     def __post_init__(self) -> None:

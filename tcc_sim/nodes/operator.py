@@ -20,8 +20,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.model.elements import index_of, list_of, with_whole_lists
-from tcc_sim.model.parameters import QUANTITIES, coerce
+from tcc_sim.model.parameters import QUANTITIES, coerce, index_of, list_of, with_whole_lists
 from tcc_sim.nodes.executables import Spinner, node_of_command
 from tcc_sim.nodes.parameters import without_arrays
 from tcc_sim.scene import Operation, meaning_of

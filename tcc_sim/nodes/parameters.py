@@ -11,9 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.crank_speed import DERIVED
-from tcc_sim.model.elements import list_of
-from tcc_sim.model.parameters import unknown_key
+from tcc_sim.model.parameters import DERIVED, list_of, unknown_key
 from tcc_sim.model.quantity import Options, Quantity
 from tcc_sim.nodes.executables import warn
 from tcc_sim.nodes.options import SCENE, TEXT

@@ -10,12 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.closed_forms import common_cycles, pure_slip, stick_margin
 from tcc_sim.model.equations import linear_of, matrix_of
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME, time_at
-from tcc_sim.model.pure_slip import pure_slip
-from tcc_sim.model.pure_stick import stick_margin
-from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import reported
 from tcc_sim.shown_units import SPEED, engine_speed, frequency, shown_unit, speed
 from tcc_sim.solvers.terms import terms_of, torques_at

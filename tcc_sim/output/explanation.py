@@ -13,11 +13,10 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.closed_forms import plate_angle, pure_slip, stick_margin
 from tcc_sim.model.friction import smoothed_coefficient
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import Origin
-from tcc_sim.model.pure_slip import pure_slip
-from tcc_sim.model.pure_stick import plate_angle, stick_margin
 from tcc_sim.output.estimates import Estimates, estimates_of
 from tcc_sim.output.tables import friction_formula
 from tcc_sim.result import Described, json_of, reported

@@ -10,8 +10,7 @@ from typing import Any
 from tcc_sim.analysis.measured.orders import Orders
 from tcc_sim.analysis.steady.damping import Damping
 from tcc_sim.analysis.steady.summary import Summary
-from tcc_sim.model.crank_speed import DERIVED
-from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.model.parameters import DERIVED, QUANTITIES
 from tcc_sim.result import fields_of, reported_of
 from tcc_sim.topics import TOPICS
 from tcc_sim.trajectory import UNITS

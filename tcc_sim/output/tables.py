@@ -10,8 +10,7 @@ import numpy as np
 
 from tcc_sim.analysis.loop.manoeuvre import JudderFigures
 from tcc_sim.analysis.repetition import LONGEST
-from tcc_sim.analysis.steady.periodicity import AFTER_A_GAP
-from tcc_sim.analysis.steady.summary import Summary, runaway_cause
+from tcc_sim.analysis.steady.summary import AFTER_A_GAP, Summary, runaway_cause
 from tcc_sim.errors import counted
 from tcc_sim.result import units_of_columns
 from tcc_sim.shown_units import engine_speed, frequency, key_unit, key_value, shown_unit, speed
@@ -19,10 +18,9 @@ from tcc_sim.trajectory import Floats, Status
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.loop.tracking import Tracking
-    from tcc_sim.analysis.measured.orders import OrderComparison, Orders
-    from tcc_sim.analysis.measured.spectra import Spectrum
+    from tcc_sim.analysis.measured.orders import OrderComparison, Orders, Spectrum
     from tcc_sim.analysis.steady.damping import Damping
-    from tcc_sim.analysis.steady.multipliers import Lyapunov
+    from tcc_sim.analysis.steady.exponents import Lyapunov
     from tcc_sim.sweeps.gains import GainMap
     from tcc_sim.sweeps.results import Grid, Sweep
     from tcc_sim.sweeps.scatter import Scattered

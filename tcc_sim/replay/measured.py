@@ -7,14 +7,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tcc_sim.analysis.measured.measured_phase import measured_phase
-from tcc_sim.analysis.measured.measured_signals import signals_in
-from tcc_sim.analysis.measured.orders import Orders, orders_of
+from tcc_sim.analysis.measured.measured_phase import measured_phase, signals_in
+from tcc_sim.analysis.measured.orders import SPECTRUM_LEAST, Orders, Spectrum, orders_of, spectrum_of
 from tcc_sim.analysis.measured.signals import Signals
-from tcc_sim.analysis.measured.spectra import SPECTRUM_LEAST, Spectrum, spectrum_of
 from tcc_sim.analysis.repetition import LONGEST
-from tcc_sim.analysis.steady.periodicity import periodicity
-from tcc_sim.analysis.steady.summary import default_discard
+from tcc_sim.analysis.steady.summary import default_discard, periodicity
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.parameters import replace as changed
@@ -58,7 +55,7 @@ def analyse_table(table: MeasuredTable, system: System, *, orders: bool, spectru
     Raises
     ------
     InputError
-        Fewer than four rows; or as `analysis.measured.measured_signals.signals_in`, `orders_of` and `spectrum_of`.
+        Fewer than four rows; or as `analysis.measured.measured_phase.signals_in`, `orders_of` and `spectrum_of`.
     """
     t = table.t
     if len(t) < 4:

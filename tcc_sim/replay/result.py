@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.loop.control import Control
-from tcc_sim.analysis.measured.orders import Orders
-from tcc_sim.analysis.measured.spectra import Spectrum
+from tcc_sim.analysis.measured.orders import Orders, Spectrum
 from tcc_sim.analysis.steady.damping import Damping
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import counted, printable

@@ -10,10 +10,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.measured.engine_clock import EngineClock, Uniform, clock_of_scene
+from tcc_sim.analysis.measured.engine_clock import EngineClock, PhaseTracker, Uniform, clock_of, clock_of_scene
 from tcc_sim.analysis.measured.signals import Phase, phase_of_cycles
 from tcc_sim.analysis.measured.stream import DRIFTING
-from tcc_sim.analysis.measured.torque_phase import PhaseTracker, clock_of
 from tcc_sim.errors import InputError, counted
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.reader import Run

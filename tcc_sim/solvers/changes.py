@@ -21,35 +21,15 @@ from tcc_sim.model.equations import Linear, lost_torque
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
 from tcc_sim.solvers import key_derivatives as of
+from tcc_sim.solvers import series
 from tcc_sim.solvers.collocation import NODES
 from tcc_sim.solvers.key_derivatives import NUMBERS
-from tcc_sim.solvers.law import (
-    FRICTION,
-    NARROW,
-    OF_SLIP,
-    WIDE,
-    law_along,
-    numbers_of,
-)
-from tcc_sim.solvers.series import (
-    ANGLE,
-    COLUMNS,
-    ENGINE,
-    FRICTION_ORDER_MAXIMUM,
-    LOAD,
-    ORDER_MAXIMUM,
-    ROWS,
-    SLIP,
-    SPEED,
-    Pulsation,
-    expand_sine,
-    product,
-)
+from tcc_sim.solvers.law import FRICTION, NARROW, OF_SLIP, WIDE, law_along, numbers_of
 
 LANES = 4
 
 CHANGES = np.dtype([("now", np.float64, (3, LANES)), ("by", np.float64, (len(NUMBERS), LANES)), ("forced", np.int64),
-                    ("rows", np.float64, (ROWS + 2, COLUMNS, LANES)),
+                    ("rows", np.float64, (series.ROWS + 2, series.COLUMNS, LANES)),
                     ("nodes", np.float64, (LANES, NODES)), ("applied", np.float64, (LANES, NODES)),
                     ("peak", np.float64, LANES)])
 """Four lanes of derivatives.
@@ -63,8 +43,8 @@ peak : of the largest |slip speed| of the cycle
 
 OF_ENGINE, OF_LOAD = range(2)
 """Rows of the sines with derivatives by amplitude: the first of Te, and that of Ts."""
-ALONG, ALONG_ALL = (np.dtype([("sines", np.float64, (2, COLUMNS)), ("mubar", np.float64, COLUMNS),
-                              ("law", np.float64, (COLUMNS, width)), ("at_nodes", np.float64, (width, NODES)),
+ALONG, ALONG_ALL = (np.dtype([("sines", np.float64, (2, series.COLUMNS)), ("mubar", np.float64, series.COLUMNS),
+                              ("law", np.float64, (series.COLUMNS, width)), ("at_nodes", np.float64, (width, NODES)),
                               ("shaped", np.int64)]) for width in (NARROW, WIDE))
 """Numbers that all lanes share over a step: coefficients of `expand_sines` and of `law.law_along`;
 derivatives of mubar by its numbers at the nodes, a row for each column of `law`; whether another number of the law than
@@ -85,7 +65,7 @@ class Rows:
         self.rows, self.changes, self.by, self.sines, self.margins = rows, changes, by, sines, margins
         self.turn = None if pulsation is None else pulsation[0] / (pulsation[1] * unit)
         self.known: dict[tuple[int, int], Any] = {}
-        for row in (SLIP, ANGLE, SPEED):
+        for row in (series.SLIP, series.ANGLE, series.SPEED):
             self[row, 0] = Changing(rows[row, 0], now.row(row))
 
     def __getitem__(self, key: tuple[int, int]) -> Changing:
@@ -95,17 +75,18 @@ class Rows:
 
     def __setitem__(self, key: tuple[int, int], number: Changing) -> None:
         self.known[key] = number.change
-        if key[0] < ROWS or self.margins is not None:
+        if key[0] < series.ROWS or self.margins is not None:
             self.changes.set_row(number.change, *key)
 
     def _driven(self, row: int, k: int) -> Any:
         by = self.by
         if by is None:
             return None
-        if row == ENGINE:
+        if row == series.ENGINE:
             change = by.row(of.TORQUE_AMPLITUDE) * self.sines[OF_ENGINE, k]
-            return change + (by.row(of.LOG_FREQUENCY) * (k * self.rows[ENGINE, k]) if k else by.row(of.MEAN_TORQUE))
-        change = by.row(of.LOG_FREQUENCY) * (k * self.rows[LOAD, k]) if k else by.row(of.MEAN_LOAD)
+            rise = by.row(of.LOG_FREQUENCY) * (k * self.rows[series.ENGINE, k]) if k else by.row(of.MEAN_TORQUE)
+            return change + rise
+        change = by.row(of.LOG_FREQUENCY) * (k * self.rows[series.LOAD, k]) if k else by.row(of.MEAN_LOAD)
         if self.turn is None:
             return change
         cosine = self.turn * ((k + 1) * self.sines[OF_LOAD, k + 1])
@@ -127,8 +108,6 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coeff
                    unit: Any, linear: Linear, sign: Any, pulsation: Any, stribeck: Any, sigma: Any) -> Iterator[int]:
     """Fill the derivatives of `series.motion`, equations (2), with the values of `rows`; staged function.
 
-    Parameters
-    ----------
     rows, changes, now, by, sines : the motion's coefficients, `rows`, `now` and `by` of CHANGES, `expand_sines`
     coefficients, law : see `law_along`
     stribeck, sigma : None where the exponential, or tanh, does not vary; mubar is `sign` where both are None
@@ -138,27 +117,27 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coeff
     per_flywheel, per_plate = time / part_of.flywheel, time / part_of.plate
     varies = stribeck is not None or sigma is not None
     slope, slip, mubar, load = ([] for _ in range(4))
-    for k in range(FRICTION_ORDER_MAXIMUM if varies else ORDER_MAXIMUM):
-        x, u = moving[ANGLE, k], moving[SPEED, k]
-        load.append(moving[LOAD, k] if k == 0 or pulsation is not None else Changing(0.0))
+    for k in range(series.FRICTION_ORDER_MAXIMUM if varies else series.ORDER_MAXIMUM):
+        x, u = moving[series.ANGLE, k], moving[series.SPEED, k]
+        load.append(moving[series.LOAD, k] if k == 0 or pulsation is not None else Changing(0.0))
         if varies:
             slope.append(law[k, OF_SLIP])
-            slip.append(moving[SLIP, k].change)
+            slip.append(moving[series.SLIP, k].change)
             mubar.append(coefficients[k,])
-            change = product(slope, slip, k)
+            change = series.product(slope, slip, k)
             if by is not None:
-                change = change + product(mubar, [0.0 if p.change is None else p.change for p in load], k)
+                change = change + series.product(mubar, [0.0 if p.change is None else p.change for p in load], k)
                 for cause, number in numbers_of(stribeck, law.shape[-1]).items():
                     change = change + by.row(number) * law[k, cause]
             friction = Changing(law[k, FRICTION], change)
         else:
             friction = load[k] * sign
         part, pull = 1.0 / (k + 1), friction - part_of.damping * u - part_of.stiffness * x
-        pull = pull - lost_torque(moving[SLIP, k], part_of.plate_by_slip)
-        push = moving[ENGINE, k] - friction - lost_torque(moving[SLIP, k], part_of.flywheel_by_slip)
-        moving[SLIP, k + 1] = part * (per_flywheel * push - per_plate * pull)
-        moving[SPEED, k + 1] = part * per_plate * pull
-        moving[ANGLE, k + 1] = part * time * u
+        pull = pull - lost_torque(moving[series.SLIP, k], part_of.plate_by_slip)
+        push = moving[series.ENGINE, k] - friction - lost_torque(moving[series.SLIP, k], part_of.flywheel_by_slip)
+        moving[series.SLIP, k + 1] = part * (per_flywheel * push - per_plate * pull)
+        moving[series.SPEED, k + 1] = part * per_plate * pull
+        moving[series.ANGLE, k + 1] = part * time * u
         if k % 2 == 1 and k >= 7:
             yield k + 1
 
@@ -166,7 +145,7 @@ def changed_motion(rows: Any, changes: Any, now: Any, by: Any, sines: Any, coeff
 def ending(now: Any, changes: Any, x: Any) -> Iterator[int]:
     """Fill `now` with the derivatives of the state at x of a step; staged function."""
     power, ends = x, [changes.row(row, 0) for row in range(3)]
-    for k in range(1, COLUMNS):
+    for k in range(1, series.COLUMNS):
         ends = [end + changes.row(row, k) * power for row, end in enumerate(ends)]
         power = power * x
         if k % 2 == 0 and k >= 8:
@@ -180,7 +159,7 @@ expand_law, expand_changes, end_changes = unrolled(law_along), unrolled(changed_
 
 @fast
 def carry_slip(order: int, unit: float, sign: float, groups: Any, along: Any, rows: Any, linear: Linear,
-               pulsation: Pulsation, stribeck: Stribeck, sigma: float | None) -> None:
+               pulsation: series.Pulsation, stribeck: Stribeck, sigma: float | None) -> None:
     """Fill the coefficients of all derivatives over a step in slip or near v = 0, with the sines of `along` (ALONG);
     `stribeck` and `sigma` as in `changed_motion`.
     """
@@ -200,14 +179,14 @@ def carry_slip(order: int, unit: float, sign: float, groups: Any, along: Any, ro
 
 
 @fast
-def expand_sines(sines: Any, count: int, unit: float, waves: Any, pulsation: Pulsation, drive: Any) -> None:
+def expand_sines(sines: Any, count: int, unit: float, waves: Any, pulsation: series.Pulsation, drive: Any) -> None:
     """Fill the coefficients of sin(omega t) and of the load's sine, one more than `count` of the latter."""
-    for k in range(COLUMNS):
+    for k in range(series.COLUMNS):
         sines[OF_ENGINE, k], sines[OF_LOAD, k] = 0.0, 0.0
     if waves.shape[0] > 0:
-        expand_sine(count - 1, sines[OF_ENGINE], waves[0].sine, waves[0].cosine, waves[0].rate * unit)
+        series.expand_sine(count - 1, sines[OF_ENGINE], waves[0].sine, waves[0].cosine, waves[0].rate * unit)
     if pulsation is not None:
-        expand_sine(count, sines[OF_LOAD], drive.load_sine, drive.load_cosine, pulsation[1] * unit)
+        series.expand_sine(count, sines[OF_LOAD], drive.load_sine, drive.load_cosine, pulsation[1] * unit)
 
 
 @fast

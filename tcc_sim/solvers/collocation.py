@@ -35,7 +35,7 @@ from tcc_sim.compiling.compiled import fast
 from tcc_sim.compiling.unrolled import folded, largest_size, lesser, limited, row_of, unrolled
 from tcc_sim.model.equations import Linear, coefficients_of, decay_of_slip
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.polynomials.bernstein import WORKSPACE
+from tcc_sim.polynomials.polynomial import WORKSPACE
 from tcc_sim.solvers.law import STAGED, law_on
 from tcc_sim.solvers.series import COLUMNS, ROWS, added
 from tcc_sim.trajectory import Floats

@@ -227,8 +227,6 @@ POINTS = 256
 def rates_of(terms: Terms, size: int) -> Callable[[float, Floats], Floats]:
     """Return a function of t and y that returns y' of (1), (2) with the smoothed law; one thread may use it.
 
-    Parameters
-    ----------
     size : length of y: slip speed, plate angle, plate speed, and with 4 the flywheel's angle
     """
     return _repeated(rates, terms, np.empty(size))

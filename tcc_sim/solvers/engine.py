@@ -1,27 +1,514 @@
-"""The shell of both engines: the compiled loop, a solve, and motions with derivatives.
+"""The shell of both engines: the compiled loop, the output of a run, a solve, and motions with derivatives.
 
-A law adds to the loop how a motion starts, and one step.
+A law adds to the loop how a motion starts, and one step. A step runs over [0, x] in its own unit of time from `tau`,
+seconds into the engine cycle with number `output.cycle`, and may run across the end of that cycle; its polynomials are
+the rows SLIP, ANGLE, SPEED (and FLYWHEEL) of `rows`. They give samples, section points, extremes, time in stick and
+transitions, and the Trajectory of all calls of the loop.
+
+Loads of clutch and shaft in a step are work and power of the friction torque, and the torque in the shaft. (2b) gives
+the friction torque from the polynomials of the plate's motion, Tf = I2 theta2'' + C23 theta2' + K23 theta2 + p_v v
+(`model.equations.Linear`), under any law and in any mode. Integrals over a step are sums by the rule of Lobatto with
+eight points, exact for polynomials up to degree thirteen (M. Abramowitz and I. A. Stegun (1964), 25.4.32). The first
+row of the workspace, the hull of the step, is not changed.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import math
+import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from operator import lt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.compiling.compiled import compiled, fast
+from tcc_sim.compiling.compiled import compiled, fast, timed
+from tcc_sim.compiling.unrolled import unrolled, where
+from tcc_sim.model.equations import Linear
 from tcc_sim.model.parameters import System
+from tcc_sim.polynomials import polynomial
+from tcc_sim.polynomials.polynomial import BERNSTEIN, HIGH, LOW, PER_BINOMIAL, later_part, to_bernstein
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.changes import LANES
-from tcc_sim.solvers.problem import Problem
-from tcc_sim.solvers.run_output import DONE, FULL, GOES_ON, STATUSES, STEP_LIMIT, RunOutput, Store, full, work_space
-from tcc_sim.solvers.series import COLUMNS, load_phase
+from tcc_sim.solvers.problem import LEAST_REST, Problem, assemble
+from tcc_sim.solvers.series import ANGLE, COLUMNS, FLYWHEEL, SLIP, SPEED, load_phase
 from tcc_sim.solvers.terms import Terms
-from tcc_sim.trajectory import Floats, Statistics, Trajectory
+from tcc_sim.trajectory import Cycles, Floats, Loads, Statistics, Status, Trajectory, Transitions
+
+LOADS = np.dtype([("energy", np.float64), ("peak_power", np.float64), ("highest_shaft_torque", np.float64),
+                  ("lowest_shaft_torque", np.float64), ("breakaways", np.float64), ("coupling_energy", np.float64),
+                  ("wanted", np.float64)])
+"""An engine cycle: the fields of `Loads`, and 1 where they are computed."""
+
+COUNT = 8
+POINTS = np.array([0.0, 0.06412992574519669, 0.20414990928342885, 0.3953503910487606,
+                   0.6046496089512394, 0.7958500907165712, 0.9358700742548033, 1.0])
+WEIGHTS = np.array([0.017857142857142856, 0.10535211357175302, 0.17056134624175218, 0.20622939732935194,
+                    0.20622939732935194, 0.17056134624175218, 0.10535211357175302, 0.017857142857142856])
+"""Abscissae and weights of the rule on [0, 1]."""
+PLACE, POWER, SHAFT, CLOSER, SQUARE = 1, 2, 3, 3, 7
+"""Rows of the workspace: places in a step, power and torque there; CLOSER rows further on the same, closer together;
+the square of the slip speed at the last of these places.
+"""
+MARGIN = 0.1
+"""Largest distance of an extreme from the values at the points, relative to their range."""
+SHIFTS = 16
+"""Most shifts of the closer places; fourteen take them from one end of their range to the other."""
+
+
+def begin_loads(records: NDArray[Any], first: int | None) -> None:
+    """Reset records of LOADS of engine cycles (last axis), which are wanted from cycle `first` on; None for nowhere."""
+    records[:] = np.zeros((), LOADS)
+    records["highest_shaft_torque"], records["lowest_shaft_torque"] = -math.inf, math.inf
+    if first is not None:
+        records["wanted"][..., first:] = 1.0
+
+
+def loads_of(records: NDArray[Any], problem: Problem, first: int, end: int) -> Loads | None:
+    """Return the loads of the cycles `first` to `end` of a run, from their records; None if none are wanted."""
+    if problem.loads_from is None:
+        return None
+    columns = records[first:end].view(np.float64).reshape(end - first, LOADS.itemsize // 8)[:, :-1].T.copy()
+    columns[:, :max(problem.loads_from - first, 0)] = math.nan
+    return Loads(*columns)
+
+
+def staged_loads(lanes: int) -> Any:
+    """Return the staged function of `evaluate_loads` for degrees below `lanes`."""
+    def staged(rows: Any, per_binomial: Any, unit: Any, linear: Linear, places: Any, power: Any, shaft: Any,
+               square: Any) -> None:
+        x = places.row(0, count=COUNT)
+        v, angle, speed, rise = 0.0, 0.0, 0.0, 0.0
+        for i in range(lanes - 8, -1, -8):
+            inside = per_binomial.row(i, count=8)
+            a, b, c = (where(inside, ">", 0.0, rows.row(row, i, count=8), 0.0) for row in (SLIP, ANGLE, SPEED))
+            for k in range(7, -1, -1):
+                rise = x * rise + speed
+                v, angle, speed = x * v + a[k], x * angle + b[k], x * speed + c[k]
+        torque = speed * linear.damping + angle * linear.stiffness
+        shaft.set_row(torque, 0)
+        friction = rise * (linear.plate / unit) + torque
+        if linear.plate_by_slip is not None:
+            friction = friction + v * linear.plate_by_slip
+            square.set_row(v * v, 0)
+        power.set_row(friction * v, 0)
+
+    return staged
+
+
+loads_24, loads_32 = unrolled(staged_loads(24)), unrolled(staged_loads(32))
+
+
+@fast
+def evaluate_loads(rows: Any, degree: int, unit: float, linear: Linear, closer: int, workspace: Any) -> None:
+    """Fill power of the friction torque, W, and torque in the shaft, N m, at COUNT places; `closer` is 0 or CLOSER."""
+    places, power, shaft = workspace[PLACE + closer], workspace[POWER + closer], workspace[SHAFT + closer]
+    if degree < 24:
+        loads_24(0, rows, PER_BINOMIAL[degree], unit, linear, places, power, shaft, workspace[SQUARE])
+    else:
+        loads_32(0, rows, PER_BINOMIAL[degree], unit, linear, places, power, shaft, workspace[SQUARE])
+
+
+@fast
+def largest_near(rows: Any, degree: int, unit: float, which: int, sign: float, at: int, linear: Linear,
+                 workspace: Any) -> float:
+    """Return the largest of `sign` times POWER or SHAFT, whose value at the place `at` is the largest.
+
+    It is the vertex of a parabola through three closer places, which are about the vertex of one through the places
+    next to `at`, and move on as long as their largest value is at their end.
+    """
+    closer, most, moved = 0, -math.inf, 0
+    low, high, middle, apart = 0.0, 0.0, 0.0, 0.0
+    while True:
+        most = max(most, sign * workspace[which + closer, at])
+        towards = -1.0 if at == 0 else 1.0 if at == COUNT - 1 else 0.0
+        following = min(max(middle + towards * apart, low + apart), high - apart)
+        if closer > 0 and following != middle and moved < SHIFTS:
+            middle, moved = following, moved + 1
+        else:
+            at = min(max(at, 1), COUNT - 2)
+            a, b, c = (workspace[PLACE + closer, at - 1], workspace[PLACE + closer, at],
+                       workspace[PLACE + closer, at + 1])
+            p, q, r = (sign * workspace[which + closer, at - 1], sign * workspace[which + closer, at],
+                       sign * workspace[which + closer, at + 1])
+            left, right = (q - p) / (b - a), (r - q) / (c - b)
+            bend = (right - left) / (c - a)
+            vertex = 0.5 * (a + b) - 0.5 * left / bend if bend < 0.0 else math.copysign(math.inf, towards)
+            if closer > 0:
+                if a < vertex < c:
+                    most = max(most, p + (vertex - a) * (left + bend * (vertex - b)))
+                return float(most)
+            low, high, apart = a, c, (c - a) / 16.0
+            middle, closer = min(max(vertex, a + apart), c - apart), CLOSER
+        for i in range(COUNT):
+            workspace[PLACE + closer, i] = middle + apart * (2.0 * POINTS[i] - 1.0)
+        evaluate_loads(rows, degree, unit, linear, closer, workspace)
+        at = 0
+        for i in range(COUNT):
+            if sign * workspace[which + closer, i] > sign * workspace[which + closer, at]:
+                at = i
+
+
+@fast
+def wanted(loads: Any, cycle: int) -> bool:
+    """Return whether the loads of an engine cycle are computed."""
+    if loads is None:
+        return False
+    else:
+        return bool(loads[cycle].wanted > 0.0)
+
+
+@fast
+def keep_loads(loads: Any, rows: Any, degree: int, unit: float, x: float, cut: float, cycle: int,
+               linear: Linear, workspace: Any) -> None:
+    """Add a step over [0, x] to the records of LOADS, if any, of `cycle` and, behind `cut`, of the next one."""
+    if loads is not None:
+        if wanted(loads, cycle):
+            add_part(rows, degree, unit, 0.0, min(x, cut), linear, loads[cycle], workspace)
+        if cut < x and wanted(loads, cycle + 1):
+            add_part(rows, degree, unit, cut, x, linear, loads[cycle + 1], workspace)
+
+
+@fast
+def keep_breakaway(loads: Any, cycle: int) -> None:
+    """Count a change from stick to slip in a cycle."""
+    if loads is not None:
+        loads[cycle].breakaways += 1.0
+
+
+@fast
+def add_coupling(load: Any, seconds: float, by_slip: float | None, workspace: Any) -> None:
+    """Add the heat of the torque that passes from flywheel to plate beside friction, -p_v v."""
+    if by_slip is not None:
+        square = 0.0
+        for i in range(COUNT):
+            square += WEIGHTS[i] * workspace[SQUARE, i]
+        load.coupling_energy -= seconds * by_slip * square
+
+
+@fast
+def add_part(rows: Any, degree: int, unit: float, start: float, end: float, linear: Linear, load: Any,
+             workspace: Any) -> None:
+    """Add the part [start, end] of a step to a cycle's record of LOADS."""
+    width = end - start
+    if not width > 0.0:
+        return
+    for i in range(COUNT):
+        workspace[PLACE, i] = start + POINTS[i] * width
+    evaluate_loads(rows, degree, unit, linear, 0, workspace)
+    energy, least = 0.0, math.inf
+    most_at, high_at, low_at = 0, 0, 0
+    most, high, low = workspace[POWER, 0], workspace[SHAFT, 0], workspace[SHAFT, 0]
+    for i in range(COUNT):
+        power, shaft = workspace[POWER, i], workspace[SHAFT, i]
+        energy += WEIGHTS[i] * power
+        least = min(least, power)
+        if power > most:
+            most, most_at = power, i
+        if shaft > high:
+            high, high_at = shaft, i
+        if shaft < low:
+            low, low_at = shaft, i
+    load.energy += width * unit * energy
+    add_coupling(load, width * unit, linear.plate_by_slip, workspace)
+    margin = MARGIN * (high - low)
+    if most + MARGIN * (most - least) > load.peak_power:
+        load.peak_power = max(load.peak_power,
+                              largest_near(rows, degree, unit, POWER, 1.0, most_at, linear, workspace))
+    if high + margin > load.highest_shaft_torque:
+        load.highest_shaft_torque = max(load.highest_shaft_torque,
+                                        largest_near(rows, degree, unit, SHAFT, 1.0, high_at, linear, workspace))
+    if low - margin < load.lowest_shaft_torque:
+        load.lowest_shaft_torque = min(load.lowest_shaft_torque,
+                                       -largest_near(rows, degree, unit, SHAFT, -1.0, low_at, linear, workspace))
+
+
+DONE, FULL, STEP_LIMIT, STEP_TOO_SMALL, EVENT_LIMIT, NOT_FINITE, DEGENERATE = range(7)
+"""Result of a call of an engine's loop: at the end; out of room for transitions, so call again; or a failure, the last
+one where slip ends with v' = 0 and there is no derivative.
+"""
+GOES_ON = -1
+"""No result: the call goes on."""
+STATUSES = {DONE: Status.DONE, STEP_LIMIT: Status.STEP_LIMIT, STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
+            EVENT_LIMIT: Status.EVENT_LIMIT, NOT_FINITE: Status.NOT_FINITE}
+
+CYCLE = np.dtype([("slip_speed", np.float64), ("plate_angle", np.float64), ("plate_speed", np.float64),
+                  ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
+"""An engine cycle: the state at its start; the largest and smallest slip speed and the time in stick within it."""
+
+TRANSITION = np.dtype([("time", np.float64), ("before", np.int64), ("after", np.int64)])
+"""A transition: seconds since the start of cycle 0, mode before and after."""
+
+OUTPUT = np.dtype([("started", np.int64), ("cycle", np.int64), ("samples", np.int64), ("transitions", np.int64),
+                   ("mode", np.int64), ("highest", np.float64), ("lowest", np.float64), ("stick_time", np.float64)])
+"""Progress of the output: whether the run has started; whole cycles, samples and transitions so far; the mode now; the
+extremes and the time in stick of the cycle so far.
+"""
+
+TRANSITIONS_MAXIMUM = 65536
+"""Room for transitions in one call of the compiled loop."""
+
+
+class Store(NamedTuple):
+    """Arrays that receive a run: of CYCLE, of states (rows of samples), of TRANSITION, and of LOADS or None; and the
+    samples per cycle. Without an array of TRANSITION only the state at the start of each cycle is stored.
+    """
+
+    cycles: Any
+    samples: Any
+    per_cycle: int
+    transitions: Any
+    loads: Any = None
+
+
+class _WorkSpace(threading.local):
+    """Work space of a thread, used again while it is large enough: to allocate it costs more than a short solve."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[Any, ...], tuple[tuple[int, ...], Any]] = {}
+
+    def of(self, make: Callable[..., Any], *key: Any, sizes: tuple[int, ...] = ()) -> Any:
+        """Return what `make` makes of a key and sizes, at least as large as those."""
+        which = make, *key
+        before, made = self._made.get(which, ((), None))
+        if made is None or any(map(lt, before, sizes)):
+            sizes = tuple(map(max, before, sizes)) if before else sizes
+            made = make(*key, *sizes)
+            self._made[which] = sizes, made
+        return made
+
+
+work_space = _WorkSpace()
+
+
+def transition_room() -> NDArray[Any]:
+    """Return room for the transitions of one call of the compiled loop."""
+    return np.empty(TRANSITIONS_MAXIMUM, TRANSITION)
+
+
+@fast
+def begin_output(output: Any, slip_speed: float, mode: int) -> None:
+    """Reset the output at the start of a run."""
+    output.started, output.cycle, output.samples, output.transitions, output.mode = 1, 0, 0, 0, mode
+    output.highest, output.lowest, output.stick_time = slip_speed, slip_speed, 0.0
+
+
+@fast
+def full(transitions: Any, needed: int) -> bool:
+    """Return whether so many transitions do not fit; False if none are stored."""
+    return transitions is not None and needed > transitions.shape[0]
+
+
+@fast
+def keep_samples(rows: Any, degree: int, unit: float, x: float, tau: float, period: float, per_cycle: int, output: Any,
+                 samples: Any, angle: bool) -> None:
+    """Store the samples, uniform in time, before the end of the step: rows of v, theta2, theta2' (and theta1)."""
+    spacing = period / per_cycle
+    first = output.cycle * per_cycle
+    end = tau + x * unit
+    while output.samples < samples.shape[0] and (output.samples - first) * spacing < end:
+        at = min(max(((output.samples - first) * spacing - tau) / unit, 0.0), x)
+        row = output.samples
+        samples[row, SLIP], samples[row, ANGLE], samples[row, SPEED] = polynomial.values(rows, degree, at)
+        if angle:
+            samples[row, FLYWHEEL] = polynomial.value(rows, FLYWHEEL, degree, at)
+        output.samples += 1
+
+
+@fast
+def keep_stick(output: Any, start: float, end: float, cut: float, unit: float) -> float:
+    """Add the part [start, end] of a step in stick up to `cut`, the end of the cycle; return the rest, s."""
+    output.stick_time += max(min(end, cut) - start, 0.0) * unit
+    return max(end - max(start, cut), 0.0) * unit
+
+
+@fast
+def end_of_cycle(tau: float, after: float, period: float, unit: float, x: float) -> float:
+    """Return the place in [0, x] of a step from `tau` to `after` at which the engine cycle ends, else infinity."""
+    if after == period:
+        return x
+    return min((period - tau) / unit, x) if after >= period else math.inf
+
+
+@fast
+def store_transition(time: float, before: int, after: int, output: Any, transitions: Any) -> None:
+    """Store a transition if there is room for it."""
+    if transitions is not None and output.transitions < transitions.shape[0]:
+        transitions[output.transitions].time = time
+        transitions[output.transitions].before = before
+        transitions[output.transitions].after = after
+        output.transitions += 1
+
+
+@fast
+def keeps_mode(mode: int, stick_speed: float, workspace: Any) -> bool:
+    """Return whether the slip speed is in `mode` all the step, by its Bernstein coefficients."""
+    low, high = workspace[BERNSTEIN, LOW], workspace[BERNSTEIN, HIGH]
+    if mode == 0:
+        return bool(-stick_speed <= low and high <= stick_speed)
+    return bool(low > stick_speed if mode > 0 else high < -stick_speed)
+
+
+@fast
+def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
+               transitions: Any, loads: Any, workspace: Any) -> float:
+    """Store transitions, breakaways and time in stick; return the time in stick behind `cut`, the end of the cycle."""
+    behind = 0.0
+    mode = output.mode
+    start = 0.0
+    for _ in range(2 * degree):  # Rounding may put one crossing upon the other, for ever.
+        if keeps_mode(mode, stick_speed, workspace):
+            break
+        at = polynomial.stick_crossing(rows, SLIP, degree, start, x, mode, stick_speed, workspace)
+        if at > x:
+            break
+        new = 0
+        if mode == 0:
+            behind += keep_stick(output, start, at, cut, unit)
+            keep_breakaway(loads, output.cycle if at < cut else output.cycle + 1)
+            new = 1 if polynomial.value(rows, SLIP, degree, at) > 0.0 else -1
+        store_transition(time + at * unit, mode, new, output, transitions)
+        mode = new
+        start = at
+        sticks = abs(workspace[BERNSTEIN, degree]) <= stick_speed
+        if sticks == (mode == 0) and polynomial.one_way(degree, 0.0, workspace):
+            break
+    if mode == 0:
+        behind += keep_stick(output, start, x, cut, unit)
+    output.mode = mode
+    return behind
+
+
+@fast
+def end_cycle(output: Any, cycles: Any, slip_speed: float, plate_angle: float, plate_speed: float,
+              stick_time: float) -> None:
+    """Store the results of the cycle and begin the next one in the given state."""
+    done = cycles[output.cycle]
+    done.highest = max(output.highest, slip_speed)
+    done.lowest = min(output.lowest, slip_speed)
+    done.stick_time = output.stick_time
+    output.cycle += 1
+    following = cycles[output.cycle]
+    following.slip_speed = slip_speed
+    following.plate_angle = plate_angle
+    following.plate_speed = plate_speed
+    output.highest = slip_speed
+    output.lowest = slip_speed
+    output.stick_time = stick_time
+
+
+@fast
+def keep_cycle(rows: Any, degree: int, x: float, cut: float, behind: float, output: Any, cycles: Any,
+               workspace: Any) -> None:
+    """Store extremes, and the section at `cut`, the end of the cycle (beyond x: none); `behind` is the time in stick
+    after it. The first row of the workspace holds the Bernstein coefficients of the slip speed over [0, x].
+    """
+    if cut > x:
+        output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest, output.lowest,
+                                                               workspace)
+    else:
+        if cut < x:
+            to_bernstein(rows, SLIP, degree, cut, workspace)
+        output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, cut, output.highest, output.lowest,
+                                                               workspace)
+        keep_section(rows, degree, cut, behind, output, cycles)
+        if cut < x:
+            to_bernstein(rows, SLIP, degree, x, workspace)
+            later_part(workspace, BERNSTEIN, degree, cut / x)
+            output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest,
+                                                                   output.lowest, workspace)
+
+
+@fast
+def keep_section(rows: Any, degree: int, cut: float, stick_time: float, output: Any, cycles: Any) -> None:
+    """End the cycle at `cut` of a step."""
+    slip_speed, plate_angle, plate_speed = polynomial.values(rows, degree, cut)
+    end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, stick_time)
+
+
+@fast
+def keep_motion(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
+                cycles: Any, transitions: Any, loads: Any, workspace: Any) -> None:
+    """Store transitions, breakaways, time in stick, extremes and section of a step over [0, x]; only the section where
+    `transitions` is None. `cut` is the end of the engine cycle in [0, x], or beyond; `time` that since cycle 0 began.
+    """
+    if transitions is not None:
+        behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, transitions, loads, workspace)
+        keep_cycle(rows, degree, x, cut, behind, output, cycles, workspace)
+    elif cut <= x:
+        keep_section(rows, degree, cut, 0.0, output, cycles)
+
+
+class RunOutput:
+    """Cycles, samples, transitions and loads of a solve.
+
+    output : record of OUTPUT of the run
+    columns : numbers of a sample
+    """
+
+    def __init__(self, problem: Problem, output: Any, columns: int) -> None:
+        count = problem.whole_cycles
+        self.problem, self.output, self.seconds = problem, output, 0.0
+        self.samples = np.empty((problem.samples_per_cycle * (count + 1), columns))
+        self.cycles = np.zeros((count + 2, CYCLE.itemsize // 8))
+        self.cycles[0, :3] = problem.state.numbers
+        self.loads = np.empty(count + 2, LOADS)
+        begin_loads(self.loads, problem.loads_from)
+        self.transitions: list[NDArray[Any]] = []
+        self.store = Store(self.cycles.view(CYCLE)[:, 0], self.samples, problem.samples_per_cycle,
+                           work_space.of(transition_room), self.loads)
+
+    def run(self, loop: Callable[..., object], *arguments: Any) -> int:
+        """Call an engine's loop, with the store and `angle` behind its arguments, until it ends; return its result."""
+        ended, angle = FULL, bool(self.problem.flywheel_angle)
+        while ended == FULL:
+            self.output["transitions"] = 0
+            ended, spent = timed(loop, *arguments, self.store, angle)
+            self.seconds += spent
+            self.transitions.append(self.store.transitions[:int(self.output["transitions"])].copy())
+        return ended
+
+    def trajectory(self, solver: str, status: Status, first: tuple[float, ...], last: tuple[float, ...], tau: float,
+                   detail: str, statistics: Statistics, modes: bool = False) -> Trajectory:
+        """Return the run, its first sample `first` and its last one `last`, at `tau` seconds into the engine cycle."""
+        problem = self.problem
+        whole = min(int(self.output["cycle"]), problem.whole_cycles)
+        begun = float(problem.system.cycle_start(problem.start_cycle + whole))
+        reached = begun + tau
+        end = problem.end if status is Status.DONE else reached
+        t, samples = self._sampled(first, last, status, end)
+        rows = np.concatenate(self.transitions) if self.transitions else np.empty(0, TRANSITION)
+        transitions = Transitions(rows["time"].copy(), rows["before"].astype(np.int8), rows["after"].astype(np.int8))
+        cycles, rest = self._cycles(0, whole, self.cycles[:whole + 1, :3].copy()), None
+        if tau > LEAST_REST * (float(problem.system.cycle_start(problem.start_cycle + whole + 1)) - (reached - tau)):
+            self.cycles[whole, 3:] = self.output[["highest", "lowest", "stick_time"]].item()
+            rest = dataclasses.replace(self._cycles(whole, whole + 1, np.array([self.cycles[whole, :3], last[:3]])),
+                                       starts=np.array([reached - tau, end]))
+        return assemble(problem, solver, t, samples[:, :len(problem.first)],
+                        modes=samples[:, 4].astype(np.int8) if modes else None, cycles=cycles, rest=rest,
+                        transitions=transitions, status=status, detail=detail,
+                        statistics=dataclasses.replace(statistics, seconds=self.seconds))
+
+    def _cycles(self, first: int, end: int, section: Floats) -> Cycles:
+        highest, lowest, stick_time = self.cycles[first:end, 3:].T.copy()
+        return Cycles(section, highest, lowest, stick_time, loads_of(self.loads, self.problem, first, end))
+
+    def _sampled(self, first: tuple[float, ...], last: tuple[float, ...], status: Status,
+                 end: float) -> tuple[Floats, Floats]:
+        """Return times, s, and samples of a run up to its end at the time `end`."""
+        problem = self.problem
+        if not problem.samples_per_cycle:
+            return np.array([problem.start, end]), np.array([first, last])
+        times = problem.sample_times()
+        filled = len(times) - 1
+        if status is not Status.DONE:
+            filled = min(int(self.output["samples"]), filled, int(np.searchsorted(times, end)))
+        return np.append(times[:filled], end), np.vstack([self.samples[:filled], last])
+
 
 SCALES = np.array([10.0, 0.1, 10.0])
 """Natural sizes of slip speed (rad/s), plate angle (rad) and plate speed (rad/s)."""
@@ -51,7 +538,7 @@ class Setup(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """Records that a solve changes: DRIVE of `series`, WORK of `collocation`, COUNTERS, OUTPUT of `run_output`;
+    """Records that a solve changes: DRIVE of `series`, WORK of `collocation`, COUNTERS, OUTPUT;
     `state` and `control` are the engine's.
     """
 
@@ -117,8 +604,6 @@ class SegmentBuffers(NamedTuple):
 def loop_by(start: Callable[..., None], take_step: Callable[..., int], name: str) -> Callable[..., int]:
     """Return the compiled loop of an engine.
 
-    Parameters
-    ----------
     start : (setup, memory, tangent), sets up all but the state, where a motion starts
     take_step : (first, count, tail, setup, memory, tangent, store, angle), takes a step or none, across the end of one
         engine cycle at most; a result or GOES_ON

@@ -30,18 +30,8 @@ from tcc_sim.model.equations import Linear, completed
 from tcc_sim.model.friction import Stribeck, exponentials
 from tcc_sim.model.parameters import System
 from tcc_sim.polynomials import polynomial
-from tcc_sim.polynomials.bernstein import (
-    BERNSTEIN,
-    HALVINGS,
-    LEFT,
-    WIDTH,
-    WORKSPACE,
-    search_on,
-    slope_changes,
-    to_bernstein,
-)
+from tcc_sim.solvers import engine as shell
 from tcc_sim.solvers import key_derivatives as of
-from tcc_sim.solvers import run_output
 from tcc_sim.solvers.changes import (
     LANES,
     OF_ENGINE,
@@ -56,7 +46,7 @@ from tcc_sim.solvers.changes import (
     hold_phase,
 )
 from tcc_sim.solvers.collocation import WORK
-from tcc_sim.solvers.engine import COUNTERS, GRADIENT, GROWS, VALUE, EngineShell, Memory, Setup, Tangent, loop_by
+from tcc_sim.solvers.engine import EngineShell, Memory, Setup, Store, Tangent
 from tcc_sim.solvers.exact import (
     DOWNWARD,
     EVENTS,
@@ -74,17 +64,6 @@ from tcc_sim.solvers.exact import (
     stuck,
 )
 from tcc_sim.solvers.law import NARROW
-from tcc_sim.solvers.run_output import (
-    DEGENERATE,
-    EVENT_LIMIT,
-    GOES_ON,
-    NOT_FINITE,
-    OUTPUT,
-    STEP_LIMIT,
-    Store,
-    keep_breakaway,
-    keep_loads,
-)
 from tcc_sim.solvers.series import DRIVE, FLYWHEEL, SLIP, Pulsation, add_integral, expand_decayed, waves_of
 from tcc_sim.solvers.terms import Terms, per_system, terms_of
 from tcc_sim.trajectory import FREE, STICK, Floats
@@ -117,24 +96,24 @@ def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below
     """Return the smallest local minimum of sign * polynomial within (0, x_end), and its place; (below, -1) if none is
     lower. Descartes' rule finds every interval with one change of sign of the slope, as in `polynomial.extremes_of`.
     """
-    to_bernstein(c, row, degree, x_end, workspace)
-    for i in range(WORKSPACE[1]):
-        workspace[1, i] = workspace[BERNSTEIN, i]
+    polynomial.to_bernstein(c, row, degree, x_end, workspace)
+    for i in range(polynomial.WORKSPACE[1]):
+        workspace[1, i] = workspace[polynomial.BERNSTEIN, i]
     top, place = 1, -1.0
-    shortest = x_end * 2.0 ** -HALVINGS
+    shortest = x_end * 2.0 ** -polynomial.HALVINGS
     while top > 0:
         changes, last, least = 0, 0.0, math.inf
         for i in range(degree + 1):
             least = min(least, sign * workspace[top, i])
         if least < below:
-            changes, _, last = slope_changes(workspace, top, degree)
+            changes, _, last = polynomial.slope_changes(workspace, top, degree)
         if changes == 1 and sign * last > 0.0:
-            left, width = workspace[top, LEFT], workspace[top, WIDTH]
+            left, width = workspace[top, polynomial.LEFT], workspace[top, polynomial.WIDTH]
             x = root_of_slope(c, row, degree, left, left + width, sign)
             value = sign * polynomial.value(c, row, degree, x)
             if value < below and 0.0 < x < x_end:
                 below, place = value, x
-        top = search_on(workspace, top, degree, changes, shortest)
+        top = polynomial.search_on(workspace, top, degree, changes, shortest)
     return below, place
 
 
@@ -163,15 +142,15 @@ def note_step(mode: int, order: int, x: float, rows: Any, least: Any, places: An
     places[STUCK] = -1.0
     if mode == STICK:
         for row in (UPWARD, DOWNWARD):
-            value, at = smallest_dip(rows, row, order, x, 1.0, least[STUCK, VALUE], workspace)
+            value, at = smallest_dip(rows, row, order, x, 1.0, least[STUCK, shell.VALUE], workspace)
             if at > 0.0:
-                least[STUCK, VALUE] = value
+                least[STUCK, shell.VALUE] = value
                 places[STUCK] = at
                 places[ARRIVAL] = 1.0 if row == UPWARD else -1.0
     elif mode != FREE:
-        value, at = smallest_dip(rows, SLIP, order, x, float(mode), least[GRAZING, VALUE], workspace)
+        value, at = smallest_dip(rows, SLIP, order, x, float(mode), least[GRAZING, shell.VALUE], workspace)
         if at > 0.0 and value > 0.0:
-            least[GRAZING, VALUE] = value
+            least[GRAZING, shell.VALUE] = value
             places[GRAZING] = at
     return bool(places[GRAZING] > 0.0 or places[STUCK] > 0.0)
 
@@ -180,7 +159,7 @@ def note_step(mode: int, order: int, x: float, rows: Any, least: Any, places: An
 def note_gradient(mode: int, order: int, block: int, group: Any, rows: Any, least: Any, places: Any) -> None:
     """Store the derivatives of the margins that `note_step` found in a step, by the disturbances of a group."""
     for lane in range(LANES):
-        column = GRADIENT + block * LANES + lane
+        column = shell.GRADIENT + block * LANES + lane
         if places[GRAZING] > 0.0:
             least[GRAZING, column] = mode * changed_at(group, SLIP, lane, order, order, places[GRAZING], rows)
         if places[STUCK] > 0.0:
@@ -202,14 +181,14 @@ def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, 
     margin = ratio * drive.load + mode * (plate * drive.torque + flywheel * spring) / both
     friction = mode * ratio * drive.load
     slip_rate, speed_rate = accelerations_at(linear, 0.0, state, drive.torque, friction)
-    if abs(margin) >= abs(least[ARRIVAL, VALUE]) or slip_rate == 0.0:
+    if abs(margin) >= abs(least[ARRIVAL, shell.VALUE]) or slip_rate == 0.0:
         return
-    least[ARRIVAL, VALUE] = margin
+    least[ARRIVAL, shell.VALUE] = margin
     stuck_rate = (drive.torque - spring) / both
     still = (ratio * drive.load_rate
              + mode * (plate * drive.torque_rate + flywheel * stiffness * state.plate_speed) / both)
     resisted = flywheel * damping
-    least[ARRIVAL, GROWS] = 1.0 if still + mode * resisted * stuck_rate / both > 0.0 else 0.0
+    least[ARRIVAL, shell.GROWS] = 1.0 if still + mode * resisted * stuck_rate / both > 0.0 else 0.0
     rate = still + mode * resisted * speed_rate / both
     sine = polynomial.value(sines, OF_ENGINE, step.degree, step.x)
     load_sine, slope = polynomial.value_and_slope(sines, OF_LOAD, step.degree, step.x)
@@ -219,7 +198,7 @@ def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, 
         change_arrival(0, workspace, group.now, group.by, state.plate_angle, state.plate_speed, drive.torque,
                        drive.load, now, pulsation[0], ratio, float(mode), linear)
         for lane in range(LANES):
-            least[ARRIVAL, GRADIENT + b * LANES + lane] = workspace[lane] - rate / slip_rate * group.now[0, lane]
+            least[ARRIVAL, shell.GRADIENT + b * LANES + lane] = workspace[lane] - rate / slip_rate * group.now[0, lane]
 
 
 CONVERGED = 1e-10
@@ -349,7 +328,7 @@ def start_changes(state: Any, output: Any, tangent: Tangent) -> None:
     """Project a start in stick on v = 0, reset the margins, and begin a cycle."""
     groups, margins = tangent.groups, tangent.margins
     margins[:] = 0.0
-    margins[:, VALUE] = math.inf
+    margins[:, shell.VALUE] = math.inf
     if state.mode == STICK:
         for block in range(groups.shape[0]):
             groups[block].now[0, :] = 0.0
@@ -456,19 +435,20 @@ def keep(step: Step, mode: int, tau: float, setup: Setup, memory: Memory, store:
     period, rows = setup.limits.period, work.rows
     first = output.samples
     if store.per_cycle > 0:
-        run_output.keep_samples(rows, step.degree, step.unit, step.x, tau, period, store.per_cycle, output,
+        shell.keep_samples(rows, step.degree, step.unit, step.x, tau, period, store.per_cycle, output,
                                 store.samples, angle)
         for i in range(first, output.samples):
             store.samples[i, 4] = mode
-    cut = run_output.end_of_cycle(tau, state.tau, period, step.unit, step.x)
-    keep_loads(store.loads, rows, step.degree, step.unit, step.x, cut, output.cycle, setup.terms.linear, work.bernstein)
+    cut = shell.end_of_cycle(tau, state.tau, period, step.unit, step.x)
+    shell.keep_loads(store.loads, rows, step.degree, step.unit, step.x, cut, output.cycle, setup.terms.linear,
+                     work.bernstein)
     highest, lowest = max(output.highest, 0.0), min(output.lowest, 0.0)
     if mode == STICK:
-        behind = run_output.keep_stick(output, 0.0, step.x, cut, step.unit)
+        behind = shell.keep_stick(output, 0.0, step.x, cut, step.unit)
         output.highest, output.lowest = highest, lowest
         if cut <= step.x:
             _, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
-            run_output.end_cycle(output, store.cycles, 0.0, plate_angle, plate_speed, behind)
+            shell.end_cycle(output, store.cycles, 0.0, plate_angle, plate_speed, behind)
     else:
         keep_slip(step, cut, rows, output, store.cycles, store.transitions, work.bernstein)
         # Where slip ends the polynomial leaves a rounding of either sign.
@@ -483,7 +463,7 @@ def keep_slip(step: Step, cut: float, rows: Any, output: Any, cycles: Any, trans
     """Store extremes and section of a step in slip; only the section where `transitions` is None."""
     if transitions is None:
         if cut <= step.x:
-            run_output.keep_section(rows, step.degree, cut, 0.0, output, cycles)
+            shell.keep_section(rows, step.degree, cut, 0.0, output, cycles)
     else:
         v = rows[SLIP, 0]
         if cut > step.x and v + step.reach <= output.highest and v - step.reach >= output.lowest:
@@ -492,12 +472,12 @@ def keep_slip(step: Step, cut: float, rows: Any, output: Any, cycles: Any, trans
             if cut <= step.x:
                 slip_speed, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
                 output.highest, output.lowest = max(output.highest, slip_speed), min(output.lowest, slip_speed)
-                run_output.end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, 0.0)
+                shell.end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, 0.0)
             v = polynomial.value(rows, SLIP, step.degree, step.x)
             output.highest, output.lowest = max(output.highest, v), min(output.lowest, v)
             return
-        to_bernstein(rows, SLIP, step.degree, step.x, workspace)
-        run_output.keep_cycle(rows, step.degree, step.x, cut, 0.0, output, cycles, workspace)
+        polynomial.to_bernstein(rows, SLIP, step.degree, step.x, workspace)
+        shell.keep_cycle(rows, step.degree, step.x, cut, 0.0, output, cycles, workspace)
 
 
 @fast
@@ -506,7 +486,7 @@ def start(setup: Setup, memory: Memory, tangent: Any) -> None:
     state, _, drive, _, _, output = memory
     begin(setup.limits, setup.terms, setup.waves, state, drive)
     state.first_mode = state.mode
-    run_output.begin_output(output, state.slip_speed, state.mode)
+    shell.begin_output(output, state.slip_speed, state.mode)
     if tangent is not None:
         start_changes(state, output, tangent)
 
@@ -524,7 +504,7 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     else:
         step, goal = resolved_step(tail if n == count else period, setup, memory, tangent)
     if not step.x >= 0.0:
-        return NOT_FINITE
+        return shell.NOT_FINITE
     if angle:
         rows[FLYWHEEL, 0] = state.flywheel_angle
         add_integral(rows, step.degree, step.unit)
@@ -532,30 +512,30 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
         carry_step(step, setup, memory, tangent)
     event = finish(bounds, terms, waves, step, goal, state, drive, rows, angle)
     if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
-        return NOT_FINITE
+        return shell.NOT_FINITE
     if tangent is not None:
         if event and step.x > 0.0 and not carry_event(mode, step, setup, memory, tangent):
-            return DEGENERATE
+            return shell.DEGENERATE
         if state.tau >= period:
             end_changes_of_cycle(state, output, tangent, store.cycles)
     elif step.x > 0.0:
         keep(step, mode, tau, setup, memory, store, angle)
     if event and state.mode != mode:
-        run_output.store_transition((first + n) * period + state.tau, mode, state.mode, output, store.transitions)
+        shell.store_transition((first + n) * period + state.tau, mode, state.mode, output, store.transitions)
         if mode == STICK:
-            keep_breakaway(store.loads, output.cycle)
+            shell.keep_breakaway(store.loads, output.cycle)
     counters.steps += 1
     if event:
         counters.events += 1
         if counters.events >= bounds.events:
-            return EVENT_LIMIT
+            return shell.EVENT_LIMIT
     if state.tau >= period:
         state.load_edge -= period
         counters.limited, counters.events = 0, 0
-    return GOES_ON
+    return shell.GOES_ON
 
 
-integrate = loop_by(start, take_step, "event_driven")
+integrate = shell.loop_by(start, take_step, "event_driven")
 
 
 STEP_MAXIMUM = 1_000_000
@@ -622,14 +602,14 @@ def why(ended: int, steps: int, setup: Setup) -> str:
     decay = decay_of_plate(setup.terms)
     heavy = (f"; driveline.damping over driveline.plate_inertia decays at {decay:.3g} 1/s, which friction.law smoothed "
              "steps over" if decay * setup.limits.period > REACH * steps else "")
-    return {EVENT_LIMIT: f"{setup.limits.events} events in one period of excitation",
-            NOT_FINITE: "the state is not finite",
-            STEP_LIMIT: f"{steps} steps in one period of excitation{heavy}",
-            DEGENERATE: "slip ends where its rate is 0 too"
+    return {shell.EVENT_LIMIT: f"{setup.limits.events} events in one period of excitation",
+            shell.NOT_FINITE: "the state is not finite",
+            shell.STEP_LIMIT: f"{steps} steps in one period of excitation{heavy}",
+            shell.DEGENERATE: "slip ends where its rate is 0 too"
             }.get(ended, "")
 
 
-ENGINE = EngineShell("event_driven", integrate, Memory(STATE, None, DRIVE, WORK, COUNTERS, OUTPUT), SHARED, setup_of,
-                     setup_of_changes, lambda _, cycles: STEP_MAXIMUM, lambda setup, cycles: setup.limits.steps, why,
-                     transitions_per_cycle=EVENTS, columns=5, stride=2)
+ENGINE = EngineShell("event_driven", integrate, Memory(STATE, None, DRIVE, WORK, shell.COUNTERS, shell.OUTPUT), SHARED,
+                     setup_of, setup_of_changes, lambda _, cycles: STEP_MAXIMUM,
+                     lambda setup, cycles: setup.limits.steps, why, transitions_per_cycle=EVENTS, columns=5, stride=2)
 solve = ENGINE.solve

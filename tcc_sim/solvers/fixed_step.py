@@ -129,16 +129,11 @@ ROUNDING = 1e-15
 def scalar_root(w: float, a: float, guess: float, sigma: Any, stribeck: Stribeck) -> tuple[float, int]:
     """The root v of v + a mubar(v) = w and the iterations that it took, at most ITERATION_BOUND.
 
-    Parameters
-    ----------
     w : right-hand side, rad/s
     a : step times inertia times saturation torque, rad/s, at least 0
     guess : where to start if it lies in the bracket (the root of the stage before), rad/s
     sigma, stribeck : the smoothed law (7), see `model.friction`
-
-    Returns
-    -------
-    (v in rad/s to within 2e-15 |w| + 1e-13 |v| where F' is at least 1/2, which sub-steps see to; iterations)
+    returns : (v in rad/s to within 2e-15 |w| + 1e-13 |v| where F' is at least 1/2, which sub-steps see to; iterations)
     """
     if w == 0.0 or a == 0.0:
         return w, 0
@@ -270,15 +265,10 @@ def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: b
             out: Floats | None) -> tuple[int, int]:
     """Advance `state` in place by n sub-steps of h seconds from time t, in parts where the profile has a corner.
 
-    Parameters
-    ----------
     state : (3,) or (4,) array: slip speed, plate angle, plate speed, and theta1 where `flywheel` is not None
     t, h : s
     out : (n, 3 or 4) array that receives the state after every sub-step, or None
-
-    Returns
-    -------
-    (iterations in all, most iterations in one stage)
+    returns : (iterations in all, most iterations in one stage)
     """
     whole = plate_of(h * GAMMA, terms.linear)
     total, most = 0, 0
@@ -348,15 +338,10 @@ class Stepper:
     """The driveline in ticks of a fixed step, for the node: state, tick counter, and the terms that apply to the next
     tick.
 
-    Parameters
-    ----------
     system : with the smoothed law
     step : s
 
-    Raises
-    ------
-    InputError
-        The set-valued law, or a step that needs too many sub-steps.
+    Raises InputError: the set-valued law, or a step that needs too many sub-steps.
     """
 
     def __init__(self, system: System, step: float) -> None:

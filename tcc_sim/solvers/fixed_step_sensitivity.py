@@ -39,8 +39,6 @@ def changed_step(now: Any, by: Any, law: Any, start: Any, speeds: Any, torques: 
                  stribeck: Any) -> None:
     """Carry four derivatives over a sub-step; staged function.
 
-    Parameters
-    ----------
     now, by : (3, LANES) and (len(NUMBERS), LANES) derivatives of the state and of the numbers of the equations
     law : see `law_of_stages`
     start : v, theta2, omega2
@@ -146,8 +144,6 @@ def advance_windows(starts: Floats, first: float, step: float, width: int, n: in
                     by: Floats) -> tuple[Floats, Floats]:
     """Advance every window of `width` ticks from its start; one window follows the other in time.
 
-    Parameters
-    ----------
     starts : (m, 3) slip speed, plate angle, plate speed
     first, step : time of the first window's start and length of a tick, s
     n : sub-steps of a tick
@@ -156,10 +152,8 @@ def advance_windows(starts: Floats, first: float, step: float, width: int, n: in
         between, beside those of `terms`, whose sum with the latter is at least 0; None where there are none
     by : (len(NUMBERS), P) derivatives of the numbers of the equations by the keys (`key_derivatives`); those of the
         sines' amplitudes, phase and frequency are not used
-
-    Returns
-    -------
-    the states, (m, width + 1, 3), and their derivatives by the window's start and by the keys, (m, width + 1, 3, 3 + P)
+    returns : the states, (m, width + 1, 3), and their derivatives by the window's start and by the keys, (m, width + 1,
+        3, 3 + P)
     """
     shape, count = (len(starts), width + 1, 3), 3 + by.shape[1]
     groups = np.zeros(-(-count // LANES), CHANGES)

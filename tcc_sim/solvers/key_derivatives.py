@@ -16,10 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tcc_sim.errors import InputError
-from tcc_sim.model.elements import list_of
 from tcc_sim.model.equations import COEFFICIENTS, Linear
 from tcc_sim.model.groups import TABULATED
-from tcc_sim.model.parameters import DEFAULTS, System, unknown_key
+from tcc_sim.model.parameters import DEFAULTS, System, list_of, unknown_key
 from tcc_sim.trajectory import Floats
 
 NUMBERS = (*Linear._fields, "mean_torque", "torque_amplitude", "mean_load", "load_amplitude", "load_phase", "excess",
@@ -51,10 +50,7 @@ def key_derivatives(system: System, keys: Sequence[str]) -> Floats:
 
     A number that a scene has no term for (Tp = 0, mu_k = mu_s) has its derivative all the same.
 
-    Raises
-    ------
-    InputError
-        A key that the motion does not depend on continuously, or that is no number.
+    Raises InputError: a key that the motion does not depend on continuously, or that is no number.
     """
     out = np.zeros((len(NUMBERS), len(keys)))
     for column, key in enumerate(keys):

@@ -176,8 +176,6 @@ def law_along(rows: Any, coefficients: Any, law: Any, shaped: Any, sign: Any, pu
               sigma: Any) -> Iterator[int]:
     """Fill the coefficients of mubar, and of Ts mubar with its derivatives, along a motion; staged function.
 
-    Parameters
-    ----------
     rows, coefficients : the motion's coefficients, and those of mubar
     law : (COLUMNS, 8 or 16) columns FRICTION to OF_SMOOTHING, and with 16 from OF_LATER on; only the first four are
         filled where `shaped` is None, with 0 by a_1 and sigma

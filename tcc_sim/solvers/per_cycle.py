@@ -91,8 +91,6 @@ def cycles_of_states(t: Floats, states: Floats, terms: Terms, starts: Floats) ->
     Every such time gets two samples, one just before it with the rates until then, and one with the rates from then on,
     so that no interpolation crosses it. A missing state there is extrapolated from both sides.
 
-    Parameters
-    ----------
     t, starts : (n,) and (m + 1,) times, s, as `cycles_from_samples` takes them
     """
     states = states[:, :3]
@@ -131,8 +129,6 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     +-stick_speed. The plate angle is interpolated by a quintic, the plate speed by a cubic. The error is of order h^4
     on smooth arcs, of order h J where v' jumps by J between two samples.
 
-    Parameters
-    ----------
     t : (n,) array, s, strictly increasing, not necessarily uniform; cycle ends need not be among them
     slip_speed, slip_acceleration : (n,) arrays, rad/s, rad/s^2
     plate_angle, plate_speed, plate_acceleration : (n,) arrays, rad, rad/s, rad/s^2
@@ -142,15 +138,9 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     far : motion of the shaft's far end
     bridged : (n - 1,) intervals in which a sample is missing; None for none. They have section points, and nothing else
         between their ends: no energy, no time in stick and no extremes
+    returns : Cycles, m of them; extremes are NaN in a cycle without a sample
 
-    Returns
-    -------
-    Cycles, m of them; extremes are NaN in a cycle without a sample
-
-    Raises
-    ------
-    InputError
-        Fewer than two samples, times that do not increase, or cycles beyond the samples.
+    Raises InputError: fewer than two samples, times that do not increase, or cycles beyond the samples.
     """
     t = np.asarray(t, dtype=np.float64)
     _check_times(t, starts)

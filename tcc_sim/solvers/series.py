@@ -33,7 +33,7 @@ from tcc_sim.compiling.unrolled import exp, row_of, unrolled
 from tcc_sim.model import profile as of
 from tcc_sim.model.equations import Linear, lost_torque
 from tcc_sim.model.friction import decayed
-from tcc_sim.polynomials.bernstein import powers_of
+from tcc_sim.polynomials.polynomial import powers_of
 from tcc_sim.solvers.terms import Terms
 
 SLIP, ANGLE, SPEED, FLYWHEEL, ENGINE, LOAD = range(6)
@@ -141,8 +141,6 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
     Each coefficient waits for the one before it. Therefore v_k enters by one product: its share in coefficient k of
     mubar is the slope of mubar at the start times v_k, and the other terms are added up before.
 
-    Parameters
-    ----------
     rows : (ROWS, COLUMNS) array; coefficients 0 of SLIP, ANGLE, SPEED and all of ENGINE and LOAD are given (of LOAD
         only the first where `pulsation` is None), the others of SLIP, ANGLE and SPEED are filled
     unit : unit of time of the coefficients, s

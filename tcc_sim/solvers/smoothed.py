@@ -23,6 +23,7 @@ from tcc_sim.compiling.compiled import exponentials_at, fast, lost_torque, step_
 from tcc_sim.model import friction
 from tcc_sim.model.equations import coefficients_of, decay_of_slip
 from tcc_sim.model.friction import Stribeck
+from tcc_sim.solvers import series
 from tcc_sim.solvers.collocation import (
     DEGREE,
     FALLING,
@@ -45,23 +46,6 @@ from tcc_sim.solvers.collocation import (
     slip_polynomial,
     solve_stages,
     to_powers,
-)
-from tcc_sim.solvers.series import (
-    ANGLE,
-    ENDLESS,
-    FRICTION_ORDER_MAXIMUM,
-    INVERSE,
-    ORDER_MAXIMUM,
-    SLIP,
-    SPEED,
-    Pulsation,
-    expand,
-    expand_excitation,
-    fastest_at,
-    load_and_rate,
-    logarithm,
-    power_of_two,
-    torque_about_mean,
 )
 from tcc_sim.solvers.terms import (
     Terms,
@@ -184,8 +168,6 @@ class Limits(NamedTuple):
 def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, excess: float = 0.0) -> Limits:
     """Return the limits of a solve.
 
-    Parameters
-    ----------
     terms, scene_terms : terms of the kernel, and of the scene, which define stick
     period : one engine cycle, s
     rtol : relative tolerance of the solve
@@ -226,8 +208,8 @@ def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, exce
 @lru_cache(maxsize=16)
 def series_orders(local: float) -> SeriesOrders:
     """Return the numbers of a series at a tolerance of one step."""
-    order = order_of(4.6 - 0.58 * math.log(local), FRICTION_ORDER_MAXIMUM)
-    return SeriesOrders(order, order_of(10.7 - 0.58 * math.log(local), ORDER_MAXIMUM),
+    order = order_of(4.6 - 0.58 * math.log(local), series.FRICTION_ORDER_MAXIMUM)
+    return SeriesOrders(order, order_of(10.7 - 0.58 * math.log(local), series.ORDER_MAXIMUM),
                         math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
                         -math.log(local))
 
@@ -336,14 +318,15 @@ def expand_region(order: int, rows: Any, unit: float, terms: Terms, sigma: float
     sign = place.sign
     if place.region == LAYER:
         if stribeck is None:
-            expand(order, rows, unit, terms.linear, sign, pulsation, None, None, sigma, friction.tanh, friction.sech)
+            series.expand(order, rows, unit, terms.linear, sign, pulsation, None, None, sigma, friction.tanh,
+                          friction.sech)
         else:
-            expand(order, rows, unit, terms.linear, sign, pulsation, stribeck, friction.excess, sigma,
-                   friction.tanh, friction.sech)
+            series.expand(order, rows, unit, terms.linear, sign, pulsation, stribeck, friction.excess, sigma,
+                          friction.tanh, friction.sech)
     elif place.region == SLIDING:
-        expand(order, rows, unit, terms.linear, sign, pulsation, None, None, None, None, None)
+        series.expand(order, rows, unit, terms.linear, sign, pulsation, None, None, None, None, None)
     elif stribeck is not None:
-        expand(order, rows, unit, terms.linear, sign, pulsation, stribeck, friction.excess, None, None, None)
+        series.expand(order, rows, unit, terms.linear, sign, pulsation, stribeck, friction.excess, None, None, None)
 
 
 @fast
@@ -351,21 +334,21 @@ def rate_of_law(region: int, sigma: float, stribeck: Stribeck) -> float:
     """Return the rate of mubar by v in a region, s/rad: the exponential's, and that of tanh."""
     rate = sigma if region == LAYER else 0.0
     if stribeck is not None and region != SLIDING:
-        rate += fastest_at(stribeck, 0.0)
+        rate += series.fastest_at(stribeck, 0.0)
     return rate
 
 
 @fast
 def series_length(rows: Any, order: int, slip_tolerance: float, speed_tolerance: float) -> float:
     """Return the length, in units of time of the series, at which its last two terms reach the tolerance."""
-    longest = ENDLESS
+    longest = series.ENDLESS
     for k in range(order - 1, order + 1):
-        size = max(abs(rows[SLIP, k]) / slip_tolerance, abs(rows[SPEED, k]) / speed_tolerance)
+        size = max(abs(rows[series.SLIP, k]) / slip_tolerance, abs(rows[series.SPEED, k]) / speed_tolerance)
         if not size < math.inf:
             return math.nan
         if size > 0.0:
-            longest = min(longest, logarithm(1.0 / size) * INVERSE[k])
-    return float(SAFETY_SERIES * power_of_two(longest))
+            longest = min(longest, series.logarithm(1.0 / size) * series.INVERSE[k])
+    return float(SAFETY_SERIES * series.power_of_two(longest))
 
 
 @fast
@@ -377,16 +360,16 @@ def converging_length(rows: Any, order: int, x: float, sign: float, excess: floa
     order, the last two terms do not bound the error; Lagrange's remainder z^(p + 1)/(p + 1)!, times the larger of the
     two end values of the exponential, does.
     """
-    change = decay * sign * (rows[SLIP, 1] * x + rows[SLIP, 2] * x * x)
+    change = decay * sign * (rows[series.SLIP, 1] * x + rows[series.SLIP, 2] * x * x)
     if abs(change) <= 0.5 * order:
         return x
     goal = math.log(slip_tolerance) + math.lgamma(order + 2.0)
     while abs(change) > 0.5 * order:
-        remainder = math.log(strength * excess * x) - decay * abs(rows[SLIP, 0]) + max(-change, 0.0)
+        remainder = math.log(strength * excess * x) - decay * abs(rows[series.SLIP, 0]) + max(-change, 0.0)
         if not remainder + (order + 1.0) * math.log(abs(change)) > goal:
             break
         x *= 0.85
-        change = decay * sign * (rows[SLIP, 1] * x + rows[SLIP, 2] * x * x)
+        change = decay * sign * (rows[series.SLIP, 1] * x + rows[series.SLIP, 2] * x * x)
     return x
 
 
@@ -419,11 +402,11 @@ def series_step(place: Place, friction: LocalFriction, remaining: float, loaded:
                  + limits.beta * drive.load * abs(friction.slope))
     unit = 1.0 / rate
     rows = work.rows
-    rows[SLIP, 0] = state.slip_speed
-    rows[ANGLE, 0] = state.plate_angle
-    rows[SPEED, 0] = state.plate_speed
-    expand_excitation(rows, order, unit, state.tau, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
-                      terms.profile, drive)
+    rows[series.SLIP, 0] = state.slip_speed
+    rows[series.ANGLE, 0] = state.plate_angle
+    rows[series.SPEED, 0] = state.plate_speed
+    series.expand_excitation(rows, order, unit, state.tau, loaded, terms.mean_torque, waves, terms.mean_load,
+                             terms.pulsation, terms.profile, drive)
     expand_region(order, rows, unit, terms, limits.sigma, place, friction, terms.pulsation, terms.stribeck)
     x = series_length(rows, order, place.slip_tolerance, place.speed_tolerance)
     x = min(x, min(remaining, 0.5 * limits.period) / unit)
@@ -455,18 +438,18 @@ def weigh(state: Any, h: float, kappa: float, mean_torque: float, waves: Any, pr
             weights[FROM_WAVES + 2 * i + 1] = wave.amplitude * wave.cosine
     else:
         for i in range(NODES):
-            weights[FROM_WAVES + i] = torque_about_mean(state.tau + C[i] * h, mean_torque, waves, profile)
+            weights[FROM_WAVES + i] = series.torque_about_mean(state.tau + C[i] * h, mean_torque, waves, profile)
 
 
 @fast
 def friction_rate_at_nodes(tau: float, h: float, turn: Any, loaded: bool, beta: float, mean_load: float,
-                           pulsation: Pulsation, profile: Any, drive: Any, friction_rate: Any) -> None:
+                           pulsation: series.Pulsation, profile: Any, drive: Any, friction_rate: Any) -> None:
     """Fill beta Ts at the nodes of a collocation step."""
     cosine, sine = turn.cosine, turn.sine
     for i in range(NODES):
         load = mean_load
         if profile is not None:
-            load = load_and_rate(tau + C[i] * h, pulsation, profile)[0]
+            load = series.load_and_rate(tau + C[i] * h, pulsation, profile)[0]
         elif pulsation is not None:
             load += pulsation[0] * (drive.load_sine * cosine[i] + drive.load_cosine * sine[i])
         friction_rate[i] = beta * load if loaded else 0.0
@@ -488,14 +471,14 @@ def fill_plate(step_size: Any, sources: Any, level: int, kappa: float, work: Any
     for k in range(sources.shape[1]):
         add_share(0, chebyshev, sources[level, k].angle, weights[k])
     add_slip(0, slip, step_size.angle, chebyshev)
-    to_powers(0, chebyshev, rows[ANGLE])
+    to_powers(0, chebyshev, rows[series.ANGLE])
     chebyshev[:] = 0.0
     for k in range(sources.shape[1]):
         add_share(0, chebyshev, sources[level, k].speed, weights[k])
     add_slip(0, slip, step_size.speed, chebyshev)
-    to_powers(0, chebyshev, rows[SPEED])
+    to_powers(0, chebyshev, rows[series.SPEED])
     for i in range(TERMS):
-        rows[SPEED, i] -= kappa * rows[SLIP, i]
+        rows[series.SPEED, i] -= kappa * rows[series.SLIP, i]
 
 
 @fast
@@ -609,7 +592,7 @@ def collocation_step(place: Place, remaining: float, loaded: bool, state: Any, c
     if used < 0:
         control.level = step_size_below(tables.step_sizes, level + 1, 0.5 * h)
         return Step(REFUSED, h, 0.0, DEGREE, math.inf)
-    slip_polynomial(0, work.slip, state.slip_speed, work.chebyshev, work.rows[SLIP])
+    slip_polynomial(0, work.slip, state.slip_speed, work.chebyshev, work.rows[series.SLIP])
     chebyshev = work.chebyshev
     error = max(abs(chebyshev[DEGREE]), abs(chebyshev[DEGREE - 1]))
     if control.method == CREEP:

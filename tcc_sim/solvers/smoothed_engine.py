@@ -38,8 +38,9 @@ from tcc_sim.model.profile import (
     latest,
 )
 from tcc_sim.polynomials import polynomial
-from tcc_sim.polynomials.bernstein import BERNSTEIN, to_bernstein
-from tcc_sim.solvers import collocation, run_output
+from tcc_sim.polynomials.polynomial import BERNSTEIN, to_bernstein
+from tcc_sim.solvers import collocation
+from tcc_sim.solvers import engine as shell
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.changes import LANES, carry_slip, changed_at, end_changes, expand_sines, hold_phase
 from tcc_sim.solvers.collocation import (
@@ -59,10 +60,9 @@ from tcc_sim.solvers.collocation import (
     eliminate_rows,
     law_at_nodes,
 )
-from tcc_sim.solvers.engine import COUNTERS, EngineShell, Memory, Setup, Stretch, loop_by, loop_through
+from tcc_sim.solvers.engine import EngineShell, Memory, Setup, Store, Stretch
 from tcc_sim.solvers.law import mubar_at, numbers_of
 from tcc_sim.solvers.problem import Problem
-from tcc_sim.solvers.run_output import GOES_ON, NOT_FINITE, OUTPUT, STEP_TOO_SMALL, Store, keep_loads, wanted
 from tcc_sim.solvers.series import (
     ANGLE,
     DRIVE,
@@ -426,8 +426,6 @@ def carry(tangent: Any, method: int, place: Place, friction: LocalFriction, step
           whole: bool, cut: float, loaded: bool, setup: Setup, memory: Memory) -> None:
     """Carry the tangent over [0, x] of a step that starts where the state is now; the rest as `integrate.integrate`.
 
-    Parameters
-    ----------
     degree : of the polynomial of the slip speed
     cut : where the engine cycle ends; beyond x where it does not
     """
@@ -466,7 +464,7 @@ def start(setup: Setup, memory: Memory, tangent: Any) -> None:
     if tangent is not None:
         control.waited, control.unsettled = SETTLED, limits.orders.forgotten
         tangent.shared.peak, tangent.shared.slopes[:] = -1.0, 0.0
-    run_output.begin_output(memory.output, v, 0 if abs(v) <= limits.speeds.stick else 1 if v > 0.0 else -1)
+    shell.begin_output(memory.output, v, 0 if abs(v) <= limits.speeds.stick else 1 if v > 0.0 else -1)
 
 
 @fast
@@ -554,7 +552,7 @@ def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, mem
     limits, _, _, _, tables = setup
     state, control, _, work, _, output = memory
     if control.method == CREEP and (not whole or cut < math.inf or store.per_cycle > 0 or angle
-                                    or wanted(store.loads, output.cycle)):
+                                    or shell.wanted(store.loads, output.cycle)):
         fill_plate(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work)
     if angle:
         work.rows[FLYWHEEL, 0] = state.flywheel_angle
@@ -566,15 +564,15 @@ def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limi
          store: Store, angle: bool, profile: Any) -> None:
     """Store the output of [0, x] of a step; `cut` is the end of the engine cycle in it."""
     state, _, _, work, _, output = memory
-    keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear, work.bernstein)
+    shell.keep_loads(store.loads, work.rows, degree, step.unit, x, cut, output.cycle, terms.linear, work.bernstein)
     if profile is None:
         begun = (first + output.cycle) * limits.period
     else:
         begun = float(profile[STARTED])
     if store.per_cycle > 0:
-        run_output.keep_samples(work.rows, degree, step.unit, x, state.tau, limits.period, store.per_cycle, output,
+        shell.keep_samples(work.rows, degree, step.unit, x, state.tau, limits.period, store.per_cycle, output,
                                 store.samples, angle)
-    run_output.keep_motion(work.rows, degree, step.unit, x, cut, begun + state.tau, limits.speeds.stick, output,
+    shell.keep_motion(work.rows, degree, step.unit, x, cut, begun + state.tau, limits.speeds.stick, output,
                            store.cycles, store.transitions, store.loads, work.bernstein)
 
 
@@ -610,29 +608,29 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     place = region_of(state, loaded, control, limits, terms, drive)
     friction = friction_here(place, state, limits, terms, drive)
     if choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
-        return GOES_ON
+        return shell.GOES_ON
     method = control.method
     step, x = step_on(place, friction, edge - tau, stop - tau, loaded, setup, memory, tangent)
     if step.status == REFUSED:
         counters.rejected += 1
         control.streak = 0
         leave_if_short(control, limits, tables)
-        return GOES_ON
+        return shell.GOES_ON
     if not x > 0.0:
-        return STEP_TOO_SMALL if x == 0.0 else NOT_FINITE
+        return shell.STEP_TOO_SMALL if x == 0.0 else shell.NOT_FINITE
     degree = step.degree if method == SERIES or not angle else step.degree + 1  # theta1 is an integral.
     crossing = first_boundary(place, degree, x, method, loaded, limits, terms.stribeck, work)
     reached = x * step.unit >= (stop - tau) * (1.0 - 1e-14)
     if crossing == 0.0 and place.region != LAYER:  # Rounding of a step that was cut there left the state outside.
         state.slip_speed = place.sign * edge_of(place, limits)
-        return GOES_ON
+        return shell.GOES_ON
     if 0.0 < crossing < x:
         x = crossing
         reached = False
         to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
     whole = x == step.x
     after = stop if reached else tau + x * step.unit
-    cut = run_output.end_of_cycle(tau, after, period, step.unit, x)
+    cut = shell.end_of_cycle(tau, after, period, step.unit, x)
     complete(step, degree, whole, cut, setup, memory, store, angle)
     if tangent is not None:
         carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
@@ -640,16 +638,16 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     finish(degree, x, whole, setup, memory, angle)
     state.tau = after
     if not abs(state.slip_speed + state.plate_angle + state.plate_speed) < math.inf:
-        return NOT_FINITE
+        return shell.NOT_FINITE
     counters.steps += 1
     if after >= period:
         begin_cycle(state, control, limits)
     after_step(step, x, control, limits, tables)
-    return GOES_ON
+    return shell.GOES_ON
 
 
-integrate = loop_by(start, take_step, "smoothed")
-through = loop_through(integrate, "smoothed")
+integrate = shell.loop_by(start, take_step, "smoothed")
+through = shell.loop_through(integrate, "smoothed")
 
 
 STEPS_AT_FIRST, STEPS_OF_PIECE = 400_000, 100
@@ -755,9 +753,9 @@ def stretches(problem: Problem, setup: Setup) -> Iterator[Stretch]:
     yield integrate, (problem.whole_cycles, problem.rest), setup
 
 
-ENGINE = EngineShell("smoothed", integrate, Memory(STATE, CONTROL, DRIVE, WORK, COUNTERS, OUTPUT), SHARED, prepared,
-                setup_of_changes, most_steps,
-                lambda setup, cycles: MORE_STEPS * setup.limits.steps * cycles,
-                lambda ended, *_: "the state grew without bound" if ended == NOT_FINITE else "",
-                transitions_per_cycle=256, stretches=stretches, bound=ITERATIONS_MAXIMUM)
+ENGINE = EngineShell("smoothed", integrate, Memory(STATE, CONTROL, DRIVE, WORK, shell.COUNTERS, shell.OUTPUT), SHARED,
+                     prepared, setup_of_changes, most_steps,
+                     lambda setup, cycles: MORE_STEPS * setup.limits.steps * cycles,
+                     lambda ended, *_: "the state grew without bound" if ended == shell.NOT_FINITE else "",
+                     transitions_per_cycle=256, stretches=stretches, bound=ITERATIONS_MAXIMUM)
 solve = ENGINE.solve

@@ -316,10 +316,7 @@ def stick_speed_of(terms: Terms) -> float:
 def substeps(terms: Terms, step: float, held: float = 0.0) -> int:
     """Return the sub-steps of a tick of `step` seconds; `held` is saturation torque beside that of `terms`, N m.
 
-    Raises
-    ------
-    OutOfRange
-        More than SUBSTEP_LIMIT.
+    Raises OutOfRange: more than SUBSTEP_LIMIT.
     """
     needed = substeps_needed(terms, step, held)
     if not needed <= SUBSTEP_LIMIT:

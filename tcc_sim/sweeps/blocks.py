@@ -8,28 +8,26 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from tcc_sim.analysis.repetition import repetitions
-from tcc_sim.analysis.steady.periodicity import (
+from tcc_sim.analysis.steady.summary import (
+    DISCARD,
     TOLERANCE,
     Periodicity,
+    Span,
+    Summary,
+    default_discard,
     drifts,
     finely_repeated,
     longest_tried,
     of_points,
-    stays,
-)
-from tcc_sim.analysis.steady.summary import (
-    DISCARD,
-    Span,
-    Summary,
-    default_discard,
     section_of,
     slip_grows,
+    stays,
     sums_from,
     without_section,
 )
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import choose
-from tcc_sim.solvers.runs import ENGINES, LONGEST, solve_runs
+from tcc_sim.solvers.stroboscopic import ENGINES, LONGEST, solve_runs
 from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.simulation import Plan, angles_of, confirming_cycles, requested, start_of
 from tcc_sim.sweeps.steady_state import BLOCK, WINDOW, Start, repeats_after

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop.manoeuvre import JudderFigures, OrdersAtSpeeds
 from tcc_sim.analysis.steady.damping import Damping, threshold_of
-from tcc_sim.analysis.steady.multipliers import Lyapunov
+from tcc_sim.analysis.steady.exponents import Lyapunov
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key

@@ -16,18 +16,17 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tcc_sim.analysis.loop.manoeuvre import OrdersAtSpeeds, orders_at_speeds
-from tcc_sim.analysis.measured.orders import Orders
-from tcc_sim.analysis.measured.spectra import Spectrum
+from tcc_sim.analysis.measured.orders import Orders, Spectrum
 from tcc_sim.analysis.steady.damping import Damping, damping_of_cycles
-from tcc_sim.analysis.steady.exponents import largest_lyapunov_exponent
-from tcc_sim.analysis.steady.multipliers import Lyapunov
-from tcc_sim.analysis.steady.periodicity import repeats_finely, stays
+from tcc_sim.analysis.steady.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.analysis.steady.summary import (
     DISCARD,
     Summary,
     cycle_times_of,
     cycles_of,
     default_discard,
+    repeats_finely,
+    stays,
     summarise_cycles,
 )
 from tcc_sim.errors import InputError

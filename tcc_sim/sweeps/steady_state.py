@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tcc_sim.analysis.measured.orders import SPECTRUM_POINTS, Spectrum, spectrum_of
 from tcc_sim.analysis.measured.signals import run_signals
-from tcc_sim.analysis.measured.spectra import SPECTRUM_POINTS, Spectrum, spectrum_of
 from tcc_sim.analysis.repetition import LONGEST
-from tcc_sim.analysis.steady.periodicity import periodicity, sizes_of
+from tcc_sim.analysis.steady.summary import periodicity, sizes_of
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import solve
 from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory, concatenated

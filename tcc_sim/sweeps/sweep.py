@@ -25,9 +25,9 @@ import numpy as np
 from tcc_sim.analysis.loop.manoeuvre import judder_of
 from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
+from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.parameters import System, given_values, refuse_related
 from tcc_sim.model.quantity import MOST_VALUES, sequence_of_numbers
-from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import SOLVERS, choose

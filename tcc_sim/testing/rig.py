@@ -15,7 +15,7 @@ from std_msgs.msg import Float64, Float64MultiArray
 from tcc_sim.analysis.loop.tracking import Limits, checked_limits
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.messages import cdr
-from tcc_sim.model.elements import with_whole_lists
+from tcc_sim.model.parameters import with_whole_lists
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import LATCHED, poll, subscribe

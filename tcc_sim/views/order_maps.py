@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.measured.orders import OrderComparison, Orders, level
-from tcc_sim.analysis.measured.spectra import Spectrum
+from tcc_sim.analysis.measured.orders import OrderComparison, Orders, Spectrum, level
 from tcc_sim.shown_units import UNITS, frequency
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style

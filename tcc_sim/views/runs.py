@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop.control import Control, Event
-from tcc_sim.analysis.measured.spectra import Spectrum
+from tcc_sim.analysis.measured.orders import Spectrum
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.shown_units import speed

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.measured.orders import Judder, OrderComparison, Orders
-from tcc_sim.analysis.measured.spectra import Spectrum
+from tcc_sim.analysis.measured.orders import Judder, OrderComparison, Orders, Spectrum
 from tcc_sim.errors import InputError, TccError, one_line
 from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.parameters import QUANTITIES, System

@@ -13,9 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.errors import InputError, check_suffix, one_line, require
-from tcc_sim.model.crank_speed import DERIVED
-from tcc_sim.model.elements import list_of
-from tcc_sim.model.parameters import QUANTITIES
+from tcc_sim.model.parameters import DERIVED, QUANTITIES, list_of
 from tcc_sim.shown_units import shown_axis
 
 COLUMN = 3.5

@@ -27,7 +27,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import State, solve
-from tcc_sim.solvers.runs import sections
+from tcc_sim.solvers.stroboscopic import sections
 from tcc_sim.sweeps.simulation import simulate
 
 BASE = {"pressure.mean": 225e3, "pressure.amplitude": 0.0, "friction.kinetic_coefficient": 0.3,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tcc_sim.analysis.measured.measured_signals import signals_in
+from tcc_sim.analysis.measured.measured_phase import signals_in
 from tcc_sim.analysis.measured.orders import orders_of
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System

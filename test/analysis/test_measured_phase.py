@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.measured.measured_phase import measured_phase
-from tcc_sim.analysis.measured.measured_signals import signals_in
+from tcc_sim.analysis.measured.measured_phase import measured_phase, signals_in
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.tables.measured_table import MeasuredTable

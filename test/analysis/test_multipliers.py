@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.steady.multipliers import largest_first, multipliers_of, product_of
+from tcc_sim.analysis.steady.exponents import largest_first, multipliers_of, product_of
 
 BLOCKS = np.random.default_rng(2).normal(size=(4, 3, 3))
 

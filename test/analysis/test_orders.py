@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.measured.orders import OrderComparison, orders_of
+from tcc_sim.analysis.measured.orders import OrderComparison, orders_of, spectrum_of
 from tcc_sim.analysis.measured.signals import Signals
-from tcc_sim.analysis.measured.spectra import spectrum_of
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace

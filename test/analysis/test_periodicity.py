@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.steady.periodicity import Periodicity, of_points, periodicity, repeats_finely, stays
+from tcc_sim.analysis.steady.summary import Periodicity, of_points, periodicity, repeats_finely, stays
 from tcc_sim.trajectory import Cycles
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis.repetition import repetitions
-from tcc_sim.analysis.steady.periodicity import longest_tried, periodicity
+from tcc_sim.analysis.steady.summary import longest_tried, periodicity
 from tcc_sim.trajectory import Cycles
 
 WAY = np.array([1.0, 0.4, -0.6])

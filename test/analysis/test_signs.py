@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.steady.periodicity import cycles_drift, periodicity, repeats_finely, stays
+from tcc_sim.analysis.steady.summary import cycles_drift, periodicity, repeats_finely, stays
 from tcc_sim.scene import load_scene
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.trajectory import Cycles

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.measured.torque_phase import PhaseTracker, clock_of
+from tcc_sim.analysis.measured.engine_clock import PhaseTracker, clock_of
 
 STEP = 1_000_000
 TURN = 2.0 * math.pi

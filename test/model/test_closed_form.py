@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from tcc_sim.errors import InputError
-from tcc_sim.model import pure_slip, pure_stick
+from tcc_sim.model import closed_forms
 from tcc_sim.model.parameters import System, replace
 
 RICH = {"engine.harmonic_amplitudes": (60.0, 0.0, 35.0), "engine.harmonic_phases": (0.7, 0.0, -2.0)}
@@ -43,7 +43,7 @@ def load(system, t):
 def test_pure_stick_is_the_steady_motion_of_one_inertia(omega):
     system = system_of(RICH, **{"engine.frequency": omega, "driveline.damping": 2.0})
     d = system.driveline
-    angle, torque = pure_stick.plate_angle(system), pure_stick.stuck_interface_torque(system)
+    angle, torque = closed_forms.plate_angle(system), closed_forms.stuck_interface_torque(system)
     t = np.linspace(0.0, 2 * system.cycle, 41)
     both = d.flywheel_inertia + d.plate_inertia
     start = [float(angle(0.0)), float(angle.rate()(0.0))]
@@ -62,19 +62,19 @@ def test_pure_stick_is_the_steady_motion_of_one_inertia(omega):
     ({"engine.mean_torque": -300.0, **LOAD}, 150.0)])
 def test_stick_margin_is_the_least_over_a_dense_grid(values, omega):
     system = system_of(values, **{"engine.frequency": omega})
-    result = pure_stick.stick_margin(system)
+    result = closed_forms.stick_margin(system)
     t = np.linspace(0.0, 3 * system.cycle, 300_001)
-    margin = system.friction_ratio * load(system, t) - np.abs(pure_stick.stuck_interface_torque(system)(t))
+    margin = system.friction_ratio * load(system, t) - np.abs(closed_forms.stuck_interface_torque(system)(t))
     assert result.torque <= margin.min() + 1e-9
     assert result.torque == pytest.approx(margin.min(), abs=2e-5 if load(system, t).min() > 0.0 else 2e-2)
     again = (system.friction_ratio * load(system, result.time)
-             - abs(float(pure_stick.stuck_interface_torque(system)(result.time))))
+             - abs(float(closed_forms.stuck_interface_torque(system)(result.time))))
     assert again == pytest.approx(result.torque, abs=1e-9)
 
 
 def test_paper_fig_8_pure_stick_reaches_to_018():
     system = system_of(**{"pressure.amplitude": 0.25 * 225e3})
-    limits = pure_stick.stick_limits(system, 0.02 * 387.298, 0.29 * 387.298, 60)
+    limits = closed_forms.stick_limits(system, 0.02 * 387.298, 0.29 * 387.298, 60)
     assert limits.lower / system.natural_frequency == pytest.approx(0.18, abs=0.01)
 
 
@@ -96,7 +96,7 @@ def test_pure_slip_solves_12(damping, values, direction):
 
     run = solve_ivp(rates, (0, t[-1]), [s.slip_speed, s.plate_angle, s.plate_speed], t_eval=t, method="DOP853",
                     rtol=1e-12, atol=1e-11)
-    result = pure_slip.pure_slip(system, direction)
+    result = closed_forms.pure_slip(system, direction)
     np.testing.assert_allclose(result.slip_speed(t), run.y[0], atol=1e-8)
     np.testing.assert_allclose(result.plate_angle(t), run.y[1], atol=1e-10)
     np.testing.assert_allclose(result.plate_speed(t), run.y[2], atol=1e-8)
@@ -121,7 +121,7 @@ SLIPS = st.fixed_dictionaries({
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(SLIPS, st.sampled_from([{}, RICH]))
 def test_the_least_slip_speed_is_that_of_a_dense_grid_or_a_bound_of_it(values, harmonics):
-    result = pure_slip.pure_slip(system_of(values, **harmonics, **{"pressure.mean": 125e3}))
+    result = closed_forms.pure_slip(system_of(values, **harmonics, **{"pressure.mean": 125e3}))
     least, exact, lasts = result.least_slip
     seen = min(float(result.slip_speed(t).min()) for t in (np.linspace(0.0, 2.0, 40_001),
                                                            np.linspace(0.0, 60.0, 200_001)))
@@ -142,7 +142,7 @@ def test_slip_that_a_slow_exponential_lets_fall_lasts_above_its_steady_minimum()
     keys = {"engine.mean_torque": 301.0, "engine.torque_amplitude": 50.0, "pressure.mean": 125e3,
             "converter.coupling": 0.1, "initial.slip_speed": 150.0, "initial.plate_angle": 0.1}
     for damping in (0.6, CRITICAL, CRITICAL * (1.0 + 1e-7)):
-        result = pure_slip.pure_slip(system_of(keys, **{"driveline.damping": damping}))
+        result = closed_forms.pure_slip(system_of(keys, **{"driveline.damping": damping}))
         assert result.a0 == pytest.approx(10.0)
         assert result.least_slip == (pytest.approx(10.0 - result.slip.swing()), True, True)
 
@@ -150,7 +150,7 @@ def test_slip_that_a_slow_exponential_lets_fall_lasts_above_its_steady_minimum()
 @pytest.mark.parametrize("speed", [20.0, 60.0])
 def test_the_transient_can_end_a_slip_that_16_lets_pass(speed):
     system = system_of(**{"pressure.mean": 125e3, "initial.slip_speed": speed})
-    result = pure_slip.pure_slip(system)
+    result = closed_forms.pure_slip(system)
     d = system.driveline
     run = solve_ivp(lambda t, y: [(engine(system, t) - 300.0) / d.flywheel_inertia - (300.0 - d.damping * y[2]
                                   - d.stiffness * y[1]) / d.plate_inertia, y[2],
@@ -172,28 +172,28 @@ def test_29_from_the_motion_of_12(phase, omega):
     rate, bend = (1j * omega * plate).imag, (-omega**2 * plate).imag
     torque = engine(system, t) - load(system, t)
     slip = d.flywheel_inertia * (torque / d.flywheel_inertia - bend)
-    np.testing.assert_allclose(pure_slip.slip_torque(system)(t), slip, atol=1e-9)
+    np.testing.assert_allclose(closed_forms.slip_torque(system)(t), slip, atol=1e-9)
     ratio = d.flywheel_inertia / d.plate_inertia
     spring_torque = d.damping * rate + d.stiffness * (plate.imag + system.saturation_mean / d.stiffness)
-    np.testing.assert_allclose(pure_slip.equivalent_torque(system)(t), slip - ratio * spring_torque, atol=1e-8)
+    np.testing.assert_allclose(closed_forms.equivalent_torque(system)(t), slip - ratio * spring_torque, atol=1e-8)
 
 
 @pytest.mark.parametrize("decay", [0.0, 1.0, 3.0 * (1.0 - 1e-15), 3.0, 3.0 * (1.0 + 1e-12), 5.0])
 def test_a_damped_pair_is_cosine_and_sine_of_a_complex_frequency(decay):
     t, wd = np.linspace(0.0, 2.0, 9), cmath.sqrt(9.0 - decay**2) or 1e-12
-    for result, exact in zip(pure_slip.damped_pair(t, decay, 9.0), (np.cos(wd * t), np.sin(wd * t) / wd)):
+    for result, exact in zip(closed_forms.damped_pair(t, decay, 9.0), (np.cos(wd * t), np.sin(wd * t) / wd)):
         np.testing.assert_allclose(result, (np.exp(-decay * t) * exact).real, atol=1e-6 if decay > 2.0 else 1e-14)
 
 
 def test_slip_that_the_mean_torque_ends_or_drives_has_a_sign():
     for mean, direction, growth, least in ((310.0, 1, 50.0, True), (290.0, 1, -50.0, False), (-310.0, -1, -50.0, True),
                                            (-290.0, -1, 50.0, False), (300.0 * (1.0 + 1e-15), 1, 0.0, True)):
-        result = pure_slip.pure_slip(system_of(**{
+        result = closed_forms.pure_slip(system_of(**{
             "engine.mean_torque": mean, "pressure.mean": 125e3, "engine.torque_amplitude": 1.0,
             "initial.slip_speed": 150.0 * direction, "initial.plate_angle": 0.1 * direction}), direction)
         assert (result.a1, result.steady, result.direction) == (pytest.approx(growth), growth == 0.0, direction)
         assert (result.least_slip_speed > 0.0) == (result.least_slip_speed > -math.inf) == least
-    still = pure_slip.pure_slip(system_of(**{"pressure.mean": 125e3, "engine.torque_amplitude": 0.0,
+    still = closed_forms.pure_slip(system_of(**{"pressure.mean": 125e3, "engine.torque_amplitude": 0.0,
                                              "initial.plate_angle": 0.1}))
     assert still.least_slip_speed == pytest.approx(150.0)
 
@@ -206,17 +206,17 @@ def test_slip_that_the_mean_torque_ends_or_drives_has_a_sign():
      ["pressure.frequency_ratio", "1 rad/s"])])
 def test_cases_without_a_closed_form_are_refused(values, words):
     with pytest.raises(InputError) as refused:
-        pure_slip.pure_slip(system_of(values))
+        closed_forms.pure_slip(system_of(values))
     assert [word for word in words if word not in str(refused.value)] == []
-    assert pure_slip.pure_slip(system_of(**{"pressure.amplitude": 225e3})).direction == 1
+    assert closed_forms.pure_slip(system_of(**{"pressure.amplitude": 225e3})).direction == 1
 
 
 def test_undamped_stuck_resonance_is_refused():
     system = system_of(**{"driveline.damping": 0.0, "driveline.stiffness": 0.22, "engine.frequency": 1.0})
-    for work in (pure_stick.plate_angle, pure_stick.stuck_interface_torque, pure_stick.stick_margin):
+    for work in (closed_forms.plate_angle, closed_forms.stuck_interface_torque, closed_forms.stick_margin):
         with pytest.raises(InputError, match=r"^engine.frequency excites the undamped stuck resonance, 1 rad/s: no "):
             work(system)
-    limits = pure_stick.stick_limits(replace(system, {"engine.torque_amplitude": 10.0}), 0.5, 2.0, 12)
+    limits = closed_forms.stick_limits(replace(system, {"engine.torque_amplitude": 10.0}), 0.5, 2.0, 12)
     assert (limits.lower, limits.higher) == pytest.approx((math.sqrt(5.06 / 5.26), math.sqrt(5.5 / 5.3)))
 
 
@@ -227,16 +227,16 @@ def test_margins_without_a_torque_or_a_load_that_varies():
             ({**still, "engine.mean_torque": 540.0}, 0.0, 0.0, True),
             ({**still, "pressure.amplitude": 25e3}, 180.0, math.nan, True),
             ({**still, "pressure.amplitude": 250e3}, -300.0, math.nan, False)):
-        result = pure_stick.stick_margin(system_of(values))
+        result = closed_forms.stick_margin(system_of(values))
         assert (result.torque, result.sticks) == (pytest.approx(torque, abs=1e-9), sticks)
         assert result.time == pytest.approx(time, nan_ok=True)
     system = system_of(**{"pressure.frequency_ratio": math.sqrt(2), "pressure.amplitude": 225e3})
-    assert pure_stick.stick_margin(system).torque == pytest.approx(
-        -300.0 - 250.0 * abs(pure_stick.interface_response(system, 150.0)), abs=1e-9)
-    assert math.isnan(pure_stick.stick_margin(system).time)
+    assert closed_forms.stick_margin(system).torque == pytest.approx(
+        -300.0 - 250.0 * abs(closed_forms.interface_response(system, 150.0)), abs=1e-9)
+    assert math.isnan(closed_forms.stick_margin(system).time)
     only = system_of(**{"engine.frequency": 30.0})
-    turn = (0.5 * math.pi - np.angle(pure_stick.interface_response(only, 30.0))) / 30.0
-    assert pure_stick.stick_margin(only).time == pytest.approx(turn, abs=1e-5)
+    turn = (0.5 * math.pi - np.angle(closed_forms.interface_response(only, 30.0))) / 30.0
+    assert closed_forms.stick_margin(only).time == pytest.approx(turn, abs=1e-5)
 
 
 def test_limits_of_stick_exist_where_stick_begins_or_ends():
@@ -244,7 +244,7 @@ def test_limits_of_stick_exist_where_stick_begins_or_ends():
     for amplitude, mean, count in ((150.0, 300.0, 2), (250.0, 300.0, 1), (150.0, -300.0, 2), (150.0, 540.0, 0),
                                    (150.0, 600.0, 0)):
         system = system_of(**{"engine.torque_amplitude": amplitude, "engine.mean_torque": mean})
-        closed, limits = pure_stick.constant_load_limits(system), pure_stick.stick_limits(system, 5.0, 2000.0, 16)
+        closed, limits = closed_forms.constant_load_limits(system), closed_forms.stick_limits(system, 5.0, 2000.0, 16)
         assert len(closed) == count
         for omega in closed:
             gain = abs((3000.0 - 0.02 * omega**2 + 0.6j * omega) / (3000.0 - 0.22 * omega**2 + 0.6j * omega))
@@ -252,11 +252,11 @@ def test_limits_of_stick_exist_where_stick_begins_or_ends():
         expected = {2: closed, 1: (None, *closed), 0: (None, None)}[count]
         assert [x and round(x, 6) for x in limits] == [x and round(x, 6) for x in expected]
     second = {"engine.harmonic_amplitudes": (150.0,), "engine.harmonic_phases": (0.0,), "engine.torque_amplitude": 0.0}
-    half = 0.5 * np.array(pure_stick.constant_load_limits(system_of(**{"engine.torque_amplitude": 150.0})))
-    assert list(pure_stick.stick_limits(system_of(second), 5.0, 2000.0, 2)) == pytest.approx(half.tolist())
+    half = 0.5 * np.array(closed_forms.constant_load_limits(system_of(**{"engine.torque_amplitude": 150.0})))
+    assert list(closed_forms.stick_limits(system_of(second), 5.0, 2000.0, 2)) == pytest.approx(half.tolist())
     for low, high in ((0.0, 1.0), (2.0, 2.0), (3.0, 2.0)):
         with pytest.raises(InputError, match=f"{low:g} to {high:g} rad/s"):
-            pure_stick.stick_limits(BASE, low, high)
+            closed_forms.stick_limits(BASE, low, high)
     for values in ({"pressure.amplitude": 1.0}, RICH, {"engine.torque_amplitude": 0.0}):
         with pytest.raises(InputError, match=r"pressure.amplitude"):
-            pure_stick.constant_load_limits(system_of(values))
+            closed_forms.constant_load_limits(system_of(values))

@@ -8,10 +8,10 @@ import pytest
 from tcc_sim.errors import InputError
 from tcc_sim.model import equations, friction
 from tcc_sim.model.actuator import Actuator, approach_between, delay_ticks, pressure_after
+from tcc_sim.model.closed_forms import engine_series
 from tcc_sim.model.equations import Linear, saturation_torque
 from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.sines import engine_series
 
 FULL = Linear(0.2, 0.02, 0.6, 3000.0, 0.5, -0.4)
 LAWS = [None, (0.5, 0.1), (-0.2, 0.7), (0.5, 0.1, -0.2, 0.7), (0.5, 0.1, -0.2, 0.7, 0.3, 2.0)]

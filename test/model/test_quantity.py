@@ -10,10 +10,10 @@ import pytest
 from ranges import Stated, check, of_page, shown
 
 from tcc_sim.errors import InputError, OutOfRange
+from tcc_sim.model.closed_forms import Sines, common_cycles, smallest
 from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import DEFAULTS, GROUPS, QUANTITIES, System, coerce, replace
 from tcc_sim.model.quantity import Options, Quantity, apart, number_in, quantity, sequence_of_numbers
-from tcc_sim.model.sines import Sines, common_cycles, smallest
 
 HARMONICS, PHASES = "engine.harmonic_amplitudes", "engine.harmonic_phases"
 RICH = {HARMONICS: [60.0, 20.0], PHASES: [0.3, 1.0]}

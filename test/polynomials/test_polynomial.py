@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.polynomials import polynomial
-from tcc_sim.polynomials.bernstein import DEGREE_MAXIMUM, to_bernstein
+from tcc_sim.polynomials.polynomial import DEGREE_MAXIMUM, to_bernstein
 
 WORKSPACE = np.zeros(polynomial.WORKSPACE)
 GRID = np.linspace(0, 1, 4097, dtype=np.longdouble)

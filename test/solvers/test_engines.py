@@ -11,7 +11,7 @@ import pytest
 from independent import Piecewise, smoothed_run
 from scipy.integrate import trapezoid
 
-from tcc_sim.model import pure_slip, pure_stick
+from tcc_sim.model import closed_forms
 from tcc_sim.model.friction import stick_speed
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import Status, solve
@@ -203,7 +203,7 @@ def test_pure_slip_closed_form(name, damping):
         "initial.slip_speed": 150.0, "pressure.mean": 100e3, "pressure.amplitude": 60e3, "pressure.phase": 0.4,
         "pressure.frequency_ratio": 0.75, "driveline.damping": damping, "initial.plate_speed": 3.0})
     run = solve(system, cycles=12, samples_per_cycle=50, rtol=1e-13)
-    exact = pure_slip.pure_slip(system)
+    exact = closed_forms.pure_slip(system)
     np.testing.assert_array_equal(run.state, 1)
     np.testing.assert_allclose(run.slip_speed, exact.slip_speed(run.t), rtol=1e-12)
     np.testing.assert_allclose(run.plate_angle, exact.plate_angle(run.t), atol=1e-12)
@@ -219,13 +219,13 @@ def test_pure_stick_closed_form(name):
     system = ENGINES[name].system({"engine.torque_amplitude": 100.0, "engine.frequency": 60.0, "pressure.mean": 300e3,
                                    "initial.slip_speed": 0.0, "friction.smoothing": 1e6})
     run = solve(system, cycles=400, samples_per_cycle=12)
-    angle, creep = pure_stick.plate_angle(system), 0.0 if name == "event_driven" else 1e-6
+    angle, creep = closed_forms.plate_angle(system), 0.0 if name == "event_driven" else 1e-6
     late = slice(390 * 12, None)
-    assert pure_stick.stick_margin(system).sticks
+    assert closed_forms.stick_margin(system).sticks
     np.testing.assert_array_equal(run.state, 0)
     np.testing.assert_allclose(run.plate_angle[late], angle(run.t[late]), atol=1e-13 + creep)
     np.testing.assert_allclose(run.plate_speed[late], angle.rate()(run.t[late]), atol=1e-11 + 10.0 * creep)
-    np.testing.assert_allclose(run.friction_torque[late], pure_stick.stuck_interface_torque(system)(run.t[late]),
+    np.testing.assert_allclose(run.friction_torque[late], closed_forms.stuck_interface_torque(system)(run.t[late]),
                                atol=1e-9 + 1e3 * creep)
     np.testing.assert_allclose(run.cycles.stick_time, system.cycle, rtol=1e-12)
     assert np.abs(run.cycles.highest).max() <= math.atanh(0.99) * creep

@@ -10,7 +10,7 @@ from independent import Piecewise
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from tcc_sim.model import pure_slip
+from tcc_sim.model import closed_forms
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import Status, solve
@@ -25,7 +25,7 @@ def system_of(values=None, **keys):
 
 def test_run_down_stops_when_the_closed_form_says():
     system = system_of(**{"engine.mean_torque": 100.0, "engine.torque_amplitude": 0.0, "initial.slip_speed": 30.0})
-    exact = pure_slip.pure_slip(system)
+    exact = closed_forms.pure_slip(system)
     stop = brentq(lambda t: float(exact.slip_speed(t)), 1e-3, 0.05, xtol=1e-16)
     assert np.all(exact.slip_speed(np.linspace(0.0, stop - 1e-9, 10_000)) > 0.0)
     run = solve(system, duration=0.06)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from tcc_sim.errors import InputError
-from tcc_sim.model import friction, pure_stick
+from tcc_sim.model import closed_forms, friction
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -70,7 +70,7 @@ def test_order_3_on_a_smooth_stick_arc() -> None:
 def test_errors_are_flat_in_the_smoothing_factor() -> None:
     # In stick the set-valued limit is the closed form (8); smoothing shifts it by the creep, which falls as 1/sigma.
     base = replace(load_scene("stick").system, {"driveline.damping": 60.0})
-    steady = pure_stick.plate_angle(base)
+    steady = closed_forms.plate_angle(base)
     for sigma in (1e5, 1e7, 1e9):
         system = replace(base, {"friction.smoothing": sigma})
         run = solve(system, cycles=30, solver="fixed_step").raise_for_status()

@@ -17,8 +17,7 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.engine import SCALES
 from tcc_sim.solvers.key_derivatives import OF_ITSELF
-from tcc_sim.solvers.runs import sections
-from tcc_sim.solvers.stroboscopic import stroboscopic_map
+from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
 from tcc_sim.trajectory import Orbits, State, event_sequence
 
 MU_K, MU_S, OMEGA = "friction.kinetic_coefficient", "friction.static_coefficient", "engine.frequency"

@@ -21,15 +21,13 @@ from tcc_sim.estimation.linearise import linearise
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.fmi.export import fmu_of
 from tcc_sim.model import supported_terms
+from tcc_sim.model.closed_forms import plate_angle, pure_slip, stick_margin
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.profile import Inputs
-from tcc_sim.model.pure_slip import pure_slip
-from tcc_sim.model.pure_stick import plate_angle, stick_margin
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import SOLVERS, solve
-from tcc_sim.solvers.runs import sections
-from tcc_sim.solvers.stroboscopic import stroboscopic_map
+from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
 from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.benchmarks.peers import xppaut_file
 from tcc_sim.study.benchmarks.references import reference, sliding_of

@@ -8,8 +8,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.steady.periodicity import repeats_finely
-from tcc_sim.analysis.steady.summary import CycleTimes, summarise_cycles
+from tcc_sim.analysis.steady.summary import CycleTimes, repeats_finely, summarise_cycles
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import system_of
 from tcc_sim.sweeps.blocks import confirmed_by_repetition, summaries_of

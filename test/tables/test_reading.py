@@ -7,7 +7,7 @@ import os
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.measured.measured_signals import signals_in
+from tcc_sim.analysis.measured.measured_phase import signals_in
 from tcc_sim.analysis.measured.orders import orders_of
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System

@@ -91,9 +91,7 @@ class CycleMeans:
     def feed(self, t: Floats, v: Floats, run: int = 0) -> list[tuple[int, Floats, Floats]]:
         """Take the next samples of a run, (n,) arrays: time, s, and the signal.
 
-        Returns
-        -------
-        for each stretch of completed cycles, the number of the first, and ends (s) and means, (m,) arrays
+        returns : for each stretch of completed cycles, the number of the first, and ends (s) and means, (m,) arrays
         """
         if len(self._t) and len(t) > 1 and t[0] - self._t[-1] > BRIDGED_TICKS * float(np.median(np.diff(t))):
             self.restart()

@@ -193,8 +193,6 @@ def swings_of(t: Floats, signal: Floats, floor: float, noise: float, from_start:
     pieces: of reversals of an eighth and a third of the range of the second half, the first whose swings are regular
     counts.
 
-    Parameters
-    ----------
     floor, noise : least reversals that end a swing; a signal is at rest within the former
     from_start : whether the same holds for the swing from the start, as no step leads to it
     """
@@ -237,8 +235,6 @@ def _regular(swings: Swings) -> bool:
 def loop_verdict(errors: Errors, whole: float) -> Judged:
     """Return the verdict on the errors of a segment that neither a limit of the pressure nor stick explains.
 
-    Parameters
-    ----------
     whole : length of the segment, s
     """
     n = len(errors.error)
@@ -516,8 +512,6 @@ class JudderLine(NamedTuple):
 def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> JudderLine | None:
     """Return the judder in engine cycles, (n,) arrays of their starts and ends, s; None without any.
 
-    Parameters
-    ----------
     slip : slip speed, rad/s
     floor : least amplitude that counts, rad/s
     """

@@ -57,16 +57,11 @@ def orders_at_speeds(run: Trajectory, speeds: Sequence[float], since: float) -> 
     They are interpolated between the windows before and after the frequency passes a speed; at a constant frequency
     they are the largest of all windows.
 
-    Parameters
-    ----------
     run : sampled run
     speeds : frequencies of the excitation, rad/s; without any, five within the range of the run, or its constant one
     since : start of the first window, s
 
-    Raises
-    ------
-    InputError
-        As `orders_of`, or no window begins after `since`.
+    Raises InputError: as `orders_of`, or no window begins after `since`.
     """
     orders = orders_of(run)
     # A window is symmetric about its middle as far as the frequency is constant.

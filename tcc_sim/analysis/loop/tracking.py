@@ -276,10 +276,7 @@ def checked_limits(limits: Limits | None) -> Limits | None:
 def target_steps(target: float | Mapping[float, float]) -> Steps:
     """Return a target, rad/s, or targets from times (s) on, as steps.
 
-    Raises
-    ------
-    InputError
-        There is no target, or one is out of range.
+    Raises InputError: there is no target, or one is out of range.
     """
     given = target if isinstance(target, Mapping) else {0.0: target}
     times = sorted(float(t) for t in given)
@@ -379,8 +376,6 @@ class Loop:
                  commands: Counts | None = None) -> Tracking:
         """Judge the time from `begin` to `end`, s.
 
-        Parameters
-        ----------
         stepped : whether the segment begins with a step of the target or a start of the driveline; None if it may.
             Without a recorded step, one counts that is larger than a quarter of what follows
         discard : cycles left out of mean and errors
@@ -643,8 +638,6 @@ def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Flo
             limits: Limits | None = None, floor: float = BAND, before: float = math.nan) -> Loop:
     """Return a run as a Loop; without its system the extremes and the time in stick of the cycles are unknown.
 
-    Parameters
-    ----------
     run : samples
     clock : start times of the engine cycles
     reference : target slip speed, rad/s

@@ -1,6 +1,8 @@
 """Start times of the engine cycles of a run: from the scene, from the phases of a torque, or unknown.
 
-Phases are measured in blocks of samples; between blocks the frequency is constant, or drifts.
+Without a scene, a recorded torque is a mean, which may drift, and a strongest line A sin(phi), which is followed from
+block to block of samples while the frequency drifts; engine cycle n starts at phi = 2 pi n. Between blocks the
+frequency is constant, or drifts.
 """
 
 from __future__ import annotations
@@ -13,7 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.model.parameters import System
+from tcc_sim.recording.stamps import Break, StampCounter, Stamps
 from tcc_sim.solvers.per_cycle import cycle_starts, starts_of
 from tcc_sim.trajectory import Floats
 
@@ -226,3 +230,341 @@ def _varying(stretch: Blocks, t: Floats, phase: Floats) -> tuple[Floats, Floats,
     for _ in range(4):
         times = np.clip(times - (curve(times) - 2.0 * math.pi * here) / curve(times, 1), begin, end)
     return here, times, rates
+
+
+SHORTEST_OPENING = 1 << 8
+"""Samples from which the line is found before it is followed; the shortest stretch that shows it serves."""
+LONGEST_OPENING = 1 << 14  # The most of them.
+OPENING_CYCLES = 6.0  # Cycles of the line that such a stretch must hold.
+STEEPEST = 0.12  # Largest relative change of frequency, either way, that is tried on it, 1/s.
+DRIFT_COUNT = 13  # How many such changes are tried, evenly.
+CYCLES_PER_BLOCK = 2  # Least size of a block, which has one phase, cycles of the line.
+SAMPLES_PER_BLOCK = 32  # The same, samples.
+STRONGEST_LINE = 0.2  # Part of the variance of a block, its drift apart, that the line must hold.
+LARGEST_SURPRISE = 1.0  # Largest difference of a block's phase from what the blocks before it let expect, rad.
+FASTEST_DRIFT = 0.3  # Largest relative change of frequency that is expected, 1/s.
+LARGEST_TWIST = 0.5  # Largest difference between the phases of the halves of a block, rad.
+MISSES = 2  # Blocks one after the other that may fail within a stretch.
+FEWEST_BLOCKS = 4  # A run of fewer is fitted as a whole, with a constant frequency.
+FEW_BLOCKS = 12  # So is a run of fewer than these where that holds as much of its variance as the blocks do.
+AS_MUCH = 0.02  # Part of the variance by which these may differ.
+LEAST_KNOWN = 0.25  # Part of a run in which the phase must be known.
+
+DRIFTS = np.linspace(-STEEPEST, STEEPEST, DRIFT_COUNT)
+"""Relative changes of frequency, 1/s, that are tried on the opening."""
+
+
+class _Fit(NamedTuple):
+    """Share of a sine in the variance beside a drifting mean, its phase lead (rad), and its amplitude."""
+
+    share: float
+    ahead: float
+    amplitude: float
+
+
+class PhaseTracker:
+    """Phase of the torque in batches in the order of recording; memory is a few numbers per block."""
+
+    def __init__(self) -> None:
+        self._continuity = StampCounter()
+        self._runs: dict[int, _Run] = {}
+
+    def feed(self, stamp_ns: Stamps, engine_torque: Floats, run: int = 0) -> None:
+        """Take the next batch of a run: stamps in ns, torques in N m."""
+        finite = np.isfinite(engine_torque)
+        stamp_ns, engine_torque = stamp_ns[finite], engine_torque[finite]
+        for piece, preceded in self._continuity.pieces(stamp_ns, run):
+            t, now = stamp_ns[piece].astype(np.float64) * 1e-9, self._runs.setdefault(run, _Run())
+            bridged = preceded is Break.GAP and t[0] - now.last <= BRIDGED_TICKS * self.tick
+            if preceded is not Break.NOTHING and not bridged:
+                now.interrupt()
+            now.take(t, engine_torque[piece])
+
+    @property
+    def tick(self) -> float:
+        """Time between stamps, s."""
+        return self._continuity.tick * 1e-9
+
+    def runs(self) -> dict[int, RunPhase]:
+        """Return the phase of every run by its number."""
+        return {number: run.result() for number, run in self._runs.items()}
+
+    def longest(self) -> int:
+        """Return the number of the run with the most samples, the last of several."""
+        return max(self._runs, key=lambda number: (self._runs[number].samples, number))
+
+
+def clock_of(runs: dict[int, RunPhase]) -> Tracked | None:
+    """Return the cycles of all runs; None without any."""
+    lengths = [np.diff(run.starts)[np.diff(run.numbers) == 1] for run in runs.values()]
+    every = np.concatenate(lengths) if lengths else np.empty(0)
+    if not len(every):
+        return None
+    return Tracked(float(np.median(every)), {number: (run.numbers, run.starts) for number, run in runs.items()})
+
+
+class _Run:
+    """One run: waiting samples, the current stretch, and finished stretches."""
+
+    def __init__(self) -> None:
+        self.samples = 0
+        self._t = self._torque = np.empty(0)
+        self._opening: tuple[Floats, Floats] = self._t, self._torque
+        self._tried = 0
+        self._low, self._high, self._size = math.inf, -math.inf, 0.0
+        self._span: list[float] = []
+        self._model: tuple[float, float, float, float] | None = None
+        self._sure_until = -math.inf
+        self._misses = 0
+        self._stretch: Blocks | None = None
+        self._done: list[Blocks] = []
+
+    @property
+    def last(self) -> float:
+        """Time of the last sample, s."""
+        return self._span[1] if self._span else -math.inf
+
+    def take(self, t: Floats, torque: Floats) -> None:
+        """Add samples that follow the last without a gap, or after a single lost one."""
+        self.samples += len(t)
+        self._span = [self._span[0] if self._span else float(t[0]), float(t[-1])]
+        self._low, self._high = min(self._low, float(torque.min())), max(self._high, float(torque.max()))
+        if len(self._opening[0]) < LONGEST_OPENING:
+            self._opening = (np.concatenate([self._opening[0], t])[:LONGEST_OPENING],
+                             np.concatenate([self._opening[1], torque])[:LONGEST_OPENING])
+        self._t, self._torque = np.concatenate([self._t, t]), np.concatenate([self._torque, torque])
+        while self._search() if self._model is None else self._follow():
+            pass
+
+    def interrupt(self) -> None:
+        """End at a gap or at the end: nothing that waits may join later samples."""
+        if self._model is None and len(self._t) >= SHORTEST_OPENING // 2:
+            while self._search(last=True) if self._model is None else self._follow():
+                pass
+        if self._stretch is not None and not self._misses and len(self._t):
+            self._take_rest(self._stretch)
+        self._release()
+        self._t = self._torque = np.empty(0)
+        self._tried = 0
+
+    def result(self) -> RunPhase:
+        """Return the cycles of this run."""
+        self.interrupt()
+        none = np.empty(0, np.int64), np.empty(0), math.nan, math.nan
+        if self._high - self._low <= 1e-9 * max(abs(self._low), abs(self._high)):
+            return RunPhase(*none, why="the engine torque is constant")
+        shares = [block.share for stretch in self._done for block in stretch]
+        short = len(shares) < FEW_BLOCKS and self.samples <= LONGEST_OPENING
+        whole = _fitted(*self._opening) if short else None
+        few = len(shares) < FEWEST_BLOCKS
+        if whole is not None and (few or whole[0].share >= float(np.mean(shares)) - AS_MUCH):
+            self._done = [whole]
+        elif few:
+            return RunPhase(*none, why="the engine torque does not oscillate with one frequency, or with one that "
+                            "changes by 10 % a second or less")
+        known = sum(stretch[-1].end - stretch[0].begin for stretch in self._done) / (self._span[1] - self._span[0])
+        if known < LEAST_KNOWN:
+            return RunPhase(*none, why="the oscillation of the engine torque can be followed for "
+                            f"{100.0 * known:.0f} % of the time only; {100.0 * LEAST_KNOWN:.0f} % or more are "
+                            "needed")
+        return cycles_between(self._done, known)
+
+    def _search(self, last: bool = False) -> bool:
+        """Look for the line in the first waiting samples; return whether more can be done with the waiting ones."""
+        size = max(2 * self._tried, SHORTEST_OPENING)
+        if len(self._t) < size:
+            if not last or len(self._t) == self._tried:
+                return False
+            size = len(self._t)
+        self._tried = size
+        line = _strongest_line(self._t[:size], self._torque[:size])
+        if line is not None:
+            frequency, drift = line
+            self._model = float(self._t[0]), 0.0, frequency, drift * frequency
+            count = self._block()
+            ahead = _fit(self._t[:count], self._torque[:count], self._expected(self._t[:count])).ahead
+            self._model = float(self._t[0]), ahead, frequency, drift * frequency
+            self._sure_until, self._misses, self._tried = float(self._t[size - 1]), 0, 0
+        elif size >= LONGEST_OPENING:
+            self._t, self._torque, self._tried = self._t[size // 2:], self._torque[size // 2:], 0
+        return True
+
+    def _expected(self, t: Floats) -> Floats:
+        assert self._model is not None
+        at, phase, frequency, change = self._model
+        return phase + (t - at) * (frequency + 0.5 * change * (t - at))
+
+    def _block(self) -> int:
+        """Return the number of samples in the next block."""
+        assert self._model is not None
+        at, _, frequency, change = self._model
+        now = max(frequency + change * (float(self._t[0]) - at), 0.5 * frequency)
+        end = float(self._t[0]) + CYCLES_PER_BLOCK * 2.0 * math.pi / now
+        return max(int(np.searchsorted(self._t, end)), SAMPLES_PER_BLOCK)
+
+    def _follow(self) -> bool:
+        """Turn the next samples into a block; return whether there were enough."""
+        count = self._block()
+        if len(self._t) <= count:
+            return False
+        t, fit = self._t[:count], self._measured(count)
+        if fit is not None:
+            self._stretch = self._stretch or []
+            self._misses = 0
+            self._add(self._stretch, fit, float(t[0]), float(self._t[count]), float(t[-1]))
+            self._learn()
+        else:
+            self._misses += 1
+            if self._misses > MISSES and float(t[0]) > self._sure_until:
+                self._release()
+                return True
+        self._t, self._torque = self._t[count:], self._torque[count:]
+        return True
+
+    def _measured(self, count: int) -> _Fit | None:
+        """Fit the line to the first waiting samples; None if it is weak or differs from the prediction."""
+        # The first block sets the phase: an opening may begin before the oscillation. The halves of a block must
+        # agree: a line of another frequency may have the predicted phase in the middle.
+        t, sides = self._t[:count], _sides(self._torque[:count], self._expected(self._t[:count]))
+        fit, *halves = (_fit_of(t[part], sides[:, part])
+                        for part in (slice(0, count), slice(0, count // 2), slice(count // 2, count)))
+        apart = math.remainder(halves[1].ahead - halves[0].ahead, 2.0 * math.pi)
+        agrees = abs(fit.ahead) <= LARGEST_SURPRISE or self._stretch is None
+        agrees = agrees and abs(apart) <= LARGEST_TWIST
+        return fit if fit.share >= STRONGEST_LINE and agrees else None
+
+    def _add(self, stretch: Blocks, fit: _Fit, begin: float, end: float, last: float) -> None:
+        """Add a block to a stretch: its samples go from `begin` to `last`, the next block begins at `end`."""
+        middle = 0.5 * (begin + last)
+        phase = float(self._expected(np.array(middle))) + fit.ahead
+        stretch.append(Block(middle, phase, fit.amplitude, fit.share, begin, end))
+
+    def _take_rest(self, stretch: Blocks) -> None:
+        """Make the rest at the end a block of its own, or a part of the last block if it is short."""
+        begin, last = float(self._t[0]), float(self._t[-1])
+        if 2 * len(self._t) >= self._block():
+            fit = self._measured(len(self._t))
+            if fit is not None:
+                self._add(stretch, fit, begin, last, last)
+                return
+        stretch[-1] = stretch[-1]._replace(end=last)
+
+    def _learn(self) -> None:
+        """Update the model from the last blocks."""
+        assert self._stretch is not None
+        assert self._model is not None
+        t, phase = np.array([(block.t, block.phase) for block in self._stretch[-PHASE_MEMORY:]]).T
+        at, now, (frequency, change) = float(t[-1]), float(phase[-1]), self._model[2:]
+        frequency += change * (at - self._model[0])
+        if len(t) > 3:
+            span = at - float(t[0])
+            x = (t - at) / span
+            design = np.array([x * x, x, np.ones_like(x)])
+            half, slope, above = np.linalg.solve(design @ design.T, design @ (phase - now)).tolist()
+            change, frequency, now = 2.0 * half / (span * span), slope / span, now + above
+        elif len(t) > 1:
+            frequency = float(phase[-1] - phase[-2]) / float(t[-1] - t[-2]) + 0.5 * change * float(t[-1] - t[-2])
+        limit = FASTEST_DRIFT * abs(frequency)
+        self._model = at, now, frequency, min(max(change, -limit), limit)
+
+    def _release(self) -> None:
+        if self._stretch is not None and len(self._stretch) > MISSES:
+            trim(self._stretch)
+            self._done.append(self._stretch)
+        self._stretch, self._model, self._misses = None, None, 0
+
+
+def _fit(t: Floats, torque: Floats, phase: Floats) -> _Fit:
+    """Fit a sine of this phase and a drifting mean by least squares."""
+    return _fit_of(t, _sides(torque, phase))
+
+
+def _sides(torque: Floats, phase: Floats) -> Floats:
+    """Return torque, sine and cosine of the phase, (3, n)."""
+    return np.array([torque, np.sin(phase), np.cos(phase)])
+
+
+def _fit_of(t: Floats, given: Floats) -> _Fit:
+    """Fit a sine and a drifting mean to `_sides`.
+
+    Without their own mean and drift, torque, sine and cosine leave two equations for two amplitudes. Where these
+    determine no pair of amplitudes the shortest solution of all four unknowns counts.
+    """
+    count, torque = len(t), given[0]
+    x = t - t.sum() / count
+    sides = given - given.sum(axis=1)[:, None] / count
+    sides -= ((sides @ x) / max(float(x @ x), 1e-300))[:, None] * x
+    (variance, by_sine, by_cosine), (_, sine, mixed), (_, _, cosine) = (sides @ sides.T).tolist()
+    free = sine * cosine - mixed * mixed
+    if free > 1e-6 * sine * cosine and min(sine, cosine) > 1e-6 * count:
+        in_phase = (cosine * by_sine - mixed * by_cosine) / free
+        ahead = (sine * by_cosine - mixed * by_sine) / free
+    else:
+        design = np.stack([np.ones_like(t), t - t[0], given[1], given[2]], axis=1)
+        in_phase, ahead = np.linalg.lstsq(design, torque, rcond=None)[0][2:].tolist()
+    rest = sides[0] - in_phase * sides[1] - ahead * sides[2]
+    smallest = count * (1e-9 * float(np.abs(torque).max())) ** 2
+    return _Fit(1.0 - float(rest @ rest) / variance if variance > smallest else 0.0, math.atan2(ahead, in_phase),
+                math.hypot(in_phase, ahead))
+
+
+def _strongest_line(t: Floats, torque: Floats) -> tuple[float, float] | None:
+    """Return frequency (rad/s) at the start and relative drift (1/s) of the strongest line; None for none."""
+    # In the time s = (t - t0) + drift (t - t0)^2/2 a drifting line is one of constant frequency.
+    span, best = float(t[-1] - t[0]), (0.0, 0.0, 0.0)
+    middle = t - t[0] - 0.5 * span
+    for drift in DRIFTS[np.abs(DRIFTS) * span <= 1.0].tolist():
+        warped = middle + 0.5 * drift * middle * middle
+        even = np.linspace(warped[0], warped[-1], len(t))
+        height, frequency = _strongest(even, np.interp(even, warped, torque))
+        if height > best[0] * (1.0 + 1e-6 * (drift != 0.0)):
+            best = height, frequency, drift
+    _, frequency, drift = best
+    if frequency * span < 2.0 * math.pi * OPENING_CYCLES:
+        return None
+    if _fit(t, torque, frequency * (middle + 0.5 * drift * middle * middle)).share < STRONGEST_LINE:
+        return None
+    return frequency * (1.0 - 0.5 * drift * span), drift
+
+
+def _strongest(t: Floats, torque: Floats) -> tuple[float, float]:
+    """Return height and frequency (rad/s) of the largest peak of a Hann spectrum, refined by a parabola; 0 for none.
+
+    Samples that are not evenly spaced are joined by straight lines.
+    """
+    if len(t) < 16:
+        return 0.0, 0.0
+    even = np.linspace(t[0], t[-1], len(t))
+    torque = torque if np.allclose(t, even, rtol=0.0, atol=1e-3 * (even[1] - even[0])) else np.interp(even, t, torque)
+    step = float(t[-1] - t[0]) / (len(t) - 1)
+    size = 4 * (1 << (len(t) - 1).bit_length())
+    spectrum = np.abs(np.fft.rfft((torque - torque.mean()) * np.hanning(len(t)), size))
+    lowest = 8 * size // (2 * len(t))
+    k = lowest + int(np.argmax(spectrum[lowest:]))
+    if spectrum[k] <= 1e-9 * max(float(np.abs(torque).max()), 1e-300) * len(t):
+        return 0.0, 0.0
+    shift = 0.0
+    if 0 < k < len(spectrum) - 1 and spectrum[k - 1] > 0.0 and spectrum[k + 1] > 0.0:
+        a, b, c = np.log(spectrum[k - 1:k + 2])
+        shift = 0.5 * (a - c) / (a - 2.0 * b + c) if a - 2.0 * b + c != 0.0 else 0.0
+    return float(spectrum[k]), 2.0 * math.pi * (k + float(shift)) / (size * step)
+
+
+def _fitted(t: Floats, torque: Floats) -> Blocks | None:
+    """Fit a sine of constant frequency to few cycles, from 0.6 to 1.4 times the frequency of the Fourier peak."""
+    from scipy.optimize import minimize_scalar
+
+    rough = _strongest(t, torque)[1]
+    if not rough:
+        return None
+
+    def left(factor: float) -> float:
+        return -_fit(t, torque, factor * rough * (t - t[0])).share
+
+    guess = min(np.linspace(0.6, 1.4, 81).tolist(), key=left)
+    best = minimize_scalar(left, bounds=(guess - 0.01, guess + 0.01), method="bounded", options={"xatol": 1e-10})
+    fit, ends = _fit(t, torque, float(best.x) * rough * (t - t[0])), (float(t[0]), float(t[-1]))
+    if fit.share < STRONGEST_LINE:
+        return None
+    return [Block(at, fit.ahead + float(best.x) * rough * (at - ends[0]), fit.amplitude, fit.share, *ends)
+            for at in ends]

@@ -1,6 +1,6 @@
 """Signals of a run, solved or recorded: slip speed, torques and the phase of the excitation.
 
-Orders and spectra resample these signals in equal steps of the phase. `measured_signals` makes them of a table.
+Orders and spectra resample these signals in equal steps of the phase. `measured_phase` makes them of a table.
 """
 
 from __future__ import annotations
@@ -66,15 +66,10 @@ def turns_at(system: System, t: Floats) -> Floats:
 def run_signals(run: Trajectory, phase: Phase | None = None) -> Signals:
     """Return the signals of a solved or recorded run.
 
-    Parameters
-    ----------
     run : with its system
     phase : of the excitation; None for that of the scene or the recording
 
-    Raises
-    ------
-    InputError
-        No system, or a commanded torque with unknown periods.
+    Raises InputError: no system, or a commanded torque with unknown periods.
     """
     system = run.system
     if system is None:
@@ -119,10 +114,7 @@ def gaps_between(turns: Floats, t: Floats) -> Floats:
 def phase_of_cycles(run: Trajectory) -> Phase:
     """Return the phase of the excitation found in a run's torque, with a constant frequency in each period.
 
-    Raises
-    ------
-    InputError
-        No periods were found.
+    Raises InputError: no periods were found.
     """
     starts = run.cycles.starts if run.cycles is not None else None
     if starts is None or len(starts) < 2 or not np.isfinite(starts).all():

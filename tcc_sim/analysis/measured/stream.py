@@ -203,8 +203,6 @@ class CycleStream:
     (2a) and (2b) with the recorded torques. A stamp that goes back starts a new run. A gap interrupts its cycle, and
     the parts of the cycle before and after it count beside the whole cycles; a single lost state is bridged.
 
-    Parameters
-    ----------
     system : gives the equations for the accelerations, where a batch comes without a system of its own
     clock : start times of the engine cycles; by default those of the system's frequency. For slices of time instead of
         cycles there are extremes, but neither section nor period
@@ -230,10 +228,7 @@ class CycleStream:
         left out and counted, and becomes a gap. `run` is the number of the batch's run, if the recording distinguishes
         runs, and `system` the one that held at it, if keys changed.
 
-        Raises
-        ------
-        InputError
-            There are fewer samples than engine cycles.
+        Raises InputError: there are fewer samples than engine cycles.
         """
         t = np.asarray(stamp_ns, dtype=np.float64) * 1e-9
         law = self._laws.number_of(system or self._system)

@@ -59,14 +59,9 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
     They are therefore as accurate for a recording, whose ticks pass over the layer of the smoothed law, as for a
     solution.
 
-    Parameters
-    ----------
     cycles, first : cycles, NaN where one is missing, and the number of the first, which sets its phase
     period : of the motion, engine cycles, 0 for none; whole periods are averaged
-
-    Returns
-    -------
-    Damping, NaN if no cycle can be solved
+    returns : Damping, NaN if no cycle can be solved
     """
     count = math.ceil(AVERAGED / max(period, 1)) * max(period, 1)
     integrals, time = np.zeros(3), 0.0

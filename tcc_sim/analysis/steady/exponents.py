@@ -1,4 +1,4 @@
-"""Largest Lyapunov exponent for both friction laws, with an interval, and diagnosis of motions without a period.
+"""Floquet multipliers, and the largest Lyapunov exponent for both friction laws, with an interval and a diagnosis.
 
 A periodic motion of period N has the exponent log |mu|/(N T) of its largest Floquet multiplier mu, the largest
 eigenvalue of the product of the tangent maps over a period. Any other motion has the mean growth of a tangent vector
@@ -15,19 +15,100 @@ chaos their difference falls as its square root (S. Das, Y. Saiki, E. Sander and
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
+from functools import reduce
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tcc_sim.analysis.steady.multipliers import Lyapunov
-from tcc_sim.analysis.steady.periodicity import periodicity
-from tcc_sim.analysis.steady.summary import slip_grows
+from tcc_sim.analysis.steady.summary import periodicity, slip_grows
 from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.parameters import System
-from tcc_sim.model.sines import common_cycles
+from tcc_sim.result import Described, reported
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import Prepared
 from tcc_sim.solvers.terms import Terms, natural_frequency, terms_of
 from tcc_sim.trajectory import Cycles, Floats, State, Status, concatenated
+
+LOST = 1e-8
+"""Reciprocal of a multiplier below which the pencil of several segments has lost half its digits (its error is some
+1e-16 of the largest multiplier): such multipliers are those of the product.
+"""
+PAIR = 1e-9
+"""Relative difference of two multipliers that are one pair."""
+
+
+def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
+    """Floquet multipliers, in the order of `largest_first`.
+
+    Of several segments, given in order, they are the finite eigenvalues of the pencil whose rows are x_(k+1) = M_k x_k
+    and M_m x_m = lambda x_1: the product of the M_k, which may grow and shrink by many orders, is never formed.
+    """
+    m, n = len(blocks), len(blocks[0])
+    if m == 1:
+        values = np.linalg.eigvals(blocks[0])
+    else:
+        from scipy.linalg import eig  # Nobody else of those who ask for multipliers needs it.
+
+        left, right = np.zeros((m * n, m * n)), np.zeros((m * n, m * n))
+        for k, block in enumerate(blocks):
+            rows = slice(k * n, k * n + n)
+            left[rows, rows] = block
+            if k + 1 < m:
+                left[rows, (k + 1) * n:(k + 2) * n] = -np.eye(n)
+        right[(m - 1) * n:, :n] = np.eye(n)
+        top, bottom = eig(left, right, right=False, homogeneous_eigvals=True)
+        finite = np.argsort(-np.abs(bottom))[:n]
+        large = np.abs(bottom[finite]) < LOST * np.abs(top[finite])
+        values = np.where(large, 0.0, top[finite] / np.where(large, 1.0, bottom[finite]))
+        if large.any():
+            whole = np.linalg.eigvals(product_of(np.array(blocks)))
+            values[large] = whole[np.argsort(-np.abs(whole))][:int(large.sum())]
+    return largest_first(values)
+
+
+def product_of(blocks: Floats) -> Floats:
+    """The product of the blocks, the first one rightmost."""
+    return reduce(lambda whole, block: np.asarray(block @ whole), blocks)
+
+
+def largest_first(multipliers: NDArray[Any]) -> NDArray[np.complex128]:
+    """Multipliers, largest modulus first; the positive imaginary part first in a pair, whose moduli rounding may tell
+    apart.
+    """
+    ordered = sorted(multipliers.tolist(), key=lambda m: (-abs(m), -m.imag))
+    for k in range(len(ordered) - 1):
+        if ordered[k].imag < 0.0 and abs(ordered[k] - ordered[k + 1].conjugate()) <= PAIR * abs(ordered[k]):
+            ordered[k:k + 2] = ordered[k + 1], ordered[k]
+    return np.array(ordered, np.complex128)
+
+
+@dataclass(frozen=True, repr=False)
+class Lyapunov(Described):
+    """The largest Lyapunov exponent.
+
+    Examples
+    --------
+    >>> Lyapunov(1.51, 1.4, 1.6, 0.95, 2000, "chaotic")
+    <Lyapunov 1.51 1/s (1.4 to 1.6): chaotic>
+    """
+
+    exponent: float = field(metadata=reported("mean growth rate of a small disturbance", "1/s"))
+    low: float = field(metadata=reported(
+        "lower end of its interval, for errors of steps and of sampling", "1/s"))
+    high: float = field(metadata=reported("upper end", "1/s"))
+    confidence: float = field(metadata=reported("confidence of the sampling, by batch means"))
+    cycles: int = field(metadata=reported("cycles averaged, or those of the period"))
+    diagnosis: str = field(metadata=reported(
+        "periodic (up to `long_period`), chaotic (interval above 0), contracting (below 0, but no period "
+        "found), quasi-periodic (interval around 0, averages converge as on a torus), runaway, or "
+        "unresolved"))
+
+    def _text(self) -> str:
+        return f"Lyapunov {self.exponent:.6g} 1/s ({self.low:.6g} to {self.high:.6g}): {self.diagnosis}"
+
 
 CONFIDENCE, BATCHES = 0.95, 20
 """Confidence of the interval of a mean growth, and means of consecutive runs of cycles that it is computed from."""
@@ -57,16 +138,11 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
                               period: int = 0) -> Lyapunov:
     """Return the largest Lyapunov exponent of the motion from `state`, which should lie on the attractor.
 
-    Parameters
-    ----------
     state : at t = start_cycle 2 pi/omega
     cycles : engine cycles averaged if there is no period, at least 40
     period : period of the section, engine cycles; 0 for none
 
-    Raises
-    ------
-    InputError
-        Too few cycles.
+    Raises InputError: too few cycles.
     """
     if not 2 * BATCHES <= cycles <= 10_000_000:
         raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * BATCHES} to 10000000")
@@ -202,10 +278,8 @@ def _exponent(matrix: Floats, system: System, period: int) -> float:
 def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tuple[Floats, Floats, Cycles | None]:
     """Return the growth of a tangent vector along a motion; NaN and None if a step fails.
 
-    Returns
-    -------
-    logarithm of the growth in every engine cycle, (cycles,); its difference from a coarser tolerance in one of
-    `COMPARED` cycles; and the cycles
+    returns : logarithm of the growth in every engine cycle, (cycles,); its difference from a coarser tolerance in one
+        of `COMPARED` cycles; and the cycles
     """
     every, runs = COMPARED, list[Cycles]()
     growth, difference = np.full(cycles, np.nan), np.full(cycles // every, np.nan)

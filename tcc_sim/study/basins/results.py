@@ -17,7 +17,7 @@ from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.output.table_files import write_result
 from tcc_sim.result import Described, Result, as_lists, reported, reporting
 from tcc_sim.shown_units import speed
-from tcc_sim.study.basins.proximity import RUNAWAY, UNDECIDED, Attractor, Counts, Labels
+from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED, Attractor, Counts, Labels
 
 ATTRACTORS_SHOWN = 12  # attractors in the text of a result
 # Distances, cells, over which final states are compared (C. Grebogi et al., Phys. Lett. A 99, 1983).

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.steady.periodicity import periodicity
+from tcc_sim.analysis.steady.summary import periodicity
 from tcc_sim.compiling import kernel_cache
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.scene import Scene, load_scene

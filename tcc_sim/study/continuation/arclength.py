@@ -334,10 +334,7 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
 
     The search ends where the bracket is as narrow as `tolerance`, or where `f` is only rounding.
 
-    Raises
-    ------
-    SameSign
-        The signs do not differ.
+    Raises SameSign: the signs do not differ.
     """
     fa, fb = f(a), f(b)
     if fa == 0.0 or fb == 0.0:

@@ -27,8 +27,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.steady.multipliers import multipliers_of
+from tcc_sim.analysis.steady.exponents import multipliers_of
 from tcc_sim.result import Described, reported, reporting
+from tcc_sim.study.continuation import orbits
 from tcc_sim.study.continuation.arclength import (
     OPPOSITE,
     Bracket,
@@ -38,26 +39,7 @@ from tcc_sim.study.continuation.arclength import (
     tangent_of,
     turned_round,
 )
-from tcc_sim.study.continuation.orbits import (
-    FAILURES,
-    MARGINS,
-    NEUTRAL,
-    NEWTON_PARTS,
-    SAME,
-    Floats,
-    Linearised,
-    Margin,
-    Margins,
-    Orbit,
-    OrbitState,
-    Shooting,
-    differ,
-    kind_of_change,
-    layout,
-    margin_residual,
-    orbit_at,
-    ring,
-)
+from tcc_sim.study.continuation.orbits import Floats, Linearised, Margins, Orbit, Shooting
 
 LOCATED = 1e-8  # last Newton step of a bifurcation
 BORDER = 1e-12  # margin, relative to its natural size, of a solution
@@ -115,10 +97,10 @@ class Bordered:
                 if length <= self.finest and value > BORDER:
                     return u + step, linearised, length
                 new = None
-                for part in NEWTON_PARTS:
+                for part in orbits.NEWTON_PARTS:
                     try:
                         new = self.linearise(u + part * step)
-                    except FAILURES:
+                    except orbits.FAILURES:
                         continue
                     if float(np.abs(new.residual[size:]).max()) <= 2.0 * value + BORDER:
                         break
@@ -127,7 +109,7 @@ class Bordered:
                 u, linearised = u + part * step, new
                 if float(np.linalg.norm(u - start)) > reach:
                     return None
-        except FAILURES:
+        except orbits.FAILURES:
             return None
         return None
 
@@ -239,7 +221,7 @@ class MinimallyAugmented(Bordered):
         away[:size] = step * direction.ravel()
         try:
             changed = self.shooting.linearise(z + away)
-        except FAILURES:  # The map ends there.
+        except orbits.FAILURES:  # The map ends there.
             changed, step = self.shooting.linearise(z - away), -step
         blocks = (changed.blocks - linearised.blocks) / step
         self.bend = float(np.abs(blocks).max() / max(np.linalg.norm(direction), 1e-300))
@@ -272,7 +254,7 @@ class VanishingMargin(Bordered):
     """
 
     def __init__(self, shooting: Shooting, kind: str) -> None:
-        self.shooting, self.name, self.events = shooting, MARGINS[kind], ""
+        self.shooting, self.name, self.events = shooting, orbits.MARGINS[kind], ""
         self.left = 0.0 if self.name == "arrival" else BORDER_LEFT
         self.finest = BORDER_FINEST
 
@@ -281,7 +263,7 @@ class VanishingMargin(Bordered):
         linearised = self.shooting.linearise(z)
         if self.left:
             self.events = self.events or linearised.seen.events
-            if differ(linearised.seen.events, self.events):
+            if orbits.differ(linearised.seen.events, self.events):
                 raise ArithmeticError("the event sequence has changed")
         margin = nearest_margins(self.shooting, z).get(self.name)
         if margin is None:
@@ -293,8 +275,8 @@ class VanishingMargin(Bordered):
 def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
     """The margins of an orbit that are least in size over all segments, with derivatives by the scaled unknowns."""
     nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
-    out: dict[str, Margin] = {}
-    for k, (first, length) in enumerate(zip(layout(shooting.segments, n)[0], shooting.segments)):
+    out: dict[str, orbits.Margin] = {}
+    for k, (first, length) in enumerate(zip(orbits.layout(shooting.segments, n)[0], shooting.segments)):
         for name, margins in shooting.map.margins(nodes[k], values, first, length).items():
             if name not in out or abs(margins.value) < abs(out[name].value):
                 slopes = np.zeros(len(z))
@@ -365,7 +347,7 @@ class Bifurcation(Described):
 
     @property
     @reporting("the motion at it", spread=True)
-    def state(self) -> OrbitState:
+    def state(self) -> orbits.OrbitState:
         """The motion at it."""
         return self.point.orbit.state
 
@@ -378,7 +360,7 @@ class Bifurcation(Described):
 
 def point_at(shooting: Shooting, solution: Solution) -> ContinuationPoint:
     """The continuation point of a solution."""
-    return ContinuationPoint(solution, shooting, orbit_at(shooting, solution.z, solution.linearised))
+    return ContinuationPoint(solution, shooting, orbits.orbit_at(shooting, solution.z, solution.linearised))
 
 
 def doubling(m: NDArray[np.complex128]) -> float:
@@ -393,7 +375,7 @@ def torus(m: NDArray[np.complex128]) -> float:
 
 def _opposite(one: float, two: float, factors: Iterable[float]) -> bool:
     """Whether a test function, the product of `factors`, has changed its sign by more than rounding of one factor."""
-    return one * two < 0.0 and max(abs(one), abs(two)) > NEUTRAL * math.prod(factors)
+    return one * two < 0.0 and max(abs(one), abs(two)) > orbits.NEUTRAL * math.prod(factors)
 
 
 def smooth_bifurcations(bracket: Bracket[ContinuationPoint]) -> list[Bifurcation]:
@@ -434,7 +416,7 @@ def branch_point(near: ContinuationPoint) -> ContinuationPoint | None:
             return None
         z = solved[0][:-1]
         return point_at(shooting, solution_at(z, shooting.linearise(z), near.solution.tangent))
-    except FAILURES:
+    except orbits.FAILURES:
         return None
 
 
@@ -465,20 +447,20 @@ def sliding_bifurcation(
             # The corrector's observation is from before its last step.
             seen = point.shooting.linearise(point.solution.z).seen
             point = replace(point, orbit=replace(point.orbit, seen=seen))
-            if differ(point.orbit.seen.events, bracket.a.orbit.seen.events):
+            if orbits.differ(point.orbit.seen.events, bracket.a.orbit.seen.events):
                 high, right = middle, point
             else:
                 low, left = middle, point
         events = left.orbit.seen.events, right.orbit.seen.events
-        if differ(events[0].replace("F", ""), events[1].replace("F", "")) is False:
+        if orbits.differ(events[0].replace("F", ""), events[1].replace("F", "")) is False:
             return left, right, None
         near = nearest_margins(left.shooting, left.solution.z), nearest_margins(right.shooting, right.solution.z)
-        kind = kind_of_change(*events, near)
+        kind = orbits.kind_of_change(*events, near)
         border = _on_border(kind, left, right, near)
         if border is not None:
             return left, right, border
         # The margin may vanish on one side only, and the bracket need not be narrow.
-        residual, at = min(((max(margin_residual(kind, (m,)), s.orbit.residual), s)
+        residual, at = min(((max(orbits.margin_residual(kind, (m,)), s.orbit.residual), s)
                             for s, m in zip((left, right), near)), key=lambda side: side[0])
         # In a bracket as narrow as rounding both ends may be on the side without the margin; then the next, wider
         # brackets are tried.
@@ -492,12 +474,12 @@ def sliding_bifurcation(
 def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
                near: tuple[Margins, Margins]) -> Bifurcation | None:
     """The border between two points by Newton's method on its margin; None where that fails."""
-    name = MARGINS[kind]
+    name = orbits.MARGINS[kind]
     sides = [(s, m[name]) for s, m in zip((left, right), near) if name in m]
     if not sides:
         return None
     # The margin that is to vanish belongs to the side without the event that it would make.
-    start, _ = min(sides, key=lambda side: (len(ring(side[0].orbit.seen.events)), abs(side[1].value)))
+    start, _ = min(sides, key=lambda side: (len(orbits.ring(side[0].orbit.seen.events)), abs(side[1].value)))
     shooting, size = start.shooting, start.shooting.size
     apart = max(float(np.linalg.norm(right.solution.z - left.solution.z)), 1e-9)
     solved = VanishingMargin(shooting, kind).solved(start.solution.z, BORDER_ASTRAY * apart)
@@ -512,18 +494,18 @@ def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
 def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[Bifurcation] | None:
     """The bifurcations between two neighbouring points, in order; None where the step has skipped a piece."""
     bracket = Bracket(a, b, b.by_amplitude)
-    if not (a.shooting.map.piecewise and differ(a.orbit.seen.events, b.orbit.seen.events)):
+    if not (a.shooting.map.piecewise and orbits.differ(a.orbit.seen.events, b.orbit.seen.events)):
         return smooth_bifurcations(bracket)
     out: list[Bifurcation] = []
     for _ in range(MOST_BORDERS):
         left, right, points = sliding_bifurcation(bracket)
-        if float(np.linalg.norm(right.solution.z - left.solution.z)) > SAME:
+        if float(np.linalg.norm(right.solution.z - left.solution.z)) > orbits.SAME:
             return None
         out += smooth_bifurcations(Bracket(bracket.a, left, b.by_amplitude))
         if points is not None:
             out.append(points)
         bracket = Bracket(right, b, b.by_amplitude)
-        if not differ(right.orbit.seen.events, b.orbit.seen.events):
+        if not orbits.differ(right.orbit.seen.events, b.orbit.seen.events):
             break
     return out + smooth_bifurcations(bracket)
 
@@ -548,7 +530,7 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
                 if solved is None or not np.abs(solved[0] - near).max() < HALVES_REACH:
                     return here
                 linearised = whole.linearise(solved[0])
-            except FAILURES:
+            except orbits.FAILURES:
                 return here
             if float(np.abs(linearised.residual).max()) > shooting.settings.residual:
                 return here

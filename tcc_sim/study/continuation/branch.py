@@ -1,5 +1,4 @@
-"""Branches of periodic orbits with their bifurcations: how they are followed, and the orbits on them.
-"""
+"""Branches of periodic orbits with their bifurcations: how they are followed, and the orbits on them."""
 
 from __future__ import annotations
 
@@ -12,23 +11,8 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.result import Described, reported, reporting
-from tcc_sim.study.continuation.arclength import (
-    FLAT_STEP,
-    Bracket,
-    Continuation,
-    CurvePoint,
-    End,
-    Rules,
-    StopReason,
-    back_at_start,
-    corrector,
-    null_direction,
-    oriented,
-    own_start,
-    predicted,
-    solution_at,
-    tangent_of,
-)
+from tcc_sim.study.continuation import arclength, orbits
+from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, Rules, StopReason
 from tcc_sim.study.continuation.bifurcations import (
     Bifurcation,
     ContinuationPoint,
@@ -36,18 +20,7 @@ from tcc_sim.study.continuation.bifurcations import (
     point_at,
     special_points_between,
 )
-from tcc_sim.study.continuation.orbits import (
-    FAILURES,
-    SAME,
-    Floats,
-    Linearised,
-    Orbit,
-    OrbitFigures,
-    Shooting,
-    differ,
-    newton,
-    shifts,
-)
+from tcc_sim.study.continuation.orbits import Floats, Linearised, Orbit, Shooting
 
 FAMILY = 1e-7  # distance of a multiplier from 1, and slope of the parameter, in a family at one value
 FAMILY_LENGTH = 1e-2  # length of a branch in a family before it ends
@@ -103,8 +76,8 @@ class Branch(Described):
         return self.origin.as_json()
 
     @property
-    @reporting("the motions along it, in lists", listed=True, of=(OrbitFigures,))
-    def motions(self) -> list[OrbitFigures]:
+    @reporting("the motions along it, in lists", listed=True, of=(orbits.OrbitFigures,))
+    def motions(self) -> list[orbits.OrbitFigures]:
         """The motion of every point."""
         return [point.orbit.figures for point in self.points]
 
@@ -127,12 +100,12 @@ BranchTrack = Continuation[ContinuationPoint, Bifurcation]
 
 def _every_start(track: BranchTrack) -> list[tuple[Floats, Floats]]:
     """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may begin."""
-    out, first = own_start(track), track.here
+    out, first = arclength.own_start(track), track.here
     shooting, z = first.shooting, first.solution.z
     of, size, tangent = shooting.map, shooting.size, shooting.outer(first.solution.tangent)
     x, values = shooting.nodes(z)[0], shooting.values(z)
     sizes = np.concatenate([of.scales, shooting.widths])
-    for k, shifted in enumerate(shifts(of, x, values, shooting.period)[1:], 1):
+    for k, shifted in enumerate(orbits.shifts(of, x, values, shooting.period)[1:], 1):
         image = of.evaluate(x, values, 0, k * of.forcing_period)
         way = np.concatenate([image.derivatives @ (sizes * tangent) / of.scales, tangent[of.dimension:]])
         out.append((np.concatenate([shifted / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
@@ -160,7 +133,7 @@ def _ended(track: BranchTrack, new: ContinuationPoint, special: list[Bifurcation
                 span.scaled(track.special[-1][1].value) - span.scaled(shorter.value)) < SAME_END:
             track.special.pop()
         return shorter, special, stop or track.end(StopReason.DOUBLING, shorter)
-    return back_at_start(track, new, special, stop)
+    return arclength.back_at_start(track, new, special, stop)
 
 
 def _stuck(track: BranchTrack) -> End | None:
@@ -179,8 +152,8 @@ def _stuck(track: BranchTrack) -> End | None:
 
 def _went_on(track: BranchTrack, before: ContinuationPoint, corner: bool) -> None:
     here = track.here
-    predicted(track, before, corner or (before.shooting.map.piecewise
-                                        and differ(before.orbit.seen.events, here.orbit.seen.events)))
+    arclength.predicted(track, before, corner or (before.shooting.map.piecewise
+                                        and orbits.differ(before.orbit.seen.events, here.orbit.seen.events)))
     if not corner:
         _remesh(track)
 
@@ -194,7 +167,7 @@ def _cut_anew(track: BranchTrack) -> bool:
     track.cut = len(track.points), math.inf
     if not _remesh(track, anew=True):
         return False
-    track.length = FLAT_STEP
+    track.length = arclength.FLAT_STEP
     return True
 
 
@@ -210,13 +183,14 @@ def _remesh(track: BranchTrack, anew: bool = False) -> bool:
         return False
     if anew and finer.segments == shooting.segments:
         return False
-    polished = newton(finer, z)
+    polished = orbits.newton(finer, z)
     if polished is None:
         return False
     linearised = finer.linearise(polished)
     along, n = np.zeros(len(z)), shooting.map.dimension
     along[:n], along[-1] = here.solution.tangent[:n], here.solution.tangent[-1]
-    track.points[-1] = point_at(finer, solution_at(polished, linearised, tangent_of(linearised, along)))
+    tangent = arclength.tangent_of(linearised, along)
+    track.points[-1] = point_at(finer, arclength.solution_at(polished, linearised, tangent))
     track.before = []
     return True
 
@@ -230,11 +204,12 @@ def _beyond_corner(track: BranchTrack) -> ContinuationPoint | None:
     for distance in CORNER_DISTANCES:
         try:
             linearised = shooting.linearise(here.solution.z + distance * here.solution.tangent)
-            along = oriented(solution_at(here.solution.z, linearised, null_direction(linearised)),
-                             here.solution.sign).tangent
+            tangent = arclength.null_direction(linearised)
+            at = arclength.solution_at(here.solution.z, linearised, tangent)
+            along = arclength.oriented(at, here.solution.sign).tangent
             z = here.solution.z + distance * along
             events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
-        except FAILURES:
+        except orbits.FAILURES:
             continue
         new = None if events == here.orbit.seen.events else _beyond(track, linearised, along, distance)
         if new is not None:
@@ -253,10 +228,11 @@ def _beyond(track: BranchTrack, linearised: Linearised, along: Floats,
         try:
             start = known or shooting.linearise(z + distance * along)
             short: Continuation[CurvePoint, None] = Continuation(CurvePoint(
-                solution_at(z, start, tangent_of(start, along)), replace(shooting, settings=settings)))
+                arclength.solution_at(z, start, arclength.tangent_of(start, along)),
+                replace(shooting, settings=settings)))
             moved = short.step(by_amplitude=False)
             new = None if moved is None else here.moved(moved, by_amplitude=False)
-        except FAILURES:
+        except orbits.FAILURES:
             continue
         if new is not None and new.orbit.seen.events != here.orbit.seen.events:
             track.length = short.length
@@ -309,10 +285,10 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, numbe
 def first_point(shooting: Shooting, z: Floats) -> ContinuationPoint:
     """The first point of a branch at a solution; its tangent points to growing parameters."""
     linearised = shooting.linearise(z)
-    tangent = null_direction(linearised)
+    tangent = arclength.null_direction(linearised)
     if tangent[shooting.size] < 0.0:
         tangent = -tangent
-    return point_at(shooting, solution_at(z, linearised, tangent))
+    return point_at(shooting, arclength.solution_at(z, linearised, tangent))
 
 
 def orbits_at(branch: Branch, value: float) -> list[Orbit]:
@@ -351,9 +327,10 @@ def _at(near: ContinuationPoint, value: float) -> Orbit | None:
     shooting, z, tangent = near.shooting, near.solution.z, near.solution.tangent
     row, size = np.zeros(len(z)), near.shooting.size
     row[size], away = 1.0, shooting.ranges[0].scaled(value) - float(z[size])
-    guess = z + (tangent * (away / near.slope) if abs(away) > SAME and near.slope else row * away)
+    guess = z + (tangent * (away / near.slope) if abs(away) > orbits.SAME and near.slope else row * away)
     guess[size] = shooting.ranges[0].scaled(value)
-    corrected = corrector(shooting, guess, row)
+    corrected = arclength.corrector(shooting, guess, row)
     if corrected is None:
         return None
-    return replace(point_at(shooting, solution_at(corrected.z, corrected.linearised, tangent)).orbit, values=(value,))
+    solution = arclength.solution_at(corrected.z, corrected.linearised, tangent)
+    return replace(point_at(shooting, solution).orbit, values=(value,))

@@ -16,28 +16,11 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.steady.multipliers import multipliers_of
+from tcc_sim.analysis.steady.exponents import multipliers_of
 from tcc_sim.result import Described, reported, reporting
 from tcc_sim.shown_units import key_unit
-from tcc_sim.study.continuation.arclength import (
-    FLAT_STEP,
-    OPPOSITE,
-    Bracket,
-    Continuation,
-    CurvePoint,
-    End,
-    P,
-    Rules,
-    StopReason,
-    back_at_start,
-    chandrupatla,
-    corrector,
-    gave_up,
-    null_direction,
-    predicted,
-    solution_at,
-    turned_round,
-)
+from tcc_sim.study.continuation import arclength, orbits
+from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, P, Rules, StopReason
 from tcc_sim.study.continuation.bifurcations import (
     BORDER_HALVINGS,
     Bifurcation,
@@ -45,17 +28,7 @@ from tcc_sim.study.continuation.bifurcations import (
     cyclic,
     nearest_margins,
 )
-from tcc_sim.study.continuation.orbits import (
-    DEFAULTS,
-    FAILURES,
-    Floats,
-    Linearised,
-    ParameterMap,
-    ParameterRange,
-    Settings,
-    differ,
-    kind_of_change,
-)
+from tcc_sim.study.continuation.orbits import Floats, Linearised, ParameterMap, ParameterRange, Settings
 
 CURVE_ROOT = 1e-9  # width of the bracket of a point of codimension two, relative to the step
 CURVE_SLOPE = 1e-2  # distance from it of the slope of its test, relative to the bracket
@@ -150,7 +123,7 @@ def values_of_tests(point: AugmentedPoint, longer: float = 0.0) -> dict[str, flo
             return {"cusp": bend, "resonance_1_1": simple, "fold_flip": flip}
         out |= {"resonance_1_2": simple, "fold_flip": flip}
         out["generalised_doubling"] = flip * _cubic(equations, u, q, p, longer)
-    except FAILURES:
+    except orbits.FAILURES:
         pass
     return out
 
@@ -185,7 +158,7 @@ def measured(point: AugmentedPoint, test: Test) -> tuple[float, float, Floats]:
         polished = point.moved(point.solution._replace(z=point.solution.z + step))
         changes = [abs(test(s, longer) - value) for s, longer in ((point, 0.5), (polished, 2.0))]
         return value, max(changes), np.abs(parameters(point, step))
-    except (*FAILURES, KeyError):
+    except (*orbits.FAILURES, KeyError):
         return 0.0, math.inf, np.full(2, math.inf)
 
 
@@ -203,7 +176,7 @@ def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -
         return values[part]
 
     try:
-        part = chandrupatla(value, 0.0, 1.0, CURVE_ROOT)
+        part = arclength.chandrupatla(value, 0.0, 1.0, CURVE_ROOT)
         low, high = max(part - CURVE_SLOPE, 0.0), min(part + CURVE_SLOPE, 1.0)
         slope, root = (value(high) - value(low)) / (high - low), bracket.at(part)
         assert root is not None
@@ -213,7 +186,7 @@ def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -
             chord, tangent = b.solution.z - a.solution.z, root.solution.tangent
             along = np.abs(parameters(root, tangent)) * float(chord @ chord) / abs(float(chord @ tangent))
             return Special.of(kind, root, error * along + RESOLVED * step + CURVE_EXACT)
-    except (*FAILURES, KeyError):
+    except (*orbits.FAILURES, KeyError):
         pass
     first = values.get(0.0, 0.0)
     low = max((k for k in values if values[k] * first > 0.0 and k < 1.0), default=0.0)
@@ -291,10 +264,10 @@ def change_of_events(a: AugmentedPoint, b: AugmentedPoint) -> Special:
         point = bracket.at(middle)
         if point is None:
             break
-        side = int(differ(point.events, a.events))
+        side = int(orbits.differ(point.events, a.events))
         ends[side], parts[side] = point, middle
     one, two = (nearest_margins(equations.shooting, s.solution.z[:equations.unknowns]) for s in ends)
-    kind = kind_of_change(ends[0].events, ends[1].events, (one, two))
+    kind = orbits.kind_of_change(ends[0].events, ends[1].events, (one, two))
     return midway(kind, ends[0], ends[1], True)
 
 
@@ -344,7 +317,7 @@ def _unresolved(track: CurveTrack, new: AugmentedPoint) -> End | None:
 
 def _special(track: CurveTrack, new: AugmentedPoint) -> list[Special]:
     here = track.here
-    if here.equations.shooting.map.piecewise and differ(here.events, new.events):
+    if here.equations.shooting.map.piecewise and orbits.differ(here.events, new.events):
         track.tests.clear()
         _test(track, new)
         return [change_of_events(here, new)]
@@ -394,11 +367,11 @@ def _ended(track: CurveTrack, new: AugmentedPoint, special: list[Special],
     last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
     if equations.doubled:
         halves = equations.between_halves(track.here.solution.z)
-        if turned_round(halves, equations.between_halves(new.solution.z), OPPOSITE):
+        if arclength.turned_round(halves, equations.between_halves(new.solution.z), arclength.OPPOSITE):
             last = singular_end("generalised_doubling", track.points, _apart(track), new)
             special = [*special, *([] if last is None else [last])]
     if last is None:
-        return back_at_start(track, new, special, stop)
+        return arclength.back_at_start(track, new, special, stop)
     return last.point, special, track.end(StopReason.SPECIAL, last.point, what=last.kind)
 
 
@@ -409,7 +382,9 @@ def _stuck(track: CurveTrack) -> tuple[list[Special], End]:
     last = None
     if track.here.equations.doubled and (apart := _apart(track))(track.here) <= HALVES_MET:
         last = singular_end("generalised_doubling", track.points, apart)
-    return gave_up(track) if last is None else ([last], track.end(StopReason.SPECIAL, last.point, what=last.kind))
+    if last is None:
+        return arclength.gave_up(track)
+    return [last], track.end(StopReason.SPECIAL, last.point, what=last.kind)
 
 
 def _apart(track: CurveTrack) -> Callable[[AugmentedPoint], float]:
@@ -421,7 +396,7 @@ def _apart(track: CurveTrack) -> Callable[[AugmentedPoint], float]:
 
 
 def _went_on(track: CurveTrack, before: AugmentedPoint, corner: bool) -> None:
-    predicted(track, before, corner)
+    arclength.predicted(track, before, corner)
     track.cut, here = (0, math.inf), track.here
     here.equations.update_borders(here.solution.z, here.solution.linearised)
     _remesh(track, others=(len(track.points) - 1) % track.settings.fewer_after == 0)
@@ -436,7 +411,7 @@ def _cut_anew(track: CurveTrack) -> bool:
         if growth <= equations.shooting.settings.growth and growth < track.cut[1]:
             track.cut = len(track.points), growth
             if _remesh(track, growth):
-                track.length = FLAT_STEP
+                track.length = arclength.FLAT_STEP
                 return True
     return False
 
@@ -459,14 +434,15 @@ def _remesh(track: CurveTrack, growth: float | None = None, others: bool = False
         start = np.append(z, here.solution.z[-1:]) if old.turning else z
         linearised = other.linearise(start)
         other.update_borders(start, linearised, old)
-        polished = corrector(other, start, null_direction(linearised))
-    except FAILURES:
+        polished = arclength.corrector(other, start, arclength.null_direction(linearised))
+    except orbits.FAILURES:
         return False
     if polished is None:
         return False
     # The first node and the parameters do not depend on the segments; the other nodes have the motion's errors.
     sign = 1.0 if float(old.outer(here.solution.tangent) @ other.outer(polished.tangent)) > 0.0 else -1.0
-    track.points[-1] = AugmentedPoint(solution_at(polished.z, polished.linearised, sign * polished.tangent), other)
+    solution = arclength.solution_at(polished.z, polished.linearised, sign * polished.tangent)
+    track.points[-1] = AugmentedPoint(solution, other)
     track.before = []
     track.note(_test(track, track.here))
     return True
@@ -483,7 +459,8 @@ changes that other difference steps and one more Newton step make.
 def start_of_curve(equations: MinimallyAugmented) -> AugmentedPoint:
     """The first point of a curve, without a direction."""
     linearised = equations.linearise(equations.start)
-    return AugmentedPoint(solution_at(equations.start, linearised, null_direction(linearised)), equations)
+    tangent = arclength.null_direction(linearised)
+    return AugmentedPoint(arclength.solution_at(equations.start, linearised, tangent), equations)
 
 
 def facing(point: P, forward: bool) -> P:
@@ -496,7 +473,7 @@ class Border:
     """The equation of a border in two parameters: a margin vanishes."""
 
     rounding: ClassVar[float] = 1e-12
-    settings: ClassVar[Settings] = DEFAULTS
+    settings: ClassVar[Settings] = orbits.DEFAULTS
     size: ClassVar[int] = 0
 
     def __init__(self, margin: Callable[[float, float], float], ranges: Ranges) -> None:
@@ -515,7 +492,7 @@ class Border:
         for k, away in enumerate(step * np.eye(2)):
             try:
                 gradient[0, k] = (at(z + away) - at(z - away)) / (2.0 * step)
-            except FAILURES:
+            except orbits.FAILURES:
                 side = -1.0 if z[k] > 0.5 else 1.0
                 gradient[0, k] = side * (at(z + side * away) - at(z)) / step
         return Linearised(np.array([at(z)]), gradient)
@@ -549,10 +526,11 @@ def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value:
 
     def begun(forward: bool) -> Continuation[CurvePoint, Special]:
         linearised = border.linearise(at)
-        return Continuation(facing(CurvePoint(solution_at(at, linearised, null_direction(linearised)), border),
-                                   forward))
+        solution = arclength.solution_at(at, linearised, arclength.null_direction(linearised))
+        return Continuation(facing(CurvePoint(solution, border), forward))
 
-    return _both_ways("stick_border", begun, End(StopReason.STEP, ranges[0].name, value, DEFAULTS.residual), second)
+    lost = End(StopReason.STEP, ranges[0].name, value, orbits.DEFAULTS.residual)
+    return _both_ways("stick_border", begun, lost, second)
 
 
 def _both_ways(kind: str, begun: Callable[[bool], Continuation[Any, Special]], lost: End,
@@ -566,7 +544,7 @@ def _both_ways(kind: str, begun: Callable[[bool], Continuation[Any, Special]], l
         try:
             tracks.append(begun(forward))
             deque(tracks[-1].follow(), 0)
-        except FAILURES:
+        except orbits.FAILURES:
             if not tracks:
                 return BifurcationCurve(kind, (lost.value,), (second,), (lost, lost))
             tracks[-1].stop = tracks[-1].stop or tracks[-1].end(StopReason.STEP, limit=lost.limit)

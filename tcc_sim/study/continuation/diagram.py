@@ -15,23 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tcc_sim.analysis.steady.multipliers import product_of
+from tcc_sim.analysis.steady.exponents import product_of
 from tcc_sim.result import reported
+from tcc_sim.study.continuation import orbits
 from tcc_sim.study.continuation.arclength import End, StopReason, corrector
 from tcc_sim.study.continuation.bifurcations import Bifurcation, ContinuationPoint, point_at
 from tcc_sim.study.continuation.branch import Branch, BranchOrigin, Tick, branch_through, first_point
-from tcc_sim.study.continuation.orbits import (
-    DEFAULTS,
-    FAILURES,
-    Floats,
-    ParameterMap,
-    ParameterRange,
-    Settings,
-    Shooting,
-    find_orbit,
-    minimal_period,
-    shifts,
-)
+from tcc_sim.study.continuation.orbits import Floats, ParameterMap, ParameterRange, Settings, Shooting
 
 MERGED = 1e-5  # distance, relative to the range, at which two ends of branches are one doubling
 # Distances from a doubling at which its branch is tried; beside a canard, where the map bends within 1e-5, only the
@@ -71,8 +61,6 @@ def bifurcation_diagram(of: ParameterMap, span: ParameterRange, seen: Sequence[S
                         tick: Tick | None = None, settings: Settings = SWEPT) -> list[Branch]:
     """Branches through the periodic motions of a sweep, and the branches from their doublings.
 
-    Parameters
-    ----------
     of, span : the map with one free parameter, and its range
     seen : motions along the sweep, in order; the longest run of one period that lies on no branch is followed first
     tick : called with every point
@@ -165,7 +153,7 @@ def passes_through(branch: Branch, point: ContinuationPoint) -> bool:
     of, orbit = point.shooting.map, point.orbit
     if branch.period != orbit.period:
         return False
-    sections = np.array(shifts(of, orbit.section, orbit.values, orbit.period))
+    sections = np.array(orbits.shifts(of, orbit.section, orbit.values, orbit.period))
     for piece in pieces_at(branch, point.value):
         chord = piece.b.orbit.section - piece.a.orbit.section
         away = np.abs((piece.a.orbit.section + piece.part * chord - sections) / of.scales).max(axis=1)
@@ -182,13 +170,13 @@ def amplitude_of(seen: Sequence[SettledMotion]) -> float:
 
 
 def point_of(of: ParameterMap, span: ParameterRange, seen: SettledMotion,
-             settings: Settings = DEFAULTS) -> ContinuationPoint | None:
+             settings: Settings = orbits.DEFAULTS) -> ContinuationPoint | None:
     """The point of a branch at a motion of a sweep; None where Newton's method finds no orbit there."""
     shooting = Shooting.single(of, math.lcm(seen.period, of.forcing_period), span, settings=settings)
     try:
-        z = find_orbit(shooting, (seen.value,), [state_at_phase_0(of, seen)])
+        z = orbits.find_orbit(shooting, (seen.value,), [state_at_phase_0(of, seen)])
         return None if z is None else first_point(shooting, z)
-    except FAILURES:
+    except orbits.FAILURES:
         return None
 
 
@@ -229,11 +217,11 @@ def doubled(bifurcation: Bifurcation) -> ContinuationPoint | None:
                 continue
             try:
                 at = shooting.nodes(got.z)[0]
-                half = minimal_period(shooting.map, at, shooting.values(got.z), shooting.period, 0.1 * amplitude)
+                half = orbits.minimal_period(shooting.map, at, shooting.values(got.z), shooting.period, 0.1 * amplitude)
                 if half != shooting.period:
                     continue
                 return point_at(shooting, got.facing(sign * row))
-            except FAILURES:
+            except orbits.FAILURES:
                 continue
     return None
 
@@ -417,8 +405,6 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
              direction: str = "cold") -> list[Jump]:
     """The jumps of a sweep, each with its cause.
 
-    Parameters
-    ----------
     seen : its motions in order of the parameter
     branches : from `bifurcation_diagram`
     least : smallest change of the largest size of a jump, relative to the largest periodic motion

@@ -16,35 +16,21 @@ import numpy as np
 
 from tcc_sim.analysis.steady.summary import runaway_cause, slip_grows
 from tcc_sim.errors import InputError, NumericalFailure, counted
-from tcc_sim.model.crank_speed import SPEED
-from tcc_sim.model.elements import list_of
+from tcc_sim.model.closed_forms import common_cycles, stick_margin
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
-from tcc_sim.model.parameters import System, replace, unknown_key, values_of
-from tcc_sim.model.pure_stick import stick_margin
+from tcc_sim.model.parameters import SPEED, System, list_of, replace, unknown_key, values_of
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import Described, Result, reported, reporting
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers.engine import GRADIENT, GROWS, SCALES, VALUE
 from tcc_sim.solvers.exact_engine import ARRIVAL, GRAZING, STUCK
 from tcc_sim.solvers.stroboscopic import Prepared
+from tcc_sim.study.continuation import orbits
 from tcc_sim.study.continuation.bifurcations import Bifurcation, ContinuationPoint
 from tcc_sim.study.continuation.branch import FAMILY, Branch, BranchOrigin, branch_through, first_point, orbits_at
 from tcc_sim.study.continuation.curves import KINDS, BifurcationCurve, bifurcation_curve, border_curve
 from tcc_sim.study.continuation.diagram import SettledMotion, passes_through, point_of, switch
-from tcc_sim.study.continuation.orbits import (
-    FAILURES,
-    Floats,
-    Image,
-    Margin,
-    Margins,
-    Observation,
-    OrbitFigures,
-    ParameterRange,
-    Shooting,
-    Values,
-    find_orbit,
-)
+from tcc_sim.study.continuation.orbits import Floats, Image, Margins, ParameterRange, Shooting, Values
 from tcc_sim.sweeps.progress import point_bar
 from tcc_sim.sweeps.results import check_effect
 from tcc_sim.sweeps.steady_state import settled_from_start
@@ -62,10 +48,8 @@ ELSEWHERE = 9  # values of the range at which a motion is tried where the scene'
 class DrivelineMap:
     """`ParameterMap` of one scene; states are slip speed, plate angle and plate speed at phase 0 of the engine.
 
-    Raises
-    ------
-    InputError
-        A key that is no number, that only says where a solution starts, or that would make the excitation aperiodic.
+    Raises InputError: a key that is no number, that only says where a solution starts, or that would make the
+    excitation aperiodic.
     """
 
     dimension, scales, amplitude_scale, divisible = 3, SCALES, 10.0, True
@@ -110,8 +94,9 @@ class DrivelineMap:
             if not all(math.isfinite(number) for number in image.state.tolist()):
                 raise ArithmeticError("the state is not finite")
             heights = image.heights.tolist()
-            seen = Observation(max(heights), image.stick_time / (count * prepared.period), image.events, tuple(heights))
-            out.append(Image(image.state, image.derivatives, seen, image.heights_derivatives))
+            stuck = image.stick_time / (count * prepared.period)
+            out.append(Image(image.state, image.derivatives, orbits.Observation(
+                max(heights), stuck, image.events, tuple(heights)), image.heights_derivatives))
         return out
 
     def _prepare(self, values: Values) -> Prepared:
@@ -134,8 +119,8 @@ class DrivelineMap:
             return {}
         strength = system.friction_ratio * (system.saturation_mean + abs(system.saturation_amplitude))
         sizes = {"grazing": (GRAZING, self.amplitude_scale), "arrival": (ARRIVAL, strength), "stick": (STUCK, strength)}
-        return {name: Margin(float(margins[row, VALUE]) / size, margins[row, GRADIENT:] / size,
-                             bool(margins[row, GROWS]))
+        return {name: orbits.Margin(float(margins[row, VALUE]) / size, margins[row, GRADIENT:] / size,
+                                    bool(margins[row, GROWS]))
                 for name, (row, size) in sizes.items() if math.isfinite(margins[row, VALUE])}
 
     def _settled(self, x: Floats) -> Floats:
@@ -188,10 +173,7 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
                 period: int | None) -> tuple[Shooting, Floats]:
     """The orbit near the motion that the scene settles in, by Newton's method.
 
-    Raises
-    ------
-    NumericalFailure
-        None was found; the message names a value of the range at which motions settle.
+    Raises NumericalFailure: none was found; the message names a value of the range at which motions settle.
     """
     base = map_.forcing_period
     cycles, summary = map_.settled((value,), SETTLING)
@@ -208,9 +190,9 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
         known = []  # An orbit of the shortest period, which the search for a longer one deflates.
         if count != base:
             simple = Shooting.single(map_, base, span)
-            z = find_orbit(simple, (value,), [guesses[-1], guesses[0]])
+            z = orbits.find_orbit(simple, (value,), [guesses[-1], guesses[0]])
             known = [] if z is None else [simple.nodes(z)[0]]
-        z = find_orbit(shooting, (value,), guesses, known)
+        z = orbits.find_orbit(shooting, (value,), guesses, known)
         if z is not None:
             return shooting, z
     raise NumericalFailure(_no_motion(map_, span, value, cycles, period, wanted))
@@ -229,7 +211,7 @@ def _no_motion(map_: DrivelineMap, span: ParameterRange, value: float, cycles: C
     for other in sorted(np.linspace(span.low, span.high, ELSEWHERE).tolist(), key=lambda x: abs(x - value)):
         try:
             settled, summary = map_.settled((other,), SETTLING_ELSEWHERE)
-        except FAILURES:
+        except orbits.FAILURES:
             continue
         if summary and (period is None or summary == period):
             return f"{why}; begin at --set {span.name}={other:.9g}, where the motion settles in period {summary}"
@@ -245,12 +227,7 @@ def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], peri
            known: Sequence[Branch]) -> Iterator[tuple[ContinuationPoint, BranchOrigin]]:
     """Yield first points of branches, with their origins, at seeds that lie on none of the branches `known` by then.
 
-    Raises
-    ------
-    InputError
-        As `refuse_family`.
-    NumericalFailure
-        No orbit is near any of them.
+    Raises InputError: as `refuse_family`. NumericalFailure: No orbit is near any of them.
     """
     met = False
     for number, seed in enumerate(seeds):
@@ -271,10 +248,7 @@ def seeded(map_: DrivelineMap, span: ParameterRange, seeds: Sequence[Seed], peri
 def seeds_in(document: Mapping[str, Any], system: System, over: str, low: float, high: float) -> tuple[Seed, ...]:
     """The periodic attractors of a `basins --json` document within a range of `over`.
 
-    Raises
-    ------
-    InputError
-        No such document, another scene (apart from `over` and initial.*), or no attractor in the range.
+    Raises InputError: no such document, another scene (apart from `over` and initial.*), or no attractor in the range.
     """
     try:
         kind = str(document.get("format", "no result of a command"))
@@ -323,10 +297,7 @@ class ContinuationPlan:
     second : follow every fold, doubling, Neimark-Sacker and stick border in a second key
     seeds : motions on further branches; they replace the settled one
 
-    Raises
-    ------
-    InputError
-        A wrong range, value, period or depth.
+    Raises InputError: a wrong range, value, period or depth.
     """
 
     over: str = field(metadata=reported("scene key that is followed"))
@@ -381,7 +352,7 @@ class OrbitAt(Described):
     branch: int = field(metadata=reported("number of the branch"))
     period: int = field(metadata=reported("period of the motion", "periods of excitation"))
     origin: str | dict[str, Any] = field(metadata=reported("as of its branch"))
-    orbit: OrbitFigures = field(metadata=reported("the motion", spread=True))
+    orbit: orbits.OrbitFigures = field(metadata=reported("the motion", spread=True))
 
 
 @dataclass(repr=False)
@@ -463,10 +434,7 @@ def continuation(scene: Scene | System | str, over: str, start: float, stop: flo
 def check(system: System, plan: ContinuationPlan) -> DrivelineMap:
     """Check a plan, and return the map of the scene with the plan's key free.
 
-    Raises
-    ------
-    InputError
-        A key that cannot be followed, a range beyond the key's own, or an option without effect.
+    Raises InputError: a key that cannot be followed, a range beyond the key's own, or an option without effect.
     """
     map_ = DrivelineMap(system, (plan.over,))
     for value in (plan.low, plan.high):
@@ -490,17 +458,11 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
                      into: Motions | None = None) -> Motions:
     """Follow the branch through the scene's settled motion, or the branches through seeds, as planned.
 
-    Parameters
-    ----------
     tick : called with every point
     into : receives results as they are found, also those before Ctrl-C
 
-    Raises
-    ------
-    InputError
-        As `check`; also where the settled motion belongs to a family with a multiplier of exactly 1.
-    NumericalFailure
-        No first periodic motion was found.
+    Raises InputError: as `check`; also where the settled motion belongs to a family with a multiplier of exactly 1.
+    NumericalFailure: No first periodic motion was found.
     """
     map_ = check(system, plan)
     out = into if into is not None else Motions(plan, system)

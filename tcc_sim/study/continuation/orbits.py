@@ -25,7 +25,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.steady.multipliers import multipliers_of
+from tcc_sim.analysis.steady.exponents import multipliers_of
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.result import Described, reported
 
@@ -286,10 +286,7 @@ class Shooting:
     def single(of: ParameterMap, period: int, *ranges: ParameterRange, settings: Settings = DEFAULTS) -> Shooting:
         """One segment over the whole period.
 
-        Raises
-        ------
-        InputError
-            A period in which the excitation does not repeat.
+        Raises InputError: a period in which the excitation does not repeat.
         """
         if period < 1 or period % of.forcing_period:
             raise InputError(f"the period is {period} cycles; it must be a multiple of {of.forcing_period}, after "

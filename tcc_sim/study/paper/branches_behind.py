@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.steady.summary import CycleTimes, summarise_cycles
 from tcc_sim.errors import counted
+from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.parameters import System
-from tcc_sim.model.sines import common_cycles
 from tcc_sim.result import reported, reporting
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.study.basins.attractors import find_attractors
-from tcc_sim.study.basins.compute import halton
-from tcc_sim.study.basins.driveline import DrivelineMotion
+from tcc_sim.study.basins.compute import DrivelineMotion, halton
 from tcc_sim.study.continuation import diagram
 from tcc_sim.study.continuation.bifurcations import SMOOTH, Bifurcation
 from tcc_sim.study.continuation.branch import Branch

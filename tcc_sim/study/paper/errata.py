@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from tcc_sim.analysis.steady.damping import damping_of_cycles
-from tcc_sim.model import pure_slip, pure_stick
+from tcc_sim.model import closed_forms
 from tcc_sim.output.tables import escape, text
 from tcc_sim.solvers import solve
 from tcc_sim.study.continuation.arclength import chandrupatla
@@ -32,7 +32,7 @@ def phases() -> Numbers:
     for ratio in (0.2, 0.4):
         omega = ratio * OMEGA_N
         printed = -math.atan(d.damping * omega / (d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2))
-        out[f"phi at {ratio:g}, printed and right (rad)"] = [printed, pure_stick.stick_phase(system, omega)]
+        out[f"phi at {ratio:g}, printed and right (rad)"] = [printed, closed_forms.stick_phase(system, omega)]
     return out
 
 
@@ -48,7 +48,7 @@ def slip_condition() -> Numbers:
     """Evaluate (16) for an engine slower than the plate, and for a slow engine."""
     out = {}
     for speed in (-150.0, 30.0):
-        motion = pure_slip.pure_slip(paper_system({**PURE_SLIP, "initial.slip_speed": speed}))
+        motion = closed_forms.pure_slip(paper_system({**PURE_SLIP, "initial.slip_speed": speed}))
         out[f"Omega_e = {speed:g}: (16) as printed, with its sign, least slip with the transient (rad/s)"] = [
             abs(motion.a0) - motion.slip.swing(), motion.margin, motion.least_slip_speed]
     return out
@@ -76,7 +76,7 @@ def transient() -> Numbers:
     t = np.linspace(0.0, 0.1, 20001)
     fade, cosine, sine = np.exp(-decay * t), np.cos(damped * t), np.sin(damped * t)
     printed = size * fade * (2.0 * zeta / omega_n * cosine + (2.0 * zeta**2 - 1.0) / damped * sine)
-    angle = pure_slip.pure_slip(system).plate_angle(t)
+    angle = closed_forms.pure_slip(system).plate_angle(t)
     rest = integral(angle, t) - size * (t - 2.0 * zeta / omega_n)
     return {"amplitude of the sine, printed and right (rad/s)": [size * (1.0 - 2.0 * zeta**2) / damped,
                                                                  system.saturation_mean / (d.plate_inertia * damped)],
@@ -128,12 +128,12 @@ def driving_torques() -> Numbers:
     out = dict[str, Sequence[float]]()
     still = [paper_system({**s.values, FREQUENCY: 1e-3 * OMEGA_N}) for s in FIGURES[13].series]
     out["|Tp - (1 + I1/I2) Tsp| for Tsp/Tsm = 0, 0.125, 0.25, 0.5 (N m)"] = [
-        pure_slip.equivalent_torque(s).swing() for s in still]
+        closed_forms.equivalent_torque(s).swing() for s in still]
     out["|Tp - Tsp| (N m)"] = [abs(s.engine.torque_amplitude - s.saturation_amplitude) for s in still]
     for ratio in (0.20, 0.40):
         rows = [paper_system({**s.values, FREQUENCY: ratio * OMEGA_N}) for s in FIGURES[13].series]
         out[f"torque that drives the slip at {ratio:.2f}, plate motion eliminated (N m)"] = [
-            pure_slip.slip_torque(s).swing() for s in rows]
+            closed_forms.slip_torque(s).swing() for s in rows]
         out[f"largest slip speed at {ratio:.2f} (rad/s)"] = [
             float(np.abs(solve(system, cycles=150).solved_cycles.highest[50:]).max()) for system in rows]
     return out
@@ -159,7 +159,7 @@ def series_means() -> Numbers:
 def phase_order() -> Numbers:
     """Return the torque that drives the slip for psi = 0, pi/2, pi."""
     return {f"at {ratio:.2f} for psi = 0, pi/2, pi (N m)": [
-        pure_slip.slip_torque(paper_system({**s.values, FREQUENCY: ratio * OMEGA_N})).swing()
+        closed_forms.slip_torque(paper_system({**s.values, FREQUENCY: ratio * OMEGA_N})).swing()
         for s in FIGURES[8].series] for ratio in (0.15, 0.40)}
 
 

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.steady.exponents import largest_lyapunov_exponent
-from tcc_sim.analysis.steady.multipliers import Lyapunov
+from tcc_sim.analysis.steady.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.analysis.steady.summary import CycleTimes, Summary, summarise_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value

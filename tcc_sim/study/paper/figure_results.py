@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from tcc_sim.analysis.steady.damping import Damping
-from tcc_sim.analysis.steady.multipliers import Lyapunov
+from tcc_sim.analysis.steady.exponents import Lyapunov
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.result import Described, as_in, reported
 from tcc_sim.study.continuation.bifurcations import Bifurcation

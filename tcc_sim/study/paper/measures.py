@@ -11,9 +11,9 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from tcc_sim.analysis.steady.damping import slope_of_friction
-from tcc_sim.analysis.steady.periodicity import periodicity
+from tcc_sim.analysis.steady.summary import periodicity
 from tcc_sim.errors import NumericalFailure, counted
-from tcc_sim.model import friction, pure_slip, pure_stick
+from tcc_sim.model import closed_forms, friction
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison import rk4_limit
@@ -632,7 +632,7 @@ def stick_interval(e: StableMotions, number: int, law: str) -> list[float]:
 def stick_below(e: StableMotions, number: int, place: float) -> Measured:
     """Judge the end of stick for psi = 0 against the ratio in the text; between two ratios are both motions."""
     intervals = {law: stick_interval(e, number, law) for law in LAWS}
-    lower = pure_stick.stick_limits(e.system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
+    lower = closed_forms.stick_limits(e.system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
     near = e.limit("near")
     return Measured([(low - near <= place <= high + near, True) for low, high in intervals.values()],
                     {**intervals, "lower": None if lower is None else lower / OMEGA_N}, True)
@@ -667,14 +667,14 @@ def stick_transition(e: StableMotions) -> Measured:
 def transition_by_smoothing(e: StableMotions) -> Measured:
     values = {law: last_slips(e, law) for law in LAWS}
     smoothed, exact = (abs(row["0.667"] - row["1"]) for row in values.values())
-    limit = pure_stick.constant_load_limits(e.system({}))[-1] / OMEGA_N
+    limit = closed_forms.constant_load_limits(e.system({}))[-1] / OMEGA_N
     return Measured((exact < 0.5 * smoothed,), {"last": values, "limit": limit}, exact >= 0.5 * smoothed)
 
 
 def _slip_from_stick(e: StableMotions, row: Values, ratio: float, law: str) -> float:
     """Return the largest slip speed of 20 cycles from the state (8a) of stick at t = 0, rad/s."""
     system = e.system({**row, FREQUENCY: ratio * OMEGA_N, "friction.law": "set_valued"})
-    angle = pure_stick.plate_angle(system)
+    angle = closed_forms.plate_angle(system)
     step = 1e-7 / system.engine.frequency
     early, start, late = (float(angle(np.array([t]))[0]) for t in (-step, 0.0, step))
     stuck: System = replace(system, {"initial.slip_speed": 0.0, "initial.plate_angle": start,
@@ -695,7 +695,7 @@ def stick_ends(e: StableMotions, loads: str) -> Measured:
     pairs = {}
     for name, row in STICKY.items():
         if bool(row) is bool(loads):
-            limits = pure_stick.stick_limits(e.system(row), 0.05 * OMEGA_N, 0.6 * OMEGA_N, 60)
+            limits = closed_forms.stick_limits(e.system(row), 0.05 * OMEGA_N, 0.6 * OMEGA_N, 60)
             for end, omega in (("lower", limits.lower), ("upper", limits.higher)):
                 if omega is not None:
                     limit = omega / OMEGA_N
@@ -705,7 +705,7 @@ def stick_ends(e: StableMotions, loads: str) -> Measured:
 
 
 def smoothed_stick_creeps(e: StableMotions) -> Measured:
-    ratio = pure_stick.constant_load_limits(e.system({}))[-1] / OMEGA_N + 0.02
+    ratio = closed_forms.constant_load_limits(e.system({}))[-1] / OMEGA_N + 0.02
     slips = {law: _slip_from_stick(e, {}, ratio, law) for law in LAWS}
     return Measured((slips["smoothed"] > SLIPS > slips["set_valued"],),
                     {"omega/omega_n": ratio, "largest": {law: two_digits(x) for law, x in slips.items()}})
@@ -722,7 +722,7 @@ def positive_trend_slips(e: StableMotions) -> Measured:
 
 def pure_slip_guaranteed(e: StableMotions) -> Measured:
     system = paper_system(PURE_SLIP)
-    motion = pure_slip.pure_slip(system)
+    motion = closed_forms.pure_slip(system)
     run = e.run(system, 60, samples=200)
     off = float(np.abs(run.slip_speed - motion.slip_speed(run.t)).max()) / float(np.abs(run.slip_speed).max())
     # v is Omega_e plus terms that do not depend on it, so the slowest engine that keeps slipping is the difference.

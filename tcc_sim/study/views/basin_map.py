@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.shown_units import speed
-from tcc_sim.study.basins.proximity import RUNAWAY, UNDECIDED
+from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel
 from tcc_sim.views.style import AxisQuantity, quantities

@@ -9,8 +9,7 @@ import pytest
 from test_basins import Iterated
 from textbook_maps import TextbookMap
 
-from tcc_sim.study.basins.attractors import find_attractors, numbered
-from tcc_sim.study.basins.proximity import Attractor, Settings
+from tcc_sim.study.basins.attractors import Attractor, Settings, find_attractors, numbered
 from tcc_sim.study.continuation.orbits import Image
 
 

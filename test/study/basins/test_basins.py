@@ -15,18 +15,18 @@ from textbook_maps import TextbookMap
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.study.basins.attractors import find_attractors, numbered
-from tcc_sim.study.basins.compute import CELL_CYCLES, CELL_RTOL, basins, halton
-from tcc_sim.study.basins.driveline import DrivelineMotion, mean_load
-from tcc_sim.study.basins.proximity import (
+from tcc_sim.study.basins.attractors import (
     DEFAULTS,
     RUNAWAY,
     UNDECIDED,
     ProximityMapper,
     Settings,
+    find_attractors,
     labelled,
+    numbered,
     section_points,
 )
+from tcc_sim.study.basins.compute import CELL_CYCLES, CELL_RTOL, DrivelineMotion, basins, halton, mean_load
 from tcc_sim.study.basins.results import Axis, Basins
 from tcc_sim.trajectory import State
 

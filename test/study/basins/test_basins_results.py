@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import linregress
 
 from tcc_sim.model.parameters import System
-from tcc_sim.study.basins.proximity import Attractor
+from tcc_sim.study.basins.attractors import Attractor
 from tcc_sim.study.basins.results import Axis, Basins, Boundary, Planes, boundary_of, write_basins
 
 PLANE = Axis("initial.slip_speed", np.array([0, 10, 20])), Axis("initial.plate_angle", [-0.1, 0.1])

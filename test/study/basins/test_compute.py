@@ -10,8 +10,7 @@ import pytest
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.study.basins.compute import basins, check_plane
-from tcc_sim.study.basins.driveline import DrivelineMotion
+from tcc_sim.study.basins.compute import DrivelineMotion, basins, check_plane
 from tcc_sim.study.basins.results import Axis
 
 V, ANGLE, SPEED = "initial.slip_speed", "initial.plate_angle", "initial.plate_speed"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tcc_sim.study.basins.proximity import Attractor, ProximityMapper, Settings, labelled, section_points
+from tcc_sim.study.basins.attractors import Attractor, ProximityMapper, Settings, labelled, section_points
 
 NAN = float("nan")
 

@@ -10,8 +10,8 @@ from independent import multipliers
 from interpreter import python
 
 from tcc_sim.errors import InputError, NumericalFailure
+from tcc_sim.model.closed_forms import constant_load_limits
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.pure_stick import constant_load_limits
 from tcc_sim.scene import load_scene
 from tcc_sim.study.continuation.arclength import StopReason
 from tcc_sim.study.continuation.branch import branch_through, first_point

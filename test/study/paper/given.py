@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.steady.damping import Damping
-from tcc_sim.analysis.steady.multipliers import Lyapunov
+from tcc_sim.analysis.steady.exponents import Lyapunov
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.model.parameters import System
 from tcc_sim.study.continuation.diagram import SegmentEnd, StableSegment

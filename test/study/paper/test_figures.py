@@ -18,8 +18,8 @@ from pictures import check, shows
 import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
+from tcc_sim.model.closed_forms import stick_margin
 from tcc_sim.model.parameters import System
-from tcc_sim.model.pure_stick import stick_margin
 from tcc_sim.study.paper import rules
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, FigureOptions, paper_system
 from tcc_sim.study.paper.figures import coexisting, figure_data

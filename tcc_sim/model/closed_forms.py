@@ -1,30 +1,143 @@
-"""Pure slip in closed form for mu_k = mu_s: (12) to (18), (29) of the paper, for pulsating load and harmonics."""
+"""Motions in closed form, each a constant plus sines, for pulsating load and any number of engine harmonics.
+
+Pure slip for mu_k = mu_s is (12) to (18), (29) of the paper; pure stick is (8) to (11), (24) to (28): stuck, both
+inertias move as one oscillator I1 + I2 that the engine torque drives.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from fractions import Fraction
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model.equations import linear_of, matrix_of
-from tcc_sim.model.parameters import System
-from tcc_sim.model.sines import (
-    Floats,
-    Response,
-    Sines,
-    common_cycles,
-    dynamic_stiffness,
-    engine_series,
-    load_series,
-    smallest,
-)
+from tcc_sim.model.friction import onset
+from tcc_sim.model.groups import Driveline
+from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.supported_terms import check_supported
+
+Floats = NDArray[np.float64]
+Response = Callable[[float], complex]
+
+
+@dataclass(frozen=True)
+class Sines:
+    """mean + sum_k amplitude_k sin(frequency_k t + phase_k); the three arrays are (m,), frequencies in rad/s."""
+
+    mean: float
+    frequency: Floats
+    amplitude: Floats
+    phase: Floats
+
+    @staticmethod
+    def of(mean: float, rows: list[tuple[float, float, float]]) -> Sines:
+        """Return the sum of a mean and rows of frequency, amplitude and phase; rows of equal frequency are added."""
+        merged: dict[float, complex] = {}
+        for frequency, amplitude, phase in rows:
+            merged[frequency] = merged.get(frequency, 0j) + amplitude * np.exp(1j * phase)
+        phasors = np.array(list(merged.values()), dtype=np.complex128)
+        return Sines(mean, np.array(list(merged), dtype=np.float64), np.abs(phasors), np.angle(phasors))
+
+    def __call__(self, t: Any) -> Floats:
+        """Return the value at the times t, (n,) array or float."""
+        angle = np.multiply.outer(np.asarray(t, dtype=np.float64), self.frequency) + self.phase
+        return self.mean + np.sin(angle) @ self.amplitude
+
+    def through(self, response: Response) -> Sines:
+        """Return the steady output of a linear system with the frequency response `response`(w)."""
+        factors = np.array([response(float(w)) for w in self.frequency], dtype=np.complex128)
+        return Sines(self.mean * float(response(0.0).real), self.frequency, self.amplitude * np.abs(factors),
+                     self.phase + np.angle(factors))
+
+    def plus(self, other: Sines, factor: float = 1.0) -> Sines:
+        """Return the sum of this and `factor` times `other`."""
+        rows = [(float(w), float(a) * s, float(p)) for part, s in ((self, 1.0), (other, factor))
+                for w, a, p in zip(part.frequency, part.amplitude, part.phase)]
+        return Sines.of(self.mean + factor * other.mean, rows)
+
+    def rate(self) -> Sines:
+        """Return the derivative with respect to time."""
+        return Sines(0.0, self.frequency, self.amplitude * self.frequency, self.phase + 0.5 * np.pi)
+
+    def swing(self) -> float:
+        """Return the sum of the amplitudes, a bound of the distance from the mean."""
+        return float(self.amplitude.sum())
+
+    def bend(self) -> float:
+        """Return the sum of the amplitudes times squares of frequencies, a bound of the second derivative."""
+        return float(self.amplitude @ self.frequency**2)
+
+
+def smallest(value: Callable[[Floats], Floats], slack: Callable[[Floats, float], Any], end: float, width: float,
+             close: float) -> tuple[float, float]:
+    """Return the smallest value of a function over [0, end] and its time, by branch and bound on cells of time.
+
+    slack : largest distance of the function below both ends of cells with given starts (n,) and width
+    close : tolerance of the smallest value
+    """
+    t, best, when = np.arange(0.0, max(end, width), width), math.inf, 0.0
+    for _ in range(60):
+        ends = np.stack([value(t), value(t + width)])
+        least = ends.min(axis=0)
+        k = int(least.argmin())
+        if least[k] < best:
+            best, when = float(least[k]), float(t[k] if ends[0, k] <= ends[1, k] else t[k] + width)
+        keep = least - slack(t, width) < best - close
+        if not keep.any():
+            break
+        width *= 0.5
+        t = np.concatenate([t[keep], t[keep] + width])
+    return best, when
+
+
+def dynamic_stiffness(d: Driveline, inertia: float, omega: float, resonance: str) -> complex:
+    """K23 - J w^2 + i C23 w of an inertia J on the spring, N m/rad; OutOfRange with `resonance` if it is 0."""
+    stiffness = complex(d.stiffness - inertia * omega**2, d.damping * omega)
+    if stiffness == 0.0:
+        raise OutOfRange(f"{resonance} resonance, {omega:g} rad/s: no steady state")
+    return stiffness
+
+
+def engine_series(system: System) -> Sines:
+    """Return Te(t), N m: the mean and the harmonics of omega, Section 2.2 of the paper.
+
+    Raises InputError: the excitation has a profile in time.
+    """
+    system.check_repeats("a closed form")
+    e = system.engine
+    if not e.harmonic:
+        return Sines.of(e.mean_torque, [])
+    higher = [(n * e.frequency, a, p) for n,
+              (a, p) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2) if a > 0.0]
+    return Sines.of(e.mean_torque,
+                    ([(e.frequency, e.torque_amplitude, 0.0)] if e.torque_amplitude > 0.0 else []) + higher)
+
+
+def load_series(system: System) -> Sines:
+    """Return Ts(t) of (5b), N m, before the clamp at 0; InputError for a profile in time."""
+    system.check_repeats("a closed form")
+    frequency = system.pressure.frequency_ratio * system.engine.frequency
+    amplitude = system.saturation_amplitude
+    return Sines.of(system.saturation_mean, [(frequency, amplitude, system.pressure.phase)] if amplitude > 0.0 else [])
+
+
+def common_cycles(system: System, most: int = 1000) -> int:
+    """Return the period of the excitation in engine cycles: N of omega_f = (M/N) omega in lowest terms.
+
+    It is 1 for a constant pressure, and 0 if N exceeds `most`.
+    """
+    if len(load_series(system).frequency) == 0:
+        return 1
+    ratio = system.pressure.frequency_ratio
+    nearest = Fraction(ratio).limit_denominator(most)
+    return nearest.denominator if abs(float(nearest) - ratio) <= 1e-12 * ratio else 0
 
 
 class LeastSlip(NamedTuple):
@@ -236,11 +349,8 @@ def pure_slip(system: System, direction: int = 1) -> PureSlip:
     exp(-zeta omega_n t) sin(omega_d t). The print of (17a), (18) has velocity terms Tsm 2 zeta/(K23 omega_n), whose
     dimension is an angle times time; they do not belong there.
 
-    Raises
-    ------
-    InputError
-        mu_k differs from mu_s (the law is then nonlinear in slip), the pressure falls below 0, or the pressure excites
-        exactly the resonance of an undamped driveline.
+    Raises InputError: mu_k differs from mu_s (the law is then nonlinear in slip), the pressure falls below 0, or the
+    pressure excites exactly the resonance of an undamped driveline.
     """
     if system.friction.curve is not None and system.friction.stribeck is not None:
         raise InputError("the coefficient of the friction table depends on slip speed; pure slip in closed form needs "
@@ -318,10 +428,7 @@ def slip_torque(system: System) -> Sines:
     its sign near omega_sn, so a load in phase with the torque damps the slip below omega_sn and drives it above: the
     reversal of Figs. 8, 10, 11 and 13.
 
-    Raises
-    ------
-    InputError
-        The pressure excites exactly the plate resonance of an undamped driveline.
+    Raises InputError: the pressure excites exactly the plate resonance of an undamped driveline.
     """
     d = system.driveline
 
@@ -330,3 +437,151 @@ def slip_torque(system: System) -> Sines:
         return stuck / dynamic_stiffness(d, d.plate_inertia, omega, PLATE)
 
     return engine_series(system).plus(load_series(system).through(share), -1.0)
+
+
+STUCK = "engine.frequency excites the undamped stuck"
+
+
+def stick_phase(system: System, omega: float) -> float:
+    """Return phi of (8b), rad: the phase of the plate angle relative to the engine torque.
+
+    The print takes the arctangent of the quotient, which is off by pi above omega_sn; this is the four-quadrant one.
+    """
+    d = system.driveline
+    return -math.atan2(d.damping * omega, d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2)
+
+
+def plate_angle(system: System) -> Sines:
+    """Return delta2(t) of (8) in pure stick, rad: the steady motion, from each harmonic of the engine torque.
+
+    Raises InputError: the engine excites an undamped driveline at exactly omega_sn.
+    """
+    torque = engine_series(system)
+    check_supported("pure stick", system, "pure stick in closed form")
+    d = system.driveline
+    both = d.flywheel_inertia + d.plate_inertia
+    return torque.through(lambda omega: 1.0 / dynamic_stiffness(d, both, omega, STUCK))
+
+
+def interface_response(system: System, omega: float) -> complex:
+    """Return the response of the interface torque to the engine torque in pure stick, from (25a).
+
+    Its phase is phi of (8b) plus vartheta of (25b), the lead on the plate angle. (26) neglects vartheta, which holds
+    for C23 omega << K23 - I2 omega^2.
+    """
+    d = system.driveline
+    plate = complex(d.stiffness - d.plate_inertia * omega**2, d.damping * omega)
+    return plate / dynamic_stiffness(d, d.flywheel_inertia + d.plate_inertia, omega, STUCK)
+
+
+def stuck_interface_torque(system: System) -> Sines:
+    """Return Tfi(t) of (25a) in pure stick, N m: the friction torque that stick needs.
+
+    (9) is the same with the amplitude I1 omega^2 Tp/sqrt((K23 - (I1 + I2) omega^2)^2 + (C23 omega)^2) in its last term,
+    where the print omits the inertia and the damping.
+    """
+    torque = engine_series(system)
+    check_supported("pure stick", system, "pure stick in closed form")
+    return torque.through(partial(interface_response, system))
+
+
+@dataclass(frozen=True)
+class StickMargin:
+    """Smallest mu_s N R - |Tfi|, N m, and its time in the common period, s (nan without a common period)."""
+
+    torque: float
+    time: float
+
+    @property
+    def sticks(self) -> bool:
+        """Whether pure stick is possible by (10)."""
+        return self.torque >= 0.0
+
+
+def stick_margin(system: System) -> StickMargin:
+    """Return the criterion (10), (11) of pure stick: the smallest mu_s N(t) R - |Tfi(t)|.
+
+    (10) is printed without the modulus; the friction torque is bounded on both sides. With omega_f = (M/N) omega the
+    common period is N engine cycles, not the 2 pi/omega of (11b). For an incommensurable omega_f every pair of phases
+    occurs. Branch and bound on the second derivative misses no dip between grid points.
+    """
+    torque, load = stuck_interface_torque(system), load_series(system)
+    ratio = system.friction_ratio
+    cycles = common_cycles(system)
+    if len(torque.frequency) == 0 or cycles == 0:
+        least = max(load.mean - load.swing(), 0.0)
+        if len(torque.frequency) == 0:
+            return StickMargin(ratio * least - abs(torque.mean), math.nan if len(load.frequency) else 0.0)
+        return StickMargin(_smallest(torque, Sines.of(least, []), ratio, system.cycle).torque, math.nan)
+    return _smallest(torque, load, ratio, cycles * system.cycle)
+
+
+def _smallest(torque: Sines, load: Sines, ratio: float, period: float) -> StickMargin:
+    """Minimise ratio max(Ts, 0) - |Tfi| over one period."""
+    fastest = float(np.concatenate([torque.frequency, load.frequency]).max())
+    bend = torque.bend() + ratio * load.bend()
+    size = abs(torque.mean) + torque.swing() + ratio * (abs(load.mean) + load.swing())
+    steepest = float(load.amplitude @ load.frequency) if load.mean < load.swing() else 0.0
+
+    def slack(t: Floats, width: float) -> Floats:
+        # Apart from the clamp, the margin is a smooth function with |f''| <= bend, or the smaller one of two such.
+        # max(Ts, 0) is not below Ts, and where it leaves it, it is 0 on one side: a chord bounded by the slope.
+        near = np.abs(load(t + 0.5 * width)) <= 0.5 * steepest * width
+        return np.where(near, 0.5 * ratio * steepest * width, 0.0) + bend * width**2 / 8.0
+
+    best, when = smallest(lambda t: ratio * np.maximum(load(t), 0.0) - np.abs(torque(t)), slack, period,
+                          2.0 * math.pi / fastest / 32.0, 1e-13 * size)
+    return StickMargin(best, when % period)
+
+
+class StickLimits(NamedTuple):
+    """Ends of pure stick in an upward and a downward sweep, rad/s; None without a limit or without stick to begin with.
+    """
+
+    lower: float | None
+    higher: float | None
+
+
+def stick_limits(system: System, low: float, high: float, count: int = 400) -> StickLimits:
+    """Return the frequency limits of pure stick between `low` and `high` (rad/s).
+
+    omega_f keeps its ratio to omega. `count` frequencies, evenly spaced in log omega, bracket the limits; omega_sn is
+    among them, so no limit near the stuck resonance is missed.
+    """
+    if not 0.0 < low < high:
+        raise InputError(f"the frequency range is {low:g} to {high:g} rad/s; it must be above 0 and increasing")
+
+    def margin(omega: float) -> float:
+        try:
+            return stick_margin(replace(system, {"engine.frequency": omega})).torque
+        except OutOfRange:
+            return -math.inf
+
+    orders = [1.0, *range(2, len(system.engine.harmonic_amplitudes) + 2)]
+    special = [system.stuck_natural_frequency / n for n in orders]
+    grid = np.unique(np.concatenate([np.geomspace(low, high, count), [w for w in special if low < w < high]]))
+    sticks = [margin(float(w)) >= 0.0 for w in grid]
+    edges = [onset(float(grid[i + 1]), lambda w, i=i: (margin(w) >= 0.0) != sticks[i], float(grid[i]))
+             for i in range(len(grid) - 1) if sticks[i] != sticks[i + 1]]
+    return StickLimits(edges[0] if sticks[0] and edges else None, edges[-1] if sticks[-1] and edges else None)
+
+
+def constant_load_limits(system: System) -> tuple[float, ...]:
+    """Return the frequencies, rad/s, at which max |Tfi| = mu_s N R for a constant load and one harmonic, from (25a).
+
+    They solve |Tm| + Tp G(omega) = mu_s N R with the gain G of (25a), a quadratic in omega^2. With two of them the
+    lower one is the limit of the upward sweep, the higher one of the downward sweep; with one there is no stick at low
+    frequency.
+
+    Raises InputError: the pressure varies, or the engine torque has not exactly one harmonic.
+    """
+    d, torque = system.driveline, engine_series(system)
+    if len(load_series(system).frequency) or len(torque.frequency) != 1:
+        raise InputError("the closed-form stick limits need pressure.amplitude 0 and exactly one engine harmonic")
+    gain = (system.friction_ratio * system.saturation_mean - abs(torque.mean)) / float(torque.amplitude[0])
+    if gain <= 0.0:
+        return ()
+    both, c, k, g = d.flywheel_inertia + d.plate_inertia, d.damping**2, d.stiffness, gain**2
+    linear = c * (1.0 - g) - 2.0 * k * (d.plate_inertia - g * both)
+    squares = np.roots([d.plate_inertia**2 - g * both**2, linear, k * k * (1.0 - g)])
+    return tuple(sorted(math.sqrt(x.real) for x in squares if abs(x.imag) <= 1e-12 * abs(x) and x.real > 0.0))
