@@ -153,8 +153,7 @@ def grows(points: Any, count: int, period: int, tolerance: float) -> bool:
 
 
 @compiled
-def decay(points: Any, low: int, high: int, period: int, modes: int, columns: Any, triangle: Any,
-          shares: Any) -> float:
+def decay(points: Any, low: int, high: int, period: int, modes: int, columns: Any, triangle: Any, shares: Any) -> float:
     """Fill `shares` with the coefficients of the linear recurrence of the differences of points; return its misfit, -1
     for too few of them.
 
@@ -340,8 +339,7 @@ def repetition(points: Any, count: int, most: int, tolerance: float, columns: An
         if repeat == period and twice <= most:
             after = difference_of(points, count - 1, count - 1 - twice)
             if after <= near and after < DOUBTFUL * size:
-                further, nearer = period_in_the_limit(points, count, twice, tolerance, columns, triangle, shares,
-                                                      limit)
+                further, nearer = period_in_the_limit(points, count, twice, tolerance, columns, triangle, shares, limit)
                 if further == twice and nearer < DOUBTFUL * left:
                     repeat = twice
         return repeat, False, last_change(points, count, repeat if repeat > 0 else 1)

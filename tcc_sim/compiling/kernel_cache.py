@@ -31,8 +31,7 @@ from tcc_sim.errors import one_line
 Loaded = TypeVar("Loaded")
 
 PACKAGE = Path(__file__).parents[1]
-ROOMS = ("analysis/repetition.py", "compiling", "model", "polynomials", "solvers",
-         "trajectory.py")
+ROOMS = ("analysis/repetition.py", "compiling", "model", "polynomials", "solvers", "trajectory.py")
 """Files and folders of the package from which kernels are made."""
 DAY = 86400.0
 UNUSED_AFTER = 30.0 * DAY

@@ -63,8 +63,7 @@ def linear_of(system: System) -> Linear:
         value = system.value(key)
         for name, share in shares.items():
             coefficients[name] += share * value
-    return Linear(**{name: value for name, value in coefficients.items()
-                     if value != 0.0 or name not in OPTIONAL})
+    return Linear(**{name: value for name, value in coefficients.items() if value != 0.0 or name not in OPTIONAL})
 
 
 def completed(linear: Linear) -> Linear:

@@ -217,8 +217,7 @@ def add_part(rows: Any, degree: int, unit: float, start: float, end: float, line
     add_coupling(load, width * unit, linear.plate_by_slip, workspace)
     margin = MARGIN * (high - low)
     if most + MARGIN * (most - least) > load.peak_power:
-        load.peak_power = max(load.peak_power,
-                              largest_near(rows, degree, unit, POWER, 1.0, most_at, linear, workspace))
+        load.peak_power = max(load.peak_power, largest_near(rows, degree, unit, POWER, 1.0, most_at, linear, workspace))
     if high + margin > load.highest_shaft_torque:
         load.highest_shaft_torque = max(load.highest_shaft_torque,
                                         largest_near(rows, degree, unit, SHAFT, 1.0, high_at, linear, workspace))

@@ -240,8 +240,7 @@ def stages(v: float, theta: float, omega: float, start: float, h: float,
     v2, theta2, omega2, count2 = stage(known2, v1, engine2, load2, hg, plate, terms.smoothing, terms.stribeck,
                                        start + C2 * h, piece, terms.far, terms.linear)
     dv2, dtheta2, domega2 = (v2 - known2[0]) * rate, (theta2 - known2[1]) * rate, (omega2 - known2[2]) * rate
-    known3 = (v + B1 * dv1 + B2 * dv2, theta + B1 * dtheta1 + B2 * dtheta2,
-              omega + B1 * domega1 + B2 * domega2)
+    known3 = (v + B1 * dv1 + B2 * dv2, theta + B1 * dtheta1 + B2 * dtheta2, omega + B1 * domega1 + B2 * domega2)
     engine3, load3 = torques_now(start + h, piece, terms.profile, terms)
     v, theta, omega, count3 = stage(known3, v2, engine3, load3, hg, plate, terms.smoothing, terms.stribeck,
                                     start + h, piece, terms.far, terms.linear)

@@ -301,8 +301,7 @@ def law_here(v: float, sign: float, region: int, sigma: float,
 @fast
 def friction_here(place: Place, state: Any, limits: Limits, terms: Terms, drive: Any) -> LocalFriction:
     """Return friction and slip acceleration at the state."""
-    law, slope, excess, tanh, sech = law_here(state.slip_speed, place.sign, place.region, limits.sigma,
-                                                terms.stribeck)
+    law, slope, excess, tanh, sech = law_here(state.slip_speed, place.sign, place.region, limits.sigma, terms.stribeck)
     linear, v, plate_speed = terms.linear, state.slip_speed, state.plate_speed
     torque = law * drive.load
     pull = (torque - (linear.damping * plate_speed + linear.stiffness * state.plate_angle)

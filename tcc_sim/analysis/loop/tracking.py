@@ -83,8 +83,7 @@ class Tracking:
         "settled, hunting, growing, saturated, sticking, off target, follows, too short to judge, or too "
         "little observed; null without a cycle mean"))
     verdict_why: str = field(default="", metadata=reported("reason of the verdict, or why there is none"))
-    band: float = field(default=math.nan, metadata=reported(
-        "error that counts as settled", "rad/s"))
+    band: float = field(default=math.nan, metadata=reported("error that counts as settled", "rad/s"))
     overshoot_time: float = field(default=math.nan, metadata=reported("simulation time", "s"))
     peak_deviation: float = field(default=math.nan, metadata=reported(
         "largest deviation of the cycle mean, signed, after it reached the target", "rad/s"))
@@ -95,24 +94,20 @@ class Tracking:
     judder_amplitude: float = field(default=math.nan, metadata=reported(
         "amplitude of a fast slip oscillation that does not repeat with the excitation; null without one", "rad/s"))
     judder_frequency: float = field(default=math.nan, metadata=reported("its frequency; null without one", "Hz"))
-    lag: float = field(default=math.nan, metadata=reported(
-        "delay behind a moving target; null without one", "s"))
+    lag: float = field(default=math.nan, metadata=reported("delay behind a moving target; null without one", "s"))
     gain: float = field(default=math.nan, metadata=reported(
         "motion of the cycle mean over that of the target; null likewise"))
     peak_mean: float = field(default=math.nan, metadata=reported(
         "largest deviation of the cycle mean in size, approach included", "rad/s"))
-    peak_slip: float = field(default=math.nan, metadata=reported(
-        "that of the slip speed itself", "rad/s"))
-    iae: float = field(default=math.nan, metadata=reported(
-        "integral of the cycle mean's |error|", "rad"))
+    peak_slip: float = field(default=math.nan, metadata=reported("that of the slip speed itself", "rad/s"))
+    iae: float = field(default=math.nan, metadata=reported("integral of the cycle mean's |error|", "rad"))
     ripple: float = field(default=math.nan, metadata=reported(
         "rms of the slip speed about its mean over each cycle", "rad/s"))
     stick_fraction: float = field(default=math.nan, metadata=reported("time in stick over time"))
     pressure_low: float = field(default=math.nan, metadata=reported("least applied pressure", "Pa"))
     pressure_high: float = field(default=math.nan, metadata=reported("largest applied pressure", "Pa"))
     pressure_rate: float = field(default=math.nan, metadata=reported("rms of its rate", "Pa/s"))
-    time_at_limit: float = field(default=math.nan, metadata=reported(
-        "share of time at one of `limits`"))
+    time_at_limit: float = field(default=math.nan, metadata=reported("share of time at one of `limits`"))
     limits: Limits = field(default=UNKNOWN, metadata=reported(
         "limits of the pressure as stated; else 0 and null", "Pa"))
     command_rate: float = field(default=math.nan, metadata=reported(
@@ -201,8 +196,7 @@ class LoopReader:
         self._samples.append((t, v))
         fed = self._means.feed(t, v, run), self._squares.feed(t, v * v, run)
         for (first, ends, means), (_, _, squares) in zip(*fed):
-            self._rows |= zip(range(first, first + len(ends)),
-                              zip(ends.tolist(), means.tolist(), squares.tolist()))
+            self._rows |= zip(range(first, first + len(ends)), zip(ends.tolist(), means.tolist(), squares.tolist()))
 
     def extremes(self, pieces: Iterable[CyclePiece]) -> None:
         """Take the extremes of cycles."""

@@ -133,8 +133,7 @@ def _tracked(t: Floats, torque: Floats) -> RunPhase:
     return tracker.runs()[0]
 
 
-def plausible_speed(t: Floats, speed: Floats, source: str,
-                    order: float) -> tuple[Floats, Floats, Spans, list[str]]:
+def plausible_speed(t: Floats, speed: Floats, source: str, order: float) -> tuple[Floats, Floats, Spans, list[str]]:
     """Return times and values of an engine speed in its plausible rows, the stretches across which the phase is not
     certain, and sentences on rows left out.
 

@@ -40,8 +40,7 @@ LEAST = 1e-12
 class Judder:
     """Oscillation of the slip speed in each of W windows."""
 
-    rms: Floats = field(metadata=reported(
-        "rms about the mean over each cycle, (W,)", "rad/s"))
+    rms: Floats = field(metadata=reported("rms about the mean over each cycle, (W,)", "rad/s"))
     peak: Floats = field(metadata=reported("largest deviation from the mean, (W,)", "rad/s"))
     breakaways: Floats = field(metadata=reported("changes from stick to slip, (W,)", "1/s"))
 
@@ -52,20 +51,15 @@ class Orders(Result):
 
     time: Floats = field(metadata=reported("middle of each window without gaps, (W,)", "s"))
     frequency: Floats = field(metadata=reported("frequency of the excitation there, (W,)", "rad/s"))
-    order: Floats = field(metadata=reported(
-        "crank orders, (N,)"))
-    slip_speed: Floats = field(metadata=reported(
-        "amplitudes, (W, N); of order 0 the mean's size", "rad/s"))
-    shaft_torque: Floats = field(metadata=reported(
-        "amplitudes, (W, N); of order 0 the mean's size", "N m"))
+    order: Floats = field(metadata=reported("crank orders, (N,)"))
+    slip_speed: Floats = field(metadata=reported("amplitudes, (W, N); of order 0 the mean's size", "rad/s"))
+    shaft_torque: Floats = field(metadata=reported("amplitudes, (W, N); of order 0 the mean's size", "N m"))
     torque_order: Floats = field(metadata=reported("crank orders of the engine torque, (K,)"))
     transmissibility: Floats = field(metadata=reported("shaft torque over engine torque there, (W, K)"))
     judder: Judder = field(metadata=reported("shaking of the slip speed in each window"))
     heat: Floats = field(metadata=reported("work of friction since the start, (W,)", "J"))
-    modes: tuple[float, float] = field(metadata=reported(
-        "natural frequencies, stuck and slipping", "rad/s"))
-    per_revolution: float = field(default=1.0, metadata=reported(
-        "engine.order: cycles in a crank revolution"))
+    modes: tuple[float, float] = field(metadata=reported("natural frequencies, stuck and slipping", "rad/s"))
+    per_revolution: float = field(default=1.0, metadata=reported("engine.order: cycles in a crank revolution"))
     left_out: int = field(default=0, metadata=reported("windows left out because of gaps"))
 
     def _text(self) -> str:
@@ -297,8 +291,7 @@ class Spectrum(Result):
 
     frequency: Floats = field(metadata=reported("angular frequency of each line, (N,)", "rad/s"))
     order: Floats = field(metadata=reported("crank order of each line, (N,)"))
-    window: str = field(metadata=reported(
-        "window in time, its cycles, and the time that it covers"))
+    window: str = field(metadata=reported("window in time, its cycles, and the time that it covers"))
     period: int = field(metadata=reported("period of the motion in cycles, 0 for none"))
     subharmonics: Floats = field(metadata=reported(
         "crank orders between multiples of the excitation's, with a line above a thousandth of the largest"))

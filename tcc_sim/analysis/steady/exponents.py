@@ -96,8 +96,7 @@ class Lyapunov(Described):
     """
 
     exponent: float = field(metadata=reported("mean growth rate of a small disturbance", "1/s"))
-    low: float = field(metadata=reported(
-        "lower end of its interval, for errors of steps and of sampling", "1/s"))
+    low: float = field(metadata=reported("lower end of its interval, for errors of steps and of sampling", "1/s"))
     high: float = field(metadata=reported("upper end", "1/s"))
     confidence: float = field(metadata=reported("confidence of the sampling, by batch means"))
     cycles: int = field(metadata=reported("cycles averaged, or those of the period"))

@@ -58,8 +58,7 @@ def longest_tried(points: int, maximum: int = LONGEST) -> int:
     return min(maximum, points // 3)
 
 
-def periodicity(cycles: Cycles, tolerance: float = TOLERANCE,
-                maximum: int = LONGEST) -> Periodicity:
+def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = LONGEST) -> Periodicity:
     """Return the smallest number of engine cycles after which the section repeats.
 
     Settled: over the last quarter of the cycles, and at least three periods, points p cycles apart stay within
@@ -346,8 +345,7 @@ class Summary(Result):
     [0.73]
     """
 
-    max_slip_speed: float = field(metadata=reported(
-        "largest |slip speed|", "rad/s", scatters=True))
+    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s", scatters=True))
     min_slip_speed: float = field(metadata=reported("smallest slip speed, signed", "rad/s", scatters=True))
     period: int = field(metadata=reported(
         "period of the motion; 0 if none up to `longest_period`",
@@ -365,18 +363,15 @@ class Summary(Result):
     section_change: float = field(metadata=reported(
         "largest change of the section over the last period, relative to the motion"))
     solver: str = field(metadata=reported("name of the solver"))
-    elapsed_s: float = field(metadata=reported(
-        "computing time; of a point of a sweep its share by steps", "s"))
+    elapsed_s: float = field(metadata=reported("computing time; of a point of a sweep its share by steps", "s"))
     section_states: list[tuple[float, float, float]] | None = field(default=None, metadata=reported(
         "`section` with the plate speed", "rad, rad/s, rad/s", optional=True))
-    runaway: bool = field(default=False, metadata=reported(
-        "whether slip grows and never sticks", scatters=True))
+    runaway: bool = field(default=False, metadata=reported("whether slip grows and never sticks", scatters=True))
     transient: bool = field(default=False, metadata=reported(
         "whether its period is that of a limit, or its cycles still grow or decay"))
     covers: tuple[float, float] = field(default=(math.nan, math.nan), metadata=reported(
         "start and end of the time of these figures; period and section are of its whole cycles", "s"))
-    seconds: float = field(default=math.nan, metadata=reported(
-        "time within `covers` that was solved or recorded", "s"))
+    seconds: float = field(default=math.nan, metadata=reported("time within `covers` that was solved or recorded", "s"))
     lost_seconds: float = field(default=math.nan, metadata=reported(
         "time within `covers` hidden by lost messages", "s"))
     broken: int = field(default=0, metadata=reported(
@@ -393,8 +388,7 @@ class Summary(Result):
         "largest torque in the shaft, C23 (theta2' - theta3') + K23 (theta2 - theta3)", "N m", scatters=True))
     min_shaft_torque: float = field(default=math.nan, metadata=reported(
         "smallest torque in the shaft", "N m", scatters=True))
-    breakaways: int | None = field(default=None, metadata=reported(
-        "changes from stick to slip", scatters=True))
+    breakaways: int | None = field(default=None, metadata=reported("changes from stick to slip", scatters=True))
     coupling_energy: float = field(default=math.nan, metadata=reported(
         "heat of the converter's fluid, integral of b v^2; null if not computed",
         "J", scatters=True))

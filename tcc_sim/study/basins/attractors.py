@@ -320,8 +320,7 @@ def _same(one: Attractor, other: Attractor, scales: Floats) -> bool:
     if one.period:
         return _distance(one, other, scales) < SAME_ORBIT
     tree, other_tree = cKDTree(one.section / scales), cKDTree(other.section / scales)
-    return bool(np.mean(other_tree.query(tree.data)[0] <= max(_spread(other_tree),
-                                                              SAME_CLOUD)) > SHARED)
+    return bool(np.mean(other_tree.query(tree.data)[0] <= max(_spread(other_tree), SAME_CLOUD)) > SHARED)
 
 
 def numbered(of: DynamicalSystem, before: Sequence[Sequence[Attractor]],

@@ -58,13 +58,11 @@ class AttractorFigures:
     max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
     section: NDArray[np.float64] = field(metadata=reported(
         "plate angle and slip speed at t = 2 pi n/omega", "rad, rad/s"))
-    section_states: NDArray[np.float64] = field(metadata=reported(
-        "with the plate speed", "rad, rad/s, rad/s"))
+    section_states: NDArray[np.float64] = field(metadata=reported("with the plate speed", "rad, rad/s, rad/s"))
     multipliers: NDArray[np.complex128] | None = field(metadata=reported(
         "Floquet multipliers, [re, im]; null without a period"))
     fraction: float = field(metadata=reported("share of the plane"))
-    radius: float = field(metadata=reported(
-        "capture radius around section points, in natural sizes of states"))
+    radius: float = field(metadata=reported("capture radius around section points, in natural sizes of states"))
     validated: bool = field(metadata=reported("whether motions that start there return"))
     state: NDArray[np.float64] | None = field(metadata=reported(
         "slip speed, plate angle and plate speed at t = 0; null without a period", "rad/s, rad, rad/s"))
@@ -150,8 +148,7 @@ class Bounded:
     """Plane with the uncertainty of its boundary."""
 
     basins: Basins = field(metadata=reported("the plane", spread=True))
-    boundary: Boundary | None = field(metadata=reported("with --boundary; null if too few cells differ",
-                                                        optional=True))
+    boundary: Boundary | None = field(metadata=reported("with --boundary; null if too few cells differ", optional=True))
 
 
 @dataclass(frozen=True)

@@ -299,8 +299,7 @@ class Bracket(Generic[P]):
         return _hermite(known[low].solution.z, known[high].solution.z, slopes[0], slopes[1],
                         (part - low) / (high - low))
 
-    def locate(self, test: Callable[[P], float],
-             residual: Callable[[P], float] | None = None) -> P | None:
+    def locate(self, test: Callable[[P], float], residual: Callable[[P], float] | None = None) -> P | None:
         """The point where `test` changes sign; None where it does not, or where the corrector fails.
 
         residual : of the bifurcation; the search ends where it is small enough
@@ -610,8 +609,7 @@ class Continuation(Generic[P, S]):
             guess = here.z + ahead[:len(here.z)]
             amplitudes = here.linearised.amplitudes[:len(slopes)] + ahead[len(here.z):]
             self.tried += 1
-            corrected = corrector(equations, guess, here.tangent, (slopes, amplitudes),
-                                  farthest=FARTHEST * self.length)
+            corrected = corrector(equations, guess, here.tangent, (slopes, amplitudes), farthest=FARTHEST * self.length)
             if corrected is not None:
                 along = float(corrected.tangent @ here.tangent + corrected.slopes @ slopes)
                 new = solution_at(corrected.z, corrected.linearised, corrected.tangent if along > 0.0

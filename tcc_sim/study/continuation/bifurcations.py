@@ -333,8 +333,7 @@ class Bifurcation(Described):
         "fold, period_doubling, neimark_sacker, branch_point, grazing_sliding, crossing_sliding, switching_sliding, "
         "adding_sliding or stick_border"))
     point: ContinuationPoint
-    residual: float = field(metadata=reported(
-        "of its condition, scaled; at least that of the orbit"))
+    residual: float = field(metadata=reported("of its condition, scaled; at least that of the orbit"))
     branch: int = field(default=0, metadata=reported("number of its branch"))
     after: int = field(default=0, metadata=reported("number of the point before it"))
     changes_stability: bool = field(default=False, metadata=reported(

@@ -217,8 +217,7 @@ def _beyond_corner(track: BranchTrack) -> ContinuationPoint | None:
     return None
 
 
-def _beyond(track: BranchTrack, linearised: Linearised, along: Floats,
-            distance: float) -> ContinuationPoint | None:
+def _beyond(track: BranchTrack, linearised: Linearised, along: Floats, distance: float) -> ContinuationPoint | None:
     """The next point beyond a corner at the last one; None where none is found."""
     # linearised : derivative at a distance from the corner; where it belongs to neither piece, the one along the
     # other piece

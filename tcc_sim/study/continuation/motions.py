@@ -169,8 +169,7 @@ class Seed:
     period: int
 
 
-def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float,
-                period: int | None) -> tuple[Shooting, Floats]:
+def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float, period: int | None) -> tuple[Shooting, Floats]:
     """The orbit near the motion that the scene settles in, by Newton's method.
 
     Raises NumericalFailure: none was found; the message names a value of the range at which motions settle.
@@ -325,8 +324,7 @@ class ContinuationPlan:
         if not self.low < self.high:
             raise InputError(f"--over has a range from {self.low:g} to {self.high:g}; the two must differ")
         if self.period is not None and not 1 <= self.period <= LONGEST_START:
-            raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_START} periods of "
-                             "excitation")
+            raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_START} periods of " "excitation")
         if not 0 <= self.switch <= DEEPEST_SWITCH:
             raise InputError(f"--switch is {self.switch}; it must be 0 to {DEEPEST_SWITCH}")
         for seed in self.seeds:

@@ -317,8 +317,7 @@ class Shooting:
 
     def unknowns(self, nodes: Floats, values: Values) -> Floats:
         """The scaled unknowns of nodes (m, n) and parameters."""
-        return np.concatenate([(nodes / self.map.scales).ravel(),
-                               [w.scaled(v) for w, v in zip(self.ranges, values)]])
+        return np.concatenate([(nodes / self.map.scales).ravel(), [w.scaled(v) for w, v in zip(self.ranges, values)]])
 
     def linearise(self, z: Floats) -> Linearised:
         """Residual and derivative at `z`, with the map's exceptions."""
@@ -474,8 +473,7 @@ class OrbitState:
     plate_angle: float = field(metadata=reported("on the section", "rad"))
     plate_speed: float = field(metadata=reported("on the section", "rad/s"))
     max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
-    multipliers: NDArray[np.complex128] = field(metadata=reported(
-        "Floquet multipliers, [re, im], largest first"))
+    multipliers: NDArray[np.complex128] = field(metadata=reported("Floquet multipliers, [re, im], largest first"))
 
 
 @dataclass(frozen=True)
