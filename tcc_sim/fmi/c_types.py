@@ -73,11 +73,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Row:
-    """Pointer to a one-dimensional array of doubles, `stride` places apart; a length of -1 is not known."""
+    """Pointer to a one-dimensional array of doubles; a length of -1 is not known."""
 
     writable: bool = False
     length: int = -1
-    stride: int = 1
 
     @property
     def name(self) -> str:
@@ -86,13 +85,11 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class Vector:
-    """Numbers that are not stored: `at` prints the one at an index, `length` is printed, at most `most`."""
+class Column:
+    """Numbers of a column, or ones that are not stored: `at` prints the one at an index, and `length` is printed."""
 
     length: str
-    most: int
     at: Callable[[str], str]
-    kind: Scalar
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,13 +142,13 @@ def stored_name(kind: Kind) -> str:
     return kind.title if isinstance(kind, (Table, Struct)) else kind_name(kind)
 
 
-Kind = Static | Scalar | Tuple | Table | Row | Vector | Items | Keys | Struct
+Kind = Static | Scalar | Tuple | Table | Row | Column | Items | Keys | Struct
 DOUBLE, INT = Scalar("double"), Scalar("int")
 
 
 def kind_name(kind: Kind) -> str:
     """Return the type in C."""
-    if isinstance(kind, (Static, Vector, Items)):
+    if isinstance(kind, (Static, Column, Items)):
         raise Refused(f"{kind} has no type in C")
     return kind.name
 

@@ -19,9 +19,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.fmi.c_types import DOUBLE, INT, Keys, Kind, Row, Static, Struct, Table, struct_of
@@ -29,9 +26,9 @@ from tcc_sim.fmi.printer import Library
 from tcc_sim.model import actuator, equations
 from tcc_sim.model.actuator import delay_ticks
 from tcc_sim.model.equations import COEFFICIENTS, Linear
-from tcc_sim.model.groups import LARGEST_RATIO, TABLE, TABULATED, Engine, Pressure
+from tcc_sim.model.groups import LARGEST_RATIO, TABLE, TABULATED, Pressure
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
-from tcc_sim.model.profile import Origin, profile_of
+from tcc_sim.model.profile import SWELL, SWELLS, Origin, profile_of
 from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.output.files import draft
 from tcc_sim.plant import driveline
@@ -72,7 +69,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     rows = variables(scene)
     identifier = f"tcc_sim_{re.sub(r'[^A-Za-z0-9_]', '_', scene.name)}"
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")
-             for name in ("tcc_model.h", "fmi_shared.h", SOURCES[version])}
+             for name in ("tcc_model.h", "tcc_profile.h", "fmi_shared.h", SOURCES[version])}
     texts["tcc_kernel.h"] = f"/* Terms and tick of tcc_sim, printed from its Python source. */\n{_kernel(scene, rows)}"
     parts = "".join([*texts.values(), variables_header(scene, rows, identifier, "", step),
                      model_description(version, scene, rows, identifier, "", step)])
@@ -153,22 +150,19 @@ def _kernel(scene: Scene, rows: list[Variable]) -> str:
     """
     system = scene.system
     known = {row.name.partition("[")[0]: row.word for row in reversed(rows)}
-    keys, engine, pressure = (Keys(value, name, known.get) for name, value in (
-        ("", system), ("engine", system.engine), ("pressure", system.pressure)))
+    keys, pressure = Keys(system, "", known.get), Keys(system.pressure, "pressure", known.get)
+    profile, its_text = _profile_part(system)
     without: frozenset[str] = frozenset()
     for printed in range(2):  # The first time finds the terms that the scene lacks, and a parameter cannot bring.
         library = Library(frozenset({"Friction.curve", "System.varying"}), {
-            equations.linear_of: ("py_linear_of", struct_of(Linear, {}, {})),
-            **({} if system.varying else {profile_of: _constant_profile})})
+            equations.linear_of: ("py_linear_of", struct_of(Linear, {}, {})), profile_of: ("py_profile_of", profile)})
         origin = library.structure(Origin)
-        _, profile = library.function(profile_of, (engine, pressure, Static(None), origin))
-        assert isinstance(profile, Table)
         tables = {"harmonics": Table(3, max(1, len(system.engine.harmonic_amplitudes))), "approach": Table(4, 1),
                   "far": Table(4, 1), "profile": profile}
         terms = struct_of(Terms, tables, {"stribeck": len(system.friction.stribeck or (0.0, 0.0))}, without)
         library.structures[Terms] = terms
         library.declared(terms)
-        library.texts.insert(0, _linear_part())
+        library.texts[:0] = [_linear_part(), its_text]
         if not printed:
             library.function(terms_from, (keys, origin))
             filled = {"far", "approach"} if topic(INPUTS[1]).wanted(scene.value) else {"far"}
@@ -179,10 +173,34 @@ def _kernel(scene: Scene, rows: list[Variable]) -> str:
     return library.text()
 
 
-def _constant_profile(engine: Engine, pressure: Pressure, inputs: Any, origin: Origin) -> NDArray[np.float64]:
-    """Return what `profile_of` does for means that do not vary: one row, which holds the phase after a change."""
-    return np.array([[origin.time, origin.phase, engine.frequency, 0.0, engine.mean_torque, 0.0, pressure.mean, 0.0,
-                      0.0, 0.0, 0.0]])
+def _profile_part(system: System) -> tuple[Table, str]:
+    """Return the type of a scene's profile, and a C function that fills it by the lines of the excitation."""
+    engine = system.engine
+    names = ["engine.frequency", "engine.mean_torque", "pressure.mean"]
+    lines = [(name, len(system.value(f"{name}_times")), 1, 0, 0, -1) for name in names]
+    if engine.harmonic and engine.torque_amplitude_times:
+        lines.append(("engine.torque_amplitude", len(engine.torque_amplitude_times), 1, 0, 1, -1))
+    if engine.harmonic and engine.harmonic_amplitudes_times:
+        count = len(engine.harmonic_phases)
+        lines += [("engine.harmonic_amplitudes", len(engine.harmonic_amplitudes_times), count, k, k + 2, k)
+                  for k in range(count)]
+    rows = []
+    for name, points, apart, first, number, phase in lines:
+        word = f"at_{name.replace('.', '_')}"
+        values = f"{word}_values + {first}" if points else word
+        rows.append(f"{{{f'{word}_times' if points else 0}, {values}, {apart}, {points}, {number}, "
+                    f"{'-1' if phase < 0 else f'at_engine_harmonic_phases + {phase}'}}}")
+    kind = Table(SWELLS + SWELL * (len(lines) - len(names)), 1 + sum(line[1] for line in lines))
+    time, phase_then = ("0.0", "0.0") if engine.frequency_times else ("origin->time", "origin->phase")
+    return kind, f"""\
+static void py_profile_of(const double *x, const double *pressure, const Origin *origin, {kind.title} *made)
+{{
+    static const tcc_line lines[] = {{{", ".join(rows)}}};
+    (void)pressure;
+    (void)origin;
+    made->has = 1;
+    made->rows = tcc_profile(x, lines, {len(lines)}, {time}, {phase_then}, &made->at[0][0], {kind.columns});
+}}"""
 
 
 def _entries(scene: Scene, terms: Struct, origin: Struct, keys: Keys, pressure: Keys,

@@ -10,15 +10,21 @@ from __future__ import annotations
 import ast
 import importlib
 import inspect
+import math
+import operator
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, ClassVar
+
+import numpy as np
 
 from tcc_sim.fmi.c_types import (
     DOUBLE,
     INT,
+    Column,
     Items,
     Keys,
     Kind,
@@ -29,15 +35,35 @@ from tcc_sim.fmi.c_types import (
     Struct,
     Table,
     Tuple,
-    Vector,
     common_kind,
     kind_name,
     size_of,
     stored_name,
     struct_of,
 )
-from tcc_sim.fmi.expressions import Expressions, Text, enclosed, target_of, word
+from tcc_sim.model.friction import portable_exp
 
+Text = tuple[str, Kind]
+"""An expression in C and its type."""
+FUNCTIONS: dict[Any, str] = {
+    np.tanh: "tanh", np.sin: "sin", np.cos: "cos", np.exp: "exp", np.abs: "fabs", abs: "fabs", np.sign: "sign_of",
+    np.maximum: "maximum", np.minimum: "minimum", np.sqrt: "sqrt", math.sqrt: "sqrt", math.sin: "sin",
+    math.cos: "cos", math.floor: "floor", math.ceil: "ceil", math.exp: "exp", math.copysign: "copysign",
+    math.log: "log", math.log1p: "log1p", math.expm1: "expm1", math.atanh: "atanh", portable_exp: "exp"}
+"""C function of doubles by Python function; arrays are taken element by element."""
+OPERATORS: dict[type[ast.AST], str] = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Gt: ">", ast.GtE: ">=", ast.Lt: "<", ast.LtE: "<=",
+    ast.Eq: "==", ast.NotEq: "!="}
+WHOLE: dict[type[ast.AST], Callable[[int, int], int]] = {ast.Add: operator.add, ast.Sub: operator.sub,
+                                                         ast.Mult: operator.mul}
+"""Arithmetic of whole numbers that are known."""
+COMPARISONS: dict[type[ast.AST], Callable[[int, int], bool]] = {
+    ast.Gt: operator.gt, ast.GtE: operator.ge, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Eq: operator.eq,
+    ast.NotEq: operator.ne}
+TAKEN = {*FUNCTIONS.values(), "free", "double", "int", "float", "long", "short", "char", "void", "struct", "union",
+         "auto", "static", "const", "register", "signed", "unsigned", "switch", "case", "default", "do", "goto",
+         "enum", "extern", "inline", "restrict", "sizeof", "typedef", "volatile"}
+"""Reserved words of C; local names that equal one get an underscore."""
 PRELUDE = """\
 static double sign_of(double x) { return x > 0.0 ? 1.0 : x < 0.0 ? -1.0 : x; }
 static double maximum(double a, double b) { return a != a ? a : b != b ? b : a > b ? a : b; }
@@ -48,11 +74,7 @@ static int max_int(int a, int b) { return a > b ? a : b; }
 static int min_int(int a, int b) { return a < b ? a : b; }
 static int searched(const double *at, int stride, int n, double x) \
 { int low = 0; while (low < n) { int k = (low + n) / 2; if (at[k * stride] <= x) low = k + 1; else n = k; } \
-return low; }
-static int unique(double *at, int n) \
-{ int count = 0; for (int k = 0; k < n; k++) { double x = at[k]; int j = count; \
-while (j > 0 && at[j - 1] > x) j--; if (j > 0 && at[j - 1] == x) continue; \
-memmove(at + j + 1, at + j, (size_t)(count - j) * sizeof *at); at[j] = x; count++; } return count; }"""
+return low; }"""
 LARGE = 16384
 """Size of a variable, bytes, beyond which it is not on the stack, which TCC_LARGE says in C. No function calls itself.
 """
@@ -145,11 +167,15 @@ class Library:
         return "\n\n".join(["\n".join(self._declarations.values()), "\n".join(prelude), *self.texts]) + "\n"
 
 
-class Function(Expressions):
+class Function:
     """Function for arguments of given types, printed as `lines`, with the type of its result.
+
+    All that is known beforehand is evaluated while printing: texts and lengths of lists of the scene, None, and the
+    branches that follow from them.
 
     Parameters
     ----------
+    kinds : types of the arguments
     result : type that holds every result; None: the first one's, or what holds all if they differ
 
     Attributes
@@ -159,6 +185,12 @@ class Function(Expressions):
 
     def __init__(self, library: Library, source: Callable[..., Any], name: str, kinds: tuple[Kind, ...],
                  result: Kind | None = None) -> None:
+        self._library, self._globals, self._title = library, dict(source.__globals__), source.__name__
+        self._names: dict[str, Text] = {}
+        """Local names that stand for an expression, with it."""
+        self._locals: dict[str, Kind] = {}
+        self._written: list[str] = []
+        self._depth, self._fresh = 0, 0
         tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
         if not isinstance(tree, ast.FunctionDef):
             raise Refused(f"{source.__name__} is no plain function")
@@ -166,7 +198,8 @@ class Function(Expressions):
         more = range(len(kinds) - len(parameters)) if tree.args.vararg else ()
         further = [f"{tree.args.vararg.arg}_{k}" for k in more]  # type: ignore[union-attr]
         given = list(zip([*parameters, *further], kinds))
-        super().__init__(library, source, {parameter: kind for parameter, kind in given if kind})
+        self._kinds: dict[str, Kind] = {parameter: kind for parameter, kind in given if kind}
+        """Types of parameters and, later, of assigned names."""
         for parameter, kind in given:
             if isinstance(kind, Static):
                 self._names[parameter] = str(int(bool(kind.value))), kind
@@ -176,8 +209,7 @@ class Function(Expressions):
         self._stores = Counter(part.id for part in ast.walk(tree) if isinstance(part, ast.Name)
                                and isinstance(part.ctx, ast.Store))
         self._block(tree.body)
-        if not self._returned:
-            raise self._refused(tree)
+        assert self._returned, f"{name} returns nothing"
         whole: Kind | None = self._returned[0]
         for kind in self._returned[1:]:
             whole = common_kind(whole, kind) if whole is not None else None
@@ -209,7 +241,13 @@ class Function(Expressions):
 
     def _block(self, body: list[ast.stmt]) -> bool:
         """Print statements up to a return, and return whether there was one."""
-        return any(self._statement(node) for node in body)
+        for node in body:
+            try:
+                if self._statement(node):
+                    return True
+            except AssertionError as error:
+                raise Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
+        return False
 
     def _nested(self, head: str, body: list[ast.stmt]) -> None:
         self._put(head)
@@ -241,16 +279,11 @@ class Function(Expressions):
         elif isinstance(node, ast.ImportFrom):
             module = importlib.import_module(str(node.module))
             self._globals |= {alias.asname or alias.name: getattr(module, alias.name) for alias in node.names}
-        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and isinstance(
-                node.value.func, ast.Attribute) and node.value.func.attr == "append" and not self._depth:
-            owner = node.value.func.value
-            parts = (*self._items(owner), self._expression(node.value.args[0]))
-            self._bind(owner, ("", Items(parts)))
         elif isinstance(node, ast.Return) and node.value is not None:
             self._return(node)
             return True
         else:
-            raise self._refused(node)
+            raise AssertionError(type(node))
         return False
 
     def _return(self, node: ast.Return) -> None:
@@ -259,31 +292,31 @@ class Function(Expressions):
         self._returned.append(kind)
         wanted = self._wanted if self._wanted is not None else kind
         self.text = text
-        if isinstance(wanted, (Static, Items, Vector)) or (self._wanted is None and isinstance(kind, Static)):
+        if isinstance(wanted, (Static, Items, Column)) or (self._wanted is None and isinstance(kind, Static)):
             return
         if not isinstance(wanted, (Table, Struct)):
-            text = self._as((text, kind), wanted, node)
-        elif kind == wanted:
+            text = self._as((text, kind), wanted)
+        else:
+            assert kind == wanted
             self._put(f"*made = {target_of(text)};")
             text = ""
-        else:
-            raise self._refused(node)
         self._put(f"return {text};".replace(" ;", ";"))
 
     def _for(self, node: ast.For) -> None:
         """Print a loop: unrolled if its items are known, and over whole numbers otherwise."""
+        assert isinstance(node.target, ast.Name)
         leaves = any(isinstance(part, ast.Break) for part in ast.walk(node))
-        is_range = isinstance(node.iter, ast.Call) and self._resolved(node.iter.func) is range
-        if not is_range or (not leaves and isinstance(node.iter, ast.Call)
-                            and all(self._known(end) is not None for end in node.iter.args)):
+        ends = node.iter.args if isinstance(node.iter, ast.Call) else []
+        if not ends or (not leaves and all(self._known(end) is not None for end in ends)):
             for part in self._items(node.iter):
-                self._bind(node.target, part)
+                self._names[node.target.id] = part
                 self._block(node.body)
             return
-        if not isinstance(node.iter, ast.Call) or len(node.iter.args) != 1 or not isinstance(node.target, ast.Name):
-            raise self._refused(node)
-        end, name = self._place(node.iter.args[0]), word(node.target.id)
-        self._declare(node.target.id, INT, node)
+        assert isinstance(node.iter, ast.Call)
+        assert self._resolved(node.iter.func) is range
+        assert len(ends) == 1
+        end, name = self._place(ends[0]), word(node.target.id)
+        self._declare(node.target.id, INT)
         self._nested(f"for ({name} = 0; {name} < {end}; {name}++) {{", node.body)
         self._put("}")
 
@@ -319,11 +352,9 @@ class Function(Expressions):
             text, kind = self._expression(value)
             if not isinstance(value, ast.Name):
                 text, kind = self._kept(text, kind)
-            if not isinstance(kind, Tuple):
-                raise self._refused(value)
+            assert isinstance(kind, Tuple)
             parts = [(f"{text}._{place}", part) for place, part in enumerate(kind.parts)]
-        if len(parts) != len(target.elts):
-            raise self._refused(target)
+        assert len(parts) == len(target.elts)
         for name, (text, kind) in zip(target.elts, parts):
             if not (isinstance(name, ast.Name) and name.id == "_"):
                 self._store(name, text, kind)
@@ -334,31 +365,575 @@ class Function(Expressions):
         if isinstance(target, ast.Name) and isinstance(kind, Static) and isinstance(kind.value, bool) \
                 and self._stores[target.id] > 1:
             kind = INT
-        if isinstance(target, ast.Name) and isinstance(kind, (Static, Items, Keys, Row, Vector, Table, Struct)):
-            if self._depth:
-                raise self._refused(target)
-            self._bind(target, (text, kind))
+        if isinstance(target, ast.Name) and isinstance(kind, (Static, Items, Keys, Row, Column, Table, Struct)):
+            assert not self._depth
+            self._names[target.id] = text, kind
         elif isinstance(target, ast.Name):
             if kind == INT and self._kinds.get(target.id) == DOUBLE:
                 kind = DOUBLE
-            self._declare(target.id, kind, target)
+            self._declare(target.id, kind)
             self._put(f"{word(target.id)} = {_bare(text)};")
         elif isinstance(target, ast.Subscript) and any(isinstance(part, ast.Slice) for part in ast.walk(target.slice)):
             self._fill(target, text, kind)
-        elif isinstance(target, ast.Subscript) and isinstance(kind, Scalar):
-            self._put(f"{self._subscript(target)[0]} = {text};")
         else:
-            raise self._refused(target)
+            assert isinstance(target, ast.Subscript)
+            assert isinstance(kind, Scalar)
+            self._put(f"{self._subscript(target)[0]} = {text};")
 
     def _fill(self, target: ast.Subscript, text: str, kind: Kind) -> None:
-        """Store a number, or the numbers of an array, in a column."""
+        """Store a number, or the numbers of a column, in a column."""
         column = self._subscript(target)[1]
-        if not isinstance(column, Vector) or not isinstance(kind, (Scalar, Row, Vector)):
-            raise self._refused(target)
+        assert isinstance(column, Column)
+        assert isinstance(kind, (Scalar, Column))
         with self._loop(column.length) as k:
-            self._put(f"{column.at(k)} = {text if isinstance(kind, Scalar) else self._vector(text, kind).at(k)};")
+            self._put(f"{column.at(k)} = {kind.at(k) if isinstance(kind, Column) else text};")
+
+    def _put(self, text: str) -> None:
+        self._written.append("    " * (self._depth + 1) + text)
+
+    def _variable(self, kind: Kind) -> str:
+        """Declare a new variable and return its name."""
+        self._fresh += 1
+        name = f"part_{self._fresh}"
+        self._locals[name] = self._kinds[name] = kind
+        return name
+
+    def _kept(self, text: str, kind: Kind) -> Text:
+        """Store a value in a new variable."""
+        if isinstance(kind, (Static, Items, Keys, Row, Column)):
+            return text, kind
+        name = self._variable(kind)
+        pointed = isinstance(kind, (Table, Struct))
+        self._put(f"{name} = {target_of(text) if pointed else text};")
+        return f"&{name}" if pointed else name, kind
+
+    @contextmanager
+    def _apart(self) -> Iterator[list[str]]:
+        """Collect the lines that are written meanwhile, for a nested block."""
+        before, self._written = self._written, []
+        self._depth += 1
+        try:
+            yield self._written
+        finally:
+            self._depth -= 1
+            self._written = before
+
+    @contextmanager
+    def _loop(self, length: str) -> Iterator[str]:
+        k = self._variable(INT)
+        self._put(f"for ({k} = 0; {k} < {length}; {k}++) {{")
+        self._depth += 1
+        yield k
+        self._depth -= 1
+        self._put("}")
+
+    def _expression(self, node: ast.expr) -> Text:
+        """Print an expression; what the rules do not expect has no form in C."""
+        try:
+            return self._nodes[type(node)](self, node)
+        except (AssertionError, KeyError) as error:
+            raise Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
+
+    def _number(self, node: ast.expr) -> Text:
+        text, kind = self._expression(node)
+        if isinstance(kind, Static) and isinstance(kind.value, bool):
+            return text, INT
+        assert isinstance(kind, Scalar)
+        return text, kind
+
+    def _test(self, node: ast.expr) -> Text:
+        """Print a condition; a list or text that is known beforehand is true unless it is empty."""
+        text, kind = self._expression(node)
+        if isinstance(kind, Static):
+            return str(int(bool(kind.value))), Static(bool(kind.value))
+        if isinstance(kind, (Items, Row)):
+            count = len(kind.parts) if isinstance(kind, Items) else kind.length
+            return str(int(count > 0)), Static(count > 0)
+        assert isinstance(kind, Scalar)
+        return text, kind
+
+    def _constant(self, node: ast.Constant) -> Text:
+        """Print a number, None, True, False or a text."""
+        return self._value(node.value)
+
+    def _value(self, value: Any) -> Text:
+        """Print an object that is known: a number, a tuple, a NamedTuple; anything else has no text."""
+        if value is None or isinstance(value, (bool, str)) or callable(value):
+            return str(int(bool(value))), Static(value)
+        if isinstance(value, tuple):
+            parts = tuple(self._value(part) for part in value)
+            if not hasattr(value, "_fields"):
+                return "", Items(parts)
+            kind = self._library.structure(type(value))
+            self._library.declared(kind)
+            return f"&({kind.title}){{{', '.join(text for text, _ in parts)}}}", kind
+        if isinstance(value, (int, float)):
+            return literal(value)
+        return "", Static(value)
+
+    def _name(self, node: ast.Name) -> Text:
+        """Print a local name, or an object of the source's module."""
+        if node.id in self._names:
+            return self._names[node.id]
+        if node.id in self._kinds:
+            kind = self._kinds[node.id]
+            stored = isinstance(kind, (Table, Struct)) and node.id in self._locals
+            return f"{'&' if stored else ''}{word(node.id)}", kind
+        return self._value(self._resolved(node))
+
+    def _attribute(self, node: ast.Attribute) -> Text:
+        """Print a field of a NamedTuple, a scene key, data that are known, or an object of another module."""
+        if isinstance(node.value, ast.Name) and node.value.id not in {*self._kinds, *self._names} \
+                and not isinstance(self._resolved(node.value), tuple):
+            return self._value(self._resolved(node))
+        text, kind = self._expression(node.value)
+        if isinstance(kind, Keys):
+            return self._key(text, kind, node)
+        if isinstance(kind, Static):
+            return self._value(getattr(kind.value, node.attr))
+        if isinstance(kind, Struct):
+            for name, field in kind.fields:
+                if name == node.attr and isinstance(field, Static):
+                    return self._value(field.value)
+                if name == node.attr:
+                    place = f"{text[1:]}.{name}" if text.startswith("&") else f"{text}->{name}"
+                    return f"&{place}" if isinstance(field, (Table, Struct)) else place, field
+        raise AssertionError(kind)
+
+    def _key(self, text: str, kind: Keys, node: ast.Attribute) -> Text:
+        """Print a scene key of a group, one of its groups, or what a property of it computes."""
+        title, group = f"{type(kind.value).__name__}.{node.attr}", type(kind.value)
+        member = getattr(group, node.attr, None)
+        if title not in self._library.data and (isinstance(member, property) or hasattr(member, "func")):
+            name, result = self._library.function(getattr(member, "fget", None) or member.func, (kind,))  # type: ignore[union-attr]
+            return (name, result) if isinstance(result, (Static, Items)) else self._result(f"{name}({text})", result)
+        value = getattr(kind.value, node.attr)
+        if not kind.group and node.attr in type(kind.value).__annotations__ and hasattr(value, "quantities"):
+            return text, Keys(value, node.attr, kind.place)
+        place = kind.place(f"{kind.group}.{node.attr}")
+        if value == ():
+            return "0", Static(())
+        if place is None:
+            return self._value(value)
+        if isinstance(value, tuple):
+            return f"({text} + {place})", Row(length=len(value))
+        return f"{text}[{place}]", DOUBLE
+
+    def _result(self, text: str, kind: Kind) -> Text:
+        """Return a call's text; a structure that it makes is stored in a new variable, its last argument."""
+        if not isinstance(kind, (Table, Struct)):
+            return text, kind
+        name = self._variable(kind)
+        self._put(f"{text[:-1]}{'' if text.endswith('()') else ', '}&{name});")
+        return f"&{name}", kind
+
+    def _subscript(self, node: ast.Subscript) -> Text:
+        """Print a part of a tuple, an element, a row or a slice of an array, or its shape."""
+        if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
+            return self._shape(node, node.value.value)
+        text, kind = self._expression(node.value)
+        at = f"{text[1:]}.at" if text.startswith("&") else f"{text}->at"
+        places = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        cut = node.slice
+        if isinstance(kind, Table) and isinstance(cut, ast.Slice):
+            assert cut.upper
+            assert (cut.lower, cut.step) == (None, None)
+            text, _ = self._kept(text, kind)
+            self._put(f"{text[1:]}.rows = {self._place(cut.upper)};")
+            return text, kind
+        if isinstance(kind, Table) and isinstance(places[0], ast.Slice):
+            assert ast.unparse(places[0]) == ":"
+            column = self._place(places[1])
+            return "", Column(f"{at[:-2]}rows", lambda k: f"{at}[{k}][{column}]")
+        if isinstance(kind, Table):
+            row, *where = [f"[{self._place(place)}]" for place in places]
+            return f"{at}{row}{''.join(where)}", DOUBLE if where else Row(length=kind.columns)
+        if isinstance(kind, Row):
+            return f"{text}[{self._place(node.slice)}]", DOUBLE
+        if isinstance(kind, Column):
+            return kind.at(self._place(node.slice)), DOUBLE
+        place = self._known(node.slice)
+        assert isinstance(kind, Tuple)
+        assert place is not None
+        return f"{text}._{place}", kind.parts[place]
+
+    def _shape(self, node: ast.Subscript, array: ast.expr) -> Text:
+        """Print the number of rows or columns of an array."""
+        text, kind = self._expression(array)
+        place = self._known(node.slice)
+        if isinstance(kind, Table) and place == 0:
+            return f"{text[1:]}.rows" if text.startswith("&") else f"{text}->rows", INT
+        if isinstance(kind, Table):
+            return str(kind.columns), INT
+        assert isinstance(kind, Row)
+        assert kind.length >= 0
+        return str(kind.length), INT
+
+    def _known(self, node: ast.expr) -> int | None:
+        """Return an integer that is known when printing; None for any other expression."""
+        with self._apart() as lines:
+            text, kind = self._expression(node)
+        return int(text) if kind == INT and text.isdigit() and not lines else None
+
+    def _place(self, node: ast.expr) -> str:
+        """Print an integer index."""
+        text, kind = self._expression(node)
+        assert kind == INT
+        return text
+
+    def _each(self, function: Callable[..., Text], *parts: Text) -> Text:
+        """Print an operation on numbers, or on columns number by number."""
+        columns = [kind for _, kind in parts if isinstance(kind, Column)]
+        if not columns:
+            return function(*parts)
+        return "", Column(columns[0].length, lambda k: function(*(
+            (kind.at(k), DOUBLE) if isinstance(kind, Column) else (text, kind) for text, kind in parts))[0])
+
+    def _binop(self, node: ast.BinOp) -> Text:
+        def combined(one: Text, other: Text) -> Text:
+            (left, first), (right, second) = one, other
+            assert isinstance(first, Scalar)
+            assert isinstance(second, Scalar)
+            kind = INT if first == second == INT else DOUBLE
+            assert not (isinstance(node.op, ast.Div) and kind == INT)
+            if kind == INT and left.isdigit() and right.isdigit():
+                return literal(WHOLE[type(node.op)](int(left), int(right)))
+            return f"({left} {OPERATORS[type(node.op)]} {right})", kind
+        return self._each(combined, self._expression(node.left), self._expression(node.right))
+
+    def _unaryop(self, node: ast.UnaryOp) -> Text:
+        if isinstance(node.op, ast.Not):
+            text, kind = self._test(node.operand)
+            return self._value(not kind.value) if isinstance(kind, Static) else (f"(!{text})", INT)
+        assert isinstance(node.op, ast.USub)
+        text, kind = self._number(node.operand)
+        return f"(-{text})", kind
+
+    def _boolop(self, node: ast.BoolOp) -> Text:
+        deciding, sign = (False, "&&") if isinstance(node.op, ast.And) else (True, "||")
+        texts = []
+        for part in node.values:
+            with self._apart() as lines:
+                text, kind = self._test(part)
+            if isinstance(kind, Static):
+                if kind.value == deciding:
+                    return str(int(deciding)), Static(deciding)
+            else:
+                assert not lines
+                texts.append(text)
+        if not texts:
+            return str(int(not deciding)), Static(not deciding)
+        return texts[0] if len(texts) == 1 else f"({f' {sign} '.join(texts)})", INT
+
+    def _namedexpr(self, node: ast.NamedExpr) -> Text:
+        text, kind = self._number(node.value)
+        self._declare(node.target.id, kind)
+        return f"({word(node.target.id)} = {text[1:-1] if enclosed(text) else text})", kind
+
+    def _declare(self, name: str, kind: Kind) -> None:
+        """Declare a variable, whose type cannot change."""
+        self._names.pop(name, None)
+        assert not isinstance(kind, Static)
+        assert self._kinds.get(name, kind) == kind
+        if name not in self._kinds:
+            self._locals[name] = kind
+        self._kinds[name] = kind
+
+    def _compare(self, node: ast.Compare) -> Text:
+        if isinstance(node.ops[0], (ast.Is, ast.IsNot)):
+            return self._absent(node.left, isinstance(node.ops[0], ast.Is))
+        parts, left = list[Text](), node.left
+        for sign, right in zip(node.ops, node.comparators):
+            parts.append(self._compared(sign, self._expression(left), self._expression(right)))
+            left = right.target if isinstance(right, ast.NamedExpr) else right
+        if len(parts) == 1:
+            return parts[0]
+        return f"({' && '.join(text.removeprefix('(').removesuffix(')') for text, _ in parts)})", INT
+
+    def _compared(self, sign: ast.cmpop, one: Text, other: Text) -> Text:
+        (left, first), (right, second) = one, other
+        if isinstance(first, Static) and isinstance(sign, (ast.In, ast.NotIn)) and isinstance(second, Items):
+            return self._value((first in [kind for _, kind in second.parts]) == isinstance(sign, ast.In))
+        if isinstance(first, Static) and isinstance(second, Static) and isinstance(sign, (ast.Eq, ast.NotEq)):
+            return self._value((first == second) == isinstance(sign, ast.Eq))
+        if isinstance(first, Struct) and first == second and isinstance(sign, ast.Eq) \
+                and all(isinstance(kind, Scalar) for _, kind in first.fields):
+            left = f"({left})" if left.startswith("&") else left
+            return f"({' && '.join(f'{left}->{name} == ({right})->{name}' for name, _ in first.fields)})", INT
+        if first == second == INT and left.isdigit() and right.isdigit():
+            return self._value(COMPARISONS[type(sign)](int(left), int(right)))
+        assert isinstance(first, (Scalar, Column))
+        assert isinstance(second, Scalar)
+        return self._each(lambda each: (f"({each[0]} {OPERATORS[type(sign)]} {right})", INT), one)
+
+    def _absent(self, node: ast.expr, absent: bool) -> Text:
+        """Print whether a value is None, or is not."""
+        text, kind = self._expression(node)
+        if isinstance(kind, Table) or (isinstance(kind, Tuple) and kind.optional):
+            dot = "->" if isinstance(kind, Table) and not text.startswith("&") else "."
+            return f"{'!' if absent else ''}{text.removeprefix('&')}{dot}has", INT
+        return self._value((isinstance(kind, Static) and kind.value is None) == absent)
+
+    def _ifexp(self, node: ast.IfExp) -> Text:
+        """Print a conditional expression; only one branch if the condition is known."""
+        test, static = self._test(node.test)
+        if isinstance(static, Static):
+            return self._expression(node.body if static.value else node.orelse)
+        with self._apart() as lines:
+            one = self._stored(*self._expression(node.body))
+        with self._apart() as others:
+            other = self._stored(*self._expression(node.orelse))
+        kind = common_kind(one[1], other[1])
+        assert kind is not None
+        if not (lines or others or isinstance(kind, (Table, Struct))):
+            return f"({test} ? {self._as(one, kind)} : {self._as(other, kind)})", kind
+        name = self._variable(kind)
+        for head, branch, part in ((f"if ({test}) {{", lines, one), ("} else {", others, other)):
+            self._put(head)
+            self._written += branch
+            self._depth += 1
+            self._assign_to(name, part, kind)
+            self._depth -= 1
+        self._put("}")
+        return f"&{name}" if isinstance(kind, (Table, Struct)) else name, kind
+
+    def _as(self, part: Text, wanted: Kind) -> str:
+        """Print a number or a tuple as a value of another type."""
+        text, kind = part
+        if kind == wanted or (wanted == DOUBLE and kind == INT):
+            return text
+        if isinstance(wanted, Scalar) and isinstance(kind, Static) and (wanted == INT or kind.value is None):
+            return text if wanted == INT else "0.0"
+        if isinstance(wanted, Tuple) and wanted.optional:
+            name = self._library.declared(wanted)
+            if kind == Static(None):
+                return f"({name}){{0{', 0.0' * len(wanted.parts)}}}"
+            if isinstance(kind, Tuple) and kind.parts == wanted.parts and text.startswith("("):
+                return f"({name}){{1, {text.partition('{')[2]}"
+            if isinstance(kind, Tuple) and kind.parts == wanted.parts:
+                return f"({name}){{1, {', '.join(f'{text}._{place}' for place in range(len(kind.parts)))}}}"
+        raise AssertionError(kind)
+
+    def _assign_to(self, place: str, part: Text, wanted: Kind) -> None:
+        """Print the assignment of a value of a type, or of one that it holds, to a variable or field."""
+        text, kind = self._stored(*part)
+        if not isinstance(wanted, (Table, Struct)):
+            self._put(f"{place} = {self._as((text, kind), wanted)};")
+        elif kind == Static(None) and isinstance(wanted, Table):
+            self._put(f"memset(&{place}, 0, sizeof {place});")
+        else:
+            assert kind == wanted
+            self._put(f"{place} = {target_of(text)};")
+
+    def _tuple(self, node: ast.Tuple) -> Text:
+        return "", Items(tuple(map(self._expression, node.elts)))
+
+    def _items(self, node: ast.expr) -> list[Text]:
+        """Return the parts of an expression that is a list or tuple, or a range."""
+        if isinstance(node, ast.Call) and self._resolved(node.func) is range:
+            bounds = [self._known(end) for end in node.args]
+            return [(str(k), INT) for k in range(*(bound for bound in bounds if bound is not None))]
+        _, kind = self._expression(node)
+        assert isinstance(kind, Items)
+        return list(kind.parts)
+
+    def _stored(self, text: str, kind: Kind) -> Text:
+        """Return a value in the form in which C holds it: a tuple of numbers as a structure."""
+        if isinstance(kind, Items) and kind.parts and all(isinstance(part, Scalar) for _, part in kind.parts):
+            whole = Tuple(tuple(part for _, part in kind.parts))  # type: ignore[misc]
+            return f"({self._library.declared(whole)}){{{', '.join(element for element, _ in kind.parts)}}}", whole
+        return text, kind
+
+    def _call(self, node: ast.Call) -> Text:
+        """Print a call of a printed function, of C's own functions or of what arrays and NamedTuples have."""
+        if isinstance(node.func, ast.Attribute) and self._of_value(node.func.value):
+            return self._method(node, node.func)
+        called = self._resolved(node.func)
+        if called in self._arrays:
+            return self._arrays[called](self, node)
+        if isinstance(called, type) and hasattr(called, "_fields"):
+            return self._built(node, self._library.structure(called), called)
+        plain = inspect.unwrap(getattr(called, "py_func", called)) if callable(called) else called
+        assert not node.keywords or inspect.isfunction(plain)
+        if called in (int, float, bool, len):
+            return self._converted(node, called)
+        if called in (max, min, np.maximum) and len(node.args) > 1:
+            printed, *others = map(self._number, node.args)
+            for other in others:
+                printed = self._larger(called, printed, other)
+            return printed
+        if called in FUNCTIONS:
+            return self._each(lambda *parts: (f"{FUNCTIONS[called]}({', '.join(text for text, _ in parts)})", DOUBLE),
+                              *map(self._expression, node.args))
+        if called is math.isfinite:
+            return f"isfinite({self._number(node.args[0])[0]})", INT
+        assert inspect.isfunction(plain)
+        given = list[Text]()
+        for argument in node.args:
+            given += self._items(argument.value) if isinstance(argument, ast.Starred) else [
+                self._stored(*self._expression(argument))]
+        missing = [parameter for parameter in list(inspect.signature(plain).parameters.values())[len(given):]
+                   if parameter.kind is not parameter.VAR_POSITIONAL]
+        named = {word.arg: self._stored(*self._expression(word.value)) for word in node.keywords}
+        given += [named.get(parameter.name) or self._value(parameter.default) for parameter in missing]
+        return self._each(lambda *parts: self._called(plain, parts), *given)
+
+    def _called(self, plain: Any, given: Sequence[Text]) -> Text:
+        name, result = self._library.function(plain, tuple(kind for _, kind in given))
+        if isinstance(result, (Static, Items)):
+            return name, result
+        return self._result(f"{name}({', '.join(text for text, kind in given if not isinstance(kind, Static))})",
+                            result)
+
+    def _larger(self, called: Any, one: Text, other: Text) -> Text:
+        """Print the larger or the smaller of two numbers of one type."""
+        assert one[1] == other[1]
+        name = "maximum" if called is np.maximum and one[1] == DOUBLE else (
+            f"{'min' if called is min else 'max'}_{kind_name(one[1])}")
+        return f"{name}({one[0]}, {other[0]})", one[1]
+
+    def _of_value(self, node: ast.expr) -> bool:
+        """Return whether an expression is a value of the function, and no module or class."""
+        while isinstance(node, ast.Attribute):
+            node = node.value
+        return not isinstance(node, ast.Name) or node.id in {*self._kinds, *self._names}
+
+    def _method(self, node: ast.Call, method: ast.Attribute) -> Text:
+        """Print a call on a value: NamedTuple._replace, copy of an array, and max and min of a column."""
+        text, kind = self._expression(method.value)
+        if method.attr == "_replace" and isinstance(kind, Struct):
+            return self._built(node, kind, None, text)
+        if method.attr == "copy" and isinstance(kind, Table):
+            return self._kept(text, kind)
+        assert method.attr in ("max", "min")
+        assert isinstance(kind, Column)
+        extreme, _ = self._kept(kind.at("0"), DOUBLE)
+        with self._loop(kind.length) as k:
+            self._put(f"{extreme} = {method.attr}_double({extreme}, {kind.at(k)});")
+        return extreme, DOUBLE
+
+    def _built(self, node: ast.Call, kind: Struct, called: type[Any] | None, copied: str = "") -> Text:
+        """Print a new structure of a NamedTuple: from its parts, or a copy with other parts."""
+        name, fields = self._variable(kind), dict(kind.fields)
+        given = dict(zip(fields, map(self._expression, node.args)))
+        given |= {str(word.arg): self._expression(word.value) for word in node.keywords}
+        for field, value in (getattr(called, "_field_defaults", {}) if called else {}).items():
+            given.setdefault(field, self._value(value))
+        self._put(f"{name} = {target_of(copied)};" if copied else f"memset(&{name}, 0, sizeof {name});")
+        if called:
+            nothing = {field for field, part in given.items() if part[1] == Static(None)}
+            self._library.absent[called] = self._library.absent.get(called, nothing) & nothing
+        for field, part in given.items():
+            if fields[field] == part[1] == Static(None):
+                continue
+            self._assign_to(f"{name}.{field}", part, fields[field])
+        return f"&{name}", kind
+
+    def _converted(self, node: ast.Call, called: Any) -> Text:
+        """Print int and float of a number, and the length of a tuple or an array."""
+        text, kind = self._expression(node.args[0])
+        if called is not len:
+            assert kind == (DOUBLE if called is float else INT)
+            return text, kind
+        if isinstance(kind, Table):
+            return f"{text[1:]}.rows" if text.startswith("&") else f"{text}->rows", INT
+        if isinstance(kind, (Items, Tuple)):
+            return str(len(kind.parts)), INT
+        assert isinstance(kind, Row)
+        assert kind.length >= 0
+        return str(kind.length), INT
+
+    def _np_searchsorted(self, node: ast.Call) -> Text:
+        """Print searchsorted(table[:, k], x, side="right")."""
+        assert [ast.unparse(keyword) for keyword in node.keywords] == ["side='right'"]
+        assert isinstance(node.args[0], ast.Subscript)
+        (_, table), (_, column) = self._expression(node.args[0].value), self._expression(node.args[0])
+        assert isinstance(table, Table)
+        assert isinstance(column, Column)
+        return f"searched(&{column.at('0')}, {table.columns}, {column.length}, {self._number(node.args[1])[0]})", INT
+
+    def _np_moveaxis(self, node: ast.Call) -> Text:
+        """Print moveaxis(row, -1, 0) of a single row."""
+        text, kind = self._expression(node.args[0])
+        assert isinstance(kind, Row)
+        assert [ast.unparse(part) for part in node.args[1:]] == ["-1", "0"]
+        return text, kind
+
+    def _np_arange(self, node: ast.Call) -> Text:
+        return "", Column(self._place(node.args[0]), lambda k: f"(double){k}")
+
+    def _np_argmax(self, node: ast.Call) -> Text:
+        """Print the index of the first number of a column that is not 0; 0 if all are."""
+        _, kind = self._expression(node.args[0])
+        assert isinstance(kind, Column)
+        index, _ = self._kept("0", INT)
+        with self._loop(kind.length) as k:
+            self._put(f"if {kind.at(k)} {{ {index} = {k}; break; }}")
+        return index, INT
+
+    def _np_zeros(self, node: ast.Call) -> Text:
+        """Print a new array of zeros, (rows, columns), whose shape is known."""
+        shape = node.args[0]
+        assert isinstance(shape, ast.Tuple)
+        rows, columns = map(self._known, shape.elts)
+        assert rows
+        assert columns
+        name = self._variable(kind := Table(columns, rows))
+        self._put(f"memset(&{name}, 0, sizeof {name});")
+        self._put(f"{name}.has = 1;")
+        self._put(f"{name}.rows = {rows};")
+        return f"&{name}", kind
+
+    def _resolved(self, node: ast.expr) -> Any:
+        """Return the object of a dotted name in the source's module, or None."""
+        if isinstance(node, ast.Name):
+            if node.id in self._names or node.id in self._kinds:
+                kind = self._names[node.id][1] if node.id in self._names else self._kinds[node.id]
+                return kind.value if isinstance(kind, Static) else None
+            builtins = self._globals["__builtins__"]
+            builtins = builtins if isinstance(builtins, dict) else vars(builtins)
+            return self._globals.get(node.id, builtins.get(node.id))
+        assert isinstance(node, ast.Attribute)
+        return getattr(self._resolved(node.value), node.attr, None)
+
+    _nodes: ClassVar[dict[type[ast.AST], Callable[[Function, Any], Text]]] = {
+        ast.Constant: _constant, ast.Name: _name, ast.Attribute: _attribute, ast.Subscript: _subscript,
+        ast.BinOp: _binop, ast.UnaryOp: _unaryop, ast.BoolOp: _boolop, ast.Compare: _compare, ast.IfExp: _ifexp,
+        ast.NamedExpr: _namedexpr, ast.Tuple: _tuple, ast.Call: _call}
+    _arrays: ClassVar[dict[Any, Callable[[Function, ast.Call], Text]]] = {
+        np.searchsorted: _np_searchsorted, np.moveaxis: _np_moveaxis, np.zeros: _np_zeros,
+        np.arange: _np_arange, np.argmax: _np_argmax}
 
 
 def _bare(text: str) -> str:
     """Return a text without parentheses around it."""
     return text[1:-1] if enclosed(text) else text
+
+
+def word(name: str) -> str:
+    """Return a local name in C."""
+    return f"{name}_" if name in TAKEN else name
+
+
+def target_of(text: str) -> str:
+    """Return the value at a pointer."""
+    return text[1:] if text[0] in "&*" else f"*{text}"
+
+
+def enclosed(text: str) -> bool:
+    """Return whether one pair of parentheses encloses a text."""
+    depth = 0
+    for place, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0:
+            return letter == ")" and place == len(text) - 1
+    return False
+
+
+def literal(value: float) -> Text:
+    """Return a number in C, exact to the last bit."""
+    assert not math.isnan(value)
+    if math.isinf(value):
+        return ("INFINITY" if value > 0 else "(-INFINITY)"), DOUBLE
+    text = repr(value)
+    return (f"({text})" if value < 0 else text), INT if isinstance(value, int) else DOUBLE

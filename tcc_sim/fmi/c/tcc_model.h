@@ -36,6 +36,7 @@
 #else
 #define TCC_LARGE
 #endif
+#include "tcc_profile.h"
 #include "tcc_kernel.h"
 
 /* Sub-steps of one communication step, some ten seconds of a processor, and ticks in all: time is still exact there. */
