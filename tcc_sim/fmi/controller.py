@@ -76,10 +76,7 @@ class FmuController:
     def __call__(self, state: Stamped) -> tuple[float | None, float | None, float | None]:
         """Return engine torque (N m), pressure (Pa) and speed of the far end (rad/s) for a state; None without output.
 
-        Raises
-        ------
-        TccError
-            The FMU refuses a call.
+        Raises TccError: the FMU refuses a call.
         """
         put, get = ((self._slave.setReal, self._slave.getReal) if self._two else
                     (self._slave.setFloat64, self._slave.getFloat64))

@@ -391,7 +391,6 @@ def unit_name(unit: str) -> str:
 
 
 def _declared(unit: str) -> str:
-    """Return the name of a unit's declared type."""
     return TYPES.get(unit) or "".join(re.findall(r"\w+", unit.replace("/", " per ")))
 
 
@@ -457,7 +456,6 @@ def model_description(version: int, scene: Scene, rows: list[Variable], identifi
 
 
 def _units_and_types(version: int, root: ET.Element, rows: list[Variable]) -> None:
-    """Add the units of the variables, and a declared type for each."""
     units = list(dict.fromkeys(row.unit for row in rows if row.kind == "real"))
     definitions = ET.SubElement(root, "UnitDefinitions")
     types = ET.SubElement(root, "TypeDefinitions")

@@ -109,10 +109,7 @@ class Library:
 
         A result that is known, such as None, has its own text in place of a name.
 
-        Raises
-        ------
-        Refused
-            Its source has a construct without a form in C.
+        Raises Refused: its source has a construct without a form in C.
         """
         plain = inspect.unwrap(getattr(source, "py_func", source))
         if isinstance(given := self._given.get(plain, plain), tuple):
@@ -381,7 +378,6 @@ class Function:
             self._put(f"{self._subscript(target)[0]} = {text};")
 
     def _fill(self, target: ast.Subscript, text: str, kind: Kind) -> None:
-        """Store a number, or the numbers of a column, in a column."""
         column = self._subscript(target)[1]
         assert isinstance(column, Column)
         assert isinstance(kind, (Scalar, Column))
@@ -392,14 +388,12 @@ class Function:
         self._written.append("    " * (self._depth + 1) + text)
 
     def _variable(self, kind: Kind) -> str:
-        """Declare a new variable and return its name."""
         self._fresh += 1
         name = f"part_{self._fresh}"
         self._locals[name] = self._kinds[name] = kind
         return name
 
     def _kept(self, text: str, kind: Kind) -> Text:
-        """Store a value in a new variable."""
         if isinstance(kind, (Static, Items, Keys, Row, Column)):
             return text, kind
         name = self._variable(kind)
@@ -453,7 +447,6 @@ class Function:
         return text, kind
 
     def _constant(self, node: ast.Constant) -> Text:
-        """Print a number, None, True, False or a text."""
         return self._value(node.value)
 
     def _value(self, value: Any) -> Text:
@@ -558,7 +551,6 @@ class Function:
         return f"{text}._{place}", kind.parts[place]
 
     def _shape(self, node: ast.Subscript, array: ast.expr) -> Text:
-        """Print the number of rows or columns of an array."""
         text, kind = self._expression(array)
         place = self._known(node.slice)
         if isinstance(kind, Table) and place == 0:
@@ -576,7 +568,6 @@ class Function:
         return int(text) if kind == INT and text.isdigit() and not lines else None
 
     def _place(self, node: ast.expr) -> str:
-        """Print an integer index."""
         text, kind = self._expression(node)
         assert kind == INT
         return text
@@ -631,7 +622,6 @@ class Function:
         return f"({word(node.target.id)} = {text[1:-1] if enclosed(text) else text})", kind
 
     def _declare(self, name: str, kind: Kind) -> None:
-        """Declare a variable, whose type cannot change."""
         self._names.pop(name, None)
         assert not isinstance(kind, Static)
         assert self._kinds.get(name, kind) == kind
@@ -667,7 +657,6 @@ class Function:
         return self._each(lambda each: (f"({each[0]} {OPERATORS[type(sign)]} {right})", INT), one)
 
     def _absent(self, node: ast.expr, absent: bool) -> Text:
-        """Print whether a value is None, or is not."""
         text, kind = self._expression(node)
         if isinstance(kind, Table) or (isinstance(kind, Tuple) and kind.optional):
             dot = "->" if isinstance(kind, Table) and not text.startswith("&") else "."
@@ -786,7 +775,6 @@ class Function:
                             result)
 
     def _larger(self, called: Any, one: Text, other: Text) -> Text:
-        """Print the larger or the smaller of two numbers of one type."""
         assert one[1] == other[1]
         name = "maximum" if called is np.maximum and one[1] == DOUBLE else (
             f"{'min' if called is min else 'max'}_{kind_name(one[1])}")
@@ -853,7 +841,6 @@ class Function:
         return f"searched(&{column.at('0')}, {table.columns}, {column.length}, {self._number(node.args[1])[0]})", INT
 
     def _np_moveaxis(self, node: ast.Call) -> Text:
-        """Print moveaxis(row, -1, 0) of a single row."""
         text, kind = self._expression(node.args[0])
         assert isinstance(kind, Row)
         assert [ast.unparse(part) for part in node.args[1:]] == ["-1", "0"]
@@ -863,7 +850,6 @@ class Function:
         return "", Column(self._place(node.args[0]), lambda k: f"(double){k}")
 
     def _np_argmax(self, node: ast.Call) -> Text:
-        """Print the index of the first number of a column that is not 0; 0 if all are."""
         _, kind = self._expression(node.args[0])
         assert isinstance(kind, Column)
         index, _ = self._kept("0", INT)

@@ -59,14 +59,11 @@ class Domain:
     A participant binds ports of its domain, so a domain with a bound port is in use. An abstract socket with a name
     reserves the domain against processes that choose at the same time and have no participant yet.
 
+    Raises TccError: every domain is in use.
+
     Parameters
     ----------
     domains : domains to choose from
-
-    Raises
-    ------
-    TccError
-        Every domain is in use.
     """
 
     def __init__(self, domains: Sequence[int] = DOMAINS) -> None:
@@ -118,7 +115,6 @@ class ChildProcess(subprocess.Popen[str]):
         self._reader.start()
 
     def _read(self) -> None:
-        """Store every line of standard error."""
         assert self.stderr is not None
         for line in self.stderr:
             with self._changed:
@@ -198,6 +194,8 @@ class NodeProcess(ChildProcess):
 class Session:
     """A driveline node with a recorder node, started so that the recording holds the first message.
 
+    Raises MissingPackage: ROS 2 is not installed. Raises TccError: a node did not start; the message has its last line.
+
     Parameters
     ----------
     recording : directory that the recorder creates
@@ -205,13 +203,6 @@ class Session:
     controller : node of this package that sends commands, with its parameters, or the words of a command that starts a
         controller; None for no controller. The driveline waits until the controller subscribes to joint_states.
     real_time : whether the nodes of this package run under SCHED_FIFO, where the system grants it
-
-    Raises
-    ------
-    MissingPackage
-        ROS 2 is not installed.
-    TccError
-        A node did not start; the message has its last line.
     """
 
     def __init__(self, recording: Path, driveline: dict[str, object],

@@ -38,7 +38,6 @@ class CommanderNode(Node):
         self.states = self.create_subscription(JointState, "joint_states", self._answer, COMMANDS, raw=True)
 
     def _answer(self, state: bytes) -> None:
-        """Send the commands for the newest state."""
         stamp_ns = cdr.read_stamp([state, *(data for data, _ in poll(self.states))][-1])
         engine, pressure = self._system.engine, self._system.pressure
         phase = engine.frequency * stamp_ns * 1e-9

@@ -89,10 +89,7 @@ class DrivelineNode(Node):
     def start(self) -> None:
         """Compile the kernels, then start the clock.
 
-        Raises
-        ------
-        InputError
-            The scene cannot be computed in real time on this machine.
+        Raises InputError: the scene cannot be computed in real time on this machine.
         """
         self.loop.start()
         log(self, f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
@@ -266,7 +263,6 @@ class Diagnostics:
             self._publisher.publish(message)
 
     def _status(self, now: float) -> DiagnosticStatus:
-        """Return the status for the time since the last message."""
         loop, pacer, operation = self._loop, self._loop.pacer, self._loop.scene.operation
         stepper = loop.plant.stepper
         stick, slip = loop.stick_ticks - self._stick, loop.slip_ticks - self._slip

@@ -266,12 +266,8 @@ def _initialise() -> None:
 def created(create: Callable[[], N]) -> N:
     """Create a node after cleaning shared memory; a signal meanwhile ends the process.
 
-    Raises
-    ------
-    InputError
-        ROS 2 refuses the node, for example if two topics are remapped to one name.
-    TccError
-        Another process has left shared memory of this domain unfinished.
+    Raises InputError: ROS 2 refuses the node, for example if two topics are remapped to one name. Raises TccError:
+    another process has left shared memory of this domain unfinished.
     """
     import rclpy
 
@@ -290,10 +286,7 @@ def run_node(create: Callable[[], N], body: Callable[[N], int]) -> int:
     SIGINT, SIGTERM and SIGHUP end the process at once until `body` calls `end_in_order`. After that call a signal makes
     `Spinner.once` raise ExternalShutdownException, and the status is 0.
 
-    Raises
-    ------
-    InputError
-        ROS 2 refuses the words of the command line or the node.
+    Raises InputError: ROS 2 refuses the words of the command line or the node.
     """
     import rclpy
     from rclpy.executors import ExternalShutdownException
@@ -339,10 +332,7 @@ def deliver(node: Node, flush: Callable[[], bool] = lambda: True) -> None:
 def node_of_command(name: str, namespace: str) -> Iterator[Node]:
     """Create the node of a command for the duration of a `with` block; Ctrl-C raises KeyboardInterrupt.
 
-    Raises
-    ------
-    InputError
-        The namespace is not valid.
+    Raises InputError: the namespace is not valid.
     """
     import rclpy
     from rclpy.exceptions import NameValidationException
@@ -418,14 +408,11 @@ def _executor_for(busy: bool) -> Any:
 class Spinner:
     """Executor of a node's callbacks; it logs exceptions of callbacks, and the node continues.
 
+    Raises ExternalShutdownException: the context has been shut down.
+
     Parameters
     ----------
     busy : whether the node answers every state; at 1 kHz rclpy's EventsExecutor takes half of the processor time
-
-    Raises
-    ------
-    ExternalShutdownException
-        The context has been shut down.
     """
 
     def __init__(self, node: Node, busy: bool = False) -> None:
@@ -442,10 +429,7 @@ class Spinner:
     def once(self, seconds: float = LOOK) -> None:
         """Run one callback that is ready within `seconds`.
 
-        Raises
-        ------
-        ExternalShutdownException
-            A signal has asked the node to end, or the context has been shut down.
+        Raises ExternalShutdownException: a signal has asked the node to end, or the context has been shut down.
         """
         from rclpy.executors import ExternalShutdownException
 

@@ -107,10 +107,7 @@ class RealTimeLoop:
     def start(self) -> None:
         """Compile or load the kernels of the scene and of its changes, time them, and start the thread.
 
-        Raises
-        ------
-        InputError
-            The scene cannot be computed in real time on this machine.
+        Raises InputError: the scene cannot be computed in real time on this machine.
         """
         self.plant.warm_up()
         self._thread.start()
@@ -231,10 +228,8 @@ class RealTimeLoop:
     def command(self, values: Mapping[str, float]) -> None:
         """Hold commanded values from the next tick on, by the topic of each input; none if one of them is refused.
 
-        Raises
-        ------
-        InputError
-            An input follows the scene or does not exist, or a value is out of its range or cannot be computed.
+        Raises InputError: an input follows the scene or does not exist, or a value is out of its range or cannot be
+        computed.
         """
         inputs = {command.name: command for command in self.commands}
         for name, value in values.items():
@@ -296,12 +291,10 @@ class RealTimeLoop:
                     request.set_result(Outcome(False, str(error) or type(error).__name__))
 
     def _rest(self, seconds: float | None) -> None:
-        """Wait for a request, at most `seconds`."""
         self._wake.wait(seconds)
         self._wake.clear()
 
     def _interrupted(self) -> bool:
-        """Return whether a request or the end interrupts a wait."""
         return self._stopping or not self._requests.empty()
 
     def _due(self) -> bool:
@@ -346,7 +339,6 @@ class RealTimeLoop:
         return True
 
     def _tick(self) -> None:
-        """Step with the current commands and publish."""
         if self.target is not None:
             self.target.poll(self.plant.stepper.tick, math.inf)
         if self.commands:
@@ -377,7 +369,6 @@ class RealTimeLoop:
         self._report.publish(self._reported, after)
 
     def _publish(self, reading: Reading) -> None:
-        """Publish the state of a tick, after its inputs."""
         if reading.stick_slip_state:
             self.slip_ticks += 1
         else:

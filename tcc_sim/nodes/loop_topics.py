@@ -118,7 +118,6 @@ class CommandedInput:
 
     @property
     def _counts(self) -> tuple[int, int, int, int]:
-        """Numbers of received, superseded, refused and lost commands since the start."""
         return self.received, self.superseded, self.refused, self.lost
 
     @property
@@ -174,7 +173,6 @@ class CommandedInput:
         return self.accept(data, tick)
 
     def _count(self, info: Mapping[str, Any]) -> None:
-        """Count the commands that were lost before this one."""
         number, publisher = info.get("publication_sequence_number"), publisher_of(info)
         if number and publisher:
             self._numbers.count(publisher, number)
@@ -415,7 +413,6 @@ class Outputs:
                 self.unsent[publisher.topic_name] += 1
 
     def _taken(self, publisher: Any, data: bytes) -> bool:
-        """Return whether the middleware took the message."""
         try:
             publisher.publish(data)
         except RuntimeError:
@@ -426,5 +423,4 @@ class Outputs:
 
 
 def _signal(topic_name: str) -> str:
-    """Return the name of the signal that a topic carries."""
     return topic_name.rpartition("/")[2].removesuffix("_stamped")

@@ -53,10 +53,7 @@ def states(depth: int) -> QoSProfile:
 def message_class(type_name: str) -> type:
     """Return the Python class of `package/msg/Name`.
 
-    Raises
-    ------
-    InputError
-        The name is not a message type, or its package is not installed.
+    Raises InputError: the name is not a message type, or its package is not installed.
     """
     from tcc_sim.messages.definitions import type_parts
 

@@ -45,10 +45,7 @@ class Operator:
     def serve(self, action: str) -> str:
         """Call the service for reset, step, pause or resume, and return the driveline's answer.
 
-        Raises
-        ------
-        TccError
-            No driveline answers, or it refuses; the message is the driveline's.
+        Raises TccError: no driveline answers, or it refuses; the message is the driveline's.
         """
         if action in ("pause", "resume"):
             answer = self._call(SetBool, "pause", SetBool.Request(data=action == "pause"))
@@ -61,12 +58,8 @@ class Operator:
     def change(self, values: Mapping[str, object]) -> str:
         """Set parameters together and return the new values as text.
 
-        Raises
-        ------
-        InputError
-            A parameter cannot change while the node runs, or the driveline refuses; the message is the driveline's.
-        TccError
-            No driveline answers.
+        Raises InputError: a parameter cannot change while the node runs, or the driveline refuses; the message is the
+        driveline's. Raises TccError: no driveline answers.
         """
         for key, value in values.items():
             if not meaning_of(key).live:
@@ -82,12 +75,7 @@ class Operator:
     def values(self, keys: Sequence[str]) -> dict[str, Any]:
         """Return the values of parameters, and of single numbers of lists.
 
-        Raises
-        ------
-        InputError
-            A list has no such number.
-        TccError
-            No driveline answers.
+        Raises InputError: a list has no such number. Raises TccError: no driveline answers.
         """
         names = list(map(list_of, keys))
         values = self._call(GetParameters, "get_parameters", GetParameters.Request(names=names)).values
@@ -142,7 +130,6 @@ class Operator:
         return "".join(notes)
 
     def _drivelines(self) -> list[str]:
-        """Return the fully qualified names of all known driveline nodes."""
         nodes = self._node.get_node_names_and_namespaces()
         return [f"{namespace.rstrip('/')}/{name}" for name, namespace in nodes if name == "driveline"]
 
@@ -150,7 +137,6 @@ class Operator:
         return self.values([key]).get(key)
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
-        """Call a service of the driveline and return its answer."""
         if name not in self._clients:
             self._clients[name] = self._node.create_client(kind, f"{self._driveline}/{name}")
         client = self._clients[name]

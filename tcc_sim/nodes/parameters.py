@@ -27,10 +27,7 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
     The overrides change `scene` if it is given, else the scene that they name, else NODE_SCENE. Overrides that set the
     source of an input, as the parameter file of a scene does, change DEFAULT_SCENE instead of NODE_SCENE.
 
-    Raises
-    ------
-    InputError
-        The scene does not exist, or an override has a wrong type or is out of its range.
+    Raises InputError: the scene does not exist, or an override has a wrong type or is out of its range.
     """
     given = {name: parameter.value for name, parameter in overrides(node).items() if name not in BUILT_IN}
     if "friction.table" in given:
@@ -78,14 +75,11 @@ def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:
 
     A parameter accepts any type, so that 20 is read as 20.0 and a word is refused with a clear message.
 
+    Raises InputError: a value has a wrong type or is out of its range.
+
     Parameters
     ----------
     otherwise : other defaults of options
-
-    Raises
-    ------
-    InputError
-        A value has a wrong type or is out of its range.
     """
     defaults = {item.name: otherwise.get(item.name, item.default) for item in dataclasses.fields(kind)}
     values = {}
@@ -116,10 +110,8 @@ def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
 def changed(scene: Scene, parameters: list[Parameter]) -> Scene:
     """Return `scene` with the parameters of one request changed, checked together.
 
-    Raises
-    ------
-    InputError
-        A value has a wrong type, is out of its range or conflicts with the others, or scene_text is changed.
+    Raises InputError: a value has a wrong type, is out of its range or conflicts with the others, or scene_text is
+    changed.
     """
     if any(p.name == TEXT and p.value != scene.text() for p in parameters):
         raise InputError(f"{TEXT} follows the scene and cannot be set; set the keys of the scene instead")

@@ -49,10 +49,7 @@ class Recorder:
     With use_sim_time log times are simulation time, /clock is recorded even where `topics` does not name it, and
     messages wait for the first one on /clock in the middleware.
 
-    Raises
-    ------
-    InputError
-        A parameter is out of its range, or the output exists or cannot be created.
+    Raises InputError: a parameter is out of its range, or the output exists or cannot be created.
     """
 
     def __init__(self, node: Node) -> None:
@@ -96,14 +93,9 @@ class Recorder:
     def spin(self) -> None:
         """Record until a signal comes.
 
-        Raises
-        ------
-        ExternalShutdownException
-            The context has been shut down, or a signal came during a wait.
-        OSError
-            Writing fails.
-        RecordingError
-            The directory was renamed or removed, or a file with the name of the next part exists.
+        Raises ExternalShutdownException: the context has been shut down, or a signal came during a wait. Raises
+        OSError: Writing fails. Raises RecordingError: the directory was renamed or removed, or a file with the name of
+        the next part exists.
         """
         flush = synced = time.monotonic()
         while not executables.end_requested.is_set():
@@ -251,7 +243,6 @@ class Recorder:
         return f"recorded {counted(totals['messages'], 'message')} in {where}, {totals['lost']} lost{unsent}"
 
     def _figures(self) -> dict[str, dict[str, int]]:
-        """Return the numbers of recorded and missing messages by topic."""
         seen = [track for track in self.tracks.values() if track.messages]
         figures = {"messages": {track.topic: track.messages for track in seen},
                    "lost": {track.topic: track.lost for track in seen},
@@ -275,7 +266,6 @@ class Recorder:
         return track.channels[publisher]
 
     def _add(self, topic: str, type_name: str, latched: bool = False) -> None:
-        """Record a topic of a known type."""
         definition(type_name)
         self.tracks[topic] = Track(self.node, topic, type_name, latched)
 
@@ -294,7 +284,6 @@ class Recorder:
 
 
 def _record(node: Node) -> int:
-    """Record until a signal and return the exit status."""
     executables.end_in_order()  # An open bag must be closed properly.
     recorder = Recorder(node)
     failure: OSError | RecordingError | None = None

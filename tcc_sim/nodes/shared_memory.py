@@ -60,7 +60,6 @@ def remove_ownerless(folder: Path = FOLDER) -> list[str]:
 
 
 def _locked(path: Path) -> bool:
-    """Return whether a process holds the lock of a file."""
     try:
         descriptor = os.open(path, os.O_RDWR)
     except OSError:
@@ -75,7 +74,6 @@ def _locked(path: Path) -> bool:
 
 
 def _mapped() -> set[str]:
-    """Return the files of Fast DDS that some process has mapped."""
     mapped: set[str] = set()
     for maps in Path("/proc").glob("[0-9]*/maps"):
         with suppress(OSError):
@@ -97,10 +95,7 @@ def unfinished(domain: int, folder: Path = FOLDER) -> list[Path]:
 def clear(domain: int, within: float = FINISHED_WITHIN) -> None:
     """Remove ownerless segments, and wait until living processes have finished their ports of a domain.
 
-    Raises
-    ------
-    TccError
-        A port is not finished within `within` seconds because its process was stopped.
+    Raises TccError: a port is not finished within `within` seconds because its process was stopped.
     """
     end = time.monotonic() + within
     while True:

@@ -85,5 +85,4 @@ class SimulationClock:
 
 
 def _names(endpoints: Sequence[TopicEndpointInfo]) -> list[str]:
-    """Return the fully qualified names of the nodes with these endpoints."""
     return [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in endpoints]

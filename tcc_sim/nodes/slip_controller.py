@@ -108,7 +108,6 @@ class SlipControllerNode(Node):
             raise InputError(f"{self._states.topic_name} without finite speeds of two joints and a torque")
 
     def _update(self, state: JointState) -> float:
-        """Return the control law's pressure for one state, Pa."""
         time = self._simulation_time(state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec)
         if time <= self._last_time:
             # Simulation time started again: the driveline was reset or restarted.

@@ -106,7 +106,6 @@ class Waiting:
         return f"{counted(len(sentences), 'publisher')} on {name}{colon}{', '.join(sentences)}{refused}"
 
     def _topic(self, command: CommandedInput) -> str:
-        """Return the fully qualified name of an input's topic."""
         name: str = command.subscription.topic_name
         return name
 

@@ -144,7 +144,6 @@ class Watcher:
         raise TccError(f"no driveline published its scene on {name} within {DISCOVERY_LIMIT:g} s")
 
     def _scene(self) -> Scene | None:
-        """Return the newest scene since the last call, or None."""
         scene = None
         for data in self._taken("scene"):
             try:
@@ -206,7 +205,6 @@ class Watcher:
         return "  \n".join(lines)
 
     def _taken(self, name: str) -> list[bytes]:
-        """Return the arrived messages of a topic, and count those that are lost."""
         track = self._tracks[name]
         taken = track.take()
         for _, info in taken:
@@ -261,21 +259,15 @@ class Watcher:
 def watch(namespace: str, say: Callable[[str], Any], web: bool = False, **where: Any) -> str:
     """Show a running driveline until KeyboardInterrupt and return a summary sentence.
 
+    Raises TccError: no driveline publishes its scene. Raises InputError: the namespace is not valid, the file cannot be
+    created, or no viewer answers at the URL, or it has gone. Raises MissingPackage: rerun-sdk is not installed.
+
     Parameters
     ----------
     namespace : namespace of the driveline
     say : function that takes a sentence for the user
     web : whether the viewer is a browser
     where : one of `file`, `spawn` or `url`, as in RerunStream
-
-    Raises
-    ------
-    TccError
-        No driveline publishes its scene.
-    InputError
-        The namespace is not valid, the file cannot be created, or no viewer answers at the URL, or it has gone.
-    MissingPackage
-        rerun-sdk is not installed.
     """
     with node_of_command("watcher", namespace) as node:
         watcher = Watcher(node, say, WEB_PERIOD if web else FILE_PERIOD if where.get("file") is not None else 0.0)

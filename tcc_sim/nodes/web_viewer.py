@@ -39,12 +39,7 @@ class WebViewer:
 def web_viewer() -> Iterator[WebViewer]:
     """Serve Rerun's viewer on the loopback address for the duration of a `with` block.
 
-    Raises
-    ------
-    MissingPackage
-        rerun-sdk is not installed.
-    TccError
-        Rerun does not start.
+    Raises MissingPackage: rerun-sdk is not installed. Raises TccError: Rerun does not start.
     """
     require("rerun", "Rerun")
     program = _program()
@@ -73,7 +68,6 @@ def _program() -> str:
 
 
 def _free_port(wanted: int) -> int:
-    """Return the wanted port of the loopback address if it is free, else another free port."""
     for port in (wanted, 0):
         with socket.socket() as probe:
             try:

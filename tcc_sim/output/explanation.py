@@ -341,7 +341,6 @@ def _difference(system: System, slip_speed: Any) -> float | None:
 
 
 def _stick(system: System) -> tuple[PureStickFigures | None, str]:
-    """Return pure stick; None and the reason without such a closed form."""
     try:
         margin, angle = stick_margin(system), plate_angle(system)
     except InputError as error:

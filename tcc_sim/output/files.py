@@ -45,10 +45,7 @@ def check_name(path: Path, reserve: int = 0) -> None:
 def replaceable(path: Path) -> bool:
     """Return whether a regular file exists at `path`.
 
-    Raises
-    ------
-    InputError
-        A directory, a device, a pipe or a symbolic link has this name; it is never replaced.
+    Raises InputError: a directory, a device, a pipe or a symbolic link has this name; it is never replaced.
     """
     try:
         mode = path.lstat().st_mode
@@ -67,11 +64,8 @@ def new_file(path: Path, force: bool | None = None) -> Path:
 
     force : whether --force is given; None for a command without this option
 
-    Raises
-    ------
-    InputError
-        The file exists and `force` is not on, a directory or another special file has this name, the name is too long,
-        or its directory does not exist.
+    Raises InputError: the file exists and `force` is not on, a directory or another special file has this name, the
+    name is too long, or its directory does not exist.
     """
     check_name(path)
     if path.is_dir():
@@ -85,10 +79,7 @@ def new_file(path: Path, force: bool | None = None) -> Path:
 def new_directory(path: Path) -> Path:
     """Return `path` after checking that a directory can be created there.
 
-    Raises
-    ------
-    InputError
-        The path exists, its name is too long, or its parent directory does not exist.
+    Raises InputError: the path exists, its name is too long, or its parent directory does not exist.
     """
     check_name(path)
     if os.path.lexists(path):
@@ -106,12 +97,8 @@ def draft(path: Path) -> Iterator[Path]:
     can enter; so no other user can place a file or a link there. A file that appears at `path` in the meantime is not
     replaced.
 
-    Raises
-    ------
-    InputError
-        No regular file is at `path`, but a directory or another special file; or a file has appeared there.
-    OSError
-        The disk is full; the error names `path`.
+    Raises InputError: no regular file is at `path`, but a directory or another special file; or a file has appeared
+    there. Raises OSError: the disk is full; the error names `path`.
     """
     check_name(path)
     existed = replaceable(path)
@@ -157,10 +144,7 @@ def write_json(path: Path, values: Mapping[str, Any]) -> None:
 def read_json(path: Path) -> dict[str, Any]:
     """Return the object in a JSON file.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, is too large, or contains no JSON object.
+    Raises InputError: the file cannot be read, is too large, or contains no JSON object.
     """
     try:
         if path.exists() and not path.is_file():

@@ -48,10 +48,7 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
     pressure that is known throughout have the pressure, Pa; and a .csv of such samples begins with the scene, and the
     interpolation of the inputs between rows. A .parquet, a .mat and a .mcap contain the scene too.
 
-    Raises
-    ------
-    InputError
-        The suffix is not one of SUFFIXES.
+    Raises InputError: the suffix is not one of SUFFIXES.
     """
     check_suffix(path, SUFFIXES)
     columns: dict[str, Any] = dict(Trajectory.columns(trajectory))
@@ -87,10 +84,7 @@ def write_trajectory(path: Path, trajectory: Trajectory, scene_text: str | None 
     All times in the file are simulation time. For a trajectory without flywheel angle, that angle is the plate angle
     plus the integral of the slip speed (trapezoidal rule) from 0.
 
-    Raises
-    ------
-    RecordingError
-        The file exists or cannot be created.
+    Raises RecordingError: the file exists or cannot be created.
     """
     from tcc_sim.recording.mcap_file import McapFile
 

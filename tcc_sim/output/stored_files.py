@@ -27,11 +27,8 @@ _DAMAGED = (BadZipFile, zlib.error, ValueError, KeyError, EOFError, NotImplement
 def read_arrays(path: Path, names: Iterable[str]) -> dict[str, Any]:
     """Return those of the named arrays that a .npz holds; others are not read.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read or is damaged; an array is no array of numbers or text; or arrays are larger than the
-        file or the memory can hold.
+    Raises InputError: the file cannot be read or is damaged; an array is no array of numbers or text; or arrays are
+    larger than the file or the memory can hold.
     """
     try:
         if path.exists() and not path.is_file():

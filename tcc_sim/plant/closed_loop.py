@@ -103,7 +103,6 @@ class ControlledRun(Trajectory):
 
     def _tracking(self, reference: Steps, since: int, limits: Limits | None = None,
                   band: float = BAND) -> Tracking:
-        """Judge the samples from `since` on against a reference."""
         commands = None
         if "actuation_pressure" in self.commands and len(self.received):
             new = np.diff(self.received[since:])
@@ -113,7 +112,6 @@ class ControlledRun(Trajectory):
             float(self.t[since]), float(self.t[-1]), stepped=None if since else True, commands=commands)
 
     def _loop(self, reference: Steps, limits: Limits | None = None, band: float = BAND) -> Loop:
-        """Return the run beside a reference."""
         return loop_of(self, self.clock, reference, self.applied_pressure, limits, band, self.before)
 
     @property
@@ -236,14 +234,12 @@ class TimedChanges:
     def add(self, t: float, changes: Mapping[str, object], tick: int = 0) -> None:
         """Schedule a change at time t, s: the tick that begins at t is the first with the new values.
 
+        Raises InputError: the time is not a whole number of ticks or has passed, or a key does not exist or cannot
+        change in a run.
+
         Parameters
         ----------
         tick : current tick of the run
-
-        Raises
-        ------
-        InputError
-            The time is not a whole number of ticks or has passed, or a key does not exist or cannot change in a run.
         """
         changes = changes_of(changes, {})
         if not 0.0 <= t * self._rate < 1e15 or (t * self._rate + 1e-6) % 1.0 > 2e-6:

@@ -55,15 +55,12 @@ class Reading(NamedTuple):
 class Plant:
     """Driveline that is solved tick by tick.
 
+    Raises InputError: the real-time solver cannot run the scene.
+
     Parameters
     ----------
     scene : scene to run
     clock : function that returns the time for measuring the cost of a sub-step, s
-
-    Raises
-    ------
-    InputError
-        The real-time solver cannot run the scene.
     """
 
     def __init__(self, scene: Scene, clock: Callable[[], float] = time.perf_counter) -> None:
@@ -85,10 +82,7 @@ class Plant:
         """Compile or load the kernels of the scene and of every change of it, time them once, and check that a tick can
         be computed in its real time.
 
-        Raises
-        ------
-        InputError
-            In real time, a tick takes too long.
+        Raises InputError: in real time, a tick takes too long.
         """
         if self._cost:
             return
@@ -125,10 +119,7 @@ class Plant:
     def use(self, scene: Scene) -> None:
         """Apply changed parameters together from the next tick on.
 
-        Raises
-        ------
-        InputError
-            `check` refuses the scene; nothing changes.
+        Raises InputError: `check` refuses the scene; nothing changes.
         """
         self.check(scene)
         self._terms, self.origin = self._terms_of(scene), self._origin_of(scene)
@@ -142,17 +133,13 @@ class Plant:
 
         If the scene has an actuator, the pressure is the actuator's command.
 
-        Raises
-        ------
-        InputError
-            A tick needs too many sub-steps; the earlier values stay held.
+        Raises InputError: a tick needs too many sub-steps; the earlier values stay held.
         """
         if (torque, pressure) != (self._torque, self._pressure):
             self._hold(torque, pressure)
             self._torque, self._pressure = torque, pressure
 
     def _hold(self, torque: float | None, pressure: float | None) -> None:
-        """Let the stepper hold a torque, N m, and a pressure, Pa."""
         self.stepper.hold(self._terms, torque,
                           None if pressure is None else self.scene.system.torque_per_pressure * pressure)
 
@@ -199,7 +186,6 @@ class Plant:
             self.stepper.press(before, after, system.torque_per_pressure)
 
     def _commanded_pressure(self) -> float:
-        """Return the pressure commanded to the actuator, Pa."""
         return self.scene.system.pressure.mean if self._pressure is None else self._pressure
 
     @property
@@ -216,7 +202,6 @@ class Plant:
         return self._commanded_pressure(), self._actuator.pressure
 
     def _read(self, reached: Reached) -> Reading:
-        """Return the Reading of a solver state."""
         v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
         commanded, applied = self.pressures
         output_angle, output_speed = self.stepper.far_end or (0.0, 0.0)

@@ -43,10 +43,8 @@ class Sensor(Options):
     def of(name: str, given: Sensor | Mapping[str, float]) -> Sensor:
         """Return the sensor of a signal or topic from a Sensor or a mapping of its options.
 
-        Raises
-        ------
-        InputError
-            The signal, topic or option does not exist, or the option does not apply to the signal or topic.
+        Raises InputError: the signal, topic or option does not exist, or the option does not apply to the signal or
+        topic.
         """
         if name not in SIGNALS and name not in TOPICS:
             raise InputError(f"{name} has no sensor; sensors are of {', '.join(SIGNALS)} and joint_states")
@@ -122,10 +120,7 @@ class Sensors:
     def put(self, name: str, sensor: Sensor | Mapping[str, float]) -> None:
         """Set the sensor of a signal or topic from the next state on, replacing an earlier one.
 
-        Raises
-        ------
-        InputError
-            As `Sensor.of`.
+        Raises InputError: as `Sensor.of`.
         """
         self._sensors[name] = _Measured(name, Sensor.of(name, sensor))
 

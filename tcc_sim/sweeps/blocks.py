@@ -67,7 +67,6 @@ Kept = tuple[list[int], Runs, int]
 
 
 def _whole_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
-    """Yield the runs over the cycles of the plan."""
     discarded = plan.dropped(plan.most, default_discard(plan.most))
     runs = solve_runs(systems, [start_of(system).state for system in systems], [0] * len(systems), plan.most, plan.rtol,
                       discarded)

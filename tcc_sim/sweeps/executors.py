@@ -130,7 +130,6 @@ class Scheduler(Attendance):
             raise WorkersLost(f"--dask {self._address}: the scheduler {gone} for {self._patience:g} s now")
 
     def _ask(self) -> int:
-        """Return the number of threads of all workers; 0 without an answer."""
         try:
             return sum(in_time(time.monotonic() + 0.25 * self._connect, self._client.nthreads).values())
         except Exception:
@@ -144,12 +143,8 @@ def cluster(address: str, connect: float = CONNECT,
 
     The package must be installed on the workers. `connect` and `patience` are those of `Scheduler`.
 
-    Raises
-    ------
-    MissingPackage
-        distributed is not installed.
-    InputError
-        `address` is not an address, no scheduler answers there in time, or it has no workers.
+    Raises MissingPackage: distributed is not installed. Raises InputError: `address` is not an address, no scheduler
+    answers there in time, or it has no workers.
     """
     require("distributed", "--dask")
     parts = ADDRESS.fullmatch(address)
@@ -232,10 +227,7 @@ def each_in_a_process(work: Callable[[Part], Any], parts: Sequence[Part], jobs: 
     jobs : number of processes (default: all cores); with one, or for one part, `work` is called in this process
     unit, progress : name of a part, and whether progress is shown
 
-    Raises
-    ------
-    WorkersLost
-        A process that ran alone was killed too.
+    Raises WorkersLost: a process that ran alone was killed too.
     """
     count = processes_for(len(parts), jobs)
     if count < 2:

@@ -26,6 +26,9 @@ SUM_LENGTH = len(SUM % 0)
 class SweepFile:
     """An open file of a sweep.
 
+    Raises InputError: the path holds something else, points of another sweep, or a damaged line, or its directory does
+    not exist. Raises OSError: the file cannot be read or written.
+
     Parameters
     ----------
     path : path of the file; None for no file: points are then not stored
@@ -35,13 +38,6 @@ class SweepFile:
     head : further values of the first line, such as scene and command, which do not distinguish sweeps
     take : function called with curve, index and record of every point in the file; KeyError, TypeError and ValueError
         mean that no sweep wrote the record
-
-    Raises
-    ------
-    InputError
-        The path holds something else, points of another sweep, or a damaged line, or its directory does not exist.
-    OSError
-        The file cannot be read or written.
     """
 
     def __init__(self, path: Path | None, header: Mapping[str, Any], take: Callable[[int, int, dict[str, Any]], None],
@@ -86,7 +82,6 @@ class SweepFile:
         return whole
 
     def _check_header(self, path: Path, line: bytes, wanted: dict[str, Any]) -> None:
-        """Raise InputError unless the first line of a file is that of the same work."""
         try:
             header = _object(line)
         except ValueError:
@@ -150,7 +145,6 @@ def _object(text: bytes) -> dict[str, Any]:
 
 
 def _finite(text: str) -> float:
-    """Return a number within the range of floats."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError(f"{text} is no finite number")

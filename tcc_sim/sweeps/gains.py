@@ -120,10 +120,7 @@ def _executed(law: LawFile) -> Callable[..., Any]:
 def law_in(text: str) -> LawFile:
     """Return the factory of laws that FILE.py:NAME names.
 
-    Raises
-    ------
-    InputError
-        The text has another form, or the file cannot be read.
+    Raises InputError: the text has another form, or the file cannot be read.
     """
     path, colon, name = text.rpartition(":")
     if not colon or not name.isidentifier():

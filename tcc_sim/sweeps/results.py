@@ -126,10 +126,7 @@ def check_effect(system: System, key: str) -> None:
 def varied(system: System, key: str, value: float) -> System:
     """Return the system with one scene key changed; SCALED is a table, and the value is the factor of its coefficients.
 
-    Raises
-    ------
-    InputError
-        An unknown key, a value out of its range, or no table.
+    Raises InputError: an unknown key, a value out of its range, or no table.
     """
     if key != SCALED:
         return replace(system, {key: value})
@@ -144,10 +141,7 @@ def varied(system: System, key: str, value: float) -> System:
 class Curve:
     """A system at many values of one scene key, see `varied`.
 
-    Raises
-    ------
-    InputError
-        No value or too many, an unknown key, or a value out of its range.
+    Raises InputError: no value or too many, an unknown key, or a value out of its range.
     """
 
     system: System
@@ -236,7 +230,6 @@ class Sweep(Result):
                    for name, none in COLUMNS.items() if name in names}, **self._order_columns()}
 
     def _order_columns(self) -> dict[str, NDArray[np.float64]]:
-        """Return the amplitudes of every order at every speed, rad/s and N m, (n,) each."""
         known = next((p.orders for p in self.points if p is not None and p.orders is not None), None)
         if known is None:
             return {}

@@ -207,10 +207,7 @@ def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
                      values: Sequence[float] = ()) -> list[Curve]:
     """Return a curve for every sample: over another key, or at the sample's value of the first scattered key.
 
-    Raises
-    ------
-    InputError
-        `over` is scattered too, too many values, an unknown key, or a value out of its range.
+    Raises InputError: `over` is scattered too, too many values, an unknown key, or a value out of its range.
     """
     sampled = tolerances.sampled
     if over in sampled:

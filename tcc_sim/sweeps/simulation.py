@@ -318,7 +318,6 @@ def _settled_run(system: System, plan: Plan, start: Start,
 
 def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: Cycles | None,
             discarded: int) -> Simulation:
-    """Judge a run: summary, confirmation and further results."""
     failed = Simulation(run, None, False, np.empty(0), None, None, start, plan)
     if run.status is not Status.DONE:
         return failed

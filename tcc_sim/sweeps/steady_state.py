@@ -78,12 +78,7 @@ def steady_spectrum(system: System, start: Start, period: int, **how: Any) -> Sp
 
     period : in engine cycles; 0 for none
 
-    Raises
-    ------
-    InputError
-        The excitation does not repeat.
-    NumericalFailure
-        The solver stopped early.
+    Raises InputError: the excitation does not repeat. Raises NumericalFailure: the solver stopped early.
     """
     system.check_repeats("a spectrum")
     run = solve(system, cycles=period or SPECTRUM_CYCLES, state=start.state, start_cycle=start.cycle,

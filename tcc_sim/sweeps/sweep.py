@@ -199,7 +199,6 @@ Task = tuple[list[tuple[int, int]], Start | None]
 
 def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, attendance: Attendance, batch: int,
             points: Points) -> Iterator[tuple[int, int, Point]]:
-    """Yield every missing point when it is done."""
     ready = _tasks(curves, plan, batch, points)
     following: deque[Task] = deque()
     plans = [with_sweep_tolerance(curve.system, plan) for curve in curves]
@@ -249,7 +248,6 @@ def _tasks(curves: Sequence[Curve], plan: Plan, batch: int, points: Points) -> I
 
 
 def _order(curve: Curve, plan: Plan) -> list[int]:
-    """Return the indices of the values in the order of solving."""
     if plan.direction == "cold":
         return list(range(len(curve.values)))
     rising = [int(i) for i in np.argsort(curve.values, kind="stable")]

@@ -322,7 +322,6 @@ class Rig:
         return commands
 
     def _taken(self, command: CommandedInput) -> list[bytes]:
-        """Return the commands on one topic that have arrived since the last call."""
         self._collect()
         return self._arrived.pop(command.name, [])
 
@@ -353,17 +352,14 @@ class Rig:
             targets.append((target, sample))
 
     def _now(self) -> str:
-        """Return the simulation time as text."""
         return f"{self._plant.stamp_ns * 1e-9:.9g} s of simulated time"
 
     def _no_answer(self, name: str, others: int) -> str:
-        """Return the message for a state without an answer."""
         sent = f"; {counted(others, 'command')} had the stamp of another state" if others else ""
         return (f"{self._under_test.names} did not answer the state of {self._now()} on {name} within "
                 f"{self._patience:g} s{sent}; a command must have the stamp of the state, or stamp 0")
 
     def _failed(self, where: str) -> ControllerFailed:
-        """Return the exception for a callback that does not return."""
         return ControllerFailed(f"{self._under_test.names} hangs at {self._now()}: for {self._patience:g} s it has not "
                                 f"returned from {where}")
 

@@ -122,7 +122,6 @@ class Worker:
 
 
 def _innermost_line(frame: FrameType | None) -> str:
-    """Return the innermost line of a thread that belongs neither to this package nor to a library."""
     innermost = frame
     while frame is not None:
         path = Path(frame.f_code.co_filename)

@@ -52,10 +52,7 @@ class UnderTest:
     def add(self, node: Node) -> None:
         """Add a node.
 
-        Raises
-        ------
-        InputError
-            The node has another ROS 2 context and would not receive the driveline's messages.
+        Raises InputError: the node has another ROS 2 context and would not receive the driveline's messages.
         """
         if node.context is not self._context:
             raise InputError(f"{node.get_name()} has another ROS 2 context; create it with the default context")
@@ -65,11 +62,8 @@ class UnderTest:
     def spin(self, seconds: float) -> bool:
         """Execute one callback that is ready within `seconds`; return whether there was one.
 
-        Raises
-        ------
-        ControllerFailed
-            The callback raised, shut ROS 2 down, or destroyed its node; or it is that of a timer of the wall clock and
-            sent a command.
+        Raises ControllerFailed: the callback raised, shut ROS 2 down, or destroyed its node; or it is that of a timer
+        of the wall clock and sent a command.
         """
         try:
             callback, entity, owner = self._executor.wait_for_ready_callbacks(timeout_sec=seconds)
@@ -111,7 +105,6 @@ class UnderTest:
         self._executor.shutdown()
 
     def _check_alive(self) -> None:
-        """Raise ControllerFailed if a callback has shut ROS 2 down or destroyed its node."""
         if not self._context.ok():
             raise ControllerFailed(f"{self.names} shut ROS 2 down at {self._now()}")
         for node, name in self.nodes.items():
