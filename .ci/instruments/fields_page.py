@@ -8,12 +8,11 @@ from pathlib import Path
 from tcc_sim.estimation.identify import Identification
 from tcc_sim.estimation.linearise import Linearisation
 from tcc_sim.output.explanation import SceneExplanation
-from tcc_sim.output.fields import fields_of
 from tcc_sim.output.provenance import HEAD
 from tcc_sim.output.tables import escape
 from tcc_sim.replay.measured import MeasuredRun
 from tcc_sim.replay.result import Replay
-from tcc_sim.result import Reported, reported_parts
+from tcc_sim.result import Reported, fields_of, reported_parts
 from tcc_sim.study.basins.results import Planes
 from tcc_sim.study.continuation.motions import Motions
 from tcc_sim.study.paper.claims import ClaimsReport

@@ -11,7 +11,7 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, TimeoutError
 from contextlib import ExitStack
 from typing import Any, NamedTuple
@@ -20,19 +20,18 @@ from rclpy.node import Node
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import held
-from tcc_sim.nodes.input_report import InputReport
-from tcc_sim.nodes.loop_topics import CommandedInput, JointCommands, Outputs, target_input
+from tcc_sim.nodes.loop_topics import CommandedInput, JointCommands, Outputs, SimulationClock, target_input
 from tcc_sim.nodes.middleware import await_peer
 from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread, tick_time_of
-from tcc_sim.nodes.simulation_clock import SimulationClock
 from tcc_sim.plant.driveline import Plant, Reading
 from tcc_sim.scene import Scene
-from tcc_sim.topics import FAR_END, TARGET, topic
+from tcc_sim.topics import FAR_END, HELD_INPUTS, INPUTS, TARGET, topic
 
 SETTLED, LOOK = 0.3, 0.02
 """Real time without a new subscription that completes the subscribers, and between checks or attempts to send, s."""
 LOCKSTEP_LOOK, LOCKSTEP_REST, LOCKSTEP_EAGER = 2e-5, 1e-3, 0.05
 """Real time between two checks for a command in lock-step, s: at first, and after LOCKSTEP_EAGER seconds of waiting."""
+_NO_COMMAND = (math.nan, math.nan, math.nan, math.nan, 0, 0, 0, 0, 0)
 
 
 class Outcome(NamedTuple):
@@ -390,3 +389,53 @@ class RealTimeLoop:
                 break
             self._rest(LOOK)
         return not self._stopping
+
+
+class InputReport:
+    """Publisher of `held`: the inputs of the driveline at every change, at least every 0.1 s, and at the end of a run.
+
+    Parameters
+    ----------
+    plant, outputs : of the driveline
+    """
+
+    def __init__(self, plant: Plant, outputs: Outputs) -> None:
+        self._plant, self._outputs = plant, outputs
+        operation = plant.scene.operation
+        self._beat = max(1, math.floor(held.BEAT * operation.rate + 1e-9))
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a run."""
+        self._number, self._tick, self._seen = 0, -self._beat, (0, math.nan, "")
+
+    def publish(self, commands: Sequence[CommandedInput], after: int = held.GOES_ON) -> None:
+        """Publish the inputs of the tick that ended, if something has changed, they are due, or the run stops.
+
+        Parameters
+        ----------
+        commands : inputs that follow commands
+        after : what follows, as in `messages.held`
+        """
+        plant, tick = self._plant, self._plant.stepper.tick
+        applied = plant.pressures[1] if plant.actuated else math.nan
+        state = "".join(str(int(command.value is None)) for command in commands)
+        seen = sum(command.events for command in commands), applied, state
+        same = seen[0] == self._seen[0] and state == self._seen[2] and (
+            applied == self._seen[1] or math.isnan(applied))
+        if same and not after and tick - self._tick < self._beat:
+            return
+        self._seen, self._tick, self._number = seen, tick, self._number + 1
+        values: list[float] = [tick, plant.stamp_ns, self._number, after]
+        by_name = {command.name: command for command in commands}
+        for name in HELD_INPUTS:
+            values += self._report(name, by_name, applied)
+        self._outputs.say("held", held.held_message(self._outputs.run, values))
+
+    def _report(self, name: str, commands: Mapping[str, CommandedInput], applied: float) -> tuple[float, ...]:
+        command = commands.get(name)
+        if command is None:
+            report: tuple[float, ...] = held.SCENE if name in INPUTS else held.NOBODY, *_NO_COMMAND
+        else:
+            report = command.report(self._outputs.zero_ns)
+        return (*report[:2], applied, *report[3:]) if name == INPUTS[1] and self._plant.actuated else report

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import pytest
+
+from tcc_sim.errors import InputError
 
 if TYPE_CHECKING:
     from tcc_sim.testing.rig import Rig
@@ -27,11 +30,15 @@ def driveline() -> Iterator[Callable[..., Rig]]:
     InputError
         A test or a fixture has called rclpy.init() before without isolation.
     """
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from tcc_sim.testing.isolation import alone, initialise
+    rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    from tcc_sim.nodes.shared_memory import remove_ownerless
     from tcc_sim.testing.rig import Rig
 
-    alone()
+    initialised = rclpy.ok()
+    if initialised and os.environ.get(RANGE) != "OFF":
+        raise InputError("rclpy.init() was called before the fixture driveline, so this test would receive from and "
+                         "command nodes of other processes; leave rclpy.init() to the fixture, or set "
+                         f"{RANGE}=OFF before it")
     rigs: list[Rig] = []
 
     def start(*words: object, **options: object) -> Rig:
@@ -42,11 +49,11 @@ def driveline() -> Iterator[Callable[..., Rig]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(RANGE, "OFF")
-        initialised = initialise()
+        if not initialised:
+            remove_ownerless()
+            rclpy.init(args=[], signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
         yield start
         for rig in rigs:
             rig.close()
-        if initialised:
-            import rclpy
-
+        if not initialised:
             rclpy.try_shutdown()

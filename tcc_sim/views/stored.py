@@ -19,7 +19,7 @@ from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.output.files import read_json
 from tcc_sim.output.samples import cycles_in
-from tcc_sim.output.stored_files import document_in, read_arrays
+from tcc_sim.output.table_files import document_in, read_arrays
 from tcc_sim.scene import Operation, Scene
 from tcc_sim.trajectory import SAMPLED, UNITS, Trajectory
 
