@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import odeint, solve_ivp
 
-from tcc_sim.model.parameters import replace
+from tcc_sim.model.parameters import System, replace
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import Scene, load_scene
 from tcc_sim.study.benchmarks.references import Law
@@ -118,6 +118,25 @@ def excite(drawn: Drawn, g: np.random.Generator, law: str) -> None:
     drawn.words += [what] + [f"hold {drawn.hold}"] * bool(drawn.rows)
 
 
+class Driven(Law):
+    """Equations under a torque, N m, a pressure, Pa, and speed and angle of the far end, by time."""
+
+    def __init__(self, system: System, engine: Callable[[float], float], pressure: Callable[[float], float],
+                 far: Callable[[float], tuple[float, float]] | None) -> None:
+        super().__init__(system)
+        self.engine, self.far = engine, far  # type: ignore[method-assign]
+        self.load = lambda t: system.torque_per_pressure * pressure(t)  # type: ignore[method-assign]
+
+    def rates(self, t: float, y: Any, mode: int) -> list[float]:
+        """Return the derivatives, with the torque of the far end on the plate."""
+        out, d = super().rates(t, y, mode), self.system.driveline
+        if self.far is not None:
+            speed, angle = self.far(t)
+            push = (d.damping * speed + d.stiffness * angle) / d.plate_inertia
+            out[0], out[2] = out[0] - push, out[2] + push
+        return out
+
+
 class Excited:
     """The excitation of a drawn scene, written for itself, and the independent equations under it."""
 
@@ -137,7 +156,7 @@ class Excited:
             self.turned = np.append(0.0, np.cumsum(y[:-1] * steps + 0.5 * rate[:-1] * steps**2))
         sigma = v["friction.smoothing"] if v["friction.law"] == "smoothed" else SHARP
         system = replace(scene.system, {"friction.law": "smoothed", "friction.smoothing": sigma})
-        self.law = Law(system, engine=self.engine, pressure=self.pressure, far=None if speed is None else self.far)
+        self.law = Driven(system, self.engine, self.pressure, None if speed is None else self.far)
 
     def held(self, values: np.ndarray, hold: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Times, values and rates of lines between rows."""

@@ -26,7 +26,6 @@ from tcc_sim.trajectory import State
 Floats = NDArray[np.float64]
 Rates = Callable[[float, Any], list[float]]
 Jacobian = Callable[[float, Any], list[list[float]]]
-Excitation = Callable[[float], float]
 Pairs = Sequence[tuple[float, float]]
 POINTS = 129
 """Number of points of the search around a largest slip speed."""
@@ -59,13 +58,10 @@ class Law:
 
     left : number of further allowed evaluations of `rates`
     drag : damper of the flywheel against the ground, N m s/rad
-    engine, pressure : torque (N m) and pressure (Pa) by time (s) in place of the system's harmonic ones
-    far : speed (rad/s) and angle (rad) of the driveline's far end by time
     """
 
-    def __init__(self, system: System, left: float = math.inf, drag: float = 0.0, engine: Excitation | None = None,
-                 pressure: Excitation | None = None, far: Callable[[float], tuple[float, float]] | None = None) -> None:
-        self.system, self.left, self.drag, self.far = system, left, drag, far
+    def __init__(self, system: System, left: float = math.inf, drag: float = 0.0) -> None:
+        self.system, self.left, self.drag = system, left, drag
         d, e, p = system.driveline, system.engine, system.pressure
         self._driveline = d.flywheel_inertia, d.plate_inertia, d.damping, d.stiffness
         self._sines = [(e.torque_amplitude, e.frequency, 0.0), *((a, n * e.frequency, phase) for n, (a, phase) in
@@ -75,23 +71,18 @@ class Law:
         kinetic, self.pairs = sliding_of(system.friction)
         self._per_pressure = kinetic * system.clutch.area * system.clutch.radius
         self.ratio, self.smoothing = 1.0 + sum(c for c, _ in self.pairs), system.friction.smoothing
-        self.engine, self.pressure = engine or self.harmonic_torque, pressure or self.harmonic_pressure
 
-    def harmonic_torque(self, t: float) -> float:
-        """Return the system's Te(t), N m."""
+    def engine(self, t: float) -> float:
+        """Return Te(t), N m."""
         out = self.system.engine.mean_torque
         for amplitude, frequency, phase in self._sines:
             out += amplitude * math.sin(frequency * t + phase)
         return out
 
-    def harmonic_pressure(self, t: float) -> float:
-        """Return the system's P(t) before the clamp at 0, Pa."""
-        mean, amplitude, frequency, phase = self._pressure
-        return mean + amplitude * math.sin(frequency * t + phase)
-
     def load(self, t: float) -> float:
         """Return Ts(t) before the clamp at 0, N m."""
-        return self._per_pressure * self.pressure(t)
+        mean, amplitude, frequency, phase = self._pressure
+        return self._per_pressure * (mean + amplitude * math.sin(frequency * t + phase))
 
     def need(self, t: float, y: Any) -> float:
         """Return the friction torque at which v' = 0 where v = 0, N m."""
@@ -111,8 +102,7 @@ class Law:
         else:
             torque = 0.0 if mode == 2 else max(self.load(t), 0.0) * coefficient(v, mode, self.pairs, self.smoothing)
             torque += self.system.converter.coupling * v
-        far_speed, far_angle = self.far(t) if self.far else (0.0, 0.0)
-        plate = (torque - damping * (speed - far_speed) - stiffness * (angle - far_angle)) / i2
+        plate = (torque - damping * speed - stiffness * angle) / i2
         slip = 0.0 if mode == 0 else (self.engine(t) - torque - self.drag * (v + speed)) / i1 - plate
         return [slip, speed, plate, v + speed]
 
@@ -242,8 +232,8 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
         if n >= cycles // 2:
             size = np.maximum(size, np.abs(run.y).max(axis=1))
         section[n + 1] = y
-    law_name = "" if system.friction.law == "smoothed" else " from event to event"
-    return Reference(f"SciPy {method}{law_name}, rtol {rtol:g}", section, largest, size)
+    how = "" if system.friction.law == "smoothed" else " from event to event"
+    return Reference(f"SciPy {method}{how}, rtol {rtol:g}", section, largest, size)
 
 
 def final_state(system: System, duration: float, method: str, rtol: float) -> tuple[Floats, Floats]:
@@ -281,9 +271,7 @@ def error_scales(system: System) -> Floats:
 
 
 def longest_reference_step(system: System) -> float:
-    """Return the longest step of a set-valued reference, s: SciPy detects events by the signs at step ends and would
-    miss two events in one step.
-    """
+    """Return the longest step of a set-valued reference, s: SciPy would miss two events in one step."""
     frequency = system.engine.frequency * max(1.0, system.pressure.frequency_ratio)
     return LONGEST / max(frequency, system.natural_frequency)
 
