@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tcc_sim.estimation.identify import Identification
     from tcc_sim.estimation.linearise import Linearisation
     from tcc_sim.estimation.measurement import Measurement
-    from tcc_sim.estimation.settings import FitSettings, Gates
+    from tcc_sim.estimation.multiple_shooting import FitSettings, Gates
     from tcc_sim.fmi.controller import FmuController
     from tcc_sim.plant.closed_loop import ControlledRun
     from tcc_sim.plant.driveline import Reading
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tcc_sim.study.basins.results import Axis, Basins, Planes
     from tcc_sim.study.continuation.branch import Branch
     from tcc_sim.study.continuation.motions import Motions, Seed
-    from tcc_sim.study.paper.figure_results import Figure
+    from tcc_sim.study.paper.figures import Figure
     from tcc_sim.sweeps.gains import GainMap
     from tcc_sim.sweeps.results import Grid, Sweep
     from tcc_sim.sweeps.scatter import Scattered
@@ -48,12 +48,13 @@ _MODULES = {
     "analysis.measured.orders": "Orders Spectrum", "analysis.measured.signals": "Signals",
     "analysis.steady.summary": "Summary", "errors": "InputError", "estimation.identify": "Identification",
     "estimation.linearise": "Linearisation", "estimation.measurement": "Measurement",
-    "estimation.settings": "FitSettings Gates", "fmi.controller": "FmuController", "plant.closed_loop": "ControlledRun",
-    "plant.driveline": "Reading", "plant.sensors": "Sensor", "replay.measured": "MeasuredRun",
-    "replay.recorded": "RecordedRun Recording", "replay.result": "Replay", "study.basins.results": "Axis Basins Planes",
-    "study.continuation.branch": "Branch", "study.continuation.motions": "Motions Seed",
-    "study.paper.figure_results": "Figure", "sweeps.gains": "GainMap", "sweeps.results": "Grid Sweep",
-    "sweeps.scatter": "Scattered", "sweeps.simulation": "Plan Simulation", "sweeps.steady_state": "Start",
+    "estimation.multiple_shooting": "FitSettings Gates", "fmi.controller": "FmuController",
+    "plant.closed_loop": "ControlledRun", "plant.driveline": "Reading", "plant.sensors": "Sensor",
+    "replay.measured": "MeasuredRun", "replay.recorded": "RecordedRun Recording", "replay.result": "Replay",
+    "study.basins.results": "Axis Basins Planes", "study.continuation.branch": "Branch",
+    "study.continuation.motions": "Motions Seed", "study.paper.figures": "Figure", "sweeps.gains": "GainMap",
+    "sweeps.results": "Grid Sweep", "sweeps.scatter": "Scattered", "sweeps.simulation": "Plan Simulation",
+    "sweeps.steady_state": "Start",
     "tables.measured_table": "MeasuredTable", "testing.rig": "Rig", "testing.run": "LockstepRun",
     "trajectory": "Status Transitions"}
 _PLACES = {name: f"tcc_sim.{module}" for module, names in _MODULES.items() for name in names.split()}

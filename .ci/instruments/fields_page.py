@@ -16,7 +16,7 @@ from tcc_sim.result import Reported, fields_of, reported_parts
 from tcc_sim.study.basins.results import Planes
 from tcc_sim.study.continuation.motions import Motions
 from tcc_sim.study.paper.claims import ClaimsReport
-from tcc_sim.study.paper.figure_results import Figure
+from tcc_sim.study.paper.figures import Figure
 from tcc_sim.sweeps.gains import GainMap
 from tcc_sim.sweeps.results import Grid, Sweep
 from tcc_sim.sweeps.scatter import Scattered

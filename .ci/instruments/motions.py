@@ -26,8 +26,7 @@ from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.basins.results import Axis, Basins
 from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, FigureOptions, paper_system
 from tcc_sim.study.paper.drawings import UNNAMED, UNSEEN, behind, draw
-from tcc_sim.study.paper.figure_results import Figure
-from tcc_sim.study.paper.figures import figure_data, figure_system
+from tcc_sim.study.paper.figures import Figure, figure_data, figure_system
 from tcc_sim.views.plots import plot
 
 AT_036_085 = {"friction.kinetic_coefficient": 0.85 * STATIC, "engine.frequency": 0.36 * OMEGA_N}

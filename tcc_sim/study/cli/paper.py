@@ -22,7 +22,7 @@ from tcc_sim.shown_units import show_in
 
 if TYPE_CHECKING:
     from tcc_sim.study.paper.catalogue import FigureOptions
-    from tcc_sim.study.paper.figure_results import Figure
+    from tcc_sim.study.paper.figures import Figure
 
 
 @command(partial(add_layout, title="its number and title; not with all"), add_units,

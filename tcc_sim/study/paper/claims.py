@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields
@@ -15,16 +16,14 @@ import yaml
 from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.result import Described, json_of, reported, reporting
-from tcc_sim.study.paper import measures, rules
-from tcc_sim.study.paper.branches_behind import StableMotions
-from tcc_sim.study.paper.evidence import T
-from tcc_sim.study.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding
+from tcc_sim.study.paper import measures
+from tcc_sim.study.paper.evidence import Evidence, Motion, T
+from tcc_sim.study.paper.measures import Measured
 
-RULES: dict[str, tuple[Any, ...]] = {"holds": (rules.holds, "weaker"), "shares": (rules.shares, "partly"),
-                                     "near": (rules.near, "within"), "equal": (rules.equal,)}
-"""Rules of criteria and their options in claims.yaml."""
-
-
+CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
+SOME = "; depends where some are so and others are not"
+Limit = Callable[[str], float]
+"""Function that returns a threshold by its name."""
 TOLERANCE = 1e-9
 TIGHTER = 1e-11
 """Relative tolerances of the smoothed engine; a verdict is `depends` if they differ at the first pressure."""
@@ -36,9 +35,100 @@ VERDICTS = {NOT_CONFIRMED: ("no", "not confirmed"), DEPENDS: ("depends", "depend
 """Words of each verdict in a cell of the table and in a count, in the order of the page."""
 
 
+@dataclass(frozen=True)
+class Criterion:
+    """Criterion in words, and the function of `Measured.judged` that gives the verdict."""
+
+    words: str = field(metadata=reported("how it is judged, with every threshold", name="criterion"))
+    verdict: Callable[[Sequence[Any], Limit], str] = field(compare=False)
+
+
+def holds(statement: str, weaker: str = "") -> Criterion:
+    """Judge whether a statement holds, and for "depends" a weaker one if there is one; judged: whether each holds."""
+    return Criterion(statement + (f"; depends where {weaker}" if weaker else ""), lambda judged, limit:
+                     CONFIRMED if judged[0] else DEPENDS if weaker and judged[1] else NOT_CONFIRMED)
+
+
+def shares(of: str, partly: float = 0.75) -> Criterion:
+    """Judge parts of the cases `of`: all but `missing`, or at least `partly`; judged: the parts, 0 to 1."""
+    def verdict(judged: Sequence[Any], limit: Limit) -> str:
+        least = 1.0 - limit("missing")
+        return CONFIRMED if min(judged) >= least else \
+            DEPENDS if min(judged) >= partly or max(judged) >= least else NOT_CONFIRMED
+    return Criterion(f"{of} at {1.0 - T.missing:g} or more of them; depends where at {partly:g} or more, or in one of "
+                     "several parts alone", verdict)
+
+
+def near(of: str, within: float) -> Criterion:
+    """Judge the distance of computed numbers `of` some kind from printed ones; judged: pairs, None for no number."""
+    return Criterion(f"{of} within {within:g}{SOME}", lambda judged, limit: some([
+        value is not None and math.isfinite(value) and abs(value - text) <= within * limit("factor")
+        for value, text in judged]))
+
+
+def equal(of: str) -> Criterion:
+    """Judge whether results are the expected ones; judged: pairs of both."""
+    return Criterion(of + SOME, lambda judged, limit: some([value == expected for value, expected in judged]))
+
+
+def some(hits: Sequence[bool]) -> str:
+    """Return the verdict on several hits: confirmed if all are true, depends if some are."""
+    return CONFIRMED if all(hits) else DEPENDS if any(hits) else NOT_CONFIRMED
+
+
+RULES: dict[str, tuple[Any, ...]] = {"holds": (holds, "weaker"), "shares": (shares, "partly"),
+                                     "near": (near, "within"), "equal": (equal,)}
+"""Rules of criteria and their options in claims.yaml."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A claim judged once: its verdict, values, reason and motions as JSON, and the names of the thresholds used."""
+
+    values: Mapping[str, Any] = field(metadata=reported("numbers that the verdict rests on"))
+    verdict: str
+    why: str = ""
+    motions: Sequence[Mapping[str, Any]] = field(default=(), metadata=reported(
+        "stable motions found where motions coexist", of=(Motion,)))
+    thresholds: Sequence[str] = ()
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A claim with its criterion; called with evidence it returns the finding.
+
+    measure : computes the quantities to judge from evidence
+    name : name of the claim in claims.yaml, tests and files
+    cheap : whether it takes less than about a second, so that every test run compares the page with it
+    alone : whether it does not depend on the mean pressure of Figs. 4 to 18
+    why, labels : a reason, for measures that find one, and words of the page for the names of values
+    """
+
+    figure: str = field(metadata=reported("figure or equation of the paper"))
+    where: str = field(metadata=reported("sections of the paper"))
+    sentence: str = field(metadata=reported("statement of the paper, in our words", name="claim"))
+    criterion: Criterion = field(metadata=reported("criterion", spread=True))
+    measure: Callable[[Evidence], Measured] = field(compare=False)
+    name: str
+    cheap: bool = False
+    fitted: bool = field(default=False, metadata=reported("whether its number chose the mean pressures"))
+    alone: bool = False
+    why: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
+
+    def __call__(self, evidence: Evidence) -> Finding:
+        """Compute and judge the claim."""
+        evidence.used.clear()
+        measured = self.measure(evidence)
+        verdict = self.criterion.verdict(measured.judged, evidence.limit)
+        why = measured.why if isinstance(measured.why, str) else self.why * measured.why
+        values = {self.labels.get(name, name): value for name, value in measured.values.items()}
+        return Finding(values, verdict, why, json_of(measured.motions), sorted(evidence.used))
+
+
 def claims_in(rows: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
-    """Return the claims of a file; names in braces are constants of `measures` or `rules`."""
-    claims, every = [], {**vars(rules), **vars(measures)}
+    """Return the claims of a file; names in braces are constants of `measures`."""
+    claims, every = [], vars(measures)
     for name, row in rows.items():
         measure, given = row.get("measure", name), row.get("given", {})
         phrases = ChainMap(given, every)
@@ -118,7 +208,7 @@ class ClaimsReport(Described):
     complete: bool = field(metadata=reported("whether every claim was judged"))
 
 
-def _judged(row: Claim, evidence: StableMotions, stored: dict[str, Finding], path: Path | None) -> Finding:
+def _judged(row: Claim, evidence: Evidence, stored: dict[str, Finding], path: Path | None) -> Finding:
     """Return the stored finding on a claim, or judge and store it; a changed criterion is judged again."""
     apart = [f"{item.name} {x:g}, " for item in fields(T) if (x := getattr(evidence.thresholds, item.name))
              != item.default]
@@ -136,8 +226,6 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
           each: Callable[[Verdict], None] = lambda verdict: None) -> list[Verdict]:
     """Judge claims at every mean pressure, and at the first of them at both tolerances.
 
-    Parameters
-    ----------
     claims : claims to judge; empty for all
     pressures : mean pressures, Pa; a claim that does not depend on the pressure is judged once
     kept : file of finished findings; each new finding is added to it
@@ -146,17 +234,14 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
     progress : whether to show a bar for every sweep on a terminal
     each : function called with each finished verdict
 
-    Raises
-    ------
-    NumericalFailure
-        A motion that a verdict needs could not be solved.
+    Raise NumericalFailure if a motion that a verdict needs could not be solved.
     """
     first, out, known = pressures[0], list[Verdict](), {item.name for item in fields(Finding)}
     lines = kept.read_text(encoding="utf-8").splitlines() if kept is not None and kept.exists() else []
     stored = {line["name"]: Finding(**{k: v for k, v in line["finding"].items() if k in known})
               for line in map(json.loads, lines)}
-    every = {p: [StableMotions(TOLERANCE, jobs, progress, p)] for p in pressures}
-    every[first].append(StableMotions(TIGHTER, jobs, progress, first, known=every[first][0].known))
+    every = {p: [Evidence(TOLERANCE, jobs, progress, p)] for p in pressures}
+    every[first].append(Evidence(TIGHTER, jobs, progress, first, known=every[first][0].known))
     for row in claims or CLAIMS:
         findings = {p: [_judged(row, evidence, stored, kept) for evidence in every[p]]
                     for p in (pressures[:1] if row.alone else pressures)}

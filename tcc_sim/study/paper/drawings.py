@@ -15,7 +15,7 @@ import numpy as np
 from tcc_sim.errors import counted
 from tcc_sim.shown_units import speed
 from tcc_sim.study.paper.catalogue import SWEPT, plain
-from tcc_sim.study.paper.figure_results import Figure, Labelled, MotionsBehind
+from tcc_sim.study.paper.figures import Figure, Labelled, MotionsBehind
 from tcc_sim.study.views.branch_diagram import MARKS, UNSTABLE, stable_and_unstable
 from tcc_sim.views import style
 from tcc_sim.views.stored import Record
@@ -372,12 +372,8 @@ def paint_law(drawn: Any, data: Figure) -> None:
 
 
 def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -> None:
-    """Write the picture of one figure as `stem`.png and `stem`.svg.
-
-    Parameters
-    ----------
-    title : title of the picture; by default number and title of the figure
-    width : width, inch; in a column, panels are narrower or below each other
+    """Write the picture of one figure as `stem`.png and `stem`.svg, with number and title of the figure as its default
+    title. In a column (`width`, inch) panels are narrower or below each other.
     """
     wide, caption = style.wide(width), caption_of(data, width)
     more = 0.0 if wide else 0.15 * (caption.count("\n") + 1)

@@ -1,10 +1,11 @@
-"""Sweeps and motions for the verdicts on the paper's claims, computed once per tolerance and mean pressure."""
+"""Sweeps, motions and branches for the verdicts on claims, computed once per tolerance and mean pressure."""
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -12,19 +13,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.steady.exponents import Lyapunov, largest_lyapunov_exponent
-from tcc_sim.analysis.steady.summary import CycleTimes, Summary, summarise_cycles
+from tcc_sim.analysis.steady.summary import Summary
+from tcc_sim.errors import counted
+from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
-from tcc_sim.result import reported
+from tcc_sim.result import reported, reporting
 from tcc_sim.solvers import SOLVERS, solve
+from tcc_sim.study.basins.attractors import find_attractors
+from tcc_sim.study.basins.compute import DrivelineMotion, halton
+from tcc_sim.study.continuation import diagram
+from tcc_sim.study.continuation.diagram import SWEPT, StableSegment, point_of, segment_of, stable_segments
+from tcc_sim.study.continuation.motions import DrivelineMap
+from tcc_sim.study.continuation.orbits import ParameterRange
+from tcc_sim.study.paper.branches_behind import JUMP, LATER, RUNS, later, seen_in, surveyed
 from tcc_sim.study.paper.catalogue import NORMALISED, OMEGA_N, PRESSURE, STATIC, paper_system
 from tcc_sim.sweeps.executors import workers
+from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Point
-from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, solve_point, sweep_curves
-from tcc_sim.trajectory import Floats, State, Status, Trajectory
+from tcc_sim.trajectory import Floats, State, Trajectory
 
-FREQUENCY, KINETIC = "engine.frequency", "friction.kinetic_coefficient"
+FREQUENCY, KINETIC, SMOOTHING = "engine.frequency", "friction.kinetic_coefficient", "friction.smoothing"
 
 
 @dataclass(frozen=True)
@@ -36,7 +46,7 @@ class Thresholds:
         "the same where places are so dense that `near` would cover most of the range"))
     ends: float = field(default=4e-3, metadata=reported(
         "largest distance of a step of a sweep from the end of a motion that causes it"))
-    jump: float = field(default=0.08, metadata=reported("least size of a jump, over the curve's largest value"))
+    jump: float = field(default=JUMP, metadata=reported("least size of a jump, over the curve's largest value"))
     prominent: float = field(default=0.02, metadata=reported(
         "least height of a peak above its surroundings, over the curve's largest value"))
     shows: float = field(default=0.05, metadata=reported("least difference of two largest slip speeds", "rad/s"))
@@ -48,17 +58,19 @@ class Thresholds:
 
 
 T = Thresholds()
-JUMP = T.jump
 BISECTIONS = 8
 """Number of halvings of the interval of a jump; the change of a continuous curve becomes small in them."""
 CYCLES, DISCARD = 150, 50
 """The paper's rule: cycles of every motion, and dropped ones of these."""
-LATER = 500
-"""Further cycles for a motion with a section that does not repeat within the paper's rule."""
-LAST = 100
-"""Number of last cycles of a long run that determine its period."""
 FAILED, RUNAWAY = -1, -2
 """Values in place of a period: for a failed point, and for runaway slip."""
+FEW = replace(SWEPT, longest_period=2, max_points=60, max_branches=5)
+"""Branches over one part of an axis."""
+WAYS = ("cold", "up", "down")
+"""Starts of the values of a sweep: from (13), or from the neighbour below or above."""
+SEEDS = 24
+LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
+"""Initial states in the search for attractors: number, and ranges of slip speed, plate angle and plate speed."""
 Values = Mapping[str, Value]
 
 
@@ -73,9 +85,31 @@ class ColdStartMotion:
     lyapunov: Lyapunov | None = None
 
 
+@dataclass(frozen=True)
+class Motion:
+    """Stable motion along a curve, independent of the initial state."""
+
+    curve: str = field(metadata=reported("curve of the figure; empty if there is one only"))
+    over: str = field(metadata=reported("name of the axis"))
+    from_start: Sequence[float] = field(metadata=reported("places at which the initial state (13) leads to it"))
+    stretch: StableSegment = field(metadata=reported("its period and ends", spread=True))
+
+    @property
+    @reporting("the motion in a sentence")
+    def words(self) -> str:
+        """The motion in a sentence."""
+        at, where = self.from_start, "nowhere"
+        if at:
+            where = f"at {' to '.join(dict.fromkeys(f'{x:g}' for x in (min(at), max(at))))} " \
+                    f"({counted(len(at), 'value')})"
+        name, stretch = f"{self.curve}{': ' if self.curve else ''}", self.stretch
+        return (f"{name}period {stretch.period}, stable over {self.over} from {stretch.low} to {stretch.high}; within "
+                f"{CYCLES + RUNS * LATER} cycles (13) leads to it {where}")
+
+
 @dataclass
 class Evidence:
-    """Sweeps and motions of Sections 5 and 6, cached.
+    """Sweeps, motions and stable branches of Sections 5 and 6, cached.
 
     rtol : tolerance of the smoothed engine
     jobs : number of threads; None for all cores
@@ -83,6 +117,8 @@ class Evidence:
     pressure : mean pressure of Figs. 4 to 18, Pa
     thresholds : thresholds of the criteria
     used : names of the thresholds used so far
+    known : results that do not depend on the tolerance of the sweeps, by kind, rows and axes as text; evidence at
+        several tolerances shares them
     """
 
     rtol: float
@@ -91,6 +127,7 @@ class Evidence:
     pressure: float = PRESSURE
     thresholds: Thresholds = T
     used: set[str] = field(default_factory=set)
+    known: dict[str, Any] = field(default_factory=dict)
     _sweeps: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict)
     _motions: dict[tuple[System, bool], ColdStartMotion] = field(default_factory=dict)
     _settled: dict[tuple[Curve, Plan], list[Summary | None]] = field(default_factory=dict)
@@ -99,6 +136,11 @@ class Evidence:
         """Return a threshold, and note its use."""
         self.used.add(name)
         return float(getattr(self.thresholds, name))
+
+    def varied(self, name: str, factor: float) -> Evidence:
+        """Return evidence with the same sweeps and motions, and with one threshold times a factor."""
+        changed = replace(self.thresholds, **{name: factor * getattr(self.thresholds, name)})
+        return replace(self, thresholds=changed, used=set())
 
     @property
     def most(self) -> float:
@@ -155,11 +197,7 @@ class Evidence:
                         dtype=bool)
 
     def _settled_in(self, sweep: Sweep) -> list[Summary | None]:
-        """Return the settled motion of every point of a sweep.
-
-        A motion that has not settled by the paper's rule continues for LATER cycles, since a transient is neither
-        periodic nor aperiodic.
-        """
+        """Return the settled motion of every point of a sweep."""
         name = (sweep.curve, sweep.plan)
         if name not in self._settled:
             with workers(self.jobs, None) as (threads, _):
@@ -168,7 +206,9 @@ class Evidence:
         return self._settled[name]
 
     def _settle(self, system_of: Callable[[], System], point: Point | None) -> Summary | None:
-        """Return the motion of a point, from further cycles if its section does not repeat yet; None if it failed."""
+        """Return the motion of a point, from further cycles if its section does not repeat yet, since a transient is
+        neither periodic nor aperiodic; None if it failed.
+        """
         if point is None or point.summary is None or point.summary.settled or point.summary.runaway:
             return None if point is None else point.summary
         system = system_of()
@@ -216,6 +256,78 @@ class Evidence:
                 jumps.append((0.5 * (a + b), fb - fa))
         return jumps
 
+    def stretches(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY) -> list[list[StableSegment]]:
+        """Return for every row the stable stretches of the branches through the motions of sweeps in all WAYS.
+
+        Their parameter is that of `curves`. Orbits are solved at 1e-12 for any tolerance of the sweeps.
+        """
+        def followed(sweeps: Sequence[Sweep]) -> list[StableSegment]:
+            curve = sweeps[0].curve
+            branches = surveyed(curve, [s for sweep in sweeps for s in seen_in(sweep)], settings=FEW)
+            return stable_segments(branches, min(curve.values), max(curve.values), NORMALISED[over][1])
+
+        names = [json.dumps(["stretches", sorted(row.items()), axis.tolist(), over]) for row in rows]
+        missing = {name: row for name, row in zip(names, rows) if name not in self.known}
+        ways = [self.curves(list(missing.values()), axis, over=over, direction=way) for way in WAYS]
+        with workers(self.jobs, None) as (pool, _), progress_bar("branches", len(missing), shown=self.progress) as bar:
+            for name, stretches in zip(missing, pool.map(followed, zip(*ways))):
+                self.known[name] = stretches
+                bar.update()
+        return [self.known[name] for name in names]
+
+    def reached(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[int | None]:
+        """Return for every value the number of the stretch that (13) leads to; None if it is on none."""
+        among = self.stretches([row], axis, over=over)[0]
+        sweep = self.curves([row], axis, over=over)[0]
+        unit, seen = NORMALISED[over][1], seen_in(sweep)
+        base, size = common_cycles(sweep.curve.system), diagram.amplitude_of(seen)
+        at = {s.value: segment_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
+        return [at.get(value) for value in sweep.curve.values]
+
+    def motions(self, curve: str, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[Motion]:
+        """Return every stretch of a curve with its ends, and the values at which (13) leads to it."""
+        among = self.stretches([row], axis, over=over)[0]
+        on = self.reached(row, axis, over=over)
+        return [Motion(curve, NORMALISED[over][0], [float(x) for x, number in zip(axis, on) if number == k], s)
+                for k, s in enumerate(among)]
+
+    def jump_ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[float]:
+        """Return the sorted values at which a stable motion ends in a jump."""
+        among = self.stretches([row], axis, over=over)[0]
+        return sorted({end.value for s in among for end in (s.low, s.high) if end.jumps})
+
+    def amplitudes(self, row: Values, axis: Floats) -> list[list[float]]:
+        """Return for every frequency ratio the largest slip speeds of all stable motions, first of that from (13)."""
+        among = self.stretches([row], axis)[0]
+        return [[float(c), *(h for s in among if math.isfinite(h := s.amplitude(float(x))))]
+                for x, c in zip(axis, self.maxima([row], axis)[0])]
+
+    def periodic_at(self, row: Values, axis: Floats) -> NDArray[np.bool_]:
+        """Return (n,) whether Newton's method finds a stable periodic orbit at a motion of a sweep."""
+        name = json.dumps(["periodic", sorted(row.items()), axis.tolist()])
+        if name not in self.known:
+            periodic = np.zeros(len(axis), dtype=bool)
+            for way in WAYS:
+                curve = (sweep := self.curves([row], axis, direction=way)[0]).curve
+                of, span = DrivelineMap(curve.system, (curve.key,)), ParameterRange(curve.values[0], curve.values[-1])
+                for seen in seen_in(sweep):
+                    k = curve.values.index(seen.value)
+                    if seen.period and not periodic[k]:
+                        point = point_of(of, span, seen)
+                        periodic[k] = point is not None and point.orbit.stable
+            self.known[name] = periodic
+        return np.array(self.known[name])
+
+    def attractors(self, row: Values) -> list[tuple[int, float]]:
+        """Return period and largest slip speed of every attractor, from (13) and from many initial states."""
+        name = json.dumps(["attractors", sorted(row.items())])
+        if name not in self.known:
+            system = self.system(row)
+            starts = [np.array(State.at_start(system).numbers), *(LOWEST + (HIGHEST - LOWEST) * halton(SEEDS, 3))]
+            attractors = find_attractors(DrivelineMotion(system), starts)
+            self.known[name] = sorted((a.period, a.largest) for a in attractors)
+        return list(self.known[name])
+
 
 def swept(curves: Sequence[Curve], plan: Plan, kept: dict[tuple[Curve, Plan], Sweep], jobs: int | None = None,
           progress: bool = False) -> list[Sweep]:
@@ -231,23 +343,9 @@ def period_of(summary: Summary | None) -> int:
     return FAILED if summary is None else RUNAWAY if summary.runaway else summary.period
 
 
-def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summary, Start] | None:
-    """Return a summary of the last LAST of LATER further cycles and their end; None if they could not be solved."""
-    run = solve(system, cycles=LATER, start_cycle=start.cycle, state=start.state, rtol=rtol)
-    if run.status is not Status.DONE or run.cycles is None:
-        return None
-    first = start.cycle + LATER - LAST
-    return summarise_cycles(run.cycles[LATER - LAST:], CycleTimes(system.cycle, first)), Start(run.final, first + LAST)
-
-
 def steep(values: Floats, jump: float = JUMP) -> NDArray[np.int64]:
     """Return the indices at which neighbours differ by more than `jump` of the largest value: jumps or steep rises."""
     return np.flatnonzero(np.abs(np.diff(values)) > jump * float(np.nanmax(values)))
-
-
-def sticks(sweep: Sweep) -> NDArray[np.bool_]:
-    """Return (n,) whether the motion is pure stick."""
-    return np.array([p is not None and p.summary is not None and p.summary.regime == "stick" for p in sweep.points])
 
 
 def first_half(run: Trajectory) -> float:
@@ -266,11 +364,6 @@ def rms_apart(values: Floats, reference: Floats) -> float:
 def two_digits(x: float) -> float:
     """Return a number with two digits, which an average over an aperiodic motion has."""
     return float(f"{x:.2g}")
-
-
-def share_where(condition: Any, among: Any) -> float:
-    """Return the part of the cases `among` in which `condition` holds; 1 if there are none."""
-    return float(condition[among].mean()) if among.any() else 1.0
 
 
 def with_kinetic(ratio: float, row: Values | None = None) -> dict[str, Value]:

@@ -1,25 +1,31 @@
-"""Numbers of the paper's figures: from a row of `catalogue.FIGURES` to a frozen result for `paper.drawings`."""
+"""Numbers of the paper's figures: from a row of `catalogue.FIGURES` to a frozen result, with the fields of `figure`'s
+JSON, for `paper.drawings`.
+"""
 
 from __future__ import annotations
 
-import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from dataclasses import replace as renewed
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.steady.exponents import largest_lyapunov_exponent
-from tcc_sim.analysis.steady.summary import summarise
+from tcc_sim.analysis.steady.damping import Damping
+from tcc_sim.analysis.steady.exponents import Lyapunov, largest_lyapunov_exponent
+from tcc_sim.analysis.steady.summary import Summary, summarise
 from tcc_sim.errors import InputError
 from tcc_sim.model import friction
 from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.quantity import Value
+from tcc_sim.result import Described, as_in, reported
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
+from tcc_sim.study.continuation.orbits import OrbitFigures
 from tcc_sim.study.paper import catalogue
-from tcc_sim.study.paper import figure_results as results
-from tcc_sim.study.paper.branches_behind import motions_behind, motions_behind_each, orbit_behind
+from tcc_sim.study.paper.branches_behind import MotionsBehind, motions_behind, motions_behind_each, orbit_behind
 from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, FigureOptions, PaperFigure, paper_system, series_system
 from tcc_sim.study.paper.evidence import JUMP, first_half, rms_apart, steep, swept
 from tcc_sim.sweeps.executors import workers
@@ -51,17 +57,114 @@ STEADY_LAWS: tuple[tuple[str, Mapping[str, Value]], ...] = (
     ("(6)", {"friction.law": "set_valued"}))
 STEADY_CYCLES, QUICK_STEADY_CYCLES = 3000, 1000
 """Number of cycles from (13) to a steady state of Fig. 2; the set-valued law needs about 700."""
+optional, same = partial(reported, optional=True), partial(as_in, optional=True)
 
 
-def figure_data(number: int, options: FigureOptions) -> results.Figure:
-    """Compute the numbers of one figure.
+@dataclass(frozen=True)
+class Reached:
+    """Motion that a neighbour's last state leads to."""
 
-    Raises
-    ------
-    InputError
-        The paper has no such figure, or the figure has no numbers.
-    NumericalFailure
-        A time history could not be solved; a failed point of a sweep is a status in the data instead.
+    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
+    period: int = field(metadata=reported("period of the motion", "periods of excitation"))
+
+
+@dataclass(frozen=True)
+class Coexisting:
+    """Value at which a neighbour's last state leads to another motion than the cold start."""
+
+    index: int = field(metadata=reported("number of the value along the curve"))
+    value: float = field(metadata=reported("value of the key", "{over}"))
+    max_slip_speed: float = field(metadata=reported("that of the cold start", "rad/s"))
+    period: int = field(metadata=reported("that of the cold start", "periods of excitation"))
+    other: Reached = field(metadata=reported("the other motion"))
+    spike: bool = field(metadata=reported("whether the cold start stands out from both of its neighbours"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Labelled:
+    """Curve or panel of a figure: label and series; series that it lacks are None."""
+
+    label: str = field(metadata=reported("of the curve or panel"))
+    values: Any = field(default=None, metadata=optional("scene keys that set it apart", "{*}"))
+    direction: Any = field(default=None, metadata=optional("direction of the sweep"))
+    max_slip_speed: Any = field(default=None, metadata=same(Summary, "max_slip_speed"))
+    min_slip_speed: Any = field(default=None, metadata=same(Summary, "min_slip_speed"))
+    period: Any = field(default=None, metadata=same(Summary, "period"))
+    confirmed: Any = field(default=None, metadata=same(Point, "confirmed"))
+    settled: Any = field(default=None, metadata=same(Summary, "settled"))
+    runaway: Any = field(default=None, metadata=same(Summary, "runaway"))
+    stick_fraction: Any = field(default=None, metadata=same(Summary, "stick_fraction"))
+    regime: Any = field(default=None, metadata=same(Summary, "regime"))
+    theta2: Any = field(default=None, metadata=same(Point, "theta2"))
+    equivalent_damping: Any = field(default=None, metadata=same(Damping, "weighted"))
+    negative_slope_mean: Any = field(default=None, metadata=same(Damping, "negative_mean"))
+    status: Any = field(default=None, metadata=same(Point, "status"))
+    coexisting: Sequence[Coexisting] | None = field(default=None, metadata=optional(
+        "other motions, from a neighbour's last state"))
+    behind: MotionsBehind | None = field(default=None, metadata=optional("motions behind the curve", spread=True))
+    coefficient: Any = field(default=None, metadata=optional("friction coefficient over mu_k at slip_speed"))
+    slope: Any = field(default=None, metadata=optional("its slope", "s/rad"))
+    near_coefficient: Any = field(default=None, metadata=optional("the same at near_slip_speed"))
+    near_slope: Any = field(default=None, metadata=optional("slope at near_slip_speed", "s/rad"))
+    near_set_valued: Any = field(default=None, metadata=optional("that of the set-valued law at near_slip_speed"))
+    peak_slip_speed: Any = field(default=None, metadata=optional(
+        "slip speed of the largest coefficient; null without one", "rad/s"))
+    peak: Any = field(default=None, metadata=optional("largest coefficient over mu_k"))
+    static: Any = field(default=None, metadata=optional("mu_s over mu_k"))
+    solver: Any = field(default=None, metadata=optional("name of the solver"))
+    seconds: Any = field(default=None, metadata=optional("computing time", "s"))
+    rms_difference: Any = field(default=None, metadata=optional(
+        "rms difference from the first curve, relative to its largest |slip speed|; null if the solver "
+        "stopped"))
+    final: Any = field(default=None, metadata=optional(
+        "slip speed, plate angle and plate speed at the end", "rad/s, rad, rad/s"))
+    t: Any = field(default=None, metadata=optional("time from the first sample on", "periods of excitation"))
+    slip_speed: Any = field(default=None, metadata=optional("slip speed", "rad/s"))
+    plate_angle: Any = field(default=None, metadata=optional("angle of the clutch plate", "rad"))
+    friction_torque: Any = field(default=None, metadata=optional("friction torque", "N m"))
+    engine_torque: Any = field(default=None, metadata=optional("torque of the engine", "N m"))
+    saturation_torque: Any = field(default=None, metadata=optional("mu_k N R", "N m"))
+    state: Any = field(default=None, metadata=optional("-1 negative slip, 0 stick, 1 positive slip"))
+    first_half: Any = field(default=None, metadata=optional(
+        "part of positive slip in the first half cycle; null without any"))
+    section: Any = field(default=None, metadata=optional("plate angle and speed at t = 2 pi n/omega", "rad, rad/s"))
+    lyapunov: Any = field(default=None, metadata=optional("largest exponent, without a period", of=(Lyapunov,)))
+    orbit: Any = field(default=None, metadata=optional(
+        "as an entry of `at` in `continue --json`", of=(OrbitFigures,)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure(Described):
+    """Numbers of one figure with its title and caption; numbers that its kind lacks are None."""
+
+    figure: int = field(metadata=reported("number in the paper"))
+    kind: str = field(metadata=reported("kind of the figure; other fields depend on it"))
+    title: str = field(metadata=reported("in our words"))
+    caption: str = field(metadata=reported("in our words"))
+    law: str = field(metadata=reported("friction law"))
+    quick: bool = field(metadata=reported("whether it has a quarter of the values"))
+    parameters: Mapping[str, Any] = field(metadata=reported("scene keys that all of its curves share", "{*}"))
+    marks: Sequence[float] = field(metadata=reported("places on the axis that the text names"))
+    over: Any = field(default=None, metadata=optional("scene key of the axis"))
+    axis: Any = field(default=None, metadata=optional("name of the axis"))
+    x: Any = field(default=None, metadata=optional("values on the axis"))
+    unit: Any = field(default=None, metadata=optional("value of the key at 1 on the axis"))
+    cycles: Any = field(default=None, metadata=optional("cycles solved at every value"))
+    discarded: Any = field(default=None, metadata=optional("cycles dropped"))
+    threshold: Any = field(default=None, metadata=optional("-C23 of (23)", "N m s/rad"))
+    slip_speed: Any = field(default=None, metadata=optional("slip speeds of the curves of Fig. 3", "rad/s"))
+    near_slip_speed: Any = field(default=None, metadata=optional("slip speeds near 0, Fig. 3", "rad/s"))
+    cycle: Any = field(default=None, metadata=optional("period of excitation", "s"))
+    curves: Any = field(default=None, metadata=optional("one for each series", of=(Labelled,)))
+    panels: Any = field(default=None, metadata=optional("time histories", of=(Labelled,)))
+    steady: Any = field(default=None, metadata=optional("steady state of each law from (13)", of=(Labelled,)))
+    steady_cycles: Any = field(default=None, metadata=optional("cycles before a steady state"))
+    seconds: float = field(metadata=reported("computing time", "s"))
+
+
+def figure_data(number: int, options: FigureOptions) -> Figure:
+    """Compute the numbers of one figure; raise InputError if it has none, and NumericalFailure if a time history could
+    not be solved. A failed point of a sweep is a status in the data.
     """
     if number not in FIGURES:
         raise InputError(f"figure {number} has no numbers; the figures are {min(FIGURES)} to {max(FIGURES)}")
@@ -70,7 +173,7 @@ def figure_data(number: int, options: FigureOptions) -> results.Figure:
     varied = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
     varied |= {row.over} if row.kind in SWEPT else set()
     common = {key: value for key, value in values_of(figure_system(number, options)) if key not in varied}
-    return results.Figure(figure=number, kind=row.kind, title=row.title, caption=row.caption, law=options.law,
+    return Figure(figure=number, kind=row.kind, title=row.title, caption=row.caption, law=options.law,
                           quick=options.quick, parameters=common, marks=row.marks, **KINDS[row.kind](row, options),
                           seconds=time.perf_counter() - began)
 
@@ -93,11 +196,11 @@ def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     sweeps = [s for plan in plans for s in swept(wanted, plan, options.kept, options.jobs, options.progress)]
     others = [coexisting(sweep, options.jobs) if row.kind == "map" and sweep.plan.direction == "cold" else None
               for sweep in sweeps]
-    behind: Sequence[results.MotionsBehind | None] = [None] * len(sweeps)
+    behind: Sequence[MotionsBehind | None] = [None] * len(sweeps)
     if options.branches and row.kind in catalogue.BRANCHED:
         behind = motions_behind(sweeps, options.progress) if row.kind == "orbit" else motions_behind_each(
             sweeps, options.jobs, options.progress)
-    curves = [results.Labelled(label=series.label, values=series.values, direction=sweep.plan.direction,
+    curves = [Labelled(label=series.label, values=series.values, direction=sweep.plan.direction,
                                coexisting=other, behind=motions,
                                **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
               for series, sweep, other, motions in zip(row.series * len(plans), sweeps, others, behind)]
@@ -106,7 +209,7 @@ def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
             "curves": curves}
 
 
-def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting]:
+def coexisting(sweep: Sweep, jobs: int | None = None) -> list[Coexisting]:
     """Return the motions from a neighbour's last state that differ from those of the cold start.
 
     The search covers both sides of every change of more than JUMP of the curve's largest value between neighbours with
@@ -115,16 +218,16 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[results.Coexisting
     largest = sweep.column("max_slip_speed")
     periods = [0 if p is None or p.summary is None else p.summary.period for p in sweep.points]
     size = float(np.nanmax(largest))
-    plan = dataclasses.replace(sweep.plan, section_points=0, damping=False, lyapunov=False)
+    plan = renewed(sweep.plan, section_points=0, damping=False, lyapunov=False)
 
-    def follow(here: int, neighbour: Point | None, place: int) -> results.Coexisting | None:
+    def follow(here: int, neighbour: Point | None, place: int) -> Coexisting | None:
         if neighbour is None or not (periods[here] and periods[place]):
             return None
         system, value = sweep.curve.at(here), sweep.curve.values[here]
         summary = solve_point(system, value, plan, handed_over(sweep.curve.at(place), neighbour.end, system)).summary
         if summary is None or not summary.period or abs(summary.max_slip_speed - largest[here]) <= JUMP * size:
             return None
-        return results.Coexisting(here, value, float(largest[here]), periods[here], results.Reached(
+        return Coexisting(here, value, float(largest[here]), periods[here], Reached(
             summary.max_slip_speed, summary.period), stands_out(largest, here, JUMP * size))
 
     pairs = [(here, sweep.points[neighbour_place], neighbour_place) for k in steep(largest).tolist()
@@ -152,7 +255,7 @@ def _law(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
         law = system.friction.smoothing, terms_of(system).stribeck
         wide, close = (friction.smoothed_and_slope(x, *law) for x in (v, near))
         peak, height = friction.peak(*law)
-        curves.append(results.Labelled(
+        curves.append(Labelled(
             label=series.label, values=series.values, coefficient=wide[0], slope=wide[1], near_coefficient=close[0],
             near_slope=close[1], near_set_valued=friction.sliding(near, 1.0, law[1]) + 0.0 * near,
             peak_slip_speed=peak, peak=height, static=1.0 + (law[1][0] if law[1] else 0.0)))
@@ -182,7 +285,7 @@ def _panels(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
             more = {"period": summary.period, "orbit": orbit_behind(
                 system, before.final, RUN_IN, summary.period, summary.max_slip_speed) if options.branches else None}
         shown = {name: getattr(after, name) for name in columns}
-        panels.append(results.Labelled(label=series.label, values=series.values,
+        panels.append(Labelled(label=series.label, values=series.values,
                                        t=(after.t - after.t[0]) / after.cycle, **shown, **more))
     return {"panels": panels}
 
@@ -206,18 +309,18 @@ def _solvers(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     for label, values in STEADY_LAWS:
         before, after = _run_in(replace(system, values), 4, begin, SAMPLES // 2)
         summary = summarise(before, begin - 100)
-        steady.append(results.Labelled(
+        steady.append(Labelled(
             label=label, values=values, period=summary.period, settled=summary.settled, final=before.final.numbers,
             max_slip_speed=summary.max_slip_speed, t=(after.t - after.t[0]) / after.cycle, slip_speed=after.slip_speed))
     start = State(*steady[0].final)
-    curves: list[results.Labelled] = []
+    curves: list[Labelled] = []
     for solver, (label, law, how) in SOLVER_CURVES.items():
         begun = time.perf_counter()
         run = solve(replace(system, {"friction.law": law}), cycles=1 if options.quick else 2, samples_per_cycle=SAMPLES,
                     start_cycle=begin, state=start, solver=solver, **how)
         seconds, reference = time.perf_counter() - begun, curves[0].slip_speed if curves else run.slip_speed
         apart = np.nan if len(run.t) != len(reference) else rms_apart(run.slip_speed, reference)
-        curves.append(results.Labelled(
+        curves.append(Labelled(
             solver=solver, label=label, status=run.status.value, seconds=seconds, t=(run.t - run.t[0]) / run.cycle,
             slip_speed=run.slip_speed, friction_torque=run.friction_torque, rms_difference=apart))
     return {"cycle": system.cycle, "curves": curves, "steady": steady, "steady_cycles": begin}

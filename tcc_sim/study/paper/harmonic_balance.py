@@ -83,18 +83,9 @@ def harmonic_balance(system: System, period: int, harmonics: int, iterations: in
 
     The motion may be unstable; if several exist, the result is one of them.
 
-    Parameters
-    ----------
     system : system with the smoothed law and torques that repeat after `period` engine cycles
     harmonics : number n of harmonics of w = omega/period
     iterations : largest number of Newton steps per smoothing factor
-
-    Raises
-    ------
-    InputError
-        The friction law is set-valued, or `period` or `harmonics` is below 1.
-    NumericalFailure
-        Newton's method did not converge.
     """
     if system.friction.law != "smoothed":
         raise InputError(f"friction.law is {system.friction.law}; the harmonic balance needs the smoothed law")

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from tcc_sim.analysis.steady.damping import slope_of_friction
@@ -19,42 +23,53 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison import rk4_limit
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.continuation.diagram import StableSegment
-from tcc_sim.study.paper import harmonic_balance, rules
-from tcc_sim.study.paper.branches_behind import SMOOTHING, WAYS, Motion, StableMotions, highest_shares
+from tcc_sim.study.paper import harmonic_balance
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, SECTION_CYCLES, STATIC, paper_system, plain
 from tcc_sim.study.paper.evidence import (
     CYCLES,
     DISCARD,
     FREQUENCY,
     KINETIC,
+    SMOOTHING,
+    WAYS,
+    Evidence,
+    Motion,
     T,
     Values,
     first_half,
     rms_apart,
-    share_where,
     steep,
-    sticks,
     two_digits,
     with_kinetic,
-)
-from tcc_sim.study.paper.rules import (
-    AXIS,
-    FINER,
-    FRICTION_RATIOS,
-    HIGH,
-    LOW,
-    Measured,
-    denominator,
-    figure_curves,
-    grow,
-    more_than_anywhere,
-    place_of_change,
-    rows,
-    slipping_periods,
 )
 from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.trajectory import Floats
 
+
+def rows(number: int) -> list[Values]:
+    """Return the scene keys of a figure's curves."""
+    return [series.values for series in FIGURES[number].series]
+
+
+AXIS = np.round(np.arange(0.05, 0.5001, 0.005), 6)
+FINER = np.round(np.arange(0.05, 0.5001, 0.003), 6)
+"""Frequency ratios of Figs. 8 to 18, and of Fig. 4."""
+BANDS = {"to 0.29": AXIS <= 0.29, "from 0.31 to 0.45": (AXIS >= 0.31) & (AXIS <= 0.45)}
+LOW, HIGH = BANDS.values()
+"""Below and above the ratio 0.30 that the paper names."""
+SPREAD = np.round(np.arange(0.14, 0.3601, 1e-3), 6)
+"""Frequency ratios around those of the text; their average is the base rate for nearness to a named ratio."""
+PARTED = 1e-3
+"""Distance from a jump for comparing the motions on both sides."""
+WIDE = 2.0 * T.near
+FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
+"""mu_k/mu_s of Fig. 4."""
+JUMPING = f"a jump is a change of more than {T.jump:g} of the curve's maximum on a 1e-5 wide interval"
+WHERE_SLIPPING = f"where a curve slips (above {T.slipping:g} rad/s)"
+MOST = f"{1.0 - T.missing:g} or more of"
+NINE = "of the nine curves of 0.83, 0.75 and 0.667 mu_s, each from (13), swept up and swept down, more have "
+ANYWHERE = " than of the ratios from 0.14 to 0.36 on average"
+"""Phrases of the criteria."""
 LAWS = ("smoothed", "set_valued")
 STICKING = np.round(np.arange(0.05, 0.2501, 0.001), 6)
 """Frequency ratios in the search for the end of pure stick, psi = 0."""
@@ -71,7 +86,7 @@ HIGHER = AXIS[(AXIS >= 0.305) & (AXIS <= 0.455)]
 INERTIAS: dict[str, Values] = {
     "Table 1": {}, "I1 = 0.1": {"driveline.flywheel_inertia": 0.1}, "I1 = 0.4": {"driveline.flywheel_inertia": 0.4},
     "I2 = 0.04": {"driveline.plate_inertia": 0.04}}
-FALLING = dict(zip(rules.FRICTION_RATIOS[1:], rows(4)[1:]))
+FALLING = dict(zip(FRICTION_RATIOS[1:], rows(4)[1:]))
 """Rows of mu_k < mu_s in Fig. 4, by mu_k/mu_s."""
 NAMED = {f"{m:.3f}": m for m in FIGURES[4].marks}
 """omega/omega_n of the super-harmonic peaks that the paper names (0.167, 0.20, 0.25, 0.33)."""
@@ -108,6 +123,169 @@ OF_FIG_2: dict[str, dict[str, Any]] = {
 DAMPED = np.round(np.arange(0.08, 0.3001, 0.002), 6)
 READ_AT = (0.12, 0.20, 0.25)
 """Frequency ratios of (21), and those at which readings of it are listed."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Quantities that the criterion judges, values for the reader, a reason, and the stable motions that coexist.
+
+    why : the reason, or whether that of claims.yaml applies
+    """
+
+    judged: Sequence[Any]
+    values: Mapping[str, Any]
+    why: str | bool = False
+    motions: Sequence[Motion] = ()
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Curves of a figure over omega/omega_n.
+
+    rows : scene keys by label
+    sweeps : sweep of every curve
+    maxima, slips : (curves, ratios) largest slip speeds, rad/s, and whether the motion is not pure stick
+    """
+
+    evidence: Evidence
+    rows: Mapping[str, Values]
+    axis: Floats
+    sweeps: Sequence[Sweep]
+    maxima: Floats
+    slips: Any
+
+    @cached_property
+    def periods(self) -> Any:
+        """(curves, ratios) periods of the settled motions, 0 for none."""
+        return np.array([self.evidence.periods(sweep) for sweep in self.sweeps])
+
+    def parts(self, condition: Any) -> list[float]:
+        """Return for every curve the part of its slipping ratios at which a condition holds."""
+        return [share_where(held, slips) for held, slips in zip(condition, self.slips)]
+
+    def off_period(self) -> list[float]:
+        """Return for every curve the part of its slipping ratios at which the period is not that of (35)."""
+        return self.parts([periods != denominator(row) for periods, row in zip(self.periods, self.rows.values())])
+
+    def means(self, where: Any) -> list[float]:
+        """Return the mean of every curve's maxima over some ratios, rad/s."""
+        return [float(x) for x in self.maxima[:, where].mean(axis=1)]
+
+    def best(self, curve: int, where: Any, sign: float = 1.0) -> float:
+        """Return the part of the ratios at which a curve is the lowest (sign -1: the highest), if any slips."""
+        rest = np.delete(sign * self.maxima, curve, axis=0).min(axis=0)
+        return share_where(sign * self.maxima[curve] <= rest + self.evidence.limit("shows"), where & self.any_slips())
+
+    def any_slips(self) -> Any:
+        """Return (ratios,) whether the maximum of some curve counts as slip."""
+        return self.maxima.max(axis=0) > self.evidence.limit("slipping")
+
+    def exceptions(self, curve: int, where: Any) -> list[float]:
+        """Return the ratios at which a curve is not the lowest."""
+        rest = np.delete(self.maxima, curve, axis=0).min(axis=0) + self.evidence.limit("shows")
+        return [float(x) for x in self.axis[where & (self.maxima[curve] > rest)]]
+
+    def jumps(self) -> list[tuple[str, Values, float, float]]:
+        """Return label, row, ratio and size of every true jump from (13)."""
+        return [(name, row, *jump) for name, row in self.rows.items() for jump in self.evidence.jumps(row, self.axis)]
+
+
+def grow(numbers: Sequence[float]) -> bool:
+    """Return whether every number is larger than the one before."""
+    return all(b > a for a, b in pairwise(numbers))
+
+
+def denominator(row: Values) -> int:
+    """Return N of omega_f = (M/N) omega in lowest terms, the period by (35)."""
+    return Fraction(float(row.get("pressure.frequency_ratio", 1.0))).limit_denominator(12).denominator  # type: ignore[arg-type]
+
+
+def more_than_anywhere(count: Callable[[float], float], marks: Mapping[str, float], name: str,
+                       values: Mapping[str, Any], why: str, motions: Sequence[Motion] = ()) -> Measured:
+    """Judge whether a count is larger near each named ratio than on average near the ratios of SPREAD; else `why`."""
+    anywhere = float(np.mean([count(float(x)) for x in SPREAD]))
+    near = {key: count(mark) for key, mark in marks.items()}
+    fewer = [key for key, value in near.items() if value <= anywhere]
+    return Measured([(value > anywhere, True) for value in near.values()],
+                    {name: near, "near any ratio, on average": anywhere, **values},
+                    why.format(", ".join(fewer)) if fewer else "", motions)
+
+
+def place_of_change(holds: Callable[[float], bool], low: float, high: float, halvings: int) -> float:
+    """Return the middle of the interval in which a condition changes, after some halvings."""
+    first = holds(low)
+    for _ in range(halvings):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if holds(middle) == first else (low, middle)
+    return 0.5 * (low + high)
+
+
+def figure_curves(e: Evidence, number: int, chosen: Sequence[int] = (), way: str = "cold") -> Curves:
+    """Return the curves of a figure, or only the `chosen` ones; each value starts from (13), or as `way` says."""
+    series, axis = FIGURES[number].series, FINER if number == 4 else AXIS
+    rows = {plain(series[k].label): series[k].values for k in chosen or range(len(series))}
+    sweeps = e.curves(list(rows.values()), axis, direction=way)
+    return Curves(e, rows, axis, sweeps, np.array([sweep.column("max_slip_speed") for sweep in sweeps]),
+                  ~np.array([sticks(sweep) for sweep in sweeps]))
+
+
+def lowest(e: Evidence, number: int, band: str, word: str = "lowest", chosen: Sequence[int] = ()) -> Measured:
+    """Judge whether the first curve is the lowest or `highest` at most ratios, or is so in the mean."""
+    curves, where, sign = figure_curves(e, number, chosen), BANDS[band], 1.0 if word == "lowest" else -1.0
+    share, mean = curves.best(0, where, sign), curves.means(where)
+    most, on_average = share >= e.most, sign * mean[0] == min(sign * x for x in mean)
+    return Measured((most, on_average), {
+        "share": share, "mean": mean, **({"beaten": curves.exceptions(0, where)} if word == "lowest" else {})},
+        "" if most else f"it is the {word} in the mean, but not at every ratio" if on_average else
+        f"another curve is the {word} in the mean")
+
+
+def ordered(e: Evidence, number: int, band: str, word: str) -> Measured:
+    """Judge at which part of a range the maxima `fall` or `rise` from every curve to the next."""
+    curves, where, sign = figure_curves(e, number), BANDS[band], 1.0 if word == "fall" else -1.0
+    share = share_where((sign * np.diff(curves.maxima, axis=0) <= e.limit("shows")).all(axis=0),
+                        where & curves.any_slips())
+    return Measured([share], {"part in order": share, "mean": curves.means(where)})
+
+
+def no_jumps(e: Evidence, number: int, chosen: Sequence[int] = ()) -> Measured:
+    """Judge whether curves from (13) have no jump."""
+    curves = figure_curves(e, number, chosen)
+    jumps = {name: [round(x, 4) for x, _ in e.jumps(row, curves.axis)] for name, row in curves.rows.items()}
+    return Measured((not any(jumps.values()),), {"jumps": jumps})
+
+
+def jumps_change_period(e: Evidence, number: int, chosen: Sequence[int] = ()) -> Measured:
+    """Judge at which part of the jumps from (13) the period changes."""
+    periods = {f"{name} at {x:.4f}": [m.period for m in e.motions_near(row, x, -PARTED, PARTED)]
+               for name, row, x, _ in figure_curves(e, number, chosen).jumps()}
+    share = float(np.mean([below != above for below, above in periods.values()])) if periods else 1.0
+    return Measured([share], {"jumps": len(periods), "share": share, "periods": periods}, share != 1.0)
+
+
+def slipping_periods(e: Evidence, numbers: Sequence[int]) -> dict[str, tuple[int, list[int]]]:
+    """Return N of (35) and the periods at the slipping ratios, 0 for none, by curve."""
+    return {f"Fig. {n}, {name}": (denominator(row), np.unique(periods[slips]).tolist())
+            for n, curves in zip(numbers, (figure_curves(e, n) for n in numbers))
+            for (name, row), periods, slips in zip(curves.rows.items(), curves.periods, curves.slips)}
+
+
+def only_period(e: Evidence, numbers: Sequence[int]) -> Measured:
+    """Judge whether the curves of figures have no other period than N of (35) where they slip."""
+    slipping = slipping_periods(e, numbers)
+    return Measured([(periods, [n] if periods else []) for n, periods in slipping.values()],
+                    {"periods": {name: periods for name, (_, periods) in slipping.items()}},
+                    any(periods not in ([n], []) for n, periods in slipping.values()))
+
+
+def share_where(condition: Any, among: Any) -> float:
+    """Return the part of the cases `among` in which `condition` holds; 1 if there are none."""
+    return float(condition[among].mean()) if among.any() else 1.0
+
+
+def sticks(sweep: Sweep) -> NDArray[np.bool_]:
+    """Return (n,) whether the motion is pure stick."""
+    return np.array([p is not None and p.summary is not None and p.summary.regime == "stick" for p in sweep.points])
 
 
 def about(place: float, width: float = T.near, count: int = 15) -> Floats:
@@ -167,7 +345,7 @@ def _laws_of_fig_3() -> dict[float, tuple[Any, ...]]:
             for system in map(paper_system, rows(3))}
 
 
-def solvers_agree(e: StableMotions) -> Measured:
+def solvers_agree(e: Evidence) -> Measured:
     differences = cycle_differences((("rk45", "smoothed", None), ("bdf", "smoothed", None),
                                      ("event_driven", "set_valued", None)))
     paper, doubled = {}, {}
@@ -189,7 +367,7 @@ def solvers_agree(e: StableMotions) -> Measured:
          "is unstable at larger sigma"), e.motions("", FIG02, SHARPER, over=SMOOTHING))
 
 
-def smoothing_is_uncertain(e: StableMotions) -> Measured:
+def smoothing_is_uncertain(e: Evidence) -> Measured:
     errors = {}
     for name, row in {**{f"sigma = {s:g}": {SMOOTHING: s} for s in (50.0, 100.0, 1000.0)},
                       "law (6)": OF_FIG_2["set-valued (6)"]}.items():
@@ -200,14 +378,14 @@ def smoothing_is_uncertain(e: StableMotions) -> Measured:
     return Measured((any(apart) and not apart[-1],), {"found": {name: list(m) for name, m in errors.items()}})
 
 
-def discontinuous_is_slow(e: StableMotions) -> Measured:
+def discontinuous_is_slow(e: Evidence) -> Measured:
     exact, smoothed = (min(e.run(e.system({**FIG02, "friction.law": law}), CYCLES).statistics.seconds
                            for _ in range(5)) for law in ("set_valued", "smoothed"))
     slow = exact > SLOW * smoothed
     return Measured((slow,), {"slow": slow}, not slow)
 
 
-def classical_differs(e: StableMotions) -> Measured:
+def classical_differs(e: Evidence) -> Measured:
     differences = cycle_differences(tuple((f"rk4, step {h:g} s", "smoothed", h) for h in (1e-6, 2e-5, 5e-5, 1e-4)))
     apart = [d > APART for d in differences.values()]
     return Measured((all(apart), any(apart)), {name: float(f"{d:.0e}") for name, d in differences.items()},
@@ -215,14 +393,14 @@ def classical_differs(e: StableMotions) -> Measured:
                     f"{rk4_limit(paper_system(FIG02)) * 1e6:.2g} us, RK4 agrees, beyond it stick rings")
 
 
-def maximum_falls(e: StableMotions) -> Measured:
+def maximum_falls(e: Evidence) -> Measured:
     parts = {f"{1.0 / r:g}": friction.peak(*law)[1] / r for r, law in _laws_of_fig_3().items()}
     del parts["1"]
     changes = list(parts.values())
     return Measured((max(changes) < 1.0 and changes == sorted(changes, reverse=True),), {"parts": parts})
 
 
-def slope_turns_negative(e: StableMotions) -> Measured:
+def slope_turns_negative(e: Evidence) -> Measured:
     v = np.linspace(1e-4, 1.0, 20001)
     lowest = {f"{1.0 / r:g}": float(friction.smoothed_and_slope(v, *law)[1].min())
               for r, law in _laws_of_fig_3().items()}
@@ -231,7 +409,7 @@ def slope_turns_negative(e: StableMotions) -> Measured:
                     {"lowest": lowest})
 
 
-def damping_crosses(e: StableMotions) -> Measured:
+def damping_crosses(e: Evidence) -> Measured:
     sweep = e.curves([with_kinetic(0.667)], DAMPED, damping=True)[0]
     printed, negative = sweep.column("equivalent_damping"), sweep.column("negative_slope_mean")
     changes, limit = np.flatnonzero(np.diff(e.periods(sweep)) != 0), -paper_system().driveline.damping
@@ -247,7 +425,7 @@ def damping_crosses(e: StableMotions) -> Measured:
     return Measured((bool(at["printed"]) and hit["printed"] == len(at["printed"]),), values, True)
 
 
-def other_readings(e: StableMotions) -> dict[str, list[float]]:
+def other_readings(e: Evidence) -> dict[str, list[float]]:
     """Return dT/dv averaged with other weights: none, |v|, and the square of the fluctuation; N m s/rad."""
     out: dict[str, list[float]] = {"no weight": [], "|v|": [], "(v - mean v)^2": [], "v^2 outside stick": []}
     for ratio in READ_AT:
@@ -261,7 +439,7 @@ def other_readings(e: StableMotions) -> dict[str, list[float]]:
     return out
 
 
-def damping_falls(e: StableMotions) -> Measured:
+def damping_falls(e: Evidence) -> Measured:
     sweeps, printed = e.curves(rows(4), DAMPED, damping=True), "(21) as printed"
     readings = {name: np.array([s.column(column) for s in sweeps]) for name, column in (
         (printed, "equivalent_damping"), ("time mean of the negative slope", "negative_slope_mean"))}
@@ -271,14 +449,14 @@ def damping_falls(e: StableMotions) -> Measured:
                     {"falls": falls, "medians": medians}, True)
 
 
-def balance_unsuitable(e: StableMotions) -> Measured:
+def balance_unsuitable(e: Evidence) -> Measured:
     off = {name: x if isinstance(x, str) else x["rms difference of the corrected series"]
            for name, x in series_balance(e).values.items()}
     failed = any(isinstance(x, str) or x > e.limit("alike") for x in off.values())
     return Measured((failed,), {"rms difference": off}, not failed)
 
 
-def series_balance(e: StableMotions) -> Measured:
+def series_balance(e: Evidence) -> Measured:
     values: dict[str, Any] = {}
     close, short = [], []
     for name, ratio in MISMATCHED.items():
@@ -304,7 +482,7 @@ def series_balance(e: StableMotions) -> Measured:
                     "Newton's method did not end, or the series is another motion")
 
 
-def fifty_suffice(e: StableMotions) -> Measured:
+def fifty_suffice(e: Evidence) -> Measured:
     def settled(sweep: Sweep) -> float:
         return float(np.mean([p is not None and p.summary is not None and p.summary.settled for p in sweep.points]))
 
@@ -315,7 +493,7 @@ def fifty_suffice(e: StableMotions) -> Measured:
                     f"{100.0 * (1.0 - min(parts)):.0f} % of the points of a curve have not settled by then")
 
 
-def curves_near_named(e: StableMotions, places: Sequence[Any], values: dict[str, Any],
+def curves_near_named(e: Evidence, places: Sequence[Any], values: dict[str, Any],
                       motions: Sequence[Motion] = ()) -> Measured:
     """Judge whether more curves have one of their places near each super-harmonic than near any ratio."""
     def count(x: float) -> int:
@@ -325,12 +503,12 @@ def curves_near_named(e: StableMotions, places: Sequence[Any], values: dict[str,
                               "near {} there are no more of them than near any ratio", motions)
 
 
-def jump_places(e: StableMotions, ratio: float) -> list[float]:
+def jump_places(e: Evidence, ratio: float) -> list[float]:
     """Return the ratios omega/omega_n of the jumps of the map of one mu_k/mu_s from (13)."""
     return [round(x, 4) for x, _ in e.jumps(with_kinetic(ratio), FINER)]
 
 
-def prominent_maxima(e: StableMotions, axis: Floats, values: Floats) -> list[float]:
+def prominent_maxima(e: Evidence, axis: Floats, values: Floats) -> list[float]:
     """Return the places of the local maxima that stand out on either side within five values."""
     least, reach = e.limit("prominent") * float(np.nanmax(values)), 5
     return [float(axis[k]) for k in range(1, len(values) - 1)
@@ -339,21 +517,21 @@ def prominent_maxima(e: StableMotions, axis: Floats, values: Floats) -> list[flo
             and values[k] - np.nanmin(values[k + 1:k + reach + 1]) > least]
 
 
-def peaks_of(e: StableMotions, way: str = "cold") -> dict[str, list[float]]:
+def peaks_of(e: Evidence, way: str = "cold") -> dict[str, list[float]]:
     """Return the prominent maxima of Fig. 4 for every mu_k/mu_s, omega/omega_n."""
     return {f"{r:g}": prominent_maxima(e, FINER, values)
-            for r, values in zip(rules.FRICTION_RATIOS, figure_curves(e, 4, way=way).maxima)}
+            for r, values in zip(FRICTION_RATIOS, figure_curves(e, 4, way=way).maxima)}
 
 
-def super_harmonic_peaks(e: StableMotions) -> Measured:
+def super_harmonic_peaks(e: Evidence) -> Measured:
     peaks = [peaks_of(e, way) for way in WAYS]
     return curves_near_named(e, [peak[f"{r:g}"] for peak in peaks for r in FALLING], {"peaks": peaks})
 
 
-def super_harmonic_jumps(e: StableMotions) -> Measured:
+def super_harmonic_jumps(e: Evidence) -> Measured:
     both, left, motions = list[list[float]](), list[float](), list[Motion]()
     # Sweeps over so wide a range reach the motions that end there.
-    axes = [about(mark, rules.WIDE, 21) for mark in NAMED.values()]
+    axes = [about(mark, WIDE, 21) for mark in NAMED.values()]
     for r, row in FALLING.items():
         ends = [end for axis in axes for end in e.jump_ends(row, axis)]
         for way in WAYS:
@@ -370,7 +548,7 @@ def super_harmonic_jumps(e: StableMotions) -> Measured:
         "jumps from (13)": {f"{r:g}": jump_places(e, r) for r in FALLING}}, motions)
 
 
-def peaks_move(e: StableMotions) -> Measured:
+def peaks_move(e: Evidence) -> Measured:
     peaks = peaks_of(e)
     chains = [[x] for x in peaks["1"] if x > 0.15]
     for r in FALLING:
@@ -382,7 +560,7 @@ def peaks_move(e: StableMotions) -> Measured:
                     "" if all(rising) else f"{sum(rising)} of {counted(len(chains), 'peak')} shift up")
 
 
-def lost_at_peaks(e: StableMotions) -> Measured:
+def lost_at_peaks(e: Evidence) -> Measured:
     peaks, close = peaks_of(e), e.limit("close")
     near, covered = list[bool](), list[float]()
     for r in FALLING:
@@ -394,20 +572,20 @@ def lost_at_peaks(e: StableMotions) -> Measured:
                     0.75 > share > max(covered))
 
 
-def jump_doubles_period(e: StableMotions) -> Measured:
+def jump_doubles_period(e: Evidence) -> Measured:
     periods = {f"{x:.4f}": [m.period for m in e.motions_near(with_kinetic(0.83), x, -2e-3, 2e-3)]
                for x in jump_places(e, 0.83) if abs(x - 0.20) <= e.limit("near")}
     return Measured(([1, 2] in periods.values(),), {"periods around": periods})
 
 
-def new_peaks(e: StableMotions) -> Measured:
+def new_peaks(e: Evidence) -> Measured:
     counts = [[len(prominent_maxima(e, AXIS[LOW], row[LOW])) for row in figure_curves(e, n).maxima] for n in (8, 14)]
     fewer = [name for name, a, b in zip(("0", "pi/2", "pi"), *counts) if b <= a]
     return Measured((not fewer, len(fewer) < 3), {"peaks": counts},
                     f"psi = {', '.join(fewer)} has no more peaks" if fewer else "")
 
 
-def jump_to_chaos(e: StableMotions) -> Measured:
+def jump_to_chaos(e: Evidence) -> Measured:
     row, near, jump = rows(14)[0], about(0.35), e.limit("jump")
     ends = [x for x in e.jump_ends(row, near) if abs(x - 0.35) <= e.limit("near")]
     rises = [float(0.5 * (AXIS[k] + AXIS[k + 1])) for k in steep(e.maxima([row], AXIS)[0], jump)]
@@ -425,8 +603,8 @@ def jump_to_chaos(e: StableMotions) -> Measured:
     return Measured((whole, part), values, not ends, e.motions("psi = 0", row, near))
 
 
-def severity_follows_abruptness(e: StableMotions) -> Measured:
-    jumps = [(abs(size), e.motions_near(row, x, -rules.PARTED, rules.PARTED))
+def severity_follows_abruptness(e: Evidence) -> Measured:
+    jumps = [(abs(size), e.motions_near(row, x, -PARTED, PARTED))
              for _, row, x, size in figure_curves(e, 14).jumps()]
     severity = [max(APERIODIC if m.period == 0 else float(m.period) for m in motions) for _, motions in jumps]
     sizes, largest = [size for size, _ in jumps], [max(m.largest for m in motions) for _, motions in jumps]
@@ -436,7 +614,7 @@ def severity_follows_abruptness(e: StableMotions) -> Measured:
                     {"jumps": len(severity), "abrupt": abrupt, "large": large}, abrupt <= LINKED)
 
 
-def phase_pi_is_smooth(e: StableMotions) -> Measured:
+def phase_pi_is_smooth(e: Evidence) -> Measured:
     curve = figure_curves(e, 14, [2])
     row, = curve.rows.values()
     periods, jumps = curve.periods[0], [x for _, _, x, _ in curve.jumps()]
@@ -449,19 +627,19 @@ def phase_pi_is_smooth(e: StableMotions) -> Measured:
                      "met": [[end.kind, end.value] for end in met]}, not smooth, motions)
 
 
-def half_frequency_jumps(e: StableMotions) -> Measured:
+def half_frequency_jumps(e: Evidence) -> Measured:
     counts = [len(steep(values, e.limit("jump"))) for values in figure_curves(e, 16).maxima]
     return Measured((counts[0] > max(counts[1:]), counts[0] > min(counts[1:])), {"changes": counts})
 
 
-def amplitude_enlarges_jumps(e: StableMotions) -> Measured:
+def amplitude_enlarges_jumps(e: Evidence) -> Measured:
     jumps = [max((abs(size) for x, size in e.jumps(row, AXIS)
                   if any(abs(x - mark) <= 2.0 * e.limit("near") for mark in HIGHER_JUMPS.values())), default=0.0)
              for row in rows(18)]
     return Measured((grow(jumps), jumps[-1] > jumps[0]), {"jumps": jumps}, jumps[-1] < jumps[0])
 
 
-def amplitude_jumps(e: StableMotions) -> Measured:
+def amplitude_jumps(e: Evidence) -> Measured:
     curves = {f"Tsp/Tsm = {x:g}": row for x, row in zip((0.25, 0.5), rows(18)[2:])}
     jumps, motions = dict[str, list[float]](), list[Motion]()
     for name, mark in HIGHER_JUMPS.items():
@@ -472,7 +650,7 @@ def amplitude_jumps(e: StableMotions) -> Measured:
     return Measured([(bool(places), True) for places in jumps.values()], {"ends": jumps}, motions=motions)
 
 
-def actuation_periods(e: StableMotions) -> Measured:
+def actuation_periods(e: Evidence) -> Measured:
     single = {f"{r:.3f}": e.motion(actuated(r)).period for r in MISMATCHED.values()}
     along = slipping_periods(e, (10, 11))
     return Measured([*((p, denominator(actuated(r))) for p, r in zip(single.values(), MISMATCHED.values())),
@@ -480,12 +658,12 @@ def actuation_periods(e: StableMotions) -> Measured:
                     {"at 150 rad/s": single, "along": {name: period for name, (_, period) in along.items()}})
 
 
-def period_is_denominator(e: StableMotions) -> Measured:
+def period_is_denominator(e: Evidence) -> Measured:
     periods = {f"{m}/{n}": e.motion(actuated(m / n)).period for m, n in COPRIME}
     return Measured([(periods[f"{m}/{n}"], n) for m, n in COPRIME], {"periods": periods})
 
 
-def as_dual_excitation(e: StableMotions) -> Measured:
+def as_dual_excitation(e: Evidence) -> Measured:
     pairs = {}
     for name, ratio in MISMATCHED.items():
         varying, n = e.motion(actuated(ratio)).period, denominator(actuated(ratio))
@@ -501,27 +679,27 @@ def as_dual_excitation(e: StableMotions) -> Measured:
     return Measured(list(pairs.values()), pairs)
 
 
-def proof_is_whole(e: StableMotions) -> Measured:
+def proof_is_whole(e: Evidence) -> Measured:
     falling, same = ({name: [p for p in periods if p > n and p % n == 0]
                       for name, (n, periods) in slipping_periods(e, numbers).items()}
                      for numbers in ((16, 17), (10, 11)))
     return Measured((not any(falling.values()), not any(same.values())), {"falling": falling, "same": same}, True)
 
 
-def slope_is_the_cause(e: StableMotions) -> Measured:
+def slope_is_the_cause(e: Evidence) -> Measured:
     parts = {str(n): figure_curves(e, n).off_period() for n in (8, 10, 11, 13, 14, 15, 16, 17, 18)}
     same, falling = ([x for n, periods in parts.items() for x in periods
                       if (rows(int(n))[0][KINETIC] == STATIC) is constant] for constant in (True, False))
     return Measured((max(same) == 0.0 and min(falling) >= 0.1, max(same) < min(falling)), {"off": parts})
 
 
-def _long_runs(e: StableMotions) -> dict[float, Any]:
+def _long_runs(e: Evidence) -> dict[float, Any]:
     """Return the last 64 of 650 cycles from (13) for 0.75 mu_s, by frequency ratio in steps of 0.009."""
     return {float(x): e.run(e.system(with_kinetic(0.75, {FREQUENCY: float(x) * OMEGA_N})),
                                    650).solved_cycles for x in FINER[::3]}
 
 
-def shows_in_both(e: StableMotions) -> Measured:
+def shows_in_both(e: Evidence) -> Measured:
     periods = {x: [repeats(series[-64:]) for series in (cycles.section[:, 1], cycles.highest)]
                for x, cycles in _long_runs(e).items()}
     apart = [[x, *pair] for x, pair in periods.items() if pair[0] != pair[1]]
@@ -529,7 +707,7 @@ def shows_in_both(e: StableMotions) -> Measured:
     return Measured([share], {"part": share, "apart": apart})
 
 
-def section_varies_less(e: StableMotions) -> Measured:
+def section_varies_less(e: Evidence) -> Measured:
     sections = [cycles.section[-64:] for cycles in _long_runs(e).values()]
     variation = np.array([s.std(axis=0) / np.abs(s).mean(axis=0) for s in sections if repeats(s[:, 1]) != 1])
     share = float((variation[:, 1] < variation[:, 0]).mean()) if len(variation) else 1.0
@@ -537,7 +715,7 @@ def section_varies_less(e: StableMotions) -> Measured:
     return Measured([share], {"ratios": len(variation), "share": share, "median": median}, share != 1.0)
 
 
-def doubling_to_chaos(e: StableMotions) -> Measured:
+def doubling_to_chaos(e: Evidence) -> Measured:
     places = [x for x in jump_places(e, 0.83) if abs(x - 0.20) <= e.limit("near")]
     place = (places[0] if places else 0.20) + 2e-3
     row = {FREQUENCY: place * OMEGA_N}
@@ -555,23 +733,23 @@ def doubling_to_chaos(e: StableMotions) -> Measured:
                     {"omega/omega_n": place, "period": int(periods[-1]), "none": none.tolist(), "found": diagnoses})
 
 
-def _periods_of_6(e: StableMotions, way: str) -> Any:
+def _periods_of_6(e: Evidence, way: str) -> Any:
     """Return (n,) periods of a sweep of Fig. 6 over RATIOS."""
     return e.periods(e.curves([AT_036], RATIOS, over=KINETIC, direction=way)[0])
 
 
-def _highest(e: StableMotions, period: int, below: float) -> list[float | None]:
+def _highest(e: Evidence, period: int, below: float) -> list[float | None]:
     """Return the highest mu_k/mu_s up to `below` with a period in Fig. 6, for each of WAYS."""
     return [max((float(x) for x in RATIOS[(_periods_of_6(e, way) == period) & (below >= RATIOS)]),
                 default=None) for way in WAYS]
 
 
-def period_one_near_unity(e: StableMotions) -> Measured:
+def period_one_near_unity(e: Evidence) -> Measured:
     near = _periods_of_6(e, "cold")[RATIOS >= 0.94]
     return Measured((bool((near == 1).all()),), {"periods": np.unique(near).tolist()})
 
 
-def period_two_from(e: StableMotions) -> Measured:
+def period_two_from(e: Evidence) -> Measured:
     ends = _highest(e, 2, 1.0)
     born = [s.high.value for s in e.stretches([AT_036], RATIOS, over=KINETIC)[0] if s.period == 2 and s.high.jumps]
     limit, falling = e.limit("near"), ends[WAYS.index("down")]
@@ -580,7 +758,7 @@ def period_two_from(e: StableMotions) -> Measured:
                     near, e.motions("", AT_036, RATIOS, over=KINETIC))
 
 
-def aperiodic_from(e: StableMotions) -> Measured:
+def aperiodic_from(e: Evidence) -> Measured:
     highest = _highest(e, 0, 0.78)
     none = {float(x) for way in WAYS for x in RATIOS[_periods_of_6(e, way) == 0]}
     end = covered_down_to(e.stretches([AT_036], RATIOS, over=KINETIC)[0], 1.0)
@@ -589,7 +767,7 @@ def aperiodic_from(e: StableMotions) -> Measured:
     return Measured((abs(end - 0.7) <= 0.05 and below, near), {"end": end, "highest": highest}, True)
 
 
-def three_motions(e: StableMotions) -> Measured:
+def three_motions(e: Evidence) -> Measured:
     periods = {f"{r:g}": e.motion(with_kinetic(r, AT_036)).period for r in (0.94, 0.74, 0.64)}
     exponent = e.exponent(with_kinetic(0.64, AT_036), CYCLES, SECTION_CYCLES)  # As Fig. 7 shows it.
     same = list(periods.values()) == [1, 2, 0]
@@ -598,7 +776,7 @@ def three_motions(e: StableMotions) -> Measured:
                     {"periods": periods, "exponent": words, "diagnosis": exponent.diagnosis})
 
 
-def more_with_steeper_law(e: StableMotions) -> Measured:
+def more_with_steeper_law(e: Evidence) -> Measured:
     figures = {str(n): figure_curves(e, n) for n in (14, 15)}
     parts = {n: curves.parts(curves.periods == 0) for n, curves in figures.items()}
     changes = {n: (np.diff(curves.periods) != 0).sum(axis=1).tolist() for n, curves in figures.items()}
@@ -606,7 +784,7 @@ def more_with_steeper_law(e: StableMotions) -> Measured:
     return Measured((more and sum(changes["15"]) > sum(changes["14"]), more), {"parts": parts, "changes": changes})
 
 
-def half_frequency_aperiodic(e: StableMotions) -> Measured:
+def half_frequency_aperiodic(e: Evidence) -> Measured:
     cold, *others = (figure_curves(e, 16, [0], way) for way in WAYS)
     (row,), (slipping,) = cold.rows.values(), cold.slips
     none = [curve.periods[0] == 0 for curve in (cold, *others)]
@@ -616,20 +794,20 @@ def half_frequency_aperiodic(e: StableMotions) -> Measured:
                      "periodic": share_where(e.periodic_at(row, AXIS), slipping)}, max(parts) < e.most)
 
 
-def amplitude_aperiodic(e: StableMotions) -> Measured:
+def amplitude_aperiodic(e: Evidence) -> Measured:
     none = (figure_curves(e, 18, [2, 3]).periods == 0).any(axis=0)
     return more_than_anywhere(lambda x: float(none[np.abs(AXIS - x) <= e.limit("near") + 1e-9].mean()),
                               HIGHER_JUMPS, "part without a period near", {},
                               "such motions are as frequent at other ratios")
 
 
-def stick_interval(e: StableMotions, number: int, law: str) -> list[float]:
+def stick_interval(e: Evidence, number: int, law: str) -> list[float]:
     """Return the lowest ratio with lasting slip from (13) for psi = 0, and the highest ratio with pure stick."""
     slips = e.slips(e.curves([{**rows(number)[0], "friction.law": law}], STICKING)[0])
     return [float(STICKING[slips].min(initial=math.inf)), float(STICKING[~slips].max(initial=-math.inf))]
 
 
-def stick_below(e: StableMotions, number: int, place: float) -> Measured:
+def stick_below(e: Evidence, number: int, place: float) -> Measured:
     """Judge the end of stick for psi = 0 against the ratio in the text; between two ratios are both motions."""
     intervals = {law: stick_interval(e, number, law) for law in LAWS}
     lower = closed_forms.stick_limits(e.system(rows(number)[0]), 0.02 * OMEGA_N, 0.29 * OMEGA_N, 60).lower
@@ -638,12 +816,12 @@ def stick_below(e: StableMotions, number: int, place: float) -> Measured:
                     {**intervals, "lower": None if lower is None else lower / OMEGA_N}, True)
 
 
-def earlier_onset(e: StableMotions) -> Measured:
+def earlier_onset(e: Evidence) -> Measured:
     onsets = {law: [stick_interval(e, n, law)[0] for n in (8, 14)] for law in LAWS}
     return Measured([(falling < equal, True) for equal, falling in onsets.values()], onsets, True)
 
 
-def amplitude_makes_stick(e: StableMotions) -> Measured:
+def amplitude_makes_stick(e: Evidence) -> Measured:
     curves, low = figure_curves(e, 18), AXIS <= 0.12
     stuck = [share_where(~slips, low) for slips in curves.slips]
     wild = [share_where(periods == 0, low) for periods in curves.periods]
@@ -651,27 +829,27 @@ def amplitude_makes_stick(e: StableMotions) -> Measured:
     return Measured((grows and max(wild[:2]) > 0.0, stuck[-1] > stuck[0]), {"stuck": stuck, "wild": wild})
 
 
-def last_slips(e: StableMotions, law: str) -> dict[str, float]:
+def last_slips(e: Evidence, law: str) -> dict[str, float]:
     """Return the highest slipping ratio from (13) for every mu_k/mu_s."""
     upper = np.round(np.concatenate([np.arange(0.38, 0.48, 0.002), np.arange(0.48, 0.7, 0.005)]), 6)
     sweeps = e.curves([{**row, "friction.law": law} for row in rows(4)], upper)
     return {f"{r:g}": float((s.values[~sticks(s)] / OMEGA_N).max(initial=0.0)) for r, s in zip(FRICTION_RATIOS, sweeps)}
 
 
-def stick_transition(e: StableMotions) -> Measured:
+def stick_transition(e: Evidence) -> Measured:
     slips = last_slips(e, "smoothed")
     return Measured((abs(slips["1"] - 0.4) <= e.limit("near") and len(set(slips.values())) == len(slips),),
                     {"last": slips})
 
 
-def transition_by_smoothing(e: StableMotions) -> Measured:
+def transition_by_smoothing(e: Evidence) -> Measured:
     values = {law: last_slips(e, law) for law in LAWS}
     smoothed, exact = (abs(row["0.667"] - row["1"]) for row in values.values())
     limit = closed_forms.constant_load_limits(e.system({}))[-1] / OMEGA_N
     return Measured((exact < 0.5 * smoothed,), {"last": values, "limit": limit}, exact >= 0.5 * smoothed)
 
 
-def _slip_from_stick(e: StableMotions, row: Values, ratio: float, law: str) -> float:
+def _slip_from_stick(e: Evidence, row: Values, ratio: float, law: str) -> float:
     """Return the largest slip speed of 20 cycles from the state (8a) of stick at t = 0, rad/s."""
     system = e.system({**row, FREQUENCY: ratio * OMEGA_N, "friction.law": "set_valued"})
     angle = closed_forms.plate_angle(system)
@@ -682,7 +860,7 @@ def _slip_from_stick(e: StableMotions, row: Values, ratio: float, law: str) -> f
     return float(solve(stuck, cycles=20).solved_cycles.largest.max())
 
 
-def end_of_stick(e: StableMotions, row: Values, low: float, high: float) -> float | None:
+def end_of_stick(e: Evidence, row: Values, low: float, high: float) -> float | None:
     """Return omega/omega_n at which a motion from stick slips within 20 cycles; None if both ends are alike."""
     def slips(ratio: float) -> bool:
         return _slip_from_stick(e, row, ratio, "set_valued") > SLIPS
@@ -690,7 +868,7 @@ def end_of_stick(e: StableMotions, row: Values, low: float, high: float) -> floa
     return place_of_change(slips, low, high, 14) if slips(low) != slips(high) else None
 
 
-def stick_ends(e: StableMotions, loads: str) -> Measured:
+def stick_ends(e: Evidence, loads: str) -> Measured:
     """Compare limits of stick by (10) with those of motions that start in stick; `loads`: under varying load."""
     pairs = {}
     for name, row in STICKY.items():
@@ -704,14 +882,14 @@ def stick_ends(e: StableMotions, loads: str) -> Measured:
     return Measured(list(pairs.values()), {name: [limit, found] for name, (found, limit) in pairs.items()}, True)
 
 
-def smoothed_stick_creeps(e: StableMotions) -> Measured:
+def smoothed_stick_creeps(e: Evidence) -> Measured:
     ratio = closed_forms.constant_load_limits(e.system({}))[-1] / OMEGA_N + 0.02
     slips = {law: _slip_from_stick(e, {}, ratio, law) for law in LAWS}
     return Measured((slips["smoothed"] > SLIPS > slips["set_valued"],),
                     {"omega/omega_n": ratio, "largest": {law: two_digits(x) for law, x in slips.items()}})
 
 
-def positive_trend_slips(e: StableMotions) -> Measured:
+def positive_trend_slips(e: Evidence) -> Measured:
     values, slipping = dict[str, Any](), []
     for name, speed in (("from (13)", 150.0), ("from rest", 0.0)):
         last = e.run(e.system({**GROWING, "initial.slip_speed": speed}), 2000).solved_cycles[-50:]
@@ -720,7 +898,7 @@ def positive_trend_slips(e: StableMotions) -> Measured:
     return Measured((all(slipping),), values, True)
 
 
-def pure_slip_guaranteed(e: StableMotions) -> Measured:
+def pure_slip_guaranteed(e: Evidence) -> Measured:
     system = paper_system(PURE_SLIP)
     motion = closed_forms.pure_slip(system)
     run = e.run(system, 60, samples=200)
@@ -735,29 +913,29 @@ def pure_slip_guaranteed(e: StableMotions) -> Measured:
                     f"(16), (18) leave out the transient: below Omega_e = {slowest:.3g} rad/s it ends the slip")
 
 
-def slope_exaggerates(e: StableMotions) -> Measured:
+def slope_exaggerates(e: Evidence) -> Measured:
     curves = figure_curves(e, 4)
     mean = curves.means(curves.maxima[0] > e.limit("slipping"))
     return Measured((grow(mean),), {"mean": mean, "largest": curves.maxima.max(axis=1).tolist()})
 
 
-def slope_exaggerates_varying(e: StableMotions) -> Measured:
+def slope_exaggerates_varying(e: Evidence) -> Measured:
     means = [figure_curves(e, n).means(LOW) for n in (8, 14)]
     return Measured((all(map(grow, zip(*means))),), {"mean": means})
 
 
-def phase_pi_is_worst(e: StableMotions) -> Measured:
+def phase_pi_is_worst(e: Evidence) -> Measured:
     means = {str(n): figure_curves(e, n).means(LOW) for n in (14, 15)}
     worst = [row[2] == max(row) for row in means.values()]
     return Measured((all(worst), any(worst)), {"mean": means})
 
 
-def amplitude_enlarges_slip(e: StableMotions) -> Measured:
+def amplitude_enlarges_slip(e: Evidence) -> Measured:
     means = figure_curves(e, 18).means(HIGH)
     return Measured((grow(means), means[-1] > means[0]), {"mean": means})
 
 
-def phase_reversed(e: StableMotions) -> Measured:
+def phase_reversed(e: Evidence) -> Measured:
     parts, motions = dict[str, Sequence[float]](), list[Motion]()
     figures = {str(n): figure_curves(e, n) for n in (14, 15)}
     for n, curves in figures.items():
@@ -772,13 +950,13 @@ def phase_reversed(e: StableMotions) -> Measured:
                     not always, motions)
 
 
-def delay(e: StableMotions) -> Measured:
+def delay(e: Evidence) -> Measured:
     delays = {plain(s.label): first_half(e.last_cycles(s.values, 2, 2000)) for s in FIGURES[9].series}
     parts = list(delays.values())
     return Measured((min(parts[:2]) > 0.8 and max(parts[2:]) < 0.2,), {"part in the first half": delays})
 
 
-def _against_constant(e: StableMotions, where: Any, sign: float) -> tuple[dict[str, float], dict[str, float]]:
+def _against_constant(e: Evidence, where: Any, sign: float) -> tuple[dict[str, float], dict[str, float]]:
     """Return the parts of the slipping ratios at which curves of Figs. 10, 11 are below that of Tsp = 0, by
     frequency, and at which omega_f = omega is the lowest of its figure; sign -1: above, and the highest.
     """
@@ -791,12 +969,12 @@ def _against_constant(e: StableMotions, where: Any, sign: float) -> tuple[dict[s
             str(n): curves.best(1, where, sign) for n, curves in zip((10, 11), figures)}
 
 
-def actuation_attenuates(e: StableMotions) -> Measured:
+def actuation_attenuates(e: Evidence) -> Measured:
     below, parts = _against_constant(e, LOW, 1.0)
     return Measured([*parts.values(), below["1.000"]], {"lowest": parts, "below": below})
 
 
-def actuation_reversed(e: StableMotions) -> Measured:
+def actuation_reversed(e: Evidence) -> Measured:
     over, parts = _against_constant(e, HIGH, -1.0)
     different = {f"{row['pressure.frequency_ratio']:.3f}": row for n in (10, 11) for row in rows(n)}
     e.stretches(list(different.values()), AXIS[HIGH])
@@ -808,7 +986,7 @@ def actuation_reversed(e: StableMotions) -> Measured:
                     motions)
 
 
-def mismatch_with_falling_law(e: StableMotions) -> Measured:
+def mismatch_with_falling_law(e: Evidence) -> Measured:
     same, falling = (figure_curves(e, n) for n in (11, 17))
     parts = {"11": same.off_period(), "17": falling.off_period()}
     lowest, beaten = falling.best(1, LOW), falling.exceptions(1, LOW)
@@ -817,7 +995,7 @@ def mismatch_with_falling_law(e: StableMotions) -> Measured:
                     {"off": parts, "lowest": lowest, "not at": beaten}, bool(beaten))
 
 
-def critical_frequency(e: StableMotions) -> Measured:
+def critical_frequency(e: Evidence) -> Measured:
     pairs = {}
     for name, inertia in INERTIAS.items():
         system = paper_system(inertia)
@@ -827,7 +1005,7 @@ def critical_frequency(e: StableMotions) -> Measured:
     return Measured(list(pairs.values()), {name: list(pair) for name, pair in pairs.items()})
 
 
-def crossing(e: StableMotions, inertia: Values, omega_n: float, place: float) -> float | None:
+def crossing(e: Evidence, inertia: Values, omega_n: float, place: float) -> float | None:
     """Return where the maxima of psi = 0 and pi cross within 0.03 of a ratio, to 1e-5; None if they do not."""
     def apart(ratio: float) -> float:
         first, last = (e.motion({**row, **inertia, FREQUENCY: ratio * omega_n}).largest for row in rows(8)[::2])
@@ -839,3 +1017,14 @@ def crossing(e: StableMotions, inertia: Values, omega_n: float, place: float) ->
     if not len(turns):
         return None
     return place_of_change(lambda x: apart(x) > 0.0, float(axis[turns[0]]), float(axis[turns[0] + 1]), 9)
+
+
+def highest_shares(curves: Sequence[Sequence[Sequence[float]]], where: Any, negligible: float = 0.05,
+                   slipping: float = 0.1) -> tuple[float, float]:
+    """Return the fractions of the slipping places at which the first curve is the highest, for every choice of a motion
+    on each curve and for some choice, from the largest slip speeds of all stable motions, per curve and place, rad/s.
+    """
+    every, some, moving = np.array([
+        (min(first) >= max(map(max, others)) - negligible, max(first) >= max(map(min, others)) - negligible,
+         max(map(max, (first, *others))) > slipping) for first, *others in zip(*curves)], dtype=bool).T
+    return share_where(every, where & moving), share_where(some, where & moving)

@@ -13,10 +13,9 @@ from tcc_sim.analysis.steady.exponents import Lyapunov
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.model.parameters import System
 from tcc_sim.study.continuation.diagram import SegmentEnd, StableSegment
-from tcc_sim.study.paper.branches_behind import StableMotions
 from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.study.paper.claims import CLAIMS
-from tcc_sim.study.paper.evidence import ColdStartMotion
+from tcc_sim.study.paper.evidence import ColdStartMotion, Evidence
 from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
@@ -35,7 +34,7 @@ def record(slip: float = 10.0, period: int = 1, regime: str = "stick-slip", *, s
                  Damping(equivalent_damping, negative_slope_mean, -0.6), None, Start(State(0.0, 0.0, 0.0), 150))
 
 
-class Given(StableMotions):
+class Given(Evidence):
     """Evidence by hand: a record per row, ratio and direction, and jumps and stable stretches per row."""
 
     def __init__(self, at: Callable[..., Point] = lambda row, x, direction: record(),

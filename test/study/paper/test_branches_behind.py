@@ -14,9 +14,9 @@ from independent import multipliers, smoothed_states
 from tcc_sim.result import json_of
 from tcc_sim.solvers import solve
 from tcc_sim.study.paper import branches_behind
-from tcc_sim.study.paper.branches_behind import HIGHEST, LOWEST, StableMotions, motions_behind, seen_in, still_higher
+from tcc_sim.study.paper.branches_behind import motions_behind, seen_in, still_higher
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, paper_system
-from tcc_sim.study.paper.evidence import KINETIC, with_kinetic
+from tcc_sim.study.paper.evidence import HIGHEST, KINETIC, LOWEST, Evidence, with_kinetic
 from tcc_sim.study.paper.measures import AT_036
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, sweep_curves
 
@@ -57,7 +57,7 @@ def test_motions_that_settle_slowly_lie_on_their_branch_and_their_jump_is_the_do
 
 
 def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
-    evidence = StableMotions(1e-9, 1)
+    evidence = Evidence(1e-9, 1)
     (result,) = evidence.stretches([AT_036], AXIS, over=KINETIC)
     one, two = sorted(result, key=lambda s: s.period)
     assert (one.low.kind, one.high.kind, one.low.value, one.high.value) == (None, None, pytest.approx(0.865),
@@ -74,12 +74,12 @@ def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
     json.dumps(json_of([first, second]), allow_nan=False)
     assert evidence.jump_ends(AT_036, AXIS, over=KINETIC) == [two.high.value]
     assert len(evidence.known) == 1
-    again = StableMotions(1e-11, 1, known=evidence.known)
+    again = Evidence(1e-11, 1, known=evidence.known)
     assert again.stretches([AT_036], AXIS, over=KINETIC)[0] is result
 
 
 def test_both_attractors_of_fig_2_and_a_stable_orbit_at_a_ratio() -> None:
-    evidence = StableMotions(1e-9, 1)
+    evidence = Evidence(1e-9, 1)
     ratios = np.array([0.45, 0.46])
     assert evidence.periodic_at({}, ratios).tolist() == [True, True]  # mu_k = mu_s: pure stick above 0.412, by (10).
     assert evidence.attractors({"engine.frequency": 0.45 * 387.3}) == [(1, pytest.approx(0.0, abs=0.1))]
@@ -93,7 +93,7 @@ def test_attractors_are_looked_for_from_all_about_the_motion_of_fig_2() -> None:
 
 def test_the_jump_near_033_is_found_from_beyond_it() -> None:
     """Period two of 0.75 mu_s: (13) leads to it at 0.358, SciPy follows it down and loses it by 0.340."""
-    evidence, row = StableMotions(1e-9, 1), with_kinetic(0.75)
+    evidence, row = Evidence(1e-9, 1), with_kinetic(0.75)
     axis = np.linspace(0.334, 0.364, 6)
     (motion,) = [m for m in evidence.motions("", row, axis) if m.stretch.period == 2 and m.stretch.low.jumps]
     assert motion.stretch.low.kind == "fold"

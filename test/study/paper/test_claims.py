@@ -23,10 +23,10 @@ from tcc_sim.cli import main
 from tcc_sim.output.tables import escape
 from tcc_sim.result import json_of
 from tcc_sim.study.paper import claims, measures
-from tcc_sim.study.paper.branches_behind import StableMotions
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system
-from tcc_sim.study.paper.evidence import FAILED, RUNAWAY
-from tcc_sim.study.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, Measured, holds, shares
+from tcc_sim.study.paper.claims import CONFIRMED, DEPENDS, NOT_CONFIRMED, Claim, Finding, holds, shares
+from tcc_sim.study.paper.evidence import FAILED, RUNAWAY, Evidence
+from tcc_sim.study.paper.measures import Measured
 
 PAGE = Path(__file__).resolve().parents[3] / ".github" / "paper" / "claims.md"
 
@@ -37,12 +37,12 @@ def gain(omega: float) -> complex:
 
 
 @pytest.fixture(scope="module")
-def evidence() -> StableMotions:
-    return StableMotions(1e-9, 1)
+def evidence() -> Evidence:
+    return Evidence(1e-9, 1)
 
 
 @pytest.fixture(scope="module")
-def cheap(evidence: StableMotions) -> dict[str, Finding]:
+def cheap(evidence: Evidence) -> dict[str, Finding]:
     """Claims that take less than a second each."""
     return {row.name: row(evidence) for row in claims.CLAIMS if row.cheap}
 
@@ -60,7 +60,7 @@ def test_limits_of_stick_are_those_of_the_closed_form(cheap: dict[str, Finding])
         loads = [540.0 * (1.0 + 0.25 * np.sin(t + psi)) for psi in (0.0, 0.5 * np.pi, np.pi)]
         assert min(abs((load - np.abs(torque)).min()) for load in loads) < 0.05
     assert {cheap[name].verdict for name in ("limits_of_stick", "stick_limits_varying")} == {CONFIRMED}
-    assert measures.end_of_stick(StableMotions(1e-9, 1), {}, 0.45, 0.49) is None
+    assert measures.end_of_stick(Evidence(1e-9, 1), {}, 0.45, 0.49) is None
 
 
 def test_the_law_of_figure_3_is_judged_by_its_own_maxima(cheap: dict[str, Finding]) -> None:
@@ -95,7 +95,7 @@ def test_creep_and_slip_of_stick_and_of_positive_trend(cheap: dict[str, Finding]
     ("discontinuous_is_slow", NOT_CONFIRMED, [False]), ("classical_differs", DEPENDS, []),
     ("delay", CONFIRMED, [1.0, None, None, 0.0]), ("section_varies_less", NOT_CONFIRMED, [])])
 def test_a_claim_has_the_numbers_of_the_text_or_of_an_independent_program(
-        name: str, verdict: str, numbers: list[Any], evidence: StableMotions) -> None:
+        name: str, verdict: str, numbers: list[Any], evidence: Evidence) -> None:
     """Periods by (35), motions of Figs. 2 and 7 by SciPy, the mean torque that balances Tm, the halves of Fig. 9."""
     result = rows[name](evidence)
     assert result.verdict == verdict
@@ -112,7 +112,7 @@ def test_a_difference_over_a_cycle_is_that_of_an_independent_solution() -> None:
 
 def test_crossings_are_those_of_28() -> None:
     """(28) by hand for the base case; SciPy's maxima of psi = 0 and pi are on either side of the crossing."""
-    crossing = measures.crossing(StableMotions(1e-9, 1), {}, OMEGA_N, (0.02 / 0.22) ** 0.5)
+    crossing = measures.crossing(Evidence(1e-9, 1), {}, OMEGA_N, (0.02 / 0.22) ** 0.5)
     assert crossing == pytest.approx(0.3016, abs=2e-4)
     apart = []
     for ratio in (crossing - 4e-3, crossing + 4e-3):
@@ -126,7 +126,7 @@ def test_crossings_are_those_of_28() -> None:
     assert apart[0] < 0.0 < apart[1]
 
 
-def test_a_motion_that_has_not_settled_goes_on(evidence: StableMotions) -> None:
+def test_a_motion_that_has_not_settled_goes_on(evidence: Evidence) -> None:
     """Law (6) in Fig. 2: no period after 150 cycles from (13), period two with 63.742 rad/s once it has settled."""
     row = {**FIGURES[2].series[0].values, "friction.law": "set_valued"}
     sweep = evidence.curves([row], np.array([150.0 / OMEGA_N]))[0]
@@ -148,7 +148,7 @@ def test_stick_slip_runaway_and_failure_are_apart() -> None:
 @pytest.mark.parametrize("pressure", [200e3, 225e3, 260e3])
 def test_a_row_has_the_mean_pressure_that_is_judged(pressure: float) -> None:
     """Tsp/Tsm is unchanged, and a row with a pressure of its own keeps it."""
-    kept = StableMotions(1e-9, 1, pressure=pressure)
+    kept = Evidence(1e-9, 1, pressure=pressure)
     swinging = kept.system({"pressure.amplitude": 0.25 * 225e3}).pressure
     assert (swinging.mean, swinging.amplitude / swinging.mean) == (pressure, pytest.approx(0.25))
     assert kept.system({"pressure.mean": 125e3}).pressure.mean == 125e3
@@ -175,7 +175,7 @@ def test_a_run_goes_on_from_the_judged_claims(tmp_path: Path) -> None:
     """A claim is confirmed at one pressure and not at another; stored verdicts are not computed again."""
     worked = []
 
-    def measure(evidence: StableMotions) -> Measured:
+    def measure(evidence: Evidence) -> Measured:
         worked.append((evidence.pressure, evidence.rtol))
         return Measured((evidence.pressure < 235e3,), {"x": 1.5}, "why")
 

@@ -20,7 +20,7 @@ from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.closed_forms import stick_margin
 from tcc_sim.model.parameters import System
-from tcc_sim.study.paper import rules
+from tcc_sim.study.paper import measures
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, FigureOptions, paper_system
 from tcc_sim.study.paper.figures import coexisting, figure_data
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
@@ -62,8 +62,8 @@ def test_constants_are_those_of_the_paper() -> None:
     assert paper_system(FIGURES[2].series[0].values).saturation_mean == pytest.approx(500.0)
     assert paper_system().natural_frequency == pytest.approx(OMEGA_N)
     assert FIGURES[8].marks == (pytest.approx(math.sqrt(3000.0 / 0.22) / OMEGA_N),)
-    for axis, low, high, step in ((rules.FINER, 0.05, 0.5, 0.003), (rules.SPREAD, 0.14, 0.36, 0.001),
-                                  (rules.AXIS, 0.05, 0.5, 0.005)):
+    for axis, low, high, step in ((measures.FINER, 0.05, 0.5, 0.003), (measures.SPREAD, 0.14, 0.36, 0.001),
+                                  (measures.AXIS, 0.05, 0.5, 0.005)):
         assert (axis[0], axis[-1]) == (low, high)
         np.testing.assert_allclose(np.diff(axis), step, atol=1.1e-6)
 

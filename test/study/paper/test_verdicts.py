@@ -11,10 +11,9 @@ import pytest
 from given import Given, leaves, record, rows, run_with, stretch
 
 from tcc_sim.study.paper import measures
-from tcc_sim.study.paper.branches_behind import StableMotions
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC
-from tcc_sim.study.paper.evidence import KINETIC, T, first_half
-from tcc_sim.study.paper.rules import CONFIRMED, DEPENDS, NOT_CONFIRMED, equal, holds, near, shares
+from tcc_sim.study.paper.claims import CONFIRMED, DEPENDS, NOT_CONFIRMED, equal, holds, near, shares
+from tcc_sim.study.paper.evidence import KINETIC, Evidence, T, first_half
 
 YES, NO, PART = CONFIRMED, NOT_CONFIRMED, DEPENDS
 
@@ -518,7 +517,7 @@ def test_an_exponent_too_near_0_is_that_of_a_longer_run(longer: str, verdict: st
 
 def test_a_jump_keeps_its_change_on_a_narrow_interval_and_a_steep_rise_does_not() -> None:
     class Curve(Given):
-        jumps = StableMotions.jumps
+        jumps = Evidence.jumps
 
     def slip(row: Any, x: float, direction: str) -> Any:
         return record(10.0 if x < 0.23 else 25.0 + 500.0 * min(max(x - 0.26, 0.0), 0.04))
