@@ -21,8 +21,7 @@ from tcc_sim.shown_units import frequency, speed
 if TYPE_CHECKING:
     from tcc_sim.estimation.curve import IdentifiedCurve
     from tcc_sim.estimation.identify import Identification
-    from tcc_sim.estimation.linearise import Linearisation
-    from tcc_sim.estimation.slip_loop import SlipLoop
+    from tcc_sim.estimation.linearise import Linearisation, SlipLoop
 
 LINEARISE, IDENTIFY = "tcc_sim.estimation.linearise:linearise", "tcc_sim.estimation.identify:identify"
 SHOWN = 7

@@ -93,15 +93,10 @@ def keys_of(count: float | None) -> tuple[str, ...]:
 
 
 def curve_starts(system: System, measured: Measurement, keys: tuple[str, ...]) -> dict[str, float]:
-    """Return start values for the numbers of a curve.
+    """Return start values for the numbers of a curve; raise InputError if no slip speed was visited.
 
     They explain best the change of the flywheel's speed from sample to sample in slip. Without the speeds of both
     sides, they are those of the scene's largest exponentials.
-
-    Raises
-    ------
-    InputError
-        No slip speed was visited.
     """
     _visited(speed := np.abs(measured.channels["slip_speed"]), speed, system.friction)
     slip, count = measured.channels["slip_speed"], len(keys) // 2
@@ -200,11 +195,6 @@ def curve_of(keys: tuple[str, ...], values: Floats, covariance: Floats, slip: Fl
     keys, values, covariance : (P,), (P, P) of all free parameters
     slip : (n,) fitted slip speed, rad/s
     friction : of the scene
-
-    Raises
-    ------
-    InputError
-        No slip speed was visited.
     """
     named = dict(zip(keys, map(float, values)))
     numbers = np.array(list(pairs_of(named))).reshape(-1, 2)

@@ -22,10 +22,21 @@ from scipy.stats import qmc
 from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
 from tcc_sim.estimation.curve import CURVE, SHARES, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
 from tcc_sim.estimation.measurement import EXACT, MOST_SAMPLES, Measurement, measurement_in, noise_of, read_recording
-from tcc_sim.estimation.multiple_shooting import Fit, fit
+from tcc_sim.estimation.multiple_shooting import (
+    FREE,
+    KINETIC,
+    OFFSETS,
+    STATIC,
+    Fit,
+    FitSettings,
+    Gates,
+    Model,
+    check_key,
+    fit,
+    least_ratio,
+    on_its_side,
+)
 from tcc_sim.estimation.residuals import HIDDEN, Whiteness, autoregression, judge_residuals, probability_of
-from tcc_sim.estimation.settings import FitSettings, Gates
-from tcc_sim.estimation.windows import FREE, KINETIC, OFFSETS, STATIC, Model, check_key, least_ratio, on_its_side
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.model.supported_terms import check_supported

@@ -103,12 +103,8 @@ class Measurement:
 
 
 def measurement_in(table: MeasuredTable) -> Measurement:
-    """Return the measurement in a table: columns t, slip_speed, and further ones of CHANNELS and INPUTS.
-
-    Raises
-    ------
-    InputError
-        The far end of the shaft moves, or the data cannot be used.
+    """Return the measurement in a table: columns t, slip_speed, and further ones of CHANNELS and INPUTS; raise
+    InputError if the far end of the shaft moves, or the data cannot be used.
     """
     _check_still(Path(table.source), table.columns.get(FAR_END))
     table = _without_holes(table)
@@ -161,14 +157,8 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     (see `recording.drivelines.Choice`).
 
     Inputs from topics count as measured, with their values at both ends of the tick after each sample
-    (`replay.applied`).
-
-    Raises
-    ------
-    InputError
-        The recording holds no scene, the scene changed during the run, or the far end of the shaft moved.
-    RecordingError
-        Nothing can be read.
+    (`replay.applied`). Raise InputError if there is no scene, or if the scene changed or the far end moved during the
+    run, and RecordingError if nothing can be read.
     """
     from tcc_sim.recording.reader import open_run
 

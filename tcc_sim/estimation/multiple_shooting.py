@@ -10,12 +10,16 @@ While the parameters are a few per cent off, a window in which stick ends says l
 more than a sample, and its residuals are nearly a step function of the parameters. In the first stages such windows
 count by Cauchy's loss (P. J. Huber and E. M. Ronchetti, Robust Statistics, 2009, Section 7.8), and may restart where
 the window before ends.
+
+Windows are solved by the real-time solver's method, with the exact derivatives of its result
+(`solvers.fixed_step_sensitivity`). The number of sub-steps per sample is constant during a stage: a change of it would
+make the cost jump.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -23,25 +27,231 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from tcc_sim.errors import NumericalFailure
-from tcc_sim.estimation.settings import FitSettings, Stage
-from tcc_sim.estimation.windows import (
-    KINETIC,
-    LINEAR,
-    STATIC,
-    Model,
-    largest_errors,
-    least_ratio,
-    on_its_side,
-    sensitivities,
-    states_of,
-)
+from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
+from tcc_sim.estimation.curve import CONSTANT, CURVE, LARGEST_SHARE, RATES, SHARES, pairs_of, rates_allowed
+from tcc_sim.estimation.measurement import Measurement
+from tcc_sim.model.groups import TABLE
+from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
+from tcc_sim.model.parameters import QUANTITIES, System, unknown_key
+from tcc_sim.model.parameters import replace as changed
+from tcc_sim.model.quantity import quantity
+from tcc_sim.solvers import key_derivatives as keyed
+from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
+from tcc_sim.solvers.terms import Terms, holding, least_mean_load, substeps, terms_of
+from tcc_sim.topics import INPUTS, topic
 from tcc_sim.trajectory import Floats
 
+LEAST_RATIO, EQUAL = 1.0005, 1.0 + 1e-9
+"""Least ratio of mu_s and mu_k while one is free, with the decay, which has no effect at 1, and without it."""
+SPARE = 1.25
+"""Sub-steps relative to those that the values need."""
+OFFSETS = {f"{name}.offset": name for name in INPUTS}
+"""Free parameters besides scene keys: the offset of an input's sensor, N m or Pa."""
+FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
+        "driveline.damping", "driveline.stiffness", "driveline.flywheel_inertia", "driveline.plate_inertia",
+        "converter.coupling", *OFFSETS)
+"""Keys that can be identified, besides friction.curve."""
+LINEAR = {*OFFSETS, *SHARES}
+"""Free parameters of either sign, whose logarithms a fit does not use."""
+CURVE_ROWS = dict(zip((*SHARES, *RATES), (*keyed.EXCESSES, *keyed.DECAYS)))
+"""Rows of the derivatives for the numbers of a curve."""
+UNKNOWN = 100.0
+"""Standard error of a parameter's logarithm above which a measurement holds nothing about it."""
+STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 NUDGE = 1e-4
 """Relative change of an input for its derivatives."""
 INDEX = {"slip_speed": 0, "plate_angle": 1, "plate_speed": 2}
 """Index of a channel in the state."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of the fit.
+
+    window : length of a window, s
+    weight : of continuity, per squared noise
+    tolerance : relative change of the cost at which the stage ends
+    iterations : largest number
+    robust : mean square of a window's residuals, over their median (at least 1), above which it counts less; infinite
+        if all windows count alike
+    """
+
+    window: float
+    weight: float
+    tolerance: float
+    iterations: int
+    robust: float = math.inf
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Settings of the fit.
+
+    The stages go from nearly independent windows to long ones that nearly form one motion; short ones with a large
+    weight converge slowly.
+    """
+
+    stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 20, 4.0), Stage(0.01, 1e-2, 1e-2, 20, 4.0),
+                                 Stage(0.01, 1.0, 1e-2, 20, 4.0), Stage(0.01, 1e3, 1e-3, 20, 4.0),
+                                 Stage(0.1, 1e4, 1e-2, 12, 4.0), Stage(0.1, 1e4, 1e-8, 60))
+    layer: float = quantity(0.03, "slip speed within which a start in stick is held", "rad/s")
+    joined: float = quantity(1e3, "weight above which starts in stick are not held")
+    stuck: float = quantity(4.0, "standard deviations of the noise below which the slip speed of a window's start "
+                            "counts as stick")
+    largest_step: float = quantity(0.3, "largest step of a parameter's logarithm in one iteration")
+    least_gain: float = quantity(0.03, "gain of chi-square, over chi-square per residual, at which every stage ends")
+    far: float = quantity(10.0, "chi-square per residual above which the last stage ends at gains below 1 %")
+    angle_noise: float = quantity(1e-4, "scale of a plate angle that was not measured", "rad")
+
+
+@dataclass(frozen=True)
+class Gates:
+    """Limits of an acceptable fit and of an identified parameter."""
+
+    beyond: float = quantity(4.0, "largest excess of chi-square per degree of freedom over 1, in standard deviations")
+    guessed: float = quantity(3.5, "relative standard deviation of a variance of noise that was estimated from a "
+                              "signal, by the root of the samples")
+    explained: float = quantity(4.0, "largest change of a held quantity that residuals suggest, in its standard errors")
+    white: float = quantity(1e-4, "least probability of the residuals as noise")
+    gap: float = quantity(4.0, "largest gap between windows, see `multiple_shooting.Fit`")
+    relative: float = quantity(0.15, "largest standard error of an identified parameter, relative to its value")
+    negligible: float = quantity(0.01, "size of a parameter that may be 0, relative to that of a full effect, up to "
+                                 "which it has no effect")
+    correlated: float = quantity(0.99, "largest correlation with another free parameter of an identified one")
+    starts: int = quantity(5, "number of starts, the first at the given values, the others in a Sobol set around "
+                           "them")
+    work: float = quantity(1.5e8, "sub-steps times derivatives after which no other start is tried: about 15 s")
+    spread: float = quantity(0.15, "spread of that set, relative")
+    louder: float = quantity(3.0, "largest ratio of residuals that are noise to the stated noise")
+    turned: float = quantity(0.25, "largest chi-square with the sign of a column turned, relative to that without, "
+                             "that shows a wrong sign")
+    drift: float = quantity(0.15, "largest change between the first and last quarter of the phase of the data, against "
+                            "that of the fitted motion", "rad")
+
+
+def on_its_side(value: float, other: float, falls: bool | None = None, ratio: float = LEAST_RATIO) -> float:
+    """Return a coefficient at least `ratio` above another one, or as much below it if friction does not fall."""
+    above = value >= other if falls is None else falls
+    return max(value, other * ratio) if above else min(value, other / ratio)
+
+
+def least_ratio(keys: Collection[str]) -> float:
+    """Return the least ratio of mu_s and mu_k with these free keys."""
+    return LEAST_RATIO if "friction.decay" in keys else EQUAL
+
+
+def largest_errors(keys: tuple[str, ...]) -> Floats:
+    """Return the standard errors, (P,), of logarithms or of offsets, above which a measurement holds nothing about a
+    key; infinite for the numbers of a curve, which mean nothing individually.
+    """
+    return np.array([math.inf if key.startswith(CURVE) else
+                     QUANTITIES[topic(OFFSETS[key]).key].high if key in OFFSETS else UNKNOWN for key in keys])
+
+
+def check_key(key: str) -> None:
+    """Raise InputError unless a key can be identified."""
+    if key not in FREE:
+        if key in SCENE_KEYS:
+            raise InputError(f"{key} cannot be identified; what can: {', '.join((CURVE, *FREE))}")
+        raise unknown_key(key, dict.fromkeys((CURVE, *FREE)))
+
+
+@dataclass(frozen=True)
+class Model:
+    """A driveline with free `keys`, driven by a measurement."""
+
+    system: System
+    keys: tuple[str, ...]
+    measured: Measurement
+
+    def drive(self, values: Floats) -> tuple[Terms, Floats | None, Floats]:
+        """Return its input for values of the keys; raise NumericalFailure if one is out of its range.
+
+        These are the terms of the scene, where measured inputs are 0; engine torque and saturation torque, N m, at the
+        start and end of each sample's step, (n, 2, 2), that are added to them, or None; and derivatives of the numbers
+        of the equations by the keys, (len(NUMBERS), P).
+        """
+        named = {k: float(v) for k, v in zip(self.keys, values) if k in SCENE_KEYS}
+        curve = {k: float(v) for k, v in zip(self.keys, values) if k.startswith(CURVE)}
+        offsets = {OFFSETS[k]: float(v) for k, v in zip(self.keys, values) if k in OFFSETS}
+        try:
+            # Friction of a curve is its constant times a shape, which `terms` have.
+            alone = {STATIC: curve[CONSTANT], KINETIC: curve[CONSTANT], **dict.fromkeys(TABLE, ())} if curve else {}
+            system = changed(self.system, named | alone)
+        except OutOfRange as error:
+            raise NumericalFailure(str(error)) from None
+        inputs, by = self.measured.inputs, np.zeros((len(keyed.NUMBERS), len(self.keys)))
+        per_pressure, terms = system.torque_per_pressure, terms_of(system)
+        if curve:
+            terms = terms._replace(stribeck=tuple(pairs_of(curve)))
+        for i, key in enumerate(self.keys):
+            if OFFSETS.get(key) == "engine_torque":
+                by[keyed.MEAN_TORQUE, i] = -1.0
+            elif key in OFFSETS:
+                by[keyed.MEAN_LOAD, i] = -per_pressure
+            elif key in CURVE_ROWS:
+                by[CURVE_ROWS[key], i] = 1.0
+            elif key == CONSTANT:
+                by[keyed.LOG_LOAD, i] = 1.0 / curve[CONSTANT]
+            else:
+                by[:, i] = keyed.key_derivatives(system, (key,))[:, 0]
+            if key == KINETIC:   # It scales the load, also a measured one.
+                by[keyed.MEAN_LOAD:keyed.LOAD_AMPLITUDE + 1, i] = 0.0
+                by[keyed.LOG_LOAD, i] = 1.0 / system.friction.kinetic_coefficient
+        if not inputs and not offsets:
+            return terms, None, by
+        terms = holding(terms, *(0.0 if name in inputs else None for name in INPUTS))
+        torque, pressure = (self.measured.ends_of(name) - offsets.get(name, 0.0) for name in INPUTS)
+        load = np.maximum(per_pressure * pressure, -least_mean_load(terms))
+        return terms, np.stack([torque, load], axis=2), by
+
+    def within(self, values: Floats) -> Floats:
+        """Return values with the numbers of a curve limited to their ranges."""
+        low, high = rates_allowed(float(np.abs(self.measured.channels["slip_speed"]).max()))
+        bounds = dict.fromkeys(SHARES, (-LARGEST_SHARE, LARGEST_SHARE)) | dict.fromkeys(RATES, (low, high))
+        least, most = np.array([bounds.get(key, (-math.inf, math.inf)) for key in self.keys]).reshape(-1, 2).T
+        return np.asarray(np.clip(values, least, most))
+
+    def effect(self, key: str) -> float:
+        """Return the value of a key that may be 0 at which it acts as strongly as the other torques; 0 for other keys.
+
+        Critical damping of the plate on its shaft; a fluid torque as large as the engine's mean torque, or a fall of
+        friction by 1 - 1/e, at the largest slip speed.
+        """
+        driveline, engine = self.system.driveline, self.system.engine
+        fastest = float(np.abs(self.measured.channels["slip_speed"]).max()) or math.inf
+        return {"driveline.damping": 2.0 * math.sqrt(driveline.stiffness * driveline.plate_inertia),
+                "converter.coupling": abs(engine.mean_torque) / fastest, "friction.decay": 1.0 / fastest}.get(key, 0.0)
+
+    def substeps(self, values: Floats) -> int:
+        """Return the sub-steps per sample, with a reserve for slightly different values; raise NumericalFailure for too
+        many.
+        """
+        terms, held, _ = self.drive(values)
+        most = 0.0 if held is None else float(held[..., 1].max())
+        try:
+            return math.ceil(SPARE * substeps(terms, self.measured.step, most))
+        except OutOfRange as error:
+            raise NumericalFailure(str(error)) from None
+
+
+def states_of(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Floats:
+    """Return the states of windows of `width` samples, (m, width + 1, 3), from their starts, (m, 3), in n sub-steps."""
+    return sensitivities(model, starts, width, values, n, by_keys=False)[0]
+
+
+def sensitivities(model: Model, starts: Floats, width: int, values: Floats, n: int,
+                  by_keys: bool = True) -> tuple[Floats, Floats]:
+    """Return the states of every window, and their derivatives by its start and the keys, (m, width + 1, 3, 3 + P).
+
+    Raise NumericalFailure if a state is not finite.
+    """
+    measured, (terms, held, by) = model.measured, model.drive(values)
+    advanced = advance_windows(starts, float(measured.t[0]), measured.step, width, n, terms, held,
+                               by if by_keys else np.empty((len(keyed.NUMBERS), 0)))
+    if not np.isfinite(advanced[0]).all():
+        raise NumericalFailure("the state is not finite")
+    return advanced
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,16 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from tcc_sim.estimation.curve import CONSTANT, CURVE
-from tcc_sim.estimation.multiple_shooting import Fit, MultipleShooting
-from tcc_sim.estimation.settings import FitSettings
-from tcc_sim.estimation.windows import FREE, LINEAR, OFFSETS, Model, largest_errors
+from tcc_sim.estimation.multiple_shooting import (
+    FREE,
+    LINEAR,
+    OFFSETS,
+    Fit,
+    FitSettings,
+    Model,
+    MultipleShooting,
+    largest_errors,
+)
 from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import QUANTITIES, values_of
 from tcc_sim.result import reported

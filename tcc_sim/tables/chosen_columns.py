@@ -9,9 +9,8 @@ from pathlib import Path
 
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.tables.binary import READERS, reader_of
-from tcc_sim.tables.file_columns import TIME, FileColumns
+from tcc_sim.tables.file_columns import TIME, FileColumns, unit_factor, units_for
 from tcc_sim.tables.text import text_contents
-from tcc_sim.tables.unit_names import unit_factor, units_for
 from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import UNITS, Floats
 
@@ -40,13 +39,7 @@ _SHOWN = 6
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a file's name is that of a table.
-
-    Raises
-    ------
-    InputError
-        The name is that of a file of another kind, which is neither a table nor a recording.
-    """
+    """Return whether a file's name is that of a table; raise InputError if it is neither one nor a recording."""
     suffix = path.suffix.lower()
     if suffix in REFUSED:
         raise InputError(f"{path} is {REFUSED[suffix]}, which is not read; save it as {', '.join(SUFFIXES)}")
@@ -55,12 +48,8 @@ def is_table(path: Path) -> bool:
 
 def named_columns(text: str | Mapping[str, str] | None, known: Mapping[str, str | None] = COLUMNS,
                   option: str = "--columns") -> dict[str, str]:
-    """Return the column of the file, with its unit, for each name in NAME=COLUMN[:UNIT],...
-
-    Raises
-    ------
-    InputError
-        A name is unknown or given twice, or a part is not NAME=COLUMN.
+    """Return the column of the file, with its unit, for each name in NAME=COLUMN[:UNIT],...; raise InputError for
+    another form, and for a name that is unknown or given twice.
     """
     if text is None:
         return {}
@@ -79,14 +68,8 @@ def named_columns(text: str | Mapping[str, str] | None, known: Mapping[str, str 
 
 def contents_of(path: Path, known: Sequence[str]) -> FileColumns:
     """Return the contents of a file of any of the SUFFIXES; `known` are names that a text file may have in its line of
-    names.
-
-    Raises
-    ------
-    InputError
-        The file is not a regular one, is too large, or cannot be read.
-    MissingPackage
-        The package that reads it is not installed.
+    names. Raise InputError if the file is not a regular one, is too large or cannot be read, and MissingPackage if the
+    package that reads it is not installed.
     """
     try:
         if path.exists() and not path.is_file():

@@ -47,12 +47,8 @@ _SHOWN = 3
 
 
 def without_flaws(columns: dict[str, Floats], t: Floats, source: str) -> tuple[dict[str, Floats], list[str]]:
-    """Return columns, (n,) each, with NaN in flawed rows, and sentences on them.
-
-    Raises
-    ------
-    InputError
-        More than a quarter of a column's values are flawed.
+    """Return columns, (n,) each, with NaN in flawed rows, and sentences on them; raise InputError if more than a
+    quarter of a column's values are flawed.
     """
     out, notes = dict(columns), []
     for name in JUDGED:

@@ -110,20 +110,12 @@ def table_in(path: Path, needed: Sequence[str] = (), most: int = MOST_ROWS,
              columns: str | Mapping[str, str] | None = None) -> MeasuredTable:
     """Read a table of measurements.
 
-    Parameters
-    ----------
-    path : a file with one of the SUFFIXES
     needed : names of required columns
     most : largest number of rows
     columns : column of the file, with its unit, by name, as `named_columns` takes them
 
-    Raises
-    ------
-    InputError
-        As `contents_of` and `named_columns`; a needed column is missing, a column is there twice, has an unknown unit
-        or no numbers, there are too many rows, or the times of the rows cannot be put in order.
-    MissingPackage
-        As `contents_of`.
+    Raise InputError and MissingPackage as `contents_of` and `named_columns`, and InputError if a needed column is
+    missing, a column is there twice, has an unknown unit or no numbers, or the rows cannot be put in order of time.
     """
     arrays, notes, hold = columns_in(path, COLUMNS, (TIME, *needed), most, columns)
     t = arrays[TIME]

@@ -101,12 +101,8 @@ def in_words(spans: Spans, most: int = 5) -> str:
 
 
 def rows_in_order(t: Floats, same: NDArray[np.bool_]) -> Ordered | str:
-    """Return the rows in the order of time, or a sentence why there is no such order.
-
-    Parameters
-    ----------
-    t : (n,) finite times in the order of the rows, s
-    same : (n,) whether a row has the values of the row before
+    """Return the rows in the order of time, or a sentence why there is no such order, from finite times (n,), s, and
+    whether each row has the values of the row before (n,).
     """
     rows, said = np.arange(len(t)), []
     if (np.diff(t) < 0.0).any():

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import NamedTuple, TextIO
 
 from tcc_sim.errors import InputError, counted, one_line
-from tcc_sim.tables.file_columns import FileColumns
-from tcc_sim.tables.unit_names import is_unit
+from tcc_sim.tables.file_columns import FileColumns, is_unit
 from tcc_sim.trajectory import Floats
 
 DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", " ": "spaces"}
@@ -119,16 +118,8 @@ class _Numbers:
 
 
 def text_contents(path: Path, known: Sequence[str]) -> FileColumns:
-    """Return names and units of a table in text; its numbers are read when they are asked for.
-
-    Parameters
-    ----------
-    known : names that show which line is that of the names, in lower case
-
-    Raises
-    ------
-    InputError
-        The file is not text, has too long a line, or its columns cannot be recognised.
+    """Return names and units of a table in text; its numbers are read when they are asked for. `known` names show which
+    line is that of the names. Raise InputError if the columns cannot be recognised.
     """
     layout, hold = _layout_of(path, {name.lower() for name in known})
 

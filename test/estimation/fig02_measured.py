@@ -11,7 +11,7 @@ from scipy.integrate import odeint
 from scipy.signal import lfilter
 
 from tcc_sim.estimation.measurement import Measurement
-from tcc_sim.estimation.settings import Gates
+from tcc_sim.estimation.multiple_shooting import Gates
 from tcc_sim.scene import load_scene
 
 KEYS = {"friction.static_coefficient": 0.3, "friction.kinetic_coefficient": 0.24, "driveline.damping": 0.6,

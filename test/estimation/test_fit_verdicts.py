@@ -14,9 +14,7 @@ from fig02_measured import FIG02, ONCE, measured, moved
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import Identification, identify, judged
 from tcc_sim.estimation.measurement import Measurement
-from tcc_sim.estimation.multiple_shooting import Fit
-from tcc_sim.estimation.settings import FitSettings
-from tcc_sim.estimation.windows import EQUAL, Model
+from tcc_sim.estimation.multiple_shooting import EQUAL, Fit, FitSettings, Model
 from tcc_sim.scene import Scene
 
 STATIC, KINETIC, DAMPING = "friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping"

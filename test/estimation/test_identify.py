@@ -14,8 +14,7 @@ from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import given, identify
 from tcc_sim.estimation.measurement import Measurement, measurement_in
-from tcc_sim.estimation.multiple_shooting import INDEX
-from tcc_sim.estimation.settings import Gates
+from tcc_sim.estimation.multiple_shooting import INDEX, Gates
 from tcc_sim.output.samples import write_samples
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.scene import load_scene

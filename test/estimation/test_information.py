@@ -13,8 +13,7 @@ from scipy.integrate import odeint
 
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement
-from tcc_sim.estimation.settings import FitSettings
-from tcc_sim.estimation.windows import FREE, OFFSETS
+from tcc_sim.estimation.multiple_shooting import FREE, OFFSETS, FitSettings
 from tcc_sim.model.parameters import values_of
 
 NOISE = {"slip_speed": 0.02, "plate_speed": 0.02}

@@ -11,7 +11,7 @@ from fig02_measured import FIG02
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.measurement import Measurement, measurement_in, noise_of
-from tcc_sim.estimation.windows import Model, sensitivities, states_of
+from tcc_sim.estimation.multiple_shooting import Model, sensitivities, states_of
 from tcc_sim.tables.measured_table import MeasuredTable
 
 T = np.arange(60) * 2e-3

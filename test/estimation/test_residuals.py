@@ -11,10 +11,8 @@ from scipy.signal import lfilter
 
 from tcc_sim.estimation.identify import identify, why_no_noise
 from tcc_sim.estimation.measurement import Measurement
-from tcc_sim.estimation.multiple_shooting import fit
+from tcc_sim.estimation.multiple_shooting import FitSettings, Gates, Model, fit
 from tcc_sim.estimation.residuals import autoregression, judge_residuals, probability_of
-from tcc_sim.estimation.settings import FitSettings, Gates
-from tcc_sim.estimation.windows import Model
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.6])

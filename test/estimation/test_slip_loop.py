@@ -11,8 +11,7 @@ from documents import valid
 
 import tcc_sim
 from tcc_sim import cli
-from tcc_sim.estimation.linearise import linearise
-from tcc_sim.estimation.slip_loop import SlipLoop
+from tcc_sim.estimation.linearise import SlipLoop, linearise
 from tcc_sim.plant.driveline import Reading
 from tcc_sim.plant.slip_control import CycleMean, SlipController, Tuning
 from tcc_sim.scene import load_scene

@@ -8,9 +8,9 @@ import pytest
 from tcc_sim.errors import InputError
 from tcc_sim.tables.binary import write_mat, write_parquet
 from tcc_sim.tables.chosen_columns import columns_in, is_table
+from tcc_sim.tables.file_columns import is_unit, unit_factor, units_for
 from tcc_sim.tables.measured_table import table_in
 from tcc_sim.tables.text import HEAD, LONGEST_LINE
-from tcc_sim.tables.unit_names import is_unit, unit_factor, units_for
 
 DEGREE = "\N{DEGREE SIGN}"
 UNITS = {
