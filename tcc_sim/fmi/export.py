@@ -409,8 +409,6 @@ def model_description(version: int, scene: Scene, rows: list[Variable], identifi
                       step: float) -> str:
     """Return the text of modelDescription.xml.
 
-    Parameters
-    ----------
     version : version of FMI, 2 or 3
     rows : variables in the order of their value references
     identifier, token : model identifier, and token for instantiation

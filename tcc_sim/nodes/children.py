@@ -60,10 +60,6 @@ class Domain:
     reserves the domain against processes that choose at the same time and have no participant yet.
 
     Raises TccError: every domain is in use.
-
-    Parameters
-    ----------
-    domains : domains to choose from
     """
 
     def __init__(self, domains: Sequence[int] = DOMAINS) -> None:

@@ -54,10 +54,7 @@ DIAGNOSTICS_PERIOD = 1.0
 class DrivelineNode(Node):
     """The driveline as a ROS 2 node: parameters, services, logging; physics and topics run in `loop`.
 
-    Parameters
-    ----------
-    scene : scene to run; None to take it from the parameters
-    options : options of rclpy's Node
+    Without a scene it takes the one of its parameters.
     """
 
     def __init__(self, scene: Scene | None = None, **options: Any) -> None:

@@ -45,13 +45,7 @@ class Outcome(NamedTuple):
 
 
 class RealTimeLoop:
-    """The driveline of one node in real time.
-
-    Parameters
-    ----------
-    node : owner of the publishers and subscriptions; only those that the scene needs are created
-    scene : scene to run
-    """
+    """The driveline of one node in real time."""
 
     def __init__(self, node: Node, scene: Scene) -> None:
         self._node, self._context = node, node.context
@@ -393,10 +387,6 @@ class RealTimeLoop:
 
 class InputReport:
     """Publisher of `held`: the inputs of the driveline at every change, at least every 0.1 s, and at the end of a run.
-
-    Parameters
-    ----------
-    plant, outputs : of the driveline
     """
 
     def __init__(self, plant: Plant, outputs: Outputs) -> None:

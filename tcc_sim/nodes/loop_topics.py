@@ -62,12 +62,7 @@ class CommandedInput:
 
     Before the first command, and after command_timeout without one, the scene's fallback applies.
 
-    Parameters
-    ----------
-    node : owner of the subscription
-    row : description of the topic
-    admit : function that raises InputError if a value within the range cannot be applied now
-    qos : quality of service of the subscription
+    `admit` raises InputError if a value within the range cannot be applied now.
 
     Attributes
     ----------
@@ -236,10 +231,6 @@ class CommandedInput:
 
 class JointCommands:
     """Commands of both inputs as efforts of joints, as ros2_control sends them, held as commands on their own topics.
-
-    Parameters
-    ----------
-    inputs : inputs that follow commands
     """
 
     def __init__(self, node: Node, inputs: Sequence[CommandedInput]) -> None:
@@ -431,12 +422,6 @@ class SimulationClock:
     """Publisher of /clock, active with `publish_clock`, and in lock-step if a node with use_sim_time subscribes.
 
     It stays inactive if another node publishes /clock.
-
-    Parameters
-    ----------
-    node : node of the driveline
-    outputs : topics of the driveline
-    operation : options of the driveline
 
     Attributes
     ----------

@@ -32,8 +32,6 @@ _MCL_CURRENT, _MCL_FUTURE = 1, 2
 def tick_time_of(rate: float, factor: float) -> float:
     """Return the real time of a tick, s; 0 for as fast as possible.
 
-    Parameters
-    ----------
     rate : ticks per simulated second, Hz
     factor : simulated seconds per second of real time
     """
@@ -175,8 +173,6 @@ def attend(priority: int, except_for: Sequence[int | None] = ()) -> None:
     The real-time thread waits for any thread that holds the interpreter or a lock of the middleware. At the default
     priority, that thread would wait for the other programs of the machine.
 
-    Parameters
-    ----------
     priority : priority of the real-time thread
     except_for : native ids of the threads to leave unchanged
     """

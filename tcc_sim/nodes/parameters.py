@@ -76,10 +76,6 @@ def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:
     A parameter accepts any type, so that 20 is read as 20.0 and a word is refused with a clear message.
 
     Raises InputError: a value has a wrong type or is out of its range.
-
-    Parameters
-    ----------
-    otherwise : other defaults of options
     """
     defaults = {item.name: otherwise.get(item.name, item.default) for item in dataclasses.fields(kind)}
     values = {}

@@ -36,10 +36,6 @@ def remove_ownerless(folder: Path = FOLDER) -> list[str]:
 
     If several processes start at once, one may recreate a segment under a name that another has just found ownerless:
     a file is removed only if it is still the file that was checked.
-
-    Parameters
-    ----------
-    folder : directory of the segments
     """
     files: defaultdict[str, dict[Path, os.stat_result]] = defaultdict(dict)
     for path in folder.glob("*fastdds_*"):

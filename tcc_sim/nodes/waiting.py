@@ -22,11 +22,7 @@ PATIENCE = 1.0
 class Waiting:
     """Warnings about a driveline that waits.
 
-    Parameters
-    ----------
-    node : node of the driveline
-    loop : loop of the driveline
-    clock : function that returns real time, s
+    `clock` returns real time, s.
     """
 
     def __init__(self, node: Node, loop: RealTimeLoop, clock: Callable[[], float] = time.monotonic) -> None:

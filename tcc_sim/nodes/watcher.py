@@ -62,10 +62,6 @@ class WatchedInputs:
     def signals(self, taken: Mapping[str, Sequence[bytes]], zeros: NDArray[np.int64]
                 ) -> tuple[dict[str, Signal], list[Event]]:
         """Return the signals (name -> stamps in ns, values) and the changes of sources in serialised messages by topic.
-
-        Parameters
-        ----------
-        zeros : stamps of simulation time 0, as in `simulation_ns`
         """
         reports, events, signals = [], list[Event](), dict[str, Signal]()
         read = []
@@ -101,11 +97,7 @@ class WatchedInputs:
 class Watcher:
     """Receiver of a driveline's messages, which passes them to a view.
 
-    Parameters
-    ----------
-    node : node in the driveline's namespace
-    say : function that takes a sentence for the user
-    period : real time between two updates of the view, s
+    It updates the view every `period` seconds of real time, and passes sentences for the user to `say`.
     """
 
     def __init__(self, node: Node, say: Callable[[str], Any], period: float = 0.0) -> None:

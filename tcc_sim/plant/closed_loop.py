@@ -220,12 +220,7 @@ def changes_of(values: Mapping[str, object] | None, more: Mapping[str, object]) 
 
 
 class TimedChanges:
-    """Schedule of changes of scene keys at simulation times, each a whole number of ticks.
-
-    Parameters
-    ----------
-    rate : tick rate, Hz
-    """
+    """Schedule of changes of scene keys at simulation times, each a whole number of ticks."""
 
     def __init__(self, rate: float) -> None:
         self._rate = rate
@@ -236,10 +231,6 @@ class TimedChanges:
 
         Raises InputError: the time is not a whole number of ticks or has passed, or a key does not exist or cannot
         change in a run.
-
-        Parameters
-        ----------
-        tick : current tick of the run
         """
         changes = changes_of(changes, {})
         if not 0.0 <= t * self._rate < 1e15 or (t * self._rate + 1e-6) % 1.0 > 2e-6:

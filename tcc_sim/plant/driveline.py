@@ -57,10 +57,7 @@ class Plant:
 
     Raises InputError: the real-time solver cannot run the scene.
 
-    Parameters
-    ----------
-    scene : scene to run
-    clock : function that returns the time for measuring the cost of a sub-step, s
+    `clock` returns the time for measuring the cost of a sub-step, s.
     """
 
     def __init__(self, scene: Scene, clock: Callable[[], float] = time.perf_counter) -> None:
