@@ -7,9 +7,12 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.clock import ROSClock
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.timer import Timer
 from std_msgs.msg import Float64, Float64MultiArray
 
 from tcc_sim.analysis.loop.tracking import Limits, checked_limits
@@ -24,7 +27,6 @@ from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.testing.faults import Faults, Line
 from tcc_sim.testing.run import ControllerFailed, LockstepRun, Result, Worker
-from tcc_sim.testing.under_test import UnderTest
 from tcc_sim.topics import FAR_END, FLUID_PRESSURE, INPUTS, LIMITS, topic
 
 PATIENCE = 20.0
@@ -37,6 +39,8 @@ SERVED = 20
 """Ticks between two checks for requests to the driveline's services; a check takes longer than a tick. Counting ticks
 instead of time keeps runs identical.
 """
+MOST_CALLBACKS = 1000
+"""Largest number of callbacks executed when no answer is awaited; a node may produce them without end."""
 
 
 class Rig:
@@ -83,7 +87,9 @@ class Rig:
         self._changes = TimedChanges(rate)
         self._commands: list[CommandedInput] = []
         self._arrived: dict[str, list[bytes]] = {}
-        self._under_test = UnderTest(self._node.context, self._now, self._worker.beat, self._collect)
+        self._tested: dict[Node, str] = {}
+        """Names of the nodes under test, which a destroyed node no longer tells."""
+        self._callbacks = SingleThreadedExecutor(context=self._node.context)
         self._closed = False
 
     def add(self, node: Node) -> Node:
@@ -94,7 +100,10 @@ class Rig:
         InputError
             The node has another ROS 2 context and would not receive the driveline's messages.
         """
-        self._under_test.add(node)
+        if node.context is not self._node.context:
+            raise InputError(f"{node.get_name()} has another ROS 2 context; create it with the default context")
+        self._callbacks.add_node(node)
+        self._tested[node] = node.get_name()
         return node
 
     def run(self, seconds: float | None = None, ticks: int | None = None, target: float | None = None,
@@ -189,7 +198,7 @@ class Rig:
 
         def spin() -> None:
             while (left := end - time.monotonic()) > 0.0:
-                self._under_test.spin(min(left, LOOK))
+                self._spin(min(left, LOOK))
                 self._requests.spin_once(timeout_sec=0.0)
 
         self._done(spin, self._patience + seconds)
@@ -201,9 +210,9 @@ class Rig:
         self._closed = True
         if self._worker.stuck:  # A hanging node still blocks the executor.
             return
-        self._under_test.shutdown()
+        self._callbacks.shutdown()
         self._requests.shutdown()
-        for node in [*self._under_test.nodes, self._node]:
+        for node in [*self._tested, self._node]:
             node.destroy_node()
 
     def _done(self, work: Callable[[], Result], patience: float) -> Result:
@@ -241,7 +250,7 @@ class Rig:
             samples.add(self._plant, self._plant.reading(), *self._held())
             self._take_target(target, targets, len(samples) - 1)
             self._worker.beat()
-        self._under_test.settle()
+        self._settle()
         for data, _ in poll(self._limits_topic):
             with suppress(ValueError):
                 self._limits = cdr.read_pressure_limits(data)
@@ -266,7 +275,7 @@ class Rig:
             raise ControllerFailed(f"no node under test publishes {names}, which the scene {self._node.scene.name} "
                                    "takes as a topic")
         self._commands = commands
-        timed = self._under_test.timed
+        timed = self._followers()
         self._timed = {command.name for command in commands if timed and timed >= {
             info.node_name for info in self._node.get_publishers_info_by_topic(command.name)}}
         if not self._loop.clock_started.is_set():
@@ -291,7 +300,7 @@ class Rig:
         tick, stamp, since = plant.stepper.tick, plant.stamp_ns, time.monotonic()
         missing, others = list(awaited), 0
         if len(missing) < len(commands) or not commands:
-            self._under_test.settle()
+            self._settle()
             for command in commands:
                 if command not in awaited:
                     for data in self._taken(command):
@@ -307,7 +316,7 @@ class Rig:
             if missing:
                 if time.monotonic() - since > self._patience:
                     raise ControllerFailed(self._no_answer(missing[0].name, others))
-                self._under_test.spin(LOOK)
+                self._spin(LOOK)
                 if time.monotonic() - since > LOOK:
                     self._requests.spin_once(timeout_sec=0.0)
             self._worker.beat()
@@ -351,16 +360,75 @@ class Rig:
         if target is not None and (not targets or targets[-1][0] != target):
             targets.append((target, sample))
 
+    def _spin(self, seconds: float) -> bool:
+        """Execute one callback that is ready within `seconds`; return whether there was one.
+
+        Raises ControllerFailed: the callback raised, shut ROS 2 down, or destroyed its node; or it is that of a timer
+        of the wall clock and sent a command.
+        """
+        try:
+            callback, entity, owner = self._callbacks.wait_for_ready_callbacks(timeout_sec=seconds)
+        except TimeoutException:
+            return False
+        except ShutdownException:
+            raise ControllerFailed(f"{self._names} shut ROS 2 down at {self._now()}") from None
+        self._worker.beat()
+        if on_wall_clock := _on_wall_clock(entity):
+            self._collect()
+        try:
+            callback()
+        except SystemExit as error:
+            raise ControllerFailed(f"{self._names} called sys.exit({error.code!r}) at {self._now()}") from _cut(error)
+        self._worker.beat()
+        failure = callback.exception()
+        self._check_alive()
+        if failure is not None:
+            raise ControllerFailed(f"{self._names} died at {self._now()}: {type(failure).__name__}: "
+                                   f"{failure}") from _cut(failure)
+        if on_wall_clock and (sent := self._collect()):
+            name, period = self._tested.get(owner, self._names), entity.timer_period_ns * 1e-9
+            raise ControllerFailed(f"{name} sends {' and '.join(sent)} from a timer of the wall clock ({period:g} s), "
+                                   "which answers no state: give the node use_sim_time, which puts its timers on "
+                                   "/clock, or send from its subscription")
+        return True
+
+    def _settle(self) -> None:
+        """Execute callbacks until none is ready."""
+        idle, most = 0, len(self._followers())
+        for _ in range(MOST_CALLBACKS):
+            # A message on /clock makes timers ready only at the next call.
+            idle = 0 if self._spin(0.0) else idle + 1
+            if idle > most:
+                break
+
+    def _check_alive(self) -> None:
+        if not self._node.context.ok():
+            raise ControllerFailed(f"{self._names} shut ROS 2 down at {self._now()}")
+        for node, name in self._tested.items():
+            try:
+                with node.handle:
+                    pass
+            except InvalidHandle:
+                raise ControllerFailed(f"{name} destroyed itself at {self._now()}") from None
+
+    @property
+    def _names(self) -> str:
+        return " or ".join(self._tested.values()) or "no node"
+
+    def _followers(self) -> set[str]:
+        """Return the names of the nodes that follow /clock: their timers decide when they send."""
+        return {name for node, name in self._tested.items() if node.get_parameter("use_sim_time").value}
+
     def _now(self) -> str:
         return f"{self._plant.stamp_ns * 1e-9:.9g} s of simulated time"
 
     def _no_answer(self, name: str, others: int) -> str:
         sent = f"; {counted(others, 'command')} had the stamp of another state" if others else ""
-        return (f"{self._under_test.names} did not answer the state of {self._now()} on {name} within "
+        return (f"{self._names} did not answer the state of {self._now()} on {name} within "
                 f"{self._patience:g} s{sent}; a command must have the stamp of the state, or stamp 0")
 
     def _failed(self, where: str) -> ControllerFailed:
-        return ControllerFailed(f"{self._under_test.names} hangs at {self._now()}: for {self._patience:g} s it has not "
+        return ControllerFailed(f"{self._names} hangs at {self._now()}: for {self._patience:g} s it has not "
                                 f"returned from {where}")
 
 
@@ -372,3 +440,19 @@ def _answers(name: str, data: bytes, stamp: int) -> bool:
         return cdr.read_fluid_pressure(data)[0] in (0, stamp)
     except ValueError:
         return True
+
+
+def _cut(error: BaseException) -> BaseException:
+    """Return the exception of a callback without the frames of the executor that called it."""
+    frames = error.__traceback__
+    while frames is not None and frames.tb_frame.f_globals["__name__"].partition(".")[0] in ("rclpy", "tcc_sim"):
+        frames = frames.tb_next
+    return error.with_traceback(frames or error.__traceback__)
+
+
+def _on_wall_clock(entity: object) -> bool:
+    """Return whether what is ready is a timer that does not follow /clock."""
+    if not isinstance(entity, Timer):
+        return False
+    clock = entity.clock
+    return not (isinstance(clock, ROSClock) and clock.ros_time_is_active)
