@@ -11,7 +11,7 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, TimeoutError
 from contextlib import ExitStack
 from typing import Any, NamedTuple
@@ -31,7 +31,6 @@ SETTLED, LOOK = 0.3, 0.02
 """Real time without a new subscription that completes the subscribers, and between checks or attempts to send, s."""
 LOCKSTEP_LOOK, LOCKSTEP_REST, LOCKSTEP_EAGER = 2e-5, 1e-3, 0.05
 """Real time between two checks for a command in lock-step, s: at first, and after LOCKSTEP_EAGER seconds of waiting."""
-_NO_COMMAND = (math.nan, math.nan, math.nan, math.nan, 0, 0, 0, 0, 0)
 
 
 class Outcome(NamedTuple):
@@ -77,7 +76,9 @@ class RealTimeLoop:
         self._unanswered: list[CommandedInput] | None = None
         self._waits_since = 0.0
         self.target: CommandedInput | None = None
-        self._report = InputReport(self.plant, self.outputs)
+        self._beat = max(1, math.floor(held.BEAT * scene.operation.rate + 1e-9))
+        self._number, self._told = 0, -self._beat
+        self._seen: tuple[int, float | None, tuple[bool, ...]] = 0, None, ()
         self.announce: Callable[[bool], object] = lambda moved: None
         """Called before the state of simulation time 0, with whether run or zero of the stamps are others than before.
         """
@@ -348,7 +349,7 @@ class RealTimeLoop:
         """Publish the initial state, after the scene if that or the run has changed or stamps count from another time.
         """
         moved = self.outputs.begin_at_zero(again)
-        self._report.begin()
+        self._number, self._told = 0, -self._beat
         self.announce(moved)
         self._publish(self.plant.reading())
 
@@ -359,7 +360,19 @@ class RealTimeLoop:
 
     def _report_inputs(self, after: int = held.GOES_ON) -> None:
         """Publish the inputs of the tick that ended, if something has changed, they are due, or the run stops."""
-        self._report.publish(self._reported, after)
+        plant, tick, inputs = self.plant, self.plant.stepper.tick, self._reported
+        applied = plant.pressures[1] if plant.actuated else None
+        seen = sum(one.events for one in inputs), applied, tuple(one.value is None for one in inputs)
+        if seen == self._seen and not after and tick - self._told < self._beat:
+            return
+        self._seen, self._told, self._number = seen, tick, self._number + 1
+        values: list[float] = [tick, plant.stamp_ns, self._number, after]
+        reports = {one.name: one.report(self.outputs.zero_ns) for one in inputs}
+        for name in HELD_INPUTS:
+            absent = (held.SCENE if name in INPUTS else held.NOBODY, *[math.nan] * 4, *[0] * 5)
+            report: tuple[float, ...] = reports.get(name, absent)
+            values += report if applied is None or name != INPUTS[1] else (*report[:2], applied, *report[3:])
+        self.outputs.say("held", held.held_message(self.outputs.run, values))
 
     def _publish(self, reading: Reading) -> None:
         if reading.stick_slip_state:
@@ -383,49 +396,3 @@ class RealTimeLoop:
                 break
             self._rest(LOOK)
         return not self._stopping
-
-
-class InputReport:
-    """Publisher of `held`: the inputs of the driveline at every change, at least every 0.1 s, and at the end of a run.
-    """
-
-    def __init__(self, plant: Plant, outputs: Outputs) -> None:
-        self._plant, self._outputs = plant, outputs
-        operation = plant.scene.operation
-        self._beat = max(1, math.floor(held.BEAT * operation.rate + 1e-9))
-        self.begin()
-
-    def begin(self) -> None:
-        """Begin a run."""
-        self._number, self._tick, self._seen = 0, -self._beat, (0, math.nan, "")
-
-    def publish(self, commands: Sequence[CommandedInput], after: int = held.GOES_ON) -> None:
-        """Publish the inputs of the tick that ended, if something has changed, they are due, or the run stops.
-
-        Parameters
-        ----------
-        commands : inputs that follow commands
-        after : what follows, as in `messages.held`
-        """
-        plant, tick = self._plant, self._plant.stepper.tick
-        applied = plant.pressures[1] if plant.actuated else math.nan
-        state = "".join(str(int(command.value is None)) for command in commands)
-        seen = sum(command.events for command in commands), applied, state
-        same = seen[0] == self._seen[0] and state == self._seen[2] and (
-            applied == self._seen[1] or math.isnan(applied))
-        if same and not after and tick - self._tick < self._beat:
-            return
-        self._seen, self._tick, self._number = seen, tick, self._number + 1
-        values: list[float] = [tick, plant.stamp_ns, self._number, after]
-        by_name = {command.name: command for command in commands}
-        for name in HELD_INPUTS:
-            values += self._report(name, by_name, applied)
-        self._outputs.say("held", held.held_message(self._outputs.run, values))
-
-    def _report(self, name: str, commands: Mapping[str, CommandedInput], applied: float) -> tuple[float, ...]:
-        command = commands.get(name)
-        if command is None:
-            report: tuple[float, ...] = held.SCENE if name in INPUTS else held.NOBODY, *_NO_COMMAND
-        else:
-            report = command.report(self._outputs.zero_ns)
-        return (*report[:2], applied, *report[3:]) if name == INPUTS[1] and self._plant.actuated else report
