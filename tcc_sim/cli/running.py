@@ -47,7 +47,7 @@ def watch(arguments: argparse.Namespace, rrd: Path | None = None, spawn: bool = 
     if rrd is not None:
         new_file(rrd)
     from tcc_sim.nodes import watcher
-    from tcc_sim.nodes.web_viewer import web_viewer
+    from tcc_sim.nodes.children import web_viewer
     from tcc_sim.views.rerun_stream import check_viewer
 
     if connect is not None:

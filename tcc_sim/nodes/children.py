@@ -1,4 +1,6 @@
-"""Start driveline and recorder as processes on this machine in an unused ROS domain, without rclpy."""
+"""Start driveline and recorder as processes on this machine in an unused ROS domain, and Rerun's viewer for a browser
+on the loopback address, without rclpy.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +8,20 @@ import ctypes
 import importlib.util
 import os
 import secrets
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import quote
 
-from tcc_sim.errors import InputError, MissingPackage, TccError
+from tcc_sim.errors import InputError, MissingPackage, TccError, require
 
 PACKAGE = Path(__file__).parents[1]
 """Directory of this package."""
@@ -34,6 +39,12 @@ PRIORITIES = 40, 30, 20
 """SCHED_FIFO priorities of driveline, sender of commands and recorder."""
 FIRST_PORT, PORTS = 7400, 250
 """First UDP port of domain 0 and number of UDP ports of a domain, from the DDS standard."""
+ADDRESS = "127.0.0.1"
+"""Address of the viewer and its data; it is not reachable from the network."""
+PAGE_PORT, DATA_PORT = 9090, 9876
+"""Rerun's default ports, used if they are free."""
+HOSTING, LISTENING = "Hosting a web-viewer", "Listening for gRPC connections"
+"""Log lines of Rerun once it serves the page and accepts data."""
 
 
 def require_ros() -> None:
@@ -283,3 +294,58 @@ def end_with_parent(number: signal.Signals = signal.SIGINT) -> Callable[[], None
                 os.kill(os.getpid(), number)
 
     return ask
+
+
+@dataclass(frozen=True)
+class WebViewer:
+    """A running viewer.
+
+    page : address for a browser
+    url : address for a stream of data
+    """
+
+    page: str
+    url: str
+
+
+@contextmanager
+def web_viewer() -> Iterator[WebViewer]:
+    """Serve Rerun's viewer on the loopback address for the duration of a `with` block.
+
+    Raises MissingPackage: rerun-sdk is not installed. Raises TccError: Rerun does not start.
+    """
+    require("rerun", "Rerun")
+    program = _program()
+    page, data = _free_port(PAGE_PORT), _free_port(DATA_PORT)
+    server = ChildProcess("rerun", [program, "--serve-web", "--bind", ADDRESS, "--port", str(data),
+                                    "--web-viewer-port", str(page), "--hide-welcome-screen"], dict(os.environ))
+    try:
+        for line in (HOSTING, LISTENING):
+            server.await_line(line)
+        url = f"rerun+http://{ADDRESS}:{data}/proxy"
+        yield WebViewer(f"http://{ADDRESS}:{page}/?url={quote(url, safe='')}", url)
+    finally:
+        server.kill()
+
+
+def _program() -> str:
+    """Return the viewer's program in rerun-sdk itself, since killing the script on the path would leave it running."""
+    spec = importlib.util.find_spec("rerun_cli")
+    for folder in (spec.submodule_search_locations or ()) if spec is not None else ():
+        if (Path(folder) / "rerun").is_file():
+            return str(Path(folder) / "rerun")
+    program = shutil.which("rerun")
+    if program is None:
+        raise TccError("the program rerun, which comes with rerun-sdk, is not installed")
+    return program
+
+
+def _free_port(wanted: int) -> int:
+    for port in (wanted, 0):
+        with socket.socket() as probe:
+            try:
+                probe.bind((ADDRESS, port))
+            except OSError:
+                continue
+            return int(probe.getsockname()[1])
+    raise TccError(f"no port of {ADDRESS} is free")

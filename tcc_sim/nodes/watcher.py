@@ -52,48 +52,6 @@ WATCHED = "scene", "joint_states", "held", *(row.name for row in stamped())
 """Topics from which everything is shown: what the inputs held, and since when, is on `held`."""
 
 
-class WatchedInputs:
-    """Signals of `topics.shown` from messages that state their simulation times, as changes."""
-
-    def __init__(self) -> None:
-        self._last: dict[str, float] = {}
-        self._run = self._sources = ""
-
-    def signals(self, taken: Mapping[str, Sequence[bytes]], zeros: NDArray[np.int64]
-                ) -> tuple[dict[str, Signal], list[Event]]:
-        """Return the signals (name -> stamps in ns, values) and the changes of sources in serialised messages by topic.
-        """
-        reports, events, signals = [], list[Event](), dict[str, Signal]()
-        read = []
-        for data in taken["held"]:
-            with suppress(ValueError):
-                read.append(held.read_held(data))
-        for run, values in read:
-            if run in (self._run, read[-1][0]):  # At first the latched ones of earlier runs come too.
-                reports.append(values)
-                text = held.sources_in_words(values.tolist())
-                events += [Event(values[held.TIME] * 1e-9, text)] * (text not in ("", self._sources))
-                self._sources = text
-        if reports:
-            self._run, table = read[-1][0], np.array(reports)
-            for name in HELD_INPUTS:
-                commanded = table[:, held.index_in_held(name, "source")] == held.COMMAND
-                values = np.where(commanded, table[:, held.index_in_held(name, "value")], math.nan)
-                signals[name] = table[:, held.TIME].astype(np.int64), values
-        for carrier in stamped():
-            rows, _ = cdr.own_records(taken[carrier.name], carrier.name)
-            stamps = simulation_ns(cdr.stamps(rows), zeros)
-            signals |= {row.name: (stamps, rows[row.fields[0]].astype(np.float64)) for row in shown()
-                        if row.fields and row.fields[0] in carrier.fields}
-        return {name: self._changes(name, *signal) for name, signal in signals.items() if len(signal[0])}, events
-
-    def _changes(self, name: str, stamps: NDArray[np.int64], values: Floats) -> Signal:
-        """Return the known values that differ from the one before."""
-        new = values != np.append(self._last.get(name, math.nan), values[:-1])
-        self._last[name] = float(values[-1])
-        return stamps[new & np.isfinite(values)], values[new & np.isfinite(values)]
-
-
 class Watcher:
     """Receiver of a driveline's messages, which passes them to a view.
 
@@ -117,7 +75,9 @@ class Watcher:
         self.scene = self._await_scene()
         self._stick_speed = stick_speed_of(terms_of(self.scene.system))
         self._cycles = CycleStream(self.scene.system)
-        self._inputs, self._means = WatchedInputs(), CycleMeans(Uniform(self.scene.system.cycle))
+        self._last: dict[str, float] = {}
+        self._run = self._sources = ""
+        self._means = CycleMeans(Uniform(self.scene.system.cycle))
 
     @property
     def lost(self) -> int:
@@ -175,7 +135,7 @@ class Watcher:
             cuts = 1 + np.flatnonzero(np.diff(stamps) < 0)
             for piece in np.split(np.arange(len(rows)), cuts):
                 self._show(view, stamps[piece], rows[piece])
-            view.control(*self._inputs.signals(taken, self._zeros))
+            view.control(*self._signals(taken))
         if everything or now - self._summarised >= SUMMARY_PERIOD:
             self._summarised = now
             view.text(self.summary())
@@ -234,6 +194,40 @@ class Watcher:
         del self._cycles.runs[:-1]
         for run in self._cycles.runs:
             run.pieces.clear()
+
+    def _signals(self, taken: Mapping[str, Sequence[bytes]]) -> tuple[dict[str, Signal], list[Event]]:
+        """Return the changes of the signals of `topics.shown` (name -> stamps in ns, values), and the changes of the
+        sources of inputs, in serialised messages that state their simulation times.
+        """
+        reports, events, signals = [], list[Event](), dict[str, Signal]()
+        read = []
+        for data in taken["held"]:
+            with suppress(ValueError):
+                read.append(held.read_held(data))
+        for run, values in read:
+            if run in (self._run, read[-1][0]):  # At first the latched ones of earlier runs come too.
+                reports.append(values)
+                text = held.sources_in_words(values.tolist())
+                events += [Event(values[held.TIME] * 1e-9, text)] * (text not in ("", self._sources))
+                self._sources = text
+        if reports:
+            self._run, table = read[-1][0], np.array(reports)
+            for name in HELD_INPUTS:
+                commanded = table[:, held.index_in_held(name, "source")] == held.COMMAND
+                values = np.where(commanded, table[:, held.index_in_held(name, "value")], math.nan)
+                signals[name] = table[:, held.TIME].astype(np.int64), values
+        for carrier in stamped():
+            rows, _ = cdr.own_records(taken[carrier.name], carrier.name)
+            stamps = simulation_ns(cdr.stamps(rows), self._zeros)
+            signals |= {row.name: (stamps, rows[row.fields[0]].astype(np.float64)) for row in shown()
+                        if row.fields and row.fields[0] in carrier.fields}
+        return {name: self._changes(name, *signal) for name, signal in signals.items() if len(signal[0])}, events
+
+    def _changes(self, name: str, stamps: NDArray[np.int64], values: Floats) -> Signal:
+        """Return the known values that differ from the one before."""
+        new = values != np.append(self._last.get(name, math.nan), values[:-1])
+        self._last[name] = float(values[-1])
+        return stamps[new & np.isfinite(values)], values[new & np.isfinite(values)]
 
     def _report(self) -> None:
         """Report missed states at most once a second, and once that no states arrive."""

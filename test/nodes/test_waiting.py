@@ -13,8 +13,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Int8
 
-from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.waiting import PATIENCE, Waiting
+from tcc_sim.nodes.driveline import PATIENCE, DrivelineNode, Waiting
 
 
 class Judged:

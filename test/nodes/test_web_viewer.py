@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tcc_sim.nodes.web_viewer import ADDRESS, web_viewer
+from tcc_sim.nodes.children import ADDRESS, web_viewer
 
 pytest.importorskip("rerun", reason="rerun-sdk is not installed")
 import rerun
