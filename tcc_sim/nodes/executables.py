@@ -43,7 +43,6 @@ _turn = threading.Lock()
 _phase = ""
 _INTERRUPTED = threading.Event()
 """Set when Ctrl-C was pressed in a command."""
-_ROS_WORDS = ("-p", "--param", "-r", "--remap", "--params-file", "-e", "--enclave", "--log-level")
 _PURPOSES = {
     "driveline": "Run the driveline in real time: publish states, subscribe to engine torque and actuation pressure.",
     "recorder": "Record every topic of the driveline into a bag (MCAP) that survives a kill.",
@@ -100,17 +99,9 @@ def _text_for(name: str, words: list[str]) -> str | None:
     if {"-h", "--help"} & set(options):
         return _help(name)
     if options:
-        from difflib import get_close_matches
-
-        near = get_close_matches(options[0], ("--help", "--version", "--ros-args"), 1)
         after = " ".join(["--ros-args", *(word for word in words if word not in ("--", "--ros-args"))])
-        if near:
-            meant = f"did you mean {near[0]}?"
-        elif options[0] in _ROS_WORDS or ":=" in options[0]:
-            meant = f"words for ROS 2 follow --ros-args: {_command_of(name)} {after}"
-        else:
-            meant = "options are --help, --version and --ros-args WORD ..."
-        raise InputError(f"{options[0]} is not an option; {meant}")
+        raise InputError(f"{options[0]} is not an option; options are --help and --version, and words for ROS 2 follow "
+                         f"--ros-args: {_command_of(name)} {after}")
     return None
 
 
