@@ -21,8 +21,8 @@ from unittest.mock import patch
 import numpy as np
 
 from tcc_sim.compiling import compiled
+from tcc_sim.model.equations import LAWS
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.supported_terms import LAWS
 from tcc_sim.output.terminal import say
 from tcc_sim.scene import system_of
 from tcc_sim.solvers import stroboscopic

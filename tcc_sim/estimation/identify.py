@@ -37,9 +37,9 @@ from tcc_sim.estimation.multiple_shooting import (
     on_its_side,
 )
 from tcc_sim.estimation.residuals import HIDDEN, Whiteness, autoregression, judge_residuals, probability_of
+from tcc_sim.model.equations import check_supported
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
 from tcc_sim.model.parameters import replace as changed
-from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.result import Result, reported
 from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.sweeps.progress import progress_bar

@@ -25,11 +25,10 @@ from tcc_sim.fmi.c_types import DOUBLE, INT, Keys, Kind, Row, Static, Struct, Ta
 from tcc_sim.fmi.printer import Library
 from tcc_sim.model import actuator, equations
 from tcc_sim.model.actuator import delay_ticks
-from tcc_sim.model.equations import COEFFICIENTS, Linear
+from tcc_sim.model.equations import COEFFICIENTS, Linear, check_supported
 from tcc_sim.model.groups import LARGEST_RATIO, TABLE, TABULATED, Pressure
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
 from tcc_sim.model.profile import SWELL, SWELLS, Origin, profile_of
-from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.output.files import draft
 from tcc_sim.plant import driveline
 from tcc_sim.scene import Scene

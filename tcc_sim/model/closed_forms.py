@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError, OutOfRange
-from tcc_sim.model.equations import linear_of, matrix_of
+from tcc_sim.model.equations import check_supported, linear_of, matrix_of
 from tcc_sim.model.friction import onset
 from tcc_sim.model.groups import Driveline
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.model.supported_terms import check_supported
 
 Floats = NDArray[np.float64]
 Response = Callable[[float], complex]

@@ -1,18 +1,22 @@
-"""Equations of motion (1), (2) with the slip speed as a state, and the excitation.
+"""Equations of motion (1), (2) with the slip speed as a state, the excitation, and the table of who supports each term.
 
 States: slip speed v (rad/s), plate angle theta2 (rad), plate speed omega2 (rad/s). The slip speed is a state because in
 stick it is a small difference of large numbers. theta1 is cyclic; it is integrated separately, only on request.
+
+The table is the gate of everything that solves, differentiates, exports or maps: a term that a row of SUPPORTED does
+not name is refused there. So a term that is added to the model is refused by everybody until its name is added to the
+rows of those that support it; nothing leaves it out in silence.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from tcc_sim.model.parameters import System
+from tcc_sim.errors import InputError
+from tcc_sim.model.parameters import System
 
 
 class Linear(NamedTuple):
@@ -141,3 +145,79 @@ def interface_torque(plate_angle: Any, plate_speed: Any, engine: Any, linear: Li
     """The friction torque lambda that stick needs (v' = 0), N m: (I2 Te + I1 (C23 theta2' + K23 theta2))/(I1 + I2)."""
     spring = linear.damping * plate_speed + linear.stiffness * plate_angle
     return (linear.plate * engine + linear.flywheel * spring) / (linear.flywheel + linear.plate)
+
+
+SMOOTHED, SET_VALUED = "smoothed", "set_valued"
+LAWS = SMOOTHED, SET_VALUED
+EXCITATION = frozenset({"torque", "harmonics", "pulsation"})
+BOTH_ENGINES = EXCITATION | {"stribeck", "curve", "approach"} | set(OPTIONAL)
+"""Terms that the equations of both laws have. A held pressure passes an actuator (`approach`) as it is."""
+SAMPLED = BOTH_ENGINES | {SMOOTHED, "profile", "inputs"}
+AT_REST = frozenset({"flywheel_by_slip", "plate_by_slip"})
+"""Coefficients that do nothing where v = 0."""
+
+SUPPORTED: dict[str, frozenset[str]] = {
+    "fixed_step": SAMPLED | {"far"}, "smoothed": SAMPLED, "event_driven": BOTH_ENGINES | {SET_VALUED},
+    **dict.fromkeys(("rk45", "dop853", "radau", "bdf", "lsoda", "rk4"), SAMPLED),
+    "section map": BOTH_ENGINES | {SMOOTHED, SET_VALUED},
+    "tick derivatives": SAMPLED,
+    "node": SAMPLED | {"far"},
+    "FMU": SAMPLED - {"inputs"},
+    "pure slip": EXCITATION | AT_REST | {SMOOTHED, SET_VALUED, "approach", "stribeck", "curve"},
+    "pure stick": EXCITATION | AT_REST | {SMOOTHED, SET_VALUED, "approach", "stribeck", "curve"},
+    "harmonic balance": EXCITATION | {SMOOTHED, "approach", "stribeck", "curve"},
+    "reference": EXCITATION | AT_REST | {SMOOTHED, SET_VALUED, "approach", "stribeck", "curve"},
+    "peer": frozenset({"torque", "pulsation", SMOOTHED, "approach", "stribeck"}),
+}
+"""Terms that solvers (by their names) and everything else support. `stribeck` is refused by pure slip itself.
+
+section map : derivatives, basins, exponents, continuation, periodic linear models and the equivalent damping
+tick derivatives : identification
+reference, peer : independent solutions, and other programs, of the measurements of precision
+"""
+
+
+def terms_in(system: System) -> dict[str, str]:
+    """Return the terms that a system has, by the names of the fields of `solvers.terms.Terms` and of Linear, each with
+    the scene keys or inputs that bring it.
+    """
+    e, p, inputs, terms = system.engine, system.pressure, system.inputs, {}
+    terms[system.friction.law] = f"friction.law {system.friction.law}"
+    if e.harmonic and e.torque_amplitude > 0.0:
+        terms["torque"] = "engine.torque_amplitude"
+    if e.harmonic and any(e.harmonic_amplitudes):
+        terms["harmonics"] = "engine.harmonic_amplitudes"
+    if p.harmonic and p.amplitude > 0.0:
+        terms["pulsation"] = "pressure.amplitude"
+    if system.friction.stribeck is not None:
+        terms["stribeck"] = "friction that varies with slip speed"
+    if system.friction.curve is not None:
+        terms["curve"] = "friction.coefficients"
+    if p.actuated:
+        terms["approach"] = "an actuator of the pressure"
+    if inputs is not None and inputs.output_speed is not None:
+        terms["far"] = "inputs with output_speed"
+    if system.profile is not None:
+        terms["profile"] = ", ".join(key for key in system.varying if key != "inputs") or "inputs"
+    if inputs is not None:
+        terms["inputs"] = "inputs"
+    linear = linear_of(system)
+    for name in OPTIONAL:
+        if getattr(linear, name) is not None:
+            terms[name] = " and ".join(key for key, shares in COEFFICIENTS.items()
+                                       if name in shares and system.value(key) != 0.0)
+    return terms
+
+
+def unsupported(who: str, system: System) -> dict[str, str]:
+    """Return the terms of a system that a row of SUPPORTED leaves out, as `terms_in`."""
+    return {name: text for name, text in terms_in(system).items() if name not in SUPPORTED[who]}
+
+
+def check_supported(who: str, system: System, verb: str) -> None:
+    """Raise InputError if a system has a term that a row of SUPPORTED leaves out; `verb` begins the sentence."""
+    absent = unsupported(who, system)
+    if absent:
+        able = [name for name, terms in SUPPORTED.items() if absent.keys() <= terms]
+        raise InputError(f"{verb} does not know {', '.join(dict.fromkeys(absent.values()))}; "
+                         f"{'those that do are ' + ', '.join(able) if able else 'nothing does'}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tcc_sim.analysis.loop.manoeuvre import JudderFigures
+from tcc_sim.analysis.measured.orders import JudderFigures
 from tcc_sim.analysis.repetition import LONGEST
 from tcc_sim.analysis.steady.summary import AFTER_A_GAP, Summary, runaway_cause
 from tcc_sim.errors import counted

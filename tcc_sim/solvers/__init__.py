@@ -9,10 +9,10 @@ from functools import cache
 from importlib import import_module
 
 from tcc_sim.errors import InputError
+from tcc_sim.model.equations import LAWS, SUPPORTED, unsupported
 from tcc_sim.model.parameters import System
-from tcc_sim.model.supported_terms import LAWS, SUPPORTED, unsupported
 from tcc_sim.scene import Scene, system_of
-from tcc_sim.solvers.problem import Problem
+from tcc_sim.solvers.terms import Problem
 from tcc_sim.trajectory import State, Status, Trajectory
 
 
@@ -41,7 +41,7 @@ class Entry:
         return tuple(law for law in LAWS if law in SUPPORTED[self.name])
 
     def solves(self, system: System) -> bool:
-        """Return whether it supports every term of a system (`model.supported_terms`)."""
+        """Return whether it supports every term of a system (`model.equations`)."""
         return not unsupported(self.name, system)
 
 

@@ -36,8 +36,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.fixed_step import piece_at, torques_now
 from tcc_sim.solvers.per_cycle import cycles_of_states
-from tcc_sim.solvers.problem import Problem, assemble
-from tcc_sim.solvers.terms import Terms, peak_load, piece_of, terms_of
+from tcc_sim.solvers.terms import Problem, Terms, assemble, peak_load, piece_of, terms_of
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, split_cycles
 
 KEPT_PER_CYCLE = 4096

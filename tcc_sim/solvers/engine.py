@@ -34,9 +34,8 @@ from tcc_sim.polynomials import polynomial
 from tcc_sim.polynomials.polynomial import BERNSTEIN, HIGH, LOW, PER_BINOMIAL, later_part, to_bernstein
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.changes import LANES
-from tcc_sim.solvers.problem import LEAST_REST, Problem, assemble
 from tcc_sim.solvers.series import ANGLE, COLUMNS, FLYWHEEL, SLIP, SPEED, load_phase
-from tcc_sim.solvers.terms import Terms
+from tcc_sim.solvers.terms import LEAST_REST, Problem, Terms, assemble
 from tcc_sim.trajectory import Cycles, Floats, Loads, Statistics, Status, Trajectory, Transitions
 
 LOADS = np.dtype([("energy", np.float64), ("peak_power", np.float64), ("highest_shaft_torque", np.float64),

@@ -43,14 +43,22 @@ from tcc_sim.compiling.compiled import (
 from tcc_sim.compiling.compiled import reached as reached_unfused
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model.actuator import approach_between
-from tcc_sim.model.equations import Linear
+from tcc_sim.model.equations import Linear, check_supported
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import FAR_ANGLE, FAR_RATE, FAR_SPEED
-from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.solvers.per_cycle import STAMP, cycles_of_states, hermite
-from tcc_sim.solvers.problem import Problem, assemble, rates_along
-from tcc_sim.solvers.terms import Terms, for_ticks, holding, same_but_means, substeps, terms_of
+from tcc_sim.solvers.terms import (
+    Problem,
+    Terms,
+    assemble,
+    for_ticks,
+    holding,
+    rates_along,
+    same_but_means,
+    substeps,
+    terms_of,
+)
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated, split_cycles
 
 START, BEFORE, RISE, RATE = range(4)

@@ -16,8 +16,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.equations import Linear, coefficients_of
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME
-from tcc_sim.solvers.problem import far_end_along, rates_along
-from tcc_sim.solvers.terms import Terms, stick_speed_of
+from tcc_sim.solvers.terms import Terms, far_end_along, rates_along, stick_speed_of
 from tcc_sim.trajectory import STILL, Cycles, FarEnd, Floats, Loads
 
 BENT = 4.0

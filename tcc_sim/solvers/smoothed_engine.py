@@ -62,7 +62,6 @@ from tcc_sim.solvers.collocation import (
 )
 from tcc_sim.solvers.engine import EngineShell, Memory, Setup, Store, Stretch
 from tcc_sim.solvers.law import mubar_at, numbers_of
-from tcc_sim.solvers.problem import Problem
 from tcc_sim.solvers.series import (
     ANGLE,
     DRIVE,
@@ -101,7 +100,7 @@ from tcc_sim.solvers.smoothed import (
     series_step,
     state_at_end,
 )
-from tcc_sim.solvers.terms import Terms, load_frequency, per_system, steps_allowed, terms_of
+from tcc_sim.solvers.terms import Problem, Terms, load_frequency, per_system, steps_allowed, terms_of
 from tcc_sim.trajectory import Floats
 
 EDGE = 1e-6

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from tcc_sim.compiling.compiled import Call, Calls
 from tcc_sim.errors import NumericalFailure
-from tcc_sim.model.equations import Linear
+from tcc_sim.model.equations import Linear, check_supported
 from tcc_sim.model.parameters import System
-from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers import engine as shell
 from tcc_sim.solvers import key_derivatives as of

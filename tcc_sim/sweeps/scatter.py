@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.loop.manoeuvre import JudderFigures, OrdersAtSpeeds
+from tcc_sim.analysis.measured.orders import JudderFigures, OrdersAtSpeeds
 from tcc_sim.analysis.steady.damping import Damping
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError

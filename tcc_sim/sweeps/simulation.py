@@ -15,8 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tcc_sim.analysis.loop.manoeuvre import OrdersAtSpeeds, orders_at_speeds
-from tcc_sim.analysis.measured.orders import Orders, Spectrum
+from tcc_sim.analysis.measured.orders import Orders, OrdersAtSpeeds, Spectrum, orders_at_speeds
 from tcc_sim.analysis.steady.damping import Damping, damping_of_cycles
 from tcc_sim.analysis.steady.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.analysis.steady.summary import (

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from tcc_sim.analysis.loop.manoeuvre import judder_of
+from tcc_sim.analysis.measured.orders import judder_of
 from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.closed_forms import common_cycles

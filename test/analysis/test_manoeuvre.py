@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.loop.manoeuvre import judder_of, orders_at_speeds
-from tcc_sim.analysis.measured.orders import orders_of
+from tcc_sim.analysis.measured.orders import judder_of, orders_at_speeds, orders_of
 from tcc_sim.errors import InputError
 from tcc_sim.scene import load_scene
 from tcc_sim.trajectory import Trajectory

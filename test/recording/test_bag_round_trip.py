@@ -131,7 +131,7 @@ def test_rosbags_reads_messages_and_metadata(tmp_path):
 
 def test_a_trajectory_becomes_a_recording(tmp_path):
     from tcc_sim.model.parameters import System
-    from tcc_sim.solvers.problem import Problem, assemble
+    from tcc_sim.solvers.terms import Problem, assemble
 
     t = np.linspace(0.0, 0.1, 101)
     states = np.column_stack([np.cos(t), np.sin(t), np.cos(2 * t)])

@@ -20,8 +20,8 @@ from tcc_sim.estimation.identify import identify
 from tcc_sim.estimation.linearise import linearise
 from tcc_sim.estimation.measurement import Measurement
 from tcc_sim.fmi.export import fmu_of
-from tcc_sim.model import supported_terms
 from tcc_sim.model.closed_forms import plate_angle, pure_slip, stick_margin
+from tcc_sim.model.equations import SUPPORTED, unsupported
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.profile import Inputs
 from tcc_sim.plant.driveline import Plant
@@ -264,7 +264,7 @@ SYSTEMS = {**CASES, "curve": CASES["every term"], "smoothed": BASE,
            "set_valued": replace(BASE, {"friction.law": "set_valued"})}
 FLAT = {"friction.kinetic_coefficient": 0.3}
 UNKNOWN = [(who, place, name) for who, asks in CONSUMERS.items() for place in range(len(asks)) for name in NAMES
-           if name in supported_terms.unsupported(who, SYSTEMS[name]) and (
+           if name in unsupported(who, SYSTEMS[name]) and (
                who not in ("tick derivatives", "node", "FMU") or NAMES[name] == "friction.law")]
 
 
@@ -276,4 +276,4 @@ def test_a_term_that_a_row_does_not_have_is_refused_with_the_key_that_brings_it(
 
 
 def test_every_row_is_asked() -> None:
-    assert CONSUMERS.keys() == supported_terms.SUPPORTED.keys()
+    assert CONSUMERS.keys() == SUPPORTED.keys()

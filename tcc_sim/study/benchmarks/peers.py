@@ -22,12 +22,11 @@ from scipy.integrate import solve_ivp
 
 from tcc_sim.errors import one_line
 from tcc_sim.fmi.export import compiler
+from tcc_sim.model.equations import check_supported
 from tcc_sim.model.parameters import System
-from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.solvers.comparison import jacobian_of, rates_of
 from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
-from tcc_sim.solvers.problem import rates_along
-from tcc_sim.solvers.terms import terms_of
+from tcc_sim.solvers.terms import rates_along, terms_of
 from tcc_sim.study.benchmarks.references import Floats, error_scales
 from tcc_sim.trajectory import State
 

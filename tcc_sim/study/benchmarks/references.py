@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from tcc_sim.model.equations import check_supported
 from tcc_sim.model.groups import Friction
 from tcc_sim.model.parameters import System
-from tcc_sim.model.supported_terms import check_supported
 from tcc_sim.trajectory import State
 
 Floats = NDArray[np.float64]

@@ -1,18 +1,24 @@
-"""Branches of periodic orbits with their bifurcations: how they are followed, and the orbits on them."""
+"""Branches of periodic orbits with their bifurcations, and bifurcation diagrams.
+
+A diagram has a branch through every motion of a sweep that lies on no other one, and doubled branches. A motion lies on
+a branch by its section if that is known, else by its period and amplitude. A sweep jumps from one stable segment of a
+branch to another where the branch loses its stability, or where the initial state enters another basin.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from tcc_sim.analysis.steady.exponents import product_of
 from tcc_sim.result import Described, reported, reporting
 from tcc_sim.study.continuation import arclength, orbits
-from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, Rules, StopReason
+from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, Rules, StopReason, corrector
 from tcc_sim.study.continuation.bifurcations import (
     Bifurcation,
     ContinuationPoint,
@@ -20,7 +26,7 @@ from tcc_sim.study.continuation.bifurcations import (
     point_at,
     special_points_between,
 )
-from tcc_sim.study.continuation.orbits import Floats, Linearised, Orbit, Shooting
+from tcc_sim.study.continuation.orbits import Floats, Linearised, Orbit, ParameterMap, Settings, Shooting
 
 FAMILY = 1e-7  # distance of a multiplier from 1, and slope of the parameter, in a family at one value
 FAMILY_LENGTH = 1e-2  # length of a branch in a family before it ends
@@ -333,3 +339,474 @@ def _at(near: ContinuationPoint, value: float) -> Orbit | None:
         return None
     solution = arclength.solution_at(corrected.z, corrected.linearised, tangent)
     return replace(point_at(shooting, solution).orbit, values=(value,))
+
+
+MERGED = 1e-5  # distance, relative to the range, at which two ends of branches are one doubling
+# Distances from a doubling at which its branch is tried; beside a canard, where the map bends within 1e-5, only the
+# smallest ones lie on it.
+AMPLITUDES = (3e-3, 1e-3, 1e-2, 3e-4, 3e-5, 3e-6, 1e-6)
+ALIKE = 0.01  # difference of two amplitudes of one motion, relative to the largest of a sweep
+NEXT_TO_NOTHING = 1e-3  # part of a sweep's largest size below which its periodic motions are no measure
+OFF_CHORD = 0.3  # distance of a motion from the chord between two points, relative to its rise
+ON_CHORD = 1e-3  # the same where the chord does not rise
+
+SWEPT = Settings(max_points=200, largest_step=0.3)
+"""Settings for pictures: steps of about a hundredth of their width, and bounded branches."""
+
+
+@dataclass(frozen=True)
+class SettledMotion:
+    """A motion that a sweep found.
+
+    value : of the parameter
+    state : (n,) at the start of cycle `cycle`
+    period : cycles; 0 for none
+    amplitude : its largest size
+    """
+
+    value: float
+    state: Floats
+    cycle: int
+    period: int
+    amplitude: float
+
+    def has_period(self, period: int, base: int = 1) -> bool:
+        """Whether it repeats after `period` cycles, where the excitation repeats after `base`."""
+        return self.period > 0 and math.lcm(self.period, base) == period
+
+
+def bifurcation_diagram(of: ParameterMap, span: orbits.ParameterRange, seen: Sequence[SettledMotion],
+                        tick: Tick | None = None, settings: Settings = SWEPT) -> list[Branch]:
+    """Branches through the periodic motions of a sweep, and the branches from their doublings.
+
+    of, span : the map with one free parameter, and its range
+    seen : motions along the sweep, in order; the longest run of one period that lies on no branch is followed first
+    tick : called with every point
+    """
+    out: list[Branch] = []
+    size, longest = amplitude_of(seen), settings.longest_period * of.forcing_period
+    left = {k: s for k, s in enumerate(seen) if 0 < s.period <= longest}
+    while left and len(out) < settings.max_branches:
+        left = {k: s for k, s in left.items() if place_of(s, out, size, of.forcing_period) is None}
+        runs: list[list[int]] = []
+        for k, s in left.items():
+            if runs and runs[-1][-1] == k - 1 and left[k - 1].period == s.period:
+                runs[-1].append(k)
+            else:
+                runs.append([k])
+        if not runs:
+            break
+        run = max(runs, key=len)
+        first = point_of(of, span, left.pop(run[len(run) // 2]), settings)
+        if first is not None and not any(passes_through(branch, first) for branch in out):
+            branch_through(first, number=len(out), tick=tick, keep=out)
+    switch(out, 1, longest, settings.max_branches, tick)
+    return out
+
+
+def left_out(seen: Sequence[SettledMotion], branches: Sequence[Branch], base: int = 1,
+             settings: Settings = SWEPT) -> list[str]:
+    """Sentences on motions and branches that a diagram leaves out."""
+    size, longest, out = amplitude_of(seen), settings.longest_period * base, list[str]()
+    alone = [s for s in seen if s.period and place_of(s, branches, size, base) is None]
+    long = sum(s.period > longest for s in alone)
+    if len(alone) > long:
+        full = len(branches) >= settings.max_branches
+        reason = f"{settings.max_branches} branches are followed" if full else "none was found there"
+        out.append(f"{len(alone) - long} of {len(seen)} motions lie on no branch: {reason}")
+    if long:
+        out.append(f"{long} of {len(seen)} motions have a period above {longest} and lie on no branch")
+    stopped = sum(any(end.reason is StopReason.POINTS for end in branch.ended) for branch in branches)
+    if stopped:
+        out.append(f"{stopped} of {len(branches)} branches go on: {settings.max_points} points are followed either way")
+    return out
+
+
+class BranchPiece(NamedTuple):
+    """A piece of a branch at a value: the number of the point before it, its ends, and the part of the chord there."""
+
+    after: int
+    a: ContinuationPoint
+    b: ContinuationPoint
+    part: float
+
+    def holds(self, seen: SettledMotion, size: float) -> float:
+        """Distance of a motion's amplitude from the piece; inf where too far for a largest amplitude of `size`."""
+        low, high = self.a.orbit.seen.largest, self.b.orbit.seen.largest
+        away = abs(low + self.part * (high - low) - seen.amplitude)
+        return away if away <= ALIKE * size + OFF_CHORD * abs(high - low) else math.inf
+
+
+def pieces_at(branch: Branch, value: float) -> list[BranchPiece]:
+    """The pieces of a branch across a value; its folds extend it beyond its extreme points."""
+    folds, out = dict[int, list[ContinuationPoint]](), []
+    for bifurcation in branch.bifurcations:
+        if bifurcation.kind == "fold":
+            folds.setdefault(bifurcation.after, []).append(bifurcation.point)
+    for k, ends in enumerate(pairwise(branch.points)):
+        for a, b in pairwise([ends[0], *folds.get(k, []), ends[1]]):
+            if min(a.value, b.value) <= value <= max(a.value, b.value):
+                width = b.value - a.value
+                out.append(BranchPiece(k, a, b, (value - a.value) / width if width else 0.5))
+    return out
+
+
+def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base: int = 1) -> tuple[int, int] | None:
+    """The stable piece with the period and amplitude of a motion, the nearest one of several; None for no piece.
+
+    The piece is the number of its branch and that of the point before it.
+    """
+    best, place = math.inf, None
+    for number, branch in enumerate(branches):
+        if not seen.has_period(branch.period, base):
+            continue
+        for piece in pieces_at(branch, seen.value):
+            if (piece.a.orbit.stable or piece.b.orbit.stable) and (away := piece.holds(seen, size)) < best:
+                best, place = away, (number, piece.after)
+    return place
+
+
+def passes_through(branch: Branch, point: ContinuationPoint) -> bool:
+    """Whether a branch passes through an orbit, which may begin in any of its cycles."""
+    of, orbit = point.shooting.map, point.orbit
+    if branch.period != orbit.period:
+        return False
+    sections = np.array(orbits.shifts(of, orbit.section, orbit.values, orbit.period))
+    for piece in pieces_at(branch, point.value):
+        chord = piece.b.orbit.section - piece.a.orbit.section
+        away = np.abs((piece.a.orbit.section + piece.part * chord - sections) / of.scales).max(axis=1)
+        if away.min() <= ON_CHORD + OFF_CHORD * np.abs(chord / of.scales).max():
+            return True
+    return False
+
+
+def amplitude_of(seen: Sequence[SettledMotion]) -> float:
+    """The largest size of the periodic motions of a sweep; of all motions where these are too small."""
+    most = max((s.amplitude for s in seen), default=0.0)
+    periodic = max((s.amplitude for s in seen if s.period), default=0.0)
+    return periodic if periodic > NEXT_TO_NOTHING * most else most
+
+
+def point_of(of: ParameterMap, span: orbits.ParameterRange, seen: SettledMotion,
+             settings: Settings = orbits.DEFAULTS) -> ContinuationPoint | None:
+    """The point of a branch at a motion of a sweep; None where Newton's method finds no orbit there."""
+    shooting = Shooting.single(of, math.lcm(seen.period, of.forcing_period), span, settings=settings)
+    try:
+        z = orbits.find_orbit(shooting, (seen.value,), [state_at_phase_0(of, seen)])
+        return None if z is None else first_point(shooting, z)
+    except orbits.FAILURES:
+        return None
+
+
+def state_at_phase_0(of: ParameterMap, seen: SettledMotion) -> Floats:
+    """The state of a motion at the next cycle in which the excitation repeats."""
+    phase = seen.cycle % of.forcing_period
+    return of.evaluate(seen.state, (seen.value,), phase, of.forcing_period - phase).value if phase else seen.state
+
+
+def doubled(bifurcation: Bifurcation) -> ContinuationPoint | None:
+    """A first point on the branch of doubled motions; None where none is found.
+
+    It lies in the plane phi . (x - x*) = eps, phi the eigenvector of the multiplier -1, so the orbit of the simple
+    period is not in it; the tangent points away from the doubling.
+    """
+    point = bifurcation.point
+    single = point.shooting
+    of, blocks = single.map, point.solution.linearised.blocks
+    values, vectors = np.linalg.eig(product_of(blocks))
+    phi = np.real(vectors[:, int(np.abs(values + 1.0).argmin())])
+    phi = phi / np.linalg.norm(phi)
+    along = [phi]
+    for block in blocks[:-1]:
+        along.append(block @ along[-1])
+    x, directions, segments = point.orbit.nodes, np.array(along), single.segments
+    if len(segments) == 1:
+        shooting = Shooting.single(of, 2 * single.period, *single.ranges, settings=single.settings)
+    else:
+        shooting = replace(single, period=2 * single.period, segments=segments + segments)
+        x, directions = np.vstack([x, x]), np.vstack([directions, -directions])
+    start = shooting.unknowns(x, point.orbit.values)
+    direction, row = np.zeros(len(start)), np.zeros(len(start))
+    direction[:-1], row[:len(phi)] = directions.ravel(), phi
+    for amplitude in AMPLITUDES:
+        for sign in (1.0, -1.0):
+            got = corrector(shooting, start + sign * amplitude * direction, row)
+            if got is None or not 0.0 <= got.z[-1] <= 1.0:
+                continue
+            try:
+                at = shooting.nodes(got.z)[0]
+                half = orbits.minimal_period(shooting.map, at, shooting.values(got.z), shooting.period, 0.1 * amplitude)
+                if half != shooting.period:
+                    continue
+                return point_at(shooting, got.facing(sign * row))
+            except orbits.FAILURES:
+                continue
+    return None
+
+
+def switch(branches: list[Branch], depth: int, longest: int | None = None, most: int | None = None,
+           tick: Tick | None = None) -> None:
+    """Append the doubled branch of every period doubling in which none of the others ends, and theirs, to `depth`.
+
+    longest, most : period followed, in cycles, and branches, where they are bounded
+    """
+    first = 0
+    for _ in range(depth):
+        generation, first = list(enumerate(branches))[first:], len(branches)
+        for number, parent in generation:
+            for bifurcation in parent.bifurcations:
+                if bifurcation.kind != "period_doubling" or (longest is not None and 2 * parent.period > longest):
+                    continue
+                if most is not None and len(branches) >= most:
+                    continue
+                scaled, merged = bifurcation.point.shooting.ranges[0].scaled, MERGED
+                if any(abs(scaled(bifurcation.value) - scaled(end.value)) < merged for b in branches
+                       if b.period == 2 * parent.period for end in (b.points[0], b.points[-1])):
+                    continue
+                start = doubled(bifurcation)
+                if start is not None and not any(passes_through(branch, start) for branch in branches):
+                    began = End(StopReason.BEGAN, start.shooting.ranges[0].name, bifurcation.value)
+                    origin = BranchOrigin(bifurcation.kind, bifurcation.value, number)
+                    branch_through(start, origin, len(branches), both=False, began=began, tick=tick, keep=branches)
+
+
+NEAR_END = 0.05  # distance of a bifurcation from a loss of stability, parts of range and largest size
+SAME_SEGMENT = 1e-3  # relative difference of the largest sizes of one stable segment
+NARROWEST = 1e-3  # least width of a segment, relative to the range: canards have many narrower ones
+
+BASIN, STEEP, APERIODIC, NOT_FOLLOWED = "basin_boundary", "steep", "aperiodic", "not_followed"
+"""Causes that are no bifurcation of a branch: a motion goes on, and the start enters another basin; one motion that
+changes steeply; a motion without a period on either side; a motion on a branch that was not followed up to the other
+one."""
+
+
+@dataclass(frozen=True)
+class SegmentEnd:
+    """End of a segment.
+
+    value : of the parameter
+    kind, residual : of the bifurcation; None at the end of the range, or where the branch could not be followed
+    jumps : whether a motion leaves the branch here: at a fold, and at a doubling whose doubled motions are unstable
+    """
+
+    value: float = field(metadata=reported("place on the axis"))
+    kind: str | None = field(default=None, metadata=reported(
+        "bifurcation; null where the motion was followed to there only"))
+    residual: float | None = field(default=None, metadata=reported("residual of the bifurcation"))
+    jumps: bool = field(default=False, metadata=reported("whether a motion that comes here goes elsewhere"))
+
+    def __str__(self) -> str:
+        """The end in words."""
+        what = f"{self.kind.replace('_', ' ')}, residual {self.residual:.0e}" if self.kind else "followed no further"
+        return f"{self.value:.6g} ({what})"
+
+
+@dataclass(frozen=True)
+class StableSegment:
+    """Stable motions of one branch, with a period in cycles, over an interval of the parameter; `values` ascend."""
+
+    period: int = field(metadata=reported("period of the motion", "periods of excitation"))
+    low: SegmentEnd = field(metadata=reported("lower end"))
+    high: SegmentEnd = field(metadata=reported("upper end"))
+    values: tuple[float, ...]
+    amplitudes: tuple[float, ...]
+    branch: int = 0
+
+    def amplitude(self, value: float) -> float:
+        """The largest size of the motion at a value; NaN beyond the ends."""
+        if not self.low.value <= value <= self.high.value:
+            return math.nan
+        return float(np.interp(value, self.values, self.amplitudes))
+
+    def __str__(self) -> str:
+        """The segment in words."""
+        return f"period {self.period}, stable from {self.low} to {self.high}"
+
+
+def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: float = 1.0) -> list[StableSegment]:
+    """The stable segments of branches over a range from `low` to `high`, in values of the parameter over `unit`."""
+    span = low, high
+    out = []
+    for number, branch in enumerate(branches):
+        for first, last in _runs(branch.points):
+            ends = [_end_of_segment(branches, branch, point, beyond, span, unit)
+                    for point, beyond in ((first, -1), (last, 1))]
+            part = branch.points[first:last + 1]
+            values, amplitudes = [s.value / unit for s in part], [s.orbit.seen.largest for s in part]
+            if values[-1] < values[0]:
+                values, amplitudes, ends = values[::-1], amplitudes[::-1], ends[::-1]
+            if values[-1] - values[0] > NARROWEST * (high - low) / unit:
+                out.append(StableSegment(branch.period, ends[0], ends[1], tuple(values), tuple(amplitudes), number))
+    kept: list[StableSegment] = []  # Those that are not part of another one.
+    for segment in sorted(out, key=lambda s: s.low.value - s.high.value):
+        middle = 0.5 * (segment.low.value + segment.high.value)
+        amplitude = segment.amplitude(middle)
+        near = SAME_SEGMENT * amplitude
+        if not any(s.period == segment.period and abs(s.amplitude(middle) - amplitude) <= near for s in kept):
+            kept.append(segment)
+    return sorted(kept, key=lambda s: (s.low.value, s.period))
+
+
+def _runs(points: Sequence[ContinuationPoint]) -> list[tuple[int, int]]:
+    """First and last numbers of stable points in a row along which the parameter does not turn."""
+    out: list[tuple[int, int]] = []
+    way = 0.0
+    for k, point in enumerate(points):
+        step = np.sign(point.value - points[k - 1].value)
+        if point.orbit.stable and out and out[-1][1] == k - 1 and not way * step < 0.0:
+            out[-1], way = (out[-1][0], k), step or way
+        elif point.orbit.stable:
+            out.append((k, k))
+            way = 0.0
+    return out
+
+
+def _end_of_segment(branches: Sequence[Branch], branch: Branch, point: int, beyond: int, span: tuple[float, float],
+         unit: float) -> SegmentEnd:
+    """The end of a segment at one of its points, towards the neighbour `beyond`."""
+    at, width = branch.points[point], span[1] - span[0]
+    size = max((s.orbit.seen.largest for b in branches for s in b.points), default=0.0)
+    inner = 0 <= point + beyond < len(branch.points)
+    bifurcation = next((f for f in branch.bifurcations if inner and f.after == min(point, point + beyond)
+                        and f.changes_stability), None)
+    last = point + beyond if inner else point
+    end, near = branch.ended[beyond > 0], MERGED * width
+    rest = branch.points[last:] if beyond > 0 else branch.points[:last + 1]
+    if bifurcation is None and all(abs(s.value - end.value) <= near for s in rest):
+        # Where doubled motions end a multiplier is 1 to rounding, so points there may count as stable or not.
+        begun = next((f for b in branches if 2 * b.period == branch.period for f in b.bifurcations
+                      if f.kind == "period_doubling" and abs(f.value - end.value) <= near), None)
+        if begun is not None and end.reason in (StopReason.BEGAN, StopReason.DOUBLING):
+            return SegmentEnd(begun.value / unit, begun.kind, begun.residual)
+    if not inner and min(at.value - span[0], span[1] - at.value) <= 1e-9 * width:
+        return SegmentEnd(at.value / unit)
+    bifurcation = bifurcation or nearest_bifurcation(branch, point, size, width)
+    if bifurcation is None:
+        return SegmentEnd(at.value / unit)
+    jumps = bifurcation.kind == "fold"
+    if bifurcation.kind == "period_doubling":
+        first = doubled(bifurcation)
+        jumps = first is None or not first.orbit.stable
+    return SegmentEnd(bifurcation.value / unit, bifurcation.kind, bifurcation.residual, jumps)
+
+
+def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float, base: int = 1) -> int | None:
+    """The number of the segment of a motion of a sweep, by its period and largest size; None where there is none."""
+    away = {k: abs(s.amplitude(seen.value) - seen.amplitude) for k, s in enumerate(among)
+            if seen.has_period(s.period, base)}
+    near = {k: a for k, a in away.items() if a <= 2.0 * ALIKE * size}
+    return min(near, key=lambda k: near[k]) if near else None
+
+
+@dataclass(frozen=True)
+class Jump:
+    """Jump between two neighbouring values `low` and `high` of a sweep.
+
+    before, after : the largest sizes there
+    cause : kind of the bifurcation, or one of BASIN, STEEP, APERIODIC, NOT_FOLLOWED
+    """
+
+    low: float
+    high: float
+    before: float
+    after: float
+    cause: str
+    bifurcation: Bifurcation | None = None
+
+    @property
+    def value(self) -> float:
+        """Value of the bifurcation, or the middle between the two values."""
+        return 0.5 * (self.low + self.high) if self.bifurcation is None else self.bifurcation.value
+
+
+def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: float, base: int = 1,
+             direction: str = "cold") -> list[Jump]:
+    """The jumps of a sweep, each with its cause.
+
+    seen : its motions in order of the parameter
+    branches : from `bifurcation_diagram`
+    least : smallest change of the largest size of a jump, relative to the largest periodic motion
+    base : cycles after which the excitation repeats
+    direction : up or down where every motion starts from its neighbour below or above, whose end is then the cause
+    """
+    size = amplitude_of(seen)
+    width = abs(seen[-1].value - seen[0].value) if seen else 0.0
+    out = []
+    for a, b in pairwise(seen):
+        if not abs(b.amplitude - a.amplitude) > least * size:
+            continue
+        cause, bifurcation = _cause(a, b, branches, size, width, base, direction)
+        out.append(Jump(a.value, b.value, a.amplitude, b.amplitude, cause, bifurcation))
+    return out
+
+
+def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size: float, width: float, base: int,
+           direction: str) -> tuple[str, Bifurcation | None]:
+    """The cause of a jump between two neighbouring motions of a sweep, and its bifurcation."""
+    place_before, place_after = place_of(a, branches, size, base), place_of(b, branches, size, base)
+    unplaced = NOT_FOLLOWED if any(s.period and p is None for s,
+                                   p in ((a, place_before), (b, place_after))) else APERIODIC
+    ends, goes_on = list[tuple[bool, Bifurcation]](), False
+    for place, goal, other, seen in ((place_before, b.value, place_after, b), (place_after, a.value, place_before, a)):
+        if place is None:
+            continue
+        branch = branches[place[0]]
+        last, reached = _walk(branch, place[1], goal)
+        same = other is not None and other[0] == place[0] and abs(last - other[1]) <= 1
+        if reached and (same or (other is not None and seen.has_period(branch.period, base)
+                                     and any(p.after == last and math.isfinite(p.holds(seen, size))
+                                             for p in pieces_at(branch, seen.value)))):
+            return STEEP, None
+        goes_on = goes_on or reached
+        if not reached:
+            bifurcation = nearest_bifurcation(branch, last, size, width)
+            if bifurcation is not None:
+                ends.append((direction == ("up" if place is place_before else "down"), bifurcation))
+    if ends:
+        middle = 0.5 * (a.value + b.value)
+        best = max(ends, key=lambda end: (end[0], -abs(end[1].value - middle)))[1]
+        return best.kind, best
+    if place_before is None or place_after is None:
+        return unplaced, None
+    return BASIN if goes_on else NOT_FOLLOWED, None
+
+
+def _walk(branch: Branch, after: int, goal: float) -> tuple[int, bool]:
+    """The last point of a branch towards a value along stable points without a turn, from the piece after one of them.
+
+    Also whether the value is reached, between that point and its neighbour.
+    """
+    points = branch.points
+    a, b = points[after], points[after + 1]
+    toward = 1.0 if goal > min(a.value, b.value) and goal >= max(a.value, b.value) else -1.0
+    if min(a.value, b.value) <= goal <= max(a.value, b.value):
+        return after, a.orbit.stable and b.orbit.stable
+    step = 1 if (b.value - a.value) * toward > 0.0 else -1
+    at = after + 1 if step > 0 else after
+    while True:
+        if not points[at].orbit.stable:
+            return at, False
+        following = at + step
+        if not 0 <= following < len(points) or (points[following].value - points[at].value) * toward <= 0.0:
+            return at, False
+        if (points[following].value - goal) * toward >= 0.0:
+            return min(at, following), points[following].orbit.stable
+        at = following
+
+
+def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -> Bifurcation | None:
+    """The bifurcation of a branch nearest to the pieces about one of its points; None for none nearby."""
+    about = branch.points[max(point - 1, 0):point + 2]
+    values, amplitudes = [s.value for s in about], [s.orbit.seen.largest for s in about]
+
+    def away(bifurcation: Bifurcation) -> float:
+        return (_away_from(bifurcation.value, values) / max(width, 1e-300)
+                + _away_from(bifurcation.point.orbit.seen.largest, amplitudes) / max(size, 1e-300))
+
+    best = min(branch.bifurcations, key=away, default=None)
+    return best if best is not None and away(best) <= NEAR_END else None
+
+
+def _away_from(x: float, among: Sequence[float]) -> float:
+    """Distance of a number from the interval of some numbers."""
+    return max(min(among) - x, x - max(among), 0.0)

@@ -27,9 +27,19 @@ from tcc_sim.solvers.exact_engine import ARRIVAL, GRAZING, STUCK
 from tcc_sim.solvers.stroboscopic import Prepared
 from tcc_sim.study.continuation import orbits
 from tcc_sim.study.continuation.bifurcations import Bifurcation, ContinuationPoint
-from tcc_sim.study.continuation.branch import FAMILY, Branch, BranchOrigin, branch_through, first_point, orbits_at
+from tcc_sim.study.continuation.branch import (
+    FAMILY,
+    Branch,
+    BranchOrigin,
+    SettledMotion,
+    branch_through,
+    first_point,
+    orbits_at,
+    passes_through,
+    point_of,
+    switch,
+)
 from tcc_sim.study.continuation.curves import KINDS, BifurcationCurve, bifurcation_curve, border_curve
-from tcc_sim.study.continuation.diagram import SettledMotion, passes_through, point_of, switch
 from tcc_sim.study.continuation.orbits import Floats, Image, Margins, ParameterRange, Shooting, Values
 from tcc_sim.sweeps.progress import point_bar
 from tcc_sim.sweeps.results import check_effect

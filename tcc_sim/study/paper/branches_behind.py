@@ -18,10 +18,9 @@ from tcc_sim.model.parameters import System
 from tcc_sim.result import reported
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.study.continuation import diagram
+from tcc_sim.study.continuation import branch as diagram
 from tcc_sim.study.continuation.bifurcations import SMOOTH, Bifurcation
-from tcc_sim.study.continuation.branch import Branch
-from tcc_sim.study.continuation.diagram import ALIKE, SWEPT, SettledMotion, jumps_of, point_of
+from tcc_sim.study.continuation.branch import ALIKE, SWEPT, Branch, SettledMotion, jumps_of, point_of
 from tcc_sim.study.continuation.motions import DrivelineMap
 from tcc_sim.study.continuation.orbits import ParameterRange, Settings, shifts
 from tcc_sim.sweeps.executors import each_in_a_process, processes_for

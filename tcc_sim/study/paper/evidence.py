@@ -22,8 +22,8 @@ from tcc_sim.result import reported, reporting
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.study.basins.attractors import find_attractors
 from tcc_sim.study.basins.compute import DrivelineMotion, halton
-from tcc_sim.study.continuation import diagram
-from tcc_sim.study.continuation.diagram import SWEPT, StableSegment, point_of, segment_of, stable_segments
+from tcc_sim.study.continuation import branch as diagram
+from tcc_sim.study.continuation.branch import SWEPT, StableSegment, point_of, segment_of, stable_segments
 from tcc_sim.study.continuation.motions import DrivelineMap
 from tcc_sim.study.continuation.orbits import ParameterRange
 from tcc_sim.study.paper.branches_behind import JUMP, LATER, RUNS, later, seen_in, surveyed

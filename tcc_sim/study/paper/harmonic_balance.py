@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model import friction
 from tcc_sim.model.closed_forms import Floats, engine_series, load_series
+from tcc_sim.model.equations import check_supported
 from tcc_sim.model.parameters import System
-from tcc_sim.model.supported_terms import check_supported
 
 LADDER = (0.001, 0.004, 0.01, 0.02, 0.04, 0.1, 0.2, 0.4, 1.0)
 """Fractions of sigma for which the balance is solved in turn, each from the one before; the first is nearly linear."""

@@ -22,7 +22,7 @@ from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison import rk4_limit
 from tcc_sim.solvers.terms import terms_of
-from tcc_sim.study.continuation.diagram import StableSegment
+from tcc_sim.study.continuation.branch import StableSegment
 from tcc_sim.study.paper import harmonic_balance
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, SECTION_CYCLES, STATIC, paper_system, plain
 from tcc_sim.study.paper.evidence import (

@@ -29,8 +29,7 @@ from textbook_maps import (
 
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.study.continuation.arclength import StopReason
-from tcc_sim.study.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at
-from tcc_sim.study.continuation.diagram import switch
+from tcc_sim.study.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at, switch
 from tcc_sim.study.continuation.orbits import (
     DEFAULTS,
     ParameterRange,

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from textbook_maps import Step, TextbookMap, hysteresis, logistic
 
-from tcc_sim.study.continuation.branch import Branch
-from tcc_sim.study.continuation.diagram import (
+from tcc_sim.study.continuation.branch import (
     APERIODIC,
     BASIN,
     NOT_FOLLOWED,
     STEEP,
     SWEPT,
+    Branch,
     SettledMotion,
     amplitude_of,
     bifurcation_diagram,

@@ -12,7 +12,7 @@ from tcc_sim.analysis.steady.damping import Damping
 from tcc_sim.analysis.steady.exponents import Lyapunov
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.model.parameters import System
-from tcc_sim.study.continuation.diagram import SegmentEnd, StableSegment
+from tcc_sim.study.continuation.branch import SegmentEnd, StableSegment
 from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.study.paper.claims import CLAIMS
 from tcc_sim.study.paper.evidence import ColdStartMotion, Evidence
