@@ -14,7 +14,6 @@ import errno
 import os
 import signal
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from contextvars import copy_context
 from importlib import import_module
@@ -22,7 +21,7 @@ from keyword import iskeyword
 from typing import Any, NoReturn
 
 from tcc_sim import __version__
-from tcc_sim.cli.options import VerbFunction
+from tcc_sim.cli.options import VerbFunction, reader
 from tcc_sim.cli.verbs import VERBS, verbs_by_purpose
 from tcc_sim.errors import InputError, TccError, missing_package, one_line
 from tcc_sim.output.terminal import open_streams
@@ -36,25 +35,14 @@ MODULES = {"tcc_sim.cli.demo": "demo", "tcc_sim.cli.scenes": "scenes explain", "
 """Verbs by module; each has a function of the verb's name, with an underscore after a Python keyword."""
 
 
-def _reader(kind: type[float] | type[int], what: str) -> Callable[[str], float]:
-    """Return an argparse type for numbers; its error says what a word that is none must be."""
-    def read(text: str) -> float:
-        try:
-            return kind(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r} must be {what}") from None
-
-    return read
-
-
 class _Parser(argparse.ArgumentParser):
     """Argument parser that reports an error in one line."""
 
     def __init__(self, *args: Any, **keywords: Any) -> None:
-        """Read every option of type int or float by `_reader`."""
+        """Read every option of type int or float by `reader`."""
         super().__init__(*args, **keywords)
-        self.register("type", int, _reader(int, "a whole number"))
-        self.register("type", float, _reader(float, "a number"))
+        self.register("type", int, reader(int, "a whole number"))
+        self.register("type", float, reader(float, "a number"))
 
     def error(self, message: str) -> NoReturn:
         """Print the message on one line and exit with status 2."""

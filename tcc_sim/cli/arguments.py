@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tcc_sim.cli.options import Form, Source, keywords_of, options_in
+from tcc_sim.cli.options import Form, Source, keywords_of, number, numbers_apart, options_in, reader
 from tcc_sim.errors import InputError, check_suffix, one_line, printable, require
 from tcc_sim.output.files import STANDARD_OUTPUT, draft, new_file, write_json
 from tcc_sim.output.terminal import say
@@ -24,58 +23,22 @@ if TYPE_CHECKING:
     from tcc_sim.sweeps.simulation import Plan
 
 
-def number(low: float, high: float, unit: str = "", kind: type[float] | type[int] = float) -> Callable[[str], Any]:
-    """Return an argparse type for numbers from `low` to `high`; its error names the value, the unit and the range.
-
-    Parameters
-    ----------
-    kind : int for whole numbers
-    """
-    what = "a whole number" if kind is int else "a number"
-
-    def read(text: str) -> float:
-        try:
-            value = kind(text)
-        except ValueError:
-            value = math.nan
-        if not low <= value <= high:
-            span = f" from {low:g} to {high:g} {unit}".rstrip() if math.isfinite(high) else ""
-            raise argparse.ArgumentTypeError(f"{text!r} must be {what}{span}")
-        return value
-
-    return read
-
-
-def joint_names(text: str) -> dict[str, str]:
-    """Return the names of the joints in `flywheel=NAME,clutch_plate=NAME`."""
+def _joints(text: str) -> dict[str, str]:
     names = dict(part.partition("=")[::2] for part in text.split(","))
     if not all(names.values()) or not set(names) <= set(JOINT_NAMES):
-        raise argparse.ArgumentTypeError(f"{text!r} must be flywheel=NAME,clutch_plate=NAME")
+        raise ValueError
     return names
-
-
-def cycles_or_auto(text: str) -> int | str:
-    """Return a number of cycles, or auto."""
-    try:
-        return text if text == "auto" else int(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} must be a number of cycles or auto") from None
-
-
-def comma_separated(text: str) -> tuple[float, ...]:
-    """Return the numbers of a text, separated by commas."""
-    try:
-        return tuple(float(word) for word in text.split(",") if text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} must be numbers separated by commas") from None
 
 
 FORMS = {
     "profile": Form("KEY=T:V,T:V", repeated=True), "inputs": Form("RUN|FILE", Path), "inputs_scene": Form("SCENE"),
-    "joints": Form("flywheel=NAME,clutch_plate=NAME", joint_names), "columns": Form("NAME=COLUMN[:UNIT],..."),
+    "joints": Form("flywheel=NAME,clutch_plate=NAME", reader(
+        _joints, "flywheel=NAME,clutch_plate=NAME")), "columns": Form("NAME=COLUMN[:UNIT],..."),
     "from_": Form("S", float), "to": Form("S", float), "pulses": Form("N", number(1, 10_000, kind=int)),
-    "discard": Form("N|auto", cycles_or_auto), "connect": Form("URL"), "rrd": Form("FILE", Path),
-    "dask": Form("ADDRESS"), "quantiles": Form("P,P,...", comma_separated), "scene": Form("SCENE")}
+    "discard": Form("N|auto", reader(lambda text: text if text == "auto" else int(text), "a number of cycles or auto")),
+    "connect": Form("URL"), "rrd": Form("FILE", Path),
+    "dask": Form("ADDRESS"), "quantiles": Form("P,P,...", reader(
+        lambda text: numbers_apart(text, ","), "numbers separated by commas")), "scene": Form("SCENE")}
 """Values that several verbs write otherwise than as a number or a word, by keyword."""
 UNPLANNED = "section_points lyapunov_cycles"
 """Fields of a plan that are no options."""
@@ -87,31 +50,10 @@ DRIVELINE = "joints topic driveline"
 """Options that select the driveline of a recording."""
 
 
-def recording_of(arguments: argparse.Namespace, path: Path, scene: str | None) -> Recording:
-    """Open a recording with the options of DRIVELINE, and with a scene in case it has none."""
-    from tcc_sim.replay.recorded import read
-
-    recording = read(path, scene, **driveline_of(arguments))
-    say_of_own_scene(recording, scene)
-    return recording
-
-
 def say_of_own_scene(recording: Recording, scene: str | None) -> None:
     """Print on standard error that --scene is left out if the recording has its scene."""
     if scene is not None and recording.file.scene_text is not None:
         say_of_table([f"{recording.path} holds its scene, which is used; --scene {scene} is left out"])
-
-
-def refuse_driveline(arguments: argparse.Namespace, why: str) -> None:
-    """Raise InputError if an option of DRIVELINE is given where no recording is read."""
-    given = [f"--{name}" for name, value in driveline_of(arguments).items() if value is not None]
-    if given:
-        raise InputError(f"{', '.join(given)}: only for recordings; {why}")
-
-
-def driveline_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of DRIVELINE as keywords of `read`."""
-    return keywords_of(arguments, DRIVELINE)
 
 
 def add_scene(parser: argparse.ArgumentParser, more: str = "") -> None:
@@ -244,66 +186,41 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
         require("distributed", "--dask")
 
 
-@contextmanager
-def drawn(arguments: argparse.Namespace, scene: Scene | System, result: Any) -> Iterator[None]:
-    """Draw a result for --plot, if there is one. The file appears when the `with` block ends; its name is printed
-    unless the JSON goes to standard output.
+def deliver(arguments: argparse.Namespace, scene: Scene | System, result: Any, lines: Iterable[str] = (), *,
+            shown: Any = ..., write: Callable[[dict[str, Any]], object] | None = None) -> None:
+    """Write the files of a result and print its lines, unless its JSON goes to standard output.
+
+    shown : the result that --plot draws; None for no picture
+    write : function that writes the file of --out, from the JSON document
     """
-    if arguments.plot is None or result is None:
-        yield
-        return
-    from tcc_sim.views.plots import plot
+    from tcc_sim.output.provenance import document
 
-    with draft(arguments.plot) as part:
-        plot(result, part, arguments.width, title=printable(title_of(arguments, scene)))
-        yield
-    if arguments.json != STANDARD_OUTPUT:
-        say(f"picture in {arguments.plot}")
+    title, recording = getattr(arguments, "title", ""), getattr(arguments, "recording", None)
+    if title is None:
+        title = recording.name if recording is not None else getattr(scene, "name", "")
+    picture = getattr(arguments, "plot", None) if shown is not None else None
+    out = getattr(arguments, "out", None) if write is not None else None
+    with ExitStack() as stack:
+        if picture is not None:  # Drawing takes longest; if it is interrupted, no file is written.
+            from tcc_sim.views.plots import plot
 
-
-def title_of(arguments: argparse.Namespace, scene: Scene | System) -> str:
-    """Return the title of the picture of a result: --title, or the name of the recording or else of the scene."""
-    title: str | None = getattr(arguments, "title", "")
-    if title is not None:
-        return title
-    recording: Path | None = getattr(arguments, "recording", None)
-    return recording.name if recording is not None else getattr(scene, "name", "")
-
-
-def deliver(arguments: argparse.Namespace, scene: Scene, result: Any, lines: Iterable[str] = (), *,
-            shown: object = None, columns: Mapping[str, Any] | None = None,
-            arrays: Mapping[str, Any] | None = None) -> None:
-    """Write the files of a result and print its lines: --out from its `columns` and `arrays`, --plot of `shown` or else
-    of the result, and --json.
-    """
-    if columns is not None and arguments.out is not None:
-        from tcc_sim.output.table_files import write_result
-
-        write_result(arguments.out, type(result), columns, document_of(arguments, scene, result), arrays)
-    with drawn(arguments, scene, result if shown is None else shown):
-        present(arguments, scene, result, lines)
-
-
-def present(arguments: argparse.Namespace, scene: Scene | System, result: Any,
-            lines: Iterable[str] = ()) -> None:
-    """Write a result as JSON for --json, and print the lines unless the JSON goes to standard output."""
-    warn_of(scene)
-    if arguments.json is not None:
-        write_json(arguments.json, document_of(arguments, scene, result))
-    if arguments.json != STANDARD_OUTPUT and (shown := "\n".join(lines)):
-        say(shown)
+            plot(result if shown is ... else shown, stack.enter_context(draft(picture)), arguments.width,
+                 title=printable(title))
+        if out is not None or arguments.json is not None:
+            whole = document(arguments.verb, result, scene, arguments.words, title)
+        if out is not None and write is not None:
+            write(whole)
+        warn_of(scene)
+        if arguments.json is not None:
+            write_json(arguments.json, whole)
+        if arguments.json != STANDARD_OUTPUT and (text := "\n".join(lines)):
+            say(text)
+    if picture is not None and arguments.json != STANDARD_OUTPUT:
+        say(f"picture in {picture}")
 
 
 def warn_of(scene: Scene | System) -> None:
     """Print the warnings about a scene on standard error."""
     from tcc_sim.output.provenance import warnings_of
 
-    for warning in warnings_of(scene):
-        print(f"tcc-sim: {warning}", file=sys.stderr)
-
-
-def document_of(arguments: argparse.Namespace, scene: Scene | System, result: Any) -> dict[str, Any]:
-    """Return the JSON document of a result of this command, for --json and for a .npz."""
-    from tcc_sim.output.provenance import document
-
-    return document(arguments.verb, result, scene, arguments.words, title_of(arguments, scene))
+    say_of_table(warnings_of(scene))

@@ -11,8 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tcc_sim.cli.arguments import number
-from tcc_sim.cli.options import Form, command
+from tcc_sim.cli.options import Form, command, number
 from tcc_sim.errors import InputError
 from tcc_sim.output.files import new_directory
 from tcc_sim.output.terminal import say, seconds_bar

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
+from tcc_sim.cli.options import Form, command, keywords_of, numbers_apart, of, option_of, options_in, reader
 from tcc_sim.cli.ranges import spaced
-from tcc_sim.errors import InputError, counted
+from tcc_sim.errors import InputError, counted, given_in
 from tcc_sim.shown_units import frequency, speed
 
 if TYPE_CHECKING:
@@ -28,16 +28,7 @@ SHOWN = 7
 """Number of frequencies printed."""
 
 
-def gains(text: str) -> tuple[float, float]:
-    """Return the two gains KP,KI."""
-    try:
-        proportional, integral = map(float, text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} must be KP,KI, two numbers above 0") from None
-    return proportional, integral
-
-
-def frequencies(text: str) -> list[float]:
+def _frequencies(text: str) -> list[float]:
     """Return the values of START:STOP:COUNT, evenly in logarithm."""
     try:
         return spaced(text, "--frequencies")
@@ -45,21 +36,23 @@ def frequencies(text: str) -> list[float]:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
-@command(common.add_scene, of(LINEARISE, {"frequencies": Form("START:STOP:COUNT", frequencies),
-                                          "controller": Form("KP,KI", gains)}),
+@command(common.add_scene, of(LINEARISE, {"frequencies": Form("START:STOP:COUNT", _frequencies),
+                                          "controller": Form("KP,KI", reader(
+             lambda text: numbers_apart(text, ",", 2), "KP,KI, two numbers above 0"))}),
          common.outputs("operating point, matrices and responses",
                         "the response as .csv or .parquet, with the matrices as .npz or .mat"))
 def linearise(arguments: argparse.Namespace) -> int:
     """Check the input, linearise, write the files, and print the result."""
     from tcc_sim.estimation.linearise import linearise as response
-    from tcc_sim.output.table_files import TABLES
+    from tcc_sim.output.table_files import TABLES, write_result
 
     if arguments.slip is not None:
         common.refuse_swept(arguments.set, ["pressure.mean"])
     scene = common.scene_of(arguments)
     common.check_outputs(arguments, TABLES)
     result = response(scene, **keywords_of(arguments, options_in(LINEARISE)), progress=True)
-    common.deliver(arguments, scene, result, _response_lines(result), columns=result.columns(), arrays=result.arrays())
+    common.deliver(arguments, scene, result, _response_lines(result), write=lambda document: write_result(
+        arguments.out, type(result), result.columns(), document, result.arrays()))
     return 0
 
 
@@ -126,10 +119,11 @@ def identify(arguments: argparse.Namespace) -> int:
         free[key] = start
     noise = None if arguments.noise is None else {
         k: math.nan if v is None else v for k, v in (_assigned("--noise", word) for word in arguments.noise.split(","))}
-    if is_table(arguments.measured):
-        common.refuse_driveline(arguments, f"{arguments.measured} is a table")
+    driveline = keywords_of(arguments, common.DRIVELINE)
+    if is_table(arguments.measured) and (wrong := given_in(driveline)):
+        raise InputError(f"{', '.join(map(option_of, wrong))}: only for recordings; {arguments.measured} is a table")
     measured, scene = given(arguments.measured, None if arguments.scene is None else load_scene(arguments.scene),
-                            arguments.columns, arguments.from_, arguments.to, **common.driveline_of(arguments))
+                            arguments.columns, arguments.from_, arguments.to, **driveline)
     values = parse_assignments(arguments.set)
     common.refuse_swept(arguments.set, [key for key, start in free.items() if start is not None])
     scene = replace(scene.with_changes(values), notes=unused_beside(values, measured.inputs))

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
+from tcc_sim.cli.options import Form, command, keywords_of, number, of, options_in
 from tcc_sim.errors import counted, one_line, printable
 from tcc_sim.output.files import new_file
 from tcc_sim.output.terminal import say
@@ -56,7 +56,7 @@ def import_(arguments: argparse.Namespace, bag: Path, recording: Path) -> int:
     """
     from tcc_sim.recording.importer import import_bag
 
-    result = import_bag(bag, recording, **common.driveline_of(arguments))
+    result = import_bag(bag, recording, **keywords_of(arguments, common.DRIVELINE))
     say(printable(f"imported {counted(result.states, 'state')} of {counted(result.runs, 'run')} into "
                   f"{result.directory}"))
     for sentence in result.notes:
@@ -88,7 +88,7 @@ def plot(arguments: argparse.Namespace, result: Path, plot: Path | None = None, 
     return 0
 
 
-@command(common.add_scene, of(FMU, {"step": Form("S", common.number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)}))
+@command(common.add_scene, of(FMU, {"step": Form("S", number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)}))
 def fmu(arguments: argparse.Namespace) -> int:
     """Write the FMU and print its contents."""
     from tcc_sim.fmi.export import compiler, folder_of_binary

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import argparse
 import ast
+import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.util import find_spec
@@ -25,6 +26,9 @@ PYTHON = "arguments set plan progress settings gates start head part samples_per
 EXCLUSIVE = (("cycles", "duration"), ("jobs", "dask"), ("rrd", "spawn", "connect", "web"))
 """Options of which a command takes one."""
 ROW = re.compile(r"^([a-z_]\w*(?:, [a-z_]\w*)*) : (.+(?:\n +.+)*)", re.MULTILINE)
+
+Source = Callable[[Any], object]
+"""Function that adds options to a parser or to a group of one."""
 
 
 class Form(NamedTuple):
@@ -44,6 +48,37 @@ class Form(NamedTuple):
     optional: Any = None
     several: bool = False
     required: bool = False
+
+
+def reader(read: Callable[[str], Any], what: str) -> Callable[[str], Any]:
+    """Return an argparse type that reads a word by `read`; its error says what a word must be that `read` refuses."""
+    def checked(text: str) -> Any:
+        try:
+            return read(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r} must be {what}") from None
+
+    return checked
+
+
+def number(low: float, high: float, unit: str = "", kind: type[float] | type[int] = float) -> Callable[[str], Any]:
+    """Return an argparse type for numbers from `low` to `high`; its error names the value, the unit and the range."""
+    def inside(text: str) -> float:
+        value = kind(text)
+        if not low <= value <= high:
+            raise ValueError
+        return value
+
+    span = f" from {low:g} to {high:g} {unit}".rstrip() if math.isfinite(high) else ""
+    return reader(inside, f"a {'whole ' if kind is int else ''}number{span}")
+
+
+def numbers_apart(text: str, by: str, count: int | None = None) -> tuple[float, ...]:
+    """Return the numbers of a text, separated by `by`; ValueError for another `count` of them, where one is given."""
+    values = tuple(float(word) for word in text.split(by) if text)
+    if count not in (None, len(values)):
+        raise ValueError
+    return values
 
 
 class Declared(NamedTuple):
@@ -67,26 +102,15 @@ def parameters_of(function: str) -> dict[str, Declared]:
                      and node.name == part)
     text = {word: " ".join(meaning.split()) for names, meaning in ROW.findall(ast.get_docstring(found) or "")
             for word in names.split(", ")}
-    return {name: Declared(annotation, default, text.get(name, ""))
-            for name, annotation, default in _declared(found)}
-
-
-def _declared(found: ast.FunctionDef | ast.ClassDef) -> Iterator[tuple[str, str, str | None]]:
-    """Yield name, annotation and default of each parameter or field."""
     if isinstance(found, ast.ClassDef):
-        for node in found.body:
-            if isinstance(node, ast.AnnAssign):
-                yield ast.unparse(node.target), ast.unparse(node.annotation), _source_text(node.value)
-        return
-    given = found.args
-    plain = [*given.posonlyargs, *given.args]
-    defaults = [*[None] * (len(plain) - len(given.defaults)), *given.defaults, *given.kw_defaults]
-    for argument, default in zip([*plain, *given.kwonlyargs], defaults):
-        yield argument.arg, _source_text(argument.annotation) or "", _source_text(default)
-
-
-def _source_text(node: ast.expr | None) -> str | None:
-    return None if node is None else ast.unparse(node)
+        rows = [(ast.unparse(node.target), node.annotation, node.value) for node in found.body
+                if isinstance(node, ast.AnnAssign)]
+    else:
+        plain, given = [*found.args.posonlyargs, *found.args.args], found.args
+        defaults = [*[None] * (len(plain) - len(given.defaults)), *given.defaults, *given.kw_defaults]
+        rows = [(one.arg, one.annotation, default) for one, default in zip([*plain, *given.kwonlyargs], defaults)]
+    return {name: Declared("" if kind is None else ast.unparse(kind), None if default is None else ast.unparse(default),
+                           text.get(name, "")) for name, kind, default in rows}
 
 
 def option_of(name: str) -> str:
@@ -101,27 +125,31 @@ def options_in(function: str, without: str = "") -> list[str]:
             if name not in left_out and declared.default is not None]
 
 
-def add_options(parser: Any, function: str, forms: Mapping[str, Form], names: str | Iterable[str],
-                needed: str | Iterable[str] = "", **changed: Any) -> None:
-    """Add an option for each of these keywords of a function.
+def of(function: str, forms: Mapping[str, Form] | None = None, names: str | Iterable[str] = "",
+       needed: str | Iterable[str] = "", without: str = "", **changed: Any) -> Source:
+    """Return the source of options for these keywords of a function; all but `without` if `names` is empty.
 
     needed : names of parameters without a default, which are added before in this order
     forms : the values that a command line writes otherwise, by keyword
     changed : defaults that the command has in place of those of the function
     """
-    known, groups = parameters_of(function), dict[tuple[str, ...], Any]()
-    for name in needed.split() if isinstance(needed, str) else needed:
-        if forms[name].required:
-            _add(parser, name, known[name], forms[name])
-        else:
-            parser.add_argument(name, metavar=forms[name].metavar, type=forms[name].read,
-                                help=known[name].meaning.replace("%", "%%"))
-    for name in names.split() if isinstance(names, str) else names:
-        together = next((each for each in EXCLUSIVE if name in each), None)
-        if together is not None and together not in groups:
-            groups[together] = parser.add_mutually_exclusive_group()
-        declared = known[name]._replace(default=repr(changed[name])) if name in changed else known[name]
-        _add(parser if together is None else groups[together], name, declared, forms.get(name))
+    def add(parser: Any) -> None:
+        known, groups, shown = parameters_of(function), dict[tuple[str, ...], Any](), forms or {}
+        for name in needed.split() if isinstance(needed, str) else needed:
+            if shown[name].required:
+                _add(parser, name, known[name], shown[name])
+            else:
+                parser.add_argument(name, metavar=shown[name].metavar, type=shown[name].read,
+                                    help=known[name].meaning.replace("%", "%%"))
+        chosen = names or options_in(function, without)
+        for name in chosen.split() if isinstance(chosen, str) else chosen:
+            together = next((each for each in EXCLUSIVE if name in each), None)
+            if together is not None and together not in groups:
+                groups[together] = parser.add_mutually_exclusive_group()
+            declared = known[name]._replace(default=repr(changed[name])) if name in changed else known[name]
+            _add(parser if together is None else groups[together], name, declared, shown.get(name))
+
+    return add
 
 
 def _add(where: Any, name: str, found: Declared, form: Form | None) -> None:
@@ -156,9 +184,6 @@ def keywords_of(arguments: argparse.Namespace, names: str | Iterable[str]) -> di
     return {name: given[name] for name in (names.split() if isinstance(names, str) else names) if name in given}
 
 
-Source = Callable[[argparse.ArgumentParser], object]
-
-
 @dataclass(frozen=True)
 class VerbFunction:
     """A verb: its function, further options, and forms of the words for its own parameters."""
@@ -176,9 +201,8 @@ class VerbFunction:
         """Add the options of the sources, and those of the function's own parameters."""
         for source in self.sources:
             source(parser)
-        own = parameters_of(self.name).items()
-        add_options(parser, self.name, self.forms, options_in(self.name), [
-            name for name, declared in own if declared.default is None and name != "arguments"])
+        of(self.name, self.forms, needed=[name for name, declared in parameters_of(self.name).items()
+                                          if declared.default is None and name != "arguments"])(parser)
 
     def __call__(self, arguments: argparse.Namespace) -> int:
         """Run the verb and return the exit status."""
@@ -192,13 +216,3 @@ def command(*sources: Source, forms: Mapping[str, Form] | None = None) -> Callab
     forms : the values that a command line writes otherwise, by name
     """
     return lambda function: VerbFunction(function, sources, forms or {})
-
-
-def of(function: str, forms: Mapping[str, Form] | None = None, names: str | Iterable[str] = "", needed: str = "",
-       without: str = "",
-       **changed: Any) -> Source:
-    """Return the source of a library function's options, as `add_options` takes them; all but `without` if `names` is
-    empty.
-    """
-    return lambda parser: add_options(parser, function, forms or {}, names or options_in(function, without), needed,
-                                      **changed)

@@ -10,8 +10,8 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
-from tcc_sim.cli.arguments import add_namespace, number
-from tcc_sim.cli.options import Form, add_options, command, keywords_of, options_in, parameters_of
+from tcc_sim.cli.arguments import add_namespace
+from tcc_sim.cli.options import Form, command, keywords_of, number, of, parameters_of
 from tcc_sim.output.files import new_file
 from tcc_sim.output.terminal import say
 
@@ -76,7 +76,7 @@ def add_actions(parser: argparse.ArgumentParser) -> None:
         elif name == "get":
             values.add_argument("keys", nargs="+", metavar="KEY", help="scene keys and node options")
         elif name in ("torque", "pressure"):
-            add_options(values, COMMAND, FORMS, options_in(COMMAND, "tell"), "value")
+            of(COMMAND, FORMS, needed="value", without="tell")(values)
         add_namespace(action, argparse.SUPPRESS)
 
 

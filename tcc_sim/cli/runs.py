@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from tcc_sim.background import awaited
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
+from tcc_sim.cli.options import Form, command, keywords_of, numbers_apart, of, options_in, reader
 from tcc_sim.errors import InputError, counted, require
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
@@ -90,10 +90,9 @@ def simulate(arguments: argparse.Namespace, samples: int = 200) -> int:
         drawn = result if not arguments.orders and source is None else drawn
         lines += spectrum_lines(result.spectrum)
     if arguments.out is not None:
-        write_samples(arguments.out, result.trajectory, scene.text(),
-                      document=common.document_of(arguments, scene, result))
         lines.append(f"{counted(len(result.trajectory.t), 'sample')} in {arguments.out}")
-    common.deliver(arguments, scene, result, lines, shown=drawn)
+    common.deliver(arguments, scene, result, lines, shown=drawn, write=lambda document: write_samples(
+        arguments.out, result.trajectory, scene.text(), document=document))
     return 0
 
 
@@ -107,32 +106,20 @@ def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:
         raise InputError(f"--out would hold {samples:.3g} samples; it must be at most {LARGEST_OUTPUT:g}")
 
 
-def targets(text: str) -> float | dict[float, float]:
+def _targets(text: str) -> float | dict[float, float]:
     """Return the target in `V`, or the targets by time in `T:V,T:V`."""
-    try:
-        if ":" not in text:
-            return float(text)
-        pairs = [part.split(":") for part in text.split(",")]
-        steps = {float(t): float(value) for t, value in pairs}
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} must be a slip speed in rad/s, or T:V,T:V with times in "
-                                         "s") from None
-    if len(steps) < len(pairs):
+    if ":" not in text:
+        return float(text)
+    pairs = [(float(t), float(value)) for t, value in (part.split(":") for part in text.split(","))]
+    if len(dict(pairs)) < len(pairs):
         raise argparse.ArgumentTypeError(f"{text!r} has two targets for one time")
-    return steps
+    return dict(pairs)
 
 
-def limits(text: str) -> tuple[float, float]:
-    """Return the limits in `LOW:HIGH`."""
-    try:
-        low, high = text.split(":")
-        return float(low), float(high)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} must be LOW:HIGH, two pressures in Pa") from None
-
-
+TARGETS = Form("V|T:V,T:V", reader(_targets, "a slip speed in rad/s, or T:V,T:V with times in s"))
+LIMITS = Form("LOW:HIGH", reader(lambda text: numbers_apart(text, ":", 2), "LOW:HIGH, two pressures in Pa"))
 FORMS = {**common.FORMS, "recording": Form("RUN|FILE", Path), "discard": Form("CYCLES", int),
-         "target": Form("V|T:V,T:V", targets), "limits": Form("LOW:HIGH", limits)}
+         "target": TARGETS, "limits": LIMITS}
 
 
 @command(of(common.ANALYSIS, FORMS, needed="recording"), common.outputs(
@@ -150,6 +137,7 @@ def analyse(arguments: argparse.Namespace, layout: bool = False) -> int:
     from tcc_sim.output.table_files import TABLES
     from tcc_sim.output.tables import order_lines, spectrum_lines
     from tcc_sim.replay.measured import MeasuredRun
+    from tcc_sim.replay.recorded import read
     from tcc_sim.scene import load_scene
     from tcc_sim.tables.chosen_columns import is_table
 
@@ -164,7 +152,8 @@ def analyse(arguments: argparse.Namespace, layout: bool = False) -> int:
     if arguments.rrd is not None or arguments.spawn or arguments.connect is not None:
         require("rerun", "Rerun")
     if not table:
-        source = common.recording_of(arguments, path, arguments.scene)
+        source = read(path, arguments.scene, **keywords_of(arguments, common.DRIVELINE))
+        common.say_of_own_scene(source, arguments.scene)
     scene = load_scene(arguments.scene or "fig02") if table else source.scene
     show_in(order=scene.system.engine.order)
     if layout:
@@ -184,10 +173,8 @@ def analyse(arguments: argparse.Namespace, layout: bool = False) -> int:
             samples = source.trajectory(result.run, arguments.from_, arguments.to)
             if whole and result.orders is None and result.spectrum is None:
                 drawn = replace(samples, control=result.control)
-        if arguments.out is not None:
-            write_samples(arguments.out, samples, source.scene.text(), recorded=True,
-                          document=common.document_of(arguments, scene, result))
     lines += order_lines(result.orders) if result.orders is not None else []
     lines += spectrum_lines(result.spectrum) if result.spectrum is not None else []
-    common.deliver(arguments, scene, result, lines, shown=drawn)
+    common.deliver(arguments, scene, result, lines, shown=drawn, write=lambda document: write_samples(
+        arguments.out, samples, source.scene.text(), recorded=True, document=document))
     return 0 if isinstance(result, MeasuredRun) or result.verification is None or result.verification.verified else 1

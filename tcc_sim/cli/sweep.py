@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tcc_sim.cli import arguments as common
 from tcc_sim.cli.options import Form, command, keywords_of, of, option_of, options_in
 from tcc_sim.cli.ranges import bounds_of_range, values_of_range
-from tcc_sim.cli.runs import limits, targets
+from tcc_sim.cli.runs import LIMITS, TARGETS
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted, given_in
 from tcc_sim.model.parameters import ORDER
 from tcc_sim.model.quantity import SPEED_UNIT, number_in
@@ -22,7 +22,7 @@ WITH_SCATTER = ("samples", *options_in(SCATTER, "over values"))
 WITH_LAW = ("target", *options_in(GAINS, "duration jobs dask"))
 """Options that need --scatter, and those that need --law."""
 FORMS = {**common.FORMS, "orders": Form("SPEED,...", optional=""), "direction": Form("cold|up|down"),
-         "law": Form("FILE.py:NAME"), "target": Form("V|T:V,T:V", targets), "limits": Form("LOW:HIGH", limits)}
+         "law": Form("FILE.py:NAME"), "target": TARGETS, "limits": LIMITS}
 
 if TYPE_CHECKING:
     from tcc_sim.model.parameters import System
@@ -86,14 +86,16 @@ def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequ
         lines = sweep_lines(result, terminal_width())
     if resumable and arguments.json != STANDARD_OUTPUT:
         arguments.json = None  # Else the resumed command would refuse to overwrite this file.
-    with common.drawn(arguments, scene, None if resumable else result):
-        common.present(arguments, scene, result, lines + doubtful_lines(sweeps))
-    if not resumable and table is not None and stored is not None:
-        document = common.document_of(arguments, scene, result)
-        if table.suffix != ".npz":  # The table has the results already, and the text of many would be long.
-            document = {name: document[name] for name in HEAD if name in document}
-        write_result(table, type(result), result.columns(), document)
-        stored.unlink()
+
+    def write(document: dict[str, Any]) -> None:
+        if table is not None and stored is not None:
+            if table.suffix != ".npz":  # The table has the results already, and the text of many would be long.
+                document = {name: document[name] for name in HEAD if name in document}
+            write_result(table, type(result), result.columns(), document)
+            stored.unlink()
+
+    common.deliver(arguments, scene, result, lines + doubtful_lines(sweeps),
+                   **({"shown": None} if resumable else {"write": write}))
     if ended:
         resume = f"; the same command resumes from {stored}" if resumable else ""
         print(f"tcc-sim: {ended}{resume}", file=sys.stderr)
@@ -103,7 +105,7 @@ def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequ
 
 def _map_gains(arguments: argparse.Namespace) -> int:
     """Judge the closed loops of a law, write the files, and print a line for each loop unless a file holds them."""
-    from tcc_sim.output.table_files import TABLES
+    from tcc_sim.output.table_files import TABLES, write_result
     from tcc_sim.output.tables import gain_lines
     from tcc_sim.sweeps.gains import gain_map
     from tcc_sim.sweeps.simulation import Plan
@@ -124,7 +126,8 @@ def _map_gains(arguments: argparse.Namespace) -> int:
     result = gain_map(scene, arguments.law, dict(over), arguments.target, **duration, progress=True,
                       **keywords_of(arguments, options_in(GAINS, "duration")))
     files = arguments.json is not None or arguments.out is not None
-    common.deliver(arguments, scene, result, gain_lines(result, alone=files), columns=result.columns())
+    common.deliver(arguments, scene, result, gain_lines(result, alone=files), write=lambda document: write_result(
+        arguments.out, type(result), result.columns(), document))
     return 0
 
 

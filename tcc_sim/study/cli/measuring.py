@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tcc_sim.cli.arguments import add_layout, number, present
-from tcc_sim.cli.options import Form, command
+from tcc_sim.cli.arguments import add_layout, deliver
+from tcc_sim.cli.options import Form, command, number
 from tcc_sim.errors import printable, require
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import new_directory, new_file, write_json
@@ -73,7 +73,7 @@ def realtime(arguments: argparse.Namespace, rate: float = 1000.0, duration: floa
         figures = measure(rate, duration, lambda part: done(2.0 * duration * part), recorder,
                           Settings(thread_priority, tuple(cpu_affinity), lock_memory))
     _say_pacing(figures.as_json())
-    present(arguments, load_scene("fig02").with_values({"rate": rate}), figures)
+    deliver(arguments, load_scene("fig02").with_values({"rate": rate}), figures)
     return 0
 
 

@@ -53,8 +53,7 @@ def continue_(arguments: argparse.Namespace, over: str, seeds: Path | None = Non
             continue_motions(scene.system, plan, tick, motions)
     except KeyboardInterrupt:
         interrupted = True
-    with common.drawn(arguments, scene, motions if motions.branches else None):
-        common.present(arguments, scene, motions, _branch_lines(motions))
+    common.deliver(arguments, scene, motions, _branch_lines(motions), shown=motions if motions.branches else None)
     if interrupted:
         print("tcc-sim: interrupted; the results up to here are complete", file=sys.stderr)
         return 130
@@ -97,7 +96,7 @@ def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
     from tcc_sim.output.provenance import head_of
     from tcc_sim.output.table_files import TABLES
     from tcc_sim.study.basins.compute import basins as compute
-    from tcc_sim.study.basins.results import Planes
+    from tcc_sim.study.basins.results import Planes, write_basins
 
     scene = common.scene_of(arguments)
     plane = [_axis("--plane", text) for text in arguments.plane]
@@ -108,14 +107,9 @@ def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
     try:
         result = compute(scene, plane, over=over, **keywords_of(arguments, options_in(BASINS, "over")), part=part,
                         progress=True, head=head_of("basin_rows", scene, arguments.words))
-        # Drawing takes longest; if it is interrupted, no file is written, and the same command resumes.
         values = Planes(result, over, boundary)
-        with common.drawn(arguments, scene, result):
-            if arguments.out is not None:
-                from tcc_sim.study.basins.results import write_basins
-
-                write_basins(arguments.out, result, over, common.document_of(arguments, scene, values))
-            common.present(arguments, scene, values, _basin_lines(result, over, boundary))
+        common.deliver(arguments, scene, values, _basin_lines(result, over, boundary), shown=result,
+                       write=lambda document: write_basins(arguments.out, result, over, document))
     except (BasinsInterrupted, KeyboardInterrupt):
         resume = f"; the same command resumes from {part}" if part is not None else ""
         print(f"tcc-sim: interrupted{resume}", file=sys.stderr)

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from tcc_sim.background import without_working_directory
-from tcc_sim.cli.arguments import add_layout, add_units, check_outputs, number, present
-from tcc_sim.cli.options import Form, command
+from tcc_sim.cli.arguments import add_layout, add_units, check_outputs, deliver
+from tcc_sim.cli.options import Form, command, number
 from tcc_sim.errors import InputError, RecordingError, printable, require
 from tcc_sim.output.files import draft, replaceable, write_json
 from tcc_sim.output.terminal import say
@@ -164,7 +164,7 @@ def claims(arguments: argparse.Namespace, pressures: Sequence[float] = (), figur
     if not verdicts:
         return 130
     say(counts_of(verdicts))
-    present(arguments, paper_system(), ClaimsReport(verdicts, not interrupted))
+    deliver(arguments, paper_system(), ClaimsReport(verdicts, not interrupted))
     if markdown is not None:
         with draft(markdown) as part:
             part.write_text(claims_page(verdicts, complete=not interrupted))
