@@ -21,54 +21,14 @@ from tcc_sim.topics import INPUTS
 if TYPE_CHECKING:
     from tcc_sim.analysis.loop.tracking import Limits
     from tcc_sim.analysis.measured.orders import Spectrum
-    from tcc_sim.analysis.measured.signals import Signals
     from tcc_sim.replay.measured import MeasuredRun
     from tcc_sim.replay.recorded import Recording
     from tcc_sim.replay.result import Replay
     from tcc_sim.scene import Scene
     from tcc_sim.sweeps.steady_state import Start
-    from tcc_sim.trajectory import Trajectory
 
 SAMPLES = 200
 """Samples per period of excitation of a run with inputs or orders."""
-
-
-def _driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | None, orders: bool,
-                  pulses: int | None, keys: Iterable[str] = ()) -> tuple[Scene, Signals | None]:
-    """Return the scene with inputs, at the measured engine speed where orders are wanted, and the measured signals;
-    `keys` are those that the command gives.
-    """
-    from tcc_sim.replay.given_inputs import driven_by
-    from tcc_sim.replay.measured import at_measured_speed
-
-    driven = driven_by(scene, source, hold)
-    inputs = driven.system.inputs
-    assert inputs is not None
-    given = [name for name, data in zip(INPUTS, (inputs.torque, inputs.pressure)) if data is not None]
-    driven = replace(driven, notes=unused_beside(keys, given))
-    if orders and isinstance(source, MeasuredTable):
-        return at_measured_speed(driven, source, pulses)
-    if pulses is not None:
-        raise InputError("pulses are those of the tacho of a table, for orders; ask for orders of a table")
-    return driven, None
-
-
-def _with_figures(result: Simulation, scene: Scene, table: MeasuredTable | None, measured: Signals | None, *,
-                  orders: bool, spectrum: bool) -> Simulation:
-    """Return a simulation with notes on its table and, if wanted, orders (also the measured ones) and spectrum."""
-    from tcc_sim.analysis.measured.orders import compared, orders_of
-
-    if table is not None:
-        from tcc_sim.replay.given_inputs import doubts_about
-
-        result = replace(result, notes=(*table.notes, *doubts_about(table), *(measured.notes if measured else ())))
-    if orders and measured is None:
-        result = replace(result, orders=orders_of(result.trajectory))
-    elif orders and measured is not None:
-        both = compared(measured, result.trajectory)
-        result = replace(result, orders=both.simulated, measured_orders=both.measured)
-    return replace(result,
-                   spectrum=spectrum_of_run(result, scene)) if spectrum and result.summary is not None else result
 
 
 def spectrum_of_run(result: Simulation, scene: SceneLike | None = None) -> Spectrum:
@@ -156,6 +116,8 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     >>> result.summary.period, result.confirmed
     (1, True)
     """
+    from tcc_sim.analysis.measured.orders import compared, orders_of
+
     words = [f"{key}={points}" for key, points in profile.items()] if isinstance(profile, Mapping) else list(profile)
     values = {**(set or {}), **parse_profiles(words)}
     changed, source, measured = as_scene(scene).with_changes(values), None, None
@@ -165,40 +127,43 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
         raise InputError(f"{_options(of_table or of_recording)}: only for inputs; give a "
                          f"{'table' if of_table else 'recording'} with --inputs")
     if inputs is not None:
-        from tcc_sim.replay.given_inputs import input_table
+        from tcc_sim.replay.given_inputs import doubts_about, driven_by, input_table
+        from tcc_sim.replay.measured import at_measured_speed
         from tcc_sim.replay.recorded import read
 
         source = inputs if not isinstance(inputs, (str, Path)) else (
             input_table(Path(inputs), columns, from_, to) or read(inputs, inputs_scene, joints, topic, driveline))
         if of_recording and isinstance(source, MeasuredTable):
             raise InputError(f"{_options(of_recording)}: only for recordings; {inputs} is a table")
-        changed, measured = _driven_scene(changed, source, hold, orders, pulses, values)
+        changed = driven_by(changed, source, hold)
+        driven = changed.system.inputs
+        assert driven is not None
+        changed = replace(changed, notes=unused_beside(values, [
+            name for name, data in zip(INPUTS, (driven.torque, driven.pressure)) if data is not None]))
+        if orders and isinstance(source, MeasuredTable):
+            changed, measured = at_measured_speed(changed, source, pulses)
+        elif pulses is not None:
+            raise InputError("pulses are those of the tacho of a table, for orders; ask for orders of a table")
     if spectrum:
         changed.system.check_repeats("a spectrum")
     samples = ready(changed, source) if ready is not None else samples_per_cycle or (
         SAMPLES if orders or inputs is not None else 0)
     result = simulate(changed, plan, samples_per_cycle=samples, flywheel_angle=flywheel_angle, start=start, **settings)
-    return result if result.summary is None else _with_figures(
-        result, changed, source if isinstance(source, MeasuredTable) else None, measured, orders=orders,
-        spectrum=spectrum)
+    if result.summary is None:
+        return result
+    if isinstance(source, MeasuredTable):
+        result = replace(result, notes=(*source.notes, *doubts_about(source), *(measured.notes if measured else ())))
+    if orders and measured is not None:
+        both = compared(measured, result.trajectory)
+        result = replace(result, orders=both.simulated, measured_orders=both.measured)
+    elif orders:
+        result = replace(result, orders=orders_of(result.trajectory))
+    return replace(result, spectrum=spectrum_of_run(result, changed)) if spectrum else result
 
 
 def _options(names: Iterable[str]) -> str:
     """Return the options of keywords."""
     return ", ".join(f"--{name}" for name in names)
-
-
-def with_recorded_figures(result: Replay, samples: Trajectory, *, orders: bool, spectrum: bool) -> Replay:
-    """Return an analysis with orders and spectrum of its run, if wanted, from the samples of that run."""
-    from tcc_sim.analysis.measured.orders import orders_of, spectrum_of
-    from tcc_sim.analysis.measured.signals import run_signals
-
-    if not (orders or spectrum):
-        return result
-    signals = run_signals(samples, result.timing.phase_of(samples))
-    result = replace(result, orders=orders_of(signals)) if orders else result
-    return replace(result, spectrum=spectrum_of(signals, result.summary.period,
-                                                result.unbroken)) if spectrum else result
 
 
 def analysis(recording: str | Path | Recording, *, scene: str | None = None, run: int | None = None,
@@ -258,6 +223,8 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
     >>> tcc_sim.analyse(folder / "slip.mcap", discard=30).summary.regime
     'slip'
     """
+    from tcc_sim.analysis.measured.orders import orders_of, spectrum_of
+    from tcc_sim.analysis.measured.signals import run_signals
     from tcc_sim.recording.window import Window
     from tcc_sim.replay.measured import analyse_table
     from tcc_sim.replay.recorded import Recording, read
@@ -282,7 +249,11 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
                     progress=progress)
     if not (orders or spectrum):
         return result
-    return with_recorded_figures(result, opened.trajectory(result.run, from_, to), orders=orders, spectrum=spectrum)
+    samples = opened.trajectory(result.run, from_, to)
+    signals = run_signals(samples, result.timing.phase_of(samples))
+    result = replace(result, orders=orders_of(signals)) if orders else result
+    return replace(result, spectrum=spectrum_of(signals, result.summary.period,
+                                                result.unbroken)) if spectrum else result
 
 
 def explanation(scene: SceneLike, *, set: Mapping[str, object] | None = None, cost: bool = False) -> dict[str, Any]:
@@ -301,9 +272,10 @@ def explanation(scene: SceneLike, *, set: Mapping[str, object] | None = None, co
     >>> tcc_sim.explain("fig02")["solver"]
     'smoothed'
     """
-    from tcc_sim.output.explanation import explain
+    from tcc_sim.output.explanation import explained
 
-    return explain(as_scene(scene).with_changes(set or {}), cost=cost)
+    changed = as_scene(scene).with_changes(set or {})
+    return {"scene": changed.name, **explained(changed, cost=cost).as_json()}
 
 
 def fmu_file(scene: SceneLike, *, set: Mapping[str, object] | None = None, fmi: int = 2, step: float | None = None,

@@ -67,8 +67,7 @@ class Estimates:
     stuck: Mode = field(metadata=reported("mode sqrt(K23/(I1 + I2)) (27) of the stuck clutch"))
     engine: Torque = field(metadata=reported("engine torque"))
     static: Torque = field(metadata=reported("mu_s N R"))
-    kinetic: Torque = field(metadata=reported(
-        "mu_k N R; with a friction table mu N R at its last slip speed"))
+    kinetic: Torque = field(metadata=reported("mu_k N R; with a friction table mu N R at its last slip speed"))
     stick_margin: float | None = field(metadata=reported(
         "smallest mu_s N R - |interface torque| of pure stick (10)", "N m"))
     expected: str = field(metadata=reported("stick, slip, stick-slip or runaway, from these torques"))
@@ -81,11 +80,9 @@ class Estimates:
         "N m s/rad"))
     critical_frequency: float = field(metadata=reported(
         "sqrt(K23/(I1 + I2)) of (28): below it positive slip falls into the first half of a cycle", "rad/s"))
-    engine_frequency: tuple[float, float] = field(metadata=reported(
-        "lowest and highest", "rad/s"))
+    engine_frequency: tuple[float, float] = field(metadata=reported("lowest and highest", "rad/s"))
     profiles: bool = field(default=False, metadata=reported("whether the torques are over profiles in time"))
-    fastest: float | None = field(default=None, metadata=reported(
-        "last slip speed of the friction table", "rad/s"))
+    fastest: float | None = field(default=None, metadata=reported("last slip speed of the friction table", "rad/s"))
     actuator: ActuatorEffect | None = field(default=None, metadata=reported(
         "actuator of the commanded pressure", optional=True))
 

@@ -64,10 +64,8 @@ class StepFigures:
     tick_s: float = field(metadata=reported("tick", "s"))
     sub_steps: int = field(metadata=reported("sub-steps in a tick"))
     own_calls: Mapping[str, float] = field(metadata=reported("function calls in a sub-step"))
-    general_calls: Mapping[str, float] = field(metadata=reported(
-        "those with three exponentials and a profile"))
-    own_s: float | None = field(default=None, metadata=reported(
-        "time of a tick, with --cost", "s", optional=True))
+    general_calls: Mapping[str, float] = field(metadata=reported("those with three exponentials and a profile"))
+    own_s: float | None = field(default=None, metadata=reported("time of a tick, with --cost", "s", optional=True))
     general_s: float | None = field(default=None, metadata=reported(
         "that with three exponentials and a profile", "s", optional=True))
     ratio: float | None = field(default=None, metadata=reported("general_s over own_s", optional=True))
@@ -88,12 +86,10 @@ class FrictionFigures:
     rates: Sequence[float] = field(metadata=reported("rates of the exponentials", "s/rad"))
     fit_error: float | None = field(metadata=reported(
         "largest error of a table's fit, relative to its largest coefficient; null without one"))
-    fit_error_at: float | None = field(metadata=reported(
-        "its slip speed", "rad/s"))
+    fit_error_at: float | None = field(metadata=reported("its slip speed", "rad/s"))
     fit_error_between: float | None = field(metadata=reported(
         "largest difference from a monotone interpolation of the table, likewise"))
-    fit_error_between_at: float | None = field(metadata=reported(
-        "its slip speed", "rad/s"))
+    fit_error_between_at: float | None = field(metadata=reported("its slip speed", "rad/s"))
     slip_speeds: tuple[float, float] = field(metadata=reported(
         "first and last slip speed of the table, or as far as the exponential lasts", "rad/s"))
     coefficients: tuple[float, float] = field(metadata=reported("coefficients there"))
@@ -101,8 +97,7 @@ class FrictionFigures:
         "least and largest slope of the coefficient between them", "s/rad"))
     stick_speed: float = field(metadata=reported(
         "slip speed up to which the law counts as stick; 0 if set-valued", "rad/s"))
-    largest_coefficient: float = field(metadata=reported(
-        "largest one up to the stick speed"))
+    largest_coefficient: float = field(metadata=reported("largest one up to the stick speed"))
 
 
 @dataclass(frozen=True)
@@ -117,8 +112,7 @@ class PureSlipFigures:
     least: float | None = field(metadata=reported(
         "smallest slip speed with the transient; null if the slip ends", "rad/s"))
     least_is_bound: bool = field(metadata=reported("whether `least` is only a lower bound"))
-    pure_slip: bool | None = field(metadata=reported(
-        "whether it lasts for ever; null if the bound does not decide"))
+    pure_slip: bool | None = field(metadata=reported("whether it lasts for ever; null if the bound does not decide"))
     tick_difference: float | None = field(metadata=reported(
         "largest difference of the real-time solver from (14) in 500 ticks",
         "rad/s"))
@@ -138,10 +132,8 @@ class PureStickFigures:
 class ClosedForms:
     """Closed forms of the paper."""
 
-    slip: PureSlipFigures | None = field(metadata=reported(
-        "pure slip (12) to (18); null without such a closed form"))
-    stick: PureStickFigures | None = field(metadata=reported(
-        "pure stick (8) to (11); null likewise"))
+    slip: PureSlipFigures | None = field(metadata=reported("pure slip (12) to (18); null without such a closed form"))
+    stick: PureStickFigures | None = field(metadata=reported("pure stick (8) to (11); null likewise"))
     slip_why: str = field(metadata=reported("why `slip` is null"))
     stick_why: str = field(metadata=reported("why `stick` is null"))
 
@@ -158,17 +150,11 @@ class SceneExplanation(Described):
     kernel: Mapping[str, str] = field(metadata=reported("type of every term as the compiler has it"))
     topics: Held = field(metadata=reported("topics of the driveline node"))
     modules: Held = field(metadata=reported("optional packages"))
-    step: StepFigures | None = field(metadata=reported(
-        "tick of the real-time solver; null for the set-valued law"))
+    step: StepFigures | None = field(metadata=reported("tick of the real-time solver; null for the set-valued law"))
     closed_forms: dict[str, Any] | None = field(metadata=reported(
         "closed forms of the paper; null where a torque comes from a topic", of=(ClosedForms,)))
     friction: dict[str, Any] = field(metadata=reported(
         "sliding coefficient mu(v) = constant + sum of amplitudes exp(-rates |v|)", of=(FrictionFigures,)))
-
-
-def explain(scene: Scene, *, cost: bool = False) -> dict[str, Any]:
-    """Explain a scene in JSON values: the fields of `SceneExplanation`, and the name as `scene`."""
-    return {"scene": scene.name, **explained(scene, cost=cost).as_json()}
 
 
 def explained(scene: Scene, *, cost: bool = False) -> SceneExplanation:

@@ -24,24 +24,20 @@ SHOWN = 400
 
 def bode(values: Mapping[str, Any]) -> list[Panel]:
     """Return gain and phase of the frequency response of `linearise`, a result or its JSON."""
-    inside = numbers(values["gain"]) > 0.0
-    decibels = 20.0 * np.log10(np.where(inside, numbers(values["gain"]), np.nan))
+    gain, kind = numbers(values["gain"]), values["kind"]
     unit = f"dB re 1 ({topic(values['output']).unit})/({topic(values['input']).unit})"
+    name = "harmonic transfer function" if kind == "periodic" else f"linear model about constant {kind}"
     about = (f"{values['output']} by {values['input']}".replace("_", " ") + ", mean slip "
              + speed(values["operating_point"]["mean_slip"], 4))
 
     def curve(axis: Any, y: Any, quantity: AxisQuantity) -> None:
-        axis.semilogx(values["frequencies"], y, label=_name_of_model(values))
+        axis.semilogx(values["frequencies"], y, label=name)
         quantities(axis, style.FREQUENCY, quantity)
 
-    return [Panel(about, partial(curve, y=decibels, quantity=AxisQuantity("gain", unit)), 2.3),
+    return [Panel(about, partial(curve, y=20.0 * np.log10(np.where(gain > 0.0, gain, np.nan)),
+                                 quantity=AxisQuantity("gain", unit)), 2.3),
             Panel("phase", partial(curve, y=np.degrees(numbers(values["phase"])),
                                    quantity=AxisQuantity("phase", "degrees")), 2.0, over=True, named=False)]
-
-
-def _name_of_model(values: Mapping[str, Any]) -> str:
-    kind = values["kind"]
-    return "harmonic transfer function" if kind == "periodic" else f"linear model about constant {kind}"
 
 
 def identification(document: Any) -> list[Panel]:
@@ -51,58 +47,55 @@ def identification(document: Any) -> list[Panel]:
     if isinstance(document.curve, Record):
         vars(document.curve).update({name: np.array(part) for name, part in vars(document.curve).items()})
 
+    residuals, measured, curve = document.residuals or {}, document.measurement, document.curve
+
+    def fit(axis: Any) -> None:
+        residual = residuals["slip_speed"]
+        data, t = measured.channels["slip_speed"][:len(residual)], measured.t[:len(residual)]
+        axis.plot(t[:SHOWN], data[:SHOWN], linestyle="none", marker=".", color=style.GREY, label="measured")
+        axis.plot(t[:SHOWN], (data + residual)[:SHOWN], color=style.BLUE, label="fitted")
+        quantities(axis, style.TIME, style.SLIP)
+
     def residual(axis: Any, name: str) -> None:
-        values = document.residuals[name] / document.noise[name]
-        axis.plot(document.measurement.t[:len(values)], values, color=style.GREY, linewidth=0.5)
+        values = residuals[name] / document.noise[name]
+        axis.plot(measured.t[:len(values)], values, color=style.GREY, linewidth=0.5)
         quantities(axis, style.TIME, AxisQuantity("residual / noise"))
+
+    def friction(axis: Any) -> None:
+        v = curve.slip_speeds
+        axis.fill_between(v, curve.low, curve.high, color=style.BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
+        axis.plot(v, curve.coefficient, color=style.BLUE, label="found")
+        axis.plot(v, curve.scene, color=style.RED, linestyle=(0, (4, 2)), label="scene")
+        seen = np.asarray(curve.visited)
+        between = ~(seen & np.append(seen[1:], True)) | ~np.append(True, seen[:-1])  # Up to the next visited speeds.
+        axis.fill_between(v, 0.0, 1.0, where=between, transform=axis.get_xaxis_transform(), color=style.GREY, alpha=0.2,
+                          linewidth=0.0, label="not visited")
+        axis.set_xlim(0.0, v[-1])
+        quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
 
     def likelihood(axis: Any) -> None:
         axis.plot(document.likelihood.values, document.likelihood.excess, marker="o")
         axis.axhline(3.84, color=style.RED, linewidth=0.8, label="95 %")
         quantities(axis, style.quantity_of(document.likelihood.key), AxisQuantity("chi-square over the least"))
 
-    names = list(document.residuals or ())
+    def parameters(axis: Any) -> None:
+        found = document.parameters
+        sizes = np.array([abs(p.start) if p.start else max(abs(p.value), 1e-300) for p in found])
+        values, errors = (100.0 * np.array(each) / sizes for each in (
+            [p.value - p.start for p in found], [p.high - p.value for p in found]))
+        errors[~np.isfinite(errors)] = np.nan   # Drawn without a bar.
+        axis.errorbar(values, np.arange(len(found)), xerr=errors, linestyle="none", marker="o", capsize=3.0)
+        axis.axvline(0.0, color=style.INK, linewidth=0.7)
+        axis.set_yticks(np.arange(len(found)), [
+            p.key.partition(".")[2].replace("_", " ") if not p.key.endswith("offset") else p.key for p in found])
+        axis.set_ylim(len(found) - 0.5, -0.5)
+        quantities(axis, AxisQuantity("value and 95 % interval, from the start", "%"))
+
     quality = f"chi-square per degree of freedom {document.chi2_per_dof:.3g}{'' if document.accepted else ': no fit'}"
-    panels = [*([Panel("Fit", partial(_fit, document=document))] if names else []),
-              *(Panel(f"Residual of the {name.replace('_', ' ')}", partial(residual, name=name)) for name in names),
-              *([Panel("Parameters", partial(_parameters, document=document), named=False)] if document.parameters
-                else []),
-              *([Panel("Friction", partial(_curve, curve=document.curve), 1.9)] if document.curve is not None else []),
-              *([Panel("Likelihood", likelihood)] if document.likelihood is not None else [])]
+    panels = [panel for panel, there in (
+        (Panel("Fit", fit), residuals),
+        *((Panel(f"Residual of the {name.replace('_', ' ')}", partial(residual, name=name)), True)
+          for name in residuals),
+        (Panel("Parameters", parameters, named=False), document.parameters),
+        (Panel("Friction", friction, 1.9), curve), (Panel("Likelihood", likelihood), document.likelihood)) if there]
     return [panels[0]._replace(title=f"{panels[0].title}, {quality}"), *panels[1:]]
-
-
-def _fit(axis: Any, document: Any) -> None:
-    residual = document.residuals["slip_speed"]
-    data = document.measurement.channels["slip_speed"][:len(residual)]
-    t = document.measurement.t[:len(residual)]
-    axis.plot(t[:SHOWN], data[:SHOWN], linestyle="none", marker=".", color=style.GREY, label="measured")
-    axis.plot(t[:SHOWN], (data + residual)[:SHOWN], color=style.BLUE, label="fitted")
-    quantities(axis, style.TIME, style.SLIP)
-
-
-def _curve(axis: Any, curve: Any) -> None:
-    v = curve.slip_speeds
-    axis.fill_between(v, curve.low, curve.high, color=style.BLUE, alpha=0.25, linewidth=0.0, label="95 % band")
-    axis.plot(v, curve.coefficient, color=style.BLUE, label="found")
-    axis.plot(v, curve.scene, color=style.RED, linestyle=(0, (4, 2)), label="scene")
-    seen = np.asarray(curve.visited)
-    between = ~(seen & np.append(seen[1:], True)) | ~np.append(True, seen[:-1])  # Up to the next visited speeds.
-    axis.fill_between(v, 0.0, 1.0, where=between, transform=axis.get_xaxis_transform(), color=style.GREY, alpha=0.2,
-                      linewidth=0.0, label="not visited")
-    axis.set_xlim(0.0, v[-1])
-    quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
-
-
-def _parameters(axis: Any, document: Any) -> None:
-    rows = np.arange(len(document.parameters))
-    sizes = np.array([abs(p.start) if p.start else max(abs(p.value), 1e-300) for p in document.parameters])
-    values = np.array([p.value - p.start for p in document.parameters]) / sizes * 100.0
-    errors = np.array([p.high - p.value for p in document.parameters]) / sizes * 100.0
-    errors[~np.isfinite(errors)] = np.nan   # Drawn without a bar.
-    axis.errorbar(values, rows, xerr=errors, linestyle="none", marker="o", capsize=3.0)
-    axis.axvline(0.0, color=style.INK, linewidth=0.7)
-    axis.set_yticks(rows, [p.key.partition(".")[2].replace("_", " ") if not p.key.endswith("offset") else p.key
-                           for p in document.parameters])
-    axis.set_ylim(len(rows) - 0.5, -0.5)
-    quantities(axis, AxisQuantity("value and 95 % interval, from the start", "%"))

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.model import friction
-from tcc_sim.model.parameters import System
 from tcc_sim.output.estimates import critical_slope
 from tcc_sim.scene import SceneLike, system_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
-from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel
 from tcc_sim.views.style import AxisQuantity, quantities
@@ -23,60 +21,45 @@ POINTS = 801
 
 def friction_panels(scene: SceneLike) -> list[Panel]:
     """Return the coefficient over slip speed with its table, the law close to 0, and the slope of the friction torque.
+
+    Slip speeds go to the end of the table, or of the decay of the slowest exponential.
     """
     system = system_of(scene)
-    return [Panel("Friction law", partial(_law, system=system), 2.2),
-            Panel("Close to 0", partial(_law, system=system, near=True), 2.2, beside=True),
-            Panel("Slope of the torque", partial(_slope, system=system), 2.2, beside=True)]
-
-
-def _law(axis: Any, system: System, near: bool = False) -> None:
-    """Draw the law up to the largest speed, with names, or `near` 0, with the end of stick."""
-    law, stick, far = system.friction, stick_speed_of(terms_of(system)), _speeds(system)[-1]
-    if near:
-        far = 3.0 * stick if stick > 0.0 else 0.05 * far
-    v = np.linspace(0.0, far, POINTS)
-    fitted, smoothed, table = [None] * 3 if near else [
-        "fit of the table" if law.curve else "sliding, (6)", "smoothed, (7)", "table"]
-    axis.plot(v, _sliding(system, v), color=style.BLUE, label=fitted)
-    if law.law == "smoothed":
-        axis.plot(v, _smoothed(system, v), color=style.RED, linestyle=(0, (4, 2)), label=smoothed)
-    if near and stick > 0.0:
-        axis.axvline(stick, color=style.GREY, linewidth=0.8, linestyle=(0, (1, 1.5)), label="up to here: stick")
-    points = np.array([law.slip_speeds, law.coefficients])
-    axis.plot(*points[:, points[0] <= far], "o", color=style.INK, label=table)
-    axis.set(ylim=(0.0, None), xlim=(0.0, far))
-    quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
-
-
-def _slope(axis: Any, system: System) -> None:
-    v = _speeds(system)
-    slope = system.saturation_mean * np.broadcast_to(friction.sliding_slope(v, system.friction.stribeck), v.shape)
-    least = critical_slope(system) or 0.0
-    axis.plot(v, slope, color=style.BLUE)
-    if least < 0.0:
-        axis.axhline(least, color=style.ORANGE, linewidth=0.9, linestyle=(0, (4, 2)),
-                     label="critical slope (22), mean pressure")
-    if np.abs(slope).max() > 10.0 * abs(least):
-        axis.set_yscale("symlog", linthresh=10.0 ** math.ceil(math.log10(max(abs(least), 1.0))))
-    quantities(axis, style.SLIP, AxisQuantity("slope", "N m s/rad"))
-    axis.set(xlim=(0.0, v[-1]),
-             ylim=(min(1.5 * slope.min(), 1.5 * least, -1e-3), max(1.5 * slope.max(), 0.5 * abs(least), 1e-3)))
-
-
-def _speeds(system: System) -> Floats:
-    """Return (n,) slip speeds of the drawing: those of the table, or up to the decay of the slowest exponential."""
-    law = system.friction
+    law, stick, least = system.friction, stick_speed_of(terms_of(system)), critical_slope(system) or 0.0
     rates = [rate for _, rate in friction.exponentials(law.stribeck) if rate > 0.0]
     far = law.slip_speeds[-1] if law.curve is not None else 7.0 / min(rates) if rates else 10.0 / law.smoothing
-    return np.linspace(0.0, far, POINTS)
 
+    def coefficient(axis: Any, far: float, near: bool = False) -> None:
+        """Draw the law up to the speed `far`, with names, or `near` 0, with the end of stick."""
+        v = np.linspace(0.0, far, POINTS)
+        fitted, smoothed, table = [None] * 3 if near else [
+            "fit of the table" if law.curve else "sliding, (6)", "smoothed, (7)", "table"]
+        axis.plot(v, np.broadcast_to(law.kinetic * friction.sliding(v, 1.0, law.stribeck), v.shape), color=style.BLUE,
+                  label=fitted)
+        if law.law == "smoothed":
+            axis.plot(v, law.kinetic * friction.smoothed_coefficient(v, law.smoothing, law.stribeck), color=style.RED,
+                      linestyle=(0, (4, 2)), label=smoothed)
+        if near and stick > 0.0:
+            axis.axvline(stick, color=style.GREY, linewidth=0.8, linestyle=(0, (1, 1.5)), label="up to here: stick")
+        points = np.array([law.slip_speeds, law.coefficients])
+        axis.plot(*points[:, points[0] <= far], "o", color=style.INK, label=table)
+        axis.set(ylim=(0.0, None), xlim=(0.0, far))
+        quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
 
-def _sliding(system: System, v: Floats) -> Floats:
-    return np.broadcast_to(system.friction.kinetic * friction.sliding(v, 1.0, system.friction.stribeck), v.shape)
+    def slope(axis: Any) -> None:
+        v = np.linspace(0.0, far, POINTS)
+        slopes = system.saturation_mean * np.broadcast_to(friction.sliding_slope(v, law.stribeck), v.shape)
+        axis.plot(v, slopes, color=style.BLUE)
+        if least < 0.0:
+            axis.axhline(least, color=style.ORANGE, linewidth=0.9, linestyle=(0, (4, 2)),
+                         label="critical slope (22), mean pressure")
+        if np.abs(slopes).max() > 10.0 * abs(least):
+            axis.set_yscale("symlog", linthresh=10.0 ** math.ceil(math.log10(max(abs(least), 1.0))))
+        quantities(axis, style.SLIP, AxisQuantity("slope", "N m s/rad"))
+        axis.set(xlim=(0.0, far), ylim=(min(1.5 * slopes.min(), 1.5 * least, -1e-3),
+                                        max(1.5 * slopes.max(), 0.5 * abs(least), 1e-3)))
 
-
-def _smoothed(system: System, v: Floats) -> Floats:
-    law = system.friction
-    coefficients: Floats = law.kinetic * friction.smoothed_coefficient(v, law.smoothing, law.stribeck)
-    return coefficients
+    return [Panel("Friction law", partial(coefficient, far=far), 2.2),
+            Panel("Close to 0", partial(coefficient, far=3.0 * stick if stick > 0.0 else 0.05 * far, near=True), 2.2,
+                  beside=True),
+            Panel("Slope of the torque", slope, 2.2, beside=True)]

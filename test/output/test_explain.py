@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from documents import valid
 
+from tcc_sim import explain
 from tcc_sim.cli import main
 from tcc_sim.output.estimates import estimates_of
-from tcc_sim.output.explanation import explain
 from tcc_sim.scene import load_scene
 
 

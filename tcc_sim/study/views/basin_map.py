@@ -16,7 +16,7 @@ from tcc_sim.views.style import AxisQuantity, quantities
 from tcc_sim.views.sweeps import draw_cells, edges
 
 MARKERS = "os^Dvp*"
-EXTRAS = {RUNAWAY: (style.RUNAWAY, "runaway slip"), UNDECIDED: ("#FFFFFF", "undecided")}
+EXTRAS: dict[int, tuple[Any, str]] = {RUNAWAY: (style.RUNAWAY, "runaway slip"), UNDECIDED: ("#FFFFFF", "undecided")}
 
 
 def basin_panels(document: Any) -> list[Panel]:
@@ -26,49 +26,26 @@ def basin_panels(document: Any) -> list[Panel]:
     ----------
     document : one result or several, or their JSON; to JSON, which has no cells, add the `labels` of the .npz
     """
-    planes = planes_of(document)
+    if not isinstance(document, Mapping):
+        each = document if isinstance(document, Sequence) else [document]
+        planes = [{**one.as_json(), "labels": one.labels, "over": one.over} for one in each]
+    elif "over" not in document:
+        planes = [{**document, "labels": document.get("labels"), "over": None}]
+    else:
+        planes = [{"over": (document["over"], value), **{name: document[name][k] for name in (
+            "attractors", "undecided", "runaway")}} for k, value in enumerate(document["values"])]
     if planes[0]["over"] is None:
         return [Panel("", partial(_map, plane=planes[0]), 4.2)]
     return [Panel("", partial(_fractions, planes=planes), 3.4)]
 
 
-def planes_of(document: Any) -> list[dict[str, Any]]:
-    """Return the planes of results or of their JSON as mappings: the keys of the JSON, `labels` (None without cells),
-    and `over` (key and value; None for a single plane).
-    """
-    if not isinstance(document, Mapping):
-        each = document if isinstance(document, Sequence) else [document]
-        return [{**one.as_json(), "labels": one.labels, "over": one.over} for one in each]
-    if "over" not in document:
-        return [{**document, "labels": document.get("labels"), "over": None}]
-    names = ("attractors", "undecided", "runaway", *(["labels"] if "labels" in document else []))
-    return [{"labels": None, "plane": document["plane"], **{name: document[name][k] for name in names},
-             "over": (document["over"], value)} for k, value in enumerate(document["values"])]
-
-
-def _colours(attractors: Sequence[Mapping[str, Any]]) -> list[Any]:
-    """Return a colour for each attractor: that of its period, darker for each further one of the same period."""
-    from matplotlib.colors import to_rgb
-
-    seen: list[int] = []
-    out = []
-    for attractor in attractors:
-        share = 0.55 ** seen.count(attractor["period"])
-        out.append(tuple(share * part for part in to_rgb(style.colour_of(attractor["period"]))))
-        seen.append(attractor["period"])
-    return out
-
-
-def attractor_label(attractor: Mapping[str, Any]) -> str:
-    """Return the legend entry of an attractor."""
-    what = f"period {attractor['period']}" if attractor["period"] else "no period"
-    return f"{what}, largest slip speed {speed(attractor['max_slip_speed'], 4)}"
-
-
 def _map(axes: Any, plane: Mapping[str, Any]) -> None:
     """Draw the cells, if known, in the colours of their attractors, and the projected section points of these."""
-    first, second = plane["plane"]
-    colours = _colours(plane["attractors"])
+    from matplotlib.colors import to_rgb
+
+    (first, second), periods = plane["plane"], [attractor["period"] for attractor in plane["attractors"]]
+    colours: list[Any] = [tuple(0.55 ** periods[:k].count(period) * part for part in to_rgb(style.colour_of(period)))
+                          for k, period in enumerate(periods)]  # Darker for each further one of a period.
     x, y = np.array(first["values"]), np.array(second["values"])
     if plane["labels"] is not None:
         cells: list[Any] = [EXTRAS[RUNAWAY][0], EXTRAS[UNDECIDED][0], *map(style.tint, colours or ["white"])]
@@ -87,7 +64,8 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
         periodic = bool(attractor["period"])
         axes.plot(*points.T, markersize=4.5 if periodic else 1.0, markeredgewidth=0.6 if periodic else 0.0,
                   scalex=False, scaley=False, clip_on=True, **look)
-        name = f"{attractor_label(attractor)} ({100.0 * attractor['fraction']:.3g} %)"
+        name = (f"{f'period {periods[k]}' if periodic else 'no period'}, largest slip speed "
+                f"{speed(attractor['max_slip_speed'], 4)} ({100.0 * attractor['fraction']:.3g} %)")
         if plane["labels"] is not None and np.any(np.asarray(plane["labels"]) == k):
             style.key(axes, name, area=True, facecolor=style.tint(colours[k]), edgecolor=look["color"])
         elif len(points):  # Without cells there is no area to name.
@@ -109,21 +87,12 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
 def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
     values = [plane["over"][1] for plane in planes]
     periods = sorted({a["period"] for plane in planes for a in plane["attractors"]}, key=lambda p: (p == 0, p))
-    rows, names = [], []
-    colours: list[Any] = []
-    for period in periods:
-        part = [sum(a["fraction"] for a in plane["attractors"] if a["period"] == period) for plane in planes]
-        if not any(part):
-            continue
-        rows.append(part)
-        names.append(f"period {period}" if period else "no period")
-        colours.append(style.tint(style.colour_of(period)))
-    for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values()):
-        part = [plane[name] for plane in planes]
-        if any(part):
-            rows.append(part)
-            names.append(words)
-            colours.append(colour)
+    bands = [(f"period {period}" if period else "no period", style.tint(style.colour_of(period)),
+              [sum(a["fraction"] for a in plane["attractors"] if a["period"] == period) for plane in planes])
+             for period in periods]
+    bands += [(words, colour, [plane[name] for plane in planes])
+              for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values())]
+    names, colours, rows = zip(*(band for band in bands if any(band[2])))
     axes.stackplot(values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
     axes.set(ylim=(0.0, 1.0), xlim=(min(values), max(values)))
     quantities(axes, style.quantity_of(planes[0]["over"][0]), AxisQuantity("fraction of the plane"))
