@@ -20,14 +20,7 @@ from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel, compose, draw_into
 from tcc_sim.views.runs import last_cycles, manoeuvre
-from tcc_sim.views.stored import (
-    Record,
-    drawer_of,
-    kind_of,
-    read_stored,
-    refusing_damage,
-    revived,
-)
+from tcc_sim.views.stored import DRAWN, Record, kind_of, read_stored, refusing_damage, revived
 
 
 @dataclass(frozen=True, repr=False)
@@ -120,7 +113,15 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
             title = printable(str(result.get("title", ""))) if title is None else title
             result = revived(result, name)
         with shown_in(units, order):
-            return _drawn(result, path, width, title or "")
+            kind, title, inches = _class_of(result), title or "", style.width_of(width)
+            if isinstance(result, Record):
+                drawn: Path = from_later_room(DRAWN[kind_of(vars(result))])(path, result, title=title, width=inches)
+                return drawn
+            if not title and hasattr(result, "first_cycle"):
+                title = result.path.name
+            if kind == "Twin":
+                title = f"{title}: {result}" if title else str(result)
+            return compose(path, panels_of(result), title, inches, below=kind in BELOW)
 
 
 def _order_of(result: Any) -> float | None:
@@ -130,29 +131,15 @@ def _order_of(result: Any) -> float | None:
     return order
 
 
-def _drawn(result: Any, path: Path, width: str, title: str) -> Path:
-    inches = style.width_of(width)
-    if isinstance(result, Record):
-        return drawer_of(kind_of(vars(result)))(path, result, title=title, width=inches)
-    if not title and hasattr(result, "first_cycle"):
-        title = result.path.name
-    if _class_of(result) == "Twin":
-        title = f"{title}: {result}" if title else str(result)
-    return compose(path, panels_of(result), title, inches, below=_class_of(result) in BELOW)
-
-
-PANELS = {"Sweep": ("sweeps", "sweep_panels"), "Grid": ("sweeps", "grid_panels"),
-          "Scattered": ("sweeps", "scatter_panels"), "GainMap": ("sweeps", "gain_panels"),
-          "Linearisation": ("estimation", "bode"),
-          "Identification": ("estimation", "identification"), "Orders": ("order_maps", "order_panels"),
-          "OrderComparison": ("order_maps", "comparison_panels"), "Spectrum": ("order_maps", "spectrum_panels"),
-          "Scene": ("friction_law", "friction_panels"), "System": ("friction_law", "friction_panels"),
-          "Twin": ("runs", "beside_recording")}
-"""Module of `views` and function that returns the panels of a result, by the name of its class; the first panel is that
-for an axis.
+PANELS = {"Sweep": "sweeps.sweep_panels", "Grid": "sweeps.grid_panels", "Scattered": "sweeps.scatter_panels",
+          "GainMap": "sweeps.gain_panels", "Linearisation": "estimation.bode",
+          "Identification": "estimation.identification", "Orders": "order_maps.order_panels",
+          "OrderComparison": "order_maps.comparison_panels", "Spectrum": "order_maps.spectrum_panels",
+          "Scene": "friction_law.friction_panels", "System": "friction_law.friction_panels",
+          "Twin": "runs.beside_recording", "Motions": "branch_panels", "Basins": "basin_panels"}
+"""Function that returns the panels of a result, by the name of its class: in a module of `views`, or by its name in
+`later_rooms`. The first panel is that for an axis.
 """
-STUDIED = {"Motions": "branch_panels", "Basins": "basin_panels"}
-"""The same for results of the study, by names in `later_rooms`."""
 KINDS = {"sweep": "Sweep", "continue": "Motions", "basins": "Basins", "linearise": "Linearisation",
          "identify": "Identification"}
 """Class of the result of a kind of JSON."""
@@ -163,7 +150,7 @@ AS_JSON = ("Sweep", "Grid", "Scattered", "GainMap", "Linearisation", "Motions")
 
 
 def _class_of(result: Any) -> str:
-    """Return the name in PANELS or STUDIED of a result, its JSON, or a list of planes."""
+    """Return the name in PANELS of a result, its JSON, or a list of planes."""
     if not isinstance(result, Mapping):
         return type(result[0] if isinstance(result, list) and result else result).__name__
     name = KINDS.get(kind_of(result), "")
@@ -176,30 +163,23 @@ def _class_of(result: Any) -> str:
 def panels_of(result: Any) -> list[Panel]:
     """Return the panels of a result; raise InputError if it has no picture."""
     name = _class_of(result)
-    if name in (*PANELS, *STUDIED):
-        module, function = PANELS.get(name, ("", ""))
-        draw = getattr(import_module(f"tcc_sim.views.{module}"), function) if module else from_later_room(STUDIED[name])
+    if name in PANELS:
+        module, _, function = PANELS[name].rpartition(".")
+        draw = getattr(import_module(f"tcc_sim.views.{module}"), function) if module else from_later_room(function)
         panels: list[Panel] = draw(result if name not in AS_JSON or isinstance(result, Mapping) else result.as_json())
         return panels
-    run, summary = _run_of(result), getattr(result, "summary", None)
+    run, summary = getattr(result, "trajectory", result), getattr(result, "summary", None)
+    run = run() if callable(run) else run  # A recording: its first run.
+    if not isinstance(run, Trajectory):
+        raise InputError(f"a {type(result).__name__} cannot be drawn; give a result of solve, simulate, analyse, read, "
+                         "sweep, scatter, continuation, basins, linearise or identify")
     if hasattr(result, "first_cycle"):  # The replay of a recording has the end of its run only.
         return last_cycles(run, result.cycles, result.first_cycle, result.summary, result.control, result.spectrum)
     control = getattr(run, "control", None)  # Only runs under commands have it.
     if len(run.t) > 2 and run.system is not None and run.system.profile is not None:
         return manoeuvre(run, control)
-    whole = run.cycles is not None and len(run.cycles) > 0
-    if not whole and len(run.t) > 2 and run.t[-1] - run.t[0] >= run.cycle:
+    if not run.cycles and len(run.t) > 2 and run.t[-1] - run.t[0] >= run.cycle:
         run = replace(run, cycles=cycles_of(run))
-        whole = run.cycles is not None and len(run.cycles) > 0
-    return last_cycles(run, run.cycles if run.cycles is not None else no_cycles(), first_cycle_of(run) if whole else 0,
-                       summary or summarise(run), control, getattr(result, "spectrum", None))
-
-
-def _run_of(result: Any) -> Trajectory:
-    """Return a run, the run of a result, or the first run of a recording; InputError if there is none."""
-    run = getattr(result, "trajectory", result)
-    run = run() if callable(run) else run
-    if not isinstance(run, Trajectory):
-        raise InputError(f"a {type(result).__name__} cannot be drawn; give a result of solve, simulate, analyse, read, "
-                         "sweep, scatter, continuation, basins, linearise or identify")
-    return run
+    return last_cycles(run, run.cycles if run.cycles is not None else no_cycles(),
+                       first_cycle_of(run) if run.cycles else 0, summary or summarise(run), control,
+                       getattr(result, "spectrum", None))

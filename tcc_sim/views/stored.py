@@ -15,7 +15,6 @@ import numpy as np
 
 from tcc_sim.analysis.measured.orders import Judder, OrderComparison, Orders, Spectrum
 from tcc_sim.errors import InputError, TccError, one_line
-from tcc_sim.later_rooms import from_later_room
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.output.files import read_json
 from tcc_sim.output.samples import cycles_in
@@ -74,11 +73,8 @@ def read_stored(path: Path) -> dict[str, Any]:
     """
     if path.suffix not in (".json", ".npz"):
         raise InputError(f"{path} must end in .json or .npz")
-    return _arrays_in(path) if path.suffix == ".npz" else read_json(path)
-
-
-def _arrays_in(path: Path) -> dict[str, Any]:
-    """Return the JSON in a .npz, with the arrays that pictures use; InputError if their shapes do not fit."""
+    if path.suffix == ".json":
+        return read_json(path)
     arrays = read_arrays(path, ("document", *ARRAYS))
     document = document_in(path, arrays)
     samples, cycles = arrays.get("t", ()), arrays.get("cycle_highest", ())
@@ -123,17 +119,21 @@ def revived(values: Mapping[str, Any], name: str) -> Any:
         The JSON has no picture, or the data of its picture are in another file.
     """
     kind = kind_of(values)
-    if "measured_orders" in values:
-        return OrderComparison(_orders(values["measured_orders"]), _orders(values["orders"]))
-    if "orders" in values:
-        return _orders(values["orders"])
+    orders, measured = (_of(Orders, {**values[name], "judder": _of(Judder, values[name]["judder"])})
+                        if name in values else None for name in ("orders", "measured_orders"))
+    if orders is not None:
+        return orders if measured is None else OrderComparison(measured, orders)
     if kind in ("simulate", "analyse") and "arrays" in values:
         return _run(values)
     if "spectrum" in values:
         return _of(Spectrum, values["spectrum"])
     if kind in ("simulate", "analyse"):
+        words = list(values.get("command") or ["simulate", "SCENE"])
+        given = [k for k, word in enumerate(words) if word in ("--json", "--plot", "--out")]
+        words = [word for k, word in enumerate(words) if k not in given and k - 1 not in given and word != "--force"]
+        again = shlex.join([*(["analyse", "DIR/recording"] if words[0] == "demo" else words), "--out", "FILE.npz"])
         raise InputError(f"the JSON of {kind} has no samples to draw; give the file of samples that this command "
-                         f"writes: tcc-sim {shlex.join([*_command_of(values), '--out', 'FILE.npz'])}")
+                         f"writes: tcc-sim {again}")
     if kind == "explain":
         return Scene("", System(), Operation()).with_values(values["scene"])
     if kind == "basins" and "arrays" in values:
@@ -144,26 +144,6 @@ def revived(values: Mapping[str, Any], name: str) -> Any:
         return values
     raise InputError(f"{name} holds no result of a command" if not kind else
                      f"{name} is the JSON of {kind}, of which there is no picture")
-
-
-def _command_of(values: Mapping[str, Any]) -> list[str]:
-    """Return the command that wrote a JSON without the options of its files; `analyse` of the recording for `demo`."""
-    words = list(values.get("command") or ["simulate", "SCENE"])
-    if words[0] == "demo":
-        return ["analyse", "DIR/recording"]
-    given = [k for k, word in enumerate(words) if word in ("--json", "--plot", "--out")]
-    return [word for k, word in enumerate(words) if k not in given and k - 1 not in given and word != "--force"]
-
-
-def drawer_of(kind: str) -> Callable[..., Path]:
-    """Return the function that draws a kind of DRAWN."""
-    drawer: Callable[..., Path] = from_later_room(DRAWN[kind])
-    return drawer
-
-
-def _orders(values: Mapping[str, Any]) -> Orders:
-    orders: Orders = _of(Orders, {**values, "judder": _of(Judder, values["judder"])})
-    return orders
 
 
 def _of(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:

@@ -34,42 +34,35 @@ from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.paper.catalogue import FIGURES, FigureOptions, series_system
 from tcc_sim.study.paper.figures import SOLVER_CURVES
 
-Use = Callable[[Scene], object]
 Values = dict[str, Any]
 NEAR_REST = np.array([0.1, 0.1, 0.0])
 
 
-def solve_cycle(scene: Scene) -> None:
-    """Solve one cycle."""
+def _solve_cycle(scene: Scene) -> None:
     solve(scene, cycles=1).raise_for_status()
 
 
-def map_cycle(scene: Scene) -> None:
-    """Map the section by one cycle, with derivatives."""
+def _map_cycle(scene: Scene) -> None:
     stroboscopic_map(scene.system, NEAR_REST, 1.0, parameters=("engine.frequency",))
 
 
-def make_ticks(scene: Scene) -> None:
-    """Make ticks of the node, and ticks with the states between."""
+def _make_ticks(scene: Scene) -> None:
     plant = Plant(scene)
     plant.warm_up()
     if not scene.system.pressure.actuated:
         solve(scene, solver="fixed_step", duration=plant.stepper.step)
 
 
-def make_windows(scene: Scene) -> None:
-    """Make ticks with derivatives by a key."""
+def _make_windows(scene: Scene) -> None:
     by = key_derivatives(scene.system, ("driveline.stiffness",))
     advance_windows(NEAR_REST[None], 0.0, 1e-6, 1, 1, terms_of(scene.system), None, by)
 
 
-def judge_section(scene: Scene) -> None:
-    """Judge a motion, as the core's verbs do."""
+def _judge_section(scene: Scene) -> None:
     periodicity(solve(scene, cycles=4).solved_cycles)
 
 
-def solve_figures(scene: Scene) -> None:
-    """Solve a cycle of every curve of the paper's figures, and of Fig. 2 by every solver; `scene` is not used."""
+def _solve_figures(_: Scene) -> None:
     for row in FIGURES.values():
         for series in row.series:
             solve(series_system(series, FigureOptions()), cycles=1)
@@ -96,26 +89,26 @@ def scenes(name: str, *choices: tuple[Values, ...]) -> Iterator[Scene]:
         yield load_scene(name).with_values({key: value for part in values for key, value in part.items()})
 
 
-def uses() -> Iterator[tuple[Use, Scene]]:
+def uses() -> Iterator[tuple[Callable[[Scene], object], Scene]]:
     """Yield every use with its scenes; those of a law follow each other, since their kernels share compiled parts.
 
     The longest ones are first, so that two processes that begin at both ends meet at short ones.
     """
-    yield judge_section, load_scene("minimal")
+    yield _judge_section, load_scene("minimal")
     for scene in scenes("minimal", EXPONENTIALS[:2], PULSATION):
-        yield solve_cycle, scene
-        yield map_cycle, scene
+        yield _solve_cycle, scene
+        yield _map_cycle, scene
     for scene in (*scenes("minimal", EXPONENTIALS[2:]), *scenes("minimal", EXPONENTIALS[:2], PROFILE[1:])):
-        yield solve_cycle, scene
-    yield solve_figures, load_scene("minimal")
+        yield _solve_cycle, scene
+    yield _solve_figures, load_scene("minimal")
     for scene in scenes("minimal", (EXACT,), EXPONENTIALS, PULSATION):
-        yield solve_cycle, scene
+        yield _solve_cycle, scene
     for scene in scenes("minimal", (EXACT,), EXPONENTIALS[:2]):
-        yield map_cycle, scene
+        yield _map_cycle, scene
     for scene in scenes("controlled", EXPONENTIALS, PROFILE, LAG):
-        yield make_ticks, scene
+        yield _make_ticks, scene
     for scene in scenes("controlled", EXPONENTIALS, PROFILE):
-        yield make_windows, scene
+        yield _make_windows, scene
 
 
 def make(claims: Path, backwards: bool) -> None:
@@ -134,7 +127,7 @@ def make(claims: Path, backwards: bool) -> None:
         except FileExistsError:
             break
         except Exception as error:
-            print(f"tcc_sim: not compiled ahead: {use.__name__} of {scene.name}: {error}", file=sys.stderr)
+            print(f"tcc_sim: not compiled ahead: {use.__name__[1:]} of {scene.name}: {error}", file=sys.stderr)
     print(*sorted(kernel_cache.used), sep="\n")
 
 
@@ -154,13 +147,8 @@ def ship(folder: Path) -> int:
     return len(contents)
 
 
-def run(words: list[str]) -> None:
-    """Ship the kernels into the folder that is the first word, or, with a second word, make uses claimed there."""
-    if len(words) == 1:
-        print(f"tcc_sim: {ship(Path(words[0]))} kernels compiled ahead", file=sys.stderr)
-    else:
-        make(Path(words[0]), words[1] == "backwards")
-
-
 if __name__ == "__main__":
-    run(sys.argv[1:])
+    if len(sys.argv) == 2:
+        print(f"tcc_sim: {ship(Path(sys.argv[1]))} kernels compiled ahead", file=sys.stderr)
+    else:
+        make(Path(sys.argv[1]), sys.argv[2] == "backwards")
