@@ -90,8 +90,6 @@ EXTRAS = {"matplotlib": ("matplotlib", "view"), "rerun": ("rerun-sdk", "view"),
 def require(module: str, what: str) -> None:
     """Raise MissingPackage if an optional package is not installed; call this before any computation.
 
-    Parameters
-    ----------
     module : a key of EXTRAS
     what : option or output that needs the package, for the message
     """

@@ -92,8 +92,6 @@ def _range(value: float, last: float | None, factor: float, digits: int) -> str:
 def shown_axis(name: str, unit: str = "", frequency: str = "") -> tuple[str, float]:
     """Return the label of an axis in the selected unit, and the factor to it from the SI unit of its data.
 
-    Parameters
-    ----------
     frequency : "engine" for the frequency of the excitation, "other" for another angular frequency
     """
     units, _ = _SHOWN.get()

@@ -155,13 +155,8 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
     """Check, before the computation, the files of --json, --out (with one of `suffixes`; if there are none, the verb
     checks --out itself), --plot and `more`.
 
-    Raises
-    ------
-    InputError
-        A wrong suffix, an existing file without --force, one file for two options, or an option of a picture without
-        one.
-    MissingPackage
-        --plot without matplotlib, or --dask without distributed.
+    Raise InputError: a wrong suffix, an existing file without --force, one file for two options, or an option of a
+    picture without one; MissingPackage: --plot without matplotlib, or --dask without distributed.
     """
     plot, out = getattr(arguments, "plot", None), getattr(arguments, "out", None)
     if hasattr(arguments, "plot"):

@@ -35,8 +35,6 @@ def demo(arguments: argparse.Namespace, scene: str | None = None, controller: st
         out: Path | None = None) -> int:
     """Record, analyse, draw, and print the summary and the files.
 
-    Parameters
-    ----------
     scene : name of a bundled scene, or a file (default: commands at 250 Hz, with a node that publishes both commands)
     controller : command that starts your controller instead of the example, such as 'python my_node.py'; the default
         scene is then controlled

@@ -23,8 +23,6 @@ TOPICS_SHOWN = 100
 def recover(arguments: argparse.Namespace, recording: Path, out: Path | None = None) -> int:
     """Recover the recording and print the missing parts.
 
-    Parameters
-    ----------
     recording : bag directory or .mcap file, which stays unchanged
     out : directory to create (default: RUN_recovered beside it)
     """
@@ -49,8 +47,6 @@ def recover(arguments: argparse.Namespace, recording: Path, out: Path | None = N
 def import_(arguments: argparse.Namespace, bag: Path, recording: Path) -> int:
     """Import the bag and print what it holds and what is unknown.
 
-    Parameters
-    ----------
     bag : a bag in SQLite, of ROS 1, compressed, or of another program in MCAP; it stays unchanged
     recording : directory to create
     """
@@ -70,8 +66,6 @@ def import_(arguments: argparse.Namespace, bag: Path, recording: Path) -> int:
 def plot(arguments: argparse.Namespace, result: Path, plot: Path | None = None, force: bool = False) -> int:
     """Check the files, draw, and print the name of the picture.
 
-    Parameters
-    ----------
     result : file that --json or --out wrote; a run is in that of --out
     plot : the picture: .pdf, .svg or .png (default: the result's name with .pdf, in this directory)
     force : replace an existing file

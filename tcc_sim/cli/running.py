@@ -34,8 +34,6 @@ def watch(arguments: argparse.Namespace, rrd: Path | None = None, spawn: bool = 
           web: bool = False) -> int:
     """Watch until Ctrl-C or SIGTERM, and print the number of states shown and missed.
 
-    Parameters
-    ----------
     rrd : write a Rerun file; at 1 kHz the file grows by about 5 MB a minute, memory by half a MB
     spawn : start a viewer (the default)
     connect : send to a running viewer, rerun+http://HOST:PORT/proxy

@@ -31,8 +31,6 @@ would be more than MOST_DRAWN, and none where SAMPLES of them would be more than
 def simulate(arguments: argparse.Namespace, samples: int = 200) -> int:
     """Check the input, solve, write the files, and print the summary.
 
-    Parameters
-    ----------
     samples : samples per period of excitation in --out
     """
     from tcc_sim.analysis.measured.orders import OrderComparison
@@ -127,8 +125,6 @@ FORMS = {**common.FORMS, "recording": Form("RUN|FILE", Path), "discard": Form("C
 def analyse(arguments: argparse.Namespace, layout: bool = False) -> int:
     """Check the outputs, analyse the recording, write the files, and print the figures.
 
-    Parameters
-    ----------
     layout : write a layout beside the recording, with which Rerun shows its signals without conversion: rerun
         RUN_0.mcap RUN_0.rbl
     """

@@ -20,8 +20,6 @@ EXPLANATION = "tcc_sim.functions:explanation"
 def scenes(arguments: argparse.Namespace, show: str | None = None) -> int:
     """Print name and description of every bundled scene, or one scene in full.
 
-    Parameters
-    ----------
     show : print this scene (or a file) as a parameter file with every key
     """
     if show is not None:

@@ -41,8 +41,6 @@ if TYPE_CHECKING:
 def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequence[str] = ()) -> int:
     """Sweep, write the files, and print a table unless a file holds the points.
 
-    Parameters
-    ----------
     over : scene key and its values; given twice, a grid of two keys; friction.coefficients takes factors of a whole
         table
     scatter : scene key and the bounds of its tolerance; samples give quantiles of every result

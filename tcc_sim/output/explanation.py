@@ -160,8 +160,6 @@ class SceneExplanation(Described):
 def explained(scene: Scene, *, cost: bool = False) -> SceneExplanation:
     """Explain a scene.
 
-    Parameters
-    ----------
     cost : measure the run time of a tick too: with this scene's kernel, with that of all terms, and without or with
         the Stribeck exponential
     """

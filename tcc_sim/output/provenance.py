@@ -56,8 +56,6 @@ def format_of(kind: str) -> str:
 def head_of(kind: str, scene: Scene | System, command: Sequence[str]) -> dict[str, Any]:
     """Return the keys that begin every JSON and every file of points: five, and `warnings` if the scene has any.
 
-    Parameters
-    ----------
     kind : a key of FORMATS
     scene : the solved or recorded scene; for several scenes, the one from which they differ
     command : arguments of `tcc-sim`, the verb first

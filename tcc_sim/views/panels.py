@@ -34,16 +34,9 @@ def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float =
             below: bool = False) -> Path:
     """Draw panels with letters below each other, or beside each other where a page has room, to a file.
 
-    Parameters
-    ----------
     below : whether one legend of all panels stands below them, in place of legends above each
 
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
-    InputError
-        Another suffix.
+    Raise MissingPackage: matplotlib is not installed; InputError: another suffix.
     """
     rows = list(_rows(panels, style.wide(width)))
     heights = [max(panel.height for panel in row) for row in rows]

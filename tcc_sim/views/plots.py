@@ -42,12 +42,8 @@ class Picture:
 def check_picture(path: Path, width: str = "page") -> None:
     """Check that a picture can be written to `path`, before anything is computed.
 
-    Raises
-    ------
-    InputError
-        The suffix is not .png, .svg or .pdf, or the width is not column or page.
-    MissingPackage
-        matplotlib is not installed.
+    Raise InputError: the suffix is not .png, .svg or .pdf, or the width is not column or page; MissingPackage:
+    matplotlib is not installed.
     """
     check_suffix(path, style.SUFFIXES, "--plot ")
     style.width_of(width)

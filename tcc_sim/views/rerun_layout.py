@@ -206,16 +206,10 @@ def write_layout(recording: Path) -> Path:
 
     Rerun applies a layout to the application of its name, which is the stem of an MCAP file.
 
-    Parameters
-    ----------
     recording : an MCAP file, or a directory with one
 
-    Raises
-    ------
-    InputError
-        No MCAP file is there, the layout exists, or it cannot be written.
-    MissingPackage
-        rerun-sdk is not installed.
+    Raise InputError: no MCAP file is there, the layout exists, or it cannot be written; MissingPackage: rerun-sdk is
+    not installed.
     """
     files = [recording] if recording.is_file() else sorted(recording.glob("*.mcap"))
     if not files:

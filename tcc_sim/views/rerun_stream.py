@@ -47,8 +47,6 @@ class RerunStream:
     The phase portrait shows the slip speed over the plate angle. It has one strip for each engine cycle, and shows the
     last 100 cycles before the cursor with their section points, stretched so that they fill their box.
 
-    Parameters
-    ----------
     name : name of the run in the viewer
     cycle : duration of an engine cycle, s
     file : new .rrd file
@@ -64,15 +62,8 @@ class RerunStream:
     room : largest number of values sent that a viewer has not received; Rerun keeps them, and from about five times as
         many on its calls wait for the viewer
 
-    Raises
-    ------
-    MissingPackage
-        rerun-sdk is not installed.
-    InputError
-        None or several of `file`, `spawn` and `url` are given, the file exists or cannot be created, or no viewer
-        answers at the URL.
-    TccError
-        The viewer does not start.
+    Raise MissingPackage: rerun-sdk is not installed; InputError: none or several of `file`, `spawn` and `url` are
+    given, the file exists or cannot be created, or no viewer answers at the URL; TccError: the viewer does not start.
 
     Every method that sends raises InputError if the viewer has gone, or without `say` takes nothing for `patience` s.
     """
@@ -185,8 +176,6 @@ class RerunStream:
     def control(self, signals: Mapping[str, tuple[NDArray[np.int64], Floats]], events: Sequence[Event] = ()) -> None:
         """Send the signals of a controller's test, after the samples of the same time.
 
-        Parameters
-        ----------
         signals : by name, mean_slip or that of a topic that is shown (`topics.shown`): stamps (ns) and values in the
             unit of the topic, (n,) arrays
         events : events of the current run
@@ -253,14 +242,8 @@ class RerunStream:
     def close(self, wait: bool = True) -> None:
         """End the stream, and wait until the viewer or the file has all data.
 
-        Raises
-        ------
-        InputError
-            A viewer does not receive the data within `patience` s.
-        OSError
-            The disk is full or fails.
-        TccError
-            The file was not written for another reason.
+        Raise InputError: a viewer does not receive the data within `patience` s; OSError: the disk is full or fails;
+        TccError: the file was not written for another reason.
         """
         ending = min(_ENDING, self._patience)
         try:

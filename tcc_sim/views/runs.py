@@ -49,8 +49,6 @@ def last_cycles(tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Sum
     come in the middle. A run without samples has no panels over time and no orbit in its portrait. Samples that are too
     far apart for a curve get points in between (`views.dense`).
 
-    Parameters
-    ----------
     tail : the end of the run
     cycles : every cycle of the run, NaN for one that was not observed
     first_cycle : number of the first of them

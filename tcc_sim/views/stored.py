@@ -66,10 +66,7 @@ class Record:
 def read_stored(path: Path) -> dict[str, Any]:
     """Return the JSON in a .json or .npz file of a command; `arrays` has the arrays of the .npz.
 
-    Raises
-    ------
-    InputError
-        The suffix is wrong, the file cannot be read, or no command of this version wrote it.
+    Raise InputError: the suffix is wrong, the file cannot be read, or no command of this version wrote it.
     """
     if path.suffix not in (".json", ".npz"):
         raise InputError(f"{path} must end in .json or .npz")
@@ -113,10 +110,7 @@ def kind_of(values: Mapping[str, Any]) -> str:
 def revived(values: Mapping[str, Any], name: str) -> Any:
     """Return the result for `plots.plot` that a JSON holds, of the file `name`.
 
-    Raises
-    ------
-    InputError
-        The JSON has no picture, or the data of its picture are in another file.
+    Raise InputError: the JSON has no picture, or the data of its picture are in another file.
     """
     kind = kind_of(values)
     orders, measured = (_of(Orders, {**values[name], "judder": _of(Judder, values[name]["judder"])})

@@ -86,12 +86,8 @@ ENGINE = AxisQuantity("engine frequency", "rad/s", "engine")
 def use_file(path: Path | None) -> None:
     """Draw with the settings of a matplotlib style file on top of those of this package; None for these alone.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read, or a line is not a setting of matplotlib.
-    MissingPackage
-        matplotlib is not installed.
+    Raise InputError: the file cannot be read, or a line is not a setting of matplotlib; MissingPackage: matplotlib is
+    not installed.
     """
     if path is None:
         _CHOSEN.set(None)
@@ -124,10 +120,7 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
 
     A style with larger labels makes it higher.
 
-    Raises
-    ------
-    MissingPackage
-        matplotlib is not installed.
+    Raise MissingPackage: matplotlib is not installed.
     """
     require("matplotlib", "a picture")
     import matplotlib
@@ -155,10 +148,7 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
 def width_of(name: str) -> float:
     """Return the width, inch, of a picture that is `column` or `page` wide.
 
-    Raises
-    ------
-    InputError
-        Another word.
+    Raise InputError: another word.
     """
     if name not in WIDTHS:
         raise InputError(f"width is {name!r}; it must be {' or '.join(WIDTHS)}")
@@ -244,10 +234,7 @@ def widened(limits: tuple[float, float]) -> tuple[float, float]:
 def save(drawn: Any, path: Path) -> Path:
     """Write a picture in the format of the suffix of `path`; the same picture gives the same bytes.
 
-    Raises
-    ------
-    InputError
-        Another suffix than those of SUFFIXES.
+    Raise InputError: another suffix than those of SUFFIXES.
     """
     check_suffix(path, SUFFIXES)
     lay_out(drawn)

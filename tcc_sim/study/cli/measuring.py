@@ -22,8 +22,6 @@ def precision(arguments: argparse.Namespace, quick: bool = False, scenes: Sequen
               out: Path = Path("precision")) -> int:
     """Measure error and run time of every solver, write a report, and print its first table.
 
-    Parameters
-    ----------
     quick : shorter ladders, about 40 s of computing on one core
     scenes : scenes of the report (default: all)
     out : new directory for precision.png, .svg, .json and .md (default: precision)
@@ -35,8 +33,6 @@ def precision(arguments: argparse.Namespace, quick: bool = False, scenes: Sequen
 def stability(arguments: argparse.Namespace, quick: bool = False, out: Path = Path("stability")) -> int:
     """Try every solver on extreme scenes, write a report, and print its first table.
 
-    Parameters
-    ----------
     quick : fewer scenes, some seconds
     out : new directory for stability.png, .svg, .json and .md (default: stability)
     """
@@ -51,8 +47,6 @@ def realtime(arguments: argparse.Namespace, rate: float = 1000.0, duration: floa
              lock_memory: bool = False) -> int:
     """Measure the pacing of the driveline node and of a bare absolute-deadline loop, and print the figures.
 
-    Parameters
-    ----------
     rate : rate of the ticks, Hz
     duration : duration of the measurement, s
     json : write all numbers as JSON

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 def continue_(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> int:
     """Follow the branches, write the files, and print branches and bifurcations.
 
-    Parameters
-    ----------
     over : scene key to vary, and its range
     seeds : start from the attractors in FILE, which basins --json wrote
     """
@@ -89,8 +87,6 @@ def _branch_lines(motions: Motions) -> Iterator[str]:
 def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
     """Check the input, compute the basins, write the files, and print a summary.
 
-    Parameters
-    ----------
     boundary : add the uncertainty exponent of the basin boundary
     """
     from tcc_sim.output.provenance import head_of

@@ -32,8 +32,6 @@ def figure(arguments: argparse.Namespace, figure: str, quick: bool = False,
         branches: bool = False, jobs: int | None = None, out: Path = Path("figures"), force: bool = False) -> int:
     """Compute, draw and write the figures.
 
-    Parameters
-    ----------
     figure : number of a figure in the paper, 2 to 18, or all of them
     quick : compute only a quarter of the values
     law : friction law: smoothed (7), as in the paper, or set_valued (6), solved exactly
@@ -111,8 +109,6 @@ def claims(arguments: argparse.Namespace, pressures: Sequence[float] = (), figur
         errata: Path | None = None, kept: Path | None = None, force: bool = False) -> int:
     """Judge every claim, print each verdict at once, and write the files.
 
-    Parameters
-    ----------
     pressures : mean pressures at which claims of Figs. 4 to 18 are judged, kPa (default 225 230 240)
     figures : only claims of these figures or equations, as the page names them: 3 '(35)'
     thresholds : judge again with every threshold halved and doubled, at the first pressure

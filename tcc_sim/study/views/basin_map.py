@@ -22,8 +22,6 @@ EXTRAS: dict[int, tuple[Any, str]] = {RUNAWAY: (style.RUNAWAY, "runaway slip"), 
 def basin_panels(document: Any) -> list[Panel]:
     """Return one plane as a map, or several, one for each value of a key, as fractions against it.
 
-    Parameters
-    ----------
     document : one result or several, or their JSON; to JSON, which has no cells, add the `labels` of the .npz
     """
     if not isinstance(document, Mapping):

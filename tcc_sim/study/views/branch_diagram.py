@@ -37,8 +37,6 @@ def stable_and_unstable(document: Mapping[str, Any], number: int) -> list[tuple[
 
     NaN separates two parts. Each part ends at its bifurcation, not at the next point.
 
-    Parameters
-    ----------
     document : `branches` and `bifurcations` as `continue --json` has them
     number : number of the branch
     """
