@@ -61,13 +61,56 @@ def last_cycles(tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Sum
     shown = sliced(tail, _last(tail, HISTORY_CYCLES))
     controlled = control is not None and control.controlled
     marked = control.events if control is not None and not controlled else ()
+
+    def portrait(axis: Any) -> None:
+        """Draw slip speed over plate angle for the last period or some cycles, with the section.
+
+        If most section points are in stick, they would lie on a line; then the plate speed replaces the slip speed.
+        """
+        part = _last(tail, summary.period or ORBIT_CYCLES)
+        points = np.array(summary.section_states or []).reshape(-1, 3)
+        flat = len(points) > 2 and bool(np.mean(np.abs(points[:, 1]) < FLAT * summary.max_slip_speed) > 0.5)
+        height = tail.plate_speed if flat else tail.slip_speed
+        if sampled:
+            axis.plot(tail.plate_angle[part], height[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5)
+        if len(points):
+            axis.plot(points[:, 0], points[:, 2 if flat else 1], linestyle="none", marker="o", color=style.RED,
+                      markeredgewidth=0.0, markersize=5.0 if summary.period else 2.5, zorder=4,
+                      label=f"section, period {summary.period}" if summary.period else "section, no period found")
+        axis.margins(0.06)
+        axis.set_xlim(style.widened(axis.get_xlim()))
+        axis.locator_params(axis="x", nbins=6)
+        quantities(axis, style.ANGLE, style.PLATE_SPEED if flat else style.SLIP)
+
+    def maxima(axis: Any) -> None:
+        number: NDArray[Any] = first_cycle + np.arange(len(cycles))
+        largest = cycles.largest
+        dropped = number < first_cycle + summary.discarded
+        lengths = np.empty(0) if cycles.starts is None else np.diff(cycles.starts)
+        over_time = cycles.starts is not None and (
+            not summary.cycles or np.ptp(lengths) > VARYING * float(np.nanmedian(lengths)))
+        if over_time and cycles.starts is not None:
+            number = cycles.starts[:-1]
+        size = 3.0 if len(cycles) <= 300 else 1.5
+        known = largest[~dropped & np.isfinite(largest)]
+        top = 1.6 * float(known.max()) if len(known) and known.max() > 0.0 else max(1.6 * summary.max_slip_speed, 1e-6)
+        for chosen, colour, name in ((dropped, style.GREY, "dropped"), (~dropped, style.BLUE, "kept")):
+            if chosen.any():
+                above = int(np.count_nonzero(largest[chosen] > top))
+                axis.plot(number[chosen], largest[chosen], linestyle="none", marker="o", markersize=size,
+                          markeredgewidth=0.0, color=colour, label=f"{name} ({above} off scale)" if above else name)
+        axis.axhline(summary.max_slip_speed, color=style.RED, linewidth=0.8, linestyle=DASHED, zorder=1.5)
+        axis.annotate(speed(summary.max_slip_speed, 5), (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED,
+                      ha="right", xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5)
+        axis.set_ylim(0.0, top)
+        mark_events(axis, marked, end, 1.0 if over_time else tail.cycle)
+        quantities(axis, style.TIME if over_time else style.PERIOD, style.MAX_SLIP)
+
     return [
         *([Panel("Torques", partial(_torques, run=shown), alone=alone),
            Panel("Slip speed", partial(_slip, run=shown, control=control), over=True)] if sampled else []),
         *(_control(control, end) if control is not None and controlled else []),
-        Panel("Phase portrait", partial(_portrait, tail=tail, summary=summary, sampled=sampled), 2.2, alone=alone),
-        Panel("Maxima", partial(_maxima, cycles=cycles, first=first_cycle, summary=summary, cycle=tail.cycle,
-                                events=marked, end=end), 2.2, beside=True),
+        Panel("Phase portrait", portrait, 2.2, alone=alone), Panel("Maxima", maxima, 2.2, beside=True),
         *([] if spectrum is None else spectrum_panels(spectrum))]
 
 
@@ -127,11 +170,6 @@ def _slip_alone(axis: Any, run: Trajectory) -> None:
     shown = with_gaps(run)
     axis.plot(shown.t, shown.slip_speed, color=style.BLUE, linewidth=0.9)
     quantities(axis, style.TIME, style.SLIP)
-
-
-def _control(control: Control, end: float, over: bool = False) -> list[Panel]:
-    return [Panel("Cycle mean of the slip speed", partial(_means, control=control, end=end), 1.45, over=over),
-            Panel("Actuation pressure", partial(_pressures, control=control, end=end), 1.45, over=True)]
 
 
 def _last(tail: Trajectory, cycles: int) -> slice:
@@ -203,79 +241,10 @@ def _shade_shares(axis: Any, edges: Floats, t: Floats, stuck: NDArray[np.bool_])
               color=style.STICK_SHARE)
 
 
-def _portrait(axis: Any, tail: Trajectory, summary: Summary, sampled: bool) -> None:
-    """Draw slip speed over plate angle for the last period or some cycles, with the section.
-
-    If most section points are in stick, they would lie on a line; then the plate speed replaces the slip speed.
-    """
-    part = _last(tail, summary.period or ORBIT_CYCLES)
-    points = np.array(summary.section_states or []).reshape(-1, 3)
-    flat = len(points) > 2 and bool(np.mean(np.abs(points[:, 1]) < FLAT * summary.max_slip_speed) > 0.5)
-    height = tail.plate_speed if flat else tail.slip_speed
-    if sampled:
-        axis.plot(tail.plate_angle[part], height[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5)
-    if len(points):
-        axis.plot(points[:, 0], points[:, 2 if flat else 1], linestyle="none", marker="o", color=style.RED,
-                  markeredgewidth=0.0, markersize=5.0 if summary.period else 2.5, zorder=4,
-                  label=f"section, period {summary.period}" if summary.period else "section, no period found")
-    axis.margins(0.06)
-    axis.set_xlim(style.widened(axis.get_xlim()))
-    axis.locator_params(axis="x", nbins=6)
-    quantities(axis, style.ANGLE, style.PLATE_SPEED if flat else style.SLIP)
-
-
-def _maxima(axis: Any, cycles: Cycles, first: int, summary: Summary, cycle: float, events: Sequence[Event],
-            end: float) -> None:
-    number: NDArray[Any] = first + np.arange(len(cycles))
-    largest = cycles.largest
-    dropped = number < first + summary.discarded
-    over_time = cycles.starts is not None and (not summary.cycles or np.ptp(np.diff(cycles.starts)) > VARYING * float(
-        np.nanmedian(np.diff(cycles.starts))))
-    if over_time and cycles.starts is not None:
-        number = cycles.starts[:-1]
-    size = 3.0 if len(cycles) <= 300 else 1.5
-    known = largest[~dropped & np.isfinite(largest)]
-    top = 1.6 * float(known.max()) if len(known) and known.max() > 0.0 else max(1.6 * summary.max_slip_speed, 1e-6)
-    for chosen, colour, name in ((dropped, style.GREY, "dropped"), (~dropped, style.BLUE, "kept")):
-        if chosen.any():
-            above = int(np.count_nonzero(largest[chosen] > top))
-            axis.plot(number[chosen], largest[chosen], linestyle="none", marker="o", markersize=size,
-                      markeredgewidth=0.0, color=colour, label=f"{name} ({above} off scale)" if above else name)
-    axis.axhline(summary.max_slip_speed, color=style.RED, linewidth=0.8, linestyle=DASHED, zorder=1.5)
-    axis.annotate(speed(summary.max_slip_speed, 5), (0.99, summary.max_slip_speed), (0.0, 4.0), color=style.RED,
-                  ha="right", xycoords=("axes fraction", "data"), textcoords="offset points", fontsize=7.5)
-    axis.set_ylim(0.0, top)
-    mark_events(axis, events, end, 1.0 if over_time else cycle)
-    quantities(axis, style.TIME if over_time else style.PERIOD, style.MAX_SLIP)
-
-
-def _means(axis: Any, control: Control, end: float) -> None:
-    axis.plot(control.t, control.mean_slip, color=style.BLUE, linewidth=0.9, marker="o", markersize=2.0,
-              markeredgewidth=0.0, label="cycle mean")
-    _target(axis, control, end)
-    axis.set_ylim(style.widened(axis.get_ylim()))
-    mark_events(axis, control.events, end)
-    quantities(axis, style.TIME, style.SLIP)
-
-
 def _target(axis: Any, control: Control, end: float) -> None:
     if len(control.target.t) and control.target.t[0] <= end:
         held = control.target.until(end)
         axis.step(held.t, held.values, where="post", color=style.RED, linewidth=0.9, linestyle=DASHED, label="target")
-
-
-def _pressures(axis: Any, control: Control, end: float) -> None:
-    for steps, colour, width, name in ((control.applied, style.GREEN, 1.6, "applied"),
-                                       (control.command, style.ORANGE, 0.8, "commanded")):
-        if len(steps.t):
-            held = steps.until(end)
-            axis.step(held.t, 1e-3 * held.values, where="post", color=colour, linewidth=width, label=name)
-    mark_events(axis, control.events, end, labelled=False)
-    axis.set_ylim(style.widened(axis.get_ylim()))
-    begin = min([float(steps.t[0]) for steps in (control.command, control.applied) if len(steps.t)], default=0.0)
-    if end > begin:
-        axis.set_xlim(begin, end)
-    quantities(axis, style.TIME, AxisQuantity("pressure", "kPa"))
 
 
 def mark_events(axis: Any, events: Sequence[Event], end: float, unit: float = 1.0, labelled: bool = True) -> None:
@@ -290,3 +259,29 @@ def mark_events(axis: Any, events: Sequence[Event], end: float, unit: float = 1.
                           fontsize=6.5, xycoords=("data", "axes fraction"), textcoords="offset points", va="top",
                           color=style.RED, ha="right" if late else "left",
                           bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6})
+
+
+def _control(control: Control, end: float, over: bool = False) -> list[Panel]:
+    def means(axis: Any) -> None:
+        axis.plot(control.t, control.mean_slip, color=style.BLUE, linewidth=0.9, marker="o", markersize=2.0,
+                  markeredgewidth=0.0, label="cycle mean")
+        _target(axis, control, end)
+        axis.set_ylim(style.widened(axis.get_ylim()))
+        mark_events(axis, control.events, end)
+        quantities(axis, style.TIME, style.SLIP)
+
+    def pressures(axis: Any) -> None:
+        for steps, colour, width, name in ((control.applied, style.GREEN, 1.6, "applied"),
+                                           (control.command, style.ORANGE, 0.8, "commanded")):
+            if len(steps.t):
+                held = steps.until(end)
+                axis.step(held.t, 1e-3 * held.values, where="post", color=colour, linewidth=width, label=name)
+        mark_events(axis, control.events, end, labelled=False)
+        axis.set_ylim(style.widened(axis.get_ylim()))
+        begin = min([float(steps.t[0]) for steps in (control.command, control.applied) if len(steps.t)], default=0.0)
+        if end > begin:
+            axis.set_xlim(begin, end)
+        quantities(axis, style.TIME, AxisQuantity("pressure", "kPa"))
+
+    return [Panel("Cycle mean of the slip speed", means, 1.45, over=over),
+            Panel("Actuation pressure", pressures, 1.45, over=True)]

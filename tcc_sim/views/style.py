@@ -45,8 +45,7 @@ NARROWEST = 0.02
 
 _SETTINGS: dict[str, Any] = {
     "font.family": "DejaVu Sans", "font.size": 8.0, "axes.titlesize": 8.5, "axes.labelsize": 8.0,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5, "legend.fontsize": 7.5,
+    "xtick.labelsize": 7.5, "ytick.labelsize": 7.5, "legend.fontsize": 7.5,
     "axes.titlelocation": "left", "axes.titleweight": "bold", "axes.titlepad": 5.0,
     "text.color": INK, "axes.labelcolor": INK, "axes.edgecolor": INK, "xtick.color": INK, "ytick.color": INK,
     "axes.linewidth": 0.7, "xtick.major.width": 0.7, "ytick.major.width": 0.7, "xtick.major.size": 3.0,
@@ -95,14 +94,12 @@ def use_file(path: Path | None) -> None:
     require("matplotlib", "a style")
     import matplotlib
 
+    settings: dict[str, Any] = {}
     try:
-        text = path.read_text(encoding="utf-8")
-        settings: dict[str, Any] = {}
-        for number, line in enumerate(text.splitlines(), 1):
-            key, _, value = line.partition("#" if line.lstrip().startswith("#") else ":")
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
             if not line.strip() or line.lstrip().startswith("#"):
                 continue
-            key = key.strip()
+            key, value = (part.strip() for part in line.partition(":")[::2])
             if key not in matplotlib.rcParams or key.startswith("backend"):
                 raise InputError(f"{path}: line {number}: {one_line(key)} is not a setting of a matplotlib style")
             try:
@@ -146,10 +143,7 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
 
 
 def width_of(name: str) -> float:
-    """Return the width, inch, of a picture that is `column` or `page` wide.
-
-    Raise InputError: another word.
-    """
+    """Return the width, inch, of a picture that is `column` or `page` wide; raise InputError for another word."""
     if name not in WIDTHS:
         raise InputError(f"width is {name!r}; it must be {' or '.join(WIDTHS)}")
     return WIDTHS[name]
@@ -192,21 +186,16 @@ def quantities(axis: Any, x: AxisQuantity | None = None, y: AxisQuantity | None 
 
 
 def _rescale(axis: Any, factor: float) -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+    from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 
     class Round(MaxNLocator):
-        """Ticks at round numbers of the other unit."""
-
-        def tick_values(self, low: float, high: float) -> Any:
-            """Return the ticks in the unit of the data."""
-            return np.asarray(super().tick_values(low * factor, high * factor)) / factor
-
-    class Powers(LogLocator):
-        """Ticks at powers of ten of the other unit, or between them where there are fewer than two."""
+        """Ticks at round numbers of the other unit: on a logarithmic axis powers of ten, or more where there is one."""
 
         def tick_values(self, low: float, high: float) -> Any:
             """Return the ticks in the unit of the data."""
             low, high = low * factor, high * factor
+            if axis.get_scale() != "log":
+                return np.asarray(super().tick_values(low, high)) / factor
             powers = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1.0)
             few = np.count_nonzero((powers >= low) & (powers <= high)) < 2
             return np.outer([1.0, 2.0, 3.0, 5.0] if few else [1.0], powers).ravel() / factor
@@ -216,11 +205,8 @@ def _rescale(axis: Any, factor: float) -> None:
         log = axis.get_scale() == "log" and abs(power - round(power)) < 1e-9
         return f"$10^{{{round(power)}}}$" if log else f"{shown:.6g}"
 
-    if axis.get_scale() == "log":
-        axis.set_major_locator(Powers())
-        axis.set_minor_locator(NullLocator())
-    else:
-        axis.set_major_locator(Round(nbins=6, steps=[1, 2, 2.5, 5, 10]))
+    axis.set_major_locator(Round(nbins=6, steps=[1, 2, 2.5, 5, 10]))
+    axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(text))
 
 
@@ -316,23 +302,19 @@ def key(axis: Any, label: str, *, area: bool = False, **look: Any) -> Any:
 
 def entries(axis: Any) -> tuple[list[Any], list[str]]:
     """Return artists and labels for a legend of axes: those with at least one finite point, and those of `key`."""
-    shown = [(handle, name) for handle, name in zip(*axis.get_legend_handles_labels()) if _has_points(handle)]
+    def points(artist: Any) -> list[Any]:
+        if hasattr(artist, "get_xydata"):
+            return [artist.get_xydata()]
+        if hasattr(artist, "get_paths"):
+            return [path.vertices for path in artist.get_paths()]
+        if hasattr(artist, "get_patch_transform"):
+            return [artist.get_patch_transform().transform(artist.get_path().vertices)]
+        return [np.zeros((1, 2))]  # Error bars.
+
+    shown = [(handle, name) for handle, name in zip(*axis.get_legend_handles_labels())
+             if handle.get_gid() == KEY or any(np.isfinite(np.ma.filled(xy, np.nan)).all(axis=1).any()
+                                               for xy in points(handle))]
     return [handle for handle, _ in shown], [name for _, name in shown]
-
-
-def _has_points(artist: Any) -> bool:
-    """Return whether an artist has a finite point, or is a legend's own."""
-    if artist.get_gid() == KEY:
-        return True
-    if hasattr(artist, "get_xydata"):
-        parts = [artist.get_xydata()]
-    elif hasattr(artist, "get_paths"):
-        parts = [path.vertices for path in artist.get_paths()]
-    elif hasattr(artist, "get_children") and not hasattr(artist, "get_patch_transform"):  # Error bars.
-        return True
-    else:
-        parts = [artist.get_patch_transform().transform(artist.get_path().vertices)]
-    return any(bool(np.isfinite(np.ma.filled(xy, np.nan)).all(axis=1).any()) for xy in parts)
 
 
 def legend(axis: Any, **look: Any) -> Any:

@@ -79,8 +79,8 @@ def test_files_that_are_no_arrays_are_refused(tmp_path: Path) -> None:
     for text, name in (("{", "a.json"), ("[1]", "b.json")):
         (tmp_path / name).write_text(text)
     for name, words in ((".", "regular file"), ("no.npz", os.strerror(errno.ENOENT)), ("text.npz", "zip"),
-                        ("words.npz", "array a"), ("long.npz", "array a claims 32 bytes and has 33"),
-                        ("short.npz", "array a claims 32 bytes and has 31"), ("large.npz", "100000000 bytes"),
+                        ("words.npz", "array a"), ("long.npz", "array a"), ("short.npz", "array a"),
+                        ("large.npz", "100000128 bytes"),
                         ("a.json", "JSON"), ("b.json", "JSON")):
         with pytest.raises(InputError) as caught:
             read_json(tmp_path / name) if name.endswith(".json") else read_arrays(tmp_path / name, ["a"])
@@ -98,11 +98,7 @@ def test_a_table_in_text_has_comments_names_units_and_every_digit(tmp_path: Path
 
 
 @pytest.mark.parametrize("version", [(1, 0), (2, 0), (3, 0)])
-def test_arrays_of_both_old_versions_are_read(version: tuple[int, int], tmp_path: Path) -> None:
+def test_arrays_of_every_version_are_read(version: tuple[int, int], tmp_path: Path) -> None:
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as file, file.open("a.npy", "w") as stream:
         npy.write_array(stream, np.arange(3.0), version=version)
-    if version == (3, 0):
-        with pytest.raises(InputError, match=r"a\.npz.*array a .*3, 0"):
-            read_arrays(tmp_path / "a.npz", ["a"])
-    else:
-        assert read_arrays(tmp_path / "a.npz", ["a"])["a"].tolist() == [0.0, 1.0, 2.0]
+    assert read_arrays(tmp_path / "a.npz", ["a"])["a"].tolist() == [0.0, 1.0, 2.0]

@@ -66,7 +66,7 @@ def _solve_figures(_: Scene) -> None:
     for row in FIGURES.values():
         for series in row.series:
             solve(series_system(series, FigureOptions()), cycles=1)
-    for solver, (_, law, changes) in SOLVER_CURVES.items():
+    for solver, (_curve, law, changes) in SOLVER_CURVES.items():
         solve(series_system(FIGURES[2].series[0], FigureOptions(law=law)), cycles=1, solver=solver, **changes)
 
 
