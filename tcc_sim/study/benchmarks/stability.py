@@ -97,7 +97,7 @@ def extreme_cases(count: int, seed: int = 1) -> list[Keys]:
     """
     cases: list[Keys] = [{}]
     cases += [{key: value} for key, values in RANGES.items() for value in values]
-    cases += [*grazing(), *command_steps(), *long_and_coarse()]
+    cases += [*grazing(), *steps_and_ticks()]
     cases += [{one: a, two: b} for one, two in PAIRS for a in RANGES[one] for b in RANGES[two]]
     draw = np.random.default_rng(seed)
     if count < len(cases):
@@ -119,25 +119,22 @@ def scene_keys(keys: Keys) -> Keys:
     return {key: value for key, value in keys.items() if key not in RUN}
 
 
-def command_steps() -> list[Keys]:
-    """Return motions after a step of pressure or engine torque, from stick and from slip at the static twist."""
-    twist = {"stick": 300.0 / 3000.0, "slip": 500.0 / 3000.0}
-    states = [{"initial.slip_speed": 0.0, "initial.plate_angle": twist["stick"]},
-              {"initial.slip_speed": 80.0, "initial.plate_angle": twist["slip"]}]
+def steps_and_ticks() -> list[Keys]:
+    """Return motions after a step of pressure or engine torque, from stick and from slip at the static twist, cases
+    with many cycles, and with ticks of a tenth of a cycle to a whole cycle.
+    """
+    states = [{"initial.slip_speed": 0.0, "initial.plate_angle": 300.0 / 3000.0},
+              {"initial.slip_speed": 80.0, "initial.plate_angle": 500.0 / 3000.0}]
     commands: list[Keys] = [
         {"pressure.mean": 0.0}, {"pressure.mean": 1e4}, {"pressure.mean": 1e7}, {"engine.mean_torque": -1000.0},
         {"engine.mean_torque": 5000.0}, {"engine.mean_torque": 0.0, "engine.torque_amplitude": 0.0}]
-    return [{**state, **command} for state in states for command in commands]
-
-
-def long_and_coarse() -> list[Keys]:
-    """Return cases with many cycles, and with ticks of a tenth of a cycle to a whole cycle."""
-    many = [{}, {"friction.kinetic_coefficient": 0.15}, {"friction.kinetic_coefficient": 0.3, "share": 0.0},
+    many: list[Keys] = [{}, {"friction.kinetic_coefficient": 0.15}, {"friction.kinetic_coefficient": 0.3, "share": 0.0},
             {"share": 1.5}, {"friction.smoothing": 1e6}, {"pressure.frequency_ratio": GOLDEN}]
-    coarse = [{"tick": 5e-3}, {"tick": 1e-2}, {"tick": 1e-2, "friction.kinetic_coefficient": 0.15},
+    coarse: list[Keys] = [{"tick": 5e-3}, {"tick": 1e-2}, {"tick": 1e-2, "friction.kinetic_coefficient": 0.15},
               {"tick": 5e-2, "engine.frequency": 20.0}, {"tick": 0.1, "engine.frequency": 1.0},
               {"tick": 1.0, "engine.frequency": 1.0, "pressure.mean": 1e3}]
-    return [*({**keys, "cycles": MANY} for keys in many), *coarse]
+    return [*({**state, **command} for state in states for command in commands),
+            *({**keys, "cycles": MANY} for keys in many), *coarse]
 
 
 def case_of(keys: Keys) -> Keys:

@@ -25,9 +25,9 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.continuation.orbits import OrbitFigures
 from tcc_sim.study.paper import catalogue
-from tcc_sim.study.paper.branches_behind import MotionsBehind, motions_behind, motions_behind_each, orbit_behind
+from tcc_sim.study.paper.branches_behind import JUMP, MotionsBehind, motions_behind, motions_behind_each, orbit_behind
 from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, FigureOptions, PaperFigure, paper_system, series_system
-from tcc_sim.study.paper.evidence import JUMP, first_half, rms_apart, steep, swept
+from tcc_sim.study.paper.evidence import first_half, rms_apart, steep, swept
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.results import Point
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, handed_over, solve_point
