@@ -133,7 +133,9 @@ class FigureOptions:
 
 
 def check_options(number: int, options: FigureOptions) -> None:
-    """Raise InputError if a direction, the set-valued law or branches do not apply to a figure."""
+    """Raise InputError if there is no such figure, or if an option does not apply to it."""
+    if number not in FIGURES:
+        raise InputError(f"figure is {number}; it must be {min(FIGURES)} to {max(FIGURES)}")
     kind = FIGURES[number].kind
     if options.direction is not None and kind not in SWEPT:
         raise InputError(f"direction is {options.direction}; Fig. {number} has no sweep")

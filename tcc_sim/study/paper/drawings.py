@@ -385,8 +385,8 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
             extra += [DIRECTIONS[d][0] for d in sorted(directions)] if directions != {"cold"} else []
         note = f" ({', '.join(extra)})" if extra else ""
         words = title or f"Fig. {data.figure}. {data.title}{note}"
-        drawn.suptitle(words if wide else "\n".join(_lines(WORD.findall(words), " ", 42)), x=0.01, ha="left",
-                       fontsize=9.5 if wide else 8.5, fontweight="bold", parse_math=not title)
+        drawn.suptitle(words if wide else _wrapped(words, 42), x=0.01, ha="left", fontsize=9.5 if wide else 8.5,
+                       fontweight="bold", parse_math=not title)
         KINDS[data.kind][-1](drawn, data)
         drawn.supxlabel(caption, x=0.01, ha="left", fontsize=7.0 if wide else 6.5, color=style.GREY)
         style.save_both(drawn, stem)
@@ -407,12 +407,11 @@ def paper_figure(figure: int, *, quick: bool = False, law: str = "smoothed", dir
     >>> tcc_sim.figure(2, quick=True).kind
     'solvers'
     """
-    from tcc_sim.study.paper.catalogue import FIGURES, FigureOptions, check_options
+    from tcc_sim.study.paper.catalogue import FigureOptions, check_options
     from tcc_sim.study.paper.figures import figure_data
 
     options = FigureOptions(quick, direction, law, jobs, branches=branches)
-    if figure in FIGURES:
-        check_options(figure, options)
+    check_options(figure, options)
     data = figure_data(figure, options)
     if out is not None:
         Path(out).mkdir(parents=True, exist_ok=True)
@@ -429,20 +428,19 @@ def caption_of(data: Figure, width: float = style.PAGE) -> str:
                   rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}"]
         if any(mark is SETTLING for mark in marks_met(data.curves)):
             parts.append("grey: still settling to a period")
-    if style.wide(width):
-        return ";\n".join(_lines(parts, "; ", WIDEST))
-    return "\n".join(_lines(WORD.findall("; ".join(parts)), " ", NARROW))
+    return _wrapped("; ".join(parts), WIDEST if style.wide(width) else NARROW)
 
 
-def _lines(parts: Sequence[str], between: str, most: int) -> list[str]:
-    """Join parts to lines of at most this number of characters."""
-    lines = [parts[0]]
-    for part in parts[1:]:
-        if len(plain(f"{lines[-1]}{between}{part}")) > most:
-            lines.append(part)
+def _wrapped(text: str, most: int) -> str:
+    """Break a text into lines of at most this number of characters."""
+    first, *words = WORD.findall(text)
+    lines = [first]
+    for word in words:
+        if len(plain(f"{lines[-1]} {word}")) > most:
+            lines.append(word)
         else:
-            lines[-1] += f"{between}{part}"
-    return lines
+            lines[-1] += f" {word}"
+    return "\n".join(lines)
 
 
 def draw_orbit(axis: Any, x: Sequence[float], curve: Labelled, colour: str) -> None:
