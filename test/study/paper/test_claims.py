@@ -104,12 +104,6 @@ def test_a_claim_has_the_numbers_of_the_text_or_of_an_independent_program(
         assert expected is None or value == pytest.approx(expected, abs=2e-3), (found, numbers)
 
 
-def test_a_difference_over_a_cycle_is_that_of_an_independent_solution() -> None:
-    """RK4 within its limit of stability agrees, beyond it stick rings; beside SciPy from the same state."""
-    result = measures.cycle_differences((("rk4, fine", "smoothed", 1e-6), ("rk4, coarse", "smoothed", 1e-4)))
-    assert result["rk4, fine"] < 1e-3 < 2e-2 < result["rk4, coarse"]
-
-
 def test_crossings_are_those_of_28() -> None:
     """(28) by hand for the base case; SciPy's maxima of psi = 0 and pi are on either side of the crossing."""
     crossing = measures.crossing(Evidence(1e-9, 1), {}, OMEGA_N, (0.02 / 0.22) ** 0.5)
