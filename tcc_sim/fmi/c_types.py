@@ -164,8 +164,6 @@ def struct_of(source: type[Any], tables: dict[str, Table], lengths: dict[str, in
               absent: frozenset[str] = frozenset()) -> Struct:
     """Return the structure of a NamedTuple.
 
-    Parameters
-    ----------
     source : NamedTuple whose annotations are numbers, tuples of numbers and arrays, or these or None
     tables : types of arrays, by field
     lengths : lengths of tuples of variable length, by field

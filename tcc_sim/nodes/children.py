@@ -178,8 +178,6 @@ class NodeProcess(ChildProcess):
 
     Python puts the working directory first on the path of `-m` and `-c`, so a file `queue.py` there would end the node.
 
-    Parameters
-    ----------
     node : driveline, recorder, slip_controller or commander
     parameters : parameters of the node
     environment : environment variables
@@ -203,8 +201,6 @@ class Session:
 
     Raises MissingPackage: ROS 2 is not installed. Raises TccError: a node did not start; the message has its last line.
 
-    Parameters
-    ----------
     recording : directory that the recorder creates
     driveline : parameters of the driveline node
     controller : node of this package that sends commands, with its parameters, or the words of a command that starts a

@@ -100,8 +100,12 @@ class DrivelineNode(Node):
             self.diagnostics.publish_when_due()
         self.loop.outputs.tell_unsent()
         self._look_for_vehicle()
-        self._look_for_target()
-        self._look_for_clock()
+        loop = self.loop
+        if loop.clock_started.is_set() and loop.target_waits:
+            target = target_input(self)
+            loop.request(lambda: loop.follow(target))
+        if loop.clock_started.is_set() and loop.clock.due:
+            loop.request(lambda: loop.clock.begin(loop.plant.stamp_ns))
         if self.loop.clock_started.is_set() and not self._announced:
             self._announced = True
             log(self, CLOCK_STARTED)
@@ -143,19 +147,6 @@ class DrivelineNode(Node):
         if self.scene.operation.pacing == "lockstep":
             far_end.join(self.loop.plant.stepper.tick)
         self.loop.attach(far_end)
-
-    def _look_for_target(self) -> None:
-        """Subscribe to target_slip_speed once it has a publisher."""
-        loop = self.loop
-        if loop.clock_started.is_set() and loop.target_waits:
-            target = target_input(self)
-            loop.request(lambda: loop.follow(target))
-
-    def _look_for_clock(self) -> None:
-        """Publish /clock once it is due while running."""
-        loop = self.loop
-        if loop.clock_started.is_set() and loop.clock.due:
-            loop.request(lambda: loop.clock.begin(loop.plant.stamp_ns))
 
     def destroy_node(self) -> None:
         """Stop the loop, then destroy the node."""

@@ -401,8 +401,6 @@ class Spinner:
 
     Raises ExternalShutdownException: the context has been shut down.
 
-    Parameters
-    ----------
     busy : whether the node answers every state; at 1 kHz rclpy's EventsExecutor takes half of the processor time
     """
 

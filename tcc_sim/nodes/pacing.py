@@ -135,8 +135,6 @@ def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bo
                    timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
     """Prepare the calling thread for deadlines; return a sentence for each setting that the system refused.
 
-    Parameters
-    ----------
     priority : SCHED_FIFO priority, 1 to 99; 0 leaves the policy unchanged
     cores : cores on which the thread may run; empty for no change
     lock_memory : whether to lock the present and future memory of the process

@@ -42,8 +42,6 @@ leaves an input to the scene, and the far end still.
 def check_command(name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> None:
     """Raise InputError if the driveline must refuse a command.
 
-    Parameters
-    ----------
     name : topic of the input
     value : commanded value, in the unit of the input
     admit : function that raises InputError if a value within the range cannot be applied now

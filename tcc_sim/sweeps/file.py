@@ -29,8 +29,6 @@ class SweepFile:
     Raises InputError: the path holds something else, points of another sweep, or a damaged line, or its directory does
     not exist. Raises OSError: the file cannot be read or written.
 
-    Parameters
-    ----------
     path : path of the file; None for no file: points are then not stored
     header : values that distinguish the sweep from others; they become the first line
     form : name and version of the file's format

@@ -77,8 +77,6 @@ def progress_bar(unit: str, total: float | None = None, done: float = 0, shown: 
                  **look: Any) -> Iterator[Any]:
     """Yield a bar, which `update` moves; lines where standard error is neither a terminal nor that of a notebook.
 
-    Parameters
-    ----------
     unit : name of a part
     total : number of parts; None if unknown
     done : number of parts at the start

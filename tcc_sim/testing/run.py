@@ -104,8 +104,6 @@ class Worker:
     def run(self, work: Callable[[], Result], patience: float, failed: Callable[[str], Exception]) -> Result:
         """Return the result of `work`, or raise its exception, or `failed(place)` if it hangs at a place in the code.
 
-        Parameters
-        ----------
         patience : longest real time without progress, s
         """
         self.beat()
