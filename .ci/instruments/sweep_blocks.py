@@ -27,7 +27,7 @@ from tcc_sim.output.terminal import say
 from tcc_sim.scene import system_of
 from tcc_sim.solvers import stroboscopic
 from tcc_sim.solvers.stroboscopic import engine_of
-from tcc_sim.sweeps import blocks, sweep
+from tcc_sim.sweeps import sweep
 from tcc_sim.sweeps.sweep import BATCH, Curve, Plan, solve_point, solve_points, sweep_curves
 
 KERNEL, OUTSIDE = "kernel", "outside"
@@ -109,9 +109,9 @@ def counted() -> Iterator[Causes]:
         return found._replace(results=causes.timed(KERNEL, found.results))
 
     with ExitStack() as stack:
-        for place, name, cause in ((compiled.Calls, "__call__", "arguments"), (blocks, "solve_runs", "results"),
-                                   (sweep, "in_blocks", "checks"), (blocks, "summaries_of", "judging"),
-                                   (blocks, "_confirmed", "confirming"), (sweep, "solve_block", "points"),
+        for place, name, cause in ((compiled.Calls, "__call__", "arguments"), (sweep, "solve_runs", "results"),
+                                   (sweep, "in_blocks", "checks"), (sweep, "summaries_of", "judging"),
+                                   (sweep, "_confirmed", "confirming"), (sweep, "solve_block", "points"),
                                    (Curve, "at", "systems")):
             stack.enter_context(patch.object(place, name, causes.timed(cause, getattr(place, name))))
         stack.enter_context(patch.object(stroboscopic, "engine_of", timed_engine))

@@ -11,9 +11,8 @@ import pytest
 from tcc_sim.analysis.steady.summary import CycleTimes, repeats_finely, summarise_cycles
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import system_of
-from tcc_sim.sweeps.blocks import confirmed_by_repetition, summaries_of
 from tcc_sim.sweeps.simulation import Plan
-from tcc_sim.sweeps.sweep import solve_point, solve_points
+from tcc_sim.sweeps.sweep import confirmed_by_repetition, solve_point, solve_points, summaries_of
 from tcc_sim.trajectory import Cycles, Loads, Runs
 
 N = 100
