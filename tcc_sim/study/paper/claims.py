@@ -6,7 +6,7 @@ import json
 import math
 from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table
 from tcc_sim.result import Described, json_of, reported, reporting
 from tcc_sim.study.paper import measures
-from tcc_sim.study.paper.evidence import Evidence, Motion, T
+from tcc_sim.study.paper.evidence import THRESHOLDS, Evidence, Motion, T
 from tcc_sim.study.paper.measures import Measured
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
@@ -210,8 +210,7 @@ class ClaimsReport(Described):
 
 def _judged(row: Claim, evidence: Evidence, stored: dict[str, Finding], path: Path | None) -> Finding:
     """Return the stored finding on a claim, or judge and store it; a changed criterion is judged again."""
-    apart = [f"{item.name} {x:g}, " for item in fields(T) if (x := getattr(evidence.thresholds, item.name))
-             != item.default]
+    apart = [f"{name} {factor * THRESHOLDS[name][0]:g}, " for name, factor in evidence.factors.items()]
     name = f"{row.name} at {evidence.pressure:g} Pa, {''.join(apart)}rtol {evidence.rtol:g}: {row.criterion.words}"
     if name not in stored:
         stored[name] = row(evidence)
@@ -265,8 +264,8 @@ def claims_page(verdicts: Sequence[Verdict], *, complete: bool = True) -> str:
         if named := [v for v in verdicts if v.verdict == name]:
             lines += [f"## {name.capitalize()}", "", *map(claim_line, named), ""]
     if any(v.varied for v in verdicts):
-        rows = [threshold_row(verdicts, item) for item in fields(T)]
-        alike = [f"`{item.name}` ({row[2]})" for item, row in zip(fields(T), rows) if {*row[3:]} == {"none"}]
+        rows = [threshold_row(verdicts, name) for name in THRESHOLDS]
+        alike = [f"`{name}` ({row[2]})" for name, row in zip(THRESHOLDS, rows) if {*row[3:]} == {"none"}]
         lines += [f"## Thresholds halved and doubled, at {places[0]} kPa", "",
                   *markdown_table(["threshold", "meaning", "value", "halved", "doubled"],
                                   [row for row in rows if {*row[3:]} != {"none"}]),
@@ -285,14 +284,13 @@ def claim_line(v: Verdict) -> str:
     return f"- **{v.row.figure}** ({v.row.where}): {escape(v.row.sentence)}{said}.{because}"
 
 
-def threshold_row(verdicts: Sequence[Verdict], item: Field[float]) -> list[str]:
+def threshold_row(verdicts: Sequence[Verdict], name: str) -> list[str]:
     """Return the cells on one threshold: the claims with another verdict at half and at twice its value."""
-    judged = [(v, next(iter(v.verdicts.values())), v.varied[item.name]) for v in verdicts if item.name in v.varied]
+    judged = [(v, next(iter(v.verdicts.values())), v.varied[name]) for v in verdicts if name in v.varied]
     changes = ["; ".join(f"{v.row.figure}: {escape(v.row.sentence)} ({varied[k]} instead of {usual})"
                          for v, usual, varied in judged if varied[k] != usual) or "none" for k in range(2)]
-    meaning = item.metadata["reported"]
-    return [f"`{item.name}`, in {counted(len(judged), 'claim')}", escape(meaning.meaning),
-            f"{item.default:g} {meaning.unit}".rstrip(), *changes]
+    value, unit, meaning = THRESHOLDS[name]
+    return [f"`{name}`, in {counted(len(judged), 'claim')}", escape(meaning), f"{value:g} {unit}".rstrip(), *changes]
 
 
 def counts_of(verdicts: Sequence[Verdict]) -> str:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -35,29 +36,21 @@ from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, solve_point, sweep_curves
 from tcc_sim.trajectory import Floats, State, Trajectory
 
 FREQUENCY, KINETIC, SMOOTHING = "engine.frequency", "friction.kinetic_coefficient", "friction.smoothing"
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """Thresholds of the criteria; `claims --thresholds` judges with each of them halved and doubled."""
-
-    near: float = field(default=0.02, metadata=reported("largest distance from a printed frequency or friction ratio"))
-    close: float = field(default=0.01, metadata=reported(
-        "the same where places are so dense that `near` would cover most of the range"))
-    ends: float = field(default=4e-3, metadata=reported(
-        "largest distance of a step of a sweep from the end of a motion that causes it"))
-    jump: float = field(default=JUMP, metadata=reported("least size of a jump, over the curve's largest value"))
-    prominent: float = field(default=0.02, metadata=reported(
-        "least height of a peak above its surroundings, over the curve's largest value"))
-    shows: float = field(default=0.05, metadata=reported("least difference of two largest slip speeds", "rad/s"))
-    slipping: float = field(default=0.1, metadata=reported("largest slip speed above which a curve slips", "rad/s"))
-    alike: float = field(default=0.05, metadata=reported(
-        "largest difference of two equal solutions, over the largest slip speed"))
-    missing: float = field(default=0.05, metadata=reported("part of the cases in which a statement may fail"))
-    factor: float = field(default=1.0, metadata=reported("factor of the tolerances of numbers that are compared"))
-
-
-T = Thresholds()
+THRESHOLDS: dict[str, tuple[float, str, str]] = {
+    "near": (0.02, "", "largest distance from a printed frequency or friction ratio"),
+    "close": (0.01, "", "the same where places are so dense that `near` would cover most of the range"),
+    "ends": (4e-3, "", "largest distance of a step of a sweep from the end of a motion that causes it"),
+    "jump": (JUMP, "", "least size of a jump, over the curve's largest value"),
+    "prominent": (0.02, "", "least height of a peak above its surroundings, over the curve's largest value"),
+    "shows": (0.05, "rad/s", "least difference of two largest slip speeds"),
+    "slipping": (0.1, "rad/s", "largest slip speed above which a curve slips"),
+    "alike": (0.05, "", "largest difference of two equal solutions, over the largest slip speed"),
+    "missing": (0.05, "", "part of the cases in which a statement may fail"),
+    "factor": (1.0, "", "factor of the tolerances of numbers that are compared")}
+"""Value, unit and meaning of each threshold of the criteria; `claims --thresholds` judges with each of them halved and
+doubled.
+"""
+T = SimpleNamespace(**{name: value for name, (value, *_) in THRESHOLDS.items()})
 BISECTIONS = 8
 """Number of halvings of the interval of a jump; the change of a continuous curve becomes small in them."""
 CYCLES, DISCARD = 150, 50
@@ -115,7 +108,7 @@ class Evidence:
     jobs : number of threads; None for all cores
     progress : whether to show a bar for every sweep on a terminal
     pressure : mean pressure of Figs. 4 to 18, Pa
-    thresholds : thresholds of the criteria
+    factors : factors of thresholds
     used : names of the thresholds used so far
     known : results that do not depend on the tolerance of the sweeps, by kind, rows and axes as text; evidence at
         several tolerances shares them
@@ -125,7 +118,7 @@ class Evidence:
     jobs: int | None = None
     progress: bool = False
     pressure: float = PRESSURE
-    thresholds: Thresholds = T
+    factors: Mapping[str, float] = field(default_factory=dict)
     used: set[str] = field(default_factory=set)
     known: dict[str, Any] = field(default_factory=dict)
     _sweeps: dict[tuple[Curve, Plan], Sweep] = field(default_factory=dict)
@@ -135,12 +128,11 @@ class Evidence:
     def limit(self, name: str) -> float:
         """Return a threshold, and note its use."""
         self.used.add(name)
-        return float(getattr(self.thresholds, name))
+        return self.factors.get(name, 1.0) * THRESHOLDS[name][0]
 
     def varied(self, name: str, factor: float) -> Evidence:
         """Return evidence with the same sweeps and motions, and with one threshold times a factor."""
-        changed = replace(self.thresholds, **{name: factor * getattr(self.thresholds, name)})
-        return replace(self, thresholds=changed, used=set())
+        return replace(self, factors={name: factor}, used=set())
 
     @property
     def most(self) -> float:
