@@ -409,45 +409,7 @@ def _coupled(system: System, sign: float, torque: Sines, load: Sines) -> PureSli
                                 linear.plate / linear.flywheel))
 
 
-def equivalent_torque(system: System) -> Sines:
-    """Return Teq(t) of (29b) in its corrected form for positive slip, N m: Te - (1 + I1/I2) Ts.
-
-    The print omits Tsm after the bracket. Teq alone does not drive the slip: the other side of (29a) has the spring and
-    damper of the plate, which depend on Ts by (12b); `slip_torque` eliminates them.
-    """
-    d = system.driveline
-    return engine_series(system).plus(load_series(system), -(1.0 + d.flywheel_inertia / d.plate_inertia))
-
-
-def slip_torque(system: System) -> Sines:
-    """Return the torque that drives the steady positive slip, N m.
-
-    I1 v' = Te - Ts [K23 - (I1 + I2) w^2 + i C23 w]/[K23 - I2 w^2 + i C23 w] at each frequency w: (29a) with the plate's
-    motion eliminated by (12b). At low frequency the factor of Ts is 1 and the amplitude |Tp - Tsp exp(i psi)|; it turns
-    its sign near omega_sn, so a load in phase with the torque damps the slip below omega_sn and drives it above: the
-    reversal of Figs. 8, 10, 11 and 13.
-
-    Raises InputError: the pressure excites exactly the plate resonance of an undamped driveline.
-    """
-    d = system.driveline
-
-    def share(omega: float) -> complex:
-        stuck = complex(d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2, d.damping * omega)
-        return stuck / dynamic_stiffness(d, d.plate_inertia, omega, PLATE)
-
-    return engine_series(system).plus(load_series(system).through(share), -1.0)
-
-
 STUCK = "engine.frequency excites the undamped stuck"
-
-
-def stick_phase(system: System, omega: float) -> float:
-    """Return phi of (8b), rad: the phase of the plate angle relative to the engine torque.
-
-    The print takes the arctangent of the quotient, which is off by pi above omega_sn; this is the four-quadrant one.
-    """
-    d = system.driveline
-    return -math.atan2(d.damping * omega, d.stiffness - (d.flywheel_inertia + d.plate_inertia) * omega**2)
 
 
 def plate_angle(system: System) -> Sines:
