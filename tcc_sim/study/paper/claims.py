@@ -9,13 +9,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
 
 from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table
-from tcc_sim.result import Described, json_of, reported, reporting
+from tcc_sim.result import Described, json_of, reported
 from tcc_sim.study.paper import measures
 from tcc_sim.study.paper.evidence import THRESHOLDS, Evidence, Motion, T
 from tcc_sim.study.paper.measures import Measured
@@ -149,55 +150,35 @@ CLAIMS: tuple[Claim, ...] = tuple(claims_in(_rows))
 
 @dataclass(frozen=True)
 class Verdict:
-    """A claim judged at several mean pressures and at two tolerances.
-
-    row : the claim
-    finding : finding at the first pressure and the tighter tolerance
-    judged : verdicts by mean pressure, Pa: at TOLERANCE, and at the first pressure also at TIGHTER
-    """
+    """A claim judged at several mean pressures and at two tolerances, with the finding at the tighter one."""
 
     row: Claim = field(metadata=reported("claim", spread=True))
     finding: Finding = field(metadata=reported("finding", spread=True))
-    judged: Mapping[float, Sequence[str]]
-    varied: Mapping[str, Sequence[str]] = field(default_factory=dict, metadata=reported(
+    varied: Mapping[str, Sequence[str]] = field(metadata=reported(
         "with --thresholds: by threshold the verdicts at half and at twice of it", name="thresholds"))
+    verdicts: Mapping[str, str] = field(metadata=reported("verdict at each tolerance, at the first mean pressure"))
+    pressures: Mapping[str, str] = field(metadata=reported("verdict at each mean pressure, by its value in kPa"))
+    verdict: str = field(metadata=reported("confirmed, not confirmed or depends"))
+    depends_on: str | None = field(metadata=reported(
+        "pressure, tolerance or part (of the claim); null for another verdict"))
+    why: str = field(metadata=reported("of the verdict"))
 
-    @property
-    @reporting("verdict at each tolerance, at the first mean pressure")
-    def verdicts(self) -> dict[str, str]:
-        """Verdict at each tolerance, at the first mean pressure."""
-        return dict(zip((f"{TOLERANCE:g}", f"{TIGHTER:g}"), next(iter(self.judged.values()))))
 
-    @property
-    @reporting("verdict at each mean pressure, by its value in kPa")
-    def pressures(self) -> dict[str, str]:
-        """Verdict at each mean pressure, kPa; `depends` if the tolerances disagree."""
-        return {f"{p / 1e3:g}": v[0] if len(set(v)) == 1 else DEPENDS for p, v in self.judged.items()}
-
-    @property
-    @reporting("confirmed, not confirmed or depends")
-    def verdict(self) -> str:
-        """Common verdict of all pressures, or `depends`."""
-        return verdicts.pop() if len(verdicts := set(self.pressures.values())) == 1 else DEPENDS
-
-    @property
-    @reporting("pressure, tolerance or part (of the claim); null for another verdict")
-    def depends_on(self) -> str | None:
-        """Pressure, tolerance or part (of the claim), on which the verdict depends; None for another verdict."""
-        if self.verdict != DEPENDS:
-            return None
-        tolerances = any(len(set(v)) > 1 for v in self.judged.values())
-        return "pressure" if len(set(self.pressures.values())) > 1 else "tolerance" if tolerances else "part"
-
-    @property
-    @reporting("of the verdict")
-    def why(self) -> str:
-        """Explanation of the verdict."""
-        changes = ["the verdict changes with the tolerance"] * any(len(set(v)) > 1 for v in self.judged.values())
-        if len(set(self.pressures.values())) > 1:
-            changes.append("the verdict changes with the mean pressure: "
-                           + ", ".join(f"{v} at {p} kPa" for p, v in self.pressures.items()))
-        return "; ".join(filter(None, [*changes, self.finding.why]))
+def verdict_on(row: Claim, finding: Finding, judged: Mapping[float, Sequence[str]],
+               varied: Mapping[str, Sequence[str]] = MappingProxyType({})) -> Verdict:
+    """Return the verdict on a claim from those by mean pressure, Pa: at TOLERANCE, and at the first pressure also at
+    TIGHTER; where they differ, it depends.
+    """
+    pressures = {f"{p / 1e3:g}": v[0] if len(set(v)) == 1 else DEPENDS for p, v in judged.items()}
+    by_tolerance, by_pressure = any(len(set(v)) > 1 for v in judged.values()), len(set(pressures.values())) > 1
+    verdict = DEPENDS if by_pressure else next(iter(pressures.values()))
+    on = "pressure" if by_pressure else "tolerance" if by_tolerance else "part"
+    changes = ["the verdict changes with the tolerance"] * by_tolerance
+    changes += ["the verdict changes with the mean pressure: " + ", ".join(
+        f"{v} at {p} kPa" for p, v in pressures.items())] * by_pressure
+    return Verdict(row, finding, varied, dict(zip((f"{TOLERANCE:g}", f"{TIGHTER:g}"), next(iter(judged.values())))),
+                   pressures, verdict, on if verdict == DEPENDS else None,
+                   "; ".join(filter(None, [*changes, finding.why])))
 
 
 @dataclass(frozen=True)
@@ -247,9 +228,9 @@ def judge(claims: Sequence[Claim] = (), *, pressures: Sequence[float] = PRESSURE
         varied = {name: [_judged(row, every[first][0].varied(name, factor), stored, kept).verdict
                          for factor in (0.5, 2.0)]
                   for name in findings[first][0].thresholds} if thresholds else {}
-        verdict = Verdict(row, findings[first][1], {p: [f.verdict for f in at] for p, at in findings.items()}, varied)
-        out.append(verdict)
-        each(verdict)
+        judged = {p: [f.verdict for f in at] for p, at in findings.items()}
+        out.append(verdict_on(row, findings[first][1], judged, varied))
+        each(out[-1])
     return out
 
 

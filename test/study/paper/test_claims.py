@@ -158,7 +158,7 @@ YES, NO, PART = CONFIRMED, NOT_CONFIRMED, DEPENDS
     ({225e3: (NO, YES), 230e3: (PART,)}, PART, "tolerance"), ({225e3: (NO, NO), 230e3: (PART,)}, PART, "pressure"),
     ({225e3: (YES, YES), 240e3: (NO,)}, PART, "pressure"), ({225e3: (NO, YES), 230e3: (YES,)}, PART, "pressure")])
 def test_a_verdict_is_that_of_every_pressure_and_tolerance(judged: Any, verdict: str, on: str | None) -> None:
-    result = json_of(claims.Verdict(ROW, Finding({"x": float("nan"), "n": np.int64(3)}, YES), judged))
+    result = json_of(claims.verdict_on(ROW, Finding({"x": float("nan"), "n": np.int64(3)}, YES), judged))
     assert (result["verdict"], result["depends_on"]) == (verdict, on)
     assert bool(result["why"]) == (on in ("tolerance", "pressure"))
     assert list(result["pressures"]) == [f"{p / 1e3:g}" for p in judged]
