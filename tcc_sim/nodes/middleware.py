@@ -94,12 +94,7 @@ class Polled(CallbackGroup):
         """Return False always."""
         return False
 
-    def beginning_execution(self, entity: Any) -> bool:
-        """Return False always."""
-        return False
-
-    def ending_execution(self, entity: Any) -> None:
-        """Do nothing."""
+    beginning_execution = ending_execution = can_execute
 
 
 def subscribe(node: Node, message_class: type, topic: str, qos: QoSProfile) -> Subscription[Any]:

@@ -212,7 +212,11 @@ def gain_map(scene: SceneLike, law: str | Callable[..., Any], over: Mapping[str,
     else:
         jobs = jobs if jobs is not None or isinstance(law, str) else 1
         if jobs != 1:
-            _check_sent(loops)
+            try:
+                pickle.dumps(loops)
+            except Exception:  # Various exceptions say so.
+                raise InputError("the law cannot be sent to other processes; give it as FILE.py:NAME, or "
+                                 "jobs=1") from None
         points = each_in_a_process(loops.point, places, jobs, "loop", progress)
     name = str(loops.law) if isinstance(loops.law, LawFile) else getattr(law, "__name__", type(law).__name__)
     second_key, second_values = (keys[1], values[1]) if len(keys) > 1 else (None, None)
@@ -230,13 +234,6 @@ def _check(loops: Loops, keys: Sequence[str], places: Sequence[Mapping[str, floa
         raise InputError(f"the law takes {signature(factory)}, not {', '.join(given) or 'nothing'}: {error}") from None
     for place in places:
         loops.scene.with_values({key: value for key, value in place.items() if "." in key})
-
-
-def _check_sent(loops: Loops) -> None:
-    try:
-        pickle.dumps(loops)
-    except Exception:  # Various exceptions say so.
-        raise InputError("the law cannot be sent to other processes; give it as FILE.py:NAME, or jobs=1") from None
 
 
 def _on_cluster(loops: Loops, places: Sequence[Mapping[str, float]], dask: str, progress: bool) -> list[GainPoint]:

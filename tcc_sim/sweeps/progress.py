@@ -62,16 +62,6 @@ def in_notebook() -> bool:
     return hasattr(shell, "kernel")
 
 
-def begin_progress(unit: str, total: float | None = None, done: float = 0, shown: bool = True, **look: Any) -> Any:
-    """Return a bar or lines like those of `progress_bar`; the caller closes them."""
-    if shown and not in_notebook() and not sys.stderr.isatty():
-        return ProgressLines(unit, total, done)
-    from tqdm import tqdm
-
-    tqdm.set_lock(_lock)
-    return tqdm(total=total, initial=done, disable=not shown, unit=unit, **{"smoothing": 0.05, **look})
-
-
 @contextmanager
 def progress_bar(unit: str, total: float | None = None, done: float = 0, shown: bool = True,
                  **look: Any) -> Iterator[Any]:
@@ -83,7 +73,13 @@ def progress_bar(unit: str, total: float | None = None, done: float = 0, shown: 
     shown : False for neither a bar nor lines
     look : keywords of tqdm, for the bar
     """
-    bar = begin_progress(unit, total, done, shown, **look)
+    if shown and not in_notebook() and not sys.stderr.isatty():
+        bar: Any = ProgressLines(unit, total, done)
+    else:
+        from tqdm import tqdm
+
+        tqdm.set_lock(_lock)
+        bar = tqdm(total=total, initial=done, disable=not shown, unit=unit, **{"smoothing": 0.05, **look})
     try:
         yield bar
     finally:
