@@ -26,6 +26,9 @@ def pytest_configure() -> None:
     terminal.
     """
     os.environ.pop("COLUMNS", None)
+    # Some 200 children would each compile the package's modules anew, half a second of processor time a child.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
     end_children_with_this_process()
     kernel_cache.announced.add("compiling")
     for number, handler in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
