@@ -56,9 +56,9 @@ class BagWriter:
         self._scene: tuple[str, str, int] | None = None
         self._latched: dict[int, tuple[int, bytes, int]] = {}
         self._elapsed: dict[int, tuple[int, int]] = {}
-        made = _make(directory)
-        self._folder = -1
+        self._folder, made = -1, list[Path]()
         try:
+            _make(directory, made)
             self._folder = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
             self.file = McapFile(self._path(0), scene_text, version, self._folder)
             if scene_text is not None:
@@ -73,7 +73,7 @@ class BagWriter:
         except BaseException:
             if self._folder >= 0:
                 os.close(self._folder)
-            for folder in made:
+            for folder in reversed(made):
                 with suppress(OSError):
                     folder.rmdir()
             raise
@@ -201,8 +201,8 @@ class BagWriter:
         return after
 
 
-def _make(directory: Path) -> list[Path]:
-    """Create a directory that must not exist, with its parents; return the created ones, the innermost first."""
+def _make(directory: Path, made: list[Path]) -> None:
+    """Create a directory that must not exist, with its parents, and add the created ones to `made`, from outside."""
     try:
         if os.path.lexists(directory):
             raise FileExistsError
@@ -210,19 +210,11 @@ def _make(directory: Path) -> list[Path]:
         if len(os.fsencode(directory.resolve().name + _PART)) > longest:
             raise RecordingError(f"the name {directory.name} is too long: {longest - len(_PART)} bytes are allowed, "
                                  "since the files in it are named after it")
-        missing = [folder for folder in directory.absolute().parents if not folder.exists()]
-        made: list[Path] = []
-        try:
-            for folder in reversed(missing):
-                folder.mkdir()
-                made.insert(0, folder)
-            directory.mkdir()
-        except OSError:
-            for folder in made:
-                folder.rmdir()
-            raise
+        parents = [folder for folder in directory.absolute().parents if not folder.exists()]
+        for folder in (*reversed(parents), directory):
+            folder.mkdir()
+            made.append(folder)
     except FileExistsError:
         raise RecordingError(f"{directory} exists already and is not overwritten") from None
     except OSError as error:
         raise RecordingError(f"{directory} cannot be created: {error.strerror}") from None
-    return [directory, *made]
