@@ -133,11 +133,8 @@ def source_text(commanded: Mapping[str, bool]) -> str:
 
 
 def read_source(record: bytes, zeros: Stamps) -> InputSource | None:
-    """Decode a message record (channel, number, two times, serialised Header); None if it is not valid.
-
-    Parameters
-    ----------
-    zeros : stamps of simulation time 0, as in `simulation_ns`
+    """Decode a message record (channel, number, two times, serialised Header), whose stamps count as in
+    `simulation_ns`; None if it is not valid.
     """
     if not MESSAGE_HEAD < len(record) <= LONGEST:
         return None

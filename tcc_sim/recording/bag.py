@@ -21,7 +21,8 @@ _PART = "_999999.mcap"
 
 
 class BagWriter:
-    """Writer of a rosbag2 bag: a new directory NAME with NAME_0.mcap, NAME_1.mcap, ... and, on closing, metadata.yaml.
+    """Writer of a rosbag2 bag: a new directory NAME with NAME_0.mcap, NAME_1.mcap, ... and, on closing, metadata.yaml;
+    RecordingError if the directory exists or cannot be created, of which nothing is left behind.
 
     The writer holds the directory open and creates every file relative to it, so a directory that another recorder
     creates later under the same name is never mixed in. Each part can be read alone: it starts with the current scene
@@ -36,11 +37,6 @@ class BagWriter:
     max_chunks : largest number of chunks of a part, which bounds the memory for its index
     sync : whether to wait at the end of each part until files and directory are on the disk
     result : function that returns the content of a part's result record
-
-    Raises
-    ------
-    RecordingError
-        The directory exists, its name is too long, or it cannot be created; nothing is left behind.
     """
 
     def __init__(self, directory: Path, scene_text: str | None = None, version: str = "", *,

@@ -41,12 +41,8 @@ Rows = NDArray[np.int64]
 
 
 class Commands:
-    """Collector of commands, sources of inputs, and diagnostics, chunk by chunk.
-
-    Parameters
-    ----------
-    space : namespace of the topics
-    zeros : stamps of simulation time 0, as in `simulation_ns`
+    """Collector of commands, sources of inputs, and diagnostics of a namespace, chunk by chunk; `zeros` as in
+    `simulation_ns`.
     """
 
     def __init__(self, space: str, zeros: Stamps) -> None:

@@ -106,11 +106,8 @@ class _Announced(NamedTuple):
 
 
 class Inventory:
-    """Collector of everything in a recording that tells its drivelines apart, chunk by chunk.
-
-    Parameters
-    ----------
-    joints : names of flywheel and clutch plate
+    """Collector of everything in a recording that tells its drivelines apart, chunk by chunk; `joints` are the names of
+    flywheel and clutch plate.
     """
 
     def __init__(self, joints: Sequence[str]) -> None:
@@ -175,11 +172,7 @@ class Inventory:
 
     def drivelines(self, recorded: Sequence[SceneRecord], choice: Choice) -> list[RecordedDriveline]:
         """Return the drivelines, those that can be read first, with the chosen one marked; InputError if the choice
-        does not exist or lacks the joints.
-
-        Parameters
-        ----------
-        recorded : scenes in metadata records
+        does not exist or lacks the joints. `recorded` are the scenes in metadata records.
         """
         scenes = list(dict.fromkeys([*recorded, *(one.record for one in self._scenes)]))
         drivelines = [self._driveline(sent, recorded) for sent in self._sent.values()]

@@ -55,13 +55,8 @@ def times_of(heads: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.int
 
 
 class Layouts:
-    """Layouts of the messages of one type that were met so far.
-
-    Parameters
-    ----------
-    type : message type: JointState, FluidPressure or Float64
-    joints : names of the joints whose values are wanted
-    fields : names of the values
+    """Layouts of the messages of one type that were met so far: JointState, FluidPressure or Float64, of which the
+    values `fields` of `joints` are wanted.
     """
 
     def __init__(self, type: str, joints: Sequence[str] = (), fields: Sequence[str] = ()) -> None:
@@ -173,9 +168,6 @@ class StampedMessages:
 class Collected:
     """Messages of one kind that are collected while a recording is read.
 
-    Parameters
-    ----------
-    layouts : their layouts
     place : function that returns the run or publisher of each message (-1: another driveline's), its simulation time
         (ns), and whether it lies in the window, each (n,)
     """

@@ -90,18 +90,14 @@ class TopicMetadata:
 
 
 class McapFile:
-    """Writer of a new MCAP file of profile ros2; chunks are compressed with zstd and have a checksum.
+    """Writer of a new MCAP file of profile ros2; chunks are compressed with zstd and have a checksum. RecordingError if
+    it exists or cannot be created.
 
     Parameters
     ----------
     path : path of the file
     scene_text, version : the scene (YAML), and the code version that runs it (default: this one)
     folder : descriptor of the directory of `path`, which stays valid if the directory is renamed
-
-    Raises
-    ------
-    RecordingError
-        The file exists or cannot be created.
     """
 
     def __init__(self, path: Path, scene_text: str | None = None, version: str = "",

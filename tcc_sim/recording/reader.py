@@ -157,14 +157,8 @@ class Run:
         """Read the recording, or the states in a window, once and return it as columns.
 
         States that name their run are in the order of their stamps, wherever they stand in the files; those of other
-        recordings as in `runs.unkeyed_runs`.
-
-        Raises
-        ------
-        RecordingError
-            Nothing can be read, there are no joint_states, or publishers are mixed and cannot be separated.
-        TooManyStates
-            The states would need more than half of the machine's memory.
+        recordings as in `runs.unkeyed_runs`. RecordingError if there are no joint_states, or publishers are mixed and
+        cannot be separated; TooManyStates if the states would need more than half of the machine's memory.
         """
         topic = self.driveline.topic
         if not (self._order_known or self.driveline.runs or self.driveline.publisher):
@@ -444,18 +438,8 @@ def _in_order(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def open_run(path: Path | str, joints: Mapping[str, str] | None = None, topic: str | None = None,
              driveline: int | None = None) -> Run:
-    """Open a bag directory or an MCAP file.
-
-    Parameters
-    ----------
-    joints, topic, driveline : see `Choice`
-
-    Raises
-    ------
-    RecordingError
-        There is no recording, or nothing in it can be read.
-    InputError
-        The driveline does not exist.
+    """Open a bag directory or an MCAP file with the options of `Choice`; RecordingError if nothing can be read,
+    InputError if the driveline does not exist.
     """
     path = Path(path)
     return Run(path, parts_of(path), Choice(joints, topic, driveline))

@@ -45,14 +45,8 @@ def default_directory(path: Path) -> Path:
 def recover(run: Run, directory: Path) -> Recovery:
     """Write every readable message into a new bag, with the scenes of the original and a record of the losses.
 
-    A recovery that fails or is interrupted deletes its bag, so that the same command can be run again.
-
-    Raises
-    ------
-    RecordingError
-        The directory exists or cannot be created, or nothing can be read.
-    OSError
-        The disk is full or fails; the error names `directory`.
+    A recovery that fails or is interrupted deletes its bag, so that the same command can be run again. RecordingError
+    if the directory exists or nothing can be read; OSError, which names the directory, if the disk is full.
     """
     bag = BagWriter(directory)
     try:

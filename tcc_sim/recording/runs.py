@@ -31,13 +31,8 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
                names: Sequence[str], counter: StampCounter) -> tuple[tuple[JointStates, ...], int]:
     """Return the runs of states that name them, and the number of repeated states that differ from the first one.
 
-    Parameters
-    ----------
-    states : with the number of the run as origin
-    joined : further messages by column, likewise
-    rows : messages of `held` by the number of the run
-    names : names of the runs
-    counter : of stamps, which receives them
+    Messages, and those `joined` by column, have the number of the run as origin, to which `rows` maps messages of
+    `held`; `names` are the names of the runs. The counter receives the stamps.
     """
     order = np.lexsort((states.stamp_ns, states.origin))
     origin, stamp = states.origin[order], states.stamp_ns[order]
@@ -66,17 +61,11 @@ def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], r
 def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], sources: Sequence[InputSource],
                  counter: StampCounter) -> tuple[tuple[JointStates, ...], int, list[str]]:
     """Return the runs of states that do not name them, the number of repeated states with other values than before, and
-    the names of the other messages that cannot be placed.
+    the names of the other messages, `joined` by column, that cannot be placed.
 
-    Messages of an identified publisher are in the order of its sequence numbers, others in that of the recording. A run
-    begins where the stamp goes back, for other messages too, which cannot be placed unless they have as many runs.
-
-    Parameters
-    ----------
-    states : with 1 as origin if their publisher is identified, else 0
-    joined : further messages by column
-    sources : announced sources of the inputs
-    counter : of stamps, which receives them
+    Messages of an identified publisher, with 1 as origin, are in the order of its sequence numbers, others, with 0, in
+    that of the recording. A run begins where the stamp goes back, for other messages too, which cannot be placed unless
+    they have as many runs. The counter receives the stamps.
     """
     order, starts = _order_of(states), list[tuple[int, Break]]()
     kept = np.zeros(len(order), np.bool_)
@@ -183,12 +172,8 @@ def _count_differing(states: StampedMessages, order: Positions, fresh: NDArray[n
 
 
 def received_of(rows: Mapping[int, Floats], states: StampedMessages, name: str) -> int:
-    """Return the number of commands of an input that the driveline received since its first state of each run.
-
-    Parameters
-    ----------
-    rows : messages of `held` by the number of the run
-    states : with the number of the run as origin
+    """Return the number of commands of an input that the driveline received since its first state of each run; `rows`
+    has the messages of `held` by the number of the run, the origin of the states.
     """
     total = 0.0
     for run, of_run in rows.items():

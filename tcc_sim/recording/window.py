@@ -13,17 +13,11 @@ LATEST = 4294967296.0
 
 
 class Window:
-    """Selected part of a recording.
+    """Selected part of a recording; InputError if the run is negative, a time is beyond the largest stamp, or the end
+    is not after the start.
 
-    Parameters
-    ----------
     run : number of the run, counted from 0; None for all
     start, end : simulation time, s, both included; None for the start and end of the run
-
-    Raises
-    ------
-    InputError
-        The run is negative, a time is beyond the largest stamp, or the end is not after the start.
     """
 
     def __init__(self, run: int | None = None, start: float | None = None, end: float | None = None) -> None:

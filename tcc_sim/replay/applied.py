@@ -93,12 +93,8 @@ def applied_inputs(line: Timeline, states: JointStates) -> dict[str, Floats]:
 
 
 def measured_run(run: Run, scene: Scene) -> tuple[JointStates, dict[str, Floats], Scene]:
-    """Return the longest run of a recording, its inputs from topics, as `applied_inputs`, and its scene; InputError if
-    the scene changed during the run or cannot be read.
-
-    Parameters
-    ----------
-    scene : the recording's first scene
+    """Return the longest run of a recording with this first scene, its inputs from topics, as `applied_inputs`, and the
+    run's scene; InputError if it changed during the run or cannot be read.
     """
     line = timeline_of(run, scene)
     states = line.longest

@@ -41,14 +41,8 @@ class RunSignals(NamedTuple):
 
 
 def signals_of(line: Timeline, states: JointStates, clock: EngineClock, tick: int) -> RunSignals:
-    """Collect cycle means, target, pressures and events of a run.
-
-    Parameters
-    ----------
-    line : timeline of the recording
-    states : states of the run, or of a part of it
-    clock : start times of engine cycles
-    tick : time between stamps, ns
+    """Collect cycle means, target, pressures and events of a run or a part of it; `tick` is the time between stamps,
+    ns.
     """
     signals: dict[str, Signal] = {}
     means, cycle_means = CycleMeans(clock), []

@@ -51,17 +51,11 @@ def opened(source: Source) -> MeasuredTable | Recording:
 
 def input_table(path: Path, columns: str | Mapping[str, str] | None = None, start: float | None = None,
                 end: float | None = None) -> MeasuredTable | None:
-    """Return the table of inputs in a file, from the start of the simulation on; None for a recording.
+    """Return the table of inputs in a file, from the start of the simulation on; None for a recording, which takes no
+    `columns`, `start` or `end`. Errors are those of `table_in`.
 
-    Parameters
-    ----------
     columns : columns of the file by name, as `tables.chosen_columns.named_columns` takes them
     start, end : part of the table, s; its first row is then the start of the simulation
-
-    Raises
-    ------
-    InputError
-        As `table_in`; or `columns`, `start` or `end` are given for a recording.
     """
     if not is_table(path):
         options = {"columns": columns, "from": start, "to": end}

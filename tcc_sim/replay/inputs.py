@@ -177,12 +177,8 @@ def _stamp_notes(line: Timeline) -> Iterator[str]:
 
 def command_notes(line: Timeline, inputs: Mapping[str, HeldInput], age: CommandAge | None, tick: int,
                   tracked: bool) -> Iterator[str]:
-    """Iterate over sentences on commands that did not act, acted late, or had no target.
-
-    Parameters
-    ----------
-    tick : time between stamps, ns
-    tracked : whether a target is known
+    """Iterate over sentences on commands that did not act, acted late, or had no target (`tracked`: it has one); `tick`
+    is the time between stamps, ns.
     """
     for name, one in inputs.items():
         if one.commands and one.applied == 0:

@@ -43,19 +43,11 @@ class MeasuredRun(Result):
 
 def analyse_table(table: MeasuredTable, system: System, *, orders: bool, spectrum: bool,
                   pulses: int | None = None) -> MeasuredRun:
-    """Return orders and spectrum of a table.
+    """Return orders and spectrum of a table of four rows or more; the spectrum is that of the longest stretch without a
+    hole. Errors are those of `analysis.measured.measured_phase.signals_in`, `orders_of` and `spectrum_of`.
 
-    The spectrum is that of the longest stretch without a hole.
-
-    Parameters
-    ----------
     system : system whose shaft, modes and `engine.order` are used
     pulses : number of tacho pulses per crank revolution
-
-    Raises
-    ------
-    InputError
-        Fewer than four rows; or as `analysis.measured.measured_phase.signals_in`, `orders_of` and `spectrum_of`.
     """
     t = table.t
     if len(t) < 4:

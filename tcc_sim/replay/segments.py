@@ -83,12 +83,8 @@ class Cut:
 
 
 def cuts_of(line: Timeline, band: float = BAND, clock: EngineClock | None = None) -> list[list[Cut]]:
-    """Split the runs of a recording into segments.
-
-    Parameters
-    ----------
-    band : least jump of the target that begins a segment, rad/s
-    clock : start times of engine cycles; None for those of each scene
+    """Split the runs of a recording into segments, also at jumps of the target of `band` rad/s or more; the clock has
+    the start times of engine cycles, None for those of each scene.
     """
     changes = deque(line.changes)
     cuts_of_runs: list[list[Cut]] = []

@@ -218,11 +218,7 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
 def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Floats, Floats]]:
     """Iterate over gap-free parts of the finite slip speeds of a run: whether a gap precedes, times (s), slip speeds.
 
-    A single lost state is no gap.
-
-    Parameters
-    ----------
-    tick : time between stamps, ns; 0 if unknown
+    A single lost state is no gap. `tick` is the time between stamps, ns; 0 if unknown.
     """
     before = int(states.stamp_ns[0])
     for block in states.blocks():

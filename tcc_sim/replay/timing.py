@@ -213,11 +213,8 @@ def pace_of(line: Timeline) -> tuple[float, str]:
 
 
 def _steps(stamps: Stamps, received: Stamps) -> NDArray[np.bool_]:
-    """Return in which stretches the clock of the receipt was set, or simulation time did not advance with it, (n,).
-
-    Parameters
-    ----------
-    stamps, received : simulation time of each stretch and time between its receipts, ns, (n,)
+    """Return in which stretches the clock of the receipt was set, or simulation time did not advance with it, (n,), by
+    the simulation time of each stretch and the time between its receipts, ns, (n,).
     """
     back = received < 0
     advancing = ~back & (stamps > 0)

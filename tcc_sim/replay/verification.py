@@ -355,12 +355,8 @@ def solve_ticks(terms: Terms, step: float, first: NDArray[np.int64], states: Seq
 
 def _solve_part(terms: Terms, step: float, first: NDArray[np.int64], states: Sequence[Floats], count: NDArray[np.int64],
                 means: Sequence[Floats], arrays: Mapping[str, Sequence[Any]]) -> Floats:
-    """Make ticks by one call of machine code, which takes the arguments of each call of `tick` one after the other.
-
-    Parameters
-    ----------
-    means : (n,) mean torques and loads
-    arrays : the last fields of `terms`, of which each tick has its own
+    """Make ticks by one call of machine code, which takes the arguments of each call of `tick` one after the other:
+    mean torques and loads, (n,), and the last fields of `terms`, of which each tick has its own.
     """
     numbers = first * step, (first + 1) * step, count, step / count, *means
 
