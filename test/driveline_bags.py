@@ -8,7 +8,7 @@ import numpy as np
 from tcc_sim.messages import cdr
 from tcc_sim.messages.held import held_message
 from tcc_sim.plant.driveline import Plant
-from tcc_sim.recording.announcements import holding_from, source_text
+from tcc_sim.recording.announcements import holding_from
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import Stepper
@@ -39,7 +39,8 @@ def ticked(scene, ticks, *, torque=None, pressure=None, resets=(), changes=(), s
         rows.append((stepper.tick * TICK, flywheel, angle, v + speed, speed, engine, friction, applied))
 
     def say_source(torque, pressure):
-        source = source_text({"engine_torque": torque is not None, "actuation_pressure": pressure is not None})
+        source = ", ".join(f"{name}: {'fallback' if value is None else 'command'}" for name, value in (
+            ("engine_torque", torque), ("actuation_pressure", pressure)))
         if sources is not None and (stepper.tick == 0 or sources[-1][2] != source):
             sources.append((len(rows), stepper.tick * TICK, source))
 

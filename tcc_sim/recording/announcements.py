@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -17,7 +17,6 @@ from tcc_sim.recording.records import HEAD, MESSAGE_HEAD
 from tcc_sim.topics import INPUTS
 
 Stamps = NDArray[np.int64]
-COMMAND, FALLBACK = "command", "fallback"
 MOST_SOURCES = 100_000
 """Largest number of input-source messages that are read from a recording."""
 MOST_SCENES = 10_000
@@ -127,11 +126,6 @@ class InputSource:
     number: int = 0
 
 
-def source_text(commanded: Mapping[str, bool]) -> str:
-    """Return the text of a message, for example `engine_torque: command, actuation_pressure: fallback`."""
-    return ", ".join(f"{name}: {COMMAND if held else FALLBACK}" for name, held in commanded.items())
-
-
 def read_source(record: bytes, zeros: Stamps) -> InputSource | None:
     """Decode a message record (channel, number, two times, serialised Header), whose stamps count as in
     `simulation_ns`; None if it is not valid.
@@ -146,4 +140,4 @@ def read_source(record: bytes, zeros: Stamps) -> InputSource | None:
     sources = dict(part.partition(": ")[::2] for part in text.split(", "))
     stamp = int(simulation_ns(np.array([stamp]), zeros)[0])
     return InputSource(int(head["sent_ns"] or head["log_ns"]), stamp,
-                       frozenset(name for name in INPUTS if sources.get(name) == COMMAND), int(head["number"]))
+                       frozenset(name for name in INPUTS if sources.get(name) == "command"), int(head["number"]))

@@ -175,7 +175,7 @@ class Inventory:
         does not exist or lacks the joints. `recorded` are the scenes in metadata records.
         """
         scenes = list(dict.fromkeys([*recorded, *(one.record for one in self._scenes)]))
-        drivelines = [self._driveline(sent, recorded) for sent in self._sent.values()]
+        drivelines = [self._unnamed(sent, recorded) for sent in self._sent.values()]
         drivelines += [self._named(chain, [one for one in scenes if one.run]) for chain in self._named_chains(scenes)]
         drivelines.sort(key=lambda one: (not one.able, len(one.topic), one.topic))
         number = self.chosen(drivelines, choice)
@@ -200,7 +200,7 @@ class Inventory:
         return [[run for runs in chain for run in runs] for several in chains.values() for chain in several]
 
     def _named(self, chain: Sequence[_Sent], scenes: Sequence[SceneRecord]) -> RecordedDriveline:
-        runs, names = tuple(one.run for one in chain), sum((one.names for one in chain), Counter[tuple[str, ...]]())
+        runs = tuple(one.run for one in chain)
         latest: dict[str, SceneRecord] = {}
         for one in sorted(scenes, key=lambda one: one.log_ns):
             if one.run in runs:  # A message on the topic does not state the version, which a metadata record does.
@@ -208,21 +208,12 @@ class Inventory:
                 latest[one.text] = replace(one, version=one.version or known)
         mine = tuple(sorted(latest.values(), key=lambda one: (runs.index(one.run), one.first_stamp_ns, one.log_ns)))
         zeros = {one.run: one.zero_ns for one in mine}
-        stamps = [stamp - zeros.get(one.run, 0) for one in chain for stamp in one.stamps]
-        topic = Counter({one.topic: sum(one.names.values()) for one in chain}).most_common(1)[0][0]
-        return RecordedDriveline(topic, chain[-1].publisher, names.most_common(1)[0][0],
-                                 (description_in(mine[0].text) or "scene without a description") if mine else None,
-                                 sum(names.values()), min(stamps) / 1e9, max(stamps) / 1e9, False,
-                                 tuple(dict.fromkeys(one.publisher for one in chain)), runs, mine)
+        return _driveline(chain, mine, [stamp - zeros.get(one.run, 0) for one in chain for stamp in one.stamps])
 
-    def _driveline(self, sent: _Sent, recorded: Sequence[SceneRecord]) -> RecordedDriveline:
-        """Return the driveline of a publisher whose states do not name their run."""
+    def _unnamed(self, sent: _Sent, recorded: Sequence[SceneRecord]) -> RecordedDriveline:
         scenes = self._scenes_of(sent.topic.rpartition("/")[0], sent.publisher, recorded) if sent.able else ()
-        start, end = (simulation_ns(np.array(sent.stamps), zeros_of(one.text for one in scenes)) / 1e9).tolist()
-        return RecordedDriveline(
-            sent.topic, sent.publisher, sent.names.most_common(1)[0][0],
-            (description_in(scenes[0].text) or "scene without a description") if scenes else None,
-            sum(sent.names.values()), start, end, False, (sent.publisher,), (), scenes, sent.able)
+        zeros = zeros_of(one.text for one in scenes)
+        return _driveline([sent], scenes, simulation_ns(np.array(sent.stamps), zeros).tolist())
 
     def _scenes_of(self, space: str, publisher: str,
                    recorded: Sequence[SceneRecord]) -> tuple[SceneRecord, ...]:
@@ -269,6 +260,17 @@ class Inventory:
                                              drivelines[number].topic,
                                              [-int(run[:8], 16) for run in drivelines[number].runs[-1:]] or [0],
                                              -drivelines[number].states, drivelines[number].publisher), default=None)
+
+
+def _driveline(chain: Sequence[_Sent], scenes: tuple[SceneRecord, ...], stamps: Sequence[int]) -> RecordedDriveline:
+    """Return the driveline of these messages, with its scenes and simulation times, ns."""
+    names = sum((one.names for one in chain), Counter[tuple[str, ...]]())
+    topic = Counter({one.topic: sum(one.names.values()) for one in chain}).most_common(1)[0][0]
+    scene = (description_in(scenes[0].text) or "scene without a description") if scenes else None
+    return RecordedDriveline(topic, chain[-1].publisher, names.most_common(1)[0][0], scene, sum(names.values()),
+                             min(stamps) / 1e9, max(stamps) / 1e9, False,
+                             tuple(dict.fromkeys(one.publisher for one in chain)),
+                             tuple(one.run for one in chain if one.run), scenes, chain[0].able)
 
 
 def _beside(one: Sequence[_Sent], other: Sequence[_Sent]) -> bool:

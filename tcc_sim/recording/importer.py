@@ -9,6 +9,7 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from tcc_sim.messages import cdr, held
 from tcc_sim.messages.definitions import CARRIED, Definition, definition
 from tcc_sim.recording.announcements import SceneRecord, holding_from
 from tcc_sim.recording.bag import BagWriter
-from tcc_sim.recording.columns import Columns, JointStates
+from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.commands import COMMANDS
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.mcap_file import McapFile
@@ -29,7 +30,7 @@ from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.recording.recovery import copy_messages, recover
 from tcc_sim.recording.runs import placed
 from tcc_sim.recording.stamps import Break
-from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, HELD_INPUTS, INPUTS, JOINT_STATE, TARGET
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, HELD_INPUTS, INPUTS, JOINT_STATE
 
 _WANTED = {*CARRIED, DIAGNOSTIC_ARRAY}
 """Message types that are copied."""
@@ -169,7 +170,7 @@ def _written(run: Run, directory: Path) -> Imported:
                 if states.index <= index < states.index + len(states):
                     scene = run.scenes[number]
                     bag.describe(_named(scene, name, run.driveline.topic), scene.version)
-            _write_run(bag, channels, states, name, columns, 0 if run.scenes else int(states.stamp_ns[0]))
+            _write_run(bag, channels, states, name, 0 if run.scenes else int(states.stamp_ns[0]))
         space = run.driveline.topic.rpartition("/")[0]
 
         def channel_of(channel: Channel) -> int | None:
@@ -197,13 +198,12 @@ def _named(scene: SceneRecord, run: str, driveline: str) -> str:
     return holding_from(scene.parameters, scene.first_stamp_ns, scene.origin, 0, run, driveline)
 
 
-def _write_run(bag: BagWriter, channels: Mapping[str, int], states: JointStates, run: str, columns: Columns,
-               zero: int) -> None:
+def _write_run(bag: BagWriter, channels: Mapping[str, int], states: JointStates, run: str, zero: int) -> None:
     """Write the messages of a run, whose stamps count from `zero`, ns."""
     tick = float(np.median(np.diff(states.stamp_ns))) if len(states) > 1 else 1e9 / _RATE
     stamps = (states.stamp_ns - zero).tolist()
     angle, speed = (np.broadcast_to(column, len(states)).tolist() for column in states.far_end[:2])
-    reports = dict(_reports(states, columns, tick, zero))
+    reports = dict(_reports(states, tick, zero))
     rows = zip(stamps, states.log_ns.tolist(), states.sent_ns.tolist(), *(
         column.tolist() for column in (states.flywheel_angle, states.plate_angle, states.flywheel_speed,
                                        states.plate_speed, states.engine_torque, states.friction_torque)))
@@ -220,28 +220,12 @@ def _write_run(bag: BagWriter, channels: Mapping[str, int], states: JointStates,
                       cdr.ENCODERS["output_state"](stamp, angle[k], speed[k], np.nan, frame=run))
 
 
-def _reports(states: JointStates, columns: Columns, tick: float, zero: int) -> Iterator[tuple[int, list[float]]]:
+def _reports(states: JointStates, tick: float, zero: int) -> Iterator[tuple[int, list[float]]]:
     """Iterate over the states before which `held` is sent, and its values: the sources that the bag states."""
-    sources = np.stack([states.input(name, "source") for name in INPUTS], axis=1)
-    changed = {0, len(states) - 1, *(1 + np.flatnonzero((np.diff(np.nan_to_num(sources), axis=0) != 0).any(axis=1)))}
-    targets: dict[int, float] = {}
-    if TARGET in columns.commands:
-        rows, values, _ = columns.commands[TARGET]
-        before = np.searchsorted(rows, states.index, side="right") - 1
-        if before >= 0:
-            targets[0] = float(values[before])
-        inside = (rows > states.index) & (rows < states.index + len(states))
-        targets |= dict(zip((rows[inside] - states.index).tolist(), values[inside].tolist()))
-    since, target = 0, np.nan
-    for number, k in enumerate(sorted({*map(int, changed), *targets}), 1):
-        if k in targets:
-            since, target = k, targets[k]
+    sources = np.nan_to_num(np.stack([states.input(name, "source") for name in INPUTS], axis=1), nan=held.NOBODY)
+    changed = {0, len(states) - 1, *(1 + np.flatnonzero((np.diff(sources, axis=0) != 0).any(axis=1))).tolist()}
+    for number, k in enumerate(sorted(changed), 1):
         time = float(states.stamp_ns[k] - zero)
-        row = [round(time / tick), time, number, held.GOES_ON]
-        for name in HELD_INPUTS:
-            source = states.input(name, "source")[k] if name in INPUTS else np.nan
-            value, acts = np.nan, np.nan
-            if name == TARGET and np.isfinite(target):
-                source, value, acts = held.COMMAND, target, round(float(states.stamp_ns[since] - zero) / tick)
-            row += [held.NOBODY if np.isnan(source) else source, value, value, np.nan, acts, 0, *[np.nan] * 4]
-        yield k, row
+        stated = dict(zip(INPUTS, sources[k].tolist()))
+        values = [(stated.get(name, held.NOBODY), *[np.nan] * 4, 0, *[np.nan] * 4) for name in HELD_INPUTS]
+        yield k, [round(time / tick), time, number, held.GOES_ON, *chain.from_iterable(values)]

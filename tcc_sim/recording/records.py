@@ -149,23 +149,19 @@ class RecordStream:
                 head = b""
             elif length <= len(block) - body:
                 head = block[body:body + length]
+            elif length <= _LARGEST_RECORD:
+                self.file.seek(position + _RECORD.size)
+                head = self.file.read(length)
             else:
-                head = self._described(position, length)
+                self.warnings.place(f"the record at byte {position} is left out: it has {length} bytes; at most "
+                                    f"{_LARGEST_RECORD} are accepted")
+                head = b""
             yield McapRecord(opcode, position, length, head)
             if opcode == Opcode.FOOTER:
                 self.file.seek(end)
                 self.complete = self.file.read(len(MAGIC)) == MAGIC
                 return
             position = end
-
-    def _described(self, position: int, length: int) -> bytes:
-        """Read the body of a long record that describes the recording or a chunk."""
-        if length > _LARGEST_RECORD:
-            self.warnings.place(f"the record at byte {position} is left out: it has {length} bytes; at most "
-                                f"{_LARGEST_RECORD} are accepted")
-            return b""
-        self.file.seek(position + _RECORD.size)
-        return self.file.read(length)
 
     def read(self, record: McapRecord) -> bytes:
         """Return the whole body of a chunk or message; DamagedChunk if it is too large, or the disk fails."""

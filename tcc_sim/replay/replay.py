@@ -100,10 +100,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
             line = line.with_target(aim)
         shown = line.scene_at(line.longest.index)
         if damping:
-            _check_damping(shown)
-        if damping and any(states.output_speed is not None and np.isfinite(states.output_speed).any()
-                           for states in line.runs):
-            raise InputError("the far end of the shaft moved; --damping is for recordings in which it stands still")
+            _check_damping(line, shown)
         note, line = line.torques_note(), line.with_torques()
         timing = timing_of(shown, frequency, line.runs, frequency_changes(run), run.scene_text is None)
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
@@ -153,7 +150,8 @@ def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing
         states, number = line.longest, stream.numbers[line.longest.run]
     longest = stream.runs[number]
     summary = replace(stream.summary(discard, number), solver=run.solver, elapsed_s=elapsed)
-    end = _end_of(states, clock.cycle)
+    start = int(states.stamp_ns[-1]) - round(TAIL_CYCLES * clock.cycle * 1e9)
+    end = states[max(int(np.searchsorted(states.stamp_ns, start)), len(states) - TAIL_SAMPLES):]
     at_end = line.scene_at(end.index).system
     if timing.source in ("given", "found"):
         at_end = replace(at_end, engine=replace(at_end.engine, frequency=timing.frequency))
@@ -215,11 +213,6 @@ def _warnings(recording: Recording, line: Timeline, timing: Timing) -> Iterator[
         yield f"only the first {MOST_SCENES} scenes are used"
 
 
-def _end_of(states: JointStates, cycle: float) -> JointStates:
-    start = int(states.stamp_ns[-1]) - round(TAIL_CYCLES * cycle * 1e9)
-    return states[max(int(np.searchsorted(states.stamp_ns, start)), len(states) - TAIL_SAMPLES):]
-
-
 def _stick_speed(system: System) -> float:
     return stick_speed_of(terms_of(system))
 
@@ -236,12 +229,14 @@ def _show(view: RerunStream, states: JointStates, stick_speed: Floats, pieces: l
         view.cycles(piece.cycles, piece.first)
 
 
-def _check_damping(scene: Scene) -> None:
+def _check_damping(line: Timeline, scene: Scene) -> None:
     """Raise InputError if an input came from a topic: it then differs from the scene's between section points."""
     for name, source in (("engine.source", scene.system.engine.source),
                          ("pressure.source", scene.system.pressure.source)):
         if source == "topic":
             raise InputError(f"{name} is topic; --damping is for recordings of harmonic torque and pressure")
+    if any(states.output_speed is not None and np.isfinite(states.output_speed).any() for states in line.runs):
+        raise InputError("the far end of the shaft moved; --damping is for recordings in which it stands still")
 
 
 def _view(stack: ExitStack, name: str, timing: Timing, scene: Scene, where: tuple[Path | None, bool, str | None],

@@ -15,7 +15,6 @@ from tcc_sim.model.friction import smoothed_coefficient
 from tcc_sim.model.profile import Inputs
 from tcc_sim.output.samples import write_trajectory
 from tcc_sim.plant.driveline import Plant
-from tcc_sim.recording.announcements import source_text
 from tcc_sim.replay.given_inputs import driven_by
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
@@ -94,7 +93,8 @@ def test_a_recording_with_fallbacks_drives_by_commands_and_by_the_scene_in_betwe
         if k:
             plant.hold(*given)
             plant.advance()
-        text = source_text({name: k > 0 and value is not None for name, value in zip(held, given)})
+        text = ", ".join(f"{name}: {'command' if k > 0 and value is not None else 'fallback'}"
+                         for name, value in zip(held, given))
         if not sources or sources[-1][2] != text:
             sources.append((k, k * TICK, text))
         r = plant.reading()
