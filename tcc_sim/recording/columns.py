@@ -142,10 +142,6 @@ class Commanded(NamedTuple):
     values: Floats
     answers: NDArray[np.int64]
 
-    def part(self, which: slice) -> Commanded:
-        """Return a part of the commands."""
-        return Commanded(self.rows[which], self.values[which], self.answers[which])
-
     @staticmethod
     def none() -> Commanded:
         """Return an empty set of commands."""

@@ -82,12 +82,6 @@ class TopicMetadata:
     publisher: str
     row: str = ""
 
-    def as_yaml(self) -> dict[str, Any]:
-        """Return the entry of metadata.yaml."""
-        return {"name": self.name, "type": self.type, "serialization_format": "cdr",
-                "offered_qos_profiles": [dict(profile) for profile in self.profiles],
-                "type_description_hash": self.definition.type_hash}
-
 
 class McapFile:
     """Writer of a new MCAP file of profile ros2; chunks are compressed with zstd and have a checksum. RecordingError if
@@ -258,8 +252,11 @@ def information(files: Sequence[FileSummary]) -> dict[str, Any]:
     return {
         "version": _METADATA_VERSION, "storage_identifier": "mcap", **_times(files),
         "message_count": sum(file.count for file in files),
-        "topics_with_message_count": [{"topic_metadata": topic.as_yaml(), "message_count": counts[key]}
-                                      for key, topic in topics.items()],
+        "topics_with_message_count": [{"topic_metadata": {
+            "name": topic.name, "type": topic.type, "serialization_format": "cdr",
+            "offered_qos_profiles": [dict(profile) for profile in topic.profiles],
+            "type_description_hash": topic.definition.type_hash}, "message_count": counts[key]}
+            for key, topic in topics.items()],
         "compression_format": "", "compression_mode": "", "relative_file_paths": [file.name for file in files],
         "files": [{"path": file.name, **_times([file]), "message_count": file.count} for file in files],
         "custom_data": None, "ros_distro": os.environ.get("ROS_DISTRO", "")}

@@ -14,7 +14,7 @@ import yaml
 import zstandard
 
 from tcc_sim.errors import RecordingError, counted, one_line
-from tcc_sim.recording.records import MAGIC, PASSED_OVER, ZSTD, Expansion, not_mcap
+from tcc_sim.recording.records import MAGIC, PASSED_OVER, ZSTD, Expansion
 
 METADATA = "metadata.yaml"
 _MOST_PARTS, _LONGEST_METADATA, _MOST_NAMED = 100_000, 1 << 22, 20
@@ -162,7 +162,7 @@ def numbers_of(paths: Sequence[Path]) -> set[int]:
 
 @contextmanager
 def opened(path: Path) -> Iterator[BinaryIO]:
-    """Open an MCAP file behind its first bytes, unpacked into a temporary one if it is compressed with zstd;
+    """Open an MCAP file, unpacked into a temporary one if it is compressed with zstd;
     RecordingError if it is none or cannot be read, and for errors of the disk while it is open.
     """
     try:
@@ -173,8 +173,12 @@ def opened(path: Path) -> Iterator[BinaryIO]:
             if file.read(len(ZSTD)) == ZSTD:
                 file = _unpack(path, file, stack.enter_context(tempfile.TemporaryFile()))
             file.seek(0)
-            if file.read(len(MAGIC)) != MAGIC:
-                raise RecordingError(f"{path}: {not_mcap(file)}")
+            start = file.read(16)
+            for first, kind in ((b"#ROSBAG V", "of ROS 1"), (b"SQLite format 3", "in SQLite")):
+                if start.startswith(first):
+                    raise RecordingError(importable(path, kind))
+            if not start.startswith(MAGIC):
+                raise RecordingError(f"{path}: it is not an MCAP file, or its start is damaged")
             yield file
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None

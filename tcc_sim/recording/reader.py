@@ -227,7 +227,9 @@ class Run:
         joined = {row.name: replace(found[row.name], columns={  # The shaft's torque follows from the states.
             name: found[row.name].columns[name] for name in row.fields if name != SHAFT})
             for row in topics.stamped() if len(found[row.name])}
-        states, held_rows = found["joint_states"], {run: _in_order(np.concatenate(of)) for run, of in rows.items()}
+        states, held_rows = found["joint_states"], {run: np.concatenate(of) for run, of in rows.items()}
+        for run, of_run in held_rows.items():  # In the order of their numbers, each once.
+            held_rows[run] = of_run[np.unique(of_run[:, held.NUMBER], return_index=True)[1]]
         if keyed:
             runs, self._differing = keyed_runs(states, joined, held_rows, driveline.runs, self.stamps)
         else:
@@ -293,7 +295,7 @@ class Run:
 
     def _check_memory(self, count: int) -> None:
         """Raise TooManyStates if `count` states need more than half of the machine's memory."""
-        memory = _memory()
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
         if count * BYTES_A_STATE > memory // 2:
             raise TooManyStates(f"{self.path}: its {count} states take {count * BYTES_A_STATE / 1e9:.3g} GB, "
                                 f"more than half of the {memory / 1e9:.3g} GB of this machine; ask for a window: "
@@ -431,11 +433,6 @@ def _contents_of(path: Path) -> Contents:
     return contents
 
 
-def _in_order(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the messages of `held` of a run in the order of their numbers, each once."""
-    return rows[np.unique(rows[:, held.NUMBER], return_index=True)[1]]
-
-
 def open_run(path: Path | str, joints: Mapping[str, str] | None = None, topic: str | None = None,
              driveline: int | None = None) -> Run:
     """Open a bag directory or an MCAP file with the options of `Choice`; RecordingError if nothing can be read,
@@ -443,7 +440,3 @@ def open_run(path: Path | str, joints: Mapping[str, str] | None = None, topic: s
     """
     path = Path(path)
     return Run(path, parts_of(path), Choice(joints, topic, driveline))
-
-
-def _memory() -> int:
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

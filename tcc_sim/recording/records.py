@@ -174,17 +174,6 @@ class RecordStream:
             raise DamagedChunk(f"it cannot be read: {error.strerror}") from None
 
 
-def not_mcap(file: BinaryIO) -> str:
-    """Return why a file without MCAP's first bytes is not read."""
-    file.seek(0)
-    start = file.read(16)
-    for first, kind in ((b"#ROSBAG V", "of ROS 1"), (b"SQLite format 3", "in SQLite")):
-        if start.startswith(first):
-            return (f"it is a bag {kind}, which is not read; tcc-sim import BAG RUN makes a recording of it (pip "
-                    "install 'tcc_sim[bags]')")
-    return "it is not an MCAP file, or its start is damaged"
-
-
 def decoded(opcode: int, body: bytes) -> Any:
     """Decode the fields of a record of one of DECODERS; ValueError if the fields do not fit into the record."""
     try:

@@ -159,7 +159,7 @@ def _stamp_notes(line: Timeline) -> Iterator[str]:
     """Iterate over sentences on stamps of pressure commands that are not those of the answered states."""
     commands = line.commands.get(INPUTS[1], Commanded.none())
     count, stamps = len(commands.rows), commands.answers
-    if not count or not line.keyed:
+    if not count:
         return
     ahead = stamps - line.stamps_at(commands.rows)
     wall, future = int((ahead > A_YEAR).sum()), int(((ahead >= 0) & (ahead <= A_YEAR)).sum())

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop.control import Control
 from tcc_sim.analysis.measured.stream import CycleStream
-from tcc_sim.errors import counted, require
+from tcc_sim.errors import InputError, counted, require
 from tcc_sim.recording.commands import COMMANDS
 from tcc_sim.recording.drivelines import RecordedDriveline
 from tcc_sim.recording.reader import TooManyStates, open_run
@@ -22,8 +22,9 @@ from tcc_sim.recording.window import Window
 from tcc_sim.replay.control import signals_of
 from tcc_sim.replay.segments import Segment, segments_of
 from tcc_sim.replay.timeline import Timeline, timeline_of, trajectory_of
-from tcc_sim.replay.timing import Timing, default_of, frequency_changes, recorded_scene, timing_of
+from tcc_sim.replay.timing import Timing, default_of, frequency_changes, timing_of
 from tcc_sim.result import Result, html_of
+from tcc_sim.scene import load_scene, parse_scene
 from tcc_sim.topics import TARGET, topic
 from tcc_sim.trajectory import UNITS, Floats, Modes, Trajectory, no_cycles
 
@@ -101,7 +102,12 @@ class Recording(Result):
                  topic: str | None = None, driveline: int | None = None) -> None:
         self.path = Path(path)
         self.file = open_run(path, joints, topic, driveline)
-        self.scene = recorded_scene(self.file, scene)
+        given = None if scene is None else load_scene(scene)
+        if self.file.scene_text is not None:
+            given = parse_scene(self.file.scene_text, self.path.stem)
+        if given is None:
+            raise InputError(f"{path} holds no scene; name the scene of the recorded driveline with --scene")
+        self.scene = given
         self._line: Timeline | None = None
 
     def _text(self) -> str:

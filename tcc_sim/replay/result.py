@@ -171,7 +171,7 @@ class Replay(Result):
             stamps += f"; {self.continuity.runs} runs, the figures are those of the longest"
         table = [("recording", self._ended()),
                  ("messages", f"{self.messages} of joint_states, {self.lost_messages} lost"), ("stamps", stamps),
-                 *self._pace(),
+                 ("rate", self._pace()),
                  ("frequency", self.timing.sentence()),
                  *summary_rows(self.summary, "record for longer"), *covers_row(self.summary)]
         for name, held in self.inputs.items():
@@ -208,10 +208,10 @@ class Replay(Result):
                     "cut short; data up to the last flush is read")
         return f"closed properly; {counted(self.lost_messages, 'message')} lost" if self.lost_messages else "complete"
 
-    def _pace(self) -> list[tuple[str, str]]:
+    def _pace(self) -> str:
         if not math.isfinite(self.pace) or not self.continuity.tick:
-            return [("rate", "not known: the times of receipt do not show it")]
-        return [("rate", f"{self.pace * 1e9 / self.continuity.tick:.2f} Hz reached, {self.pace:.5f} of real time")]
+            return "not known: the times of receipt do not show it"
+        return f"{self.pace * 1e9 / self.continuity.tick:.2f} Hz reached, {self.pace:.5f} of real time"
 
     def markdown(self) -> str:
         """Return the result as a Markdown table."""

@@ -196,13 +196,13 @@ def _within(runs: Sequence[JointStates], begins: Sequence[int], every: Commanded
     """Return the commands within parts of runs, and at the first state of each the last command before it in its run,
     which begins at the state of the index in `begins`.
     """
-    pieces, rows = [Commanded.none()], every.rows
+    taken, rows = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
     for states, first in zip(runs, begins):
-        before, begin, end = np.searchsorted(rows, [first, states.index + 1, states.index + len(states)]).tolist()
-        if begin > before:
-            pieces.append(every.part(slice(begin - 1, begin))._replace(rows=np.array([states.index])))
-        pieces.append(every.part(slice(begin, end)))
-    return Commanded(*(np.concatenate(columns) for columns in zip(*pieces)))
+        before, begin, end = np.searchsorted(every.rows, [first, states.index + 1, states.index + len(states)]).tolist()
+        taken.append(np.arange(begin - (begin > before), end))
+        rows.append(np.maximum(every.rows[taken[-1]], states.index))
+    at = np.concatenate(taken)
+    return Commanded(np.concatenate(rows), every.values[at], every.answers[at])
 
 
 def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timeline:

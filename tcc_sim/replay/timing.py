@@ -19,7 +19,7 @@ from tcc_sim.recording.reader import Run
 from tcc_sim.recording.stamps import Stamps
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported, reporting
-from tcc_sim.scene import Scene, load_scene, parse_scene
+from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
 from tcc_sim.trajectory import Trajectory
 
@@ -165,18 +165,6 @@ def frequency_changes(run: Run) -> bool:
     values = [re.findall(r"^ +frequency: *(\S+)", text, re.MULTILINE) for text in texts]
     return any(record.first_stamp_ns and after != before
                for record, before, after in zip(run.scenes[1:], values, values[1:]))
-
-
-def recorded_scene(run: Run, given: str | None = None) -> Scene:
-    """Return the scene in a recording, or the given scene if the recording has none; InputError if neither is available
-    or one is not valid.
-    """
-    scene = None if given is None else load_scene(given)
-    if run.scene_text is not None:
-        return parse_scene(run.scene_text, run.path.stem)
-    if scene is None:
-        raise InputError(f"{run.path} holds no scene; name the scene of the recorded driveline with --scene")
-    return scene
 
 
 def pace_of(line: Timeline) -> tuple[float, str]:

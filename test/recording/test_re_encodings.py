@@ -178,8 +178,8 @@ def test_parts_of_which_nothing_states_the_order_are_refused(tmp_path, original,
 
 
 def test_a_file_of_another_kind_is_named(tmp_path):
-    for name, start, sentence in (("a.bag", b"#ROSBAG V2.0\n", "it is a bag of ROS 1"), ("b.mcap", b"x", "not an MCAP"),
-                                  ("c.mcap", b"SQLite format 3\0", "it is a bag in SQLite"),
+    for name, start, sentence in (("a.bag", b"#ROSBAG V2.0\n", "is a bag of ROS 1"), ("b.mcap", b"x", "not an MCAP"),
+                                  ("c.mcap", b"SQLite format 3\0", "is a bag in SQLite"),
                                   ("d.db3", b"SQLite format 3\0", "is a bag in SQLite")):
         (tmp_path / name).write_bytes(start + bytes(100))
         assert sentence in refusal(tmp_path / name)
