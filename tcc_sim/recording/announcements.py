@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from tcc_sim.messages import cdr
 from tcc_sim.messages.held import RUN
 from tcc_sim.model.profile import START, Origin
-from tcc_sim.recording.records import HEAD, MESSAGE_HEAD
 from tcc_sim.topics import INPUTS
 
 Stamps = NDArray[np.int64]
@@ -126,15 +125,10 @@ class InputSource:
     number: int = 0
 
 
-def read_source(record: bytes, zeros: Stamps) -> InputSource | None:
-    """Decode a message record (channel, number, two times, serialised Header), whose stamps count as in
-    `simulation_ns`; None if it is not valid.
-    """
-    if not MESSAGE_HEAD < len(record) <= LONGEST:
-        return None
-    head = np.frombuffer(record, HEAD, 1)[0]
+def read_source(head: np.void, body: bytes, zeros: Stamps) -> InputSource | None:
+    """Decode a Header by HEAD and content of its message, its stamp as in `simulation_ns`; None if it is not valid."""
     try:
-        stamp, text = cdr.read_header(record[MESSAGE_HEAD:])
+        stamp, text = cdr.read_header(body[:LONGEST])
     except ValueError:
         return None
     sources = dict(part.partition(": ")[::2] for part in text.split(", "))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
 from tcc_sim.messages.held import PROCESS, RUN
-from tcc_sim.recording.announcements import LONGEST, MOST_SOURCES, InputSource, Stamps, read_source
+from tcc_sim.recording.announcements import MOST_SOURCES, InputSource, Stamps, read_source
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.layouts import Layouts, times_of
-from tcc_sim.recording.records import MESSAGE_HEAD, Messages
+from tcc_sim.recording.records import Messages
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, LIMITS, SHAFT, TARGET
 
 SOURCE = "input_source"
@@ -70,20 +70,23 @@ class Commands:
     def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
         """Take one chunk."""
         for number, channel in channels.items():
-            mine = messages.channel == number
-            if not mine.any():
-                continue
-            offset, length = messages.offset[mine], messages.length[mine]
+            space, _, last = channel.topic.rpartition("/")
+            # It belongs to the driveline by its namespace, or because it was remapped.
+            name = channel.row if space == self._space or last != channel.row else ""
             if channel.type == DIAGNOSTIC_ARRAY:
-                self._count(data, offset.tolist(), length.tolist(), channel.publisher)
-            name = channel.row if self._here(channel) else ""
-            if name == LIMITS and channel.type == FLOAT64_ARRAY:
-                for start, size in zip(offset.tolist(), length.tolist()):
+                for _, body in messages.of(data, number):
                     with suppress(ValueError):
-                        self.limits = cdr.read_pressure_limits(data[start + MESSAGE_HEAD:start + size])
+                        self._count(cdr.read_diagnostics(body), channel.publisher)
+            elif name == LIMITS and channel.type == FLOAT64_ARRAY:
+                for _, body in messages.of(data, number):
+                    with suppress(ValueError):
+                        self.limits = cdr.read_pressure_limits(body)
             elif name == SOURCE and channel.type == HEADER:
                 self._announcers.add(channel.publisher)
-                self._announced(data, offset.tolist(), length.tolist())
+                for head, body in messages.of(data, number):
+                    source = read_source(head, body, self._zeros)
+                    if source is not None and len(self._sources) < MOST_SOURCES:
+                        self._sources.setdefault(source)
             elif channel.type == SIGNALS.get(name):
                 found = self._layouts[channel.type].take(np.frombuffer(data, np.uint8), messages, [number])
                 found = found.part(np.isfinite(found.columns["value"]))
@@ -93,28 +96,15 @@ class Commands:
                 who = np.full(len(values), self._numbers.setdefault(channel.publisher, len(self._numbers)))
                 self._sent.setdefault(name, []).append((who, found.heads["number"], times_of(found.heads)[1], values))
 
-    def _here(self, channel: Channel) -> bool:
-        """Return whether a topic belongs to the driveline: by its namespace, or because it was remapped."""
-        space, _, name = channel.topic.rpartition("/")
-        return space == self._space or name != channel.row
-
-    def _announced(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int]) -> None:
-        for offset, length in zip(offsets, lengths):
-            source = read_source(data[offset:offset + length], self._zeros) if length <= LONGEST else None
-            if source is not None and len(self._sources) < MOST_SOURCES:
-                self._sources.setdefault(source)
-
-    def _count(self, data: bytes, offsets: Sequence[int], lengths: Sequence[int], publisher: str) -> None:
+    def _count(self, statuses: Iterable[cdr.DiagnosticsStatus], publisher: str) -> None:
         """Take diagnostics: of each process the status with the most paced ticks, as its counts never decrease."""
-        for offset, length in zip(offsets, lengths):
-            with suppress(ValueError):
-                for status in cdr.read_diagnostics(data[offset + MESSAGE_HEAD:offset + length]):
-                    process = status.hardware_id[:PROCESS] if _RUN.fullmatch(status.hardware_id) else publisher
-                    before = self._statuses.get((status.name, process), {})
-                    if _count_in(status.values, PACED) >= _count_in(before, PACED):
-                        self._statuses[status.name, process] = status.values
-                    elif not process:
-                        self._several.add(status.name)
+        for status in statuses:
+            process = status.hardware_id[:PROCESS] if _RUN.fullmatch(status.hardware_id) else publisher
+            before = self._statuses.get((status.name, process), {})
+            if _count_in(status.values, PACED) >= _count_in(before, PACED):
+                self._statuses[status.name, process] = status.values
+            elif not process:
+                self._several.add(status.name)
 
     def counts(self, runs: Sequence[str]) -> dict[str, int]:
         """Return the counts in a driveline's diagnostics: those of the processes of its runs or, without names of runs,

@@ -17,7 +17,6 @@ from tcc_sim.parameter_file import LARGEST_FILE, description_in
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.contents import Batch, Channel
 from tcc_sim.recording.layouts import Decoded, Layouts
-from tcc_sim.recording.records import HEAD, MESSAGE_HEAD
 from tcc_sim.result import reported
 from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
 
@@ -156,13 +155,11 @@ class Inventory:
         self._place += len(batch.messages.channel)
 
     def _announced(self, batch: Batch, number: int, channel: Channel) -> None:
-        mine = batch.messages.channel == number
-        for offset, length in zip(batch.messages.offset[mine].tolist(), batch.messages.length[mine].tolist()):
-            if length > LARGEST_FILE * 4 or len(self._scenes) >= MOST_SCENES:
+        for head, body in batch.messages.of(batch.data, number):
+            if len(body) > LARGEST_FILE * 4 or len(self._scenes) >= MOST_SCENES:
                 continue
-            head = np.frombuffer(batch.data, HEAD, 1, offset)[0]
             try:
-                text = cdr.read_string(batch.data[offset + MESSAGE_HEAD:offset + length])
+                text = cdr.read_string(body)
             except ValueError:
                 continue
             if _SCENE_KEY in text and len(text) <= LARGEST_FILE:

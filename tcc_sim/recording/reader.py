@@ -22,7 +22,7 @@ from tcc_sim.recording.contents import CDR, MOST_DAMAGED, Batch, Channel, Conten
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import Collected, Decoded, Layouts
 from tcc_sim.recording.parts import Parts, numbers_of, opened, parts_of
-from tcc_sim.recording.records import MESSAGE_HEAD, DamagedChunk, Expansion, Messages, RecordStream, Warnings
+from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, RecordStream, Warnings
 from tcc_sim.recording.runs import BEAT, commands_held, keyed_runs, received_of, unkeyed_runs
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.recording.window import Window
@@ -413,9 +413,7 @@ class _Origins:
     def take_held(self, data: bytes, messages: Messages, channel: int,
                   rows: dict[int, list[NDArray[np.float64]]]) -> None:
         """Add the messages of `held` on a channel to the rows of their runs."""
-        mine = messages.channel == channel
-        found, _ = held.LAYOUT.records([data[begin + MESSAGE_HEAD:begin + length] for begin, length in zip(
-            messages.offset[mine].tolist(), messages.length[mine].tolist())])
+        found, _ = held.LAYOUT.records([body for _, body in messages.of(data, channel)])
         found = found[np.isfinite(found["values"][:, :held.HEAD]).all(axis=1)]
         for name in np.unique(found["run"]).tolist():
             if name in self._numbers:

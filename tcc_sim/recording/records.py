@@ -230,6 +230,12 @@ class Messages(NamedTuple):
     others: list[tuple[int, int, int]]
     """Opcode, offset and length of the bodies of all other records (schemas, channels)."""
 
+    def of(self, data: bytes, channel: int) -> Iterator[tuple[np.void, bytes]]:
+        """Iterate over HEAD and content of the messages of a channel."""
+        mine = self.channel == channel
+        for offset, length in zip(self.offset[mine].tolist(), self.length[mine].tolist()):
+            yield np.frombuffer(data, HEAD, 1, offset)[0], data[offset + MESSAGE_HEAD:offset + length]
+
 
 def indexed(indexes: Iterable[bytes]) -> dict[int, int]:
     """Return the number of messages in a chunk by channel, according to its index records."""
