@@ -47,7 +47,7 @@ MESSAGE_HEAD = HEAD.itemsize
 """Bytes of a message record before the message: channel, sequence number, times of receipt and sending."""
 ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of data compressed with zstd; a serialised message starts with 0."""
-_LARGEST_RECORD, _HEAD_SIZE, _BLOCK = 16 << 20, 24, 8192
+_LARGEST_RECORD, _HEAD_SIZE = 16 << 20, 24
 _SMALLEST = {Opcode.MESSAGE: MESSAGE_HEAD, Opcode.CHUNK: 40}
 """Least lengths of records with messages, bytes."""
 _DESCRIBING = frozenset({*DECODERS, Opcode.MESSAGE_INDEX} - {Opcode.CHUNK})
@@ -125,37 +125,28 @@ class RecordStream:
     warnings: Warnings = field(default_factory=Warnings)
 
     def __iter__(self) -> Iterator[McapRecord]:
-        position, size, block, begin = len(MAGIC), self.file.seek(0, 2), b"", 0
+        position, size = len(MAGIC), self.file.seek(0, 2)
         while position + _RECORD.size <= size:
-            at = position - begin
-            if not 0 <= at <= len(block) - _RECORD.size - _HEAD_SIZE:
-                self.file.seek(position)
-                block, begin, at = self.file.read(_BLOCK), position, 0
-            opcode, length = _RECORD.unpack_from(block, at)
-            body, end = at + _RECORD.size, position + _RECORD.size + length
+            self.file.seek(position)
+            opcode, length = _RECORD.unpack(self.file.read(_RECORD.size))
+            head, end = b"", position + _RECORD.size + length
             if not opcode or length > size or (end > size and opcode > Opcode.DATA_END):
                 self.warnings.append(f"nothing can be read from byte {position} on")
                 return
             if end > size:
                 return
             if opcode in _SMALLEST:
-                head = block[body:body + min(length, _HEAD_SIZE)]
+                head = self.file.read(min(length, _HEAD_SIZE))
                 if length < _SMALLEST[opcode]:
                     kind = "chunk" if opcode == Opcode.CHUNK else "message"
                     self.warnings.place(f"the {kind} at byte {position} is left out: its fields do not fit into it")
                     position = end
                     continue
-            elif opcode not in _DESCRIBING:
-                head = b""
-            elif length <= len(block) - body:
-                head = block[body:body + length]
-            elif length <= _LARGEST_RECORD:
-                self.file.seek(position + _RECORD.size)
+            elif opcode in _DESCRIBING and length <= _LARGEST_RECORD:
                 head = self.file.read(length)
-            else:
+            elif opcode in _DESCRIBING:
                 self.warnings.place(f"the record at byte {position} is left out: it has {length} bytes; at most "
                                     f"{_LARGEST_RECORD} are accepted")
-                head = b""
             yield McapRecord(opcode, position, length, head)
             if opcode == Opcode.FOOTER:
                 self.file.seek(end)

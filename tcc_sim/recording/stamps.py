@@ -138,12 +138,7 @@ class StampCounter:
         self.runs += 1
         self.resets += kind is Break.RESET
         self.restarts += kind is Break.RESTART
-        self.messages += len(stamps)
-        self._run.messages = len(stamps)
-        steps = np.diff(stamps)
-        self._run.add(steps)
-        self._run.settle(len(stamps))
-        self._run.gaps_in(steps)
+        self._cut(stamps, kind, 0, [])
         self.last = int(stamps[-1])
         if self._run.tick:
             for missing in (int(stamps[0]), (end or 0) - int(stamps[-1])):
