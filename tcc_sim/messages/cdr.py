@@ -184,10 +184,8 @@ class Layout(NamedTuple):
 
     def found(self, rows: NDArray[np.uint8]) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
         """Return the values of messages with this layout among (n, length) bytes, and an (n,) mask of these."""
-        mask, kind = self.fixed.astype(np.uint8) * 0xFF, "<u4" if len(self.example) % 4 == 0 else "u1"
-        rows = np.ascontiguousarray(rows)
-        same = ~((rows.view(kind) ^ self.example.view(kind)) & mask.view(kind)).any(axis=1)
-        return rows[same].view(self.record)[:, 0], same
+        same: NDArray[np.bool_] = (rows[:, self.fixed] == self.example[self.fixed]).all(axis=1)
+        return np.ascontiguousarray(rows[same]).view(self.record)[:, 0], same
 
 
 class _Shape:

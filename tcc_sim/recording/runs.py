@@ -64,8 +64,8 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
     the names of the other messages, `joined` by column, that cannot be placed.
 
     Messages of an identified publisher, with 1 as origin, are in the order of its sequence numbers, others, with 0, in
-    that of the recording. A run begins where the stamp goes back, for other messages too, which cannot be placed unless
-    they have as many runs. The counter receives the stamps.
+    that of the recording. A run begins where the stamp goes back, for other messages too, which belong to the states'
+    runs as `_matched` says. The counter receives the stamps.
     """
     order, starts = _order_of(states), list[tuple[int, Break]]()
     kept = np.zeros(len(order), np.bool_)
@@ -81,8 +81,9 @@ def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages],
         its_order = _order_of(messages)
         its, origin = messages.stamp_ns[its_order], np.full(len(messages), -1)
         back = 1 + np.flatnonzero(np.diff(its) < 0)
-        if len(back) + 1 == len(parts):
-            origin[its_order] = np.repeat(np.arange(len(parts)), np.diff(back, prepend=0, append=len(its)))
+        matched = _matched(its[np.append(back, len(its)) - 1], [int(states.stamp_ns[mine].max()) for *_, mine in parts])
+        if matched:
+            origin[its_order] = np.repeat(matched, np.diff(back, prepend=0, append=len(its)))
         else:
             unplaced.append(name)
         of_runs[name] = replace(messages, origin=origin)
@@ -117,6 +118,28 @@ def _order_of(messages: StampedMessages) -> Positions:
     """Return the order of messages by the sequence numbers of an identified publisher, else that of the recording."""
     identified = len(messages) > 0 and bool((messages.origin > 0).all())
     return np.argsort(messages.number, kind="stable") if identified else np.arange(len(messages))
+
+
+def _matched(last: NDArray[np.int64], of_states: Sequence[int]) -> list[int]:
+    """Return the runs of states to which runs of other messages belong; none if their last stamps, ns, leave a choice.
+
+    There are as many of both, or each one has no stamp behind the last state of its run.
+    """
+    if len(last) == len(of_states):
+        return list(range(len(last)))
+
+    def earliest(ends: Sequence[int], limits: Sequence[int]) -> list[int]:
+        out, k = list[int](), 0
+        for end in ends:
+            while k < len(limits) and limits[k] < end:
+                k += 1
+            out.append(k)
+            k += 1
+        return out
+
+    first = earliest(last.tolist(), of_states)
+    late = [len(of_states) - 1 - k for k in earliest(last.tolist()[::-1], of_states[::-1])][::-1]
+    return first if first == late else []
 
 
 def placed(messages: Sequence[SceneRecord | InputSource], runs: Sequence[JointStates]) -> list[tuple[int, int]]:
