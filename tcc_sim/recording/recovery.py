@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import yaml
 
 from tcc_sim.errors import RecordingError
@@ -80,7 +79,7 @@ def recover(run: Run, directory: Path) -> Recovery:
 def copy_messages(run: Run, bag: BagWriter, channel_of: Callable[[Channel], int | None]) -> None:
     """Write the readable messages of a recording, as they are, into the channels of a bag; None leaves them out."""
     def copy(data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
-        numbers = {number: channel_of(channels[number]) for number in np.unique(messages.channel).tolist()
+        numbers = {number: channel_of(channels[number]) for number in dict.fromkeys(messages.channel.tolist())
                    if number in channels}
         for offset, length in zip(messages.offset.tolist(), messages.length.tolist()):
             source, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, offset)
