@@ -8,13 +8,12 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
 from tcc_sim.messages.held import PROCESS, RUN
 from tcc_sim.recording.announcements import MOST_SOURCES, InputSource, Stamps, read_source
 from tcc_sim.recording.contents import Channel
-from tcc_sim.recording.layouts import Layouts, times_of
+from tcc_sim.recording.layouts import Floats, Layouts, Positions, times_of
 from tcc_sim.recording.records import Messages
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, LIMITS, SHAFT, TARGET
 
@@ -36,8 +35,6 @@ LATE: dict[str, Callable[[int, int], int]] = {
     "first late tick (s)": lambda before, now: before, "last late tick (s)": lambda before, now: now,
     "lateness max (s)": max}
 """Keys of times in the driveline's diagnostics, each with the one that counts of two, in ns."""
-Floats = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 
 class Commands:
@@ -48,7 +45,7 @@ class Commands:
     def __init__(self, space: str, zeros: Stamps) -> None:
         self._zeros, self._space = zeros, space
         self._layouts = {kind: Layouts(kind, (), ["value"]) for kind in (FLOAT64, FLUID_PRESSURE)}
-        self._sent: dict[str, list[tuple[Rows, Rows, Stamps, Floats]]] = {}
+        self._sent: dict[str, list[tuple[Positions, Positions, Stamps, Floats]]] = {}
         self._sources: dict[InputSource, None] = {}
         self._announcers: set[str] = set()
         self._numbers: dict[str, int] = {}

@@ -19,7 +19,7 @@ import zstandard
 from tcc_sim.errors import RecordingError, counted, one_line, require
 from tcc_sim.messages import cdr, held
 from tcc_sim.messages.definitions import CARRIED, Definition, definition
-from tcc_sim.recording.announcements import SceneRecord, holding_from
+from tcc_sim.recording.announcements import holding_from
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.commands import COMMANDS
@@ -169,7 +169,9 @@ def _written(run: Run, directory: Path) -> Imported:
             for index, number in scenes:
                 if states.index <= index < states.index + len(states):
                     scene = run.scenes[number]
-                    bag.describe(_named(scene, name, run.driveline.topic), scene.version)
+                    # Stamps of the new recording are simulation time.
+                    bag.describe(holding_from(scene.parameters, scene.first_stamp_ns, scene.origin, 0, name,
+                                              run.driveline.topic), scene.version)
             _write_run(bag, channels, states, name, 0 if run.scenes else int(states.stamp_ns[0]))
         space = run.driveline.topic.rpartition("/")[0]
 
@@ -191,11 +193,6 @@ def _written(run: Run, directory: Path) -> Imported:
     if all(states.held is None for states in columns.runs):
         notes.append("the bag does not state who set its inputs: sources and counts of commands are unknown")
     return Imported(directory, sum(map(len, columns.runs)), len(columns.runs), list(dict.fromkeys(notes)))
-
-
-def _named(scene: SceneRecord, run: str, driveline: str) -> str:
-    """Return the text of a scene with its run; stamps of the new recording are simulation time."""
-    return holding_from(scene.parameters, scene.first_stamp_ns, scene.origin, 0, run, driveline)
 
 
 def _write_run(bag: BagWriter, channels: Mapping[str, int], states: JointStates, run: str, zero: int) -> None:
