@@ -65,15 +65,6 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     return parser
 
 
-def _check_verb(words: list[str]) -> str:
-    """Return the verb of a command line, empty for none; InputError suggests the nearest name for an unknown one."""
-    verb = next((word for word in words if not word.startswith("-")), "")
-    if verb and verb not in VERBS:
-        near = difflib.get_close_matches(verb[:100], list(VERBS), n=1, cutoff=0.5)
-        raise InputError(f"{verb} is not a verb" + (f"; did you mean {near[0]}?" if near else "; see tcc-sim --help"))
-    return verb
-
-
 def main(argv: list[str] | None = None) -> int:
     """Run one verb and return the exit status; without `argv`, an interrupted program ends here at once.
 
@@ -93,7 +84,11 @@ def main(argv: list[str] | None = None) -> int:
 def _status_of(words: list[str]) -> int:
     """Run one verb, print the error if it fails, and return the exit status."""
     try:
-        arguments = build_parser(_check_verb(words)).parse_args(words, argparse.Namespace(words=words))
+        verb = next((word for word in words if not word.startswith("-")), "")
+        if verb and verb not in VERBS:
+            near = difflib.get_close_matches(verb[:100], list(VERBS), n=1, cutoff=0.5)
+            raise InputError(f"{verb} is not a verb; " + (f"did you mean {near[0]}?" if near else "see tcc-sim --help"))
+        arguments = build_parser(verb).parse_args(words, argparse.Namespace(words=words))
         show_in(getattr(arguments, "units", None) or "rad", 1.0)
         if "tcc_sim.views.style" in sys.modules or getattr(arguments, "style", None) is not None:
             import_module("tcc_sim.views.style").use_file(getattr(arguments, "style", None))
@@ -102,12 +97,9 @@ def _status_of(words: list[str]) -> int:
         return status
     except SystemExit as stop:
         return int(stop.code or 0)
-    except InputError as error:
-        print(f"tcc-sim: {error}", file=sys.stderr)
-        return 2
     except TccError as error:
         print(f"tcc-sim: {error}", file=sys.stderr)
-        return 1
+        return 2 if isinstance(error, InputError) else 1
     except ModuleNotFoundError as error:
         missing = missing_package(error)
         if missing is None:

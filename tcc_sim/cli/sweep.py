@@ -53,9 +53,9 @@ def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequ
 
     if arguments.law is not None:
         return _map_gains(arguments)
-    _refuse_given(arguments, WITH_LAW, "--law FILE.py:NAME")
-    if not scatter:
-        _refuse_given(arguments, WITH_SCATTER, "--scatter KEY=LOW:HIGH")
+    for name in _given(arguments, WITH_LAW if scatter else (*WITH_LAW, *WITH_SCATTER)):
+        needed = "--law FILE.py:NAME" if name in WITH_LAW else "--scatter KEY=LOW:HIGH"
+        raise InputError(f"{option_of(name)} needs {needed}")
     scene = common.scene_of(arguments)
     orders = None if arguments.orders is None else _frequencies(arguments, scene.system.engine.order)
     plan = common.plan_of(arguments, direction=arguments.direction, orders=orders)
@@ -133,12 +133,6 @@ def _given(arguments: argparse.Namespace, names: Sequence[str]) -> dict[str, Any
     """Return those of these options, which have no default here, that are given."""
     options = keywords_of(arguments, names)
     return {name: options[name] for name in given_in(options)}
-
-
-def _refuse_given(arguments: argparse.Namespace, names: Sequence[str], needed: str) -> None:
-    """Raise InputError if one of these options is given, which need another option."""
-    for name in _given(arguments, names):
-        raise InputError(f"{option_of(name)} needs {needed}")
 
 
 def _frequencies(arguments: argparse.Namespace, order: float) -> tuple[float, ...]:

@@ -104,9 +104,10 @@ def _solved(recorded: Trajectory, system: System, known: Floats, points: int) ->
     fine = np.empty((0, 3))
     finite: Any = np.isfinite(known).all(axis=1)
     for k in np.flatnonzero(finite[:-1] & finite[1:]).tolist():
-        applied = _applied(terms, engine[k + 1] if topics[0] else None, load[k + 1] if topics[1] else None)
-        if applied is None:
-            continue
+        applied = terms._replace(mean_torque=engine[k + 1] if topics[0] else terms.mean_torque,
+                                 mean_load=load[k + 1] if topics[1] else terms.mean_load)
+        if not (math.isfinite(applied.mean_torque) and math.isfinite(applied.mean_load)):
+            continue  # An input that the tick applied was not recorded.
         step = float(recorded.t[k + 1] - recorded.t[k])
         try:
             n = points * math.ceil(substeps(applied, step) / points)
@@ -117,15 +118,6 @@ def _solved(recorded: Trajectory, system: System, known: Floats, points: int) ->
         advance_ticks(known[k].copy(), float(recorded.t[k]), step, 0, 1, n, for_ticks(applied), None, fine)
         out[k] = fine[n // points - 1::n // points]
     return out
-
-
-def _applied(terms: Terms, engine: float | None, load: float | None) -> Terms | None:
-    """Return the terms of one tick; None if an input that it applied was not recorded."""
-    if engine is not None:
-        terms = terms._replace(mean_torque=engine)
-    if load is not None:
-        terms = terms._replace(mean_load=load)
-    return terms if math.isfinite(terms.mean_torque) and math.isfinite(terms.mean_load) else None
 
 
 def _excitation(recorded: Trajectory, system: System, times: Floats, share: Floats) -> tuple[Floats, Floats]:

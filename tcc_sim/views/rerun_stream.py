@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.loop.control import Event
 from tcc_sim.background import begun
 from tcc_sim.errors import InputError, TccError
+from tcc_sim.output.files import new_file
 from tcc_sim.trajectory import Cycles, Floats
 from tcc_sim.views import rerun_layout as layout
 from tcc_sim.views import style
@@ -78,7 +79,9 @@ class RerunStream:
         if url is not None:
             check_viewer(url)
         if file is not None:
-            _create(file)
+            if any("\ud800" <= character <= "\udfff" for character in str(file)):
+                raise InputError(f"{file} is not a name in UTF-8, which Rerun needs")
+            new_file(file).open("xb").close()  # A wrong path is refused before the run is read.
         self._file = file
         self._cycle = cycle
         self._state: int | None = None
@@ -356,19 +359,6 @@ class RerunStream:
 
     def _always(self, path: str, shown: Any) -> None:
         self.recording.log(path, shown, static=True)
-
-
-def _create(file: Path) -> None:
-    """Create the file at the start, so that a wrong path is refused before the run is read."""
-    try:
-        str(file).encode()
-        file.open("xb").close()
-    except FileExistsError:
-        raise InputError(f"{file} exists already and is not overwritten") from None
-    except UnicodeEncodeError:
-        raise InputError(f"{file} is not a name in UTF-8, which Rerun needs") from None
-    except OSError as error:
-        raise InputError(f"{file} cannot be written: {error.strerror}") from None
 
 
 def _writable(file: Path, room: int = ROOM) -> None:

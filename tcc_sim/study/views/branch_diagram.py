@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -27,9 +26,37 @@ def branch_panels(values: Mapping[str, Any]) -> list[Panel]:
     """Return the branches of `continue --json`: solid where stable, dashed where not, one colour per period; and the
     curves of bifurcations in the plane of both keys.
     """
-    return [Panel("Branches", partial(_branches, document=values), 2.9),
-            *([Panel("Curves of bifurcations", partial(_curves, document=values), 2.6)] if values.get("curves")
-              else [])]
+    def once(axis: Any, x: Any, y: Any, name: str, **look: Any) -> None:
+        """Draw a line or a mark, whose name the legend has once."""
+        axis.plot(x, y, label=None if name in axis.get_legend_handles_labels()[1] else name, **look)
+
+    def branches(axis: Any) -> None:
+        quantities(axis, style.quantity_of(values["over"]), style.MAX_SLIP)
+        for number, branch in enumerate(values["branches"]):
+            parts = zip(stable_and_unstable(values, number), ("-", UNSTABLE), ("stable", "unstable"))
+            for (x, y), dashes, word in parts:
+                if len(x):
+                    once(axis, x, y, f"period {branch['period']}, {word}", linestyle=dashes,
+                         color=style.colour_of(branch["period"]))
+        for item in values["bifurcations"]:
+            marker, name = MARKS[item["kind"]]
+            once(axis, [item["value"]], [item["max_slip_speed"]], name, linestyle="none", marker=marker,
+                 color=style.INK, markersize=4.5, zorder=4)
+
+    def curves(axis: Any) -> None:
+        kinds = list(MARKS)
+        for curve in values["curves"]:
+            once(axis, curve["value"], curve["second"], f"curve of {MARKS[curve['kind']][1]}",
+                 color=style.CYCLE[kinds.index(curve["kind"]) % len(style.CYCLE)])
+            for point in curve.get("special", []):
+                axis.plot([point["value"]], [point["second"]], linestyle="none", marker="o", markersize=3.0,
+                          color=style.INK)
+                axis.annotate(point["kind"].replace("_", " "), (point["value"], point["second"]), (5.0, -10.0),
+                              textcoords="offset points", fontsize=6.5)
+        quantities(axis, style.quantity_of(values["over"]), style.quantity_of(values["second_over"]))
+
+    return [Panel("Branches", branches, 2.9),
+            *([Panel("Curves of bifurcations", curves, 2.6)] if values.get("curves") else [])]
 
 
 def stable_and_unstable(document: Mapping[str, Any], number: int) -> list[tuple[Any, Any]]:
@@ -53,36 +80,3 @@ def stable_and_unstable(document: Mapping[str, Any], number: int) -> list[tuple[
             line += [end] if line and line[-1] == start else [(math.nan, math.nan), start, end]
     lines = (np.array(parts[stable], dtype=np.float64).reshape(-1, 2) for stable in (True, False))
     return [(xy[:, 0], xy[:, 1]) for xy in lines]
-
-
-def _branches(axis: Any, document: Mapping[str, Any]) -> None:
-    quantities(axis, style.quantity_of(document["over"]), style.MAX_SLIP)
-    named: set[str] = set()
-    for number, branch in enumerate(document["branches"]):
-        colour = style.colour_of(branch["period"])
-        for (x, y), dashes, word in zip(stable_and_unstable(document, number), ("-", UNSTABLE), ("stable", "unstable")):
-            if len(x):
-                name = f"period {branch['period']}, {word}"
-                axis.plot(x, y, linestyle=dashes, color=colour, label=None if name in named else name)
-                named.add(name)
-    for item in document["bifurcations"]:
-        marker, name = MARKS[item["kind"]]
-        axis.plot([item["value"]], [item["max_slip_speed"]], linestyle="none", marker=marker, color=style.INK,
-                  markersize=4.5, label=None if name in named else name, zorder=4)
-        named.add(name)
-
-
-def _curves(axis: Any, document: Mapping[str, Any]) -> None:
-    kinds = list(MARKS)
-    named: set[str] = set()
-    for curve in document["curves"]:
-        name = f"curve of {MARKS[curve['kind']][1]}"
-        axis.plot(curve["value"], curve["second"], color=style.CYCLE[kinds.index(curve["kind"]) % len(style.CYCLE)],
-                  label=None if name in named else name)
-        named.add(name)
-        for point in curve.get("special", []):
-            axis.plot([point["value"]], [point["second"]], linestyle="none", marker="o", markersize=3.0,
-                      color=style.INK)
-            axis.annotate(point["kind"].replace("_", " "), (point["value"], point["second"]), (5.0, -10.0),
-                          textcoords="offset points", fontsize=6.5)
-    quantities(axis, style.quantity_of(document["over"]), style.quantity_of(document["second_over"]))
