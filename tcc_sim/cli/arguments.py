@@ -68,12 +68,11 @@ def add_changes(parser: argparse.ArgumentParser, more: str = "") -> None:
                         help=f"change a key of the scene{more}; may be repeated")
 
 
-def scene_of(arguments: argparse.Namespace, more: Mapping[str, Any] | None = None) -> Scene:
-    """Load the scene that SCENE names, with the changes of --set and `more`."""
+def scene_of(arguments: argparse.Namespace) -> Scene:
+    """Load the scene that SCENE names, with the changes of --set."""
     from tcc_sim.scene import load_scene, parse_assignments
 
-    values = {**parse_assignments(arguments.set), **(more or {})}
-    scene = load_scene(arguments.scene).with_changes(values)
+    scene = load_scene(arguments.scene).with_changes(parse_assignments(arguments.set))
     show_in(order=scene.system.engine.order)
     return scene
 

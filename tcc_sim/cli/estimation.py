@@ -19,9 +19,8 @@ from tcc_sim.errors import InputError, counted, given_in
 from tcc_sim.shown_units import frequency, speed
 
 if TYPE_CHECKING:
-    from tcc_sim.estimation.curve import IdentifiedCurve
     from tcc_sim.estimation.identify import Identification
-    from tcc_sim.estimation.linearise import Linearisation, SlipLoop
+    from tcc_sim.estimation.linearise import Linearisation
 
 LINEARISE, IDENTIFY = "tcc_sim.estimation.linearise:linearise", "tcc_sim.estimation.identify:identify"
 SHOWN = 7
@@ -68,31 +67,23 @@ def _response_lines(result: Linearisation) -> Iterator[str]:
     words = ", ".join(f"{z.real:.4g}{f'{z.imag:+.4g}i' if abs(z.imag) > 1e-12 else ''}" for z in result.multipliers)
     yield f"multipliers {words}"
     for k in np.unique(np.round(np.linspace(0, len(result.frequencies) - 1, SHOWN)).astype(int)):
-        yield (f"{frequency(result.frequencies[k], 4):>16}  {_decibels(result.gain[k])}  "
-               f"{math.degrees(result.phase[k]):8.2f} deg")
-    if result.controller is not None:
-        yield from _loop_lines(result.controller)
-
-
-def _loop_lines(loop: SlipLoop) -> Iterator[str]:
-    """Yield lines for stability and margins of the loop with the slip controller."""
-    yield (f"closed loop with {loop.proportional:g} N m s/rad and {loop.integral:g} N m/rad, a command every "
-           f"{1e3 * loop.step:.4g} ms: {'stable' if loop.stable else 'unstable'}, largest multiplier "
-           f"{abs(loop.multipliers[0]):.4g}")
-    if loop.phase_margin is not None:
-        yield f"  phase margin {math.degrees(loop.phase_margin):.4g} deg"
-    if loop.stable:
-        gain, delay, slip = loop.gain_margin, loop.largest_delay, loop.smallest_stable_slip
-        yield "  gain margin " + ("above a factor of 1000" if gain is None else f"a factor of {gain:.4g}")
-        yield ("  stable at every tested delay" if delay is None else
-               f"  unstable from a delay of {1e3 * delay:.4g} ms on")
-        yield ("  stable down to a tenth of the mean slip speed" if not slip else
-               f"  stable down to a mean slip speed of {speed(slip, 4)}")
-
-
-def _decibels(gain: float) -> str:
-    """Return a gain in dB, relative to 1 in SI units of output over input."""
-    return f"{20.0 * math.log10(gain):9.3f} dB" if gain > 0.0 else "      -inf dB"
+        gain = result.gain[k]  # In SI units of output over input.
+        decibels = f"{20.0 * math.log10(gain):9.3f} dB" if gain > 0.0 else "      -inf dB"
+        yield f"{frequency(result.frequencies[k], 4):>16}  {decibels}  {math.degrees(result.phase[k]):8.2f} deg"
+    loop = result.controller
+    if loop is not None:
+        yield (f"closed loop with {loop.proportional:g} N m s/rad and {loop.integral:g} N m/rad, a command every "
+               f"{1e3 * loop.step:.4g} ms: {'stable' if loop.stable else 'unstable'}, largest multiplier "
+               f"{abs(loop.multipliers[0]):.4g}")
+        if loop.phase_margin is not None:
+            yield f"  phase margin {math.degrees(loop.phase_margin):.4g} deg"
+        if loop.stable:
+            margin, delay, slip = loop.gain_margin, loop.largest_delay, loop.smallest_stable_slip
+            yield "  gain margin " + ("above a factor of 1000" if margin is None else f"a factor of {margin:.4g}")
+            yield ("  stable at every tested delay" if delay is None else
+                   f"  unstable from a delay of {1e3 * delay:.4g} ms on")
+            yield ("  stable down to a tenth of the mean slip speed" if not slip else
+                   f"  stable down to a mean slip speed of {speed(slip, 4)}")
 
 
 WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "linear between samples (--hold linear)",
@@ -142,29 +133,25 @@ def identify(arguments: argparse.Namespace) -> int:
 
 
 def _estimate_lines(result: Identification) -> Iterator[str]:
+    from tcc_sim.estimation.curve import not_visited
+    from tcc_sim.output.tables import friction_formula
+
     yield (f"{counted(len(result.measurement.t), 'sample')} of {', '.join(result.noise)}; chi-square per degree of "
            f"freedom {result.chi2_per_dof:.4g}, {counted(result.starts, 'start')}, {result.seconds:.3g} s")
     if result.hold is not None:
         yield f"measured inputs fit best as {WORDS[result.hold]}"
     for p in result.parameters:
         yield f"{p.key:>31}  {p.value:<11.6g} +- {p.standard_error:<9.2g} {p.verdict}: {p.why}"
-    if result.curve is not None:
-        yield from _curve_lines(result.curve)
-
-
-def _curve_lines(curve: IdentifiedCurve) -> Iterator[str]:
-    """Yield the formula of the friction curve and every tenth of its points."""
-    from tcc_sim.estimation.curve import not_visited
-    from tcc_sim.output.tables import friction_formula
-
-    yield f"sliding friction: {friction_formula(curve.constant, curve.amplitudes, curve.rates)}"
-    yield "      slip speed  coefficient, 95 % band"
-    for k in range(0, len(curve.slip_speeds), 10):
-        shown = (f"{curve.coefficient[k]:.5f}, {curve.low[k]:.5f} to {curve.high[k]:.5f}" if curve.visited[k] else
-                "not visited")
-        yield f"{speed(curve.slip_speeds[k], 4):>16}  {shown}; the scene has {curve.scene[k]:.5f}"
-    gaps = (f"{speed(low, 4)} to {speed(high, 4)}" for low, high in not_visited(curve.slip_speeds, curve.visited))
-    yield f"not visited: slip speeds {', '.join(gaps)}"
+    curve = result.curve
+    if curve is not None:
+        yield f"sliding friction: {friction_formula(curve.constant, curve.amplitudes, curve.rates)}"
+        yield "      slip speed  coefficient, 95 % band"
+        for k in range(0, len(curve.slip_speeds), 10):
+            shown = (f"{curve.coefficient[k]:.5f}, {curve.low[k]:.5f} to {curve.high[k]:.5f}" if curve.visited[k] else
+                     "not visited")
+            yield f"{speed(curve.slip_speeds[k], 4):>16}  {shown}; the scene has {curve.scene[k]:.5f}"
+        gaps = (f"{speed(low, 4)} to {speed(high, 4)}" for low, high in not_visited(curve.slip_speeds, curve.visited))
+        yield f"not visited: slip speeds {', '.join(gaps)}"
 
 
 def _assigned(option: str, word: str) -> tuple[str, float | None]:

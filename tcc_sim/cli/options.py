@@ -153,29 +153,23 @@ def of(function: str, forms: Mapping[str, Form] | None = None, names: str | Iter
 
 
 def _add(where: Any, name: str, found: Declared, form: Form | None) -> None:
-    option, choices = option_of(name), re.findall(r"'([^']+)'", found.annotation)
+    option, choices = option_of(name), re.findall(r"'([^']+)'", found.annotation) if form is None else []
     if found.annotation == "bool":
         where.add_argument(option, dest=name, action="store_true", help=found.meaning)
         return
     kind, word = next((KINDS[part] for part in re.findall(r"\w+", found.annotation) if part in KINDS), (str, "NAME"))
+    form = form or (Form("") if choices else Form(word, kind))
     try:
         default = ast.literal_eval(found.default or "None")
     except ValueError:
         default = argparse.SUPPRESS  # A constant of the function, which is then called without it.
     shown = f"{default:g}" if isinstance(default, float) else default
     stated = f" (default {shown})" if default not in (None, "", (), [], argparse.SUPPRESS, 0) else ""
-    repeated = "; may be repeated" if form is not None and form.repeated else ""
-    how: dict[str, Any] = {"dest": name, "help": (found.meaning + stated + repeated).replace("%", "%%")}
-    if form is not None:
-        how |= {"type": form.read, "metavar": form.metavar}
-        how |= {"action": "append", "default": []} if form.repeated else {"default": default}
-        how |= {"nargs": "?", "const": form.optional} if form.optional is not None else {}
-        how |= {"nargs": "+"} if form.several else {}
-        how |= {"required": True} if form.required else {}
-    else:
-        how |= {"choices": choices, "default": default} if choices else {
-            "type": kind, "metavar": word, "default": default}
-    where.add_argument(option, **how)
+    where.add_argument(
+        option, dest=name, help=f"{found.meaning}{stated}{'; may be repeated' * form.repeated}".replace("%", "%%"),
+        type=form.read, metavar=form.metavar or None, choices=choices or None, required=form.required,
+        nargs="+" if form.several else None if form.optional is None else "?", const=form.optional,
+        **({"action": "append", "default": []} if form.repeated else {"default": default}))
 
 
 def keywords_of(arguments: argparse.Namespace, names: str | Iterable[str]) -> dict[str, Any]:
