@@ -31,11 +31,8 @@ ARRAYS = (*UNITS, "section_states", *CYCLE_ARRAYS, "cycle_starts", "labels")
 """Arrays of a .npz that pictures use."""
 
 
-class Record:
+class Record(SimpleNamespace):
     """JSON object whose keys are attributes too; a missing attribute is None."""
-
-    def __init__(self, values: Mapping[str, Any]) -> None:
-        vars(self).update(values)
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
@@ -47,19 +44,11 @@ class Record:
     def __iter__(self) -> Iterator[str]:
         return iter(vars(self))
 
-    def items(self) -> Any:
-        """Return the keys with their values."""
-        return vars(self).items()
-
-    def get(self, name: str) -> Any:
-        """Return the value of a key, or None."""
-        return vars(self).get(name)
-
     @staticmethod
     def of(value: Any) -> Any:
         """Return a JSON value with every object replaced by a Record."""
         if isinstance(value, Mapping):
-            return Record({name: Record.of(part) for name, part in value.items()})
+            return Record(**{name: Record.of(part) for name, part in value.items()})
         return [Record.of(part) for part in value] if isinstance(value, list) else value
 
 
@@ -169,4 +158,4 @@ def _run(values: Mapping[str, Any]) -> Any:
                      largest_step=1.5 * values["tick_s"] if values.get("tick_s") else math.inf,
                      systems=_systems_in(values.get("segments", []), scene))
     spectrum = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
-    return SimpleNamespace(trajectory=run, summary=Record(values), spectrum=spectrum)
+    return SimpleNamespace(trajectory=run, summary=Record(**values), spectrum=spectrum)
