@@ -32,7 +32,7 @@ STEP = 0.1
 @command(forms={"scene": Form("S"), "controller": Form("COMMAND"), "duration": Form("SECONDS", number(
     0.5, 86400.0, "s")), "out": Form("DIR", Path)})
 def demo(arguments: argparse.Namespace, scene: str | None = None, controller: str | None = None, duration: float = 10.0,
-        out: Path | None = None) -> int:
+         out: Path | None = None) -> int:
     """Record, analyse, draw, and print the summary and the files.
 
     scene : name of a bundled scene, or a file (default: commands at 250 Hz, with a node that publishes both commands)

@@ -243,10 +243,23 @@ def lay_out(drawn: Any) -> None:
 
     Legends above axes, titles and labels then get the lines that the axes have room for, and the axes are placed again.
     """
+    from matplotlib.ticker import ScalarFormatter
+
+    class Plain(ScalarFormatter):
+        """Numbers at ticks as plain text: in mathematical typesetting they look the same and take ten times as long. A
+        power of ten beside the axis stays typeset.
+        """
+
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            """Return the text of a tick."""
+            return super().__call__(x, pos).removeprefix(r"$\mathdefault{").removesuffix("}$")
+
     engine = drawn.get_layout_engine()
     if engine is None:
         return
-    _keep_numbers_plain(drawn)
+    for axis in (side for axes in drawn.axes for side in (axes.xaxis, axes.yaxis)):
+        if type(axis.get_major_formatter()) is ScalarFormatter:
+            axis.set_major_formatter(Plain())
     engine.execute(drawn)
     wrapped = False
     for axis in drawn.axes:
@@ -266,25 +279,6 @@ def lay_out(drawn: Any) -> None:
     drawn.set_layout_engine(None)
     for axis in drawn.axes:
         axis.set_position([round(x, 5) for x in axis.get_position(original=True).bounds])
-
-
-def _keep_numbers_plain(drawn: Any) -> None:
-    """Write the numbers at ticks as plain text: in mathematical typesetting they look the same and take ten times as
-    long. A power of ten beside the axis stays typeset.
-    """
-    from matplotlib.ticker import ScalarFormatter
-
-    class Plain(ScalarFormatter):
-        """Numbers without mathematical typesetting."""
-
-        def __call__(self, x: float, pos: int | None = None) -> str:
-            """Return the text of a tick."""
-            return super().__call__(x, pos).removeprefix(r"$\mathdefault{").removesuffix("}$")
-
-    for axes in drawn.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            if type(axis.get_major_formatter()) is ScalarFormatter:
-                axis.set_major_formatter(Plain())
 
 
 def panel_titles(axes: Sequence[Any], titles: Sequence[str]) -> None:

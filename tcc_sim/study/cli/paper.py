@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 @command(partial(add_layout, title="its number and title; not with all"), add_units,
          forms={"figure": Form("N|all"), "out": Form("DIR", Path), "jobs": Form("N", number(1, 1024, kind=int))})
 def figure(arguments: argparse.Namespace, figure: str, quick: bool = False,
-        law: Literal["smoothed", "set_valued"] = "smoothed", direction: Literal["cold", "up", "down"] | None = None,
-        branches: bool = False, jobs: int | None = None, out: Path = Path("figures"), force: bool = False) -> int:
+           law: Literal["smoothed", "set_valued"] = "smoothed", direction: Literal["cold", "up", "down"] | None = None,
+           branches: bool = False, jobs: int | None = None, out: Path = Path("figures"), force: bool = False) -> int:
     """Compute, draw and write the figures.
 
     figure : number of a figure in the paper, 2 to 18, or all of them
@@ -105,8 +105,8 @@ def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figu
 @command(forms={"pressures": Form("KPA", number(100.0, 1000.0, "kPa"), several=True),
                 "figures": Form("N", several=True), "jobs": Form("N", number(1, 1024, kind=int))})
 def claims(arguments: argparse.Namespace, pressures: Sequence[float] = (), figures: Sequence[str] = (),
-        thresholds: bool = False, jobs: int | None = None, json: Path | None = None, markdown: Path | None = None,
-        errata: Path | None = None, kept: Path | None = None, force: bool = False) -> int:
+           thresholds: bool = False, jobs: int | None = None, json: Path | None = None, markdown: Path | None = None,
+           errata: Path | None = None, kept: Path | None = None, force: bool = False) -> int:
     """Judge every claim, print each verdict at once, and write the files.
 
     pressures : mean pressures at which claims of Figs. 4 to 18 are judged, kPa (default 225 230 240)
