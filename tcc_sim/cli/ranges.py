@@ -23,14 +23,14 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
     314.159
     """
     key, equals, numbers = text.partition("=")
-    others = "" if even else ", KEY=START:STOP:COUNT:log or KEY=VALUE,VALUE,..."
-    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP:COUNT{others}")
+    wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP:COUNT"
+                       + ("" if even else ", KEY=START:STOP:COUNT:log or KEY=VALUE,VALUE,..."))
     if not equals:
         raise wrong
     if not even and "," in numbers and ":" not in numbers:
         return key, _numbers(numbers.split(","), wrong, key)
-    logarithmic = not even and numbers.endswith(":log")
-    return key, spaced(numbers.removesuffix(":log") if logarithmic else numbers, option, logarithmic, wrong, key)
+    plain = numbers if even else numbers.removesuffix(":log")
+    return key, spaced(plain, option, plain != numbers, wrong, key)
 
 
 def spaced(text: str, option: str, logarithmic: bool = True, wrong: InputError | None = None,

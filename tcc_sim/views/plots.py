@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -11,7 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from tcc_sim.analysis.steady.summary import cycles_of, first_cycle_of, summarise
-from tcc_sim.errors import InputError, check_suffix, printable, require
+from tcc_sim.errors import InputError, TccError, check_suffix, one_line, printable, require
 from tcc_sim.later_rooms import from_later_room
 from tcc_sim.output.files import replaceable
 from tcc_sim.result import system_behind
@@ -20,7 +19,7 @@ from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel, compose, draw_into
 from tcc_sim.views.runs import last_cycles, manoeuvre
-from tcc_sim.views.stored import DRAWN, Record, kind_of, read_stored, refusing_damage, revived
+from tcc_sim.views.stored import DAMAGE, DRAWN, Record, kind_of, read_stored, revived
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,12 +101,13 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
     name = str(result) if isinstance(result, (str, Path)) else "the result"
     if isinstance(result, (str, Path)):
         result = read_stored(Path(result))
-    with refusing_damage(name) if isinstance(result, Mapping) else nullcontext():
+    stored = result if isinstance(result, Mapping) else None
+    try:
         order = _order_of(result)
-        if isinstance(result, Mapping):
-            units = units or result.get("shown_units")
-            title = printable(str(result.get("title", ""))) if title is None else title
-            result = revived(result, name)
+        if stored is not None:
+            units = units or stored.get("shown_units")
+            title = printable(str(stored.get("title", ""))) if title is None else title
+            result = revived(stored, name)
         with shown_in(units, order):
             kind, title, inches = _class_of(result), title or "", style.width_of(width)
             if isinstance(result, Record):
@@ -118,6 +118,11 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
             if kind == "Twin":
                 title = f"{title}: {result}" if title else str(result)
             return compose(path, panels_of(result), title, inches, below=kind in BELOW)
+    except DAMAGE as error:
+        if stored is None or isinstance(error, TccError):
+            raise
+        raise InputError(f"{name} is damaged, or no command of this version wrote it ({type(error).__name__}: "
+                         f"{one_line(str(error))})") from None
 
 
 def _order_of(result: Any) -> float | None:

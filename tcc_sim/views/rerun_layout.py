@@ -58,14 +58,9 @@ VIEWS = {"Slip speed (rad/s)": ("slip", "control"), "Torques (N m)": ("torque",)
 """Panels of `Topic.view` in each time series view."""
 
 
-def signals() -> dict[str, str]:
-    """Return the entity paths of the mean slip speed and of the topics that are shown by themselves, by name."""
-    return {"mean_slip": "control/mean", **{row.name: row.view for row in shown()}}
-
-
-def signal_looks() -> dict[str, tuple[str, str]]:
-    """Return names and colours of these topics, by entity path."""
-    return {row.view: _LOOKS.get(row.view, (f"{row.name.replace('_', ' ')} ({row.unit})", style.PURPLE))
+def signals() -> dict[str, tuple[str, str, str]]:
+    """Return entity path, label and colour of the topics that are shown by themselves, by name."""
+    return {row.name: (row.view, *_LOOKS.get(row.view, (f"{row.name.replace('_', ' ')} ({row.unit})", style.PURPLE)))
             for row in shown()}
 
 
@@ -190,7 +185,7 @@ def looks(controlled: bool) -> Iterator[tuple[str, Any]]:
     rr = rerun()
     for path, (name, colour) in LINES.items():
         yield path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5)
-    for path, (name, colour) in signal_looks().items():
+    for path, name, colour in signals().values():
         if controlled or path.startswith("torque"):
             yield path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5, interpolation_mode="StepAfter")
     for path, (name, colour, marker, size) in MARKS.items():

@@ -185,15 +185,16 @@ class RerunStream:
         """
         if self._stalled:
             return
+        paths = {"mean_slip": "control/mean", **{name: path for name, (path, *_) in layout.signals().items()}}
         for name, (stamps, values) in signals.items():
             if len(stamps):
-                self._line(layout.signals()[name], stamps, values)
+                self._line(paths[name], stamps, values)
                 if name != "mean_slip":
                     self._held[name] = float(values[-1])
                 elif np.isfinite(values).any():
                     self._mean = float(values[np.isfinite(values)][-1])
         for name, value in self._held.items() if self._last_ns is not None else ():  # They hold up to here.
-            self._line(layout.signals()[name], np.array([self._last_ns]), np.array([value]))
+            self._line(paths[name], np.array([self._last_ns]), np.array([value]))
         for event in events:
             self._mark(round(event.t * 1e9), event.text)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.analysis.measured.orders import Judder, OrderComparison, Orders, Spectrum
-from tcc_sim.errors import InputError, TccError, one_line
+from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.output.files import read_json
 from tcc_sim.output.samples import cycles_in
@@ -29,6 +28,8 @@ inches.
 CYCLE_ARRAYS = ("cycle_highest", "cycle_lowest", "cycle_stick_time")
 ARRAYS = (*UNITS, "section_states", *CYCLE_ARRAYS, "cycle_starts", "labels")
 """Arrays of a .npz that pictures use."""
+DAMAGE = LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError
+"""Errors of drawing a stored result whose values have wrong types or are missing."""
 
 
 class Record(SimpleNamespace):
@@ -70,18 +71,6 @@ def read_stored(path: Path) -> dict[str, Any]:
         if name in arrays and arrays[name].shape != shape:
             raise InputError(f"{path}: array {name} has the shape {arrays[name].shape}; it must be {shape}")
     return {**document, "arrays": arrays}
-
-
-@contextmanager
-def refusing_damage(name: str) -> Iterator[None]:
-    """Refuse a stored result, in one line, whose values have wrong types or are missing."""
-    try:
-        yield
-    except TccError:
-        raise
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
-        raise InputError(f"{name} is damaged, or no command of this version wrote it ({type(error).__name__}: "
-                         f"{one_line(str(error))})") from None
 
 
 def kind_of(values: Mapping[str, Any]) -> str:
