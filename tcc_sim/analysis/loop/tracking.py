@@ -16,20 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop import BAND
+from tcc_sim.analysis.loop import loop_verdict as verdicts
 from tcc_sim.analysis.loop.control import CycleMeans, Steps
-from tcc_sim.analysis.loop.loop_verdict import (
-    NO_SIGNAL,
-    SETTLED_CYCLES,
-    STANDING,
-    Errors,
-    Judged,
-    LoopVerdict,
-    Signal,
-    judder_line,
-    loop_verdict,
-    means_without,
-    noise_of_means,
-)
+from tcc_sim.analysis.loop.loop_verdict import Errors, Judged, LoopVerdict, Signal
 from tcc_sim.analysis.measured.engine_clock import EngineClock
 from tcc_sim.analysis.measured.stream import CyclePiece, CycleStream
 from tcc_sim.errors import InputError
@@ -205,7 +194,8 @@ class LoopReader:
     @property
     def slip(self) -> Signal:
         """All samples."""
-        return Signal(*(np.concatenate(column) for column in zip(*self._samples))) if self._samples else NO_SIGNAL
+        columns = zip(*self._samples)
+        return Signal(*map(np.concatenate, columns)) if self._samples else verdicts.NO_SIGNAL
 
     def course(self) -> LoopCycles:
         """Return the cycles in order of time."""
@@ -357,14 +347,14 @@ class Loop:
     note: str = ""
     before: float = math.nan
     bridged: Floats = field(default_factory=lambda: np.empty((0, 2)))
-    slip: Signal = NO_SIGNAL
+    slip: Signal = verdicts.NO_SIGNAL
 
     @cached_property
     def jumps(self) -> Steps:
         """Jumps of the target, which begin segments."""
         lengths = self.course.ends - self.course.starts
         cycle = float(np.median(lengths)) if len(lengths) else 0.0
-        return target_jumps(self.reference, self.floor, SETTLED_CYCLES * cycle)
+        return target_jumps(self.reference, self.floor, verdicts.SETTLED_CYCLES * cycle)
 
     def tracking(self, begin: float, end: float, *, stepped: bool | None = None, discard: int = 0,
                  commands: Counts | None = None) -> Tracking:
@@ -388,11 +378,11 @@ class Loop:
             return Tracking(target, verdict=None if self.why else LoopVerdict.TOO_SHORT.value,
                             verdict_why=self.why or "no whole period of excitation", **counts)
         half = slice(len(course.mean) // 2, None)
-        judder = judder_line(self.slip, course.starts[half], course.ends[half], self.floor)
+        judder = verdicts.judder_line(self.slip, course.starts[half], course.ends[half], self.floor)
         apart = 1
         if judder is not None:
             apart += math.ceil(1.0 / judder.frequency / float(np.median(course.ends - course.starts)))
-            means = means_without(self.slip, course.starts, course.ends, 1.0 / judder.frequency)
+            means = verdicts.means_without(self.slip, course.starts, course.ends, 1.0 / judder.frequency)
             course = course._replace(mean=np.where(np.isfinite(means), means, course.mean))
         tail = course.starts >= self._tail(course, begin, end) - 1e-9
         moving = self._moves(float(course.starts[tail.argmax()]), float(course.ends[-1]))
@@ -444,7 +434,7 @@ class Loop:
     def _tail(self, course: LoopCycles, begin: float, end: float) -> float:
         """Return the start of the last third of a segment, of five cycles at least, s."""
         cycle = float(course.ends[0] - course.starts[0])
-        return max(float(course.ends[-1]) - max((end - begin) / 3.0, SETTLED_CYCLES * cycle), 0.0)
+        return max(float(course.ends[-1]) - max((end - begin) / 3.0, verdicts.SETTLED_CYCLES * cycle), 0.0)
 
     def _moves(self, begin: float, end: float) -> bool:
         """Return whether the target moves within a time other than by jumps, by more than the least band."""
@@ -483,7 +473,7 @@ class Loop:
         values, tried = course.mean, list[tuple[float, float, float]]()
         cycle = float(np.median(course.ends - course.starts))
         kept = course.starts >= course.starts[0] + 0.25 * whole
-        if np.count_nonzero(kept) < SETTLED_CYCLES:
+        if np.count_nonzero(kept) < verdicts.SETTLED_CYCLES:
             return math.nan, math.nan
         for delay in np.linspace(-cycle, 0.25 * whole, LAGS):
             late = mean_between(self.reference, course.starts - delay, course.ends - delay)[kept]
@@ -532,7 +522,7 @@ class Loop:
         if not certain and abs(step) < 0.25 * float(np.abs(error).max()):
             step = 0.0
         step = step if abs(step) > self.floor else 0.0
-        noise = OF_NOISE * noise_of_means(error[::apart])
+        noise = OF_NOISE * verdicts.noise_of_means(error[::apart])
         wide = (float(np.ptp(reference)) if self._turns else 0.0) if moving else abs(step)
         band = max(self.floor, SETTLED * wide, noise)
         errors = Errors(0.5 * (course.starts + course.ends), error, reference, course.starts, course.ends, step, band,
@@ -576,8 +566,8 @@ class Loop:
 
     def _verdict(self, errors: Errors, course: LoopCycles, pressed: Pressures | None, tail: np.ndarray,
                  whole: float) -> Judged:
-        if len(errors.error) < SETTLED_CYCLES or not tail.any():
-            return loop_verdict(errors, whole)
+        if len(errors.error) < verdicts.SETTLED_CYCLES or not tail.any():
+            return verdicts.loop_verdict(errors, whole)
         if pressed is not None and (limit := self._saturated(errors, course, tail, pressed)):
             return Judged(LoopVerdict.SATURATED, limit)
         known = np.isfinite(course.stick_time[tail])
@@ -589,7 +579,7 @@ class Loop:
             return Judged(LoopVerdict.STICKING, f"in stick for {100.0 * share:.3g} % of the last {lasts:.3g} s")
         if pressed is not None and (stays := self._stays(errors, course, tail, pressed)):
             return Judged(LoopVerdict.OFF_TARGET, stays)
-        return loop_verdict(errors, whole)
+        return verdicts.loop_verdict(errors, whole)
 
     def _saturated(self, errors: Errors, course: LoopCycles, tail: np.ndarray, pressed: Pressures) -> str:
         """Return the reason for the verdict saturated; empty if the end of the segment is not.
@@ -622,7 +612,7 @@ class Loop:
             return ""
         size = np.abs(error)
         third = max(len(size) // 3, 1)
-        grows = float(size[-third:].mean()) > (1.0 + STANDING) * float(size[:third].mean())
+        grows = float(size[-third:].mean()) > (1.0 + verdicts.STANDING) * float(size[:third].mean())
         return (f"the pressure stays at {float(pressure.mean()):.6g} Pa while the error "
                 f"{'grows' if grows else 'lasts'}: the mean is {speed(float(size.mean()), 3)} "
                 f"{'above' if error[-1] > 0.0 else 'below'} the target")
