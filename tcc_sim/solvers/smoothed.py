@@ -23,30 +23,8 @@ from tcc_sim.compiling.compiled import exponentials_at, fast, lost_torque, step_
 from tcc_sim.model import friction
 from tcc_sim.model.equations import coefficients_of, decay_of_slip
 from tcc_sim.model.friction import Stribeck
-from tcc_sim.solvers import series
-from tcc_sim.solvers.collocation import (
-    DEGREE,
-    FALLING,
-    FROM_ANGLE,
-    FROM_MEAN,
-    FROM_SPEED,
-    FROM_WAVES,
-    LAYER,
-    LEVELS,
-    NODES,
-    SLIDING,
-    TERMS,
-    C,
-    Place,
-    Tables,
-    add_share,
-    add_slip,
-    follow_manifold,
-    guess,
-    slip_polynomial,
-    solve_stages,
-    to_powers,
-)
+from tcc_sim.solvers import collocation, series
+from tcc_sim.solvers.collocation import Place
 from tcc_sim.solvers.terms import (
     Terms,
     excitation_frequency,
@@ -286,13 +264,13 @@ def law_here(v: float, sign: float, region: int, sigma: float,
              stribeck: Stribeck) -> tuple[float, float, float, float, float]:
     """Return the first five fields of LocalFriction by the law in the region; sign is 0 without load."""
     tanh, sech = sign, 0.0
-    if region == LAYER:
+    if region == collocation.LAYER:
         tanh, sech = step_and_rest(sigma * v)
     if stribeck is None:
         return tanh, sigma * sech, 0.0, tanh, sech
     else:
         first, total, fall = 0.0, 0.0, 0.0
-        if region != SLIDING:
+        if region != collocation.SLIDING:
             first, total, fall = exponentials_at(sign * v, stribeck)
         law, slope = with_slope(total, fall, sign, sigma, tanh, sech)
         return law, slope, first, tanh, sech
@@ -315,14 +293,14 @@ def expand_region(order: int, rows: Any, unit: float, terms: Terms, sigma: float
                   pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """Expand the motion with the parts of the law that vary in the region: the exponential, and in the layer tanh."""
     sign = place.sign
-    if place.region == LAYER:
+    if place.region == collocation.LAYER:
         if stribeck is None:
             series.expand(order, rows, unit, terms.linear, sign, pulsation, None, None, sigma, friction.tanh,
                           friction.sech)
         else:
             series.expand(order, rows, unit, terms.linear, sign, pulsation, stribeck, friction.excess, sigma,
                           friction.tanh, friction.sech)
-    elif place.region == SLIDING:
+    elif place.region == collocation.SLIDING:
         series.expand(order, rows, unit, terms.linear, sign, pulsation, None, None, None, None, None)
     elif stribeck is not None:
         series.expand(order, rows, unit, terms.linear, sign, pulsation, stribeck, friction.excess, None, None, None)
@@ -331,8 +309,8 @@ def expand_region(order: int, rows: Any, unit: float, terms: Terms, sigma: float
 @fast
 def rate_of_law(region: int, sigma: float, stribeck: Stribeck) -> float:
     """Return the rate of mubar by v in a region, s/rad: the exponential's, and that of tanh."""
-    rate = sigma if region == LAYER else 0.0
-    if stribeck is not None and region != SLIDING:
+    rate = sigma if region == collocation.LAYER else 0.0
+    if stribeck is not None and region != collocation.SLIDING:
         rate += series.fastest_at(stribeck, 0.0)
     return rate
 
@@ -376,12 +354,12 @@ def converging_length(rows: Any, order: int, x: float, sign: float, excess: floa
 def exponential_length(rows: Any, order: int, x: float, place: Place, v: float, strength: float, sigma: float,
                        stribeck: Stribeck) -> float:
     """Return `converging_length` for the exponentials that vary in the region."""
-    if place.region == FALLING and stribeck is not None:
+    if place.region == collocation.FALLING and stribeck is not None:
         for j in range(0, len(stribeck), 2):
             x = converging_length(rows, order, x, place.sign, abs(stribeck[j]), stribeck[j + 1], strength,
                                   place.slip_tolerance)
         return x
-    if place.region == LAYER and sigma * abs(v) > TAIL_OF_TANH:
+    if place.region == collocation.LAYER and sigma * abs(v) > TAIL_OF_TANH:
         return float(converging_length(rows, order, x, place.sign, 2.0, 2.0 * sigma, strength, place.slip_tolerance))
     return x
 
@@ -395,7 +373,7 @@ def series_step(place: Place, friction: LocalFriction, remaining: float, loaded:
     """
     rate = limits.rates.base
     order = limits.orders.linear
-    if place.region != SLIDING:
+    if place.region != collocation.SLIDING:
         order = limits.orders.falling
         rate += (rate_of_law(place.region, limits.sigma, terms.stribeck) * abs(friction.acceleration)
                  + limits.beta * drive.load * abs(friction.slope))
@@ -411,7 +389,7 @@ def series_step(place: Place, friction: LocalFriction, remaining: float, loaded:
     x = min(x, min(remaining, 0.5 * limits.period) / unit)
     if not x > 0.0:
         return Step(FAILED, unit, x, order, 0.0)
-    if place.region != SLIDING:
+    if place.region != collocation.SLIDING:
         x = exponential_length(rows, order, x, place, state.slip_speed, limits.rates.strength * unit, limits.sigma,
                                terms.stribeck)
     return Step(ACCEPTED, unit, x, order, 0.0)
@@ -427,17 +405,18 @@ SMALLEST_ERROR = 1e-9
 def weigh(state: Any, h: float, kappa: float, mean_torque: float, waves: Any, profile: Any, work: Any) -> None:
     """Fill the weights of the sources: the start, and the torque's sines and quadratures, or that at the nodes."""
     weights = work.weights
-    weights[FROM_ANGLE] = state.plate_angle
-    weights[FROM_SPEED] = state.plate_speed + kappa * state.slip_speed
-    weights[FROM_MEAN] = mean_torque
+    weights[collocation.FROM_ANGLE] = state.plate_angle
+    weights[collocation.FROM_SPEED] = state.plate_speed + kappa * state.slip_speed
+    weights[collocation.FROM_MEAN] = mean_torque
     if profile is None:
         for i in range(waves.shape[0]):
             wave = waves[i]
-            weights[FROM_WAVES + 2 * i] = wave.amplitude * wave.sine
-            weights[FROM_WAVES + 2 * i + 1] = wave.amplitude * wave.cosine
+            weights[collocation.FROM_WAVES + 2 * i] = wave.amplitude * wave.sine
+            weights[collocation.FROM_WAVES + 2 * i + 1] = wave.amplitude * wave.cosine
     else:
-        for i in range(NODES):
-            weights[FROM_WAVES + i] = series.torque_about_mean(state.tau + C[i] * h, mean_torque, waves, profile)
+        for i in range(collocation.NODES):
+            weights[collocation.FROM_WAVES + i] = series.torque_about_mean(
+                state.tau + collocation.C[i] * h, mean_torque, waves, profile)
 
 
 @fast
@@ -445,10 +424,10 @@ def friction_rate_at_nodes(tau: float, h: float, turn: Any, loaded: bool, beta: 
                            pulsation: series.Pulsation, profile: Any, drive: Any, friction_rate: Any) -> None:
     """Fill beta Ts at the nodes of a collocation step."""
     cosine, sine = turn.cosine, turn.sine
-    for i in range(NODES):
+    for i in range(collocation.NODES):
         load = mean_load
         if profile is not None:
-            load = series.load_and_rate(tau + C[i] * h, pulsation, profile)[0]
+            load = series.load_and_rate(tau + collocation.C[i] * h, pulsation, profile)[0]
         elif pulsation is not None:
             load += pulsation[0] * (drive.load_sine * cosine[i] + drive.load_cosine * sine[i])
         friction_rate[i] = beta * load if loaded else 0.0
@@ -459,7 +438,7 @@ def balance(sources: Any, level: int, work: Any) -> None:
     """Fill b without the share of v(0) at the nodes."""
     work.balance[:] = 0.0
     for k in range(sources.shape[1]):
-        add_share(0, work.balance, sources[level, k].balance, work.weights[k])
+        collocation.add_share(0, work.balance, sources[level, k].balance, work.weights[k])
 
 
 @fast
@@ -468,15 +447,15 @@ def fill_plate(step_size: Any, sources: Any, level: int, kappa: float, work: Any
     rows, slip, weights, chebyshev = work.rows, work.slip, work.weights, work.chebyshev
     chebyshev[:] = 0.0
     for k in range(sources.shape[1]):
-        add_share(0, chebyshev, sources[level, k].angle, weights[k])
-    add_slip(0, slip, step_size.angle, chebyshev)
-    to_powers(0, chebyshev, rows[series.ANGLE])
+        collocation.add_share(0, chebyshev, sources[level, k].angle, weights[k])
+    collocation.add_slip(0, slip, step_size.angle, chebyshev)
+    collocation.to_powers(0, chebyshev, rows[series.ANGLE])
     chebyshev[:] = 0.0
     for k in range(sources.shape[1]):
-        add_share(0, chebyshev, sources[level, k].speed, weights[k])
-    add_slip(0, slip, step_size.speed, chebyshev)
-    to_powers(0, chebyshev, rows[series.SPEED])
-    for i in range(TERMS):
+        collocation.add_share(0, chebyshev, sources[level, k].speed, weights[k])
+    collocation.add_slip(0, slip, step_size.speed, chebyshev)
+    collocation.to_powers(0, chebyshev, rows[series.SPEED])
+    for i in range(collocation.TERMS):
         rows[series.SPEED, i] -= kappa * rows[series.SLIP, i]
 
 
@@ -489,12 +468,12 @@ def state_at_end(step_size: Any, sources: Any, level: int, kappa: float, work: A
         source = sources[level, k]
         angle += weights[k] * source.end_angle
         speed += weights[k] * source.end_speed
-    for j in range(NODES):
+    for j in range(collocation.NODES):
         angle += slip[j] * end_angle[j]
         speed += slip[j] * end_speed[j]
-    state.slip_speed = slip[NODES - 1]
+    state.slip_speed = slip[collocation.NODES - 1]
     state.plate_angle = angle
-    state.plate_speed = speed - kappa * slip[NODES - 1]
+    state.plate_speed = speed - kappa * slip[collocation.NODES - 1]
 
 
 @fast
@@ -508,7 +487,7 @@ def step_size_below(step_sizes: Any, level: int, length: float) -> int:
 @fast
 def growth(error: float) -> float:
     """Return the factor to the length at which the relative error is expected to be a little below 1."""
-    return max(SAFETY * math.exp(-math.log(max(error, SMALLEST_ERROR)) / NODES), SHRINK_MOST)
+    return max(SAFETY * math.exp(-math.log(max(error, SMALLEST_ERROR)) / collocation.NODES), SHRINK_MOST)
 
 
 BEFORE_FOLD = 0.92
@@ -536,24 +515,25 @@ def time_to_fold(peak: float, work: Any) -> float:
     Lines join the demand at the nodes, and the last one goes on; infinity where it does not rise.
     """
     demand, total, friction_rate = work.demand, work.balance, work.friction_rate
-    for i in range(NODES):
+    for i in range(collocation.NODES):
         demand[i] = total[i] / friction_rate[i]
     beyond = 0
-    while beyond < NODES and abs(demand[beyond]) <= peak:
+    while beyond < collocation.NODES and abs(demand[beyond]) <= peak:
         beyond += 1
-    end = min(beyond, NODES - 1)
+    end = min(beyond, collocation.NODES - 1)
     if end == 0:
-        return float(C[0])
+        return float(collocation.C[0])
     before = abs(demand[end - 1])
     rise = abs(demand[end]) - before
     if rise > 0.0:
-        return float(C[end - 1] + (peak - before) / rise * (C[end] - C[end - 1]))
-    return math.inf if beyond == NODES else float(C[end])
+        return float(collocation.C[end - 1] + (peak - before) / rise * (collocation.C[end] - collocation.C[end - 1]))
+    return math.inf if beyond == collocation.NODES else float(collocation.C[end])
 
 
 @fast
 def collocation_step(place: Place, remaining: float, loaded: bool, state: Any, control: Any, limits: Limits,
-                     terms: Terms, waves: Any, drive: Any, tables: Tables, work: Any, counters: Any) -> Step:
+                     terms: Terms, waves: Any, drive: Any, tables: collocation.Tables, work: Any,
+                     counters: Any) -> Step:
     """Solve on the step size control.level, or the longest below it that fits into `remaining` s.
 
     Fills the polynomial of the slip speed in work.rows; `fill_plate` fills the others. A refused step sets
@@ -564,7 +544,7 @@ def collocation_step(place: Place, remaining: float, loaded: bool, state: Any, c
     while True:
         control.level = level
         if level >= tables.step_sizes.shape[0] or tables.step_sizes[level].length * control.rate < worth:
-            return Step(REFUSED, 0.0, 0.0, DEGREE, math.inf)
+            return Step(REFUSED, 0.0, 0.0, collocation.DEGREE, math.inf)
         h = tables.step_sizes[level].length
         weigh(state, h, limits.kappa, terms.mean_torque, waves, terms.profile, work)
         balance(tables.sources, level, work)
@@ -577,41 +557,42 @@ def collocation_step(place: Place, remaining: float, loaded: bool, state: Any, c
     step_size = tables.step_sizes[level]
     accuracy, sharpness = CONVERGED * limits.errors.creep, limits.sigma
     if control.method == CREEP:
-        guess(0, work.demand, work.slip, place.sign, limits.sigma, terms.stribeck)
-        follow_manifold(step_size, state.slip_speed, place.sign, limits.sigma, terms.stribeck, work)
+        collocation.guess(0, work.demand, work.slip, place.sign, limits.sigma, terms.stribeck)
+        collocation.follow_manifold(step_size, state.slip_speed, place.sign, limits.sigma, terms.stribeck, work)
     else:
         accuracy = CONVERGED * place.slip_tolerance
         sharpness = rate_of_law(place.region, limits.sigma, terms.stribeck)
         start = work.slip
-        for i in range(NODES):
+        for i in range(collocation.NODES):
             start[i] = state.slip_speed
-    used = solve_stages(step_size, state.slip_speed, place, sharpness, limits.sigma, terms.stribeck, accuracy, work)
+    used = collocation.solve_stages(step_size, state.slip_speed, place, sharpness, limits.sigma, terms.stribeck,
+                                    accuracy, work)
     counters.iterations += abs(used)
     counters.iterations_max = max(counters.iterations_max, abs(used))
     if used < 0:
         control.level = step_size_below(tables.step_sizes, level + 1, 0.5 * h)
-        return Step(REFUSED, h, 0.0, DEGREE, math.inf)
-    slip_polynomial(0, work.slip, state.slip_speed, work.chebyshev, work.rows[series.SLIP])
+        return Step(REFUSED, h, 0.0, collocation.DEGREE, math.inf)
+    collocation.slip_polynomial(0, work.slip, state.slip_speed, work.chebyshev, work.rows[series.SLIP])
     chebyshev = work.chebyshev
-    error = max(abs(chebyshev[DEGREE]), abs(chebyshev[DEGREE - 1]))
+    error = max(abs(chebyshev[collocation.DEGREE]), abs(chebyshev[collocation.DEGREE - 1]))
     if control.method == CREEP:
         slope = work.slope
         steepest = 0.0
-        for i in range(NODES):
+        for i in range(collocation.NODES):
             steepest = max(steepest, slope[i])
         error *= max(steepest / limits.sigma, FLAT) / limits.errors.creep
     else:
         rounding = ROUNDED * abs(state.slip_speed)
         fill_plate(step_size, tables.sources, level, limits.kappa, work)
-        last = max(abs(chebyshev[DEGREE]), abs(chebyshev[DEGREE - 1]))
+        last = max(abs(chebyshev[collocation.DEGREE]), abs(chebyshev[collocation.DEGREE - 1]))
         error = max((error - rounding) / place.slip_tolerance, (last - rounding) / place.speed_tolerance)
         error = max(error, min(rounding / place.speed_tolerance, NEXT))
     if not error <= 1.0:
         factor = growth(error) if error < math.inf else SHRINK_MOST
         control.level = step_size_below(tables.step_sizes, level + 1, factor * h)
-        return Step(REFUSED, h, 0.0, DEGREE, error)
-    control.rate = work.friction_rate[NODES - 1] * work.slope[NODES - 1]
-    return Step(ACCEPTED, h, 1.0, DEGREE, error)
+        return Step(REFUSED, h, 0.0, collocation.DEGREE, error)
+    control.rate = work.friction_rate[collocation.NODES - 1] * work.slope[collocation.NODES - 1]
+    return Step(ACCEPTED, h, 1.0, collocation.DEGREE, error)
 
 
 WORTH_USUAL = 2.0
@@ -637,7 +618,7 @@ PATIENCE, PATIENCE_MOST = 16, 1024
 steps of one step size after which a longer one is tried."""
 HURRY = 2
 """PATIENCE with the series where the linear part lets the slip speed decay fast, which alone limits their steps."""
-SMALL = 2.0 ** (-0.5 * NODES)
+SMALL = 2.0 ** (-0.5 * collocation.NODES)
 """Error there below which the next longer collocation step passes by the power law; the error of a start off the slow
 manifold does not depend on the length."""
 NEARING, CAUTIOUS = 0.5, 8
@@ -667,7 +648,7 @@ def distance_to_creep(friction: LocalFriction, rho: float, state: Any, limits: L
 
 @fast
 def enter_creep(place: Place, friction: LocalFriction, remaining: float, state: Any, control: Any, limits: Limits,
-                terms: Terms, drive: Any, tables: Tables) -> bool:
+                terms: Terms, drive: Any, tables: collocation.Tables) -> bool:
     """Change to collocation in stick if the state is on the slow manifold, or project it if it is near.
 
     The projection keeps w = theta2' + kappa v, and corrects theta2 by its change during the decay of delta.
@@ -678,7 +659,7 @@ def enter_creep(place: Place, friction: LocalFriction, remaining: float, state: 
     if waits or control.unsettled > 0.0 or abs(v) >= limits.speeds.creep:
         return False
     shortest = tables.step_sizes[tables.step_sizes.shape[0] - 1].length
-    if not rho * tables.step_sizes[LEVELS - 1].length > WORTH_USUAL or remaining < shortest:
+    if not rho * tables.step_sizes[collocation.LEVELS - 1].length > WORTH_USUAL or remaining < shortest:
         return False
     delta = distance_to_creep(friction, rho, state, limits, terms, drive)
     near = (abs(delta) * max(friction.slope / limits.sigma, FLAT) < PROJECTED * limits.errors.creep
@@ -699,10 +680,10 @@ def enter_creep(place: Place, friction: LocalFriction, remaining: float, state: 
 
 @fast
 def choose_method(place: Place, friction: LocalFriction, remaining: float, state: Any, control: Any, limits: Limits,
-                  terms: Terms, drive: Any, tables: Tables) -> bool:
+                  terms: Terms, drive: Any, tables: collocation.Tables) -> bool:
     """Set control.method for the next step; return whether collocation in stick begins, which may move the state."""
     room, near = math.inf, False
-    if limits.rates.fast_slip and place.region == FALLING and place.sign * friction.acceleration < 0.0:
+    if limits.rates.fast_slip and place.region == collocation.FALLING and place.sign * friction.acceleration < 0.0:
         room = NEARING * (abs(state.slip_speed) - limits.speeds.layer) / abs(friction.acceleration)
         near = room < max(SERIES_REACH / limits.rates.base, tables.step_sizes[tables.step_sizes.shape[0] - 1].length)
         if control.method == STIFF and control.streak <= CAUTIOUS:
@@ -712,7 +693,7 @@ def choose_method(place: Place, friction: LocalFriction, remaining: float, state
                 control.level = step_size_below(tables.step_sizes, control.level, room)
     if control.method != SERIES:
         return False
-    if place.region != LAYER:
+    if place.region != collocation.LAYER:
         control.released = 0.0
         control.calm = CALM
         control.waited = 0
@@ -728,7 +709,7 @@ def choose_method(place: Place, friction: LocalFriction, remaining: float, state
 
 
 @fast
-def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
+def leave_if_short(control: Any, limits: Limits, tables: collocation.Tables) -> None:
     """Return to the series if the next step size is too short for its cost, or if there is none."""
     length = tables.step_sizes[control.level].length if control.level < tables.step_sizes.shape[0] else 0.0
     if control.method == CREEP and length * control.rate < WORTH:
@@ -741,7 +722,7 @@ def leave_if_short(control: Any, limits: Limits, tables: Tables) -> None:
 
 
 @fast
-def after_collocation(error: float, length: float, control: Any, limits: Limits, tables: Tables) -> None:
+def after_collocation(error: float, length: float, control: Any, limits: Limits, tables: collocation.Tables) -> None:
     """Choose the step size of the next step, or the series.
 
     `growth` assumes a power law, which errors of rounding, or of a start off the slow manifold, do not follow.
@@ -762,7 +743,7 @@ def after_collocation(error: float, length: float, control: Any, limits: Limits,
 
 
 @fast
-def after_step(step: Step, x: float, control: Any, limits: Limits, tables: Tables) -> None:
+def after_step(step: Step, x: float, control: Any, limits: Limits, tables: collocation.Tables) -> None:
     """Update `control` after [0, x] of a step was taken."""
     if control.method == SERIES:
         length = x * step.unit

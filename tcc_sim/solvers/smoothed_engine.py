@@ -39,7 +39,7 @@ from tcc_sim.model.profile import (
 )
 from tcc_sim.polynomials import polynomial
 from tcc_sim.polynomials.polynomial import BERNSTEIN, to_bernstein
-from tcc_sim.solvers import collocation
+from tcc_sim.solvers import collocation, smoothed
 from tcc_sim.solvers import engine as shell
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.changes import LANES, carry_slip, changed_at, end_changes, expand_sines, hold_phase
@@ -77,29 +77,7 @@ from tcc_sim.solvers.series import (
     load_phase,
     waves_of,
 )
-from tcc_sim.solvers.smoothed import (
-    CONTROL,
-    CREEP,
-    REFUSED,
-    SERIES,
-    SETTLED,
-    STATE,
-    Limits,
-    LocalFriction,
-    Step,
-    after_step,
-    begin,
-    begin_cycle,
-    choose_method,
-    collocation_step,
-    fill_plate,
-    friction_here,
-    law_here,
-    leave_if_short,
-    limits_of,
-    series_step,
-    state_at_end,
-)
+from tcc_sim.solvers.smoothed import Limits, Step, begin
 from tcc_sim.solvers.terms import Problem, Terms, load_frequency, per_system, steps_allowed, terms_of
 from tcc_sim.trajectory import Floats
 
@@ -129,7 +107,7 @@ def reach_of(limits: Limits, fastest: float) -> float:
 
 
 @fast
-def resolved(step: Step, place: Place, friction: LocalFriction, rows: Any, stribeck: Stribeck, control: Any,
+def resolved(step: Step, place: Place, friction: smoothed.LocalFriction, rows: Any, stribeck: Stribeck, control: Any,
              limits: Limits, terms: Terms, drive: Any, fastest: float) -> float:
     """Return the part of a series step over which the series of its derivatives hold too.
 
@@ -151,7 +129,7 @@ def resolved(step: Step, place: Place, friction: LocalFriction, rows: Any, strib
 
 
 @fast
-def carry_series(tangent: Any, place: Place, friction: LocalFriction, step: Step, loaded: bool, limits: Limits,
+def carry_series(tangent: Any, place: Place, friction: smoothed.LocalFriction, step: Step, loaded: bool, limits: Limits,
                  terms: Terms, waves: Any, drive: Any, rows: Any, pulsation: Pulsation, stribeck: Stribeck) -> None:
     """Fill the coefficients of all derivatives over a series step; the law varies as in `series_step.expand_region`."""
     order, unit, sign, groups, along = step.degree, step.unit, place.sign, tangent.groups, tangent.along
@@ -382,7 +360,7 @@ def add_slopes(slopes: Any, low: float, high: float, unit: float, degree: int, l
             if pulsation is not None:
                 turned = pulsation[1] * at * unit
                 load += pulsation[0] * (drive.load_sine * math.cos(turned) + drive.load_cosine * math.sin(turned))
-        slope = load * law_here(v, 1.0 if v > 0.0 else -1.0, LAYER, limits.sigma, stribeck)[1]
+        slope = load * smoothed.law_here(v, 1.0 if v > 0.0 else -1.0, LAYER, limits.sigma, stribeck)[1]
         slopes[0] += weight * slope * v * v
         slopes[1] += weight * v * v
         slopes[2] += weight * min(slope, 0.0)
@@ -421,7 +399,7 @@ def keep_peak(tangent: Any, cycle: int) -> None:
 
 
 @fast
-def carry(tangent: Any, method: int, place: Place, friction: LocalFriction, step: Step, degree: int, x: float,
+def carry(tangent: Any, method: int, place: Place, friction: smoothed.LocalFriction, step: Step, degree: int, x: float,
           whole: bool, cut: float, loaded: bool, setup: Setup, memory: Memory) -> None:
     """Carry the tangent over [0, x] of a step that starts where the state is now; the rest as `integrate.integrate`.
 
@@ -430,13 +408,13 @@ def carry(tangent: Any, method: int, place: Place, friction: LocalFriction, step
     """
     limits, terms, _, waves, tables = setup
     drive, work, level, order = memory.drive, memory.work, memory.control.level, step.degree
-    rows, series = work.rows, method == SERIES
+    rows, series = work.rows, method == smoothed.SERIES
     step_size = tables.step_sizes[level]
     if series:
         carry_series(tangent, place, friction, step, loaded, limits, terms, waves, drive, rows, terms.pulsation,
                      terms.stribeck)
     else:
-        fill_plate(step_size, tables.sources, level, limits.kappa, work)
+        smoothed.fill_plate(step_size, tables.sources, level, limits.kappa, work)
         carry_collocation(tangent, place, level, loaded, limits, waves, tables, drive, work, terms.pulsation,
                           terms.stribeck)
     if tangent.shared.extended:
@@ -461,7 +439,7 @@ def start(setup: Setup, memory: Memory, tangent: Any) -> None:
     v = state.slip_speed
     begin(state, control, limits)
     if tangent is not None:
-        control.waited, control.unsettled = SETTLED, limits.orders.forgotten
+        control.waited, control.unsettled = smoothed.SETTLED, limits.orders.forgotten
         tangent.shared.peak, tangent.shared.slopes[:] = -1.0, 0.0
     shell.begin_output(memory.output, v, 0 if abs(v) <= limits.speeds.stick else 1 if v > 0.0 else -1)
 
@@ -510,7 +488,7 @@ def first_boundary(place: Place, degree: int, x: float, method: int, loaded: boo
     to_bernstein(work.rows, SLIP, degree, x, work.bernstein)
     if not loaded:
         return math.inf
-    if place.region == LAYER or method == CREEP:
+    if place.region == LAYER or method == smoothed.CREEP:
         level, accuracy = -limits.errors.nearly_zero, 0.1 * limits.errors.nearly_zero
         if stribeck is None:
             return math.inf
@@ -521,15 +499,15 @@ def first_boundary(place: Place, degree: int, x: float, method: int, loaded: boo
 
 
 @fast
-def step_on(place: Place, friction: LocalFriction, to_edge: float, to_stop: float, loaded: bool, setup: Setup,
+def step_on(place: Place, friction: smoothed.LocalFriction, to_edge: float, to_stop: float, loaded: bool, setup: Setup,
             memory: Memory, tangent: Any) -> tuple[Step, float]:
     """Return a step of the method that was chosen, and its part to take: at most `to_stop` s; the excitation is smooth
     for `to_edge` s.
     """
     limits, terms, _, waves, tables = setup
     state, control, drive, work, counters, _ = memory
-    if control.method == SERIES:
-        step = series_step(place, friction, to_stop, loaded, state, limits, terms, waves, drive, work)
+    if control.method == smoothed.SERIES:
+        step = smoothed.series_step(place, friction, to_stop, loaded, state, limits, terms, waves, drive, work)
         x = step.x
         if tangent is not None:
             x = resolved(step, place, friction, work.rows, terms.stribeck, control, limits, terms, drive,
@@ -538,9 +516,9 @@ def step_on(place: Place, friction: LocalFriction, to_edge: float, to_stop: floa
         longest = to_edge
         if tangent is not None:
             longest = min(longest, COLLOCATION_REACH * reach_of(limits, tangent.shared.fastest))
-        step = collocation_step(place, longest, loaded, state, control, limits, terms, waves, drive, tables, work,
-                                counters)
-        x = min(step.x, to_stop / step.unit) if step.status != REFUSED else 0.0
+        step = smoothed.collocation_step(place, longest, loaded, state, control, limits, terms, waves, drive, tables,
+                                         work, counters)
+        x = min(step.x, to_stop / step.unit) if step.status != smoothed.REFUSED else 0.0
     return step, x
 
 
@@ -550,9 +528,9 @@ def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, mem
     """Fill the rows that a step leaves out where the output does not need them: the plate's in creep, and theta1."""
     limits, _, _, _, tables = setup
     state, control, _, work, _, output = memory
-    if control.method == CREEP and (not whole or cut < math.inf or store.per_cycle > 0 or angle
+    if control.method == smoothed.CREEP and (not whole or cut < math.inf or store.per_cycle > 0 or angle
                                     or shell.wanted(store.loads, output.cycle)):
-        fill_plate(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work)
+        smoothed.fill_plate(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work)
     if angle:
         work.rows[FLYWHEEL, 0] = state.flywheel_angle
         add_integral(work.rows, degree, step.unit)
@@ -580,8 +558,9 @@ def finish(degree: int, x: float, whole: bool, setup: Setup, memory: Memory, ang
     """Bring the state to the end of a step."""
     limits, _, _, _, tables = setup
     state, control, _, work, _, _ = memory
-    if whole and control.method != SERIES:
-        state_at_end(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work, state)
+    if whole and control.method != smoothed.SERIES:
+        smoothed.state_at_end(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work,
+                              state)
     else:
         state.slip_speed, state.plate_angle, state.plate_speed = polynomial.values(work.rows, degree, x)
     if angle:
@@ -605,19 +584,19 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     stop = min(edge, (count - output.cycle) * period + tail)
     excite(tau, state.shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.profile, drive)
     place = region_of(state, loaded, control, limits, terms, drive)
-    friction = friction_here(place, state, limits, terms, drive)
-    if choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
+    friction = smoothed.friction_here(place, state, limits, terms, drive)
+    if smoothed.choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
         return shell.GOES_ON
     method = control.method
     step, x = step_on(place, friction, edge - tau, stop - tau, loaded, setup, memory, tangent)
-    if step.status == REFUSED:
+    if step.status == smoothed.REFUSED:
         counters.rejected += 1
         control.streak = 0
-        leave_if_short(control, limits, tables)
+        smoothed.leave_if_short(control, limits, tables)
         return shell.GOES_ON
     if not x > 0.0:
         return shell.STEP_TOO_SMALL if x == 0.0 else shell.NOT_FINITE
-    degree = step.degree if method == SERIES or not angle else step.degree + 1  # theta1 is an integral.
+    degree = step.degree if method == smoothed.SERIES or not angle else step.degree + 1  # theta1 is an integral.
     crossing = first_boundary(place, degree, x, method, loaded, limits, terms.stribeck, work)
     reached = x * step.unit >= (stop - tau) * (1.0 - 1e-14)
     if crossing == 0.0 and place.region != LAYER:  # Rounding of a step that was cut there left the state outside.
@@ -640,8 +619,8 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
         return shell.NOT_FINITE
     counters.steps += 1
     if after >= period:
-        begin_cycle(state, control, limits)
-    after_step(step, x, control, limits, tables)
+        smoothed.begin_cycle(state, control, limits)
+    smoothed.after_step(step, x, control, limits, tables)
     return shell.GOES_ON
 
 
@@ -675,7 +654,7 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
     if terms.profile is not None:
         frequency = terms.profile[:, FREQUENCY]
         longest, period = 2.0 * math.pi / float(frequency.min()), 2.0 * math.pi / float(frequency.max())
-    limits = limits_of(terms, terms_of(system), period, rtol, excess)
+    limits = smoothed.limits_of(terms, terms_of(system), period, rtol, excess)
     waves = waves_of(terms)
     top, levels = collocation.ladder_of(limits.rates.fastest, longest)
     if terms.profile is None:
@@ -752,8 +731,8 @@ def stretches(problem: Problem, setup: Setup) -> Iterator[Stretch]:
     yield integrate, (problem.whole_cycles, problem.rest), setup
 
 
-ENGINE = EngineShell("smoothed", integrate, Memory(STATE, CONTROL, DRIVE, WORK, shell.COUNTERS, shell.OUTPUT), SHARED,
-                     prepared, setup_of_changes, most_steps,
+MEMORY = Memory(smoothed.STATE, smoothed.CONTROL, DRIVE, WORK, shell.COUNTERS, shell.OUTPUT)
+ENGINE = EngineShell("smoothed", integrate, MEMORY, SHARED, prepared, setup_of_changes, most_steps,
                      lambda setup, cycles: MORE_STEPS * setup.limits.steps * cycles,
                      lambda ended, *_: "the state grew without bound" if ended == shell.NOT_FINITE else "",
                      transitions_per_cycle=256, stretches=stretches, bound=ITERATIONS_MAXIMUM)
