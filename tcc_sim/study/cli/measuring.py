@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -15,7 +14,7 @@ from tcc_sim.cli.options import Form, command, number
 from tcc_sim.errors import printable, require
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import new_directory, new_file, write_json
-from tcc_sim.output.terminal import say, seconds_bar
+from tcc_sim.output.terminal import counted_bar, say, seconds_bar
 
 
 @command(partial(add_layout, title="none"), forms={"scenes": Form("NAME", several=True), "out": Form("DIR", Path)})
@@ -77,7 +76,6 @@ def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()
     from tcc_sim.output.provenance import document
     from tcc_sim.scene import load_scene
     from tcc_sim.study.benchmarks import precision, report_drawings, stability
-    from tcc_sim.sweeps.progress import progress_bar
     from tcc_sim.views.style import width_of
 
     folder = new_directory(out)
@@ -87,25 +85,14 @@ def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()
         "precision": (precision, precision.precision_tables, report_drawings.draw_precision, load_scene("fig02")),
         "stability": (stability, stability.stability_tables, report_drawings.draw_stability, System())}
     of, tables_of, draw, scene = reports[verb]
-    complete = False
-    with progress_bar("run", leave=False) as bar:
-        def done(count: int, total: int, following: str) -> None:
-            """Show the number of runs done and the name of the next one."""
-            bar.total = total
-            bar.set_description_str(following, refresh=False)
-            bar.update(count - bar.n)
-
+    with counted_bar("run") as running:
         effort = replace(precision.QUICK if arguments.quick else precision.FULL, scenes=tuple(scenes))
-        try:
-            for row in (precision.precision_study(effort, done) if of is precision else
-                        stability.grid(arguments.quick, done)):
-                rows.append(row)
-            complete = True
-        except KeyboardInterrupt:
-            print("tcc-sim: interrupted", file=sys.stderr)
+        for row in (precision.precision_study(effort, running.done) if of is precision else
+                    stability.grid(arguments.quick, running.done)):
+            rows.append(row)
     if not rows:
         return 130
-    report = of.report_of(rows, arguments.quick, complete)
+    report = of.report_of(rows, arguments.quick, running.complete)
     tables, units = tables_of(report), {name: unit for name, (_, unit) in of.FIELDS.items() if unit}
     folder.mkdir()
     write_json(folder / f"{verb}.json", {
@@ -114,7 +101,7 @@ def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()
     draw(folder / verb, report, title=printable(arguments.title or ""), width=width_of(arguments.width))
     print(next(block for block in tables.split("\n\n") if block.startswith("|")))
     say(f"{folder}/{verb}.png, .svg, .json, .md")
-    return 0 if complete else 130
+    return 0 if running.complete else 130
 
 
 def _say_pacing(shown: dict[str, Any]) -> None:
