@@ -440,14 +440,14 @@ class SimulationClock:
         such as a recorder, subscribe reliably.
         """
         me = self._node.get_fully_qualified_name()
-        return [name for name in _names([info for info in self._node.get_subscriptions_info_by_topic(self._topic)
+        return [name for name in _peers([info for info in self._node.get_subscriptions_info_by_topic(self._topic)
                                          if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT])
                 if name != me]
 
     @property
     def rivals(self) -> list[str]:
         """Names of the other nodes that publish /clock."""
-        names, me = _names(self._node.get_publishers_info_by_topic(self._topic)), self._node.get_fully_qualified_name()
+        names, me = _peers(self._node.get_publishers_info_by_topic(self._topic)), self._node.get_fully_qualified_name()
         if self.published and me in names:
             names.remove(me)
         return names
@@ -482,5 +482,5 @@ class SimulationClock:
         return ""
 
 
-def _names(endpoints: Sequence[TopicEndpointInfo]) -> list[str]:
+def _peers(endpoints: Sequence[TopicEndpointInfo]) -> list[str]:
     return [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in endpoints]

@@ -205,12 +205,12 @@ class Inventory:
                 latest[one.text] = replace(one, version=one.version or known)
         mine = tuple(sorted(latest.values(), key=lambda one: (runs.index(one.run), one.first_stamp_ns, one.log_ns)))
         zeros = {one.run: one.zero_ns for one in mine}
-        return _driveline(chain, mine, [stamp - zeros.get(one.run, 0) for one in chain for stamp in one.stamps])
+        return _recorded(chain, mine, [stamp - zeros.get(one.run, 0) for one in chain for stamp in one.stamps])
 
     def _unnamed(self, sent: _Sent, recorded: Sequence[SceneRecord]) -> RecordedDriveline:
         scenes = self._scenes_of(sent.topic.rpartition("/")[0], sent.publisher, recorded) if sent.able else ()
         zeros = zeros_of(one.text for one in scenes)
-        return _driveline([sent], scenes, simulation_ns(np.array(sent.stamps), zeros).tolist())
+        return _recorded([sent], scenes, simulation_ns(np.array(sent.stamps), zeros).tolist())
 
     def _scenes_of(self, space: str, publisher: str,
                    recorded: Sequence[SceneRecord]) -> tuple[SceneRecord, ...]:
@@ -259,7 +259,7 @@ class Inventory:
                                              -drivelines[number].states, drivelines[number].publisher), default=None)
 
 
-def _driveline(chain: Sequence[_Sent], scenes: tuple[SceneRecord, ...], stamps: Sequence[int]) -> RecordedDriveline:
+def _recorded(chain: Sequence[_Sent], scenes: tuple[SceneRecord, ...], stamps: Sequence[int]) -> RecordedDriveline:
     """Return the driveline of these messages, with its scenes and simulation times, ns."""
     names = sum((one.names for one in chain), Counter[tuple[str, ...]]())
     topic = Counter({one.topic: sum(one.names.values()) for one in chain}).most_common(1)[0][0]

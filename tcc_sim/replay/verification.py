@@ -79,7 +79,7 @@ class _Verifier:
         self._gap_work = self._work_limit // 2
         self._scenes: dict[int, tuple[Scene, Origin]] = {}
         self._largest = np.zeros(len(COLUMNS))
-        self._compared = self._exactly = self._leapt = 0
+        self._states_compared = self._exactly = self._leapt = 0
         self.solved = self.unknown = 0
         """Number of states that were solved, and of those without a known input."""
         self.sources_matter = False
@@ -90,7 +90,7 @@ class _Verifier:
 
     def result(self) -> Verification:
         """Return the result of all runs."""
-        if not self._compared:
+        if not self._states_compared:
             return Verification(False, math.inf, 0, 0, 0, None, "the recording holds no joint_states")
         ratio = np.divide(self._largest, self._size, out=self._largest.copy(), where=self._size > 0.0)
         largest, detail = float(ratio.max()), ""
@@ -104,7 +104,7 @@ class _Verifier:
             if self.sources_matter:
                 detail += "; the recording does not state the sources of its inputs, so every one counts as commanded"
         elif self.unknown:
-            detail = f"{self.unknown} of {counted(self._compared, 'state')} have no known input"
+            detail = f"{self.unknown} of {counted(self._states_compared, 'state')} have no known input"
         elif self.broken is not None:
             detail = (f"a run begins at {self.broken:.9g} s after a reset, which must lead to 0: messages are missing "
                       "or mixed up")
@@ -113,7 +113,7 @@ class _Verifier:
         if self._absent.any():
             detail += f"; not recorded, so not compared: {', '.join(self.line.absent)}"
         verified = self._first is None and self.solved > 0 and not self.unknown and self.broken is None
-        return Verification(verified, largest, self._compared, self.solved, self._exactly, self._first, detail)
+        return Verification(verified, largest, self._states_compared, self.solved, self._exactly, self._first, detail)
 
     def scene(self, number: int) -> tuple[Scene, Origin]:
         """Return the scene with this number and the origin of its phases; the first one where there is none."""
@@ -147,7 +147,7 @@ class _Verifier:
         difference[np.isnan(difference)] = math.inf
         difference[:, self._absent] = 0.0
         self._largest = np.maximum(self._largest, difference.max(axis=0))
-        self._compared += len(block)
+        self._states_compared += len(block)
         self._exactly += int(np.count_nonzero(exact))
         allowed = np.where(exact[:, None], 0.0, STEP_TOLERANCE * self._size)
         wrong = np.flatnonzero((difference > allowed).any(axis=1))
