@@ -21,6 +21,7 @@ from tcc_sim.topics import INPUTS
 if TYPE_CHECKING:
     from tcc_sim.analysis.loop.tracking import Limits
     from tcc_sim.analysis.measured.orders import Spectrum
+    from tcc_sim.analysis.measured.signals import Signals
     from tcc_sim.replay.measured import MeasuredRun
     from tcc_sim.replay.recorded import Recording
     from tcc_sim.replay.result import Replay
@@ -116,8 +117,6 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     >>> result.summary.period, result.confirmed
     (1, True)
     """
-    from tcc_sim.analysis.measured.orders import compared, orders_of
-
     words = [f"{key}={points}" for key, points in profile.items()] if isinstance(profile, Mapping) else list(profile)
     values = {**(set or {}), **parse_profiles(words)}
     changed, source, measured = as_scene(scene).with_changes(values), None, None
@@ -127,23 +126,14 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
         raise InputError(f"{_options(of_table or of_recording)}: only for inputs; give a "
                          f"{'table' if of_table else 'recording'} with --inputs")
     if inputs is not None:
-        from tcc_sim.replay.given_inputs import doubts_about, driven_by, input_table
-        from tcc_sim.replay.measured import at_measured_speed
+        from tcc_sim.replay.given_inputs import input_table
         from tcc_sim.replay.recorded import read
 
         source = inputs if not isinstance(inputs, (str, Path)) else (
             input_table(Path(inputs), columns, from_, to) or read(inputs, inputs_scene, joints, topic, driveline))
         if of_recording and isinstance(source, MeasuredTable):
             raise InputError(f"{_options(of_recording)}: only for recordings; {inputs} is a table")
-        changed = driven_by(changed, source, hold)
-        driven = changed.system.inputs
-        assert driven is not None
-        changed = replace(changed, notes=unused_beside(values, [
-            name for name, data in zip(INPUTS, (driven.torque, driven.pressure)) if data is not None]))
-        if orders and isinstance(source, MeasuredTable):
-            changed, measured = at_measured_speed(changed, source, pulses)
-        elif pulses is not None:
-            raise InputError("pulses are those of the tacho of a table, for orders; ask for orders of a table")
+        changed, measured = _driven_scene(changed, source, hold, orders, pulses, values)
     if spectrum:
         changed.system.check_repeats("a spectrum")
     samples = ready(changed, source) if ready is not None else samples_per_cycle or (
@@ -152,13 +142,42 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     if result.summary is None:
         return result
     if isinstance(source, MeasuredTable):
+        from tcc_sim.replay.given_inputs import doubts_about
+
         result = replace(result, notes=(*source.notes, *doubts_about(source), *(measured.notes if measured else ())))
-    if orders and measured is not None:
-        both = compared(measured, result.trajectory)
-        result = replace(result, orders=both.simulated, measured_orders=both.measured)
-    elif orders:
-        result = replace(result, orders=orders_of(result.trajectory))
+    if orders:
+        result = _with_orders(result, measured)
     return replace(result, spectrum=spectrum_of_run(result, changed)) if spectrum else result
+
+
+def _driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | None, orders: bool,
+                  pulses: int | None, keys: Iterable[str]) -> tuple[Scene, Signals | None]:
+    """Return the scene with inputs, at the measured engine speed where orders are wanted, and the measured signals;
+    `keys` are those that the command gives.
+    """
+    from tcc_sim.replay.given_inputs import driven_by
+    from tcc_sim.replay.measured import at_measured_speed
+
+    driven = driven_by(scene, source, hold)
+    inputs = driven.system.inputs
+    assert inputs is not None
+    given = [name for name, data in zip(INPUTS, (inputs.torque, inputs.pressure)) if data is not None]
+    driven = replace(driven, notes=unused_beside(keys, given))
+    if orders and isinstance(source, MeasuredTable):
+        return at_measured_speed(driven, source, pulses)
+    if pulses is not None:
+        raise InputError("pulses are those of the tacho of a table, for orders; ask for orders of a table")
+    return driven, None
+
+
+def _with_orders(result: Simulation, measured: Signals | None) -> Simulation:
+    """Return a simulation with its orders, and with the measured ones beside them where there are any."""
+    from tcc_sim.analysis.measured.orders import compared, orders_of
+
+    if measured is None:
+        return replace(result, orders=orders_of(result.trajectory))
+    both = compared(measured, result.trajectory)
+    return replace(result, orders=both.simulated, measured_orders=both.measured)
 
 
 def _options(names: Iterable[str]) -> str:
