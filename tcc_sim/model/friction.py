@@ -195,7 +195,7 @@ def _falls(v: float, sigma: float, stribeck: tuple[float, ...]) -> bool:
 def _past_closest(v: float, sigma: float, stribeck: tuple[float, ...]) -> bool:
     """Return whether v > 0 is beyond the closest approach of both shares, cosh(2 sigma v) = exp(alpha v)/(r - 1)."""
     growing = 2.0 * sigma * v
-    return (stribeck[1] * v - math.log(stribeck[0]) >= growing + math.log1p(math.exp(-2.0 * growing)) - math.log(2.0))
+    return stribeck[1] * v - math.log(stribeck[0]) >= growing + math.log1p(math.exp(-2.0 * growing)) - math.log(2.0)
 
 
 def _peak_of_several(sigma: float, stribeck: tuple[float, ...]) -> tuple[float, float]:

@@ -121,6 +121,7 @@ class _Verifier:
             return self.line.scene, START
         if number not in self._scenes:
             record = self.line.scenes[number]
+            # Only the latest: a recording may hold many.
             self._scenes = {number: (parse_scene(record.text, self.line.scene.name), record.origin)}
         return self._scenes[number]
 

@@ -834,7 +834,7 @@ def keep(step: Step, mode: int, tau: float, setup: Setup, memory: Memory, store:
     first = output.samples
     if store.per_cycle > 0:
         shell.keep_samples(rows, step.degree, step.unit, step.x, tau, period, store.per_cycle, output,
-                                store.samples, angle)
+                           store.samples, angle)
         for i in range(first, output.samples):
             store.samples[i, 4] = mode
     cut = shell.end_of_cycle(tau, state.tau, period, step.unit, step.x)

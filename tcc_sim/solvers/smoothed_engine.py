@@ -529,7 +529,7 @@ def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, mem
     limits, _, _, _, tables = setup
     state, control, _, work, _, output = memory
     if control.method == smoothed.CREEP and (not whole or cut < math.inf or store.per_cycle > 0 or angle
-                                    or shell.wanted(store.loads, output.cycle)):
+                                             or shell.wanted(store.loads, output.cycle)):
         smoothed.fill_plate(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work)
     if angle:
         work.rows[FLYWHEEL, 0] = state.flywheel_angle
@@ -548,9 +548,9 @@ def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limi
         begun = float(profile[STARTED])
     if store.per_cycle > 0:
         shell.keep_samples(work.rows, degree, step.unit, x, state.tau, limits.period, store.per_cycle, output,
-                                store.samples, angle)
+                           store.samples, angle)
     shell.keep_motion(work.rows, degree, step.unit, x, cut, begun + state.tau, limits.speeds.stick, output,
-                           store.cycles, store.transitions, store.loads, work.bernstein)
+                      store.cycles, store.transitions, store.loads, work.bernstein)
 
 
 @fast

@@ -137,7 +137,7 @@ class Prepared:
         spans = [(math.floor(start), math.floor(end), start, end) for start, end in zip(starts, ends)]
         most = max([last - first for first, last, _, _ in spans]) + 1
         buffers: SegmentBuffers = shell.work_space.of(segment_buffers, engine, self.later, len(self.by),
-                                                   sizes=(most, count))
+                                                      sizes=(most, count))
         tangent = buffers.tangent
         tangent.groups["by"], tangent.groups["forced"], tangent.along["shaped"] = self.by, self.forced, self.shaped
         tangent.shared["fastest"], tangent.shared["extended"] = self.fastest, extended

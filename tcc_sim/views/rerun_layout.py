@@ -53,8 +53,8 @@ PARTS = {FLOAT64: ("std_msgs.msg.Float64:message", ".data"), INT8: ("std_msgs.ms
          FLUID_PRESSURE: ("Measurements:values", None)}
 """Component that Rerun's MCAP reader makes of a message, and the selector of its number, by message type."""
 VIEWS = {"Slip speed (rad/s)": ("slip", "control"), "Torques (N m)": ("torque",),
-          "Stick and slip: -1, 0, 1": ("state",), "Actuation pressure (Pa)": ("pressure",),
-          "Far end of the shaft (rad/s)": ("far_end",)}
+         "Stick and slip: -1, 0, 1": ("state",), "Actuation pressure (Pa)": ("pressure",),
+         "Far end of the shaft (rad/s)": ("far_end",)}
 """Panels of `Topic.view` in each time series view."""
 
 

@@ -268,7 +268,7 @@ def noise_of_means(error: Floats) -> float:
             break
         square, usual = float(second @ second), 1.4826 * float(np.median(np.abs(second)))
         # A single jump has a correlation of -1/2, but is no usual difference.
-        if (usual**2 * len(second) > USUAL * square and float(second[1:] @ second[:-1]) < WHITE * square):
+        if usual**2 * len(second) > USUAL * square and float(second[1:] @ second[:-1]) < WHITE * square:
             return usual / math.sqrt(6.0)
     return 0.0
 

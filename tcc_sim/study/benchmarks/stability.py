@@ -129,10 +129,10 @@ def steps_and_ticks() -> list[Keys]:
         {"pressure.mean": 0.0}, {"pressure.mean": 1e4}, {"pressure.mean": 1e7}, {"engine.mean_torque": -1000.0},
         {"engine.mean_torque": 5000.0}, {"engine.mean_torque": 0.0, "engine.torque_amplitude": 0.0}]
     many: list[Keys] = [{}, {"friction.kinetic_coefficient": 0.15}, {"friction.kinetic_coefficient": 0.3, "share": 0.0},
-            {"share": 1.5}, {"friction.smoothing": 1e6}, {"pressure.frequency_ratio": GOLDEN}]
+                        {"share": 1.5}, {"friction.smoothing": 1e6}, {"pressure.frequency_ratio": GOLDEN}]
     coarse: list[Keys] = [{"tick": 5e-3}, {"tick": 1e-2}, {"tick": 1e-2, "friction.kinetic_coefficient": 0.15},
-              {"tick": 5e-2, "engine.frequency": 20.0}, {"tick": 0.1, "engine.frequency": 1.0},
-              {"tick": 1.0, "engine.frequency": 1.0, "pressure.mean": 1e3}]
+                          {"tick": 5e-2, "engine.frequency": 20.0}, {"tick": 0.1, "engine.frequency": 1.0},
+                          {"tick": 1.0, "engine.frequency": 1.0, "pressure.mean": 1e3}]
     return [*({**state, **command} for state in states for command in commands),
             *({**keys, "cycles": MANY} for keys in many), *coarse]
 

@@ -102,7 +102,7 @@ def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
     part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
     try:
         result = compute(scene, plane, over=over, **keywords_of(arguments, options_in(BASINS, "over")), part=part,
-                        progress=True, head=head_of("basin_rows", scene, arguments.words))
+                         progress=True, head=head_of("basin_rows", scene, arguments.words))
         values = Planes(result, over, boundary)
         common.deliver(arguments, scene, values, _basin_lines(result, over, boundary), shown=result,
                        write=lambda document: write_basins(arguments.out, result, over, document))

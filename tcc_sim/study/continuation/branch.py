@@ -158,8 +158,8 @@ def _stuck(track: BranchTrack) -> End | None:
 
 def _went_on(track: BranchTrack, before: ContinuationPoint, corner: bool) -> None:
     here = track.here
-    arclength.predicted(track, before, corner or (before.shooting.map.piecewise
-                                        and orbits.differ(before.orbit.seen.events, here.orbit.seen.events)))
+    arclength.predicted(track, before, corner or (
+        before.shooting.map.piecewise and orbits.differ(before.orbit.seen.events, here.orbit.seen.events)))
     if not corner:
         _remesh(track)
 

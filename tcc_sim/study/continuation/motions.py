@@ -334,7 +334,7 @@ class ContinuationPlan:
         if not self.low < self.high:
             raise InputError(f"--over has a range from {self.low:g} to {self.high:g}; the two must differ")
         if self.period is not None and not 1 <= self.period <= LONGEST_START:
-            raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_START} periods of " "excitation")
+            raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_START} periods of excitation")
         if not 0 <= self.switch <= DEEPEST_SWITCH:
             raise InputError(f"--switch is {self.switch}; it must be 0 to {DEEPEST_SWITCH}")
         for seed in self.seeds:

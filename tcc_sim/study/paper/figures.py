@@ -171,8 +171,8 @@ def figure_data(number: int, options: FigureOptions) -> Figure:
     varied |= {row.over} if row.kind in SWEPT else set()
     common = {key: value for key, value in values_of(figure_system(number, options)) if key not in varied}
     return Figure(figure=number, kind=row.kind, title=row.title, caption=row.caption, law=options.law,
-                          quick=options.quick, parameters=common, marks=row.marks, **KINDS[row.kind](row, options),
-                          seconds=time.perf_counter() - began)
+                  quick=options.quick, parameters=common, marks=row.marks, **KINDS[row.kind](row, options),
+                  seconds=time.perf_counter() - began)
 
 
 def figure_system(number: int, options: FigureOptions) -> System:
@@ -198,8 +198,8 @@ def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
         behind = motions_behind(sweeps, options.progress) if row.kind == "orbit" else motions_behind_each(
             sweeps, options.jobs, options.progress)
     curves = [Labelled(label=series.label, values=series.values, direction=sweep.plan.direction,
-                               coexisting=other, behind=motions,
-                               **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
+                       coexisting=other, behind=motions,
+                       **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
               for series, sweep, other, motions in zip(row.series * len(plans), sweeps, others, behind)]
     return {"over": row.over, "axis": name, "x": ratios.tolist(), "unit": unit, "cycles": plans[0].most,
             "discarded": 50, "threshold": -paper_system().driveline.damping if row.kind == "damping" else None,
@@ -283,7 +283,7 @@ def _panels(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
                 system, before.final, RUN_IN, summary.period, summary.max_slip_speed) if options.branches else None}
         shown = {name: getattr(after, name) for name in columns}
         panels.append(Labelled(label=series.label, values=series.values,
-                                       t=(after.t - after.t[0]) / after.cycle, **shown, **more))
+                               t=(after.t - after.t[0]) / after.cycle, **shown, **more))
     return {"panels": panels}
 
 
