@@ -167,6 +167,12 @@ LOOPS: dict[str, MadeUp] = {
                                       period=1.7),
     "square hunting": MadeUp(10.0, lambda t: 20.0 + 4.0 * np.tanh(8.0 * np.sin(2.0 * math.pi * t / 0.47)), "hunting",
                              amplitude=4.0, period=0.47),
+    "hunting at six cycles a period": MadeUp(4.819, around(20.0, sine(2.31, 6.076 * CYCLE, 1.332)), "hunting",
+                                             amplitude=2.31, period=6.076 * CYCLE),
+    "square at six cycles a period": MadeUp(
+        4.356, around(20.0, lambda t: 4.84 * np.tanh(5.0 * np.sin(math.pi * (t / 3.075 / CYCLE + 1.0))),
+                      decay(30.0, 0.1)),
+        "hunting", amplitude=4.84, period=6.15 * CYCLE),
     "sawtooth": MadeUp(9.0, lambda t: 18.0 + 4.0 * (t / 1.3 % 1.0), "hunting", amplitude=2.0, period=1.3),
     "noisy hunting": MadeUp(10.0, around(20.0, sine(2.0, 2.0), noise(0.3, 1)), "hunting", amplitude=2.0, period=2.0),
     "a limit cycle that builds up": MadeUp(12.0, lambda t: 20.0 + 4.0 * np.tanh(0.02 * np.exp(1.5 * t))
@@ -330,6 +336,13 @@ def test_a_loop_is_judged_by_its_truth(name, way):
     if made.pressure is not None:
         known = [limit for limit in made.limits or (0.0,) if np.isin(limit, made.pressure(np.arange(0.0, 6.0, 1e-3)))]
         assert (segment.time_at_limit > 0.2) == bool(known)
+
+
+@pytest.mark.parametrize("samples", [8.25, 8.5, 9.25, 10.25])
+def test_a_ripple_of_few_samples_is_no_judder(samples):
+    made = MadeUp(5.0, around(20.0), "settled", ripple=lambda t, w: 15.0 * np.sin(w * t))
+    segment = last_segment(loop(made, frequency=2000.0 * math.pi / samples))
+    assert (segment.verdict, math.isnan(segment.judder_amplitude)) == ("settled", True)
 
 
 @pytest.mark.parametrize("name", [name for name, made in LOOPS.items() if made.seconds > 1.0][::25])

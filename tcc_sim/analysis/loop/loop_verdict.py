@@ -312,7 +312,7 @@ def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
     last = slice(-max(SWINGS, len(sizes) // 2), None)
     middle = (np.cumsum(durations) - 0.5 * durations)[last]
     sizes, durations = sizes[last], durations[last]
-    rate, start = np.polyfit(middle - middle[0], np.log(sizes), 1)
+    rate, start = map(float, np.polyfit(middle - middle[0], np.log(sizes), 1))
     span = float(middle[-1] - middle[0])
     scatter = float(np.std(np.log(sizes) - start - rate * (middle - middle[0])))
     least = SWING_SCATTER * scatter
@@ -320,11 +320,17 @@ def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
     amplitude = 0.5 * float(np.median(sizes)) / max(float(np.sinc(cycle / swings.period)), 0.5)
     if amplitude <= errors.floor:
         return None
-    if rate * span < -max(DECAY_OF_SWINGS, 2.0 * least) and _decays_on(swings, float(rate)):
+    lasts = float(durations.sum())
+    part = errors.t >= errors.t[-1] - swings.quiet - lasts
+    half = swings.period * max(round(0.4 * lasts / swings.period), 1)
+    early, late = (max(float(free[part][rows].std()), 1e-300)
+                   for rows in (slice(round(half / cycle)), slice(-round(half / cycle), None)))
+    if len(sizes) >= SWINGS and math.log(late / early) / rate < DECAYS_ON * (lasts - half):
+        rate = 0.0   # The means of a few cycles in a period beat with the peaks between them.
+    if rate * span < -max(DECAY_OF_SWINGS, 2.0 * least) and _decays_on(swings, rate):
         return None
     if len(sizes) < SWINGS and not (_regular(swings) and scatter <= IRREGULAR):
         return None
-    part = errors.t >= errors.t[-1] - swings.quiet - float(durations.sum())
     share, period = _best_sine(errors.t[part], free[part], swings.period)
     by_chance = 1.0 - CHANCE ** (2.0 / max(np.count_nonzero(part) - 3, 1))
     regular = max(share, _repeats(errors.t[part], free[part], swings.period)) >= max(COHERENT, by_chance)
@@ -523,7 +529,9 @@ def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> Jud
         return None
     phases = (np.arange(points) + 0.5) / points
     t = starts[:, None] + (ends - starts)[:, None] * phases
-    x = np.interp(t, slip.t, slip.values)
+    from scipy.interpolate import CubicSpline
+
+    x = CubicSpline(slip.t[inside], slip.values[inside])(t)  # Lines between few samples would beat with the cycles.
     floor = max(floor, JUDDER_LEAST * float(np.ptp(x.mean(axis=1))))   # Sidelobes of a slow change.
     turns = np.arange(n) - 0.5 * (n - 1)
     columns = np.stack([np.ones(n), turns, turns**2], axis=1)
@@ -533,20 +541,22 @@ def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> Jud
     power = np.abs(spectrum) ** 2
     orders = np.arange(len(power)) / n
     slow = orders < JUDDER
-    swing = float(orders[slow][power[slow].argmax()])
+    peak = max(int(power[slow].argmax()), 1)
+    left, middle, right = np.log(np.maximum(power[peak - 1:peak + 2], 1e-300))
+    swing = (peak + 0.5 * (left - right) / min(left - 2.0 * middle + right, -1e-300)) / n
     # Hann's window spreads a line over two bins; a slow swing modulates what repeats in each cycle.
     near = 2.5 / n + (1.5 * swing if power[slow].max() > 0.1 * power[~slow].max() else 0.0)
     apart = np.abs(orders - np.rint(orders))
     if power[slow].max() > power[~slow & (apart > near)].max(initial=0.0):  # Harmonics of a swing are no judder.
         multiple = np.rint(orders / max(swing, 1.0 / n))
-        power[(np.abs(orders - multiple * swing) <= (1.5 + 0.5 * multiple) / n) & (multiple <= HARMONICS) & ~slow] = 0.0
+        power[(np.abs(orders - multiple * swing) <= (2.5 + 0.2 * multiple) / n) & (multiple <= HARMONICS) & ~slow] = 0.0
     power[slow | (apart <= near) | (orders > 0.5 * points)] = 0.0
     total, best = float(power.sum()), int(power.argmax())
     if total == 0.0 or float(power[max(best - 2, 0):best + 3].sum()) < JUDDER_SHARE * total:
         return None
     # A sample between two others would be too small.
     at = np.interp(slip.t[inside], np.append(starts, ends[-1]), np.arange(n + 1))
-    y = slip.values[inside] - np.interp(slip.t[inside], t.ravel(), usual.ravel())
+    y = slip.values[inside] - CubicSpline(t.ravel(), usual.ravel())(slip.t[inside])
     order, amplitude = float(orders[best]), 0.0
     for width in (1.0, 0.2, 0.04):
         tried = order + width / n * np.linspace(-1.0, 1.0, 11)
