@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import Field, dataclass, fields, is_dataclass, replace
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from html import escape
 from types import MappingProxyType
 from typing import Any, TypeVar, get_args, get_type_hints
@@ -54,6 +54,13 @@ def reported(meaning: str, unit: str = "", **how: Any) -> dict[str, Reported]:
     return {"reported": Reported(meaning, unit, **how)}
 
 
+def preset(default: Any, meaning: str, unit: str = "", **how: Any) -> Any:
+    """Return a reported dataclass field with a default, or a function that makes it; the others as for `Reported`."""
+    metadata = reported(meaning, unit, **how)
+    return field(default_factory=default, metadata=metadata) if callable(default) else field(default=default,
+                                                                                             metadata=metadata)
+
+
 def as_in(kind: type, name: str, **how: Any) -> dict[str, Reported]:
     """Return the metadata of a field reported like one of another class, except for `how`."""
     return {"reported": replace(reported_of(kind)[name], **how)}
@@ -93,11 +100,11 @@ def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
         elif not below:
             yield "*", entry  # The keys of a mapping.
         for part in below:
-            for field, each in fields_of(part):
+            for inner, each in fields_of(part):
                 if entry.spread or entry.listed:
-                    yield field, replace(each, optional=each.optional or entry.optional)
+                    yield inner, replace(each, optional=each.optional or entry.optional)
                 else:
-                    yield f"{entry.name or name}.{field}", each
+                    yield f"{entry.name or name}.{inner}", each
 
 
 def reported_parts(kind: type) -> Iterator[tuple[str, Reported, tuple[type, ...]]]:

@@ -40,7 +40,7 @@ from tcc_sim.estimation.residuals import HIDDEN, Whiteness, autoregression, judg
 from tcc_sim.model.equations import check_supported
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
 from tcc_sim.model.parameters import replace as changed
-from tcc_sim.result import Result, reported
+from tcc_sim.result import Result, preset, reported
 from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.tables.chosen_columns import CHANNELS, is_table
@@ -87,12 +87,10 @@ class Identification(Result):
     whiteness: Whiteness = field(metadata=reported("tests of whether the residuals are noise"))
     hold: str | None = field(metadata=reported(
         "course of measured inputs between two samples: previous, linear, smooth or next", optional=True))
-    likelihood: Likelihood | None = field(default=None, metadata=reported(
-        "profile likelihood of one key", optional=True))
-    curve: IdentifiedCurve | None = field(default=None, metadata=reported(
-        "sliding friction over slip speed, if friction.curve was free", optional=True))
-    warnings: tuple[str, ...] = field(default=(), metadata=reported(
-        "sentences on what was converted, mended or left out"))
+    likelihood: Likelihood | None = preset(None, "profile likelihood of one key", optional=True)
+    curve: IdentifiedCurve | None = preset(None, "sliding friction over slip speed, if friction.curve was free",
+                                           optional=True)
+    warnings: tuple[str, ...] = preset((), "sentences on what was converted, mended or left out")
 
     def _text(self) -> str:
         estimates = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)

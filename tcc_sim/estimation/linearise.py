@@ -48,7 +48,7 @@ from tcc_sim.estimation.operating_point import (
 )
 from tcc_sim.model.equations import linear_of
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.result import Described, Result, reported, reporting
+from tcc_sim.result import Described, Result, preset, reported, reporting
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.sweeps.progress import progress_bar
@@ -140,8 +140,7 @@ class Linearisation(Result):
     frequencies: Floats = field(metadata=reported("frequencies of the response", "rad/s"))
     response: Complex
     system: System
-    controller: SlipLoop | None = field(default=None, metadata=reported(
-        "closed loop, with --controller", optional=True))
+    controller: SlipLoop | None = preset(None, "closed loop, with --controller", optional=True)
 
     def _text(self) -> str:
         return (f"Linearisation of {self.output} by {self.input}: {self.kind}, mean slip {self.mean_slip:.6g} rad/s, "

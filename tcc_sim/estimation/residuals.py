@@ -32,7 +32,7 @@ from tcc_sim.estimation.multiple_shooting import (
 )
 from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import QUANTITIES, values_of
-from tcc_sim.result import reported
+from tcc_sim.result import preset, reported
 from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.trajectory import Floats
 
@@ -67,8 +67,7 @@ class Explanation:
     amount: float = field(metadata=reported("its size"))
     unit: str = field(metadata=reported("its unit; % is relative"))
     errors: float = field(metadata=reported("the change over its standard error"))
-    alike: tuple[str, ...] = field(default=(), metadata=reported(
-        "others that would explain them as well, within 1 of chi-square"))
+    alike: tuple[str, ...] = preset((), "others that would explain them as well, within 1 of chi-square")
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from tcc_sim.model.closed_forms import common_cycles, pure_slip, stick_margin
 from tcc_sim.model.equations import linear_of, matrix_of
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME, time_at
-from tcc_sim.result import reported
+from tcc_sim.result import preset, reported
 from tcc_sim.shown_units import SPEED, engine_speed, frequency, shown_unit, speed
 from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.trajectory import Floats
@@ -81,10 +81,9 @@ class Estimates:
     critical_frequency: float = field(metadata=reported(
         "sqrt(K23/(I1 + I2)) of (28): below it positive slip falls into the first half of a cycle", "rad/s"))
     engine_frequency: tuple[float, float] = field(metadata=reported("lowest and highest", "rad/s"))
-    profiles: bool = field(default=False, metadata=reported("whether the torques are over profiles in time"))
-    fastest: float | None = field(default=None, metadata=reported("last slip speed of the friction table", "rad/s"))
-    actuator: ActuatorEffect | None = field(default=None, metadata=reported(
-        "actuator of the commanded pressure", optional=True))
+    profiles: bool = preset(False, "whether the torques are over profiles in time")
+    fastest: float | None = preset(None, "last slip speed of the friction table", "rad/s")
+    actuator: ActuatorEffect | None = preset(None, "actuator of the commanded pressure", optional=True)
 
 
 def estimates_of(system: System) -> Estimates:

@@ -19,7 +19,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import Origin
 from tcc_sim.output.estimates import Estimates, estimates_of
 from tcc_sim.output.tables import friction_formula
-from tcc_sim.result import Described, json_of, reported
+from tcc_sim.result import Described, json_of, preset, reported
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
 from tcc_sim.solvers import choose
@@ -65,16 +65,15 @@ class StepFigures:
     sub_steps: int = field(metadata=reported("sub-steps in a tick"))
     own_calls: Mapping[str, float] = field(metadata=reported("function calls in a sub-step"))
     general_calls: Mapping[str, float] = field(metadata=reported("those with three exponentials and a profile"))
-    own_s: float | None = field(default=None, metadata=reported("time of a tick, with --cost", "s", optional=True))
-    general_s: float | None = field(default=None, metadata=reported(
-        "that with three exponentials and a profile", "s", optional=True))
-    ratio: float | None = field(default=None, metadata=reported("general_s over own_s", optional=True))
-    noise_s: float | None = field(default=None, metadata=reported(
-        "noise of these times; differences below twice this are null", "s", optional=True))
-    terms_s: Mapping[str, float | None] | None = field(default=None, metadata=reported(
-        "time that the exponential, if held, adds to a tick", "s", optional=True))
-    saved_s: Mapping[str, float | None] | None = field(default=None, metadata=reported(
-        "time that the exponential, if left out, would add", "s", optional=True))
+    own_s: float | None = preset(None, "time of a tick, with --cost", "s", optional=True)
+    general_s: float | None = preset(None, "that with three exponentials and a profile", "s", optional=True)
+    ratio: float | None = preset(None, "general_s over own_s", optional=True)
+    noise_s: float | None = preset(None, "noise of these times; differences below twice this are null", "s",
+                                   optional=True)
+    terms_s: Mapping[str, float | None] | None = preset(None, "time that the exponential, if held, adds to a tick", "s",
+                                                        optional=True)
+    saved_s: Mapping[str, float | None] | None = preset(None, "time that the exponential, if left out, would add", "s",
+                                                        optional=True)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.result import reported, reporting
+from tcc_sim.result import preset, reporting
 
 Stamps = NDArray[np.int64]
 MOST_DIFFERENCES = 100_000
@@ -112,7 +112,7 @@ class StampCounter:
     """
 
     messages: int = 0
-    runs: int = field(default=0, metadata=reported("starts, resets and restarts"))
+    runs: int = preset(0, "starts, resets and restarts")
     resets: int = 0
     restarts: int = 0
     repeated: int = 0

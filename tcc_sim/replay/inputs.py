@@ -16,7 +16,7 @@ from tcc_sim.messages import held
 from tcc_sim.plant.closed_loop import doubt_of
 from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.replay.timeline import Timeline
-from tcc_sim.result import reported
+from tcc_sim.result import preset, reported
 from tcc_sim.topics import INPUTS
 
 GROUPS = dict(zip(INPUTS, ("engine", "pressure")))
@@ -37,18 +37,13 @@ class HeldInput:
     scene: float = field(metadata=reported("time in which the scene set it", "s"))
     refused: int | None = field(metadata=reported("commands that the driveline refused; null likewise"))
     publishers: int = field(metadata=reported("publishers of its commands"))
-    commands: int | None = field(default=0, metadata=reported("recorded commands; null likewise"))
-    applied: int | None = field(default=None, metadata=reported(
-        "commands held during a tick or more; null likewise"))
-    superseded: int | None = field(default=None, metadata=reported(
-        "commands replaced before the next tick; null likewise"))
-    ignored: int | None = field(default=None, metadata=reported(
-        "recorded commands not received, or refused; null likewise"))
-    lost: int | None = field(default=None, metadata=reported(
-        "commands lost between publisher and driveline; null likewise"))
-    unknown: float = field(default=0.0, metadata=reported(
-        "time of missing messages and unknown source", "s"))
-    why: str = field(default="", metadata=reported("why fields are null"))
+    commands: int | None = preset(0, "recorded commands; null likewise")
+    applied: int | None = preset(None, "commands held during a tick or more; null likewise")
+    superseded: int | None = preset(None, "commands replaced before the next tick; null likewise")
+    ignored: int | None = preset(None, "recorded commands not received, or refused; null likewise")
+    lost: int | None = preset(None, "commands lost between publisher and driveline; null likewise")
+    unknown: float = preset(0.0, "time of missing messages and unknown source", "s")
+    why: str = preset("", "why fields are null")
 
     def sentence(self) -> str:
         """Return the sources as text."""

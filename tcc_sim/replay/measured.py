@@ -16,7 +16,7 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.model.quantity import MOST_POINTS
-from tcc_sim.result import Result, reported
+from tcc_sim.result import Result, preset, reported
 from tcc_sim.scene import Scene
 from tcc_sim.tables.measured_table import MeasuredTable, longest_part
 from tcc_sim.trajectory import Cycles, Floats
@@ -28,12 +28,9 @@ class MeasuredRun(Result):
 
     samples: int = field(metadata=reported("rows of the table"))
     seconds: float = field(metadata=reported("from the first to the last row", "s"))
-    orders: Orders | None = field(default=None, metadata=reported(
-        "orders, transmissibility and judder", optional=True))
-    spectrum: Spectrum | None = field(default=None, metadata=reported(
-        "amplitudes over frequency and order", optional=True))
-    warnings: tuple[str, ...] = field(default=(), metadata=reported(
-        "sentences on what was converted, mended or left out"))
+    orders: Orders | None = preset(None, "orders, transmissibility and judder", optional=True)
+    spectrum: Spectrum | None = preset(None, "amplitudes over frequency and order", optional=True)
+    warnings: tuple[str, ...] = preset((), "sentences on what was converted, mended or left out")
 
     def columns(self) -> dict[str, Floats]:
         """Return the columns of the orders or, without these, of the spectrum."""

@@ -21,7 +21,7 @@ from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.inputs import CommandAge, HeldInput
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing
-from tcc_sim.result import Result, reported, reporting
+from tcc_sim.result import Result, preset, reported, reporting
 from tcc_sim.scene import Scene
 from tcc_sim.trajectory import Cycles, Trajectory
 
@@ -101,33 +101,22 @@ class Replay(Result):
     control: Control
     run: int = 0
     parts_missing: bool = False
-    segments: tuple[Segment, ...] = field(default=(), metadata=reported(
-        "parts of the run, in order"))
-    verification: Verification | None = field(default=None, metadata=reported(
-        "comparison with the recording solved again", spread=True, optional=True))
-    damping: Damping | None = field(default=None, metadata=reported("equivalent damping", spread=True, optional=True))
-    inputs: Mapping[str, HeldInput] = field(default_factory=dict, metadata=reported("sources of each "
-                                                                                    "input, by topic"))
-    command_age: CommandAge | None = field(default=None, metadata=reported(
-        "from the state that a command answers to the first tick that applies it; null if most commands "
-        "have no stamp", "s"))
-    drivelines: tuple[RecordedDriveline, ...] = field(default=(), metadata=reported(
-        "drivelines and other nodes with joint states"))
-    missed_ticks: int | None = field(default=None, metadata=reported(
-        "ticks missed; null without recorded diagnostics"))
-    late_ticks: int | None = field(default=None, metadata=reported(
-        "ticks more than a period late; null likewise"))
-    late_share: float = field(default=math.nan, metadata=reported(
-        "their share of paced ticks; null likewise"))
-    late_first: float = field(default=math.nan, metadata=reported(
-        "simulation time of the first one; null if not stated", "s"))
-    late_last: float = field(default=math.nan, metadata=reported(
-        "that of the last; null likewise", "s"))
-    latest_tick: float = field(default=math.nan, metadata=reported("largest lateness; null likewise", "s"))
-    orders: Orders | None = field(default=None, metadata=reported(
-        "orders, transmissibility and judder", optional=True))
-    spectrum: Spectrum | None = field(default=None, metadata=reported(
-        "amplitudes over frequency and order", optional=True))
+    segments: tuple[Segment, ...] = preset((), "parts of the run, in order")
+    verification: Verification | None = preset(None, "comparison with the recording solved again", spread=True,
+                                               optional=True)
+    damping: Damping | None = preset(None, "equivalent damping", spread=True, optional=True)
+    inputs: Mapping[str, HeldInput] = preset(dict, "sources of each input, by topic")
+    command_age: CommandAge | None = preset(None, "from the state that a command answers to the first tick that "
+                                            "applies it; null if most commands have no stamp", "s")
+    drivelines: tuple[RecordedDriveline, ...] = preset((), "drivelines and other nodes with joint states")
+    missed_ticks: int | None = preset(None, "ticks missed; null without recorded diagnostics")
+    late_ticks: int | None = preset(None, "ticks more than a period late; null likewise")
+    late_share: float = preset(math.nan, "their share of paced ticks; null likewise")
+    late_first: float = preset(math.nan, "simulation time of the first one; null if not stated", "s")
+    late_last: float = preset(math.nan, "that of the last; null likewise", "s")
+    latest_tick: float = preset(math.nan, "largest lateness; null likewise", "s")
+    orders: Orders | None = preset(None, "orders, transmissibility and judder", optional=True)
+    spectrum: Spectrum | None = preset(None, "amplitudes over frequency and order", optional=True)
 
     def _text(self) -> str:
         summary, ended = self.summary, "complete" if self.complete else "cut short"

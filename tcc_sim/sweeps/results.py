@@ -17,7 +17,7 @@ from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key
 from tcc_sim.model.quantity import MOST_VALUES
-from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reported_of, reporting
+from tcc_sim.result import Result, as_lists, json_of, names_in, preset, reported, reported_of, reporting
 from tcc_sim.sweeps.simulation import CONFIRMED, Plan
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.trajectory import Floats, State
@@ -59,10 +59,8 @@ class Point:
     damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, optional=True))
     lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", optional=True))
     end: Start
-    judder: JudderFigures | None = field(default=None, metadata=reported(
-        "judder of a manoeuvre or with orders", spread=True, optional=True))
-    orders: OrdersAtSpeeds | None = field(default=None, metadata=reported(
-        "orders at given engine speeds", optional=True))
+    judder: JudderFigures | None = preset(None, "judder of a manoeuvre or with orders", spread=True, optional=True)
+    orders: OrdersAtSpeeds | None = preset(None, "orders at given engine speeds", optional=True)
 
     def as_record(self) -> dict[str, Any]:
         """Return the value, the results and the end of the motion as JSON values: a line in the file of a sweep."""

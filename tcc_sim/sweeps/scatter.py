@@ -16,7 +16,7 @@ from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, refuse_related, replace
 from tcc_sim.model.quantity import MOST_VALUES, sequence_of_numbers
-from tcc_sim.result import Result, reported, reported_of, reporting
+from tcc_sim.result import Result, preset, reported, reported_of, reporting
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.results import SCALED, Course, Point, Sweep, check_effect, lists_of, stacked, varied
 from tcc_sim.sweeps.simulation import Plan, with_plan_fields
@@ -47,8 +47,8 @@ class Tolerances:
 
     bounds: tuple[tuple[str, float, float], ...]
     samples: int = field(metadata=reported("samples"))
-    seed: int = field(default=0, metadata=reported("seed of the samples"))
-    probabilities: tuple[float, ...] = field(default=PROBABILITIES, metadata=reported("probabilities of the quantiles"))
+    seed: int = preset(0, "seed of the samples")
+    probabilities: tuple[float, ...] = preset(PROBABILITIES, "probabilities of the quantiles")
 
     def __post_init__(self) -> None:
         keys = [key for key, _, _ in self.bounds]

@@ -31,7 +31,7 @@ from tcc_sim.analysis.steady.summary import (
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.result import Result, reported, reporting
+from tcc_sim.result import Result, preset, reported, reporting
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_duration, check_setting, choose, solve
 from tcc_sim.sweeps.steady_state import Start, solve_to_steady_state
@@ -177,15 +177,11 @@ class Simulation(Result):
     damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, optional=True))
     lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", optional=True))
     end: Start
-    plan: Plan | None = field(default=None, metadata=reported("how it was solved", optional=True))
-    orders: Orders | None = field(default=None, metadata=reported(
-        "orders, transmissibility and judder", optional=True))
-    measured_orders: Orders | None = field(default=None, metadata=reported(
-        "those of the measurement in --inputs", optional=True))
-    orders_at_speeds: OrdersAtSpeeds | None = field(default=None, metadata=reported(
-        "orders at given engine speeds", optional=True))
-    spectrum: Spectrum | None = field(default=None, metadata=reported(
-        "amplitudes over frequency and order", optional=True))
+    plan: Plan | None = preset(None, "how it was solved", optional=True)
+    orders: Orders | None = preset(None, "orders, transmissibility and judder", optional=True)
+    measured_orders: Orders | None = preset(None, "those of the measurement in --inputs", optional=True)
+    orders_at_speeds: OrdersAtSpeeds | None = preset(None, "orders at given engine speeds", optional=True)
+    spectrum: Spectrum | None = preset(None, "amplitudes over frequency and order", optional=True)
     notes: tuple[str, ...] = ()
 
     def _text(self) -> str:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.measured.signals import DRIVEN, HIGHEST_ORDER, LEAST_SAMPLES, Signals, run_signals
 from tcc_sim.errors import InputError, counted
-from tcc_sim.result import Result, reported
+from tcc_sim.result import Result, preset, reported
 from tcc_sim.tables.sampling import in_words
 from tcc_sim.trajectory import Floats, Trajectory
 
@@ -60,8 +60,8 @@ class Orders(Result):
     judder: Judder = field(metadata=reported("shaking of the slip speed in each window"))
     heat: Floats = field(metadata=reported("work of friction since the start, (W,)", "J"))
     modes: tuple[float, float] = field(metadata=reported("natural frequencies, stuck and slipping", "rad/s"))
-    per_revolution: float = field(default=1.0, metadata=reported("engine.order: cycles in a crank revolution"))
-    left_out: int = field(default=0, metadata=reported("windows left out because of gaps"))
+    per_revolution: float = preset(1.0, "engine.order: cycles in a crank revolution")
+    left_out: int = preset(0, "windows left out because of gaps")
 
     def _text(self) -> str:
         return (f"Orders: {len(self.time)} windows, {self.frequency.min():.6g} to {self.frequency.max():.6g} rad/s, "

@@ -23,7 +23,7 @@ from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME, along
-from tcc_sim.result import Result, reported
+from tcc_sim.result import Result, preset, reported
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, FarEnd, Floats, Loads, Trajectory, concatenated, split_cycles
@@ -364,34 +364,27 @@ class Summary(Result):
         "largest change of the section over the last period, relative to the motion"))
     solver: str = field(metadata=reported("name of the solver"))
     elapsed_s: float = field(metadata=reported("computing time; of a point of a sweep its share by steps", "s"))
-    section_states: list[tuple[float, float, float]] | None = field(default=None, metadata=reported(
-        "`section` with the plate speed", "rad, rad/s, rad/s", optional=True))
-    runaway: bool = field(default=False, metadata=reported("whether slip grows and never sticks", scatters=True))
-    transient: bool = field(default=False, metadata=reported(
-        "whether its period is that of a limit, or its cycles still grow or decay"))
-    covers: tuple[float, float] = field(default=(math.nan, math.nan), metadata=reported(
-        "start and end of the time of these figures; period and section are of its whole cycles", "s"))
-    seconds: float = field(default=math.nan, metadata=reported("time within `covers` that was solved or recorded", "s"))
-    lost_seconds: float = field(default=math.nan, metadata=reported(
-        "time within `covers` hidden by lost messages", "s"))
-    broken: int = field(default=0, metadata=reported(
-        "kept cycles that lost messages interrupt; a single lost state is bridged"))
-    longest_period: int = field(default=0, metadata=reported(
-        "longest period looked for: 16, or a third of the kept cycles",
-        "periods of excitation"))
-    clutch_energy: float = field(default=math.nan, metadata=reported(
-        "work of friction, integral of Tf v; null if not computed", "J", scatters=True))
-    mean_power: float = field(default=math.nan, metadata=reported("clutch energy over its time", "W", scatters=True))
-    peak_power: float = field(default=math.nan, metadata=reported(
-        "largest power of friction, Tf v", "W", scatters=True))
-    max_shaft_torque: float = field(default=math.nan, metadata=reported(
-        "largest torque in the shaft, C23 (theta2' - theta3') + K23 (theta2 - theta3)", "N m", scatters=True))
-    min_shaft_torque: float = field(default=math.nan, metadata=reported(
-        "smallest torque in the shaft", "N m", scatters=True))
-    breakaways: int | None = field(default=None, metadata=reported("changes from stick to slip", scatters=True))
-    coupling_energy: float = field(default=math.nan, metadata=reported(
-        "heat of the converter's fluid, integral of b v^2; null if not computed",
-        "J", scatters=True))
+    section_states: list[tuple[float, float, float]] | None = preset(None, "`section` with the plate speed",
+                                                                     "rad, rad/s, rad/s", optional=True)
+    runaway: bool = preset(False, "whether slip grows and never sticks", scatters=True)
+    transient: bool = preset(False, "whether its period is that of a limit, or its cycles still grow or decay")
+    covers: tuple[float, float] = preset((math.nan, math.nan), "start and end of the time of these figures; period "
+                                         "and section are of its whole cycles", "s")
+    seconds: float = preset(math.nan, "time within `covers` that was solved or recorded", "s")
+    lost_seconds: float = preset(math.nan, "time within `covers` hidden by lost messages", "s")
+    broken: int = preset(0, "kept cycles that lost messages interrupt; a single lost state is bridged")
+    longest_period: int = preset(0, "longest period looked for: 16, or a third of the kept cycles",
+                                 "periods of excitation")
+    clutch_energy: float = preset(math.nan, "work of friction, integral of Tf v; null if not computed", "J",
+                                  scatters=True)
+    mean_power: float = preset(math.nan, "clutch energy over its time", "W", scatters=True)
+    peak_power: float = preset(math.nan, "largest power of friction, Tf v", "W", scatters=True)
+    max_shaft_torque: float = preset(math.nan, "largest torque in the shaft, C23 (theta2' - theta3') + K23 (theta2 - "
+                                     "theta3)", "N m", scatters=True)
+    min_shaft_torque: float = preset(math.nan, "smallest torque in the shaft", "N m", scatters=True)
+    breakaways: int | None = preset(None, "changes from stick to slip", scatters=True)
+    coupling_energy: float = preset(math.nan, "heat of the converter's fluid, integral of b v^2; null if not computed",
+                                    "J", scatters=True)
 
     def _text(self) -> str:
         period = f"period {self.period}, {'settled' if self.settled else 'settling'}" if self.period else "no period"

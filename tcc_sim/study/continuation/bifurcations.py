@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.steady.exponents import multipliers_of
-from tcc_sim.result import Described, reported, reporting
+from tcc_sim.result import Described, preset, reported, reporting
 from tcc_sim.study.continuation import orbits
 from tcc_sim.study.continuation.arclength import (
     OPPOSITE,
@@ -334,10 +334,9 @@ class Bifurcation(Described):
         "adding_sliding or stick_border"))
     point: ContinuationPoint
     residual: float = field(metadata=reported("of its condition, scaled; at least that of the orbit"))
-    branch: int = field(default=0, metadata=reported("number of its branch"))
-    after: int = field(default=0, metadata=reported("number of the point before it"))
-    changes_stability: bool = field(default=False, metadata=reported(
-        "whether motions are stable on one side of it only"))
+    branch: int = preset(0, "number of its branch")
+    after: int = preset(0, "number of the point before it")
+    changes_stability: bool = preset(False, "whether motions are stable on one side of it only")
 
     @property
     def value(self) -> float:

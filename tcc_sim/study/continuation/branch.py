@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.analysis.steady.exponents import product_of
-from tcc_sim.result import Described, reported, reporting
+from tcc_sim.result import Described, preset, reported, reporting
 from tcc_sim.study.continuation import arclength, orbits
 from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, Rules, StopReason, corrector
 from tcc_sim.study.continuation.bifurcations import (
@@ -71,7 +71,7 @@ class Branch(Described):
     origin: BranchOrigin
     points: list[ContinuationPoint]
     ended: tuple[End, End]
-    closed: bool = field(default=False, metadata=reported("whether it closes in itself"))
+    closed: bool = preset(False, "whether it closes in itself")
     bifurcations: list[Bifurcation] = field(default_factory=list)
 
     @property
@@ -590,10 +590,9 @@ class SegmentEnd:
     """
 
     value: float = field(metadata=reported("place on the axis"))
-    kind: str | None = field(default=None, metadata=reported(
-        "bifurcation; null where the motion was followed to there only"))
-    residual: float | None = field(default=None, metadata=reported("residual of the bifurcation"))
-    jumps: bool = field(default=False, metadata=reported("whether a motion that comes here goes elsewhere"))
+    kind: str | None = preset(None, "bifurcation; null where the motion was followed to there only")
+    residual: float | None = preset(None, "residual of the bifurcation")
+    jumps: bool = preset(False, "whether a motion that comes here goes elsewhere")
 
     def __str__(self) -> str:
         """The end in words."""

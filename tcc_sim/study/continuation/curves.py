@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.steady.exponents import multipliers_of
-from tcc_sim.result import Described, reported, reporting
+from tcc_sim.result import Described, preset, reported, reporting
 from tcc_sim.shown_units import key_unit
 from tcc_sim.study.continuation import arclength, orbits
 from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, P, Rules, StopReason
@@ -61,8 +61,7 @@ class Special:
     second: float = field(metadata=reported("value of the key of --second", "{second_over}"))
     error: float = field(metadata=reported("error of `value`", "{over}"))
     second_error: float = field(metadata=reported("error of `second`", "{second_over}"))
-    located: bool = field(default=True, metadata=reported(
-        "whether it was found; else a test has two significant signs within the errors"))
+    located: bool = preset(True, "whether it was found; else a test has two significant signs within the errors")
     point: AugmentedPoint = field(kw_only=True, repr=False)
 
     @staticmethod
@@ -292,7 +291,7 @@ class BifurcationCurve(Described):
     values: tuple[float, ...] = field(metadata=reported("values of the key of --over", "{over}", name="value"))
     second: tuple[float, ...] = field(metadata=reported("values of the key of --second", "{second_over}"))
     ended: tuple[End, End]
-    special: tuple[Special, ...] = field(default=(), metadata=reported("points of codimension two on it"))
+    special: tuple[Special, ...] = preset((), "points of codimension two on it")
 
     @property
     @reporting("a sentence for each end", name="ended")

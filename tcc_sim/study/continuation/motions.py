@@ -20,7 +20,7 @@ from tcc_sim.model.closed_forms import common_cycles, stick_margin
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import SPEED, System, list_of, replace, unknown_key, values_of
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.result import Described, Result, reported, reporting
+from tcc_sim.result import Described, Result, preset, reported, reporting
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers.engine import GRADIENT, GROWS, SCALES, VALUE
 from tcc_sim.solvers.exact_engine import ARRIVAL, GRAZING, STUCK
@@ -369,11 +369,10 @@ class Motions(Result):
 
     plan: ContinuationPlan = field(metadata=reported("what was asked for", spread=True))
     system: System
-    branches: list[Branch] = field(default_factory=list, metadata=reported("branches of periodic motions"))
-    at: list[dict[str, Any]] = field(default_factory=list, metadata=reported(
-        "motions of every branch at every --at value", of=(OrbitAt,)))
+    branches: list[Branch] = preset(list, "branches of periodic motions")
+    at: list[dict[str, Any]] = preset(list, "motions of every branch at every --at value", of=(OrbitAt,))
     curves: list[BifurcationCurve] = field(default_factory=list)
-    complete: bool = field(default=False, metadata=reported("false where it was interrupted"))
+    complete: bool = preset(False, "false where it was interrupted")
 
     def _text(self) -> str:
         kinds = Counter(item.kind for item in self.bifurcations)

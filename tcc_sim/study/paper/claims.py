@@ -16,7 +16,7 @@ import yaml
 
 from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table
-from tcc_sim.result import Described, json_of, reported
+from tcc_sim.result import Described, json_of, preset, reported
 from tcc_sim.study.paper import measures
 from tcc_sim.study.paper.evidence import THRESHOLDS, Evidence, Motion, T
 from tcc_sim.study.paper.measures import Measured
@@ -89,8 +89,7 @@ class Finding:
     values: Mapping[str, Any] = field(metadata=reported("numbers that the verdict rests on"))
     verdict: str
     why: str = ""
-    motions: Sequence[Mapping[str, Any]] = field(default=(), metadata=reported(
-        "stable motions found where motions coexist", of=(Motion,)))
+    motions: Sequence[Mapping[str, Any]] = preset((), "stable motions found where motions coexist", of=(Motion,))
     thresholds: Sequence[str] = ()
 
 
@@ -112,7 +111,7 @@ class Claim:
     measure: Callable[[Evidence], Measured] = field(compare=False)
     name: str
     cheap: bool = False
-    fitted: bool = field(default=False, metadata=reported("whether its number chose the mean pressures"))
+    fitted: bool = preset(False, "whether its number chose the mean pressures")
     alone: bool = False
     why: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
