@@ -179,6 +179,8 @@ class Collected:
         self._columns: list[dict[str, Floats]] = []
         self.kept = 0
         """Number of messages in the window."""
+        self.unnamed = 0
+        """Number of messages whose frame names no run."""
 
     def take(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> None:
         """Take the messages of these channels in one chunk: all with their stamps and times, those in the window with
@@ -194,6 +196,7 @@ class Collected:
                             np.where(kept, self.kept + np.cumsum(kept) - 1, -1)))
         self._columns.append({name: column[ours & inside] for name, column in found.columns.items()})
         self.kept += int(np.count_nonzero(kept))
+        self.unnamed += int(np.count_nonzero(found.frames == b""))
 
     def messages(self) -> StampedMessages:
         """Return all messages."""

@@ -249,10 +249,14 @@ class Run:
             self.warnings.append(f"{', '.join(names)}: left out, as the recording does not state when the driveline "
                                  "held them (the topic held does)" + "; --target gives a target" * (TARGET in names))
         # Commands to another driveline on the same topics, and repeats without numbers, cannot be told apart.
+        renamed = INPUTS[1] if keyed and kinds["applied_pressure"].unnamed else ""  # These are no applied pressures.
         mixed = (any(one.able and not one.read and one.topic.rpartition("/")[0] == space for one in self.drivelines)
                  or (self.stamps.repeated > 0 and not states.number.any()))
-        received: dict[str, int | None] = dict.fromkeys(name for name in INPUTS if mixed and recorded.get(name))
+        received: dict[str, int | None] = dict.fromkeys(
+            name for name in INPUTS if (mixed or name == renamed) and recorded.get(name))
         for name in INPUTS if held_rows and not mixed else ():
+            if name == renamed:
+                continue
             count = received_of(held_rows, states, name)  # Those sent shortly before the end may be on their way.
             received[name] = max(count, recorded.get(name, 0)) if before.get(name, 0) <= count else count
         return Columns(runs, commands_held(runs), {name: len(who) for name, who in commands.publishers.items()},

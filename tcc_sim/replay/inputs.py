@@ -120,7 +120,7 @@ def held_input(line: Timeline, name: str) -> HeldInput:
     received, superseded, refused, lost = (int(count) for count in counts)
     known = line.received.get(name, 0)
     if known is None:
-        why = "commands to another driveline, or repeats, are among those recorded"
+        why = "commands to another driveline, repeats, or messages of another topic are among those recorded"
     else:
         ignored = max(recorded - known, 0)
         if line.whole:

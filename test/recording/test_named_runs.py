@@ -389,6 +389,16 @@ def test_another_driveline_of_the_same_name_beside_it_is_listed_apart(tmp_path: 
         (None, None, True)] * 2
 
 
+def test_commands_on_topics_of_swapped_names_are_not_counted(tmp_path: Path, original: list[Sent],
+                                                             expected: Callable[[str], Any]) -> None:
+    swapped = {"applied_pressure": "/actuation_pressure", "actuation_pressure": "/applied_pressure"}
+    result = figures(save(tmp_path / "run", original, topic=lambda name: swapped.get(name, f"/{name}"), row=False))
+    pressure, before = (one["inputs"]["actuation_pressure"] for one in (result, expected("all")))
+    assert (pressure["commands"], pressure["ignored"], bool(pressure["why"])) == (None, None, True)
+    assert {name: pressure[name] for name in ("topic", "applied", "superseded", "lost")} == {
+        name: before[name] for name in ("topic", "applied", "superseded", "lost")}
+
+
 def test_a_part_of_a_recording_beyond_the_memory_has_the_counts_of_that_part(tmp_path, monkeypatch):
     path, window = save(tmp_path / "run", made()), Window(1, 0.1, 0.5)
     every, part = (replay(path, discard=0, window=one).inputs for one in (None, window))
