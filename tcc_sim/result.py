@@ -8,13 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from html import escape
 from types import MappingProxyType
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
 from tcc_sim.errors import counted
 from tcc_sim.topics import TOPICS
+
+if TYPE_CHECKING:
+    from typing_extensions import dataclass_transform  # Of `typing` from Python 3.11 on.
+else:
+    def dataclass_transform(**_: Any) -> Any:
+        """Return a decorator that changes nothing."""
+        return lambda function: function
 
 ROWS_SHOWN = 20
 PLAIN = {str, int, bool, type(None)}
@@ -22,7 +29,7 @@ PLAIN = {str, int, bool, type(None)}
 KEY_UNITS: dict[str, str] = {}
 """Units of scene keys, which `model.parameters` declares."""
 _KNOWN: dict[type, dict[str, Reported]] = {}
-Getter = TypeVar("Getter", bound=Callable[..., Any])
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -49,29 +56,36 @@ class Reported:
     scatters: bool = False
 
 
-def reported(meaning: str, unit: str = "", **how: Any) -> dict[str, Reported]:
-    """Return the metadata of a reported dataclass field; arguments as for `Reported`."""
-    return {"reported": Reported(meaning, unit, **how)}
+def reported(meaning: str, unit: str = "", **how: Any) -> Any:
+    """Return a reported field of a result class; arguments as for `Reported`, and `default`, `default_factory` and
+    `repr` as for `dataclasses.field`.
+    """
+    plain = {name: how.pop(name) for name in ("default", "default_factory", "repr") if name in how}
+    return field(**plain, metadata={"reported": Reported(meaning, unit, **how)})
 
 
-def preset(default: Any, meaning: str, unit: str = "", **how: Any) -> Any:
-    """Return a reported dataclass field with a default, or a function that makes it; the others as for `Reported`."""
-    metadata = reported(meaning, unit, **how)
-    return field(default_factory=default, metadata=metadata) if callable(default) else field(default=default,
-                                                                                             metadata=metadata)
+def as_in(kind: type, name: str, default: Any = MISSING, **how: Any) -> Any:
+    """Return a field reported like one of another class, except for `how`."""
+    return field(default=default, metadata={"reported": replace(reported_of(kind)[name], **how)})
 
 
-def as_in(kind: type, name: str, **how: Any) -> dict[str, Reported]:
-    """Return the metadata of a field reported like one of another class, except for `how`."""
-    return {"reported": replace(reported_of(kind)[name], **how)}
+def reporting(meaning: str, unit: str = "", **how: Any) -> Callable[[Callable[[Any], Value]], Value]:
+    """Return the decorator that makes a reported property of a getter; arguments as for `Reported`.
 
-
-def reporting(meaning: str, unit: str = "", **how: Any) -> Callable[[Getter], Getter]:
-    """Return a decorator for the getter of a reported property; arguments as for `Reported`."""
-    def marked(getter: Getter) -> Getter:
+    The meaning is the docstring of a getter that has none.
+    """
+    def made(getter: Callable[[Any], Value]) -> Any:
+        known = f", {unit}" if unit and "{" not in unit else ""
+        getter.__doc__ = getter.__doc__ or f"{meaning[0].upper()}{meaning[1:]}{known}."
         getter.reported = Reported(meaning, unit, **how)  # type: ignore[attr-defined]
-        return getter
-    return marked
+        return property(getter)
+    return made
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(field, reported, as_in))
+def result_class(kind: Any = None, /, *, frozen: bool = True, **how: Any) -> Any:
+    """Make a class with reported fields a dataclass; arguments as for `dataclasses.dataclass`."""
+    return dataclass(kind, frozen=frozen, **how)
 
 
 def reported_of(kind: type) -> dict[str, Reported]:
@@ -100,11 +114,11 @@ def fields_of(kind: type) -> Iterator[tuple[str, Reported]]:
         elif not below:
             yield "*", entry  # The keys of a mapping.
         for part in below:
-            for inner, each in fields_of(part):
+            for nested, each in fields_of(part):
                 if entry.spread or entry.listed:
-                    yield inner, replace(each, optional=each.optional or entry.optional)
+                    yield nested, replace(each, optional=each.optional or entry.optional)
                 else:
-                    yield f"{entry.name or name}.{inner}", each
+                    yield f"{entry.name or name}.{nested}", each
 
 
 def reported_parts(kind: type) -> Iterator[tuple[str, Reported, tuple[type, ...]]]:

@@ -15,7 +15,7 @@ from tcc_sim.errors import NumericalFailure, counted
 from tcc_sim.model.groups import Initial
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import latest
-from tcc_sim.result import Result, reported, units_of
+from tcc_sim.result import Result, reported, result_class, units_of
 
 Floats = NDArray[np.float64]
 Modes = NDArray[np.int8]
@@ -253,7 +253,7 @@ class Statistics:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Trajectory(Result):
     """A solved or recorded run.
 
@@ -272,14 +272,14 @@ class Trajectory(Result):
     ['engine_torque', 'friction_torque', 'plate_angle']
     """
 
-    t: Floats = field(metadata=reported("time", "s"))
-    slip_speed: Floats = field(metadata=reported("flywheel speed minus plate speed", "rad/s"))
-    plate_angle: Floats = field(metadata=reported("angle of the clutch plate", "rad"))
-    plate_speed: Floats = field(metadata=reported("speed of the clutch plate", "rad/s"))
-    engine_torque: Floats = field(metadata=reported("torque of the engine on the flywheel", "N m"))
-    saturation_torque: Floats = field(metadata=reported("mu_k N R", "N m"))
-    friction_torque: Floats = field(metadata=reported("torque of the clutch on the plate", "N m"))
-    state: Modes = field(metadata=reported("-1 negative slip, 0 stick, 1 positive slip"))
+    t: Floats = reported("time", "s")
+    slip_speed: Floats = reported("flywheel speed minus plate speed", "rad/s")
+    plate_angle: Floats = reported("angle of the clutch plate", "rad")
+    plate_speed: Floats = reported("speed of the clutch plate", "rad/s")
+    engine_torque: Floats = reported("torque of the engine on the flywheel", "N m")
+    saturation_torque: Floats = reported("mu_k N R", "N m")
+    friction_torque: Floats = reported("torque of the clutch on the plate", "N m")
+    state: Modes = reported("-1 negative slip, 0 stick, 1 positive slip")
     cycle: float
     solver: str
     system: System | None = None
@@ -291,10 +291,8 @@ class Trajectory(Result):
     status: Status = Status.DONE
     detail: str = ""
     statistics: Statistics = Statistics()
-    output_angle: Floats | None = field(default=None, metadata=reported(
-        "angle of the shaft's far end", "rad", optional=True))
-    output_speed: Floats | None = field(default=None, metadata=reported(
-        "speed of the shaft's far end", "rad/s", optional=True))
+    output_angle: Floats | None = reported("angle of the shaft's far end", "rad", optional=True, default=None)
+    output_speed: Floats | None = reported("speed of the shaft's far end", "rad/s", optional=True, default=None)
     systems: tuple[tuple[float, System], ...] = ()
 
     def _text(self) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from tcc_sim.model.friction import decayed, exponentials
 from tcc_sim.model.friction_curve import FASTEST_RATE, MOST_TERMS, SLOWEST, FrictionCurve
 from tcc_sim.model.groups import TABLE, TABULATED, Friction
 from tcc_sim.model.parameters import System
-from tcc_sim.result import reported
+from tcc_sim.result import reported, result_class
 from tcc_sim.solvers.law import sliding_at
 from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.trajectory import Floats
@@ -46,7 +45,7 @@ LARGEST_SHARE, LEAST_SHARE, USUAL_SHARE = 20.0, 0.02, 0.1
 """Largest share; least size of a start, since the rate of a zero share has no effect; and usual size of a share."""
 
 
-@dataclass(frozen=True)
+@result_class
 class IdentifiedCurve:
     """Sliding friction coefficient over slip speed from a measurement.
 
@@ -54,20 +53,15 @@ class IdentifiedCurve:
     coefficient, low and high are NaN. The curve is mu(v) = constant + sum of amplitudes exp(-rates |v|).
     """
 
-    slip_speeds: Floats = field(metadata=reported(
-        "from 0 to beyond the fastest visited", "rad/s"))
-    coefficient: Floats = field(metadata=reported("friction coefficient mu; null if not visited"))
-    low: Floats = field(metadata=reported(
-        "lower end of the band that contains the whole curve with a probability of at least 95 %"))
-    high: Floats = field(metadata=reported("upper end"))
-    visited: NDArray[np.bool_] = field(metadata=reported(
-        "whether at least 8 samples slip within a factor of 1.5"))
-    constant: float = field(metadata=reported(
-        "of mu(v) = constant + sum of amplitudes exp(-rates |v|)"))
-    amplitudes: tuple[float, ...] = field(metadata=reported("amplitudes of the exponentials"))
-    rates: tuple[float, ...] = field(metadata=reported("rates of the exponentials", "s/rad"))
-    scene: Floats = field(
-        repr=False, metadata=reported("friction coefficient of the scene at the slip speeds"))
+    slip_speeds: Floats = reported("from 0 to beyond the fastest visited", "rad/s")
+    coefficient: Floats = reported("friction coefficient mu; null if not visited")
+    low: Floats = reported("lower end of the band that contains the whole curve with a probability of at least 95 %")
+    high: Floats = reported("upper end")
+    visited: NDArray[np.bool_] = reported("whether at least 8 samples slip within a factor of 1.5")
+    constant: float = reported("of mu(v) = constant + sum of amplitudes exp(-rates |v|)")
+    amplitudes: tuple[float, ...] = reported("amplitudes of the exponentials")
+    rates: tuple[float, ...] = reported("rates of the exponentials", "s/rad")
+    scene: Floats = reported("friction coefficient of the scene at the slip speeds", repr=False)
 
     def table(self) -> dict[str, list[float]]:
         """Return the scene values of the curve up to the fastest visited slip speed."""

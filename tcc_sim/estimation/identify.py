@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
@@ -40,7 +40,7 @@ from tcc_sim.estimation.residuals import HIDDEN, Whiteness, autoregression, judg
 from tcc_sim.model.equations import check_supported
 from tcc_sim.model.parameters import QUANTITIES, System, values_of
 from tcc_sim.model.parameters import replace as changed
-from tcc_sim.result import Result, preset, reported
+from tcc_sim.result import Result, reported, result_class
 from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.tables.chosen_columns import CHANNELS, is_table
@@ -51,16 +51,16 @@ FAILED = NumericalFailure, RuntimeError
 """Errors of a fit that leads nowhere; SciPy raises RuntimeError for a singular matrix."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Likelihood:
     """Profile likelihood of one parameter: the excess of the least chi-square while it is held."""
 
-    key: str = field(metadata=reported("scene key"))
-    values: Floats = field(metadata=reported("values at which it was held", "{key}"))
-    excess: Floats = field(metadata=reported("least chi-square there over that of the fit"))
+    key: str = reported("scene key")
+    values: Floats = reported("values at which it was held", "{key}")
+    excess: Floats = reported("least chi-square there over that of the fit")
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Identification(Result):
     """Estimates of free parameters from a measurement.
 
@@ -69,28 +69,25 @@ class Identification(Result):
     residuals : fitted minus measured values by channel
     """
 
-    parameters: tuple[Parameter, ...] = field(metadata=reported(
-        "free parameters, in order"))
-    correlations: Floats = field(metadata=reported("of the parameters, (P, P)"))
-    chi2_per_dof: float = field(metadata=reported(
-        "chi-square per degree of freedom, for the noise given or estimated"))
-    accepted: bool = field(metadata=reported("whether the fit is acceptable; if not, the parameters are no "
-                                             "result"))
-    why: str = field(metadata=reported("why not; empty if accepted"))
-    noise: dict[str, float] = field(metadata=reported("standard deviation by channel", "{*}"))
-    windows: int = field(metadata=reported("windows of the last stage"))
-    starts: int = field(metadata=reported("starts that were tried"))
-    seconds: float = field(metadata=reported("computing time", "s"))
+    parameters: tuple[Parameter, ...] = reported("free parameters, in order")
+    correlations: Floats = reported("of the parameters, (P, P)")
+    chi2_per_dof: float = reported("chi-square per degree of freedom, for the noise given or estimated")
+    accepted: bool = reported("whether the fit is acceptable; if not, the parameters are no result")
+    why: str = reported("why not; empty if accepted")
+    noise: dict[str, float] = reported("standard deviation by channel", "{*}")
+    windows: int = reported("windows of the last stage")
+    starts: int = reported("starts that were tried")
+    seconds: float = reported("computing time", "s")
     scene: Scene
     measurement: Measurement
     residuals: dict[str, Floats]
-    whiteness: Whiteness = field(metadata=reported("tests of whether the residuals are noise"))
-    hold: str | None = field(metadata=reported(
-        "course of measured inputs between two samples: previous, linear, smooth or next", optional=True))
-    likelihood: Likelihood | None = preset(None, "profile likelihood of one key", optional=True)
-    curve: IdentifiedCurve | None = preset(None, "sliding friction over slip speed, if friction.curve was free",
-                                           optional=True)
-    warnings: tuple[str, ...] = preset((), "sentences on what was converted, mended or left out")
+    whiteness: Whiteness = reported("tests of whether the residuals are noise")
+    hold: str | None = reported(
+        "course of measured inputs between two samples: previous, linear, smooth or next", optional=True)
+    likelihood: Likelihood | None = reported("profile likelihood of one key", optional=True, default=None)
+    curve: IdentifiedCurve | None = reported(
+        "sliding friction over slip speed, if friction.curve was free", optional=True, default=None)
+    warnings: tuple[str, ...] = reported("sentences on what was converted, mended or left out", default=())
 
     def _text(self) -> str:
         estimates = ", ".join(f"{p.key} {p.value:.5g} +- {p.standard_error:.2g} ({p.verdict})" for p in self.parameters)
@@ -410,18 +407,18 @@ def check_sampling(measured: Measurement, system: System) -> None:
                          f"oscillates {times:.0f} times; if its times are in ms, say so with --columns t=COLUMN:ms")
 
 
-@dataclass(frozen=True)
+@result_class
 class Parameter:
     """One free parameter."""
 
-    key: str = field(metadata=reported("scene key, or the offset of the sensor of an input"))
-    start: float = field(metadata=reported("first value of the fit", "{key}"))
-    value: float = field(metadata=reported("result", "{key}"))
-    standard_error: float = field(metadata=reported("standard error", "{key}"))
-    low: float = field(metadata=reported("lower end of the 95 % interval", "{key}"))
-    high: float = field(metadata=reported("upper end", "{key}"))
-    verdict: str = field(metadata=reported("identified, not identifiable, or at its bound"))
-    why: str = field(metadata=reported("reason in a sentence"))
+    key: str = reported("scene key, or the offset of the sensor of an input")
+    start: float = reported("first value of the fit", "{key}")
+    value: float = reported("result", "{key}")
+    standard_error: float = reported("standard error", "{key}")
+    low: float = reported("lower end of the 95 % interval", "{key}")
+    high: float = reported("upper end", "{key}")
+    verdict: str = reported("identified, not identifiable, or at its bound")
+    why: str = reported("reason in a sentence")
 
 
 def judged(model: Model, i: int, start: float, fit: Fit, errors: Floats, correlations: Floats, accepted: bool,

@@ -24,7 +24,7 @@ import cmath
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -48,7 +48,7 @@ from tcc_sim.estimation.operating_point import (
 )
 from tcc_sim.model.equations import linear_of
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.result import Described, Result, preset, reported, reporting
+from tcc_sim.result import Described, Result, reported, reporting, result_class
 from tcc_sim.scene import SceneLike, as_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.sweeps.progress import progress_bar
@@ -81,40 +81,38 @@ LEAST_SLIP, SLOWER, WITHIN = 0.1, 0.93, 1e-3
 """Least tested slip speed, relative to the motion's; factor from one to the next; relative error of the result."""
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class SlipLoop(Described):
     """Stability and margins of a closed loop with the slip controller."""
 
-    proportional: float = field(metadata=reported("proportional gain", "N m s/rad"))
-    integral: float = field(metadata=reported("integral gain", "N m/rad"))
-    step: float = field(metadata=reported("time between two commands: a whole part of the period of excitation", "s"))
-    stable: bool = field(metadata=reported("whether every multiplier is inside the unit circle"))
-    multipliers: Complex = field(metadata=reported(
-        "those of the closed loop above 1e-6, [re, im], largest first"))
-    gain_margin: float | None = field(metadata=reported(
-        "factor on both gains that makes the loop unstable; null if unstable already, or stable up to 1000"))
-    phase_margin: float | None = field(metadata=reported(
-        "least distance of the open loop's phase from -180 degrees at gain 1; null without one",
-        "rad"))
-    largest_delay: float | None = field(metadata=reported(
-        "delay of commands from which on the loop is unstable; null if unstable already, or stable up to "
-        "512 ticks", "s"))
-    smallest_stable_slip: float | None = field(metadata=reported(
-        "mean slip speed below which the loop becomes unstable; null if unstable already, 0 if stable down "
-        "to a tenth of it", "rad/s"))
+    proportional: float = reported("proportional gain", "N m s/rad")
+    integral: float = reported("integral gain", "N m/rad")
+    step: float = reported("time between two commands: a whole part of the period of excitation", "s")
+    stable: bool = reported("whether every multiplier is inside the unit circle")
+    multipliers: Complex = reported("those of the closed loop above 1e-6, [re, im], largest first")
+    gain_margin: float | None = reported(
+        "factor on both gains that makes the loop unstable; null if unstable already, or stable up to 1000")
+    phase_margin: float | None = reported(
+        "least distance of the open loop's phase from -180 degrees at gain 1; null without one", "rad")
+    largest_delay: float | None = reported(
+        "delay of commands from which on the loop is unstable; null if unstable already, or stable up to 512 ticks",
+        "s")
+    smallest_stable_slip: float | None = reported(
+        "mean slip speed below which the loop becomes unstable; null if unstable already, 0 if stable down to a tenth "
+        "of it", "rad/s")
 
 
-@dataclass(frozen=True)
+@result_class
 class OperatingPoint:
     """Motion about which a scene is linearised."""
 
-    mean_slip: float = field(metadata=reported("mean slip speed", "rad/s"))
-    pressure: float = field(metadata=reported("mean pressure", "Pa"))
-    engine_torque: float = field(metadata=reported("mean engine torque", "N m"))
-    period: int = field(metadata=reported("1 for a constant motion", "periods of excitation"))
+    mean_slip: float = reported("mean slip speed", "rad/s")
+    pressure: float = reported("mean pressure", "Pa")
+    engine_torque: float = reported("mean engine torque", "N m")
+    period: int = reported("1 for a constant motion", "periods of excitation")
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Linearisation(Result):
     """Response of an output to small changes of an input about a settled motion.
 
@@ -122,43 +120,38 @@ class Linearisation(Result):
     response : (m,) output over input at each frequency
     """
 
-    input: str = field(metadata=reported("of the transfer function"))
-    output: str = field(metadata=reported("of the transfer function"))
-    kind: str = field(metadata=reported("slip or stick (a constant motion), or periodic"))
+    input: str = reported("of the transfer function")
+    output: str = reported("of the transfer function")
+    kind: str = reported("slip or stick (a constant motion), or periodic")
     mean_slip: float
     pressure: float
     engine_torque: float
     period: int
-    multipliers: Complex = field(metadata=reported(
-        "Floquet multipliers, [re, im]"))
-    a: Floats = field(metadata=reported("state matrix, (n, n)", name="A"))
-    b: Floats = field(metadata=reported("input matrix, (n, 1)", name="B"))
-    c: Floats = field(metadata=reported("output matrix, (1, n)", name="C"))
-    d: Floats = field(metadata=reported("feedthrough, (1, 1)", "({output})/({input})", name="D"))
-    states: tuple[str, ...] = field(metadata=reported("names of the states of A"))
-    dt: float = field(metadata=reported("period of the cycle-rate model; 0 where the matrices are continuous", "s"))
-    frequencies: Floats = field(metadata=reported("frequencies of the response", "rad/s"))
+    multipliers: Complex = reported("Floquet multipliers, [re, im]")
+    a: Floats = reported("state matrix, (n, n)", name="A")
+    b: Floats = reported("input matrix, (n, 1)", name="B")
+    c: Floats = reported("output matrix, (1, n)", name="C")
+    d: Floats = reported("feedthrough, (1, 1)", "({output})/({input})", name="D")
+    states: tuple[str, ...] = reported("names of the states of A")
+    dt: float = reported("period of the cycle-rate model; 0 where the matrices are continuous", "s")
+    frequencies: Floats = reported("frequencies of the response", "rad/s")
     response: Complex
     system: System
-    controller: SlipLoop | None = preset(None, "closed loop, with --controller", optional=True)
+    controller: SlipLoop | None = reported("closed loop, with --controller", optional=True, default=None)
 
     def _text(self) -> str:
         return (f"Linearisation of {self.output} by {self.input}: {self.kind}, mean slip {self.mean_slip:.6g} rad/s, "
                 f"pressure {self.pressure:.6g} Pa, {counted(len(self.frequencies), 'point')}")
 
-    @property
     @reporting("the motion")
     def operating_point(self) -> OperatingPoint:
-        """Means and period of the motion."""
         return OperatingPoint(self.mean_slip, self.pressure, self.engine_torque, self.period)
 
-    @property
     @reporting("amplitude of the output over that of the input", "({output})/({input})")
     def gain(self) -> Floats:
         """(m,) amplitude of the output over that of the input, in SI units."""
         return np.hypot(self.response.real, self.response.imag)
 
-    @property
     @reporting("by which the output leads, without jumps of 2 pi", "rad")
     def phase(self) -> Floats:
         """(m,) phase by which the output leads, without jumps of 2 pi, rad."""

@@ -11,7 +11,7 @@ not explain the residuals.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from tcc_sim.estimation.multiple_shooting import (
 )
 from tcc_sim.model.groups import TABULATED
 from tcc_sim.model.parameters import QUANTITIES, values_of
-from tcc_sim.result import preset, reported
+from tcc_sim.result import reported, result_class
 from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.trajectory import Floats
 
@@ -59,30 +59,28 @@ HIDDEN = 0.2
 """Relative error of a fixed key that residuals should show."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Explanation:
     """Change of a held quantity that would explain residuals."""
 
-    what: str = field(metadata=reported("key, or offset, scale or delay of a channel"))
-    amount: float = field(metadata=reported("its size"))
-    unit: str = field(metadata=reported("its unit; % is relative"))
-    errors: float = field(metadata=reported("the change over its standard error"))
-    alike: tuple[str, ...] = preset((), "others that would explain them as well, within 1 of chi-square")
+    what: str = reported("key, or offset, scale or delay of a channel")
+    amount: float = reported("its size")
+    unit: str = reported("its unit; % is relative")
+    errors: float = reported("the change over its standard error")
+    alike: tuple[str, ...] = reported("others that would explain them as well, within 1 of chi-square", default=())
 
 
-@dataclass(frozen=True)
+@result_class
 class Whiteness:
     """Tests of whether residuals are noise."""
 
-    correlation: dict[str, float] = field(metadata=reported(
-        "by channel, correlation of residuals one sample apart"))
-    p_value: dict[str, float] = field(metadata=reported(
-        "by channel, least probability of the residuals after their autoregression, if they were noise"))
-    explanation: Explanation | None = field(metadata=reported("change of a held quantity that explains most"))
-    hidden: dict[str, tuple[str, float]] = field(metadata=reported(
-        "by free key the fixed key that it depends on most, and by how many standard errors 20 % of the "
-        "latter move it"))
-    exact: bool = field(metadata=reported("whether the residuals are below the precision of the real-time solver"))
+    correlation: dict[str, float] = reported("by channel, correlation of residuals one sample apart")
+    p_value: dict[str, float] = reported(
+        "by channel, least probability of the residuals after their autoregression, if they were noise")
+    explanation: Explanation | None = reported("change of a held quantity that explains most")
+    hidden: dict[str, tuple[str, float]] = reported(
+        "by free key the fixed key that it depends on most, and by how many standard errors 20 % of the latter move it")
+    exact: bool = reported("whether the residuals are below the precision of the real-time solver")
 
 
 def judge_residuals(model: Model, levels: dict[str, float], fit: Fit, settings: FitSettings,

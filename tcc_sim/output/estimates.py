@@ -5,7 +5,6 @@ friction and the critical frequency of the paper.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from tcc_sim.model.closed_forms import common_cycles, pure_slip, stick_margin
 from tcc_sim.model.equations import linear_of, matrix_of
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME, time_at
-from tcc_sim.result import preset, reported
+from tcc_sim.result import reported, result_class
 from tcc_sim.shown_units import SPEED, engine_speed, frequency, shown_unit, speed
 from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.trajectory import Floats
@@ -25,65 +24,61 @@ CYCLES = 200
 """Largest number of sampled cycles, for long profiles and for a load that never repeats with the engine."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Mode:
     """A linear mode of the driveline: natural frequency (rad/s), and damping ratio of C23."""
 
-    frequency: float = field(metadata=reported("natural frequency", "rad/s"))
-    damping_ratio: float = field(metadata=reported("damping ratio of C23"))
+    frequency: float = reported("natural frequency", "rad/s")
+    damping_ratio: float = reported("damping ratio of C23")
 
 
-@dataclass(frozen=True)
+@result_class
 class Torque:
     """Smallest, mean and largest value of a torque over the excitation's period, or over the profiles, N m.
 
     The mean is an integral over the phase of whole engine cycles.
     """
 
-    low: float = field(metadata=reported("smallest over a cycle, or over the profiles", "N m"))
-    mean: float = field(metadata=reported("mean value", "N m"))
-    high: float = field(metadata=reported("largest value", "N m"))
+    low: float = reported("smallest over a cycle, or over the profiles", "N m")
+    mean: float = reported("mean value", "N m")
+    high: float = reported("largest value", "N m")
 
 
-@dataclass(frozen=True)
+@result_class
 class ActuatorEffect:
     """The actuator between a commanded pressure and the plates, for small sines at the slipping mode."""
 
-    time_constant: float = field(metadata=reported("first-order lag", "s"))
-    delay: float = field(metadata=reported("dead time", "s"))
-    rate_limit: float = field(metadata=reported("rate limit; 0 for none", "Pa/s"))
-    phase: float = field(metadata=reported(
-        "phase of the applied over the commanded pressure at the slipping mode, without jumps of 2 pi", "rad"))
-    gain: float = field(metadata=reported("ratio of their amplitudes there"))
-    largest_amplitude: float | None = field(metadata=reported(
-        "amplitude of the applied pressure at which the rate limit acts; null without one", "Pa"))
+    time_constant: float = reported("first-order lag", "s")
+    delay: float = reported("dead time", "s")
+    rate_limit: float = reported("rate limit; 0 for none", "Pa/s")
+    phase: float = reported(
+        "phase of the applied over the commanded pressure at the slipping mode, without jumps of 2 pi", "rad")
+    gain: float = reported("ratio of their amplitudes there")
+    largest_amplitude: float | None = reported(
+        "amplitude of the applied pressure at which the rate limit acts; null without one", "Pa")
 
 
-@dataclass(frozen=True)
+@result_class
 class Estimates:
     """Estimates of a scene from its parameters alone."""
 
-    slipping: Mode = field(metadata=reported("mode sqrt(K23/I2) (17c) of the slipping clutch"))
-    stuck: Mode = field(metadata=reported("mode sqrt(K23/(I1 + I2)) (27) of the stuck clutch"))
-    engine: Torque = field(metadata=reported("engine torque"))
-    static: Torque = field(metadata=reported("mu_s N R"))
-    kinetic: Torque = field(metadata=reported("mu_k N R; with a friction table mu N R at its last slip speed"))
-    stick_margin: float | None = field(metadata=reported(
-        "smallest mu_s N R - |interface torque| of pure stick (10)", "N m"))
-    expected: str = field(metadata=reported("stick, slip, stick-slip or runaway, from these torques"))
-    why: str = field(metadata=reported("reason"))
-    critical_slope: float | None = field(metadata=reported(
-        "slope of friction torque over slip speed below which constant slip is unstable; null without one",
-        "N m s/rad"))
-    steepest_slope: float = field(metadata=reported(
-        "steepest fall of this scene's friction torque at its mean pressure",
-        "N m s/rad"))
-    critical_frequency: float = field(metadata=reported(
-        "sqrt(K23/(I1 + I2)) of (28): below it positive slip falls into the first half of a cycle", "rad/s"))
-    engine_frequency: tuple[float, float] = field(metadata=reported("lowest and highest", "rad/s"))
-    profiles: bool = preset(False, "whether the torques are over profiles in time")
-    fastest: float | None = preset(None, "last slip speed of the friction table", "rad/s")
-    actuator: ActuatorEffect | None = preset(None, "actuator of the commanded pressure", optional=True)
+    slipping: Mode = reported("mode sqrt(K23/I2) (17c) of the slipping clutch")
+    stuck: Mode = reported("mode sqrt(K23/(I1 + I2)) (27) of the stuck clutch")
+    engine: Torque = reported("engine torque")
+    static: Torque = reported("mu_s N R")
+    kinetic: Torque = reported("mu_k N R; with a friction table mu N R at its last slip speed")
+    stick_margin: float | None = reported("smallest mu_s N R - |interface torque| of pure stick (10)", "N m")
+    expected: str = reported("stick, slip, stick-slip or runaway, from these torques")
+    why: str = reported("reason")
+    critical_slope: float | None = reported(
+        "slope of friction torque over slip speed below which constant slip is unstable; null without one", "N m s/rad")
+    steepest_slope: float = reported("steepest fall of this scene's friction torque at its mean pressure", "N m s/rad")
+    critical_frequency: float = reported(
+        "sqrt(K23/(I1 + I2)) of (28): below it positive slip falls into the first half of a cycle", "rad/s")
+    engine_frequency: tuple[float, float] = reported("lowest and highest", "rad/s")
+    profiles: bool = reported("whether the torques are over profiles in time", default=False)
+    fastest: float | None = reported("last slip speed of the friction table", "rad/s", default=None)
+    actuator: ActuatorEffect | None = reported("actuator of the commanded pressure", optional=True, default=None)
 
 
 def estimates_of(system: System) -> Estimates:

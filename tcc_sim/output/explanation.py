@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from types import FunctionType, SimpleNamespace
 from typing import Any
 
@@ -19,7 +18,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import Origin
 from tcc_sim.output.estimates import Estimates, estimates_of
 from tcc_sim.output.tables import friction_formula
-from tcc_sim.result import Described, json_of, preset, reported
+from tcc_sim.result import Described, json_of, reported, result_class
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
 from tcc_sim.solvers import choose
@@ -49,111 +48,107 @@ FUNCTIONS = {"sin": "sines", "exp": "exponentials", "tanh": "hyperbolic tangents
 """Costly functions of NumPy that the kernels call, with their printed names."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Held:
     """Names in use, and names left out, by a scene."""
 
-    held: Sequence[str] = field(metadata=reported("names of those that the scene uses"))
-    left_out: Sequence[str] = field(metadata=reported("names of those that it leaves out"))
+    held: Sequence[str] = reported("names of those that the scene uses")
+    left_out: Sequence[str] = reported("names of those that it leaves out")
 
 
-@dataclass(frozen=True)
+@result_class
 class StepFigures:
     """A tick of the real-time solver."""
 
-    tick_s: float = field(metadata=reported("tick", "s"))
-    sub_steps: int = field(metadata=reported("sub-steps in a tick"))
-    own_calls: Mapping[str, float] = field(metadata=reported("function calls in a sub-step"))
-    general_calls: Mapping[str, float] = field(metadata=reported("those with three exponentials and a profile"))
-    own_s: float | None = preset(None, "time of a tick, with --cost", "s", optional=True)
-    general_s: float | None = preset(None, "that with three exponentials and a profile", "s", optional=True)
-    ratio: float | None = preset(None, "general_s over own_s", optional=True)
-    noise_s: float | None = preset(None, "noise of these times; differences below twice this are null", "s",
-                                   optional=True)
-    terms_s: Mapping[str, float | None] | None = preset(None, "time that the exponential, if held, adds to a tick", "s",
-                                                        optional=True)
-    saved_s: Mapping[str, float | None] | None = preset(None, "time that the exponential, if left out, would add", "s",
-                                                        optional=True)
+    tick_s: float = reported("tick", "s")
+    sub_steps: int = reported("sub-steps in a tick")
+    own_calls: Mapping[str, float] = reported("function calls in a sub-step")
+    general_calls: Mapping[str, float] = reported("those with three exponentials and a profile")
+    own_s: float | None = reported("time of a tick, with --cost", "s", optional=True, default=None)
+    general_s: float | None = reported("that with three exponentials and a profile", "s", optional=True, default=None)
+    ratio: float | None = reported("general_s over own_s", optional=True, default=None)
+    noise_s: float | None = reported(
+        "noise of these times; differences below twice this are null", "s", optional=True, default=None)
+    terms_s: Mapping[str, float | None] | None = reported(
+        "time that the exponential, if held, adds to a tick", "s", optional=True, default=None)
+    saved_s: Mapping[str, float | None] | None = reported(
+        "time that the exponential, if left out, would add", "s", optional=True, default=None)
 
 
-@dataclass(frozen=True)
+@result_class
 class FrictionFigures:
     """Sliding coefficient mu(v) = constant + sum of amplitudes exp(-rates |v|)."""
 
-    constant: float = field(metadata=reported("coefficient that fast slip tends to"))
-    amplitudes: Sequence[float] = field(metadata=reported("amplitudes of the exponentials"))
-    rates: Sequence[float] = field(metadata=reported("rates of the exponentials", "s/rad"))
-    fit_error: float | None = field(metadata=reported(
-        "largest error of a table's fit, relative to its largest coefficient; null without one"))
-    fit_error_at: float | None = field(metadata=reported("its slip speed", "rad/s"))
-    fit_error_between: float | None = field(metadata=reported(
-        "largest difference from a monotone interpolation of the table, likewise"))
-    fit_error_between_at: float | None = field(metadata=reported("its slip speed", "rad/s"))
-    slip_speeds: tuple[float, float] = field(metadata=reported(
-        "first and last slip speed of the table, or as far as the exponential lasts", "rad/s"))
-    coefficients: tuple[float, float] = field(metadata=reported("coefficients there"))
-    slopes: tuple[float, float] = field(metadata=reported(
-        "least and largest slope of the coefficient between them", "s/rad"))
-    stick_speed: float = field(metadata=reported(
-        "slip speed up to which the law counts as stick; 0 if set-valued", "rad/s"))
-    largest_coefficient: float = field(metadata=reported("largest one up to the stick speed"))
+    constant: float = reported("coefficient that fast slip tends to")
+    amplitudes: Sequence[float] = reported("amplitudes of the exponentials")
+    rates: Sequence[float] = reported("rates of the exponentials", "s/rad")
+    fit_error: float | None = reported(
+        "largest error of a table's fit, relative to its largest coefficient; null without one")
+    fit_error_at: float | None = reported("its slip speed", "rad/s")
+    fit_error_between: float | None = reported(
+        "largest difference from a monotone interpolation of the table, likewise")
+    fit_error_between_at: float | None = reported("its slip speed", "rad/s")
+    slip_speeds: tuple[float, float] = reported(
+        "first and last slip speed of the table, or as far as the exponential lasts", "rad/s")
+    coefficients: tuple[float, float] = reported("coefficients there")
+    slopes: tuple[float, float] = reported("least and largest slope of the coefficient between them", "s/rad")
+    stick_speed: float = reported("slip speed up to which the law counts as stick; 0 if set-valued", "rad/s")
+    largest_coefficient: float = reported("largest one up to the stick speed")
 
 
-@dataclass(frozen=True)
+@result_class
 class PureSlipFigures:
     """Pure slip (12) to (18) in the direction of the initial slip."""
 
-    direction: int = field(metadata=reported("sign of the initial slip speed"))
-    mean: float | None = field(metadata=reported("a0 of (15)", "rad/s"))
-    amplitude: float = field(metadata=reported("|a21| + |a22| of (15)", "rad/s"))
-    growth: float = field(metadata=reported("a1", "rad/s^2"))
-    margin: float | None = field(metadata=reported("margin of (16)", "rad/s"))
-    least: float | None = field(metadata=reported(
-        "smallest slip speed with the transient; null if the slip ends", "rad/s"))
-    least_is_bound: bool = field(metadata=reported("whether `least` is only a lower bound"))
-    pure_slip: bool | None = field(metadata=reported("whether it lasts for ever; null if the bound does not decide"))
-    tick_difference: float | None = field(metadata=reported(
-        "largest difference of the real-time solver from (14) in 500 ticks",
-        "rad/s"))
+    direction: int = reported("sign of the initial slip speed")
+    mean: float | None = reported("a0 of (15)", "rad/s")
+    amplitude: float = reported("|a21| + |a22| of (15)", "rad/s")
+    growth: float = reported("a1", "rad/s^2")
+    margin: float | None = reported("margin of (16)", "rad/s")
+    least: float | None = reported("smallest slip speed with the transient; null if the slip ends", "rad/s")
+    least_is_bound: bool = reported("whether `least` is only a lower bound")
+    pure_slip: bool | None = reported("whether it lasts for ever; null if the bound does not decide")
+    tick_difference: float | None = reported(
+        "largest difference of the real-time solver from (14) in 500 ticks", "rad/s")
 
 
-@dataclass(frozen=True)
+@result_class
 class PureStickFigures:
     """Pure stick (8) to (11)."""
 
-    margin: float = field(metadata=reported("margin of (10)", "N m"))
-    sticks: bool = field(metadata=reported("whether pure stick is possible"))
-    mean: float = field(metadata=reported("mean plate angle (8)", "rad"))
-    amplitude: float = field(metadata=reported("amplitude of the plate angle (8)", "rad"))
+    margin: float = reported("margin of (10)", "N m")
+    sticks: bool = reported("whether pure stick is possible")
+    mean: float = reported("mean plate angle (8)", "rad")
+    amplitude: float = reported("amplitude of the plate angle (8)", "rad")
 
 
-@dataclass(frozen=True)
+@result_class
 class ClosedForms:
     """Closed forms of the paper."""
 
-    slip: PureSlipFigures | None = field(metadata=reported("pure slip (12) to (18); null without such a closed form"))
-    stick: PureStickFigures | None = field(metadata=reported("pure stick (8) to (11); null likewise"))
-    slip_why: str = field(metadata=reported("why `slip` is null"))
-    stick_why: str = field(metadata=reported("why `stick` is null"))
+    slip: PureSlipFigures | None = reported("pure slip (12) to (18); null without such a closed form")
+    stick: PureStickFigures | None = reported("pure stick (8) to (11); null likewise")
+    slip_why: str = reported("why `slip` is null")
+    stick_why: str = reported("why `stick` is null")
 
 
-@dataclass(frozen=True)
+@result_class
 class SceneExplanation(Described):
     """Expected behaviour of a scene, and its terms, topics and packages in use and left out."""
 
-    name: str = field(metadata=reported("name of the scene"))
-    description: str = field(metadata=reported("of the scene"))
-    solver: str = field(metadata=reported("solver that auto takes offline"))
-    estimates: Estimates = field(metadata=reported("estimates from the parameters alone"))
-    terms: Held = field(metadata=reported("terms of the equations"))
-    kernel: Mapping[str, str] = field(metadata=reported("type of every term as the compiler has it"))
-    topics: Held = field(metadata=reported("topics of the driveline node"))
-    modules: Held = field(metadata=reported("optional packages"))
-    step: StepFigures | None = field(metadata=reported("tick of the real-time solver; null for the set-valued law"))
-    closed_forms: dict[str, Any] | None = field(metadata=reported(
-        "closed forms of the paper; null where a torque comes from a topic", of=(ClosedForms,)))
-    friction: dict[str, Any] = field(metadata=reported(
-        "sliding coefficient mu(v) = constant + sum of amplitudes exp(-rates |v|)", of=(FrictionFigures,)))
+    name: str = reported("name of the scene")
+    description: str = reported("of the scene")
+    solver: str = reported("solver that auto takes offline")
+    estimates: Estimates = reported("estimates from the parameters alone")
+    terms: Held = reported("terms of the equations")
+    kernel: Mapping[str, str] = reported("type of every term as the compiler has it")
+    topics: Held = reported("topics of the driveline node")
+    modules: Held = reported("optional packages")
+    step: StepFigures | None = reported("tick of the real-time solver; null for the set-valued law")
+    closed_forms: dict[str, Any] | None = reported(
+        "closed forms of the paper; null where a torque comes from a topic", of=(ClosedForms,))
+    friction: dict[str, Any] = reported(
+        "sliding coefficient mu(v) = constant + sum of amplitudes exp(-rates |v|)", of=(FrictionFigures,))
 
 
 def explained(scene: Scene, *, cost: bool = False) -> SceneExplanation:

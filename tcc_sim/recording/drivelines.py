@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from tcc_sim.parameter_file import LARGEST_FILE, description_in
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.contents import Batch, Channel
 from tcc_sim.recording.layouts import Decoded, Layouts
-from tcc_sim.result import reported
+from tcc_sim.result import reported, result_class
 from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
 
 _MOST_NAMED = 20
@@ -46,7 +46,7 @@ class Choice(NamedTuple):
         return tuple((self.joints or {}).get(name, name) for name in JOINT_NAMES)
 
 
-@dataclass(frozen=True)
+@result_class
 class RecordedDriveline:
     """Joint states of one sender: a driveline with its restarts, or another node.
 
@@ -56,15 +56,14 @@ class RecordedDriveline:
     able : whether it has the joints flywheel and clutch plate
     """
 
-    topic: str = field(metadata=reported("topic of its joint_states"))
-    publisher: str = field(metadata=reported(
-        "identifier of its latest publisher; empty if not recorded"))
-    joints: tuple[str, ...] = field(metadata=reported("their names"))
-    scene: str | None = field(metadata=reported("description of its first scene; null without a scene"))
-    states: int = field(metadata=reported("its joint_states"))
-    start: float = field(metadata=reported("smallest stamp of its states", "s"))
-    end: float = field(metadata=reported("largest one", "s"))
-    read: bool = field(metadata=reported("whether it was analysed"))
+    topic: str = reported("topic of its joint_states")
+    publisher: str = reported("identifier of its latest publisher; empty if not recorded")
+    joints: tuple[str, ...] = reported("their names")
+    scene: str | None = reported("description of its first scene; null without a scene")
+    states: int = reported("its joint_states")
+    start: float = reported("smallest stamp of its states", "s")
+    end: float = reported("largest one", "s")
+    read: bool = reported("whether it was analysed")
     publishers: tuple[str, ...] = ()
     runs: tuple[str, ...] = ()
     scenes: tuple[SceneRecord, ...] = ()

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.result import preset, reporting
+from tcc_sim.result import reported, reporting, result_class
 
 Stamps = NDArray[np.int64]
 MOST_DIFFERENCES = 100_000
@@ -102,7 +102,7 @@ class _Run:
         return gaps, lost, uneven
 
 
-@dataclass
+@result_class(frozen=False)
 class StampCounter:
     """Split batches of stamps, in the order of recording, into pieces without gaps, and count gaps and runs.
 
@@ -112,7 +112,7 @@ class StampCounter:
     """
 
     messages: int = 0
-    runs: int = preset(0, "starts, resets and restarts")
+    runs: int = reported("starts, resets and restarts", default=0)
     resets: int = 0
     restarts: int = 0
     repeated: int = 0
@@ -244,16 +244,13 @@ class StampCounter:
         """Return messages, tick and largest difference without a gap of the run with the most messages."""
         return max(self._longest, (self._run.messages, self._run.tick, self._run.longest))
 
-    @property
     @reporting("time between stamps", "s")
     def tick_s(self) -> float:
         """Time between stamps in the run with the most messages, s."""
         return self.tick * 1e-9
 
-    @property
     @reporting("gaps between stamps")
     def gaps(self) -> int:
-        """Number of gaps within runs."""
         return self._figures()[0]
 
     @property
@@ -261,7 +258,6 @@ class StampCounter:
         """Number of stamps missing in gaps."""
         return self._figures()[1]
 
-    @property
     @reporting("stamps that are not multiples of the tick", name="uneven_stamps")
     def uneven(self) -> int:
         """Number of differences, except gaps, that deviate from the tick by more than 1 %."""

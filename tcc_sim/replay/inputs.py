@@ -6,7 +6,7 @@ A recording of version 1.0 or of another program does not state which commands a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from tcc_sim.messages import held
 from tcc_sim.plant.closed_loop import doubt_of
 from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.replay.timeline import Timeline
-from tcc_sim.result import preset, reported
+from tcc_sim.result import reported, result_class
 from tcc_sim.topics import INPUTS
 
 GROUPS = dict(zip(INPUTS, ("engine", "pressure")))
@@ -26,24 +26,22 @@ A_YEAR = 365 * 86_400 * 1_000_000_000
 UNNAMED = "the recording does not state which commands acted, as the topic held does"
 
 
-@dataclass(frozen=True)
+@result_class
 class HeldInput:
     """Sources of one input over time; the fields are JSON keys of `analyse`."""
 
-    topic: float | None = field(metadata=reported(
-        "time in which it followed commands; null if not recorded", "s"))
-    fallback: float | None = field(metadata=reported(
-        "time on the fallback, without a command; null likewise", "s"))
-    scene: float = field(metadata=reported("time in which the scene set it", "s"))
-    refused: int | None = field(metadata=reported("commands that the driveline refused; null likewise"))
-    publishers: int = field(metadata=reported("publishers of its commands"))
-    commands: int | None = preset(0, "recorded commands; null likewise")
-    applied: int | None = preset(None, "commands held during a tick or more; null likewise")
-    superseded: int | None = preset(None, "commands replaced before the next tick; null likewise")
-    ignored: int | None = preset(None, "recorded commands not received, or refused; null likewise")
-    lost: int | None = preset(None, "commands lost between publisher and driveline; null likewise")
-    unknown: float = preset(0.0, "time of missing messages and unknown source", "s")
-    why: str = preset("", "why fields are null")
+    topic: float | None = reported("time in which it followed commands; null if not recorded", "s")
+    fallback: float | None = reported("time on the fallback, without a command; null likewise", "s")
+    scene: float = reported("time in which the scene set it", "s")
+    refused: int | None = reported("commands that the driveline refused; null likewise")
+    publishers: int = reported("publishers of its commands")
+    commands: int | None = reported("recorded commands; null likewise", default=0)
+    applied: int | None = reported("commands held during a tick or more; null likewise", default=None)
+    superseded: int | None = reported("commands replaced before the next tick; null likewise", default=None)
+    ignored: int | None = reported("recorded commands not received, or refused; null likewise", default=None)
+    lost: int | None = reported("commands lost between publisher and driveline; null likewise", default=None)
+    unknown: float = reported("time of missing messages and unknown source", "s", default=0.0)
+    why: str = reported("why fields are null", default="")
 
     def sentence(self) -> str:
         """Return the sources as text."""
@@ -62,13 +60,13 @@ class HeldInput:
         return "; ".join([f"for {', '.join(seconds)}" if seconds else "for no time", *counts])
 
 
-@dataclass(frozen=True)
+@result_class
 class CommandAge:
     """Simulation time, s, from the state that the held command answers to each tick; 0 in lock-step."""
 
-    median: float = field(metadata=reported("over the ticks", "s"))
-    p95: float = field(metadata=reported("95th percentile", "s"))
-    largest: float = field(metadata=reported("largest one", "s"))
+    median: float = reported("over the ticks", "s")
+    p95: float = reported("95th percentile", "s")
+    largest: float = reported("largest one", "s")
 
     def sentence(self) -> str:
         """Return the ages as text."""

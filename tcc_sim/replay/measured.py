@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,21 +16,21 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.model.quantity import MOST_POINTS
-from tcc_sim.result import Result, preset, reported
+from tcc_sim.result import Result, reported, result_class
 from tcc_sim.scene import Scene
 from tcc_sim.tables.measured_table import MeasuredTable, longest_part
 from tcc_sim.trajectory import Cycles, Floats
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class MeasuredRun(Result):
     """Orders and spectrum of measurements."""
 
-    samples: int = field(metadata=reported("rows of the table"))
-    seconds: float = field(metadata=reported("from the first to the last row", "s"))
-    orders: Orders | None = preset(None, "orders, transmissibility and judder", optional=True)
-    spectrum: Spectrum | None = preset(None, "amplitudes over frequency and order", optional=True)
-    warnings: tuple[str, ...] = preset((), "sentences on what was converted, mended or left out")
+    samples: int = reported("rows of the table")
+    seconds: float = reported("from the first to the last row", "s")
+    orders: Orders | None = reported("orders, transmissibility and judder", optional=True, default=None)
+    spectrum: Spectrum | None = reported("amplitudes over frequency and order", optional=True, default=None)
+    warnings: tuple[str, ...] = reported("sentences on what was converted, mended or left out", default=())
 
     def columns(self) -> dict[str, Floats]:
         """Return the columns of the orders or, without these, of the spectrum."""

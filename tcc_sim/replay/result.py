@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.replay.inputs import CommandAge, HeldInput
 from tcc_sim.replay.segments import Segment
 from tcc_sim.replay.timing import Timing
-from tcc_sim.result import Result, preset, reported, reporting
+from tcc_sim.result import Result, reported, reporting, result_class
 from tcc_sim.scene import Scene
 from tcc_sim.trajectory import Cycles, Trajectory
 
@@ -33,7 +32,7 @@ SEGMENTS_SHOWN = 20
 """Largest number of segments in the printed table; --json has all."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Verification:
     """Comparison of a recording with its own solution.
 
@@ -42,14 +41,12 @@ class Verification:
     detail : reason why nothing was compared, or possible reasons of the first difference
     """
 
-    verified: bool = field(metadata=reported(
-        "whether all inputs are known and every value agrees with its solution, to the last bit if "
-        "recorded from the start"))
-    largest_difference: float = field(metadata=reported(
-        "of any value, relative to its signal's maximum; null if not finite"))
-    compared: int = field(metadata=reported("states compared", name="states"))
-    solved: int = field(metadata=reported(
-        "those that were solved; the first after a start or a gap is not"))
+    verified: bool = reported(
+        "whether all inputs are known and every value agrees with its solution, to the last bit if recorded from the "
+        "start")
+    largest_difference: float = reported("of any value, relative to its signal's maximum; null if not finite")
+    compared: int = reported("states compared", name="states")
+    solved: int = reported("those that were solved; the first after a start or a gap is not")
     exact: int
     first_difference_ns: int | None
     detail: str
@@ -59,10 +56,8 @@ class Verification:
         """Whether no value differs but some states could not be checked."""
         return self.compared > 0 and not self.verified and self.first_difference_ns is None
 
-    @property
     @reporting("the result in a sentence", name="verification")
     def sentence(self) -> str:
-        """The result as a sentence."""
         if self.verified:
             how = "to the last bit" if self.exact == self.compared else (
                 f"within {STEP_TOLERANCE:g} (exactly for {self.exact})")
@@ -73,7 +68,7 @@ class Verification:
         return f"not verified: {self.detail}"
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Replay(Result):
     """Result of the analysis of a recording; summary, trajectory and cycles are of the longest run.
 
@@ -86,37 +81,38 @@ class Replay(Result):
 
     path: Path
     scene: Scene
-    summary: Summary = field(metadata=reported("figures of the longest run", spread=True))
+    summary: Summary = reported("figures of the longest run", spread=True)
     trajectory: Trajectory
     cycles: Cycles
     first_cycle: int
-    timing: Timing = field(metadata=reported("timing of the periods of excitation", spread=True))
-    continuity: StampCounter = field(metadata=reported("gaps, resets and restarts by the stamps", spread=True))
-    messages: int = field(metadata=reported("joint_states read"))
-    lost_messages: int = field(metadata=reported("joint_states missing by their stamps"))
-    complete: bool = field(metadata=reported("false if the recording was cut short"))
-    warnings: tuple[str, ...] = field(metadata=reported("one sentence for each damage"))
-    pace: float = field(metadata=reported(
-        "simulated over real time from first to last receipt; null if not recorded", name="real_time_factor"))
+    timing: Timing = reported("timing of the periods of excitation", spread=True)
+    continuity: StampCounter = reported("gaps, resets and restarts by the stamps", spread=True)
+    messages: int = reported("joint_states read")
+    lost_messages: int = reported("joint_states missing by their stamps")
+    complete: bool = reported("false if the recording was cut short")
+    warnings: tuple[str, ...] = reported("one sentence for each damage")
+    pace: float = reported(
+        "simulated over real time from first to last receipt; null if not recorded", name="real_time_factor")
     control: Control
     run: int = 0
     parts_missing: bool = False
-    segments: tuple[Segment, ...] = preset((), "parts of the run, in order")
-    verification: Verification | None = preset(None, "comparison with the recording solved again", spread=True,
-                                               optional=True)
-    damping: Damping | None = preset(None, "equivalent damping", spread=True, optional=True)
-    inputs: Mapping[str, HeldInput] = preset(dict, "sources of each input, by topic")
-    command_age: CommandAge | None = preset(None, "from the state that a command answers to the first tick that "
-                                            "applies it; null if most commands have no stamp", "s")
-    drivelines: tuple[RecordedDriveline, ...] = preset((), "drivelines and other nodes with joint states")
-    missed_ticks: int | None = preset(None, "ticks missed; null without recorded diagnostics")
-    late_ticks: int | None = preset(None, "ticks more than a period late; null likewise")
-    late_share: float = preset(math.nan, "their share of paced ticks; null likewise")
-    late_first: float = preset(math.nan, "simulation time of the first one; null if not stated", "s")
-    late_last: float = preset(math.nan, "that of the last; null likewise", "s")
-    latest_tick: float = preset(math.nan, "largest lateness; null likewise", "s")
-    orders: Orders | None = preset(None, "orders, transmissibility and judder", optional=True)
-    spectrum: Spectrum | None = preset(None, "amplitudes over frequency and order", optional=True)
+    segments: tuple[Segment, ...] = reported("parts of the run, in order", default=())
+    verification: Verification | None = reported(
+        "comparison with the recording solved again", spread=True, optional=True, default=None)
+    damping: Damping | None = reported("equivalent damping", spread=True, optional=True, default=None)
+    inputs: Mapping[str, HeldInput] = reported("sources of each input, by topic", default_factory=dict)
+    command_age: CommandAge | None = reported(
+        "from the state that a command answers to the first tick that applies it; null if most commands have no stamp",
+        "s", default=None)
+    drivelines: tuple[RecordedDriveline, ...] = reported("drivelines and other nodes with joint states", default=())
+    missed_ticks: int | None = reported("ticks missed; null without recorded diagnostics", default=None)
+    late_ticks: int | None = reported("ticks more than a period late; null likewise", default=None)
+    late_share: float = reported("their share of paced ticks; null likewise", default=math.nan)
+    late_first: float = reported("simulation time of the first one; null if not stated", "s", default=math.nan)
+    late_last: float = reported("that of the last; null likewise", "s", default=math.nan)
+    latest_tick: float = reported("largest lateness; null likewise", "s", default=math.nan)
+    orders: Orders | None = reported("orders, transmissibility and judder", optional=True, default=None)
+    spectrum: Spectrum | None = reported("amplitudes over frequency and order", optional=True, default=None)
 
     def _text(self) -> str:
         summary, ended = self.summary, "complete" if self.complete else "cut short"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,7 +26,7 @@ from tcc_sim.recording.columns import JointStates
 from tcc_sim.replay.inputs import counts_between
 from tcc_sim.replay.timeline import Timeline, slip_between_gaps
 from tcc_sim.replay.timing import SLICE, TICKS
-from tcc_sim.result import Described, reported
+from tcc_sim.result import Described, reported, result_class
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
 from tcc_sim.topics import INPUTS, TARGET
@@ -36,22 +36,20 @@ MOST_SEGMENTS = 1000
 """Largest number of segments that are analysed; the others are only counted."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Segment(Described):
     """Part of a recording from a start, reset, restart or change of parameters to the next."""
 
-    start: float = field(metadata=reported("simulation time", "s"))
-    end: float = field(metadata=reported("simulation time", "s"))
-    began_by: str | None = field(metadata=reported(
-        "start, reset, restart, parameters, fallback, controller (commands begin, return, or come from a "
-        "new publisher) or pause; null where the run began before the recording"))
-    changes: Mapping[str, object] = field(metadata=reported(
-        "new values of changed scene keys or target_slip_speed", "{*}"))
-    summary: Summary | None = field(metadata=reported(
-        "figures of the segment; null without a whole period of excitation after the dropped ones",
-        spread=True, of=(Summary,)))
-    tracking: Tracking | None = field(metadata=reported(
-        "tracking of a recorded target", optional=True))
+    start: float = reported("simulation time", "s")
+    end: float = reported("simulation time", "s")
+    began_by: str | None = reported(
+        "start, reset, restart, parameters, fallback, controller (commands begin, return, or come from a new "
+        "publisher) or pause; null where the run began before the recording")
+    changes: Mapping[str, object] = reported("new values of changed scene keys or target_slip_speed", "{*}")
+    summary: Summary | None = reported(
+        "figures of the segment; null without a whole period of excitation after the dropped ones", spread=True,
+        of=(Summary,))
+    tracking: Tracking | None = reported("tracking of a recorded target", optional=True)
 
     def rows(self, number: int) -> list[tuple[str, str]]:
         """Return the segment as rows for a terminal."""

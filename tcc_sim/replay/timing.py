@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.reader import Run
 from tcc_sim.recording.stamps import Stamps
 from tcc_sim.replay.timeline import Timeline
-from tcc_sim.result import reported, reporting
+from tcc_sim.result import reported, reporting, result_class
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
 from tcc_sim.trajectory import Trajectory
@@ -44,7 +44,7 @@ FEWEST_STRETCHES, FEWEST_FOR_STEPS = 2, 4
 """Least number of times between receipts of stretches that show the real time, and that show a usual one."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Timing:
     """Timing of the engine cycles of a recording.
 
@@ -54,8 +54,7 @@ class Timing:
     """
 
     clock: EngineClock
-    source: str = field(metadata=reported(
-        "given, scene, found or none", name="frequency_source"))
+    source: str = reported("given, scene, found or none", name="frequency_source")
     low: float
     high: float
     note: str = ""
@@ -65,13 +64,11 @@ class Timing:
         """Start times of cycles in every segment; None if each segment uses its scene's frequency."""
         return None if self.source == "scene" else self.clock
 
-    @property
     @reporting("in the longest run; null if unknown", "rad/s")
     def frequency_range(self) -> tuple[float, float]:
         """Smallest and largest frequency in the longest run, rad/s; NaN if unknown."""
         return self.low, self.high
 
-    @property
     @reporting("that of a typical cycle; null if no cycle was identified", "rad/s")
     def frequency(self) -> float:
         """Frequency of a typical engine cycle, rad/s; NaN if no cycle was identified."""

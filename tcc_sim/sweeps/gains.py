@@ -9,7 +9,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
 from types import ModuleType
@@ -21,7 +21,7 @@ from tcc_sim.analysis.loop.tracking import Limits, Tracking, checked_limits, tar
 from tcc_sim.errors import InputError, TccError, one_line
 from tcc_sim.model.quantity import MOST_VALUES
 from tcc_sim.plant.closed_loop import closed_loop
-from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reporting
+from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reporting, result_class
 from tcc_sim.scene import Scene, SceneLike, as_scene
 from tcc_sim.sweeps.executors import cluster, each_done, each_in_a_process
 from tcc_sim.sweeps.progress import progress_bar
@@ -30,39 +30,38 @@ COLUMNS = [name for name in names_in(Tracking) if name not in ("limits", "verdic
 """Figures of a loop that are columns of a table."""
 
 
-@dataclass(frozen=True)
+@result_class
 class GainPoint:
     """One closed loop of a map."""
 
-    tracking: Tracking = field(metadata=reported("figures of the loop", spread=True, of=(Tracking,)))
-    refused: int = field(metadata=reported("refused commands"))
+    tracking: Tracking = reported("figures of the loop", spread=True, of=(Tracking,))
+    refused: int = reported("refused commands")
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class GainMap(Result):
     """Closed loops of a control law at many values of one of its parameters or scene keys, or of two."""
 
-    law: str = field(metadata=reported("the law, as FILE.py:NAME or by its name"))
-    key: str = field(metadata=reported("parameter of the law, or scene key", name="over"))
-    values: tuple[float, ...] = field(metadata=reported("its values", "{over}"))
-    second_key: str | None = field(metadata=reported("second one; null without", name="second_over"))
-    second_values: tuple[float, ...] | None = field(metadata=reported("its values", "{second_over}"))
-    target: tuple[tuple[float, float], ...] = field(metadata=reported(
-        "times and target slip speeds from then on", "s, rad/s", name="targets"))
-    duration: float = field(metadata=reported("simulated time of each loop", "s"))
+    law: str = reported("the law, as FILE.py:NAME or by its name")
+    key: str = reported("parameter of the law, or scene key", name="over")
+    values: tuple[float, ...] = reported("its values", "{over}")
+    second_key: str | None = reported("second one; null without", name="second_over")
+    second_values: tuple[float, ...] | None = reported("its values", "{second_over}")
+    target: tuple[tuple[float, float], ...] = reported(
+        "times and target slip speeds from then on", "s, rad/s", name="targets")
+    duration: float = reported("simulated time of each loop", "s")
     points: list[GainPoint]
-    seconds: float = field(metadata=reported("computing time of the whole map", "s", name="wall_s"))
+    seconds: float = reported("computing time of the whole map", "s", name="wall_s")
 
     def _text(self) -> str:
         settled = sum(point.tracking.settled for point in self.points)
         second = f" and {self.second_key}" if self.second_key else ""
         return f"GainMap of {self.law} over {self.key}{second}: {len(self.points)} loops, {settled} settled"
 
-    @property
-    @reporting("figures per value in lists, with two keys in lists of lists, rows: second key", spread=True,
-               listed=True, of=(GainPoint,))
+    @reporting(
+        "figures per value in lists, with two keys in lists of lists, rows: second key", spread=True, listed=True,
+        of=(GainPoint,))
     def lists(self) -> dict[str, list[Any]]:
-        """Per figure a list of values, or a list of rows."""
         n = len(self.values)
         flat = json_of(as_lists(self.points, GainPoint))
         return flat if self.second_key is None else {

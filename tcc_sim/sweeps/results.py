@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, fields
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key
 from tcc_sim.model.quantity import MOST_VALUES
-from tcc_sim.result import Result, as_lists, json_of, names_in, preset, reported, reported_of, reporting
+from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reported_of, reporting, result_class
 from tcc_sim.sweeps.simulation import CONFIRMED, Plan
 from tcc_sim.sweeps.steady_state import Start
 from tcc_sim.trajectory import Floats, State
@@ -39,7 +39,7 @@ COLUMNS: dict[str, float | int | bool | str] = {
 """Columns of a table with a row per value, and the value of their empty cells."""
 
 
-@dataclass(frozen=True, slots=True)
+@result_class(slots=True)
 class Point:
     """The result at one value.
 
@@ -48,19 +48,18 @@ class Point:
     """
 
     value: float
-    summary: Summary | None = field(metadata=reported(
-        "figures of the steady state; null where the solver failed", spread=True, of=(Summary,)))
-    section: Floats | None = field(metadata=reported(
-        "plate angle and slip speed at t = 2 pi n/omega, (n, 2)", "rad, rad/s"))
-    confirmed: bool | None = field(metadata=reported(CONFIRMED))
-    status: str = field(metadata=reported("how the solver ended, a sentence"))
-    theta2: Floats | None = field(metadata=reported(
-        "plate angle on the last sections, oldest first, (n,)", "rad", optional=True))
-    damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, optional=True))
-    lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", optional=True))
+    summary: Summary | None = reported(
+        "figures of the steady state; null where the solver failed", spread=True, of=(Summary,))
+    section: Floats | None = reported("plate angle and slip speed at t = 2 pi n/omega, (n, 2)", "rad, rad/s")
+    confirmed: bool | None = reported(CONFIRMED)
+    status: str = reported("how the solver ended, a sentence")
+    theta2: Floats | None = reported("plate angle on the last sections, oldest first, (n,)", "rad", optional=True)
+    damping: Damping | None = reported("equivalent damping", spread=True, optional=True)
+    lyapunov: Lyapunov | None = reported("largest Lyapunov exponent", optional=True)
     end: Start
-    judder: JudderFigures | None = preset(None, "judder of a manoeuvre or with orders", spread=True, optional=True)
-    orders: OrdersAtSpeeds | None = preset(None, "orders at given engine speeds", optional=True)
+    judder: JudderFigures | None = reported(
+        "judder of a manoeuvre or with orders", spread=True, optional=True, default=None)
+    orders: OrdersAtSpeeds | None = reported("orders at given engine speeds", optional=True, default=None)
 
     def as_record(self) -> dict[str, Any]:
         """Return the value, the results and the end of the motion as JSON values: a line in the file of a sweep."""
@@ -135,7 +134,7 @@ def varied(system: System, key: str, value: float) -> System:
     return replace(system, {SCALED: [value * x for x in system.friction.coefficients]})
 
 
-@dataclass(frozen=True)
+@result_class
 class Curve:
     """A system at many values of one scene key, see `varied`.
 
@@ -143,8 +142,8 @@ class Curve:
     """
 
     system: System
-    key: str = field(metadata=reported("scene key that is swept", name="over"))
-    values: tuple[float, ...] = field(metadata=reported("its values", "{over}"))
+    key: str = reported("scene key that is swept", name="over")
+    values: tuple[float, ...] = reported("its values", "{over}")
 
     def __post_init__(self) -> None:
         if not 1 <= len(self.values) <= MOST_VALUES:
@@ -158,22 +157,20 @@ class Curve:
         return varied(self.system, self.key, self.values[index])
 
 
-@dataclass(frozen=True)
+@result_class
 class Course:
     """How the sweeps of one call were done."""
 
-    direction: str = field(metadata=reported(
-        "cold: each value starts from the initial state; up, down: from the neighbour's last one"))
-    discard: int | str = field(metadata=reported("cycles dropped, default or auto"))
-    duration: float | None = field(metadata=reported(
-        "time solved; null for whole cycles", "s"))
-    varying: Sequence[str] = field(metadata=reported("what varies in time"))
-    complete: bool = field(metadata=reported("whether every value was tried"))
-    not_settled: int = field(metadata=reported("motions that are still transients"))
-    seconds: float = field(metadata=reported("computing time of the whole sweep", "s", name="wall_s"))
+    direction: str = reported("cold: each value starts from the initial state; up, down: from the neighbour's last one")
+    discard: int | str = reported("cycles dropped, default or auto")
+    duration: float | None = reported("time solved; null for whole cycles", "s")
+    varying: Sequence[str] = reported("what varies in time")
+    complete: bool = reported("whether every value was tried")
+    not_settled: int = reported("motions that are still transients")
+    seconds: float = reported("computing time of the whole sweep", "s", name="wall_s")
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Sweep(Result):
     """Results along one curve, in the order of its values.
 
@@ -181,7 +178,7 @@ class Sweep(Result):
     seconds : wall time of the whole call
     """
 
-    curve: Curve = field(metadata=reported("what is swept", spread=True))
+    curve: Curve = reported("what is swept", spread=True)
     plan: Plan
     points: list[Point | None]
     seconds: float
@@ -237,10 +234,8 @@ class Sweep(Result):
             for name in ("slip_speed", "shaft_torque") for i, speed in enumerate(known.speeds)
             for k, order in enumerate(known.order)}
 
-    @property
     @reporting("how it was done", spread=True)
     def course(self) -> Course:
-        """How this sweep was done."""
         return self.course_with([self])
 
     def course_with(self, sweeps: Sequence[Sweep]) -> Course:
@@ -255,20 +250,18 @@ class Sweep(Result):
         """Number of values whose motion is still a transient."""
         return sum(p is not None and p.summary is not None and p.summary.transient for p in self.points)
 
-    @property
     @reporting("the results per value, in lists", spread=True, listed=True, of=(Point,))
     def lists(self) -> dict[str, list[Any]]:
-        """Per result a list of JSON values in value order."""
         return {**json_of(as_lists(self.points, Point)),
                 "status": [NOT_SOLVED if p is None else p.status for p in self.points]}
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Grid(Result):
     """Results on a grid of two keys: one Sweep over the first key for every value of the second."""
 
-    second_key: str = field(metadata=reported("second scene key", name="second_over"))
-    second_values: tuple[float, ...] = field(metadata=reported("its values", "{second_over}"))
+    second_key: str = reported("second scene key", name="second_over")
+    second_values: tuple[float, ...] = reported("its values", "{second_over}")
     sweeps: list[Sweep]
 
     def _text(self) -> str:
@@ -280,22 +273,16 @@ class Grid(Result):
         """Return the columns of `Sweep` for all rows below each other, with the second key's values first."""
         return {self.second_key: np.repeat(self.second_values, len(self.sweeps[0].points)), **stacked(self.sweeps)}
 
-    @property
     @reporting("first scene key", spread=True)
     def curve(self) -> Curve:
-        """Curve of the first row."""
         return self.sweeps[0].curve
 
-    @property
     @reporting("how it was done", spread=True)
     def course(self) -> Course:
-        """How the sweeps were done."""
         return self.sweeps[0].course_with(self.sweeps)
 
-    @property
     @reporting("the results in lists of lists, rows: second key", spread=True, listed=True, of=(Point,))
     def lists(self) -> dict[str, list[Any]]:
-        """Per result a list of rows."""
         return lists_of(self.sweeps)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, refuse_related, replace
 from tcc_sim.model.quantity import MOST_VALUES, sequence_of_numbers
-from tcc_sim.result import Result, preset, reported, reported_of, reporting
+from tcc_sim.result import Result, reported, reported_of, reporting, result_class
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.sweeps.results import SCALED, Course, Point, Sweep, check_effect, lists_of, stacked, varied
 from tcc_sim.sweeps.simulation import Plan, with_plan_fields
@@ -31,7 +30,7 @@ NUMBERS = tuple(entry.name or name for kind in (Summary, Damping, JudderFigures)
 """Results that have quantiles; a truth value counts as 0 or 1."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Tolerances:
     """Independent, uniform samples of scene keys within bounds.
 
@@ -46,9 +45,9 @@ class Tolerances:
     """
 
     bounds: tuple[tuple[str, float, float], ...]
-    samples: int = field(metadata=reported("samples"))
-    seed: int = preset(0, "seed of the samples")
-    probabilities: tuple[float, ...] = preset(PROBABILITIES, "probabilities of the quantiles")
+    samples: int = reported("samples")
+    seed: int = reported("seed of the samples", default=0)
+    probabilities: tuple[float, ...] = reported("probabilities of the quantiles", default=PROBABILITIES)
 
     def __post_init__(self) -> None:
         keys = [key for key, _, _ in self.bounds]
@@ -67,13 +66,10 @@ class Tolerances:
             raise InputError(f"quantiles are {', '.join(f'{p:g}' for p in probabilities) or 'none'}; they must be "
                              "probabilities from 0 to 1 that increase")
 
-    @property
     @reporting("scattered keys with their lowest and highest value", "{*}")
     def scatter(self) -> dict[str, tuple[float, float]]:
-        """Bounds by key."""
         return {key: (low, high) for key, low, high in self.bounds}
 
-    @property
     @reporting("values of the scattered keys in the order of samples", "{*}")
     def sampled(self) -> dict[str, NDArray[np.float64]]:
         """(samples,) values by key: a scrambled Sobol sequence (A. B. Owen (1998), ACM TOMACS 8, 71 to 102)."""
@@ -86,7 +82,7 @@ class Tolerances:
         return {key: low + (high - low) * unit[:, k] for k, (key, low, high) in enumerate(self.bounds)}
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Scattered(Result):
     """Results for scattered keys: one Sweep for each sample, over another key or at one value.
 
@@ -96,7 +92,7 @@ class Scattered(Result):
     every : whether quantiles include samples that ran away or have not settled
     """
 
-    tolerances: Tolerances = field(metadata=reported("what is scattered", spread=True))
+    tolerances: Tolerances = reported("what is scattered", spread=True)
     over: str
     sweeps: list[Sweep]
     every: bool = False
@@ -153,23 +149,17 @@ class Scattered(Result):
         return {**{key: np.repeat(values, length) for key, values in sampled.items()},
                 **{name: column for name, column in stacked(self.sweeps).items() if name not in sampled}}
 
-    @property
     @reporting("results without part in quantiles: runaway, and not settled")
     def left_out(self) -> dict[str, int]:
-        """Number of results that quantiles leave out, by reason."""
         return dict(zip(COUNTED, (0 if self.every else int(mask.sum()) for mask in self._unsteady())))
 
-    @property
     @reporting("quantiles of every result by probability; with over, a list per value", "{*}", name="quantiles")
     def all_quantiles(self) -> dict[str, NDArray[np.float64]]:
-        """Quantiles of every computed result in numbers."""
         lists = self.sweeps[0].lists
         return {name: self.quantiles(name)[slice(None) if self.over else 0] for name in NUMBERS if name in lists}
 
-    @property
-    @reporting("those of slip_speed (rad/s) and shaft_torque (N m), by speed, order and probability; "
-               "likewise",
-               optional=True)
+    @reporting(
+        "those of slip_speed (rad/s) and shaft_torque (N m), by speed, order and probability; likewise", optional=True)
     def order_quantiles(self) -> dict[str, NDArray[np.float64]] | None:
         """Quantiles of `OrdersAtSpeeds`; None without orders."""
         orders = [[None if p is None else p.orders for p in sweep.points] for sweep in self.sweeps]
@@ -183,23 +173,19 @@ class Scattered(Result):
             out[name] = np.moveaxis(self._quantiles(values, name), 0, -1)[slice(None) if self.over else 0]
         return out
 
-    @property
     @reporting("value swept over", spread=True, optional=True)
     def curve(self) -> Curve | None:
         """Curve over which every sample is swept; None for a single value."""
         return self.sweeps[0].curve if self.over else None
 
-    @property
     @reporting("how it was done", spread=True)
     def course(self) -> Course:
-        """How the sweeps were done."""
         return self.sweeps[0].course_with(self.sweeps)
 
-    @property
-    @reporting("the results in a list over the samples; with over, a list of them per value", spread=True, listed=True,
-               of=(Point,))
+    @reporting(
+        "the results in a list over the samples; with over, a list of them per value", spread=True, listed=True,
+        of=(Point,))
     def lists(self) -> dict[str, list[Any]]:
-        """Per result a list over the samples."""
         return {name: rows if self.over else [row[0] for row in rows] for name, rows in lists_of(self.sweeps).items()}
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from numbers import Integral
 from pathlib import Path
 from typing import Any, TypeVar
@@ -31,7 +31,7 @@ from tcc_sim.analysis.steady.summary import (
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.result import Result, preset, reported, reporting
+from tcc_sim.result import Result, reported, reporting, result_class
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_duration, check_setting, choose, solve
 from tcc_sim.sweeps.steady_state import Start, solve_to_steady_state
@@ -154,7 +154,7 @@ PAPER = Plan()
 """150 cycles, of which 50 are dropped, from the initial state."""
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Simulation(Result):
     """A motion solved and judged.
 
@@ -171,17 +171,17 @@ class Simulation(Result):
     """
 
     trajectory: Trajectory
-    summary: Summary | None = field(metadata=reported("figures of the steady state", spread=True, optional=True))
-    confirmed: bool = field(metadata=reported(CONFIRMED))
+    summary: Summary | None = reported("figures of the steady state", spread=True, optional=True)
+    confirmed: bool = reported(CONFIRMED)
     angles: Floats
-    damping: Damping | None = field(metadata=reported("equivalent damping", spread=True, optional=True))
-    lyapunov: Lyapunov | None = field(metadata=reported("largest Lyapunov exponent", optional=True))
+    damping: Damping | None = reported("equivalent damping", spread=True, optional=True)
+    lyapunov: Lyapunov | None = reported("largest Lyapunov exponent", optional=True)
     end: Start
-    plan: Plan | None = preset(None, "how it was solved", optional=True)
-    orders: Orders | None = preset(None, "orders, transmissibility and judder", optional=True)
-    measured_orders: Orders | None = preset(None, "those of the measurement in --inputs", optional=True)
-    orders_at_speeds: OrdersAtSpeeds | None = preset(None, "orders at given engine speeds", optional=True)
-    spectrum: Spectrum | None = preset(None, "amplitudes over frequency and order", optional=True)
+    plan: Plan | None = reported("how it was solved", optional=True, default=None)
+    orders: Orders | None = reported("orders, transmissibility and judder", optional=True, default=None)
+    measured_orders: Orders | None = reported("those of the measurement in --inputs", optional=True, default=None)
+    orders_at_speeds: OrdersAtSpeeds | None = reported("orders at given engine speeds", optional=True, default=None)
+    spectrum: Spectrum | None = reported("amplitudes over frequency and order", optional=True, default=None)
     notes: tuple[str, ...] = ()
 
     def _text(self) -> str:
@@ -199,10 +199,8 @@ class Simulation(Result):
         run = self.trajectory
         return f"{run.status.value}; {run.detail}" if run.detail else run.status.value
 
-    @property
     @reporting("sentences on the scene and the solver, if any", optional=True)
     def warnings(self) -> list[str] | None:
-        """Doubts about the solution; None if there are none."""
         run = self.trajectory
         doubts = [f"{run.solver}: {run.detail}"] if run.status is Status.DONE and run.detail else []
         return [*doubts, *self.notes] or None

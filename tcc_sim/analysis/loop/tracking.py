@@ -23,7 +23,7 @@ from tcc_sim.analysis.measured.engine_clock import EngineClock
 from tcc_sim.analysis.measured.stream import CyclePiece, CycleStream
 from tcc_sim.errors import InputError
 from tcc_sim.model.profile import latest
-from tcc_sim.result import preset, reported
+from tcc_sim.result import reported, result_class
 from tcc_sim.shown_units import speed
 from tcc_sim.trajectory import Floats, Trajectory
 
@@ -51,51 +51,55 @@ SPEEDS = (-1e5, 1e5)
 """Smallest and largest target, rad/s."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Tracking:
     """Slip speed against a target; the fields are JSON keys of `analyse`. NaN marks what was not observed."""
 
-    target: float = field(metadata=reported("target slip speed at the end", "rad/s"))
-    mean_slip: float = preset(math.nan, "mean over the kept cycles", "rad/s")
-    rms_error: float = preset(math.nan, "rms of cycle mean minus target over the kept cycles", "rad/s")
-    largest_error: float = preset(math.nan, "largest size of that difference", "rad/s")
-    overshoot: float = preset(math.nan, "largest distance of the cycle mean beyond the target", "rad/s")
-    settling_time: float = preset(math.nan, "from the segment's start until the cycle mean stays within `band`; null "
-                                  "unless settled", "s")
-    target_low: float = preset(math.nan, "smallest target, below `target_high` if it moves", "rad/s")
-    target_high: float = preset(math.nan, "largest target", "rad/s")
-    verdict: str | None = preset(None, "settled, hunting, growing, saturated, sticking, off target, follows, too "
-                                 "short to judge, or too little observed; null without a cycle mean")
-    verdict_why: str = preset("", "reason of the verdict, or why there is none")
-    band: float = preset(math.nan, "error that counts as settled", "rad/s")
-    overshoot_time: float = preset(math.nan, "simulation time", "s")
-    peak_deviation: float = preset(math.nan, "largest deviation of the cycle mean, signed, after it reached the target",
-                                   "rad/s")
-    peak_time: float = preset(math.nan, "simulation time", "s")
-    hunting_amplitude: float = preset(math.nan, "amplitude of a lasting oscillation of the cycle mean; null without "
-                                      "one", "rad/s")
-    hunting_period: float = preset(math.nan, "its period; null without one", "s")
-    judder_amplitude: float = preset(math.nan, "amplitude of a fast slip oscillation that does not repeat with the "
-                                     "excitation; null without one", "rad/s")
-    judder_frequency: float = preset(math.nan, "its frequency; null without one", "Hz")
-    lag: float = preset(math.nan, "delay behind a moving target; null without one", "s")
-    gain: float = preset(math.nan, "motion of the cycle mean over that of the target; null likewise")
-    peak_mean: float = preset(math.nan, "largest deviation of the cycle mean in size, approach included", "rad/s")
-    peak_slip: float = preset(math.nan, "that of the slip speed itself", "rad/s")
-    iae: float = preset(math.nan, "integral of the cycle mean's |error|", "rad")
-    ripple: float = preset(math.nan, "rms of the slip speed about its mean over each cycle", "rad/s")
-    stick_fraction: float = preset(math.nan, "time in stick over time")
-    pressure_low: float = preset(math.nan, "least applied pressure", "Pa")
-    pressure_high: float = preset(math.nan, "largest applied pressure", "Pa")
-    pressure_rate: float = preset(math.nan, "rms of its rate", "Pa/s")
-    time_at_limit: float = preset(math.nan, "share of time at one of `limits`")
-    limits: Limits = preset(UNKNOWN, "limits of the pressure as stated; else 0 and null", "Pa")
-    command_rate: float = preset(math.nan, "pressure commands applied per simulated second; null without recorded "
-                                 "commands", "Hz")
-    commands_applied: int | None = preset(None, "pressure commands held during a tick or more; null likewise")
-    commands_superseded: int | None = preset(None, "pressure commands replaced before the next tick; null likewise")
-    seconds: float = preset(0.0, "time observed", "s")
-    lost_seconds: float = preset(0.0, "time without recorded states within and between cycles", "s")
+    target: float = reported("target slip speed at the end", "rad/s")
+    mean_slip: float = reported("mean over the kept cycles", "rad/s", default=math.nan)
+    rms_error: float = reported("rms of cycle mean minus target over the kept cycles", "rad/s", default=math.nan)
+    largest_error: float = reported("largest size of that difference", "rad/s", default=math.nan)
+    overshoot: float = reported("largest distance of the cycle mean beyond the target", "rad/s", default=math.nan)
+    settling_time: float = reported(
+        "from the segment's start until the cycle mean stays within `band`; null unless settled", "s", default=math.nan)
+    target_low: float = reported("smallest target, below `target_high` if it moves", "rad/s", default=math.nan)
+    target_high: float = reported("largest target", "rad/s", default=math.nan)
+    verdict: str | None = reported(
+        "settled, hunting, growing, saturated, sticking, off target, follows, too short to judge, or too little "
+        "observed; null without a cycle mean", default=None)
+    verdict_why: str = reported("reason of the verdict, or why there is none", default="")
+    band: float = reported("error that counts as settled", "rad/s", default=math.nan)
+    overshoot_time: float = reported("simulation time", "s", default=math.nan)
+    peak_deviation: float = reported(
+        "largest deviation of the cycle mean, signed, after it reached the target", "rad/s", default=math.nan)
+    peak_time: float = reported("simulation time", "s", default=math.nan)
+    hunting_amplitude: float = reported(
+        "amplitude of a lasting oscillation of the cycle mean; null without one", "rad/s", default=math.nan)
+    hunting_period: float = reported("its period; null without one", "s", default=math.nan)
+    judder_amplitude: float = reported(
+        "amplitude of a fast slip oscillation that does not repeat with the excitation; null without one", "rad/s",
+        default=math.nan)
+    judder_frequency: float = reported("its frequency; null without one", "Hz", default=math.nan)
+    lag: float = reported("delay behind a moving target; null without one", "s", default=math.nan)
+    gain: float = reported("motion of the cycle mean over that of the target; null likewise", default=math.nan)
+    peak_mean: float = reported(
+        "largest deviation of the cycle mean in size, approach included", "rad/s", default=math.nan)
+    peak_slip: float = reported("that of the slip speed itself", "rad/s", default=math.nan)
+    iae: float = reported("integral of the cycle mean's |error|", "rad", default=math.nan)
+    ripple: float = reported("rms of the slip speed about its mean over each cycle", "rad/s", default=math.nan)
+    stick_fraction: float = reported("time in stick over time", default=math.nan)
+    pressure_low: float = reported("least applied pressure", "Pa", default=math.nan)
+    pressure_high: float = reported("largest applied pressure", "Pa", default=math.nan)
+    pressure_rate: float = reported("rms of its rate", "Pa/s", default=math.nan)
+    time_at_limit: float = reported("share of time at one of `limits`", default=math.nan)
+    limits: Limits = reported("limits of the pressure as stated; else 0 and null", "Pa", default=UNKNOWN)
+    command_rate: float = reported(
+        "pressure commands applied per simulated second; null without recorded commands", "Hz", default=math.nan)
+    commands_applied: int | None = reported("pressure commands held during a tick or more; null likewise", default=None)
+    commands_superseded: int | None = reported(
+        "pressure commands replaced before the next tick; null likewise", default=None)
+    seconds: float = reported("time observed", "s", default=0.0)
+    lost_seconds: float = reported("time without recorded states within and between cycles", "s", default=0.0)
 
     @property
     def settled(self) -> bool:

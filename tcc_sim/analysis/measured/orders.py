@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.measured.signals import DRIVEN, HIGHEST_ORDER, LEAST_SAMPLES, Signals, run_signals
 from tcc_sim.errors import InputError, counted
-from tcc_sim.result import Result, preset, reported
+from tcc_sim.result import Result, reported, result_class
 from tcc_sim.tables.sampling import in_words
 from tcc_sim.trajectory import Floats, Trajectory
 
@@ -37,31 +37,31 @@ LEAST = 1e-12
 """Lower limit of amplitudes in levels."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Judder:
     """Oscillation of the slip speed in each of W windows."""
 
-    rms: Floats = field(metadata=reported("rms about the mean over each cycle, (W,)", "rad/s"))
-    peak: Floats = field(metadata=reported("largest deviation from the mean, (W,)", "rad/s"))
-    breakaways: Floats = field(metadata=reported("changes from stick to slip, (W,)", "1/s"))
+    rms: Floats = reported("rms about the mean over each cycle, (W,)", "rad/s")
+    peak: Floats = reported("largest deviation from the mean, (W,)", "rad/s")
+    breakaways: Floats = reported("changes from stick to slip, (W,)", "1/s")
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Orders(Result):
     """Orders in windows of 16 periods of the excitation along a run; W windows, N orders, K of the engine torque."""
 
-    time: Floats = field(metadata=reported("middle of each window without gaps, (W,)", "s"))
-    frequency: Floats = field(metadata=reported("frequency of the excitation there, (W,)", "rad/s"))
-    order: Floats = field(metadata=reported("crank orders, (N,)"))
-    slip_speed: Floats = field(metadata=reported("amplitudes, (W, N); of order 0 the mean's size", "rad/s"))
-    shaft_torque: Floats = field(metadata=reported("amplitudes, (W, N); of order 0 the mean's size", "N m"))
-    torque_order: Floats = field(metadata=reported("crank orders of the engine torque, (K,)"))
-    transmissibility: Floats = field(metadata=reported("shaft torque over engine torque there, (W, K)"))
-    judder: Judder = field(metadata=reported("shaking of the slip speed in each window"))
-    heat: Floats = field(metadata=reported("work of friction since the start, (W,)", "J"))
-    modes: tuple[float, float] = field(metadata=reported("natural frequencies, stuck and slipping", "rad/s"))
-    per_revolution: float = preset(1.0, "engine.order: cycles in a crank revolution")
-    left_out: int = preset(0, "windows left out because of gaps")
+    time: Floats = reported("middle of each window without gaps, (W,)", "s")
+    frequency: Floats = reported("frequency of the excitation there, (W,)", "rad/s")
+    order: Floats = reported("crank orders, (N,)")
+    slip_speed: Floats = reported("amplitudes, (W, N); of order 0 the mean's size", "rad/s")
+    shaft_torque: Floats = reported("amplitudes, (W, N); of order 0 the mean's size", "N m")
+    torque_order: Floats = reported("crank orders of the engine torque, (K,)")
+    transmissibility: Floats = reported("shaft torque over engine torque there, (W, K)")
+    judder: Judder = reported("shaking of the slip speed in each window")
+    heat: Floats = reported("work of friction since the start, (W,)", "J")
+    modes: tuple[float, float] = reported("natural frequencies, stuck and slipping", "rad/s")
+    per_revolution: float = reported("engine.order: cycles in a crank revolution", default=1.0)
+    left_out: int = reported("windows left out because of gaps", default=0)
 
     def _text(self) -> str:
         return (f"Orders: {len(self.time)} windows, {self.frequency.min():.6g} to {self.frequency.max():.6g} rad/s, "
@@ -190,12 +190,12 @@ def orders_of(run: Trajectory | Signals) -> Orders:
         left_out=int(hidden.sum()))
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class OrderComparison(Result):
     """Orders of a measured run beside those of the simulated one, in the same windows."""
 
-    measured: Orders = field(metadata=reported("orders of the measurement"))
-    simulated: Orders = field(metadata=reported("orders of the simulation"))
+    measured: Orders = reported("orders of the measurement")
+    simulated: Orders = reported("orders of the simulation")
 
     def _text(self) -> str:
         return f"OrderComparison: {len(self.measured.time)} windows"
@@ -286,24 +286,22 @@ SPECTRUM_LEAST = 16  # The same at least, cycles of the excitation.
 SUBHARMONIC = 1e-3  # Part of the largest line above which one between the multiples of the excitation is listed.
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Spectrum(Result):
     """Spectrum of slip speed and shaft torque; N lines. It has either amplitudes or densities."""
 
-    frequency: Floats = field(metadata=reported("angular frequency of each line, (N,)", "rad/s"))
-    order: Floats = field(metadata=reported("crank order of each line, (N,)"))
-    window: str = field(metadata=reported("window in time, its cycles, and the time that it covers"))
-    period: int = field(metadata=reported("period of the motion in cycles, 0 for none"))
-    subharmonics: Floats = field(metadata=reported(
-        "crank orders between multiples of the excitation's, with a line above a thousandth of the largest"))
-    slip_speed: Floats | None = field(metadata=reported(
-        "amplitudes, (N,); of order 0 the mean", "rad/s", optional=True))
-    shaft_torque: Floats | None = field(metadata=reported(
-        "amplitudes, (N,); of order 0 the mean", "N m", optional=True))
-    slip_speed_density: Floats | None = field(metadata=reported(
-        "one-sided power density of a motion without a period, (N,)", "(rad/s)^2/Hz", optional=True))
-    shaft_torque_density: Floats | None = field(metadata=reported(
-        "one-sided power density of a motion without a period, (N,)", "(N m)^2/Hz", optional=True))
+    frequency: Floats = reported("angular frequency of each line, (N,)", "rad/s")
+    order: Floats = reported("crank order of each line, (N,)")
+    window: str = reported("window in time, its cycles, and the time that it covers")
+    period: int = reported("period of the motion in cycles, 0 for none")
+    subharmonics: Floats = reported(
+        "crank orders between multiples of the excitation's, with a line above a thousandth of the largest")
+    slip_speed: Floats | None = reported("amplitudes, (N,); of order 0 the mean", "rad/s", optional=True)
+    shaft_torque: Floats | None = reported("amplitudes, (N,); of order 0 the mean", "N m", optional=True)
+    slip_speed_density: Floats | None = reported(
+        "one-sided power density of a motion without a period, (N,)", "(rad/s)^2/Hz", optional=True)
+    shaft_torque_density: Floats | None = reported(
+        "one-sided power density of a motion without a period, (N,)", "(N m)^2/Hz", optional=True)
 
     def _text(self) -> str:
         return (f"Spectrum: {len(self.order)} {'lines' if self.period else 'densities'} up to order "
@@ -386,26 +384,23 @@ SAME = 1e-6
 """Relative range of a frequency that is constant."""
 
 
-@dataclass(frozen=True)
+@result_class
 class JudderFigures:
     """Judder over all whole periods of excitation that are kept."""
 
-    rms: float = field(metadata=reported(
-        "rms of the slip speed about its mean over each cycle", "rad/s", name="judder_rms",
-        scatters=True))
-    peak: float = field(metadata=reported(
-        "largest deviation from that mean", "rad/s", name="judder_peak", scatters=True))
+    rms: float = reported(
+        "rms of the slip speed about its mean over each cycle", "rad/s", name="judder_rms", scatters=True)
+    peak: float = reported("largest deviation from that mean", "rad/s", name="judder_peak", scatters=True)
 
 
-@dataclass(frozen=True)
+@result_class
 class OrdersAtSpeeds:
     """Amplitudes of the first K orders of the excitation at S speeds; NaN where the run does not pass a speed."""
 
-    speeds: Floats = field(metadata=reported("frequencies of the excitation, (S,)", "rad/s"))
-    order: Floats = field(metadata=reported("crank orders, (K,)"))
-    slip_speed: Floats = field(metadata=reported(
-        "amplitudes, (S, K); the largest where a run passes a speed repeatedly", "rad/s"))
-    shaft_torque: Floats = field(metadata=reported("likewise, (S, K)", "N m"))
+    speeds: Floats = reported("frequencies of the excitation, (S,)", "rad/s")
+    order: Floats = reported("crank orders, (K,)")
+    slip_speed: Floats = reported("amplitudes, (S, K); the largest where a run passes a speed repeatedly", "rad/s")
+    shaft_torque: Floats = reported("likewise, (S, K)", "N m")
 
 
 def judder_of(run: Trajectory, since: float) -> JudderFigures:

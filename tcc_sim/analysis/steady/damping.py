@@ -7,7 +7,6 @@ samples has a jump between two of them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model import equations, friction
 from tcc_sim.model.parameters import System
-from tcc_sim.result import Described, reported
+from tcc_sim.result import Described, reported, result_class
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import Terms, peak_load, terms_of
 from tcc_sim.trajectory import FREE, STICK, Cycles, Floats, State, Status, Trajectory
@@ -32,19 +31,17 @@ GAUSS, WEIGHTS = (0.5 * x for x in np.polynomial.legendre.leggauss(4))
 """Half the abscissae and weights of the four-point rule."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Damping(Described):
     """Averages of dT/dv = Ts(t) d(mubar)/dv over whole engine cycles.
 
     threshold : -C23 - b, N m s/rad; by (23) the motion is unstable if Cf, of friction alone, is below it
     """
 
-    weighted: float = field(metadata=reported(
-        "Cf of (21), dT/dv weighted with v^2; null without slip",
-        "N m s/rad", name="equivalent_damping", scatters=True))
-    negative_mean: float = field(metadata=reported(
-        "time mean of the negative part of dT/dv",
-        "N m s/rad", name="negative_slope_mean", scatters=True))
+    weighted: float = reported(
+        "Cf of (21), dT/dv weighted with v^2; null without slip", "N m s/rad", name="equivalent_damping", scatters=True)
+    negative_mean: float = reported(
+        "time mean of the negative part of dT/dv", "N m s/rad", name="negative_slope_mean", scatters=True)
     threshold: float
 
 

@@ -15,7 +15,6 @@ chaos their difference falls as its square root (S. Das, Y. Saiki, E. Sander and
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from functools import reduce
 from typing import Any
 
@@ -26,7 +25,7 @@ from tcc_sim.analysis.steady.summary import periodicity, slip_grows
 from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.parameters import System
-from tcc_sim.result import Described, reported
+from tcc_sim.result import Described, reported, result_class
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import Prepared
 from tcc_sim.solvers.terms import Terms, natural_frequency, terms_of
@@ -85,7 +84,7 @@ def largest_first(multipliers: NDArray[Any]) -> NDArray[np.complex128]:
     return np.array(ordered, np.complex128)
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Lyapunov(Described):
     """The largest Lyapunov exponent.
 
@@ -95,15 +94,14 @@ class Lyapunov(Described):
     <Lyapunov 1.51 1/s (1.4 to 1.6): chaotic>
     """
 
-    exponent: float = field(metadata=reported("mean growth rate of a small disturbance", "1/s"))
-    low: float = field(metadata=reported("lower end of its interval, for errors of steps and of sampling", "1/s"))
-    high: float = field(metadata=reported("upper end", "1/s"))
-    confidence: float = field(metadata=reported("confidence of the sampling, by batch means"))
-    cycles: int = field(metadata=reported("cycles averaged, or those of the period"))
-    diagnosis: str = field(metadata=reported(
-        "periodic (up to `long_period`), chaotic (interval above 0), contracting (below 0, but no period "
-        "found), quasi-periodic (interval around 0, averages converge as on a torus), runaway, or "
-        "unresolved"))
+    exponent: float = reported("mean growth rate of a small disturbance", "1/s")
+    low: float = reported("lower end of its interval, for errors of steps and of sampling", "1/s")
+    high: float = reported("upper end", "1/s")
+    confidence: float = reported("confidence of the sampling, by batch means")
+    cycles: int = reported("cycles averaged, or those of the period")
+    diagnosis: str = reported(
+        "periodic (up to `long_period`), chaotic (interval above 0), contracting (below 0, but no period found), "
+        "quasi-periodic (interval around 0, averages converge as on a torus), runaway, or unresolved")
 
     def _text(self) -> str:
         return f"Lyapunov {self.exponent:.6g} 1/s ({self.low:.6g} to {self.high:.6g}): {self.diagnosis}"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.model import equations
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import TIME, along
-from tcc_sim.result import Result, preset, reported
+from tcc_sim.result import Result, reported, result_class
 from tcc_sim.solvers.per_cycle import STAMP, cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.trajectory import Cycles, FarEnd, Floats, Loads, Trajectory, concatenated, split_cycles
@@ -331,7 +331,7 @@ def dropped_of(cycles: int, discard: int | None) -> int:
     return dropped
 
 
-@dataclass(frozen=True, repr=False, slots=True)
+@result_class(repr=False, slots=True)
 class Summary(Result):
     """Results of a run after the dropped cycles; the fields are the JSON keys of `simulate` and `analyse`.
 
@@ -345,46 +345,46 @@ class Summary(Result):
     [0.73]
     """
 
-    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s", scatters=True))
-    min_slip_speed: float = field(metadata=reported("smallest slip speed, signed", "rad/s", scatters=True))
-    period: int = field(metadata=reported(
-        "period of the motion; 0 if none up to `longest_period`",
-        "periods of excitation", scatters=True))
-    section: list[tuple[float, float]] = field(metadata=reported(
-        "plate angle and slip speed at t = 2 pi n/omega over the last period; over all kept cycles if it "
-        "is 0", "rad, rad/s"))
-    stick_fraction: float = field(metadata=reported("time in stick over time", scatters=True))
-    regime: str = field(metadata=reported(
-        "stick, slip or stick-slip; stick fractions within 0.005 of 0 or 1 count as slip or stick"))
-    cycles: int = field(metadata=reported("cycles solved or observed"))
-    discarded: int = field(metadata=reported("cycles dropped at the start"))
-    settled: bool = field(metadata=reported(
-        "whether the section repeats within the tolerance; if not, the period is that of its limit"))
-    section_change: float = field(metadata=reported(
-        "largest change of the section over the last period, relative to the motion"))
-    solver: str = field(metadata=reported("name of the solver"))
-    elapsed_s: float = field(metadata=reported("computing time; of a point of a sweep its share by steps", "s"))
-    section_states: list[tuple[float, float, float]] | None = preset(None, "`section` with the plate speed",
-                                                                     "rad, rad/s, rad/s", optional=True)
-    runaway: bool = preset(False, "whether slip grows and never sticks", scatters=True)
-    transient: bool = preset(False, "whether its period is that of a limit, or its cycles still grow or decay")
-    covers: tuple[float, float] = preset((math.nan, math.nan), "start and end of the time of these figures; period "
-                                         "and section are of its whole cycles", "s")
-    seconds: float = preset(math.nan, "time within `covers` that was solved or recorded", "s")
-    lost_seconds: float = preset(math.nan, "time within `covers` hidden by lost messages", "s")
-    broken: int = preset(0, "kept cycles that lost messages interrupt; a single lost state is bridged")
-    longest_period: int = preset(0, "longest period looked for: 16, or a third of the kept cycles",
-                                 "periods of excitation")
-    clutch_energy: float = preset(math.nan, "work of friction, integral of Tf v; null if not computed", "J",
-                                  scatters=True)
-    mean_power: float = preset(math.nan, "clutch energy over its time", "W", scatters=True)
-    peak_power: float = preset(math.nan, "largest power of friction, Tf v", "W", scatters=True)
-    max_shaft_torque: float = preset(math.nan, "largest torque in the shaft, C23 (theta2' - theta3') + K23 (theta2 - "
-                                     "theta3)", "N m", scatters=True)
-    min_shaft_torque: float = preset(math.nan, "smallest torque in the shaft", "N m", scatters=True)
-    breakaways: int | None = preset(None, "changes from stick to slip", scatters=True)
-    coupling_energy: float = preset(math.nan, "heat of the converter's fluid, integral of b v^2; null if not computed",
-                                    "J", scatters=True)
+    max_slip_speed: float = reported("largest |slip speed|", "rad/s", scatters=True)
+    min_slip_speed: float = reported("smallest slip speed, signed", "rad/s", scatters=True)
+    period: int = reported(
+        "period of the motion; 0 if none up to `longest_period`", "periods of excitation", scatters=True)
+    section: list[tuple[float, float]] = reported(
+        "plate angle and slip speed at t = 2 pi n/omega over the last period; over all kept cycles if it is 0",
+        "rad, rad/s")
+    stick_fraction: float = reported("time in stick over time", scatters=True)
+    regime: str = reported("stick, slip or stick-slip; stick fractions within 0.005 of 0 or 1 count as slip or stick")
+    cycles: int = reported("cycles solved or observed")
+    discarded: int = reported("cycles dropped at the start")
+    settled: bool = reported(
+        "whether the section repeats within the tolerance; if not, the period is that of its limit")
+    section_change: float = reported("largest change of the section over the last period, relative to the motion")
+    solver: str = reported("name of the solver")
+    elapsed_s: float = reported("computing time; of a point of a sweep its share by steps", "s")
+    section_states: list[tuple[float, float, float]] | None = reported(
+        "`section` with the plate speed", "rad, rad/s, rad/s", optional=True, default=None)
+    runaway: bool = reported("whether slip grows and never sticks", scatters=True, default=False)
+    transient: bool = reported(
+        "whether its period is that of a limit, or its cycles still grow or decay", default=False)
+    covers: tuple[float, float] = reported(
+        "start and end of the time of these figures; period and section are of its whole cycles", "s",
+        default=(math.nan, math.nan))
+    seconds: float = reported("time within `covers` that was solved or recorded", "s", default=math.nan)
+    lost_seconds: float = reported("time within `covers` hidden by lost messages", "s", default=math.nan)
+    broken: int = reported("kept cycles that lost messages interrupt; a single lost state is bridged", default=0)
+    longest_period: int = reported(
+        "longest period looked for: 16, or a third of the kept cycles", "periods of excitation", default=0)
+    clutch_energy: float = reported(
+        "work of friction, integral of Tf v; null if not computed", "J", scatters=True, default=math.nan)
+    mean_power: float = reported("clutch energy over its time", "W", scatters=True, default=math.nan)
+    peak_power: float = reported("largest power of friction, Tf v", "W", scatters=True, default=math.nan)
+    max_shaft_torque: float = reported(
+        "largest torque in the shaft, C23 (theta2' - theta3') + K23 (theta2 - theta3)", "N m", scatters=True,
+        default=math.nan)
+    min_shaft_torque: float = reported("smallest torque in the shaft", "N m", scatters=True, default=math.nan)
+    breakaways: int | None = reported("changes from stick to slip", scatters=True, default=None)
+    coupling_energy: float = reported(
+        "heat of the converter's fluid, integral of b v^2; null if not computed", "J", scatters=True, default=math.nan)
 
     def _text(self) -> str:
         period = f"period {self.period}, {'settled' if self.settled else 'settling'}" if self.period else "no period"

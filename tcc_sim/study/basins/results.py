@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from tcc_sim.errors import counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.output.table_files import write_result
-from tcc_sim.result import Described, Result, as_lists, reported, reporting
+from tcc_sim.result import Described, Result, as_lists, reported, reporting, result_class
 from tcc_sim.shown_units import speed
 from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED, Attractor, Counts, Labels
 
@@ -24,51 +24,47 @@ ATTRACTORS_SHOWN = 12  # attractors in the text of a result
 DISTANCES = (1, 2, 4, 8, 16)
 
 
-@dataclass(frozen=True)
+@result_class
 class Axis:
     """Axis of the plane: an initial.* key and its values, numbers in any sequence or array."""
 
-    key: str = field(metadata=reported("scene key"))
-    values: Sequence[float] = field(metadata=reported("its values", "{key}"))
+    key: str = reported("scene key")
+    values: Sequence[float] = reported("its values", "{key}")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", sequence_of_numbers(self.key, self.values))
 
 
-@dataclass(frozen=True)
+@result_class
 class Boundary:
     """Uncertainty of the final state: the share of cells with another label at a distance eps grows as eps^exponent."""
 
-    exponent: float = field(metadata=reported("uncertainty exponent of the boundary", name="uncertainty_exponent"))
-    error: float = field(metadata=reported("standard error of its fit", name="standard_error"))
+    exponent: float = reported("uncertainty exponent of the boundary", name="uncertainty_exponent")
+    error: float = reported("standard error of its fit", name="standard_error")
 
-    @property
     @reporting("dimension of the boundary, 2 minus the exponent")
     def dimension(self) -> float:
-        """Return the dimension of the boundary in the plane."""
         return 2.0 - self.exponent
 
 
-@dataclass(frozen=True)
+@result_class
 class AttractorFigures:
     """Attractor in JSON."""
 
-    number: int = field(metadata=reported("number, the same at all values of over at which it continues"))
-    period: int = field(metadata=reported("period of the motion; 0 for none", "periods of excitation"))
-    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
-    section: NDArray[np.float64] = field(metadata=reported(
-        "plate angle and slip speed at t = 2 pi n/omega", "rad, rad/s"))
-    section_states: NDArray[np.float64] = field(metadata=reported("with the plate speed", "rad, rad/s, rad/s"))
-    multipliers: NDArray[np.complex128] | None = field(metadata=reported(
-        "Floquet multipliers, [re, im]; null without a period"))
-    fraction: float = field(metadata=reported("share of the plane"))
-    radius: float = field(metadata=reported("capture radius around section points, in natural sizes of states"))
-    validated: bool = field(metadata=reported("whether motions that start there return"))
-    state: NDArray[np.float64] | None = field(metadata=reported(
-        "slip speed, plate angle and plate speed at t = 0; null without a period", "rad/s, rad, rad/s"))
+    number: int = reported("number, the same at all values of over at which it continues")
+    period: int = reported("period of the motion; 0 for none", "periods of excitation")
+    max_slip_speed: float = reported("largest |slip speed|", "rad/s")
+    section: NDArray[np.float64] = reported("plate angle and slip speed at t = 2 pi n/omega", "rad, rad/s")
+    section_states: NDArray[np.float64] = reported("with the plate speed", "rad, rad/s, rad/s")
+    multipliers: NDArray[np.complex128] | None = reported("Floquet multipliers, [re, im]; null without a period")
+    fraction: float = reported("share of the plane")
+    radius: float = reported("capture radius around section points, in natural sizes of states")
+    validated: bool = reported("whether motions that start there return")
+    state: NDArray[np.float64] | None = reported(
+        "slip speed, plate angle and plate speed at t = 0; null without a period", "rad/s, rad, rad/s")
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Basins(Result):
     """Basins of one system in one plane.
 
@@ -78,11 +74,11 @@ class Basins(Result):
     over : scene key and its value, if there are planes at several values
     """
 
-    plane: tuple[Axis, Axis] = field(metadata=reported("first and second axis"))
+    plane: tuple[Axis, Axis] = reported("first and second axis")
     attractors: tuple[Attractor, ...]
     labels: Labels
     cycles: Counts
-    seconds: float = field(metadata=reported("computing time", "s"))
+    seconds: float = reported("computing time", "s")
     system: System
     over: tuple[str, float] | None = None
 
@@ -94,25 +90,19 @@ class Basins(Result):
         """Return the uncertainty exponent; None if too few labels differ for a fit."""
         return boundary_of(self.labels)
 
-    @property
     @reporting("attractors in the plane", name="attractors")
     def figures(self) -> list[AttractorFigures]:
-        """Return the attractors with their shares of the plane."""
         return [AttractorFigures(a.number, a.period, a.largest, a.section[:, [1, 0]], a.section[:, [1, 0, 2]],
                                  a.multipliers, self.fraction(k), a.radius, a.validated,
                                  a.section[0] if a.period else None)
                 for k, a in enumerate(self.attractors)]
 
-    @property
     @reporting("share of the plane that reached no attractor")
     def undecided(self) -> float:
-        """Return the share of cells that are undecided."""
         return self.fraction(UNDECIDED)
 
-    @property
     @reporting("share of the plane in which slip grows for ever")
     def runaway(self) -> float:
-        """Return the share of cells that run away."""
         return self.fraction(RUNAWAY)
 
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -143,12 +133,12 @@ class Basins(Result):
                 f"  {100.0 * self.fraction(UNDECIDED):6.2f} %  undecided"]
 
 
-@dataclass(frozen=True)
+@result_class
 class Bounded:
     """Plane with the uncertainty of its boundary."""
 
-    basins: Basins = field(metadata=reported("the plane", spread=True))
-    boundary: Boundary | None = field(metadata=reported("with --boundary; null if too few cells differ", optional=True))
+    basins: Basins = reported("the plane", spread=True)
+    boundary: Boundary | None = reported("with --boundary; null if too few cells differ", optional=True)
 
 
 @dataclass(frozen=True)
@@ -159,22 +149,16 @@ class Planes(Described):
     along: Axis | None = None
     bounded: bool = False
 
-    @property
     @reporting("key that has a plane at each of its values", optional=True)
     def over(self) -> str | None:
-        """Return the key; None for a single plane."""
         return None if self.along is None else self.along.key
 
-    @property
     @reporting("its values", "{over}", optional=True)
     def values(self) -> Sequence[float] | None:
-        """Return the values of the key; None for a single plane."""
         return None if self.along is None else self.along.values
 
-    @property
     @reporting("the plane; with over, everything but the axes in lists", spread=True, of=(Bounded,))
     def figures(self) -> Any:
-        """Return the figures of the plane, or lists of them."""
         planes = [Bounded(one, one.boundary()) if self.bounded else one for one in self.planes]
         if self.along is None:
             return planes[0]

@@ -8,7 +8,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from tcc_sim.nodes.children import NodeProcess, PrivateEnvironment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.executables import created
 from tcc_sim.nodes.pacing import LEAD, TIMER_SLACK_NS, Pacer, prepare_thread, release_memory
-from tcc_sim.result import Described, reported
+from tcc_sim.result import Described, reported, result_class
 
 SLICE = 5.0
 """Length of the alternate stretches of node and bare loop, s; alternation exposes both to the same disturbances."""
@@ -61,39 +61,39 @@ def _trials() -> list[tuple[str, Settings, int, float]]:
             ("all of these", Settings(50, (core,), True), TIMER_SLACK_NS, LEAD)]
 
 
-@dataclass(frozen=True, kw_only=True)
+@result_class(kw_only=True)
 class LoopFigures:
     """Lateness and processor time of a loop."""
 
-    lateness_p50_s: float = field(metadata=reported("median lateness of a tick", "s"))
-    lateness_p99_s: float = field(metadata=reported("99th percentile", "s"))
-    lateness_max_s: float = field(metadata=reported("largest lateness", "s"))
-    late_share: float = field(metadata=reported("share of ticks more than a period late"))
-    cpu_fraction: float = field(metadata=reported("processor time over that of one core"))
+    lateness_p50_s: float = reported("median lateness of a tick", "s")
+    lateness_p99_s: float = reported("99th percentile", "s")
+    lateness_max_s: float = reported("largest lateness", "s")
+    late_share: float = reported("share of ticks more than a period late")
+    cpu_fraction: float = reported("processor time over that of one core")
 
 
-@dataclass(frozen=True)
+@result_class
 class Trial(LoopFigures):
     """The bare loop with some settings."""
 
-    name: str = field(metadata=reported("the settings"))
-    refused: list[str] = field(metadata=reported("sentences on settings that the system refused"))
+    name: str = reported("the settings")
+    refused: list[str] = reported("sentences on settings that the system refused")
 
 
-@dataclass(frozen=True)
+@result_class
 class PacingFigures(LoopFigures, Described):
     """Figures of the driveline node's loop and of a bare loop."""
 
-    rate: float = field(metadata=reported("ticks per second", "Hz"))
-    ticks: int = field(metadata=reported("ticks of the node"))
-    missed_ticks: int = field(metadata=reported("ticks dropped beyond the catch-up bound"))
-    drift_s: float = field(metadata=reported("largest drift of the node's clock", "s"))
-    bare_lateness_p50_s: float = field(metadata=reported("likewise of the bare loop", "s"))
-    bare_lateness_p99_s: float = field(metadata=reported("likewise", "s"))
-    bare_lateness_max_s: float = field(metadata=reported("likewise", "s"))
-    bare_late_share: float = field(metadata=reported("likewise"))
-    bare_cpu_fraction: float = field(metadata=reported("likewise"))
-    settings: list[Trial] = field(metadata=reported("the bare loop with each setting"))
+    rate: float = reported("ticks per second", "Hz")
+    ticks: int = reported("ticks of the node")
+    missed_ticks: int = reported("ticks dropped beyond the catch-up bound")
+    drift_s: float = reported("largest drift of the node's clock", "s")
+    bare_lateness_p50_s: float = reported("likewise of the bare loop", "s")
+    bare_lateness_p99_s: float = reported("likewise", "s")
+    bare_lateness_max_s: float = reported("likewise", "s")
+    bare_late_share: float = reported("likewise")
+    bare_cpu_fraction: float = reported("likewise")
+    settings: list[Trial] = reported("the bare loop with each setting")
 
 
 class Stretches:

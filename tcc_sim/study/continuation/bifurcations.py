@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, ClassVar
 
@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.steady.exponents import multipliers_of
-from tcc_sim.result import Described, preset, reported, reporting
+from tcc_sim.result import Described, reported, reporting, result_class
 from tcc_sim.study.continuation import orbits
 from tcc_sim.study.continuation.arclength import (
     OPPOSITE,
@@ -325,34 +325,30 @@ class ContinuationPoint(CurvePoint):
         return replace(point_at(self.equations, solution), by_amplitude=by_amplitude)
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class Bifurcation(Described):
     """A located bifurcation."""
 
-    kind: str = field(metadata=reported(
+    kind: str = reported(
         "fold, period_doubling, neimark_sacker, branch_point, grazing_sliding, crossing_sliding, switching_sliding, "
-        "adding_sliding or stick_border"))
+        "adding_sliding or stick_border")
     point: ContinuationPoint
-    residual: float = field(metadata=reported("of its condition, scaled; at least that of the orbit"))
-    branch: int = preset(0, "number of its branch")
-    after: int = preset(0, "number of the point before it")
-    changes_stability: bool = preset(False, "whether motions are stable on one side of it only")
+    residual: float = reported("of its condition, scaled; at least that of the orbit")
+    branch: int = reported("number of its branch", default=0)
+    after: int = reported("number of the point before it", default=0)
+    changes_stability: bool = reported("whether motions are stable on one side of it only", default=False)
 
     @property
     def value(self) -> float:
         """The parameter."""
         return self.point.value
 
-    @property
     @reporting("the motion at it", spread=True)
     def state(self) -> orbits.OrbitState:
-        """The motion at it."""
         return self.point.orbit.state
 
-    @property
     @reporting("period of the motion", "periods of excitation")
     def period(self) -> int:
-        """Cycles of the motion."""
         return self.point.orbit.period
 
 

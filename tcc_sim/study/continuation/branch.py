@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tcc_sim.analysis.steady.exponents import product_of
-from tcc_sim.result import Described, preset, reported, reporting
+from tcc_sim.result import Described, reported, reporting, result_class
 from tcc_sim.study.continuation import arclength, orbits
 from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, Rules, StopReason, corrector
 from tcc_sim.study.continuation.bifurcations import (
@@ -63,40 +63,32 @@ class BranchOrigin:
 START = BranchOrigin()
 
 
-@dataclass(repr=False)
+@result_class(frozen=False, repr=False)
 class Branch(Described):
     """One branch, with its points in order and its two ends."""
 
-    period: int = field(metadata=reported("period of the motions", "periods of excitation"))
+    period: int = reported("period of the motions", "periods of excitation")
     origin: BranchOrigin
     points: list[ContinuationPoint]
     ended: tuple[End, End]
-    closed: bool = preset(False, "whether it closes in itself")
+    closed: bool = reported("whether it closes in itself", default=False)
     bifurcations: list[Bifurcation] = field(default_factory=list)
 
-    @property
-    @reporting("start, or kind, value and number of the bifurcation's branch or attractor at which it "
-               "begins", name="origin")
+    @reporting(
+        "start, or kind, value and number of the bifurcation's branch or attractor at which it begins", name="origin")
     def begun(self) -> str | dict[str, Any]:
-        """Where it begins, as in JSON."""
         return self.origin.as_json()
 
-    @property
     @reporting("the motions along it, in lists", listed=True, of=(orbits.OrbitFigures,))
     def motions(self) -> list[orbits.OrbitFigures]:
-        """The motion of every point."""
         return [point.orbit.figures for point in self.points]
 
-    @property
     @reporting("a sentence for each end", name="ended")
     def sentences(self) -> list[str]:
-        """Its two ends in words."""
         return [str(end) for end in self.ended]
 
-    @property
     @reporting("a word for why each end is there")
     def reasons(self) -> list[str]:
-        """The reasons of its two ends."""
         return [end.reason.name.lower() for end in self.ended]
 
 
@@ -580,7 +572,7 @@ changes steeply; a motion without a period on either side; a motion on a branch 
 one."""
 
 
-@dataclass(frozen=True)
+@result_class
 class SegmentEnd:
     """End of a segment.
 
@@ -589,10 +581,10 @@ class SegmentEnd:
     jumps : whether a motion leaves the branch here: at a fold, and at a doubling whose doubled motions are unstable
     """
 
-    value: float = field(metadata=reported("place on the axis"))
-    kind: str | None = preset(None, "bifurcation; null where the motion was followed to there only")
-    residual: float | None = preset(None, "residual of the bifurcation")
-    jumps: bool = preset(False, "whether a motion that comes here goes elsewhere")
+    value: float = reported("place on the axis")
+    kind: str | None = reported("bifurcation; null where the motion was followed to there only", default=None)
+    residual: float | None = reported("residual of the bifurcation", default=None)
+    jumps: bool = reported("whether a motion that comes here goes elsewhere", default=False)
 
     def __str__(self) -> str:
         """The end in words."""
@@ -600,13 +592,13 @@ class SegmentEnd:
         return f"{self.value:.6g} ({what})"
 
 
-@dataclass(frozen=True)
+@result_class
 class StableSegment:
     """Stable motions of one branch, with a period in cycles, over an interval of the parameter; `values` ascend."""
 
-    period: int = field(metadata=reported("period of the motion", "periods of excitation"))
-    low: SegmentEnd = field(metadata=reported("lower end"))
-    high: SegmentEnd = field(metadata=reported("upper end"))
+    period: int = reported("period of the motion", "periods of excitation")
+    low: SegmentEnd = reported("lower end")
+    high: SegmentEnd = reported("upper end")
     values: tuple[float, ...]
     amplitudes: tuple[float, ...]
     branch: int = 0

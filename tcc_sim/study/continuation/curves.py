@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.steady.exponents import multipliers_of
-from tcc_sim.result import Described, preset, reported, reporting
+from tcc_sim.result import Described, reported, reporting, result_class
 from tcc_sim.shown_units import key_unit
 from tcc_sim.study.continuation import arclength, orbits
 from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, P, Rules, StopReason
@@ -51,17 +51,17 @@ class AugmentedPoint(CurvePoint):
         return self.solution.linearised.seen.events
 
 
-@dataclass(frozen=True)
+@result_class
 class Special:
     """A point of codimension two: its kind and both parameters, each with its error, and the point of the curve."""
 
-    kind: str = field(metadata=reported(
-        "cusp, generalised_doubling, fold_flip, resonance_1_1 to 1_4, or the border that it meets"))
-    value: float = field(metadata=reported("value of the key of --over", "{over}"))
-    second: float = field(metadata=reported("value of the key of --second", "{second_over}"))
-    error: float = field(metadata=reported("error of `value`", "{over}"))
-    second_error: float = field(metadata=reported("error of `second`", "{second_over}"))
-    located: bool = preset(True, "whether it was found; else a test has two significant signs within the errors")
+    kind: str = reported("cusp, generalised_doubling, fold_flip, resonance_1_1 to 1_4, or the border that it meets")
+    value: float = reported("value of the key of --over", "{over}")
+    second: float = reported("value of the key of --second", "{second_over}")
+    error: float = reported("error of `value`", "{over}")
+    second_error: float = reported("error of `second`", "{second_over}")
+    located: bool = reported(
+        "whether it was found; else a test has two significant signs within the errors", default=True)
     point: AugmentedPoint = field(kw_only=True, repr=False)
 
     @staticmethod
@@ -283,20 +283,18 @@ KINDS = (*TRACED, "stick_border")
 Ranges = tuple[ParameterRange, ParameterRange]
 
 
-@dataclass(frozen=True, repr=False)
+@result_class(repr=False)
 class BifurcationCurve(Described):
     """A curve of one kind of bifurcation: both parameters along it, its special points, and its two ends."""
 
-    kind: str = field(metadata=reported("kind of bifurcation"))
-    values: tuple[float, ...] = field(metadata=reported("values of the key of --over", "{over}", name="value"))
-    second: tuple[float, ...] = field(metadata=reported("values of the key of --second", "{second_over}"))
+    kind: str = reported("kind of bifurcation")
+    values: tuple[float, ...] = reported("values of the key of --over", "{over}", name="value")
+    second: tuple[float, ...] = reported("values of the key of --second", "{second_over}")
     ended: tuple[End, End]
-    special: tuple[Special, ...] = preset((), "points of codimension two on it")
+    special: tuple[Special, ...] = reported("points of codimension two on it", default=())
 
-    @property
     @reporting("a sentence for each end", name="ended")
     def sentences(self) -> list[str]:
-        """Its two ends in words."""
         return [str(end) for end in self.ended]
 
 

@@ -20,7 +20,7 @@ from tcc_sim.model.closed_forms import common_cycles, stick_margin
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import SPEED, System, list_of, replace, unknown_key, values_of
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.result import Described, Result, preset, reported, reporting
+from tcc_sim.result import Described, Result, reported, reporting, result_class
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers.engine import GRADIENT, GROWS, SCALES, VALUE
 from tcc_sim.solvers.exact_engine import ARRIVAL, GRAZING, STUCK
@@ -295,7 +295,7 @@ LONGEST_START = 16  # longest first period that may be asked for, engine cycles
 DEEPEST_SWITCH = 8  # most generations of doubled branches that may be asked for
 
 
-@dataclass(frozen=True)
+@result_class
 class ContinuationPlan:
     """Task of a continuation.
 
@@ -309,7 +309,7 @@ class ContinuationPlan:
     Raises InputError: a wrong range, value, period or depth.
     """
 
-    over: str = field(metadata=reported("scene key that is followed"))
+    over: str = reported("scene key that is followed")
     low: float
     high: float
     period: int | None = None
@@ -318,16 +318,12 @@ class ContinuationPlan:
     second: tuple[str, float, float] | None = None
     seeds: tuple[Seed, ...] = ()
 
-    @property
     @reporting("least and largest value of the key", "{over}", name="range")
     def bounds(self) -> tuple[float, float]:
-        """Least and largest value of the key."""
         return self.low, self.high
 
-    @property
     @reporting("key of --second", optional=True)
     def second_over(self) -> str | None:
-        """The second key."""
         return None if self.second is None else self.second[0]
 
     def __post_init__(self) -> None:
@@ -353,26 +349,27 @@ class ContinuationPlan:
                 raise InputError(f"--second has a range from {low:g} to {high:g}; the two must differ")
 
 
-@dataclass(frozen=True)
+@result_class
 class OrbitAt(Described):
     """The motion of a branch at a value of `--at`."""
 
-    branch: int = field(metadata=reported("number of the branch"))
-    period: int = field(metadata=reported("period of the motion", "periods of excitation"))
-    origin: str | dict[str, Any] = field(metadata=reported("as of its branch"))
-    orbit: orbits.OrbitFigures = field(metadata=reported("the motion", spread=True))
+    branch: int = reported("number of the branch")
+    period: int = reported("period of the motion", "periods of excitation")
+    origin: str | dict[str, Any] = reported("as of its branch")
+    orbit: orbits.OrbitFigures = reported("the motion", spread=True)
 
 
-@dataclass(repr=False)
+@result_class(frozen=False, repr=False)
 class Motions(Result):
     """The motions found along a key."""
 
-    plan: ContinuationPlan = field(metadata=reported("what was asked for", spread=True))
+    plan: ContinuationPlan = reported("what was asked for", spread=True)
     system: System
-    branches: list[Branch] = preset(list, "branches of periodic motions")
-    at: list[dict[str, Any]] = preset(list, "motions of every branch at every --at value", of=(OrbitAt,))
+    branches: list[Branch] = reported("branches of periodic motions", default_factory=list)
+    at: list[dict[str, Any]] = reported(
+        "motions of every branch at every --at value", of=(OrbitAt,), default_factory=list)
     curves: list[BifurcationCurve] = field(default_factory=list)
-    complete: bool = preset(False, "false where it was interrupted")
+    complete: bool = reported("false where it was interrupted", default=False)
 
     def _text(self) -> str:
         kinds = Counter(item.kind for item in self.bifurcations)
@@ -388,19 +385,14 @@ class Motions(Result):
                 "max_slip_speed": [orbit.seen.largest for *_, orbit in points],
                 "stable": [orbit.stable for *_, orbit in points]}
 
-    @property
     @reporting("friction law")
     def law(self) -> str:
-        """Return the friction law."""
         return self.system.friction.law
 
-    @property
     @reporting("of all branches, in order")
     def bifurcations(self) -> list[Bifurcation]:
-        """Bifurcations of all branches, in order."""
         return [f for branch in self.branches for f in branch.bifurcations]
 
-    @property
     @reporting("bifurcations followed in two keys", optional=True, name="curves")
     def second_curves(self) -> list[BifurcationCurve] | None:
         """The curves; None where there is no second key."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.steady.exponents import multipliers_of
 from tcc_sim.errors import InputError, OutOfRange
-from tcc_sim.result import Described, reported
+from tcc_sim.result import Described, reported, result_class
 
 REPEATS = 8  # most changes of one kind at once (a symmetric motion has pairs of them)
 
@@ -464,26 +464,26 @@ SAME = 1e-6  # distance below which two orbits are the same
 NEUTRAL = 1e-9  # distance from the unit circle that may be rounding: neither stable nor a change of sign
 
 
-@dataclass(frozen=True)
+@result_class
 class OrbitState:
     """Section, size and multipliers of a periodic orbit."""
 
-    value: float = field(metadata=reported("value of the key", "{over}"))
-    slip_speed: float = field(metadata=reported("on the section at phase 0", "rad/s"))
-    plate_angle: float = field(metadata=reported("on the section", "rad"))
-    plate_speed: float = field(metadata=reported("on the section", "rad/s"))
-    max_slip_speed: float = field(metadata=reported("largest |slip speed|", "rad/s"))
-    multipliers: NDArray[np.complex128] = field(metadata=reported("Floquet multipliers, [re, im], largest first"))
+    value: float = reported("value of the key", "{over}")
+    slip_speed: float = reported("on the section at phase 0", "rad/s")
+    plate_angle: float = reported("on the section", "rad")
+    plate_speed: float = reported("on the section", "rad/s")
+    max_slip_speed: float = reported("largest |slip speed|", "rad/s")
+    multipliers: NDArray[np.complex128] = reported("Floquet multipliers, [re, im], largest first")
 
 
-@dataclass(frozen=True)
+@result_class
 class OrbitFigures(OrbitState, Described):
     """A periodic orbit as `continue --json` has it."""
 
-    stick_fraction: float = field(metadata=reported("time in stick over time"))
-    stable: bool = field(metadata=reported("whether every multiplier is inside the unit circle"))
-    events: str = field(metadata=reported("sequence of slip (+, -) and stick (S)"))
-    residual: float = field(metadata=reported("largest residual of the equations, in natural sizes"))
+    stick_fraction: float = reported("time in stick over time")
+    stable: bool = reported("whether every multiplier is inside the unit circle")
+    events: str = reported("sequence of slip (+, -) and stick (S)")
+    residual: float = reported("largest residual of the equations, in natural sizes")
 
 
 @dataclass(frozen=True)

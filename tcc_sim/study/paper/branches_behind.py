@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ import numpy as np
 from tcc_sim.analysis.steady.summary import CycleTimes, Summary, summarise_cycles
 from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.parameters import System
-from tcc_sim.result import reported
+from tcc_sim.result import reported, result_class
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.study.continuation import branch as diagram
@@ -41,28 +41,27 @@ CREEP = 3.0
 """Largest slip speed of a motion that creeps in stick, relative to the stick speed of law (7)."""
 
 
-@dataclass(frozen=True)
+@result_class
 class JumpBehind:
     """Jump of a curve."""
 
-    value: float = field(metadata=reported("value of the key: at the bifurcation, or in the middle", "{over}"))
-    between: tuple[float, float] = field(metadata=reported("the two values of the key", "{over}"))
-    max_slip_speed: tuple[float, float] = field(metadata=reported("largest |slip speed| before and after", "rad/s"))
-    cause: str = field(metadata=reported(
-        "kind of the bifurcation, or basin_boundary (both motions go on), steep (one motion), aperiodic "
-        "(beside a motion without a period) or not_followed"))
-    bifurcation: int | None = field(metadata=reported("its number in bifurcations"))
+    value: float = reported("value of the key: at the bifurcation, or in the middle", "{over}")
+    between: tuple[float, float] = reported("the two values of the key", "{over}")
+    max_slip_speed: tuple[float, float] = reported("largest |slip speed| before and after", "rad/s")
+    cause: str = reported(
+        "kind of the bifurcation, or basin_boundary (both motions go on), steep (one motion), aperiodic (beside a "
+        "motion without a period) or not_followed")
+    bifurcation: int | None = reported("its number in bifurcations")
 
 
-@dataclass(frozen=True)
+@result_class
 class MotionsBehind:
     """Motions behind a curve."""
 
-    branches: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them", of=(Branch,)))
-    bifurcations: list[dict[str, Any]] = field(metadata=reported("as `continue --json` has them", of=(Bifurcation,)))
-    jumps: list[JumpBehind] = field(metadata=reported(
-        "jumps of the largest slip speed between neighbours"))
-    left_out: list[str] = field(metadata=reported("sentences on what was not followed"))
+    branches: list[dict[str, Any]] = reported("as `continue --json` has them", of=(Branch,))
+    bifurcations: list[dict[str, Any]] = reported("as `continue --json` has them", of=(Bifurcation,))
+    jumps: list[JumpBehind] = reported("jumps of the largest slip speed between neighbours")
+    left_out: list[str] = reported("sentences on what was not followed")
 
 
 def seen_in(sweep: Sweep) -> list[SettledMotion]:

@@ -6,7 +6,7 @@ import json
 import math
 from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -16,7 +16,7 @@ import yaml
 
 from tcc_sim.errors import counted
 from tcc_sim.output.tables import escape, markdown_table
-from tcc_sim.result import Described, json_of, preset, reported
+from tcc_sim.result import Described, json_of, reported, result_class
 from tcc_sim.study.paper import measures
 from tcc_sim.study.paper.evidence import THRESHOLDS, Evidence, Motion, T
 from tcc_sim.study.paper.measures import Measured
@@ -36,11 +36,11 @@ VERDICTS = {NOT_CONFIRMED: ("no", "not confirmed"), DEPENDS: ("depends", "depend
 """Words of each verdict in a cell of the table and in a count, in the order of the page."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Criterion:
     """Criterion in words, and the function of `Measured.judged` that gives the verdict."""
 
-    words: str = field(metadata=reported("how it is judged, with every threshold", name="criterion"))
+    words: str = reported("how it is judged, with every threshold", name="criterion")
     verdict: Callable[[Sequence[Any], Limit], str] = field(compare=False)
 
 
@@ -82,18 +82,19 @@ RULES: dict[str, tuple[Any, ...]] = {"holds": (holds, "weaker"), "shares": (shar
 """Rules of criteria and their options in claims.yaml."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Finding:
     """A claim judged once: its verdict, values, reason and motions as JSON, and the names of the thresholds used."""
 
-    values: Mapping[str, Any] = field(metadata=reported("numbers that the verdict rests on"))
+    values: Mapping[str, Any] = reported("numbers that the verdict rests on")
     verdict: str
     why: str = ""
-    motions: Sequence[Mapping[str, Any]] = preset((), "stable motions found where motions coexist", of=(Motion,))
+    motions: Sequence[Mapping[str, Any]] = reported(
+        "stable motions found where motions coexist", of=(Motion,), default=())
     thresholds: Sequence[str] = ()
 
 
-@dataclass(frozen=True)
+@result_class
 class Claim:
     """A claim with its criterion; called with evidence it returns the finding.
 
@@ -104,14 +105,14 @@ class Claim:
     why, labels : a reason, for measures that find one, and words of the page for the names of values
     """
 
-    figure: str = field(metadata=reported("figure or equation of the paper"))
-    where: str = field(metadata=reported("sections of the paper"))
-    sentence: str = field(metadata=reported("statement of the paper, in our words", name="claim"))
-    criterion: Criterion = field(metadata=reported("criterion", spread=True))
+    figure: str = reported("figure or equation of the paper")
+    where: str = reported("sections of the paper")
+    sentence: str = reported("statement of the paper, in our words", name="claim")
+    criterion: Criterion = reported("criterion", spread=True)
     measure: Callable[[Evidence], Measured] = field(compare=False)
     name: str
     cheap: bool = False
-    fitted: bool = preset(False, "whether its number chose the mean pressures")
+    fitted: bool = reported("whether its number chose the mean pressures", default=False)
     alone: bool = False
     why: str = ""
     labels: Mapping[str, str] = field(default_factory=dict)
@@ -147,20 +148,19 @@ CLAIMS: tuple[Claim, ...] = tuple(claims_in(_rows))
 """Every claim in the order of the paper, and the introduction of their page."""
 
 
-@dataclass(frozen=True)
+@result_class
 class Verdict:
     """A claim judged at several mean pressures and at two tolerances, with the finding at the tighter one."""
 
-    row: Claim = field(metadata=reported("claim", spread=True))
-    finding: Finding = field(metadata=reported("finding", spread=True))
-    varied: Mapping[str, Sequence[str]] = field(metadata=reported(
-        "with --thresholds: by threshold the verdicts at half and at twice of it", name="thresholds"))
-    verdicts: Mapping[str, str] = field(metadata=reported("verdict at each tolerance, at the first mean pressure"))
-    pressures: Mapping[str, str] = field(metadata=reported("verdict at each mean pressure, by its value in kPa"))
-    verdict: str = field(metadata=reported("confirmed, not confirmed or depends"))
-    depends_on: str | None = field(metadata=reported(
-        "pressure, tolerance or part (of the claim); null for another verdict"))
-    why: str = field(metadata=reported("of the verdict"))
+    row: Claim = reported("claim", spread=True)
+    finding: Finding = reported("finding", spread=True)
+    varied: Mapping[str, Sequence[str]] = reported(
+        "with --thresholds: by threshold the verdicts at half and at twice of it", name="thresholds")
+    verdicts: Mapping[str, str] = reported("verdict at each tolerance, at the first mean pressure")
+    pressures: Mapping[str, str] = reported("verdict at each mean pressure, by its value in kPa")
+    verdict: str = reported("confirmed, not confirmed or depends")
+    depends_on: str | None = reported("pressure, tolerance or part (of the claim); null for another verdict")
+    why: str = reported("of the verdict")
 
 
 def verdict_on(row: Claim, finding: Finding, judged: Mapping[float, Sequence[str]],
@@ -180,12 +180,12 @@ def verdict_on(row: Claim, finding: Finding, judged: Mapping[float, Sequence[str
                    "; ".join(filter(None, [*changes, finding.why])))
 
 
-@dataclass(frozen=True)
+@result_class
 class ClaimsReport(Described):
     """Verdicts on the claims."""
 
-    claims: Sequence[Verdict] = field(metadata=reported("every claim"))
-    complete: bool = field(metadata=reported("whether every claim was judged"))
+    claims: Sequence[Verdict] = reported("every claim")
+    complete: bool = reported("whether every claim was judged")
 
 
 def _judged(row: Claim, evidence: Evidence, stored: dict[str, Finding], path: Path | None) -> Finding:

@@ -19,7 +19,7 @@ from tcc_sim.errors import counted
 from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
-from tcc_sim.result import reported, reporting
+from tcc_sim.result import reported, reporting, result_class
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.study.basins.attractors import find_attractors
 from tcc_sim.study.basins.compute import DrivelineMotion, halton
@@ -78,19 +78,17 @@ class ColdStartMotion:
     lyapunov: Lyapunov | None = None
 
 
-@dataclass(frozen=True)
+@result_class
 class Motion:
     """Stable motion along a curve, independent of the initial state."""
 
-    curve: str = field(metadata=reported("curve of the figure; empty if there is one only"))
-    over: str = field(metadata=reported("name of the axis"))
-    from_start: Sequence[float] = field(metadata=reported("places at which the initial state (13) leads to it"))
-    stretch: StableSegment = field(metadata=reported("its period and ends", spread=True))
+    curve: str = reported("curve of the figure; empty if there is one only")
+    over: str = reported("name of the axis")
+    from_start: Sequence[float] = reported("places at which the initial state (13) leads to it")
+    stretch: StableSegment = reported("its period and ends", spread=True)
 
-    @property
     @reporting("the motion in a sentence")
     def words(self) -> str:
-        """The motion in a sentence."""
         at, where = self.from_start, "nowhere"
         if at:
             where = f"at {' to '.join(dict.fromkeys(f'{x:g}' for x in (min(at), max(at))))} " \
