@@ -68,7 +68,8 @@ class Estimates:
     static: Torque = reported("mu_s N R")
     kinetic: Torque = reported("mu_k N R; with a friction table mu N R at its last slip speed")
     stick_margin: float | None = reported("smallest mu_s N R - |interface torque| of pure stick (10)", "N m")
-    expected: str = reported("stick, slip, stick-slip or runaway, from these torques")
+    expected: str = reported(
+        "stick, slip, stick-slip or runaway, from these torques; two where the initial state decides")
     why: str = reported("reason")
     critical_slope: float | None = reported(
         "slope of friction torque over slip speed below which constant slip is unstable; null without one", "N m s/rad")
@@ -163,27 +164,32 @@ def critical_slope(system: System) -> float | None:
 
 def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, fast: Torque,
               margin: float | None) -> tuple[str, str]:
-    """Return stick, slip, stick-slip or runaway, and the reason, from torques and the closed form of pure slip.
+    """Return the motion that these torques and the closed form of pure slip let expect, two where it depends on the
+    initial state, and the reason.
 
     fast : mu_k N R, of slip beyond the range of a friction table
     """
-    if margin is not None and margin >= 0.0:
-        return "stick", "the clutch carries every peak of the torque, so pure stick is possible"
     mean = abs(engine.mean)
+    sticks = "the clutch carries every peak of the torque, so pure stick is possible"
     if mean > kinetic.mean:
+        slips, why = "runaway", ("the mean engine torque exceeds the torque of the sliding clutch, so fast slip grows "
+                                 "without end")
         if linear_of(system).flywheel_by_slip is not None:
-            return "slip", "a torque that rises with slip speed carries what the sliding clutch does not"
-        if system.friction.curve is not None and mean <= fast.mean:
-            return "slip", (f"the mean engine torque exceeds the torque of the clutch at every slip speed of the "
-                            f"friction table, so slip grows beyond its {speed(system.friction.curve.fastest)}")
-        return "runaway", ("the mean engine torque exceeds the torque of the sliding clutch, so fast slip grows "
-                           "without end")
+            slips, why = "slip", "a torque that rises with slip speed carries what the sliding clutch does not"
+        elif system.friction.curve is not None and mean <= fast.mean:
+            slips, why = "slip", (f"the mean engine torque exceeds the torque of the clutch at every slip speed of the "
+                                  f"friction table, so slip grows beyond its {speed(system.friction.curve.fastest)}")
+        if margin is not None and margin >= 0.0:
+            return f"stick or {slips}", f"{sticks}; in slip, {why}"
+        return slips, why
     try:
         lasting = pure_slip(system, -1 if system.initial.slip_speed < 0.0 else 1).least_slip_speed > 0.0
     except InputError:
         lasting = False
     if lasting:
         return "slip", "slip never ends from this initial state"
+    if margin is not None and margin >= 0.0:
+        return "stick", sticks
     if mean > static.mean:
         return "slip", ("the clutch carries the mean torque only while it slips, because friction rises with slip "
                         "speed")

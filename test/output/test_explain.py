@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from documents import valid
 
-from tcc_sim import explain
+from tcc_sim import explain, simulate
 from tcc_sim.cli import main
 from tcc_sim.output.estimates import estimates_of
 from tcc_sim.scene import load_scene
@@ -107,6 +107,18 @@ def test_the_oscillation_is_damped_above_the_critical_slope_only(changes: dict[s
     ("chaos", {"friction.kinetic_coefficient": 0.15}, "runaway")])
 def test_a_scene_sticks_slips_or_runs_away(name: str, changes: dict[str, object], expected: str) -> None:
     assert estimates_of(load_scene(name).with_values(changes).system).expected == expected
+
+
+@pytest.mark.parametrize(("coupling", "words"), [(0.0, ["runaway", "stick"]), (2.0, ["slip", "stick"])])
+def test_what_the_initial_state_decides_is_said(coupling: float, words: list[str]) -> None:
+    """200 N m between mu_k N R = 120 N m and mu_s N R = 240 N m: a clutch that starts at 150 rad/s slips on."""
+    scene = load_scene("fig02").with_values({
+        "engine.mean_torque": 200.0, "engine.torque_amplitude": 0.0, "pressure.mean": 1e5, "pressure.amplitude": 0.0,
+        "friction.kinetic_coefficient": 0.15, "converter.coupling": coupling})
+    rest = scene.with_values({"initial.slip_speed": 0.0, "initial.plate_angle": 200.0 / 3000.0})
+    motions = [simulate(each, cycles=200).summary for each in (scene, rest)]
+    assert sorted("runaway" if each.runaway else each.regime for each in motions) == words
+    assert sorted(estimates_of(scene.system).expected.split(" or ")) == words
 
 
 def test_the_friction_law_is_drawn(tmp_path: Path, pictures: list[Any]) -> None:
