@@ -21,8 +21,11 @@ TOPICS_SHOWN = 100
 
 @command(forms={"recording": Form("RUN", Path), "out": Form("DIR", Path)})
 def recover(arguments: argparse.Namespace, recording: Path, out: Path | None = None) -> int:
-    """Recover the recording and print the missing parts.
+    """Make a complete, indexed bag from a recording that was cut short or damaged.
 
+    example : recover run1 --out run1_whole
+    prints : recovered messages by topic, and the parts that are missing
+    writes : the directory --out with the new bag; the old one stays unchanged
     recording : bag directory or .mcap file, which stays unchanged
     out : directory to create (default: RUN_recovered beside it)
     """
@@ -45,8 +48,11 @@ def recover(arguments: argparse.Namespace, recording: Path, out: Path | None = N
 @command(of("tcc_sim.recording.importer:import_bag", common.FORMS, common.DRIVELINE),
          forms={"bag": Form("BAG", Path), "recording": Form("RUN", Path)})
 def import_(arguments: argparse.Namespace, bag: Path, recording: Path) -> int:
-    """Import the bag and print what it holds and what is unknown.
+    """Write a bag in SQLite, of ROS 1 or of another program as a recording.
 
+    example : import lab.db3 run1 --joints flywheel=engine,clutch_plate=turbine
+    prints : number of states and runs, losses, and what the bag does not state
+    writes : the directory RUN with the new bag; the old one stays unchanged
     bag : a bag in SQLite, of ROS 1, compressed, or of another program in MCAP; it stays unchanged
     recording : directory to create
     """
@@ -64,8 +70,11 @@ def import_(arguments: argparse.Namespace, bag: Path, recording: Path) -> int:
          partial(common.add_units, default="those of the command"),
          forms={"result": Form("FILE.json|FILE.npz", Path)})
 def plot(arguments: argparse.Namespace, result: Path, plot: Path | None = None, force: bool = False) -> int:
-    """Check the files, draw, and print the name of the picture.
+    """Draw the result in a .json or .npz file of another verb again.
 
+    example : plot run.json --plot run.pdf --width column
+    prints : the name of the picture
+    writes : --plot FILE, the picture
     result : file that --json or --out wrote; a run is in that of --out
     plot : the picture: .pdf, .svg or .png (default: the result's name with .pdf, in this directory)
     force : replace an existing file
@@ -84,14 +93,19 @@ def plot(arguments: argparse.Namespace, result: Path, plot: Path | None = None, 
 
 @command(common.add_scene, of(FMU, {"step": Form("S", number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)}))
 def fmu(arguments: argparse.Namespace) -> int:
-    """Write the FMU and print its contents."""
+    """Export the real-time step of a scene in C as a co-simulation FMU.
+
+    example : fmu controlled --fmi 3 --out clutch.fmu
+    prints : the name of the FMU and its contents
+    writes : --out FILE, the FMU
+    """
     from tcc_sim.fmi.export import compiler, folder_of_binary
     from tcc_sim.functions import fmu_file
 
     scene = common.scene_of(arguments)
     path = fmu_file(scene, **keywords_of(arguments, options_in(FMU)))
     common.warn_of(scene)
-    if folder := folder_of_binary(path):
+    if folder := folder_of_binary(arguments.fmi, arguments.sources_only):
         held = f"sources in C99 and a binary for {folder}"
     elif arguments.sources_only or compiler() is not None:
         held = "sources in C99; importers compile them"

@@ -6,14 +6,33 @@ import types
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+Wanted = TypeVar("Wanted")
+
 
 class Refused(Exception):
     """A kernel's source has a construct without a form in C."""
+
+
+class Unprintable(Exception):
+    """A rule of the printer meets an expression without a form in C, which `Refused` then names."""
+
+
+def check(true: bool) -> None:
+    """Raise Unprintable unless a condition of a rule holds."""
+    if not true:
+        raise Unprintable
+
+
+def only(value: object, kind: type[Wanted]) -> Wanted:
+    """Return a value of a class; raise Unprintable for any other."""
+    if not isinstance(value, kind):
+        raise Unprintable
+    return value
 
 
 @dataclass(frozen=True)

@@ -109,38 +109,30 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
            sources_only: bool = False, options: Sequence[str] = ()) -> None:
     """Write a scene's FMU to a new file.
 
-    Parameters
-    ----------
     version : version of FMI, 2 or 3
     step : length of a tick, s; None for the scene's rate
     sources_only : whether to omit the binary
     options : further options of the compiler
 
-    Raises
-    ------
-    InputError
-        The real-time solver cannot run the scene, or the version or step is not allowed.
-    TccError
-        The compiler of this machine refuses the sources.
+    Raises InputError: the real-time solver cannot run the scene, or the version or step is not allowed; TccError: the
+    compiler of this machine refuses the sources.
     """
     fmu = fmu_of(scene, version, step)
-    command, names = compiler(), PLATFORMS.get((sys.platform, platform.machine()))
-    folder = names[version - 2] if names else ""
-    with_binary = not sources_only and command is not None and bool(folder)
-    binary = binary_of(fmu, command, options) if with_binary and command is not None else b""
+    command, folder = compiler(), folder_of_binary(version, sources_only)
+    binary = binary_of(fmu, command, options) if folder and command is not None else b""
     with draft(path) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as file:
         for name, text in fmu.files.items():
             file.writestr(zipfile.ZipInfo(name, DATE), text, zipfile.ZIP_DEFLATED)
-        if with_binary:
+        if folder:
             suffix = ".dylib" if sys.platform == "darwin" else ".so"
             file.writestr(zipfile.ZipInfo(f"binaries/{folder}/{fmu.identifier}{suffix}", DATE), binary,
                           zipfile.ZIP_DEFLATED)
 
 
-def folder_of_binary(path: Path) -> str:
-    """Return the folder of the binary in an FMU, empty without a binary."""
-    with zipfile.ZipFile(path) as file:
-        return next((name.split("/")[1] for name in file.namelist() if name.startswith("binaries/")), "")
+def folder_of_binary(version: int, sources_only: bool = False) -> str:
+    """Return the folder of the binary that `export` writes on this machine; empty without one."""
+    names = PLATFORMS.get((sys.platform, platform.machine()))
+    return names[version - 2] if names and not sources_only and compiler() is not None else ""
 
 
 def _kernel(scene: Scene, rows: list[Variable]) -> str:

@@ -35,8 +35,11 @@ from tcc_sim.fmi.c_types import (
     Struct,
     Table,
     Tuple,
+    Unprintable,
+    check,
     common_kind,
     kind_name,
+    only,
     size_of,
     stored_name,
     struct_of,
@@ -84,13 +87,8 @@ Signature = tuple[Any, tuple[Kind, ...]]
 class Library:
     """Functions printed so far, each after those that it calls, and the structures that they need.
 
-    Parameters
-    ----------
     data : properties `Class.name` of scenes that Python evaluates, since C cannot: their values are printed
     given : functions that others stand for, or that are printed elsewhere, with name and type of the result
-
-    Attributes
-    ----------
     structures : types of NamedTuples; those whose arrays have sizes are put in
     absent : fields of NamedTuples that are None wherever one is made
     """
@@ -170,13 +168,8 @@ class Function:
     All that is known beforehand is evaluated while printing: texts and lengths of lists of the scene, None, and the
     branches that follow from them.
 
-    Parameters
-    ----------
     kinds : types of the arguments
     result : type that holds every result; None: the first one's, or what holds all if they differ
-
-    Attributes
-    ----------
     text : the result, if it is known when the C is printed
     """
 
@@ -206,7 +199,8 @@ class Function:
         self._stores = Counter(part.id for part in ast.walk(tree) if isinstance(part, ast.Name)
                                and isinstance(part.ctx, ast.Store))
         self._block(tree.body)
-        assert self._returned, f"{name} returns nothing"
+        if not self._returned:
+            raise Refused(f"{name} returns nothing")
         whole: Kind | None = self._returned[0]
         for kind in self._returned[1:]:
             whole = common_kind(whole, kind) if whole is not None else None
@@ -242,7 +236,7 @@ class Function:
             try:
                 if self._statement(node):
                     return True
-            except AssertionError as error:
+            except Unprintable as error:
                 raise Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
         return False
 
@@ -280,12 +274,11 @@ class Function:
             self._return(node)
             return True
         else:
-            raise AssertionError(type(node))
+            raise Unprintable
         return False
 
     def _return(self, node: ast.Return) -> None:
-        assert node.value is not None
-        text, kind = self._stored(*self._expression(node.value))
+        text, kind = self._stored(*self._expression(only(node.value, ast.expr)))
         self._returned.append(kind)
         wanted = self._wanted if self._wanted is not None else kind
         self.text = text
@@ -294,26 +287,24 @@ class Function:
         if not isinstance(wanted, (Table, Struct)):
             text = self._as((text, kind), wanted)
         else:
-            assert kind == wanted
+            check(kind == wanted)
             self._put(f"*made = {target_of(text)};")
             text = ""
         self._put(f"return {text};".replace(" ;", ";"))
 
     def _for(self, node: ast.For) -> None:
         """Print a loop: unrolled if its items are known, and over whole numbers otherwise."""
-        assert isinstance(node.target, ast.Name)
+        item = only(node.target, ast.Name).id
         leaves = any(isinstance(part, ast.Break) for part in ast.walk(node))
         ends = node.iter.args if isinstance(node.iter, ast.Call) else []
         if not ends or (not leaves and all(self._known(end) is not None for end in ends)):
             for part in self._items(node.iter):
-                self._names[node.target.id] = part
+                self._names[item] = part
                 self._block(node.body)
             return
-        assert isinstance(node.iter, ast.Call)
-        assert self._resolved(node.iter.func) is range
-        assert len(ends) == 1
-        end, name = self._place(ends[0]), word(node.target.id)
-        self._declare(node.target.id, INT)
+        check(self._resolved(only(node.iter, ast.Call).func) is range and len(ends) == 1)
+        end, name = self._place(ends[0]), word(item)
+        self._declare(item, INT)
         self._nested(f"for ({name} = 0; {name} < {end}; {name}++) {{", node.body)
         self._put("}")
 
@@ -349,9 +340,8 @@ class Function:
             text, kind = self._expression(value)
             if not isinstance(value, ast.Name):
                 text, kind = self._kept(text, kind)
-            assert isinstance(kind, Tuple)
-            parts = [(f"{text}._{place}", part) for place, part in enumerate(kind.parts)]
-        assert len(parts) == len(target.elts)
+            parts = [(f"{text}._{place}", part) for place, part in enumerate(only(kind, Tuple).parts)]
+        check(len(parts) == len(target.elts))
         for name, (text, kind) in zip(target.elts, parts):
             if not (isinstance(name, ast.Name) and name.id == "_"):
                 self._store(name, text, kind)
@@ -363,7 +353,7 @@ class Function:
                 and self._stores[target.id] > 1:
             kind = INT
         if isinstance(target, ast.Name) and isinstance(kind, (Static, Items, Keys, Row, Column, Table, Struct)):
-            assert not self._depth
+            check(not self._depth)
             self._names[target.id] = text, kind
         elif isinstance(target, ast.Name):
             if kind == INT and self._kinds.get(target.id) == DOUBLE:
@@ -373,14 +363,12 @@ class Function:
         elif isinstance(target, ast.Subscript) and any(isinstance(part, ast.Slice) for part in ast.walk(target.slice)):
             self._fill(target, text, kind)
         else:
-            assert isinstance(target, ast.Subscript)
-            assert isinstance(kind, Scalar)
-            self._put(f"{self._subscript(target)[0]} = {text};")
+            check(isinstance(kind, Scalar))
+            self._put(f"{self._subscript(only(target, ast.Subscript))[0]} = {text};")
 
     def _fill(self, target: ast.Subscript, text: str, kind: Kind) -> None:
-        column = self._subscript(target)[1]
-        assert isinstance(column, Column)
-        assert isinstance(kind, (Scalar, Column))
+        column = only(self._subscript(target)[1], Column)
+        check(isinstance(kind, (Scalar, Column)))
         with self._loop(column.length) as k:
             self._put(f"{column.at(k)} = {kind.at(k) if isinstance(kind, Column) else text};")
 
@@ -425,15 +413,14 @@ class Function:
         """Print an expression; what the rules do not expect has no form in C."""
         try:
             return self._nodes[type(node)](self, node)
-        except (AssertionError, KeyError) as error:
+        except (Unprintable, KeyError) as error:
             raise Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
 
     def _number(self, node: ast.expr) -> Text:
         text, kind = self._expression(node)
         if isinstance(kind, Static) and isinstance(kind.value, bool):
             return text, INT
-        assert isinstance(kind, Scalar)
-        return text, kind
+        return text, only(kind, Scalar)
 
     def _test(self, node: ast.expr) -> Text:
         """Print a condition; a list or text that is known beforehand is true unless it is empty."""
@@ -443,8 +430,7 @@ class Function:
         if isinstance(kind, (Items, Row)):
             count = len(kind.parts) if isinstance(kind, Items) else kind.length
             return str(int(count > 0)), Static(count > 0)
-        assert isinstance(kind, Scalar)
-        return text, kind
+        return text, only(kind, Scalar)
 
     def _constant(self, node: ast.Constant) -> Text:
         return self._value(node.value)
@@ -491,7 +477,7 @@ class Function:
                 if name == node.attr:
                     place = f"{text[1:]}.{name}" if text.startswith("&") else f"{text}->{name}"
                     return f"&{place}" if isinstance(field, (Table, Struct)) else place, field
-        raise AssertionError(kind)
+        raise Unprintable
 
     def _key(self, text: str, kind: Keys, node: ast.Attribute) -> Text:
         """Print a scene key of a group, one of its groups, or what a property of it computes."""
@@ -529,13 +515,12 @@ class Function:
         places = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         cut = node.slice
         if isinstance(kind, Table) and isinstance(cut, ast.Slice):
-            assert cut.upper
-            assert (cut.lower, cut.step) == (None, None)
+            check((cut.lower, cut.step) == (None, None))
             text, _ = self._kept(text, kind)
-            self._put(f"{text[1:]}.rows = {self._place(cut.upper)};")
+            self._put(f"{text[1:]}.rows = {self._place(only(cut.upper, ast.expr))};")
             return text, kind
         if isinstance(kind, Table) and isinstance(places[0], ast.Slice):
-            assert ast.unparse(places[0]) == ":"
+            check(ast.unparse(places[0]) == ":")
             column = self._place(places[1])
             return "", Column(f"{at[:-2]}rows", lambda k: f"{at}[{k}][{column}]")
         if isinstance(kind, Table):
@@ -545,21 +530,22 @@ class Function:
             return f"{text}[{self._place(node.slice)}]", DOUBLE
         if isinstance(kind, Column):
             return kind.at(self._place(node.slice)), DOUBLE
-        place = self._known(node.slice)
-        assert isinstance(kind, Tuple)
-        assert place is not None
-        return f"{text}._{place}", kind.parts[place]
+        place = only(self._known(node.slice), int)
+        return f"{text}._{place}", only(kind, Tuple).parts[place]
 
     def _shape(self, node: ast.Subscript, array: ast.expr) -> Text:
         text, kind = self._expression(array)
-        place = self._known(node.slice)
-        if isinstance(kind, Table) and place == 0:
-            return f"{text[1:]}.rows" if text.startswith("&") else f"{text}->rows", INT
-        if isinstance(kind, Table):
+        if isinstance(kind, Table) and self._known(node.slice) != 0:
             return str(kind.columns), INT
-        assert isinstance(kind, Row)
-        assert kind.length >= 0
-        return str(kind.length), INT
+        return self._length(text, kind)
+
+    def _length(self, text: str, kind: Kind) -> Text:
+        """Print the number of rows of an array."""
+        if isinstance(kind, Table):
+            return f"{text[1:]}.rows" if text.startswith("&") else f"{text}->rows", INT
+        length = only(kind, Row).length
+        check(length >= 0)
+        return str(length), INT
 
     def _known(self, node: ast.expr) -> int | None:
         """Return an integer that is known when printing; None for any other expression."""
@@ -569,7 +555,7 @@ class Function:
 
     def _place(self, node: ast.expr) -> str:
         text, kind = self._expression(node)
-        assert kind == INT
+        check(kind == INT)
         return text
 
     def _each(self, function: Callable[..., Text], *parts: Text) -> Text:
@@ -583,10 +569,8 @@ class Function:
     def _binop(self, node: ast.BinOp) -> Text:
         def combined(one: Text, other: Text) -> Text:
             (left, first), (right, second) = one, other
-            assert isinstance(first, Scalar)
-            assert isinstance(second, Scalar)
-            kind = INT if first == second == INT else DOUBLE
-            assert not (isinstance(node.op, ast.Div) and kind == INT)
+            kind = INT if only(first, Scalar) == only(second, Scalar) == INT else DOUBLE
+            check(not (isinstance(node.op, ast.Div) and kind == INT))
             if kind == INT and left.isdigit() and right.isdigit():
                 return literal(WHOLE[type(node.op)](int(left), int(right)))
             return f"({left} {OPERATORS[type(node.op)]} {right})", kind
@@ -596,7 +580,7 @@ class Function:
         if isinstance(node.op, ast.Not):
             text, kind = self._test(node.operand)
             return self._value(not kind.value) if isinstance(kind, Static) else (f"(!{text})", INT)
-        assert isinstance(node.op, ast.USub)
+        check(isinstance(node.op, ast.USub))
         text, kind = self._number(node.operand)
         return f"(-{text})", kind
 
@@ -610,7 +594,7 @@ class Function:
                 if kind.value == deciding:
                     return str(int(deciding)), Static(deciding)
             else:
-                assert not lines
+                check(not lines)
                 texts.append(text)
         if not texts:
             return str(int(not deciding)), Static(not deciding)
@@ -623,8 +607,7 @@ class Function:
 
     def _declare(self, name: str, kind: Kind) -> None:
         self._names.pop(name, None)
-        assert not isinstance(kind, Static)
-        assert self._kinds.get(name, kind) == kind
+        check(not isinstance(kind, Static) and self._kinds.get(name, kind) == kind)
         if name not in self._kinds:
             self._locals[name] = kind
         self._kinds[name] = kind
@@ -652,8 +635,7 @@ class Function:
             return f"({' && '.join(f'{left}->{name} == ({right})->{name}' for name, _ in first.fields)})", INT
         if first == second == INT and left.isdigit() and right.isdigit():
             return self._value(COMPARISONS[type(sign)](int(left), int(right)))
-        assert isinstance(first, (Scalar, Column))
-        assert isinstance(second, Scalar)
+        check(isinstance(first, (Scalar, Column)) and isinstance(second, Scalar))
         return self._each(lambda each: (f"({each[0]} {OPERATORS[type(sign)]} {right})", INT), one)
 
     def _absent(self, node: ast.expr, absent: bool) -> Text:
@@ -673,7 +655,8 @@ class Function:
         with self._apart() as others:
             other = self._stored(*self._expression(node.orelse))
         kind = common_kind(one[1], other[1])
-        assert kind is not None
+        if kind is None:
+            raise Unprintable
         if not (lines or others or isinstance(kind, (Table, Struct))):
             return f"({test} ? {self._as(one, kind)} : {self._as(other, kind)})", kind
         name = self._variable(kind)
@@ -701,7 +684,7 @@ class Function:
                 return f"({name}){{1, {text.partition('{')[2]}"
             if isinstance(kind, Tuple) and kind.parts == wanted.parts:
                 return f"({name}){{1, {', '.join(f'{text}._{place}' for place in range(len(kind.parts)))}}}"
-        raise AssertionError(kind)
+        raise Unprintable
 
     def _assign_to(self, place: str, part: Text, wanted: Kind) -> None:
         """Print the assignment of a value of a type, or of one that it holds, to a variable or field."""
@@ -711,7 +694,7 @@ class Function:
         elif kind == Static(None) and isinstance(wanted, Table):
             self._put(f"memset(&{place}, 0, sizeof {place});")
         else:
-            assert kind == wanted
+            check(kind == wanted)
             self._put(f"{place} = {target_of(text)};")
 
     def _tuple(self, node: ast.Tuple) -> Text:
@@ -722,9 +705,7 @@ class Function:
         if isinstance(node, ast.Call) and self._resolved(node.func) is range:
             bounds = [self._known(end) for end in node.args]
             return [(str(k), INT) for k in range(*(bound for bound in bounds if bound is not None))]
-        _, kind = self._expression(node)
-        assert isinstance(kind, Items)
-        return list(kind.parts)
+        return list(only(self._expression(node)[1], Items).parts)
 
     def _stored(self, text: str, kind: Kind) -> Text:
         """Return a value in the form in which C holds it: a tuple of numbers as a structure."""
@@ -743,7 +724,7 @@ class Function:
         if isinstance(called, type) and hasattr(called, "_fields"):
             return self._built(node, self._library.structure(called), called)
         plain = inspect.unwrap(getattr(called, "py_func", called)) if callable(called) else called
-        assert not node.keywords or inspect.isfunction(plain)
+        check(not node.keywords or inspect.isfunction(plain))
         if called in (int, float, bool, len):
             return self._converted(node, called)
         if called in (max, min, np.maximum) and len(node.args) > 1:
@@ -756,7 +737,8 @@ class Function:
                               *map(self._expression, node.args))
         if called is math.isfinite:
             return f"isfinite({self._number(node.args[0])[0]})", INT
-        assert inspect.isfunction(plain)
+        if not inspect.isfunction(plain):
+            raise Unprintable
         given = list[Text]()
         for argument in node.args:
             given += self._items(argument.value) if isinstance(argument, ast.Starred) else [
@@ -775,7 +757,7 @@ class Function:
                             result)
 
     def _larger(self, called: Any, one: Text, other: Text) -> Text:
-        assert one[1] == other[1]
+        check(one[1] == other[1])
         name = "maximum" if called is np.maximum and one[1] == DOUBLE else (
             f"{'min' if called is min else 'max'}_{kind_name(one[1])}")
         return f"{name}({one[0]}, {other[0]})", one[1]
@@ -793,11 +775,11 @@ class Function:
             return self._built(node, kind, None, text)
         if method.attr == "copy" and isinstance(kind, Table):
             return self._kept(text, kind)
-        assert method.attr in ("max", "min")
-        assert isinstance(kind, Column)
-        extreme, _ = self._kept(kind.at("0"), DOUBLE)
-        with self._loop(kind.length) as k:
-            self._put(f"{extreme} = {method.attr}_double({extreme}, {kind.at(k)});")
+        check(method.attr in ("max", "min"))
+        column = only(kind, Column)
+        extreme, _ = self._kept(column.at("0"), DOUBLE)
+        with self._loop(column.length) as k:
+            self._put(f"{extreme} = {method.attr}_double({extreme}, {column.at(k)});")
         return extreme, DOUBLE
 
     def _built(self, node: ast.Call, kind: Struct, called: type[Any] | None, copied: str = "") -> Text:
@@ -821,37 +803,27 @@ class Function:
         """Print int and float of a number, and the length of a tuple or an array."""
         text, kind = self._expression(node.args[0])
         if called is not len:
-            assert kind == (DOUBLE if called is float else INT)
+            check(kind == (DOUBLE if called is float else INT))
             return text, kind
-        if isinstance(kind, Table):
-            return f"{text[1:]}.rows" if text.startswith("&") else f"{text}->rows", INT
-        if isinstance(kind, (Items, Tuple)):
-            return str(len(kind.parts)), INT
-        assert isinstance(kind, Row)
-        assert kind.length >= 0
-        return str(kind.length), INT
+        return (str(len(kind.parts)), INT) if isinstance(kind, (Items, Tuple)) else self._length(text, kind)
 
     def _np_searchsorted(self, node: ast.Call) -> Text:
         """Print searchsorted(table[:, k], x, side="right")."""
-        assert [ast.unparse(keyword) for keyword in node.keywords] == ["side='right'"]
-        assert isinstance(node.args[0], ast.Subscript)
-        (_, table), (_, column) = self._expression(node.args[0].value), self._expression(node.args[0])
-        assert isinstance(table, Table)
-        assert isinstance(column, Column)
+        check([ast.unparse(keyword) for keyword in node.keywords] == ["side='right'"])
+        table = only(self._expression(only(node.args[0], ast.Subscript).value)[1], Table)
+        column = only(self._expression(node.args[0])[1], Column)
         return f"searched(&{column.at('0')}, {table.columns}, {column.length}, {self._number(node.args[1])[0]})", INT
 
     def _np_moveaxis(self, node: ast.Call) -> Text:
         text, kind = self._expression(node.args[0])
-        assert isinstance(kind, Row)
-        assert [ast.unparse(part) for part in node.args[1:]] == ["-1", "0"]
-        return text, kind
+        check([ast.unparse(part) for part in node.args[1:]] == ["-1", "0"])
+        return text, only(kind, Row)
 
     def _np_arange(self, node: ast.Call) -> Text:
         return "", Column(self._place(node.args[0]), lambda k: f"(double){k}")
 
     def _np_argmax(self, node: ast.Call) -> Text:
-        _, kind = self._expression(node.args[0])
-        assert isinstance(kind, Column)
+        kind = only(self._expression(node.args[0])[1], Column)
         index, _ = self._kept("0", INT)
         with self._loop(kind.length) as k:
             self._put(f"if {kind.at(k)} {{ {index} = {k}; break; }}")
@@ -859,11 +831,7 @@ class Function:
 
     def _np_zeros(self, node: ast.Call) -> Text:
         """Print a new array of zeros, (rows, columns), whose shape is known."""
-        shape = node.args[0]
-        assert isinstance(shape, ast.Tuple)
-        rows, columns = map(self._known, shape.elts)
-        assert rows
-        assert columns
+        rows, columns = (only(self._known(side), int) for side in only(node.args[0], ast.Tuple).elts)
         name = self._variable(kind := Table(columns, rows))
         self._put(f"memset(&{name}, 0, sizeof {name});")
         self._put(f"{name}.has = 1;")
@@ -879,8 +847,8 @@ class Function:
             builtins = self._globals["__builtins__"]
             builtins = builtins if isinstance(builtins, dict) else vars(builtins)
             return self._globals.get(node.id, builtins.get(node.id))
-        assert isinstance(node, ast.Attribute)
-        return getattr(self._resolved(node.value), node.attr, None)
+        dotted = only(node, ast.Attribute)
+        return getattr(self._resolved(dotted.value), dotted.attr, None)
 
     _nodes: ClassVar[dict[type[ast.AST], Callable[[Function, Any], Text]]] = {
         ast.Constant: _constant, ast.Name: _name, ast.Attribute: _attribute, ast.Subscript: _subscript,
@@ -918,7 +886,7 @@ def enclosed(text: str) -> bool:
 
 def literal(value: float) -> Text:
     """Return a number in C, exact to the last bit."""
-    assert not math.isnan(value)
+    check(not math.isnan(value))
     if math.isinf(value):
         return ("INFINITY" if value > 0 else "(-INFINITY)"), DOUBLE
     text = repr(value)
