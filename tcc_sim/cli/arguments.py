@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -182,7 +181,7 @@ def check_outputs(arguments: argparse.Namespace, suffixes: Sequence[str] = (), *
 
 def deliver(arguments: argparse.Namespace, scene: Scene | System, result: Any, lines: Iterable[str] = (), *,
             shown: Any = ..., write: Callable[[dict[str, Any]], object] | None = None) -> None:
-    """Write the files of a result and print its lines, unless its JSON goes to standard output.
+    """Write the files of a result, print its lines, unless its JSON goes to standard output, and draw its picture.
 
     shown : the result that --plot draws; None for no picture
     write : function that writes the file of --out, from the JSON document
@@ -192,25 +191,25 @@ def deliver(arguments: argparse.Namespace, scene: Scene | System, result: Any, l
     title, recording = getattr(arguments, "title", ""), getattr(arguments, "recording", None)
     if title is None:
         title = recording.name if recording is not None else getattr(scene, "name", "")
+    out = getattr(arguments, "out", None)
+    if out is not None or arguments.json is not None:
+        whole = document(arguments.verb, result, scene, arguments.words, title)
+    if out is not None and write is not None:
+        write(whole)
+    warn_of(scene)
+    if arguments.json is not None:
+        write_json(arguments.json, whole)
+    aloud = arguments.json != STANDARD_OUTPUT
+    if aloud and (text := "\n".join(lines)):
+        say(text, flush=True)
     picture = getattr(arguments, "plot", None) if shown is not None else None
-    out = getattr(arguments, "out", None) if write is not None else None
-    with ExitStack() as stack:
-        if picture is not None:  # Drawing takes longest; if it is interrupted, no file is written.
-            from tcc_sim.views.plots import plot
+    if picture is not None:  # Drawing takes longest; if it is interrupted, the results are there.
+        from tcc_sim.views.plots import plot
 
-            plot(result if shown is ... else shown, stack.enter_context(draft(picture)), arguments.width,
-                 title=printable(title))
-        if out is not None or arguments.json is not None:
-            whole = document(arguments.verb, result, scene, arguments.words, title)
-        if out is not None and write is not None:
-            write(whole)
-        warn_of(scene)
-        if arguments.json is not None:
-            write_json(arguments.json, whole)
-        if arguments.json != STANDARD_OUTPUT and (text := "\n".join(lines)):
-            say(text)
-    if picture is not None and arguments.json != STANDARD_OUTPUT:
-        say(f"picture in {picture}")
+        with draft(picture) as part:
+            plot(result if shown is ... else shown, part, arguments.width, title=printable(title))
+        if aloud:
+            say(f"picture in {picture}")
 
 
 def warn_of(scene: Scene | System) -> None:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,7 +41,12 @@ def _frequencies(text: str) -> list[float]:
          common.outputs("operating point, matrices and responses",
                         "the response as .csv or .parquet, with the matrices as .npz or .mat"))
 def linearise(arguments: argparse.Namespace) -> int:
-    """Check the input, linearise, write the files, and print the result."""
+    """Give the transfer function from pressure or engine torque about a settled motion.
+
+    example : linearise controlled --slip 20 --controller 3,11.25 --plot bode.png
+    prints : operating point, multipliers, gain and phase at seven frequencies, and the margins of a controller
+    writes : --json FILE holds all numbers, --out FILE the arrays, --plot FILE a picture
+    """
     from tcc_sim.estimation.linearise import linearise as response
     from tcc_sim.output.table_files import TABLES, write_result
 
@@ -96,7 +101,12 @@ WORDS = {"previous": "held from each sample on (--hold previous)", "linear": "li
             needed="measured free"), common.add_changes,
          common.outputs("estimates, residuals and verdicts", "the scene with the estimated values", "SCENE.yaml"))
 def identify(arguments: argparse.Namespace) -> int:
-    """Check the input, fit, write the files, and print the verdicts."""
+    """Estimate parameters of a scene from a recording or a table of measurements.
+
+    example : identify run1 --free friction.kinetic_coefficient --out mine.yaml --plot fit.png
+    prints : value, standard error and verdict for each free key
+    writes : --json FILE holds all numbers, --out FILE the scene with the estimated values, --plot FILE a picture
+    """
     from tcc_sim.estimation.identify import given
     from tcc_sim.estimation.identify import identify as fit
     from tcc_sim.output.files import draft
@@ -122,14 +132,15 @@ def identify(arguments: argparse.Namespace) -> int:
     result = fit(measured, free, scene=scene, noise=noise, progress=True, **keywords_of(arguments, options_in(
         IDENTIFY, f"{common.DRIVELINE} columns from_ to scene noise")))
     common.say_of_table(result.warnings)
-    common.deliver(arguments, scene, result, _estimate_lines(result))
-    if not result.accepted:
-        print(f"tcc-sim: no acceptable fit: {result.why}", file=sys.stderr)
-        return 1
-    if arguments.out is not None:
+
+    def write(_: dict[str, Any]) -> None:
         with draft(arguments.out) as part:
             part.write_text(result.scene.text(), encoding="utf-8")
-    return 0
+
+    common.deliver(arguments, scene, result, _estimate_lines(result), write=write if result.accepted else None)
+    if not result.accepted:
+        print(f"tcc-sim: no acceptable fit: {result.why}", file=sys.stderr)
+    return 0 if result.accepted else 1
 
 
 def _estimate_lines(result: Identification) -> Iterator[str]:
