@@ -75,7 +75,6 @@ class Replay(Result):
     trajectory : the last cycles of the run, at most 200 000 samples
     cycles, first_cycle : every engine cycle of the run, NaN at a gap, and the number of the first
     control : target, pressures, cycle means and events of the run
-    run : number of the run, counted from 0
     parts_missing : whether a part of the recording is not there
     """
 
@@ -94,7 +93,7 @@ class Replay(Result):
     pace: float = reported(
         "simulated over real time from first to last receipt; null if not recorded", name="real_time_factor")
     control: Control
-    run: int = 0
+    run: int = reported("number of the longest run, counted from 0", default=0)
     parts_missing: bool = False
     segments: tuple[Segment, ...] = reported("parts of the run, in order", default=())
     verification: Verification | None = reported(

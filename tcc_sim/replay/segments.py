@@ -40,6 +40,7 @@ MOST_SEGMENTS = 1000
 class Segment(Described):
     """Part of a recording from a start, reset, restart or change of parameters to the next."""
 
+    run: int = reported("number of its run")
     start: float = reported("simulation time", "s")
     end: float = reported("simulation time", "s")
     began_by: str | None = reported(
@@ -159,8 +160,9 @@ def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, 
     for cuts in runs:
         judge = _Judge(line, cuts, clock, band, limits)
         for cut in cuts[:MOST_SEGMENTS - len(segments)]:
-            segment = Segment(int(cut.states.stamp_ns[0]) * 1e-9, int(cut.states.stamp_ns[-1]) * 1e-9, cut.began_by,
-                              cut.changes, _summary(cut, clock, shared, discard), judge.tracking(cut, discard or 0))
+            stamps = cut.states.stamp_ns
+            segment = Segment(cut.states.run, int(stamps[0]) * 1e-9, int(stamps[-1]) * 1e-9, cut.began_by, cut.changes,
+                              _summary(cut, clock, shared, discard), judge.tracking(cut, discard or 0))
             segments.append(segment if segment.summary is None else replace(
                 segment, summary=replace(segment.summary, solver=solver, elapsed_s=elapsed_s)))
     return tuple(segments), sum(map(len, runs))

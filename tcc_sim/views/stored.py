@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
@@ -124,19 +124,12 @@ def _of(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:
                    for item in fields(kind)})  # type: ignore[arg-type]
 
 
-def _systems_in(segments: Sequence[Any], scene: Scene) -> tuple[tuple[float, System], ...]:
-    """Return the time from which each system of the longest run held, s, and the system."""
-    runs: list[list[tuple[float, System]]] = []
-    lengths: list[float] = []
-    end = math.inf
-    for segment in segments:
+def _systems_in(values: Mapping[str, Any], scene: Scene) -> Iterator[tuple[float, System]]:
+    """Yield the time from which each system of the drawn run held, s, and the system."""
+    for segment in values.get("segments", ()):
         scene = scene.with_values({key: value for key, value in segment["changes"].items() if key in QUANTITIES})
-        if segment["start"] < end:
-            runs.append([])
-            lengths.append(0.0)
-        runs[-1].append((segment["start"], scene.system))
-        lengths[-1], end = segment["end"] - runs[-1][0][0], segment["end"]
-    return tuple(runs[lengths.index(max(lengths))]) if runs else ()
+        if segment["run"] == values["run"]:
+            yield segment["start"], scene.system
 
 
 def _run(values: Mapping[str, Any]) -> Any:
@@ -145,6 +138,6 @@ def _run(values: Mapping[str, Any]) -> Any:
     run = Trajectory(**{name: arrays[name] for name in SAMPLED if name in arrays}, cycle=scene.system.cycle,
                      solver=values["solver"], system=scene.system, cycles=cycles_in(arrays),
                      largest_step=1.5 * values["tick_s"] if values.get("tick_s") else math.inf,
-                     systems=_systems_in(values.get("segments", []), scene))
+                     systems=tuple(_systems_in(values, scene)))
     spectrum = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
     return SimpleNamespace(trajectory=run, summary=Record(**values), spectrum=spectrum)
