@@ -61,9 +61,7 @@ def test_help_and_version_go_to_standard_output(capsys: pytest.CaptureFixture[st
     assert capsys.readouterr().out == f"tcc-sim {__version__}\n"
     assert cli.main(["--help"]) == 0
     out = capsys.readouterr().out
-    for name, verb in cli.VERBS.items():
-        assert f"{name} " in out
-        assert verb.line in out
+    assert [name for name in cli.VERBS if not re.search(rf"^  {name} +[a-z].{{20}}", out, re.MULTILINE)] == []
 
 
 def test_scenes_and_explain_take_changes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -101,29 +99,29 @@ def test_a_failure_has_a_status_and_one_line(words: list[str], status: int, tmp_
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_interrupted_command_waits_for_no_thread() -> None:
+def test_an_interrupted_command_waits_for_no_thread(tmp_path: Path) -> None:
     """A thread that compiles or solves a long motion cannot be stopped."""
-    program = """
-import sys, threading
+    (tmp_path / "lasting.py").write_text("""
+import threading
 from concurrent.futures import ThreadPoolExecutor
-from types import SimpleNamespace
-from tcc_sim import cli
+from tcc_sim.cli.options import command
 
-def run(arguments):
+@command()
+def long(arguments):
     begun = threading.Event()
     ThreadPoolExecutor().submit(lambda: (begun.set(), threading.Event().wait()))
     begun.wait()
     print("as far as it came")
     raise KeyboardInterrupt
-
-run.add_arguments = lambda parser: None
-cli.VERBS["long"] = cli.verbs.Verb("take long")
-cli.MODULES["tcc_sim.cli.long"] = "long"
-sys.modules["tcc_sim.cli.long"] = SimpleNamespace(long=run)
+""")
+    ended = python("-c", f"""
+import sys
+from tcc_sim import cli
+sys.path.append({str(tmp_path)!r})
+cli.VERBS["long"] = "lasting"
 sys.argv = ["tcc-sim", "long"]
 sys.exit(cli.main())
-"""
-    ended = python("-c", program)
+""")
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "as far as it came\n", "tcc-sim: interrupted\n")
 
 

@@ -1,7 +1,7 @@
-"""The command `tcc-sim`: modules of verbs (`MODULES`), imported when a verb is used.
+"""The command `tcc-sim`: modules of verbs (`VERBS`), imported when a verb is used.
 
 A verb is a function whose options follow from its signature and docstring and from those of library functions
-(`options.command`); `verbs` describes the verbs.
+(`options.command`); its docstring has its purpose, an example, the printed lines and the files too.
 `arguments.words` is the command line, which JSON files name. Exit status: 0 done; 2 wrong input, one line on standard
 error and no file; 1 any other failure; 130 interrupted.
 """
@@ -9,6 +9,7 @@ error and no file; 1 any other failure; 130 interrupted.
 from __future__ import annotations
 
 import argparse
+import ast
 import difflib
 import errno
 import os
@@ -21,18 +22,26 @@ from keyword import iskeyword
 from typing import Any, NoReturn
 
 from tcc_sim import __version__
-from tcc_sim.cli.options import VerbFunction, reader
-from tcc_sim.cli.verbs import VERBS, verbs_by_purpose
+from tcc_sim.cli.options import VerbFunction, reader, rows_of, syntax_of
 from tcc_sim.errors import InputError, TccError, missing_package, one_line
-from tcc_sim.output.terminal import open_streams
+from tcc_sim.output.terminal import open_streams, terminal_width, wrapped
 from tcc_sim.shown_units import show_in
 
-MODULES = {"tcc_sim.cli.demo": "demo", "tcc_sim.cli.scenes": "scenes explain", "tcc_sim.cli.sweep": "sweep",
-           "tcc_sim.cli.runs": "simulate analyse", "tcc_sim.cli.estimation": "linearise identify",
-           "tcc_sim.cli.files": "recover import plot fmu", "tcc_sim.cli.running": "watch control",
-           "tcc_sim.study.cli.motions": "continue basins", "tcc_sim.study.cli.paper": "figure claims",
-           "tcc_sim.study.cli.measuring": "precision stability realtime"}
-"""Verbs by module; each has a function of the verb's name, with an underscore after a Python keyword."""
+GROUPS = {"demonstration": "demo", "scenes": "scenes explain", "steady states": "simulate sweep linearise",
+          "recordings": "analyse recover import identify", "running nodes": "watch control", "pictures": "plot",
+          "other programs": "fmu", "motions and methods": "continue basins", "the paper": "figure claims",
+          "measurements of the program": "precision stability realtime"}
+"""Verbs by purpose, in the order of `tcc-sim --help`."""
+_MODULES = {
+    "tcc_sim.cli.demo": "demo", "tcc_sim.cli.scenes": "scenes explain", "tcc_sim.cli.sweep": "sweep",
+    "tcc_sim.cli.runs": "simulate analyse", "tcc_sim.cli.estimation": "linearise identify",
+    "tcc_sim.cli.files": "recover import plot fmu", "tcc_sim.cli.running": "watch control",
+    "tcc_sim.study.cli.motions": "continue basins", "tcc_sim.study.cli.paper": "figure claims",
+    "tcc_sim.study.cli.measuring": "precision stability realtime"}
+VERBS = {verb: module for module, verbs in _MODULES.items() for verb in verbs.split()}
+"""Module of every verb, which has a function of the verb's name, with an underscore after a Python keyword."""
+HELP = "example", "prints", "writes", "takes"
+"""Rows of a verb's docstring that stand at the end of its help."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -53,16 +62,35 @@ def build_parser(verb: str | None = None) -> argparse.ArgumentParser:
     """Return the parser of the command, with the options of `verb` alone, whose module is imported, or of all verbs."""
     parser = _Parser(prog="tcc-sim",
                      description="A slipping torque converter clutch driveline, in real time and offline.",
-                     epilog=f"{verbs_by_purpose()}\n\ntcc-sim VERB --help shows an example and the options of a verb.",
+                     epilog=None if verb else _verbs_by_purpose(),
                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--version", action="version", version=f"tcc-sim {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, parser_class=_Parser)
-    for name, one in VERBS.items():
-        sub = verbs.add_parser(name, description=one.description(), epilog=one.epilog(),
-                               formatter_class=argparse.RawDescriptionHelpFormatter)
-        if verb in (None, name):
-            command_of(name).add_arguments(sub)
+    for name in [verb] if verb in VERBS else [] if verb == "" else VERBS:
+        docstring = _docstring_of(name)
+        text = "\n".join(f"{f'{key}:':<10}{'tcc-sim ' * (key == 'example')}{meaning}"
+                         for key, meaning in rows_of(docstring).items() if key in HELP)
+        command_of(name).add_arguments(verbs.add_parser(
+            name, description=wrapped(docstring.partition("\n")[0], terminal_width()),
+            epilog=wrapped(text, terminal_width()), formatter_class=argparse.RawDescriptionHelpFormatter))
     return parser
+
+
+def _docstring_of(verb: str) -> str:
+    """Return the docstring of a verb, whose module is not imported."""
+    return ast.get_docstring(syntax_of(f"{VERBS[verb]}:{_function_of(verb)}")) or ""
+
+
+def _verbs_by_purpose() -> str:
+    """Return every verb with its purpose below the title of its group, no wider than the terminal."""
+    width, lines = max(map(len, VERBS)), []
+    for title, verbs in GROUPS.items():
+        lines.append(f"{title}:")
+        for verb in verbs.split():
+            purpose = _docstring_of(verb).partition("\n")[0].removesuffix(".")
+            lines.append(f"  {verb:<{width}}  {purpose[0].lower()}{purpose[1:]}")
+    lines += ["", "tcc-sim VERB --help shows an example and the options of a verb."]
+    return wrapped("\n".join(lines), terminal_width())
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -120,6 +148,9 @@ def _status_of(words: list[str]) -> int:
 
 def command_of(verb: str) -> VerbFunction:
     """Return the function of a verb."""
-    module = next(module for module, verbs in MODULES.items() if verb in verbs.split())
-    found: VerbFunction = getattr(import_module(module), f"{verb}_" if iskeyword(verb) else verb)
+    found: VerbFunction = getattr(import_module(VERBS[verb]), _function_of(verb))
     return found
+
+
+def _function_of(verb: str) -> str:
+    return f"{verb}_" if iskeyword(verb) else verb

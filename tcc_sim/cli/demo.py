@@ -33,8 +33,11 @@ STEP = 0.1
     0.5, 86400.0, "s")), "out": Form("DIR", Path)})
 def demo(arguments: argparse.Namespace, scene: str | None = None, controller: str | None = None, duration: float = 10.0,
          out: Path | None = None) -> int:
-    """Record, analyse, draw, and print the summary and the files.
+    """Run nodes, recorder and controller on ROS 2, analyse the recording and draw it.
 
+    example : demo --scene controlled --duration 5 --out run1
+    prints : the summary of the recorded motion and the next commands to try
+    writes : the directory --out with recording/, analysis.json, run.rrd (Rerun) and overview.png
     scene : name of a bundled scene, or a file (default: commands at 250 Hz, with a node that publishes both commands)
     controller : command that starts your controller instead of the example, such as 'python my_node.py'; the default
         scene is then controlled

@@ -90,8 +90,8 @@ class Declared(NamedTuple):
 
 
 @cache
-def parameters_of(function: str) -> dict[str, Declared]:
-    """Return the parameters of "module:function" or "module:class.method", or the fields of "module:class"."""
+def syntax_of(function: str) -> Any:
+    """Return the syntax tree of "module:function", "module:class.method" or "module:class"."""
     module, _, name = function.partition(":")
     spec = find_spec(module)
     assert spec is not None
@@ -100,8 +100,19 @@ def parameters_of(function: str) -> dict[str, Declared]:
     for part in name.split("."):
         found = next(node for node in found.body if isinstance(node, (ast.FunctionDef, ast.ClassDef))
                      and node.name == part)
-    text = {word: " ".join(meaning.split()) for names, meaning in ROW.findall(ast.get_docstring(found) or "")
-            for word in names.split(", ")}
+    return found
+
+
+def rows_of(docstring: str) -> dict[str, str]:
+    """Return the meanings in a docstring by name."""
+    return {word: " ".join(meaning.split()) for names, meaning in ROW.findall(docstring) for word in names.split(", ")}
+
+
+@cache
+def parameters_of(function: str) -> dict[str, Declared]:
+    """Return the parameters of a function, or the fields of a class, named as for `syntax_of`."""
+    found = syntax_of(function)
+    text = rows_of(ast.get_docstring(found) or "")
     if isinstance(found, ast.ClassDef):
         rows = [(ast.unparse(node.target), node.annotation, node.value) for node in found.body
                 if isinstance(node, ast.AnnAssign)]

@@ -32,8 +32,11 @@ FORMS = {"value": Form("X", number(-math.inf, math.inf)), "rate": Form("HZ", num
 @command(add_namespace, forms={"connect": Form("URL")})
 def watch(arguments: argparse.Namespace, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
           web: bool = False) -> int:
-    """Watch until Ctrl-C or SIGTERM, and print the number of states shown and missed.
+    """Show running nodes live in Rerun.
 
+    example : watch --rrd live.rrd
+    prints : after Ctrl-C, the number of states shown and missed
+    writes : --rrd FILE a Rerun recording; otherwise nothing
     rrd : write a Rerun file; at 1 kHz the file grows by about 5 MB a minute, memory by half a MB
     spawn : start a viewer (the default)
     connect : send to a running viewer, rerun+http://HOST:PORT/proxy
@@ -80,7 +83,12 @@ def add_actions(parser: argparse.ArgumentParser) -> None:
 
 @command(add_actions)
 def control(arguments: argparse.Namespace) -> int:
-    """Send the request to the driveline and print its answer."""
+    """Reset, pause, step or command a running driveline, and get or set its parameters.
+
+    example : control set pressure.mean=230000 engine.mean_torque=310
+    prints : the answer of the node
+    writes : no file
+    """
     from tcc_sim.model.parameters import list_of
     from tcc_sim.nodes.children import require_ros
     from tcc_sim.nodes.options import SCENE, TEXT

@@ -29,8 +29,11 @@ would be more than MOST_DRAWN, and none where SAMPLES of them would be more than
 @command(common.add_scene, of(common.SIMULATION, common.FORMS), of(common.PLAN, common.FORMS, without=common.OF_SWEEPS),
          common.outputs("the summary", "the samples: .npz, .csv, .parquet, .mat or .mcap"))
 def simulate(arguments: argparse.Namespace, samples: int = 200) -> int:
-    """Check the input, solve, write the files, and print the summary.
+    """Solve a scene and summarise its steady state.
 
+    example : simulate fig02 --plot fig02.png
+    prints : largest slip speed, regime, period, section points, heat and shaft torque, and the figures asked for
+    writes : --json FILE holds all numbers, --out FILE the samples, --plot FILE a picture
     samples : samples per period of excitation in --out
     """
     from tcc_sim.analysis.measured.orders import OrderComparison
@@ -123,8 +126,11 @@ FORMS = {**common.FORMS, "recording": Form("RUN|FILE", Path), "discard": Form("C
 @command(of(common.ANALYSIS, FORMS, needed="recording"), common.outputs(
     "the figures", "the samples of the analysed run as .csv, .npz, .parquet or .mat, with units and scene"))
 def analyse(arguments: argparse.Namespace, layout: bool = False) -> int:
-    """Check the outputs, analyse the recording, write the files, and print the figures.
+    """Summarise a recording, show it in Rerun, solve it again.
 
+    example : analyse run1 --verify --plot run1.png
+    prints : contents and losses of the recording, the summary of its motion, and the figures asked for
+    writes : --json FILE holds all numbers, --out FILE the samples, --rrd FILE a Rerun recording, --plot FILE a picture
     layout : write a layout beside the recording, with which Rerun shows its signals without conversion: rerun
         RUN_0.mcap RUN_0.rbl
     """

@@ -18,8 +18,11 @@ EXPLANATION = "tcc_sim.functions:explanation"
 
 @command(common.add_changes)
 def scenes(arguments: argparse.Namespace, show: str | None = None) -> int:
-    """Print name and description of every bundled scene, or one scene in full.
+    """List the bundled scenes.
 
+    example : scenes --show fig02
+    prints : name and description of each scene; with --show the parameter file of one scene
+    writes : no file; scenes --show fig02 > mine.yaml makes a scene to edit
     show : print this scene (or a file) as a parameter file with every key
     """
     if show is not None:
@@ -36,7 +39,12 @@ def scenes(arguments: argparse.Namespace, show: str | None = None) -> int:
 
 @command(common.add_scene, of(EXPLANATION), common.outputs("the estimates and terms"))
 def explain(arguments: argparse.Namespace) -> int:
-    """Print the estimates, the terms in use and left out, and the cost of a step."""
+    """Estimate how a scene behaves, and list the terms of its equations.
+
+    example : explain fig02
+    prints : natural frequencies, torques, critical slope, friction law, closed forms, terms in use and left out
+    writes : --json FILE holds all numbers, --plot FILE a picture of the friction law
+    """
     scene = common.scene_of(arguments)
     common.check_outputs(arguments)
     from tcc_sim.output.estimates import estimate_lines, estimates_of

@@ -39,8 +39,11 @@ if TYPE_CHECKING:
          forms={"over": Form("KEY=START:STOP:COUNT[:log]|KEY=V,V,...", repeated=True),
                 "scatter": Form("KEY=LOW:HIGH", repeated=True)})
 def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequence[str] = ()) -> int:
-    """Sweep, write the files, and print a table unless a file holds the points.
+    """Solve a scene at many values of one key or two.
 
+    example : sweep fig02 --over engine.frequency=40:300:131 --cycles 600 --discard 500 --plot sweep.png
+    prints : one line for each value, or quantiles with --scatter; with --json or --out only the number of values
+    writes : --json FILE holds all numbers, --out FILE each point as soon as it is solved, --plot FILE a picture
     over : scene key and its values; given twice, a grid of two keys; friction.coefficients takes factors of a whole
         table
     scatter : scene key and the bounds of its tolerance; samples give quantiles of every result

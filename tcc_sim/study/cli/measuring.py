@@ -20,8 +20,11 @@ from tcc_sim.output.terminal import counted_bar, say, seconds_bar
 @command(partial(add_layout, title="none"), forms={"scenes": Form("NAME", several=True), "out": Form("DIR", Path)})
 def precision(arguments: argparse.Namespace, quick: bool = False, scenes: Sequence[str] = (),
               out: Path = Path("precision")) -> int:
-    """Measure error and run time of every solver, write a report, and print its first table.
+    """Measure error against run time of every solver.
 
+    example : precision --quick
+    prints : error and run time for each scene and solver
+    writes : the directory --out with precision.png, .svg, .json and .md
     quick : shorter ladders, about 40 s of computing on one core
     scenes : scenes of the report (default: all)
     out : new directory for precision.png, .svg, .json and .md (default: precision)
@@ -31,8 +34,11 @@ def precision(arguments: argparse.Namespace, quick: bool = False, scenes: Sequen
 
 @command(partial(add_layout, title="none"), forms={"out": Form("DIR", Path)})
 def stability(arguments: argparse.Namespace, quick: bool = False, out: Path = Path("stability")) -> int:
-    """Try every solver on extreme scenes, write a report, and print its first table.
+    """Try every solver on stiff and extreme scenes.
 
+    example : stability --quick
+    prints : number of scenes by outcome for each solver
+    writes : the directory --out with stability.png, .svg, .json and .md
     quick : fewer scenes, some seconds
     out : new directory for stability.png, .svg, .json and .md (default: stability)
     """
@@ -45,8 +51,11 @@ def stability(arguments: argparse.Namespace, quick: bool = False, out: Path = Pa
 def realtime(arguments: argparse.Namespace, rate: float = 1000.0, duration: float = 60.0, json: Path | None = None,
              recorder: bool = False, thread_priority: int = 0, cpu_affinity: Sequence[int] = (),
              lock_memory: bool = False) -> int:
-    """Measure the pacing of the driveline node and of a bare absolute-deadline loop, and print the figures.
+    """Compare the pacing of the driveline node with a bare absolute-deadline loop.
 
+    example : realtime --rate 1000 --duration 10 --json realtime.json
+    prints : missed ticks, drift, and lateness and CPU time of both loops
+    writes : --json FILE, all numbers
     rate : rate of the ticks, Hz
     duration : duration of the measurement, s
     json : write all numbers as JSON

@@ -28,8 +28,11 @@ if TYPE_CHECKING:
          common.outputs("branches, bifurcations and curves"),
          forms={"over": Form("KEY=START:STOP", required=True)})
 def continue_(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> int:
-    """Follow the branches, write the files, and print branches and bifurcations.
+    """Follow periodic motions along a key, stable or unstable, with their bifurcations.
 
+    example : continue chaos --over friction.kinetic_coefficient=0.2:0.3 --switch --plot branches.png
+    prints : branches, the reasons for their ends, and bifurcations
+    writes : --json FILE holds all numbers, --plot FILE a picture
     over : scene key to vary, and its range
     seeds : start from the attractors in FILE, which basins --json wrote
     """
@@ -85,8 +88,11 @@ def _branch_lines(motions: Motions) -> Iterator[str]:
         "attractors and fractions", "label and cycles of every cell: .npz, .mat, .csv or .parquet; until it is "
         "complete, finished rows are in FILE.part, and the same command resumes from them"))
 def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
-    """Check the input, compute the basins, write the files, and print a summary.
+    """Find attractors and their basins in a plane of two initial conditions.
 
+    example : basins chaos --plane initial.slip_speed=-40:40:41 --plane initial.plate_angle=0:0.2:41 --plot basins.png
+    prints : attractors with the share of the plane that leads to each
+    writes : --json FILE holds all numbers, --out FILE the label of each cell, --plot FILE a picture
     boundary : add the uncertainty exponent of the basin boundary
     """
     from tcc_sim.output.provenance import head_of

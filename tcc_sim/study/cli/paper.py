@@ -30,8 +30,11 @@ if TYPE_CHECKING:
 def figure(arguments: argparse.Namespace, figure: str, quick: bool = False,
            law: Literal["smoothed", "set_valued"] = "smoothed", direction: Literal["cold", "up", "down"] | None = None,
            branches: bool = False, jobs: int | None = None, out: Path = Path("figures"), force: bool = False) -> int:
-    """Compute, draw and write the figures.
+    """Draw figures of the paper and write their numbers.
 
+    example : figure 6 --branches
+    prints : the name of each picture and its computing time
+    writes : figNN.png, figNN.svg and figNN.json in the directory --out
     figure : number of a figure in the paper, 2 to 18, or all of them
     quick : compute only a quarter of the values
     law : friction law: smoothed (7), as in the paper, or set_valued (6), solved exactly
@@ -107,8 +110,13 @@ def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figu
 def claims(arguments: argparse.Namespace, pressures: Sequence[float] = (), figures: Sequence[str] = (),
            thresholds: bool = False, jobs: int | None = None, json: Path | None = None, markdown: Path | None = None,
            errata: Path | None = None, kept: Path | None = None, force: bool = False) -> int:
-    """Judge every claim, print each verdict at once, and write the files.
+    """Judge the claims of the paper.
 
+    example : claims --pressures 225 --markdown claims.md
+    prints : each claim with its verdict and numbers, then the number of claims for each verdict
+    writes : --json FILE, --markdown FILE and --errata FILE the tables, --kept FILE progress, to resume from
+    takes : 8 to 10 minutes of processor time per pressure, half an hour for all three; 10 minutes more with
+        --thresholds
     pressures : mean pressures at which claims of Figs. 4 to 18 are judged, kPa (default 225 230 240)
     figures : only claims of these figures or equations, as the page names them: 3 '(35)'
     thresholds : judge again with every threshold halved and doubled, at the first pressure
