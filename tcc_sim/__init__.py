@@ -8,7 +8,10 @@ config/*.yaml (a scene) -> scene.Scene -> model + solvers, holding only what the
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import cache
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -38,30 +41,33 @@ if TYPE_CHECKING:
 
 __version__ = "1.1.0"
 
-_PUBLIC = {"System": "tcc_sim.model.parameters", "Scene": "tcc_sim.scene", "load_scene": "tcc_sim.scene",
-           "solve": "tcc_sim.solvers", "Trajectory": "tcc_sim.trajectory", "simulate": "tcc_sim.functions",
-           "scatter": "tcc_sim.sweeps.scatter", "sweep": "tcc_sim.sweeps.sweep", "sweep_grid": "tcc_sim.sweeps.sweep",
-           "analyse": "tcc_sim.functions", "explain": "tcc_sim.functions", "fmu": "tcc_sim.functions",
-           "orders": "tcc_sim.analysis.measured.orders", "spectrum": "tcc_sim.functions",
-           "figure": "tcc_sim.study.paper.drawings",
-           "continuation": "tcc_sim.study.continuation.motions", "basins": "tcc_sim.study.basins.compute",
-           "linearise": "tcc_sim.estimation.linearise", "identify": "tcc_sim.estimation.identify",
-           "plot": "tcc_sim.views.plots", "closed_loop": "tcc_sim.plant.closed_loop",
-           "gain_map": "tcc_sim.sweeps.gains", "fmu_controller": "tcc_sim.fmi.controller",
-           "read": "tcc_sim.replay.recorded"}
-_OTHERWISE_NAMED = {"analyse": "analysis", "explain": "explanation", "figure": "paper_figure", "fmu": "fmu_file",
-                    "orders": "orders_of", "simulate": "simulation", "spectrum": "spectrum_of_run"}
-
 __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "closed_loop", "continuation",
            "explain", "figure", "fmu", "fmu_controller", "gain_map", "identify", "linearise", "load_scene", "orders",
            "plot", "read", "scatter", "simulate", "solve", "spectrum", "sweep", "sweep_grid"]
 
 
-def __getattr__(name: str) -> object:
-    """Import a public name when it is first used, so that `import tcc_sim` stays light."""
-    if name in _PUBLIC:
-        return getattr(import_module(_PUBLIC[name]), _OTHERWISE_NAMED.get(name, name))
-    raise AttributeError(f"module 'tcc_sim' has no attribute {name!r}")
+def importing(file: str) -> Callable[[str], object]:
+    """Return the `__getattr__` of a module that imports each name, which the file imports for type checkers, when it is
+    first used; so `import tcc_sim` stays light, and neither ROS nor the study is loaded without need.
+    """
+    @cache
+    def places() -> dict[str, tuple[str, str]]:
+        import ast
+
+        return {one.asname or one.name: (str(node.module), one.name)
+                for node in ast.walk(ast.parse(Path(file).read_text(encoding="utf-8")))
+                if isinstance(node, ast.ImportFrom) for one in node.names}
+
+    def found(name: str) -> object:
+        if name not in places():
+            raise AttributeError(f"{file} has no attribute {name!r}")
+        module, there = places()[name]
+        return getattr(import_module(module), there)
+
+    return found
+
+
+__getattr__ = importing(__file__)
 
 
 def __dir__() -> list[str]:
@@ -74,7 +80,7 @@ class _Package(ModuleType):
 
     def __setattr__(self, name: str, value: object) -> None:
         """Bind a name unless it would replace a public function by a subpackage."""
-        if not (name in _PUBLIC and isinstance(value, ModuleType)):
+        if not (name in __all__ and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

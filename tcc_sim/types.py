@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from tcc_sim import importing
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.loop.control import Steps
@@ -43,28 +44,7 @@ __all__ = ["Axis", "Basins", "Branch", "ControlledRun", "Figure", "FitSettings",
            "Scattered", "Seed", "Sensor", "Signals", "Simulation", "Spectrum", "Start", "Status", "Steps", "Summary",
            "Sweep", "Tracking", "Transitions"]
 
-_MODULES = {
-    "analysis.loop.control": "Steps", "analysis.loop.tracking": "Tracking",
-    "analysis.measured.orders": "Orders Spectrum", "analysis.measured.signals": "Signals",
-    "analysis.steady.summary": "Summary", "errors": "InputError", "estimation.identify": "Identification",
-    "estimation.linearise": "Linearisation", "estimation.measurement": "Measurement",
-    "estimation.multiple_shooting": "FitSettings Gates", "fmi.controller": "FmuController",
-    "plant.closed_loop": "ControlledRun", "plant.driveline": "Reading", "plant.sensors": "Sensor",
-    "replay.measured": "MeasuredRun", "replay.recorded": "RecordedRun Recording", "replay.result": "Replay",
-    "study.basins.results": "Axis Basins Planes", "study.continuation.branch": "Branch",
-    "study.continuation.motions": "Motions Seed", "study.paper.figures": "Figure", "sweeps.gains": "GainMap",
-    "sweeps.results": "Grid Sweep", "sweeps.scatter": "Scattered", "sweeps.simulation": "Plan Simulation",
-    "sweeps.steady_state": "Start",
-    "tables.measured_table": "MeasuredTable", "testing.rig": "Rig", "testing.run": "LockstepRun",
-    "trajectory": "Status Transitions"}
-_PLACES = {name: f"tcc_sim.{module}" for module, names in _MODULES.items() for name in names.split()}
-
-
-def __getattr__(name: str) -> object:
-    """Import a type when it is first used, so that neither ROS nor the study is loaded without need."""
-    if name in _PLACES:
-        return getattr(import_module(_PLACES[name]), name)
-    raise AttributeError(f"module 'tcc_sim.types' has no attribute {name!r}")
+__getattr__ = importing(__file__)
 
 
 def __dir__() -> list[str]:
