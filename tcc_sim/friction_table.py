@@ -24,12 +24,9 @@ def with_table(values: dict[str, object], folder: Path) -> dict[str, object]:
     where the coefficients of one direction have the sign of the slip speed or all are above 0. Rows are sorted, and
     those of one slip speed are averaged. Without a row at 0, the coefficient of the slowest row holds down to 0.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read or has other columns, a coefficient has the wrong sign, rows of one slip speed differ by
-        more than 5 % of the largest coefficient from their mean, the slowest row is far from 0, or the values have a
-        table already.
+    Raises InputError: the file cannot be read or has other columns, a coefficient has the wrong sign, rows of one slip
+    speed differ by more than 5 % of the largest coefficient from their mean, the slowest row is far from 0, or the
+    values have a table already.
     """
     if TABLE_FILE not in values:
         if TABLE_COLUMNS in values:

@@ -18,10 +18,8 @@ DEEPEST = 20
 def read_parameters(text: str) -> dict[str, object]:
     """Return the parameters of the only node in a parameter file, by dotted keys, as ROS 2 names them.
 
-    Raises
-    ------
-    InputError
-        The text is not YAML or not a parameter file, or has an alias, a tag, a duplicate key or too deep nesting.
+    Raises InputError: the text is not YAML or not a parameter file, or has an alias, a tag, a duplicate key or too deep
+    nesting.
     """
     import yaml
 

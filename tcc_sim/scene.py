@@ -240,10 +240,7 @@ SceneLike: TypeAlias = Scene | System | str | Path
 def system_of(scene: SceneLike) -> System:
     """Return the system of a scene, given as such, by name or file, or as a system.
 
-    Raises
-    ------
-    InputError
-        As `load_scene`.
+    Raises InputError: as `load_scene`.
     """
     return scene if isinstance(scene, System) else as_scene(scene).system
 
@@ -251,10 +248,7 @@ def system_of(scene: SceneLike) -> System:
 def as_scene(scene: SceneLike) -> Scene:
     """Return a scene given as such, by name or file, or as a system, which gets the default node options.
 
-    Raises
-    ------
-    InputError
-        As `load_scene`.
+    Raises InputError: as `load_scene`.
     """
     if isinstance(scene, System):
         return Scene("system", scene)
@@ -267,10 +261,8 @@ def parse_scene(text: str, name: str, folder: Path = Path()) -> Scene:
     `friction.table` names a table's file relative to `folder` that replaces friction.slip_speeds and .coefficients, and
     `friction.table_columns` names its columns.
 
-    Raises
-    ------
-    InputError
-        The text is not a parameter file, or has a duplicate or unknown key, a wrong type, or a value out of range.
+    Raises InputError: the text is not a parameter file, or has a duplicate or unknown key, a wrong type, or a value out
+    of range.
     """
     if len(text) > LARGEST_FILE:
         raise InputError(f"the text is longer than {LARGEST_FILE} characters, the most allowed for a scene")
@@ -281,10 +273,7 @@ def parse_scene(text: str, name: str, folder: Path = Path()) -> Scene:
 def meaning_of(key: str) -> Quantity:
     """Return the meaning of a scene key, of a number in a list (`KEY[n]`), or of a node option.
 
-    Raises
-    ------
-    InputError
-        The key is unknown; the message suggests the nearest one.
+    Raises InputError: the key is unknown; the message suggests the nearest one.
     """
     known = {**MEANINGS, **DERIVED}
     if list_of(key) not in known:
@@ -301,10 +290,7 @@ def unused_beside(keys: Iterable[str], inputs: Iterable[str]) -> tuple[str, ...]
 def parse_assignments(assignments: list[str]) -> dict[str, object]:
     """Return the scene values in KEY=VALUE words of a command line; each value is read as YAML.
 
-    Raises
-    ------
-    InputError
-        A word has no '=', a value is unreadable, or a key is unknown.
+    Raises InputError: a word has no '=', a value is unreadable, or a key is unknown.
     """
     import yaml
 
@@ -329,10 +315,7 @@ def parse_assignments(assignments: list[str]) -> dict[str, object]:
 def parse_profiles(words: list[str]) -> dict[str, object]:
     """Return the values of KEY_times and KEY_values in KEY=T:V,T:V words of a command line.
 
-    Raises
-    ------
-    InputError
-        A key cannot have a profile or is given twice, or a point is not two numbers.
+    Raises InputError: a key cannot have a profile or is given twice, or a point is not two numbers.
     """
     values: dict[str, object] = {}
     for word in words:

@@ -184,9 +184,6 @@ def stamped() -> tuple[Topic, ...]:
 def topic(name: str) -> Topic:
     """Return the row of topic `name`.
 
-    Raises
-    ------
-    KeyError
-        The topic does not exist.
+    Raises KeyError: the topic does not exist.
     """
     return {row.name: row for row in TOPICS}[name]

@@ -38,10 +38,7 @@ class Tolerances:
     samples : a power of 2 fills the bounds most evenly
     probabilities : of the quantiles, rising
 
-    Raises
-    ------
-    InputError
-        A repeated key, bounds in the wrong order, or a number of samples out of its range.
+    Raises InputError: a repeated key, bounds in the wrong order, or a number of samples out of its range.
     """
 
     bounds: tuple[tuple[str, float, float], ...]
@@ -220,8 +217,6 @@ def scattering(system: System, bounds: Iterable[tuple[str, float, float]], sampl
                quantiles: Sequence[float] = PROBABILITIES) -> tuple[list[Curve], Callable[[list[Sweep]], Scattered]]:
     """Return the curves of `scatter`, and the function that makes its result of the solved ones.
 
-    Parameters
-    ----------
     bounds : key, lowest and highest value
     samples : number of samples; best a power of 2
     over, values : another key over which every sample is swept
@@ -229,10 +224,7 @@ def scattering(system: System, bounds: Iterable[tuple[str, float, float]], sampl
     every : include samples that ran away or have not settled in the quantiles
     quantiles : probabilities of the quantiles, rising (default 0.05,0.5,0.95)
 
-    Raises
-    ------
-    InputError
-        As `Tolerances` and `scattered_curves`.
+    Raises InputError: as `Tolerances` and `scattered_curves`.
     """
     tolerances = Tolerances(tuple(bounds), samples, seed, sequence_of_numbers("quantiles", quantiles))
     curves = scattered_curves(system, tolerances, over, sequence_of_numbers(over, values))

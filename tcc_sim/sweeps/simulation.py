@@ -229,27 +229,14 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
              flywheel_angle: bool = False, start: Start | None = None, **settings: Any) -> Simulation:
     """Solve a motion and compute its summary and the further results of the plan.
 
-    Parameters
-    ----------
     scene : a scene, its name or file, or a system
     plan : how; alternatively the fields of `Plan` one by one, such as ``simulate("fig02", damping=True)``
     samples_per_cycle, flywheel_angle : as for `solvers.solve`; a duration below one cycle needs samples
     start : start of the run; by default the system's initial state at cycle 0
 
-    Returns
-    -------
-    Simulation; a numerical failure is its status, without a summary
+    Returns Simulation; a numerical failure is its status, without a summary
 
-    Raises
-    ------
-    InputError
-        An unknown scene or setting, or a value out of its range.
-
-    Examples
-    --------
-    >>> result = simulate("slip", cycles=60)
-    >>> result.summary.period, result.confirmed
-    (1, True)
+    Raises InputError: an unknown scene or setting, or a value out of its range.
     """
     system = system_of(scene)
     plan = Plan.of(plan, settings)

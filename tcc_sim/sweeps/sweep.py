@@ -130,10 +130,7 @@ def curves_of(system: System, key: str, values: Sequence[float], second_key: str
               second_values: Sequence[float]) -> list[Curve]:
     """Return the rows of a grid: one curve over `key` for every value of `second_key`.
 
-    Raises
-    ------
-    InputError
-        The same key twice, no value or too many, an unknown key, or a value out of its range.
+    Raises InputError: the same key twice, no value or too many, an unknown key, or a value out of its range.
     """
     if key == second_key:
         raise InputError(f"{key} is swept twice; a grid has two keys")
@@ -151,8 +148,6 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
                  tick: Callable[[Point], None] | None = None) -> list[Sweep]:
     """Solve every point of every curve.
 
-    Parameters
-    ----------
     jobs : threads, which the kernels do not hold up (default: all available cores)
     dask : address of a Dask scheduler whose workers solve instead, such as tcp://127.0.0.1:8786
     out : file to which every point is appended; points of the same sweep in it are not solved again
@@ -160,16 +155,9 @@ def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | Non
     progress : show a bar on a terminal or in a notebook, elsewhere a line a minute
     tick : called with every point, once it is in the file
 
-    Raises
-    ------
-    InputError
-        A wrong plan or number of jobs, no scheduler, or a file with something else.
-    SweepInterrupted
-        Ctrl-C; it carries the finished points.
-    WorkersLost
-        The scheduler or all of its workers are gone; it carries the finished points.
-    MissingPackage
-        `dask` without the package distributed.
+    Raises InputError: a wrong plan or number of jobs, no scheduler, or a file with something else; SweepInterrupted:
+    Ctrl-C; it carries the finished points; WorkersLost: the scheduler or all of its workers are gone; it carries the
+    finished points; MissingPackage: `dask` without the package distributed.
     """
     for curve in curves:
         plan.check(curve.system)
