@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from tcc_sim.replay.recorded import Recording
     from tcc_sim.replay.result import Replay
     from tcc_sim.scene import Scene
-    from tcc_sim.sweeps.steady_state import Start
+    from tcc_sim.sweeps.simulation import Start
 
 SAMPLES = 200
 """Samples per period of excitation of a run with inputs or orders."""
@@ -51,7 +51,7 @@ def spectrum_of_run(result: Simulation, scene: SceneLike | None = None) -> Spect
     >>> tcc_sim.spectrum(tcc_sim.simulate("slip", cycles=60)).period
     1
     """
-    from tcc_sim.sweeps.steady_state import steady_spectrum
+    from tcc_sim.sweeps.simulation import steady_spectrum
 
     system = result.trajectory.system if scene is None else as_scene(scene).system
     plan = result.plan or Plan()

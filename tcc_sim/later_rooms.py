@@ -13,8 +13,8 @@ CALLED = {
     "draw_figure": ("tcc_sim.study.paper.drawings", "draw_stored"),
     "draw_precision": ("tcc_sim.study.benchmarks.report_drawings", "draw_precision"),
     "draw_stability": ("tcc_sim.study.benchmarks.report_drawings", "draw_stability"),
-    "branch_panels": ("tcc_sim.study.views.branch_diagram", "branch_panels"),
-    "basin_panels": ("tcc_sim.study.views.basin_map", "basin_panels"),
+    "branch_panels": ("tcc_sim.study.views", "branch_panels"),
+    "basin_panels": ("tcc_sim.study.views", "basin_panels"),
 }
 """Module and function of every such call."""
 

@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from tcc_sim.sweeps.gains import GainMap
     from tcc_sim.sweeps.results import Grid, Sweep
     from tcc_sim.sweeps.scatter import Scattered
-    from tcc_sim.sweeps.simulation import Plan, Simulation
-    from tcc_sim.sweeps.steady_state import Start
+    from tcc_sim.sweeps.simulation import Plan, Simulation, Start
     from tcc_sim.tables.measured_table import MeasuredTable
     from tcc_sim.testing.rig import Rig
     from tcc_sim.testing.run import LockstepRun

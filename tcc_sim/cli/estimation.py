@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, command, keywords_of, numbers_apart, of, option_of, options_in, reader
-from tcc_sim.cli.ranges import spaced
+from tcc_sim.cli.options import Form, command, keywords_of, numbers_apart, of, option_of, options_in, reader, spaced
 from tcc_sim.errors import InputError, counted, given_in
 from tcc_sim.shown_units import frequency, speed
 

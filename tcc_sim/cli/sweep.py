@@ -8,8 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, command, keywords_of, of, option_of, options_in
-from tcc_sim.cli.ranges import bounds_of_range, values_of_range
+from tcc_sim.cli.options import Form, bounds_of_range, command, keywords_of, of, option_of, options_in, values_of_range
 from tcc_sim.cli.runs import LIMITS, TARGETS
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted, given_in
 from tcc_sim.model.parameters import ORDER

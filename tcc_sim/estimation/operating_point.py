@@ -25,7 +25,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.engine import SCALES
 from tcc_sim.solvers.stroboscopic import Prepared
 from tcc_sim.solvers.terms import Terms, excitation_frequency, stick_speed_of, terms_of
-from tcc_sim.sweeps.steady_state import settled_from_start
+from tcc_sim.sweeps.simulation import settled_from_start
 from tcc_sim.trajectory import Floats
 
 SEGMENTS = 512

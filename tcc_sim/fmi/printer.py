@@ -21,29 +21,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from tcc_sim.fmi.c_types import (
-    DOUBLE,
-    INT,
-    Column,
-    Items,
-    Keys,
-    Kind,
-    Refused,
-    Row,
-    Scalar,
-    Static,
-    Struct,
-    Table,
-    Tuple,
-    Unprintable,
-    check,
-    common_kind,
-    kind_name,
-    only,
-    size_of,
-    stored_name,
-    struct_of,
-)
+from tcc_sim.fmi import c_types
+from tcc_sim.fmi.c_types import DOUBLE, INT, Column, Items, Kind, Static, Struct, Table, Tuple, check, only
 from tcc_sim.model.friction import portable_exp
 
 Text = tuple[str, Kind]
@@ -134,7 +113,7 @@ class Library:
         """Print a function that other C calls by a name of its own, and return the type of its result."""
         printed, result = self.function(source, kinds)
         if isinstance(result, (Static, Items)):
-            raise Refused(f"{name} has no result at run time")
+            raise c_types.Refused(f"{name} has no result at run time")
         if printed != name:
             self.texts.append(f"#define {name} {printed}")
         return result
@@ -142,7 +121,7 @@ class Library:
     def structure(self, source: type[Any]) -> Struct:
         """Return the structure of a NamedTuple."""
         if source not in self.structures:
-            self.structures[source] = struct_of(source, {}, {})
+            self.structures[source] = c_types.struct_of(source, {}, {})
         return self.structures[source]
 
     def declared(self, kind: Kind) -> str:
@@ -153,7 +132,7 @@ class Library:
                     self.declared(part)
         if isinstance(kind, (Tuple, Table, Struct)):
             self._declarations.setdefault(kind.name, kind.declaration())
-        return kind_name(kind)
+        return c_types.kind_name(kind)
 
     def text(self) -> str:
         """Return everything printed so far."""
@@ -183,7 +162,7 @@ class Function:
         self._depth, self._fresh = 0, 0
         tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
         if not isinstance(tree, ast.FunctionDef):
-            raise Refused(f"{source.__name__} is no plain function")
+            raise c_types.Refused(f"{source.__name__} is no plain function")
         parameters = [argument.arg for argument in tree.args.args]
         more = range(len(kinds) - len(parameters)) if tree.args.vararg else ()
         further = [f"{tree.args.vararg.arg}_{k}" for k in more]  # type: ignore[union-attr]
@@ -200,12 +179,12 @@ class Function:
                                and isinstance(part.ctx, ast.Store))
         self._block(tree.body)
         if not self._returned:
-            raise Refused(f"{name} returns nothing")
+            raise c_types.Refused(f"{name} returns nothing")
         whole: Kind | None = self._returned[0]
         for kind in self._returned[1:]:
-            whole = common_kind(whole, kind) if whole is not None else None
+            whole = c_types.common_kind(whole, kind) if whole is not None else None
         if whole is None:
-            raise Refused(f"{source.__name__}: its results are of several types")
+            raise c_types.Refused(f"{source.__name__}: its results are of several types")
         self.result: Kind = whole
         if isinstance(whole, (Static, Items)):
             return
@@ -213,22 +192,22 @@ class Function:
         head = [f"{library.declared(kind)} {word(parameter)}".replace("* ", "*") for parameter, kind in given
                 if not isinstance(kind, Static)]
         pointed = isinstance(whole, (Table, Struct))
-        head += [f"{stored_name(whole)} *made"] if pointed else []
+        head += [f"{c_types.stored_name(whole)} *made"] if pointed else []
         used = set(re.findall(r"\w+", " ".join(self._written)))
         unused = [f"    (void){word(parameter)};" for parameter, kind in given
                   if not isinstance(kind, Static) and word(parameter) not in used]
         declarations: dict[str, list[str]] = {}
         for local, kind in self._locals.items():
             library.declared(kind)
-            stored = isinstance(kind, Row)
-            large = "TCC_LARGE " if size_of(kind) > LARGE else ""
-            declarations.setdefault(large + ("double" if stored else stored_name(kind)), []).append(
-                word(local) + (f"[{kind.length}]" if isinstance(kind, Row) else ""))
+            stored = isinstance(kind, c_types.Row)
+            large = "TCC_LARGE " if c_types.size_of(kind) > LARGE else ""
+            declarations.setdefault(large + ("double" if stored else c_types.stored_name(kind)), []).append(
+                word(local) + (f"[{kind.length}]" if isinstance(kind, c_types.Row) else ""))
         written = [textwrap.fill(f"{kind} {', '.join(names)};".replace("* ", "*"), 110, initial_indent="    ",
                                  subsequent_indent="        ") for kind, names in declarations.items()]
         self.lines: str = "\n".join([
-            f"static {'void' if pointed else stored_name(whole)} {name}({', '.join(head)})", "{", *written, *unused,
-            *self._written, "}"])
+            f"static {'void' if pointed else c_types.stored_name(whole)} {name}({', '.join(head)})", "{", *written,
+            *unused, *self._written, "}"])
 
     def _block(self, body: list[ast.stmt]) -> bool:
         """Print statements up to a return, and return whether there was one."""
@@ -236,8 +215,8 @@ class Function:
             try:
                 if self._statement(node):
                     return True
-            except Unprintable as error:
-                raise Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
+            except c_types.Unprintable as error:
+                raise c_types.Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
         return False
 
     def _nested(self, head: str, body: list[ast.stmt]) -> None:
@@ -274,7 +253,7 @@ class Function:
             self._return(node)
             return True
         else:
-            raise Unprintable
+            raise c_types.Unprintable
         return False
 
     def _return(self, node: ast.Return) -> None:
@@ -352,7 +331,8 @@ class Function:
         if isinstance(target, ast.Name) and isinstance(kind, Static) and isinstance(kind.value, bool) \
                 and self._stores[target.id] > 1:
             kind = INT
-        if isinstance(target, ast.Name) and isinstance(kind, (Static, Items, Keys, Row, Column, Table, Struct)):
+        if isinstance(target, ast.Name) and isinstance(kind, (
+                Static, Items, c_types.Keys, c_types.Row, Column, Table, Struct)):
             check(not self._depth)
             self._names[target.id] = text, kind
         elif isinstance(target, ast.Name):
@@ -363,12 +343,12 @@ class Function:
         elif isinstance(target, ast.Subscript) and any(isinstance(part, ast.Slice) for part in ast.walk(target.slice)):
             self._fill(target, text, kind)
         else:
-            check(isinstance(kind, Scalar))
+            check(isinstance(kind, c_types.Scalar))
             self._put(f"{self._subscript(only(target, ast.Subscript))[0]} = {text};")
 
     def _fill(self, target: ast.Subscript, text: str, kind: Kind) -> None:
         column = only(self._subscript(target)[1], Column)
-        check(isinstance(kind, (Scalar, Column)))
+        check(isinstance(kind, (c_types.Scalar, Column)))
         with self._loop(column.length) as k:
             self._put(f"{column.at(k)} = {kind.at(k) if isinstance(kind, Column) else text};")
 
@@ -382,7 +362,7 @@ class Function:
         return name
 
     def _kept(self, text: str, kind: Kind) -> Text:
-        if isinstance(kind, (Static, Items, Keys, Row, Column)):
+        if isinstance(kind, (Static, Items, c_types.Keys, c_types.Row, Column)):
             return text, kind
         name = self._variable(kind)
         pointed = isinstance(kind, (Table, Struct))
@@ -413,24 +393,24 @@ class Function:
         """Print an expression; what the rules do not expect has no form in C."""
         try:
             return self._nodes[type(node)](self, node)
-        except (Unprintable, KeyError) as error:
-            raise Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
+        except (c_types.Unprintable, KeyError) as error:
+            raise c_types.Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
 
     def _number(self, node: ast.expr) -> Text:
         text, kind = self._expression(node)
         if isinstance(kind, Static) and isinstance(kind.value, bool):
             return text, INT
-        return text, only(kind, Scalar)
+        return text, only(kind, c_types.Scalar)
 
     def _test(self, node: ast.expr) -> Text:
         """Print a condition; a list or text that is known beforehand is true unless it is empty."""
         text, kind = self._expression(node)
         if isinstance(kind, Static):
             return str(int(bool(kind.value))), Static(bool(kind.value))
-        if isinstance(kind, (Items, Row)):
+        if isinstance(kind, (Items, c_types.Row)):
             count = len(kind.parts) if isinstance(kind, Items) else kind.length
             return str(int(count > 0)), Static(count > 0)
-        return text, only(kind, Scalar)
+        return text, only(kind, c_types.Scalar)
 
     def _constant(self, node: ast.Constant) -> Text:
         return self._value(node.value)
@@ -466,7 +446,7 @@ class Function:
                 and not isinstance(self._resolved(node.value), tuple):
             return self._value(self._resolved(node))
         text, kind = self._expression(node.value)
-        if isinstance(kind, Keys):
+        if isinstance(kind, c_types.Keys):
             return self._key(text, kind, node)
         if isinstance(kind, Static):
             return self._value(getattr(kind.value, node.attr))
@@ -477,9 +457,9 @@ class Function:
                 if name == node.attr:
                     place = f"{text[1:]}.{name}" if text.startswith("&") else f"{text}->{name}"
                     return f"&{place}" if isinstance(field, (Table, Struct)) else place, field
-        raise Unprintable
+        raise c_types.Unprintable
 
-    def _key(self, text: str, kind: Keys, node: ast.Attribute) -> Text:
+    def _key(self, text: str, kind: c_types.Keys, node: ast.Attribute) -> Text:
         """Print a scene key of a group, one of its groups, or what a property of it computes."""
         title, group = f"{type(kind.value).__name__}.{node.attr}", type(kind.value)
         member = getattr(group, node.attr, None)
@@ -488,14 +468,14 @@ class Function:
             return (name, result) if isinstance(result, (Static, Items)) else self._result(f"{name}({text})", result)
         value = getattr(kind.value, node.attr)
         if not kind.group and node.attr in type(kind.value).__annotations__ and hasattr(value, "quantities"):
-            return text, Keys(value, node.attr, kind.place)
+            return text, c_types.Keys(value, node.attr, kind.place)
         place = kind.place(f"{kind.group}.{node.attr}")
         if value == ():
             return "0", Static(())
         if place is None:
             return self._value(value)
         if isinstance(value, tuple):
-            return f"({text} + {place})", Row(length=len(value))
+            return f"({text} + {place})", c_types.Row(length=len(value))
         return f"{text}[{place}]", DOUBLE
 
     def _result(self, text: str, kind: Kind) -> Text:
@@ -525,8 +505,8 @@ class Function:
             return "", Column(f"{at[:-2]}rows", lambda k: f"{at}[{k}][{column}]")
         if isinstance(kind, Table):
             row, *where = [f"[{self._place(place)}]" for place in places]
-            return f"{at}{row}{''.join(where)}", DOUBLE if where else Row(length=kind.columns)
-        if isinstance(kind, Row):
+            return f"{at}{row}{''.join(where)}", DOUBLE if where else c_types.Row(length=kind.columns)
+        if isinstance(kind, c_types.Row):
             return f"{text}[{self._place(node.slice)}]", DOUBLE
         if isinstance(kind, Column):
             return kind.at(self._place(node.slice)), DOUBLE
@@ -543,7 +523,7 @@ class Function:
         """Print the number of rows of an array."""
         if isinstance(kind, Table):
             return f"{text[1:]}.rows" if text.startswith("&") else f"{text}->rows", INT
-        length = only(kind, Row).length
+        length = only(kind, c_types.Row).length
         check(length >= 0)
         return str(length), INT
 
@@ -569,7 +549,7 @@ class Function:
     def _binop(self, node: ast.BinOp) -> Text:
         def combined(one: Text, other: Text) -> Text:
             (left, first), (right, second) = one, other
-            kind = INT if only(first, Scalar) == only(second, Scalar) == INT else DOUBLE
+            kind = INT if only(first, c_types.Scalar) == only(second, c_types.Scalar) == INT else DOUBLE
             check(not (isinstance(node.op, ast.Div) and kind == INT))
             if kind == INT and left.isdigit() and right.isdigit():
                 return literal(WHOLE[type(node.op)](int(left), int(right)))
@@ -630,12 +610,12 @@ class Function:
         if isinstance(first, Static) and isinstance(second, Static) and isinstance(sign, (ast.Eq, ast.NotEq)):
             return self._value((first == second) == isinstance(sign, ast.Eq))
         if isinstance(first, Struct) and first == second and isinstance(sign, ast.Eq) \
-                and all(isinstance(kind, Scalar) for _, kind in first.fields):
+                and all(isinstance(kind, c_types.Scalar) for _, kind in first.fields):
             left = f"({left})" if left.startswith("&") else left
             return f"({' && '.join(f'{left}->{name} == ({right})->{name}' for name, _ in first.fields)})", INT
         if first == second == INT and left.isdigit() and right.isdigit():
             return self._value(COMPARISONS[type(sign)](int(left), int(right)))
-        check(isinstance(first, (Scalar, Column)) and isinstance(second, Scalar))
+        check(isinstance(first, (c_types.Scalar, Column)) and isinstance(second, c_types.Scalar))
         return self._each(lambda each: (f"({each[0]} {OPERATORS[type(sign)]} {right})", INT), one)
 
     def _absent(self, node: ast.expr, absent: bool) -> Text:
@@ -654,9 +634,9 @@ class Function:
             one = self._stored(*self._expression(node.body))
         with self._apart() as others:
             other = self._stored(*self._expression(node.orelse))
-        kind = common_kind(one[1], other[1])
+        kind = c_types.common_kind(one[1], other[1])
         if kind is None:
-            raise Unprintable
+            raise c_types.Unprintable
         if not (lines or others or isinstance(kind, (Table, Struct))):
             return f"({test} ? {self._as(one, kind)} : {self._as(other, kind)})", kind
         name = self._variable(kind)
@@ -674,7 +654,7 @@ class Function:
         text, kind = part
         if kind == wanted or (wanted == DOUBLE and kind == INT):
             return text
-        if isinstance(wanted, Scalar) and isinstance(kind, Static) and (wanted == INT or kind.value is None):
+        if isinstance(wanted, c_types.Scalar) and isinstance(kind, Static) and (wanted == INT or kind.value is None):
             return text if wanted == INT else "0.0"
         if isinstance(wanted, Tuple) and wanted.optional:
             name = self._library.declared(wanted)
@@ -684,7 +664,7 @@ class Function:
                 return f"({name}){{1, {text.partition('{')[2]}"
             if isinstance(kind, Tuple) and kind.parts == wanted.parts:
                 return f"({name}){{1, {', '.join(f'{text}._{place}' for place in range(len(kind.parts)))}}}"
-        raise Unprintable
+        raise c_types.Unprintable
 
     def _assign_to(self, place: str, part: Text, wanted: Kind) -> None:
         """Print the assignment of a value of a type, or of one that it holds, to a variable or field."""
@@ -709,7 +689,7 @@ class Function:
 
     def _stored(self, text: str, kind: Kind) -> Text:
         """Return a value in the form in which C holds it: a tuple of numbers as a structure."""
-        if isinstance(kind, Items) and kind.parts and all(isinstance(part, Scalar) for _, part in kind.parts):
+        if isinstance(kind, Items) and kind.parts and all(isinstance(part, c_types.Scalar) for _, part in kind.parts):
             whole = Tuple(tuple(part for _, part in kind.parts))  # type: ignore[misc]
             return f"({self._library.declared(whole)}){{{', '.join(element for element, _ in kind.parts)}}}", whole
         return text, kind
@@ -738,7 +718,7 @@ class Function:
         if called is math.isfinite:
             return f"isfinite({self._number(node.args[0])[0]})", INT
         if not inspect.isfunction(plain):
-            raise Unprintable
+            raise c_types.Unprintable
         given = list[Text]()
         for argument in node.args:
             given += self._items(argument.value) if isinstance(argument, ast.Starred) else [
@@ -759,7 +739,7 @@ class Function:
     def _larger(self, called: Any, one: Text, other: Text) -> Text:
         check(one[1] == other[1])
         name = "maximum" if called is np.maximum and one[1] == DOUBLE else (
-            f"{'min' if called is min else 'max'}_{kind_name(one[1])}")
+            f"{'min' if called is min else 'max'}_{c_types.kind_name(one[1])}")
         return f"{name}({one[0]}, {other[0]})", one[1]
 
     def _of_value(self, node: ast.expr) -> bool:
@@ -817,7 +797,7 @@ class Function:
     def _np_moveaxis(self, node: ast.Call) -> Text:
         text, kind = self._expression(node.args[0])
         check([ast.unparse(part) for part in node.args[1:]] == ["-1", "0"])
-        return text, only(kind, Row)
+        return text, only(kind, c_types.Row)
 
     def _np_arange(self, node: ast.Call) -> Text:
         return "", Column(self._place(node.args[0]), lambda k: f"(double){k}")

@@ -18,8 +18,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace, unknown_key
 from tcc_sim.model.quantity import MOST_VALUES
 from tcc_sim.result import Result, as_lists, json_of, names_in, reported, reported_of, reporting, result_class
-from tcc_sim.sweeps.simulation import CONFIRMED, Plan
-from tcc_sim.sweeps.steady_state import Start
+from tcc_sim.sweeps.simulation import CONFIRMED, Plan, Start
 from tcc_sim.trajectory import Floats, State
 
 SUMMARY_KEYS = tuple(item.name for item in fields(Summary) if item.name != "section_states")

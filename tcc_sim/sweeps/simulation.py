@@ -1,4 +1,5 @@
-"""Solve and judge one motion: its summary and, on request, equivalent damping, Lyapunov exponent and samples.
+"""Solve and judge one motion: its summary and, on request, equivalent damping, Lyapunov exponent and samples; settle a
+motion, which is to solve it until its section repeats.
 
 A simulation is a sweep of one point: the command `simulate`, every point of a sweep and Python users call `simulate`.
 """
@@ -11,31 +12,123 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from numbers import Integral
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from tcc_sim.analysis.measured.orders import Orders, OrdersAtSpeeds, Spectrum, orders_at_speeds
+from tcc_sim.analysis.measured.orders import (
+    SPECTRUM_POINTS,
+    Orders,
+    OrdersAtSpeeds,
+    Spectrum,
+    orders_at_speeds,
+    spectrum_of,
+)
+from tcc_sim.analysis.measured.signals import run_signals
+from tcc_sim.analysis.repetition import LONGEST
+from tcc_sim.analysis.steady import summary as steady
 from tcc_sim.analysis.steady.damping import Damping, damping_of_cycles
 from tcc_sim.analysis.steady.exponents import Lyapunov, largest_lyapunov_exponent
-from tcc_sim.analysis.steady.summary import (
-    DISCARD,
-    Summary,
-    cycle_times_of,
-    cycles_of,
-    default_discard,
-    repeats_finely,
-    stays,
-    summarise_cycles,
-)
+from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
 from tcc_sim.result import Result, reported, reporting, result_class
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import check_duration, check_setting, choose, solve
-from tcc_sim.sweeps.steady_state import Start, solve_to_steady_state
-from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory
+from tcc_sim.trajectory import Cycles, Floats, State, Status, Trajectory, concatenated
+
+SPECTRUM_CYCLES = 1024  # Length that a motion without a period is solved on for, cycles of the excitation.
+
+SETTLED = 1e-6
+"""Repetition of a settled section, relative to the size of the motion."""
+WINDOW, BLOCK = 50, 25
+"""Engine cycles over which a section repeats, three longest periods, and those that are solved at a time."""
+
+
+class Start(NamedTuple):
+    """Start of a run: a state on the section, and the number of the engine cycle, which sets the phase of the load."""
+
+    state: State
+    cycle: int
+
+
+class SettledRun(NamedTuple):
+    """A motion solved until it settled.
+
+    run : the last block, with the status and the time of all blocks
+    cycles : cycles of all blocks; None if the solver stopped early
+    after : cycles after which the section repeats to the end; None if it does not
+    """
+
+    run: Trajectory
+    cycles: Cycles | None
+    after: int | None
+
+
+def solve_to_steady_state(system: System, start: Start, most: int, **how: Any) -> SettledRun:
+    """Solve a motion from a start until it settles, or for `most` engine cycles.
+
+    Fig. 2 with the set-valued law takes about 700. `how` are options of `solvers.solve`, such as rtol.
+    """
+    parts: list[Cycles] = []
+    done, seconds, after = 0, 0.0, None
+    while after is None and done < most:
+        count = min(BLOCK, most - done)
+        run = solve(system, cycles=count, state=start.state, start_cycle=start.cycle, **how)
+        seconds += run.statistics.seconds
+        run = replace(run, statistics=replace(run.statistics, seconds=seconds))
+        if run.status is not Status.DONE or run.cycles is None:
+            return SettledRun(run, None, None)
+        parts.append(run.cycles)
+        done, start = done + count, Start(run.final, start.cycle + count)
+        cycles = concatenated(parts)
+        after = repeats_after(cycles) if done >= WINDOW else None
+    return SettledRun(run, cycles, after)
+
+
+def settled_from_start(system: System, most: int, **how: Any) -> tuple[Cycles, int]:
+    """Return the cycles from a scene's initial state, and the period (0: none); raise NumericalFailure."""
+    settled = solve_to_steady_state(system, Start(State.at_start(system), 0), most, **how)
+    settled.run.raise_for_status()
+    cycles = settled.cycles
+    assert cycles is not None  # Whole cycles were asked for.
+    return cycles, steady.periodicity(cycles[len(cycles) // 2 if settled.after is None else settled.after:]).period
+
+
+def steady_spectrum(system: System, start: Start, period: int, **how: Any) -> Spectrum:
+    """Return the spectrum of a settled motion, solved from `start`; `how` are options of `solvers.solve`.
+
+    period : in engine cycles; 0 for none
+
+    Raises InputError: the excitation does not repeat. Raises NumericalFailure: the solver stopped early.
+    """
+    system.check_repeats("a spectrum")
+    run = solve(system, cycles=period or SPECTRUM_CYCLES, state=start.state, start_cycle=start.cycle,
+                samples_per_cycle=SPECTRUM_POINTS, **how).raise_for_status()
+    count = len(run.t) - 1
+    turns = start.cycle + np.arange(count + 1) / SPECTRUM_POINTS
+    return spectrum_of(run_signals(run, (turns, lambda at: at * system.cycle)), period)
+
+
+def repeats_after(cycles: Cycles) -> int | None:
+    """Return the number of cycles after which the section repeats with a period up to 16 to the end; None for none.
+
+    All points that are a period apart are within the tolerance of the last ones, relative to the size of the motion,
+    over at least the last `WINDOW` cycles less one period.
+    """
+    points: Floats = cycles.section
+    near = SETTLED * steady.sizes_of(points[-WINDOW:], cycles.highest[-WINDOW:])
+    away = (np.abs(points[-2:-2 - LONGEST:-1] - points[-1]) > near).any(axis=1)
+    for period in (np.flatnonzero(~away) + 1).tolist():
+        number = np.arange(len(points))
+        image = len(points) - period + (number - len(points)) % period
+        far = (np.abs(points - points[image]) > near).any(axis=1)
+        after = int(np.flatnonzero(far)[-1]) + 1 if far.any() else 0
+        if len(points) - 1 - after >= max(WINDOW // 2, 2 * period):
+            return after
+    return None
+
 
 DIRECTIONS = ("cold", "up", "down")
 CYCLES, LYAPUNOV_CYCLES = 150, 2000
@@ -264,7 +357,7 @@ def _run(system: System, plan: Plan, start: Start, kept: dict[str, Any]) -> tupl
         return _timed_run(system, plan, start, duration, kept)
     if plan.discard == "auto":
         return _settled_run(system, plan, start, kept)
-    discarded = plan.dropped(plan.most, default_discard(plan.most) if system.profile is None else 0)
+    discarded = plan.dropped(plan.most, steady.default_discard(plan.most) if system.profile is None else 0)
     run = _solve(system, plan, start, cycles=plan.most, loads_from=discarded, **kept)
     return run, run.cycles, discarded
 
@@ -278,7 +371,7 @@ def _timed_run(system: System, plan: Plan, start: Start, duration: float,
                kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
     check_duration(system, duration, start.cycle)
     whole = system.whole_cycles(start.cycle, duration)
-    discarded = plan.dropped(whole, min(DISCARD, whole // 3) if system.profile is None else 0)
+    discarded = plan.dropped(whole, min(steady.DISCARD, whole // 3) if system.profile is None else 0)
     run = _solve(system, plan, start, duration=duration, loads_from=discarded, **kept)
     return run, run.cycles, discarded
 
@@ -291,7 +384,7 @@ def _settled_run(system: System, plan: Plan, start: Start,
     if settled.cycles is None:
         return settled.run, None, 0
     count = len(settled.cycles)
-    after = min(max(DISCARD, (count + 1) // 2), count - 1) if settled.after is None else settled.after
+    after = min(max(steady.DISCARD, (count + 1) // 2), count - 1) if settled.after is None else settled.after
     run = _solve(system, plan, start, cycles=count, loads_from=after, **kept) if any(kept.values()) else settled.run
     return run, settled.cycles, after
 
@@ -304,11 +397,12 @@ def _judged(system: System, plan: Plan, start: Start, run: Trajectory, cycles: C
     final = run.final
     if not all(map(math.isfinite, (final.slip_speed, final.plate_angle, final.plate_speed))):
         return replace(failed, trajectory=replace(run, status=Status.NOT_FINITE))
-    cycles = cycles if cycles is not None else cycles_of(run)
+    cycles = cycles if cycles is not None else steady.cycles_of(run)
     kept = cycles[discarded:]
     end = Start(State(*cycles.section[-1].tolist()), start.cycle + len(cycles)) if len(cycles) else start
-    summary = summarise_cycles(kept, cycle_times_of(system, 0.0, start.cycle + discarded, len(kept)), dropped=discarded,
-                               by=run, partial=[run.rest] if run.rest is not None else [])
+    summary = steady.summarise_cycles(
+        kept, steady.cycle_times_of(system, 0.0, start.cycle + discarded, len(kept)), dropped=discarded, by=run,
+        partial=[run.rest] if run.rest is not None else [])
     if plan.discard == "auto" and not (summary.settled or summary.runaway):
         summary = replace(summary, transient=True)
     return Simulation(run, summary, _confirmed(system, plan, kept, summary, end), angles_of(plan, kept),
@@ -343,9 +437,9 @@ def _confirmed(system: System, plan: Plan, kept: Cycles, summary: Summary, end: 
     if not (summary.period and summary.settled):
         return False
     count = confirming_cycles(summary.period)
-    if repeats_finely(kept, summary.period, 5 * count // 2):
+    if steady.repeats_finely(kept, summary.period, 5 * count // 2):
         return True
     further = _solve(system, plan, end, cycles=count)
     if further.status is not Status.DONE or further.cycles is None:
         return False
-    return stays(kept, further.cycles, summary.period)
+    return steady.stays(kept, further.cycles, summary.period)

@@ -24,23 +24,8 @@ import numpy as np
 
 from tcc_sim.analysis.measured.orders import judder_of
 from tcc_sim.analysis.repetition import repetitions
-from tcc_sim.analysis.steady.summary import (
-    DISCARD,
-    TOLERANCE,
-    Periodicity,
-    Span,
-    Summary,
-    default_discard,
-    drifts,
-    finely_repeated,
-    longest_tried,
-    of_points,
-    section_of,
-    slip_grows,
-    stays,
-    sums_from,
-    without_section,
-)
+from tcc_sim.analysis.steady import summary as steady
+from tcc_sim.analysis.steady.summary import Periodicity, Span, Summary
 from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost
 from tcc_sim.model.closed_forms import common_cycles
@@ -50,23 +35,12 @@ from tcc_sim.result import json_of
 from tcc_sim.scene import Scene, system_of
 from tcc_sim.solvers import SOLVERS, choose
 from tcc_sim.solvers.stroboscopic import ENGINES, LONGEST, solve_runs
+from tcc_sim.sweeps import simulation
 from tcc_sim.sweeps.executors import AHEAD, Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep, check_effect, varied
-from tcc_sim.sweeps.simulation import (
-    ORDER_SAMPLES,
-    PAPER,
-    Plan,
-    Simulation,
-    angles_of,
-    confirming_cycles,
-    requested,
-    simulate,
-    start_of,
-    with_plan_fields,
-)
-from tcc_sim.sweeps.steady_state import BLOCK, WINDOW, Start, repeats_after
+from tcc_sim.sweeps.simulation import Plan, Simulation, Start
 from tcc_sim.trajectory import Floats, Runs, State, Status, joined_runs
 
 RTOL = 1e-6
@@ -83,7 +57,7 @@ Points = list[list[Point | None]]
 """Result per curve and value; None if it was not tried yet."""
 
 
-@with_plan_fields
+@simulation.with_plan_fields
 def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: Plan | None = None, *,
           jobs: int | None = None, dask: str | None = None, out: Path | None = None, progress: bool = False,
           **settings: Any) -> Sweep:
@@ -107,7 +81,7 @@ def sweep(scene: Scene | System | str, key: str, values: Sequence[float], plan: 
     return sweep_curves([curve], Plan.of(plan, settings), jobs=jobs, dask=dask, out=out, progress=progress)[0]
 
 
-@with_plan_fields
+@simulation.with_plan_fields
 def sweep_grid(scene: Scene | System | str, key: str, values: Sequence[float], second_key: str,
                second_values: Sequence[float], plan: Plan | None = None, *, jobs: int | None = None,
                dask: str | None = None, out: Path | None = None, progress: bool = False, **settings: Any) -> Grid:
@@ -143,9 +117,9 @@ def curves_of(system: System, key: str, values: Sequence[float], second_key: str
     return [Curve(varied(system, second_key, float(x)), key, row) for x in second_values]
 
 
-def sweep_curves(curves: Sequence[Curve], plan: Plan = PAPER, *, jobs: int | None = None, dask: str | None = None,
-                 out: Path | None = None, head: Mapping[str, Any] | None = None, progress: bool = False,
-                 tick: Callable[[Point], None] | None = None) -> list[Sweep]:
+def sweep_curves(curves: Sequence[Curve], plan: Plan = simulation.PAPER, *, jobs: int | None = None,
+                 dask: str | None = None, out: Path | None = None, head: Mapping[str, Any] | None = None,
+                 progress: bool = False, tick: Callable[[Point], None] | None = None) -> list[Sweep]:
     """Solve every point of every curve.
 
     jobs : threads, which the kernels do not hold up (default: all available cores)
@@ -277,9 +251,9 @@ def solve_point(system: System, value: float, plan: Plan, start: Start | None = 
 
     A numerical failure is the status of the point, without a summary, and its last state is not passed on.
     """
-    samples = ORDER_SAMPLES if _sampled(system, plan) else 0
-    return as_point(value, plan, simulate(system, with_sweep_tolerance(system, plan), start=start,
-                                          samples_per_cycle=samples))
+    samples = simulation.ORDER_SAMPLES if _sampled(system, plan) else 0
+    return as_point(value, plan, simulation.simulate(
+        system, with_sweep_tolerance(system, plan), start=start, samples_per_cycle=samples))
 
 
 def _sampled(system: System, plan: Plan) -> bool:
@@ -362,8 +336,8 @@ def solve_block(systems: Sequence[System], values: Sequence[float], plan: Plan) 
         for i, k in enumerate(at):
             summary, cycles = summaries[i], kept.cycles(i)
             out[k] = Point(values[k], summary, sections[i][:, [1, 0]], confirmed[i], Status.DONE.value,
-                           angles_of(plan, cycles) if plan.section_points else None,
-                           *requested(chosen[i], plan, cycles, discarded, summary.period, ends[i]), ends[i])
+                           simulation.angles_of(plan, cycles) if plan.section_points else None,
+                           *simulation.requested(chosen[i], plan, cycles, discarded, summary.period, ends[i]), ends[i])
     return out
 
 
@@ -372,9 +346,9 @@ Kept = tuple[list[int], Runs, int]
 
 
 def _whole_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
-    discarded = plan.dropped(plan.most, default_discard(plan.most))
-    runs = solve_runs(systems, [start_of(system).state for system in systems], [0] * len(systems), plan.most, plan.rtol,
-                      discarded)
+    discarded = plan.dropped(plan.most, steady.default_discard(plan.most))
+    runs = solve_runs(systems, [simulation.start_of(system).state for system in systems], [0] * len(systems), plan.most,
+                      plan.rtol, discarded)
     at = np.flatnonzero(runs.done).tolist()
     if at:
         yield at, runs.chosen(at, discarded), discarded
@@ -382,18 +356,19 @@ def _whole_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
 
 def _settled_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
     """Yield the runs until their sections repeat, as `steady_state.solve_to_steady_state` solves them."""
-    going, states, done = list(range(len(systems))), [start_of(system).state for system in systems], 0
+    going, states, done = list(range(len(systems))), [simulation.start_of(system).state for system in systems], 0
     runs: Runs | None = None
     while going:
-        count = min(BLOCK, plan.most - done)
+        count = min(simulation.BLOCK, plan.most - done)
         latest = solve_runs([systems[k] for k in going], states, [done] * len(going), count, plan.rtol, 0)
         solved, done = np.flatnonzero(latest.done).tolist(), done + count
         if not solved:
             return
         parts = [latest] if runs is None else [runs, latest]
         going, runs = [going[i] for i in solved], joined_runs([part.chosen(solved) for part in parts])
-        after = [repeats_after(runs.cycles(i)) if done >= WINDOW else None for i in range(len(going))]
-        unsettled = min(max(DISCARD, (done + 1) // 2), done - 1)
+        after = [simulation.repeats_after(runs.cycles(i)) if done >= simulation.WINDOW else None
+                 for i in range(len(going))]
+        unsettled = min(max(steady.DISCARD, (done + 1) // 2), done - 1)
         drops = [unsettled if cycles is None else cycles for cycles in after]
         ended = [i for i, cycles in enumerate(after) if cycles is not None or done >= plan.most]
         for discarded in sorted({drops[i] for i in ended}):
@@ -407,7 +382,7 @@ def _settled_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
 def _confirmed(systems: Sequence[System], plan: Plan, runs: Runs, summaries: Sequence[Summary],
                ends: Sequence[Start]) -> list[bool]:
     """Return for which runs the section has settled and further cycles keep its period."""
-    counts = [confirming_cycles(summary.period) for summary in summaries]
+    counts = [simulation.confirming_cycles(summary.period) for summary in summaries]
     confirmed = confirmed_by_repetition(runs, summaries, [5 * count // 2 for count in counts])
     open_ = [k for k, summary in enumerate(summaries) if summary.period and summary.settled and not confirmed[k]]
     for count in {counts[k] for k in open_}:
@@ -416,7 +391,8 @@ def _confirmed(systems: Sequence[System], plan: Plan, runs: Runs, summaries: Seq
         further = solve_runs([systems[k] for k in at], [ends[k].state for k in at], [ends[k].cycle for k in at], count,
                              plan.rtol, count)
         for i, k in enumerate(at):
-            confirmed[k] = bool(further.done[i]) and stays(runs.cycles(k), further.cycles(i), summaries[k].period)
+            confirmed[k] = bool(further.done[i]) and steady.stays(runs.cycles(k), further.cycles(i),
+                                                                  summaries[k].period)
     return confirmed
 
 
@@ -431,14 +407,14 @@ def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
     section, high, low, stick = runs.section, runs.highest, runs.lowest, runs.stick_time
     assert runs.loads is not None
     count = high.shape[1]
-    away = [maybe and slip_grows(runs.cycles(k)) for k, maybe in enumerate(_slips_at_the_end(high, low, stick))]
-    most = longest_tried(count + 1)
+    away = [maybe and steady.slip_grows(runs.cycles(k)) for k, maybe in enumerate(_slips_at_the_end(high, low, stick))]
+    most = steady.longest_tried(count + 1)
     points = section / _sizes_of(section, high, low)[:, None]
-    repeating = ([Periodicity(*each, most) for each in repetitions(points, most, TOLERANCE)] if most else
-                 [of_points(each, most, TOLERANCE) for each in points])
+    repeating = ([Periodicity(*each, most) for each in repetitions(points, most, steady.TOLERANCE)] if most else
+                 [steady.of_points(each, most, steady.TOLERANCE) for each in points])
     without = np.array([not each.period for each in repeating])
     drifting = without.copy()
-    drifting[without] = drifts(np.maximum(np.abs(high), np.abs(low))[without])
+    drifting[without] = steady.drifts(np.maximum(np.abs(high), np.abs(low))[without])
     loads = runs.loads
     sums = zip(loads[:, 0].sum(axis=1).tolist(), loads[:, 1].max(axis=1).tolist(), loads[:, 2].max(axis=1).tolist(),
                loads[:, 3].min(axis=1).tolist(), loads[:, 4].sum(axis=1).tolist(), loads[:, 5].sum(axis=1).tolist())
@@ -448,11 +424,11 @@ def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
             runs.seconds.tolist())):
         since = first[k] * cycles[k]
         span = Span(since, since + count * cycles[k])
-        summary = without_section(
-            repeating[k], away[k], bool(drifting[k]), span, sums_from(top, bottom, stuck, span.seconds, each),
+        summary = steady.without_section(
+            repeating[k], away[k], bool(drifting[k]), span, steady.sums_from(top, bottom, stuck, span.seconds, each),
             cycles=count + dropped, dropped=dropped, solver=runs.solver, elapsed=seconds)
         out.append(summary)
-        sections.append(section_of(section[k, 1:], first[k], summary.period))
+        sections.append(steady.section_of(section[k, 1:], first[k], summary.period))
     return out, sections
 
 
@@ -464,7 +440,7 @@ def confirmed_by_repetition(runs: Runs, summaries: Sequence[Summary], counts: Se
         points = runs.section[at, max(runs.section.shape[1] - counts[at[0]] - period, 0):]
         if points.shape[1] < counts[at[0]] + period:
             continue
-        for k, close in zip(at, finely_repeated(points, period).tolist()):
+        for k, close in zip(at, steady.finely_repeated(points, period).tolist()):
             fine[k] = close
     return fine
 

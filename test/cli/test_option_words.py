@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tcc_sim import cli
-from tcc_sim.cli.ranges import bounds_of_range, spaced, values_of_range
+from tcc_sim.cli.options import bounds_of_range, spaced, values_of_range
 from tcc_sim.errors import InputError
 
 SWEEP = ["sweep", "fig02"]

@@ -14,8 +14,7 @@ from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.simulation import Plan, simulate
-from tcc_sim.sweeps.steady_state import Start
+from tcc_sim.sweeps.simulation import Plan, Start, simulate
 from tcc_sim.sweeps.sweep import handed_over, sweep
 from tcc_sim.trajectory import State
 

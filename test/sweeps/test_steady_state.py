@@ -11,7 +11,7 @@ from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.steady_state import Start, repeats_after, settled_from_start, solve_to_steady_state, steady_spectrum
+from tcc_sim.sweeps.simulation import Start, repeats_after, settled_from_start, solve_to_steady_state, steady_spectrum
 from tcc_sim.trajectory import Cycles, State, Status
 
 FAST = replace(load_scene("slip").system, {"friction.law": "set_valued"})

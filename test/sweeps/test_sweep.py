@@ -18,8 +18,7 @@ from tcc_sim.cli import main
 from tcc_sim.errors import InputError, SweepInterrupted
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
-from tcc_sim.sweeps.simulation import simulate
-from tcc_sim.sweeps.steady_state import repeats_after
+from tcc_sim.sweeps.simulation import repeats_after, simulate
 from tcc_sim.sweeps.sweep import Curve, Plan, solve_points, sweep, sweep_curves, sweep_grid
 from tcc_sim.trajectory import State
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tcc_sim.analysis.measured.orders import Judder, Orders, Spectrum
-from tcc_sim.study.views.branch_diagram import MARKS
+from tcc_sim.study.views import MARKS
 
 ORBIT = {"number": 0, "period": 1, "max_slip_speed": 20.0, "section": [[0.1, 5.0]], "section_states": [[0.1, 5.0, 9.0]],
          "multipliers": None, "fraction": 0.75, "radius": 0.1, "state": [5.0, 0.1, 9.0]}

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
-from tcc_sim.cli.ranges import bounds_of_range, values_of_range
+from tcc_sim.cli.options import Form, bounds_of_range, command, keywords_of, of, options_in, values_of_range
 from tcc_sim.errors import BasinsInterrupted, counted
 from tcc_sim.shown_units import key_value, speed
 

@@ -43,7 +43,7 @@ from tcc_sim.study.continuation.curves import KINDS, BifurcationCurve, bifurcati
 from tcc_sim.study.continuation.orbits import Floats, Image, Margins, ParameterRange, Shooting, Values
 from tcc_sim.sweeps.progress import point_bar
 from tcc_sim.sweeps.results import check_effect
-from tcc_sim.sweeps.steady_state import settled_from_start
+from tcc_sim.sweeps.simulation import settled_from_start
 from tcc_sim.trajectory import Cycles
 
 # A step of the map leaves some 1e-13, and its derivatives are good to 2e-7.

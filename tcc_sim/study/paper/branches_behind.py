@@ -25,7 +25,7 @@ from tcc_sim.study.continuation.motions import DrivelineMap
 from tcc_sim.study.continuation.orbits import ParameterRange, Settings, shifts
 from tcc_sim.sweeps.executors import each_in_a_process, processes_for
 from tcc_sim.sweeps.progress import point_bar
-from tcc_sim.sweeps.steady_state import Start
+from tcc_sim.sweeps.simulation import Start
 from tcc_sim.sweeps.sweep import Curve, Sweep
 from tcc_sim.trajectory import State, Status
 

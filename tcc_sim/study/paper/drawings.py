@@ -17,7 +17,7 @@ from tcc_sim.shown_units import speed
 from tcc_sim.study.paper.branches_behind import MotionsBehind
 from tcc_sim.study.paper.catalogue import SWEPT, plain
 from tcc_sim.study.paper.figures import Figure, Labelled
-from tcc_sim.study.views.branch_diagram import MARKS, UNSTABLE, stable_and_unstable
+from tcc_sim.study.views import MARKS, UNSTABLE, stable_and_unstable
 from tcc_sim.views import style
 from tcc_sim.views.stored import Record
 from tcc_sim.views.sweeps import numbers

@@ -17,7 +17,7 @@ from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, paper_system
 from tcc_sim.study.paper.claims import CLAIMS
 from tcc_sim.study.paper.evidence import ColdStartMotion, Evidence
 from tcc_sim.sweeps.results import Point
-from tcc_sim.sweeps.steady_state import Start
+from tcc_sim.sweeps.simulation import Start
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
 from tcc_sim.trajectory import Cycles, State, Statistics, Trajectory
 

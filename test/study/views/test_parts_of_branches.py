@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tcc_sim.study.views.branch_diagram import stable_and_unstable
+from tcc_sim.study.views import stable_and_unstable
 
 BRANCH = {"period": 2, "value": [0.2, 0.24, 0.3, 0.26], "max_slip_speed": [30.0, 20.0, 10.0, 5.0],
           "stable": [True, True, False, False]}

@@ -1,1 +1,0 @@
-"""Pictures of branches and basins."""
