@@ -8,12 +8,10 @@ config/*.yaml (a scene) -> scene.Scene -> model + solvers, holding only what the
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from functools import cache
-from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
+
+from tcc_sim.later_rooms import importing
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.measured.orders import orders_of as orders
@@ -44,27 +42,6 @@ __version__ = "1.1.0"
 __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", "closed_loop", "continuation",
            "explain", "figure", "fmu", "fmu_controller", "gain_map", "identify", "linearise", "load_scene", "orders",
            "plot", "read", "scatter", "simulate", "solve", "spectrum", "sweep", "sweep_grid"]
-
-
-def importing(file: str) -> Callable[[str], object]:
-    """Return the `__getattr__` of a module that imports each name, which the file imports for type checkers, when it is
-    first used; so `import tcc_sim` stays light, and neither ROS nor the study is loaded without need.
-    """
-    @cache
-    def places() -> dict[str, tuple[str, str]]:
-        import ast
-
-        return {one.asname or one.name: (str(node.module), one.name)
-                for node in ast.walk(ast.parse(Path(file).read_text(encoding="utf-8")))
-                if isinstance(node, ast.ImportFrom) for one in node.names}
-
-    def found(name: str) -> object:
-        if name not in places():
-            raise AttributeError(f"{file} has no attribute {name!r}")
-        module, there = places()[name]
-        return getattr(import_module(module), there)
-
-    return found
 
 
 __getattr__ = importing(__file__)

@@ -5,7 +5,10 @@ Core rooms name the study here alone, so that whoever removes `tcc_sim/study` se
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 CALLED = {
@@ -23,3 +26,24 @@ def from_later_room(name: str) -> Any:
     """Return the function that CALLED names."""
     module, function = CALLED[name]
     return getattr(import_module(module), function)
+
+
+def importing(file: str) -> Callable[[str], object]:
+    """Return the `__getattr__` of a module that imports each name, which the file imports for type checkers, when it is
+    first used; so `import tcc_sim` stays light, and neither ROS nor the study is loaded without need.
+    """
+    @cache
+    def places() -> dict[str, tuple[str, str]]:
+        import ast
+
+        return {one.asname or one.name: (str(node.module), one.name)
+                for node in ast.walk(ast.parse(Path(file).read_text(encoding="utf-8")))
+                if isinstance(node, ast.ImportFrom) for one in node.names}
+
+    def found(name: str) -> object:
+        if name not in places():
+            raise AttributeError(f"{file} has no attribute {name!r}")
+        module, there = places()[name]
+        return getattr(import_module(module), there)
+
+    return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tcc_sim import importing
+from tcc_sim.later_rooms import importing
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.loop.control import Steps

@@ -230,15 +230,6 @@ def values_of_range(text: str, option: str = "--over", even: bool = False) -> tu
     """Return the key and the values of KEY=START:STOP:COUNT[:log] or KEY=VALUE,VALUE,...
 
     A range includes both ends; `:log` spaces its values evenly in logarithm. `even` allows KEY=START:STOP:COUNT only.
-
-    Examples
-    --------
-    >>> values_of_range("engine.frequency=1:100:3:log")
-    ('engine.frequency', [1.0, 10.0, 100.0])
-    >>> values_of_range("engine.frequency=80,90.5,140")
-    ('engine.frequency', [80.0, 90.5, 140.0])
-    >>> round(values_of_range("engine.speed=1500rpm,3000rpm")[1][1], 3)
-    314.159
     """
     key, equals, numbers = text.partition("=")
     wrong = InputError(f"{option} is {text!r}; it must be KEY=START:STOP:COUNT"

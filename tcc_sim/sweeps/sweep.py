@@ -355,7 +355,7 @@ def _whole_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
 
 
 def _settled_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
-    """Yield the runs until their sections repeat, as `steady_state.solve_to_steady_state` solves them."""
+    """Yield the runs until their sections repeat, as `simulation.solve_to_steady_state` solves them."""
     going, states, done = list(range(len(systems))), [simulation.start_of(system).state for system in systems], 0
     runs: Runs | None = None
     while going:
