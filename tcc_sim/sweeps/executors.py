@@ -11,15 +11,8 @@ import re
 import signal
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    CancelledError,
-    Executor,
-    Future,
-    ThreadPoolExecutor,
-    as_completed,
-    wait,
-)
+from concurrent import futures
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -63,7 +56,7 @@ def workers(jobs: int | None, dask: str | None) -> Iterator[tuple[Executor, Atte
             yield client
         return
     count = jobs or cores()
-    executor = ThreadPoolExecutor(count, thread_name_prefix="sweep")
+    executor = futures.ThreadPoolExecutor(count, thread_name_prefix="sweep")
     try:
         yield executor, Attendance(count)
     finally:
@@ -94,9 +87,9 @@ def each_done(attendance: Attendance, take: Callable[[], Task | None],
 
 def first_done(running: Collection[Future[Any]], attendance: Attendance) -> set[Future[Any]]:
     """Return the completed tasks of some, at least one; raise WorkersLost if no workers are left."""
-    while not (done := wait(running, attendance.look, FIRST_COMPLETED).done):
+    while not (done := futures.wait(running, attendance.look, futures.FIRST_COMPLETED).done):
         attendance.check()
-    if any(future.cancelled() or isinstance(future.exception(), CancelledError) for future in done):
+    if any(future.cancelled() or isinstance(future.exception(), futures.CancelledError) for future in done):
         raise WorkersLost("the workers gave it up")
     return done
 
@@ -256,11 +249,11 @@ def _in_a_pool(work: Callable[[Part], Any], parts: Sequence[Part], count: int, r
     pool = ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), signal.signal,
                                (signal.SIGINT, signal.SIG_IGN))
     try:
-        futures: dict[Future[Any], int] = {pool.submit(work, part): i for i, part in enumerate(parts)
+        missing: dict[Future[Any], int] = {pool.submit(work, part): i for i, part in enumerate(parts)
                                            if i not in results}
-        for future in as_completed(futures):
+        for future in futures.as_completed(missing):
             try:
-                results[futures[future]] = future.result()
+                results[missing[future]] = future.result()
                 bar.update()
             except BrokenProcessPool:
                 continue

@@ -19,7 +19,7 @@ from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel, compose, draw_into
 from tcc_sim.views.runs import last_cycles, manoeuvre
-from tcc_sim.views.stored import DAMAGE, DRAWN, Record, kind_of, read_stored, revived
+from tcc_sim.views.stored import DAMAGE, Record, kind_of, read_stored, revived
 
 
 @dataclass(frozen=True, repr=False)
@@ -111,7 +111,7 @@ def plot(result: Any, file: str | Path | None = None, width: str = "page", *, ti
         with shown_in(units, order):
             kind, title, inches = _class_of(result), title or "", style.width_of(width)
             if isinstance(result, Record):
-                drawn: Path = from_later_room(DRAWN[kind_of(vars(result))])(path, result, title=title, width=inches)
+                drawn: Path = from_later_room(f"draw_{kind_of(vars(result))}")(path, result, title=title, width=inches)
                 return drawn
             if not title and hasattr(result, "first_cycle"):
                 title = result.path.name

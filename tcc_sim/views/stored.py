@@ -21,9 +21,8 @@ from tcc_sim.output.table_files import document_in, read_arrays
 from tcc_sim.scene import Operation, Scene
 from tcc_sim.trajectory import SAMPLED, UNITS, Trajectory
 
-DRAWN = {"figure": "draw_figure", "precision": "draw_precision", "stability": "draw_stability"}
-"""Function of a later room that draws a kind of JSON. Arguments: file of the picture, `Record`, title, and width in
-inches.
+DRAWN = "figure", "precision", "stability"
+"""Kinds of JSON that a function of a later room draws, from the file of the picture, a `Record`, title and width, inch.
 """
 CYCLE_ARRAYS = ("cycle_highest", "cycle_lowest", "cycle_stick_time")
 ARRAYS = (*UNITS, "section_states", *CYCLE_ARRAYS, "cycle_starts", "labels")
