@@ -56,15 +56,23 @@ def test_a_file_is_drawn_as_the_command_drew(words: list[str], files: list[str],
         same(pictures[0], pictures[-1])
 
 
-def test_samples_of_a_recording_are_drawn_with_its_gaps(pictures: list[Any], tmp_path: Path) -> None:
-    rows = [row for k, row in enumerate(ticked(load_scene("fig02"), 900)) if not 860 <= k < 870]
-    bag(tmp_path / "run", rows, "fig02")
+def test_samples_of_a_recording_are_drawn_with_its_gaps_and_the_keys_that_held(pictures: list[Any], tmp_path: Path
+                                                                               ) -> None:
+    """The longest run is the second one, and begins with the key that the first one ended with."""
+    said: list[Any] = []
+    changes = [(tick, {"friction.static_coefficient": value}, None) for tick, value in ((200, 0.5), (1350, 0.45))]
+    rows = ticked(load_scene("fig02"), 1500, resets=(400,), changes=changes, said=said)
+    bag(tmp_path / "run", [row for k, row in enumerate(rows) if not 1460 <= k < 1470], "fig02", said=said)
     assert main(["analyse", str(tmp_path / "run"), "--discard", "5", "--out", str(tmp_path / "a.npz"), "--plot",
                  str(tmp_path / "a.png")]) == 0
     assert main(["plot", str(tmp_path / "a.npz"), "--plot", str(tmp_path / "b.png")]) == 0
-    one, two = (curves(panels(drawn)["Slip speed"])["slip speed"] for drawn in pictures)
-    np.testing.assert_allclose(two, one, rtol=1e-6, atol=1e-9)
-    assert np.isnan(two[1]).any()
+    one, two = ({**curves(panels(drawn)["Slip speed"]), **curves(panels(drawn)["Torques"])} for drawn in pictures)
+    assert one.keys() == two.keys()
+    for name, curve in two.items():
+        np.testing.assert_allclose(curve, one[name], rtol=1e-6, atol=1e-9)
+    assert np.isnan(two["slip speed"][1]).any()
+    static, kinetic = (two[f"$\\mu_{which} N R$"][1] for which in "sk")
+    assert len(np.unique(np.round((static / kinetic)[np.isfinite(static)], 9))) == 2
 
 
 def test_a_spectrum_of_a_table_is_drawn_from_its_json(pictures: list[Any], tmp_path: Path) -> None:
