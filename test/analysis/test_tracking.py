@@ -269,6 +269,9 @@ LOOPS: dict[str, MadeUp] = {
     "judder of 210 Hz": MadeUp(8.0, around(20.0), "settled", ripple=judders(5.0, 210.0), judder=(5.0, 210.0)),
     "judder and hunting": MadeUp(9.0, around(20.0, sine(2.0, 1.3)), "hunting", ripple=judders(4.0, 17.0),
                                  judder=(4.0, 17.0), amplitude=2.0, period=1.3),
+    "judder below a third of the excitation, and hunting": MadeUp(
+        8.0, around(20.0, sine(4.5, 0.37)), "hunting", ripple=judders(3.4, 14.4), judder=(3.4, 14.4), amplitude=4.5,
+        period=0.37),
     "growing judder": MadeUp(8.0, around(20.0), "growing", ripple=judders(0.5, 31.0, 0.5), lasts=False),
     "growing ripple": MadeUp(8.0, around(20.0), "growing", ripple=lambda t, w: np.exp(0.3 * t) * np.sin(w * t),
                              lasts=False),

@@ -31,6 +31,7 @@ JUDDER_POINTS = 64  # Points in a period of excitation after resampling, at most
 JUDDER_LEAST = 0.05  # Least amplitude, relative to the range of the cycle means.
 JUDDER_SHARE = 0.5  # Least part of what is fast and does not repeat in each period that its line must hold.
 HARMONICS = 12  # Highest harmonic of a swing that may be as fast as judder.
+LARGEST_HARMONIC = 2.0  # Largest n-th harmonic of a swing times n, relative to the swing; of a sawtooth it is 1.
 REVERSALS = 0.125, 0.34  # Reversals that end a swing, parts of the range of the second half of the run.
 IRREGULAR = 0.35  # Standard deviation of the durations of swings, relative to their mean, that marks them as irregular.
 SWINGS = 6  # Most of the last swings that are judged.
@@ -41,6 +42,7 @@ ALIVE = 2.0  # Periods after the last swing within which another one may follow.
 GROWTH_OF_SWINGS = 0.22  # Least growth of the swings, in natural logarithm.
 DECAY_OF_SWINGS = 0.1  # Least decay of them, likewise.
 SWING_SCATTER = 2.0  # The same in standard deviations of the swings about it.
+NOISE_OF_SIZES = 0.3  # Standard deviation of a swing's size by noise, relative to `Errors.noise`.
 DECAYS_ON = 0.34  # Part of the rate of a decay that the last swings must show.
 COHERENT = 0.5  # Part of the variance that an oscillation within the band must hold.
 SLOWING = 0.8  # Part of the growth of the third before that the last third of a growth has at least.
@@ -255,20 +257,24 @@ def loop_verdict(errors: Errors, whole: float) -> Judged:
     return _ripple_grows(errors, whole) or _at_the_end(errors, swings)
 
 
-def noise_of_means(error: Floats) -> float:
+def noise_of_means(error: Floats, apart: int = 1) -> float:
     """Return the standard deviation of white noise in the second half of a signal, (n,), or in its last
     quarter; 0 without.
 
     Second differences take away what changes slowly. Those of white noise have six times its variance, and a
-    correlation of -2/3 from one to the next.
+    correlation of -2/3 from one to the next. Those of an oscillation may have it too if only values that are `apart`
+    are independent, but then not at two and three times this distance.
     """
     for part in (2, 4):
-        second = np.diff(error[len(error) - len(error) // part:], n=2)
-        if len(second) < GROWING_CYCLES:
+        tail, distances = error[len(error) - len(error) // part:], [apart] if apart == 1 else [apart, 2 * apart,
+                                                                                              3 * apart]
+        if len(tail) < (GROWING_CYCLES + 2) * apart:
             break
-        square, usual = float(second @ second), 1.4826 * float(np.median(np.abs(second)))
+        seconds = [tail[2 * d:] - 2.0 * tail[d:-d] + tail[:-2 * d] for d in distances]
+        square, usual = float(np.mean(seconds[0]**2)), 1.4826 * float(np.median(np.abs(seconds[0])))
         # A single jump has a correlation of -1/2, but is no usual difference.
-        if usual**2 * len(second) > USUAL * square and float(second[1:] @ second[:-1]) < WHITE * square:
+        if usual**2 > USUAL * square and all(float(np.mean(second[d:] * second[:-d])) < WHITE * float(
+                np.mean(second**2)) for second, d in zip(seconds, distances)):
             return usual / math.sqrt(6.0)
     return 0.0
 
@@ -315,7 +321,7 @@ def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
     rate, start = map(float, np.polyfit(middle - middle[0], np.log(sizes), 1))
     span = float(middle[-1] - middle[0])
     scatter = float(np.std(np.log(sizes) - start - rate * (middle - middle[0])))
-    least = SWING_SCATTER * scatter
+    least = SWING_SCATTER * max(scatter, NOISE_OF_SIZES * errors.noise / float(np.median(sizes)))
     cycle = float(np.median(errors.ends - errors.starts))
     amplitude = 0.5 * float(np.median(sizes)) / max(float(np.sinc(cycle / swings.period)), 0.5)
     if amplitude <= errors.floor:
@@ -547,13 +553,16 @@ def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> Jud
     # Hann's window spreads a line over two bins; a slow swing modulates what repeats in each cycle.
     near = 2.5 / n + (1.5 * swing if power[slow].max() > 0.1 * power[~slow].max() else 0.0)
     apart = np.abs(orders - np.rint(orders))
-    if power[slow].max() > power[~slow & (apart > near)].max(initial=0.0):  # Harmonics of a swing are no judder.
-        multiple = np.rint(orders / max(swing, 1.0 / n))
-        power[(np.abs(orders - multiple * swing) <= (2.5 + 0.2 * multiple) / n) & (multiple <= HARMONICS) & ~slow] = 0.0
-    power[slow | (apart <= near) | (orders > 0.5 * points)] = 0.0
-    total, best = float(power.sum()), int(power.argmax())
-    if total == 0.0 or float(power[max(best - 2, 0):best + 3].sum()) < JUDDER_SHARE * total:
-        return None
+    fast = ~slow & (apart > near)
+    if (most := power[slow].max()) > power[fast].max(initial=0.0):  # Harmonics of a swing are no judder.
+        multiple = np.maximum(np.rint(orders / max(swing, 1.0 / n)), 1.0)
+        fast &= ((np.abs(orders - multiple * swing) > (2.5 + 0.2 * multiple) / n) | (multiple > HARMONICS)
+                 | (power > most * (LARGEST_HARMONIC / multiple) ** 2))
+    judder = np.where(fast & (orders <= 0.5 * points), power, 0.0)
+    total, best = float(judder.sum()), int(judder.argmax())
+    line = slice(max(best - 2, 0), best + 3)
+    if total == 0.0 or float(judder[line].sum()) < JUDDER_SHARE * total or power[line].max() > power[best]:
+        return None  # Too little of it is one line, or the line is a flank of another one.
     # A sample between two others would be too small.
     at = np.interp(slip.t[inside], np.append(starts, ends[-1]), np.arange(n + 1))
     y = slip.values[inside] - CubicSpline(t.ravel(), usual.ravel())(slip.t[inside])

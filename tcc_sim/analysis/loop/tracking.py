@@ -514,7 +514,7 @@ class Loop:
         if not certain and abs(step) < 0.25 * float(np.abs(error).max()):
             step = 0.0
         step = step if abs(step) > self.floor else 0.0
-        noise = OF_NOISE * verdicts.noise_of_means(error[::apart])
+        noise = OF_NOISE * verdicts.noise_of_means(error, apart)
         wide = (float(np.ptp(reference)) if self._turns else 0.0) if moving else abs(step)
         band = max(self.floor, SETTLED * wide, noise)
         errors = Errors(0.5 * (course.starts + course.ends), error, reference, course.starts, course.ends, step, band,
