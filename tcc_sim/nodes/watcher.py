@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 
 from tcc_sim.analysis.loop.control import CycleMeans, Event, joined_means
-from tcc_sim.analysis.measured.engine_clock import Uniform
+from tcc_sim.analysis.measured.engine_clock import Scheduled
 from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr, held
@@ -77,7 +77,7 @@ class Watcher:
         self._cycles = CycleStream(self.scene.system)
         self._last: dict[str, float] = {}
         self._run = self._sources = ""
-        self._means = CycleMeans(Uniform(self.scene.system.cycle))
+        self._means = CycleMeans(Scheduled(self.scene.system.cycle))
 
     @property
     def lost(self) -> int:

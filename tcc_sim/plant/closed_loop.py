@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.control import Control, CycleMeans, Steps, joined_means
 from tcc_sim.analysis.loop.tracking import Counts, Limits, Loop, Tracking, checked_limits, loop_of, target_steps
-from tcc_sim.analysis.measured.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
+from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.model.profile import Origin, phase_at, profile_of
@@ -125,7 +125,7 @@ class ControlledRun(Trajectory):
     def clock(self) -> EngineClock:
         """Start times of the engine cycles, also where the frequency was changed during the run."""
         if self.turns is None:
-            return Uniform(self.cycle) if self.system is None else clock_of_scene(self.system)
+            return Scheduled(self.cycle) if self.system is None else clock_of_scene(self.system)
         numbers = np.arange(math.ceil(self.turns[0] - 1e-9), math.floor(self.turns[-1] + 1e-9) + 1)
         starts = np.interp(numbers, self.turns, self.t)
         return Tracked(float(np.median(np.diff(starts))) if len(starts) > 1 else self.cycle, {0: (numbers, starts)})

@@ -14,7 +14,7 @@ from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.control import handovers
 from tcc_sim.analysis.loop.loop_verdict import SETTLED_CYCLES
 from tcc_sim.analysis.loop.tracking import Limits, Loop, LoopReader, Pressures, Tracking, target_jumps
-from tcc_sim.analysis.measured.engine_clock import EngineClock, Tracked, Uniform, clock_of_scene
+from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.analysis.steady.summary import Summary
@@ -192,7 +192,7 @@ class _Judge:
         sought = isinstance(self._clock, Tracked) or not self._clock.identified
         self._slices = sought and len(self._states) > 1 and _steps_only(self._states.engine_torque)
         if self._slices:
-            self._clock = Uniform(max(SLICE, TICKS * 1e-9 * float(np.median(np.diff(self._states.stamp_ns)))))
+            self._clock = Scheduled(max(SLICE, TICKS * 1e-9 * float(np.median(np.diff(self._states.stamp_ns)))))
         self._reference = line.target_in(self._states)
 
     def tracking(self, cut: Cut, discard: int) -> Tracking | None:

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.measured.engine_clock import EngineClock, PhaseTracker, Uniform, clock_of, clock_of_scene
+from tcc_sim.analysis.measured.engine_clock import EngineClock, PhaseTracker, Scheduled, clock_of, clock_of_scene
 from tcc_sim.analysis.measured.signals import Phase, phase_of_cycles
 from tcc_sim.analysis.measured.stream import DRIFTING
 from tcc_sim.errors import InputError, counted
@@ -106,7 +106,7 @@ def timing_of(scene: Scene, given: float | None, runs: Iterable[JointStates], ch
     if given is not None and not 1e-3 <= given <= 1e5:
         raise InputError(f"frequency is {given:g} rad/s; it must be 0.001 to 100000 rad/s")
     if given is not None:
-        return Timing(Uniform(2.0 * math.pi / given), "given", given, given)
+        return Timing(Scheduled(2.0 * math.pi / given), "given", given, given)
     engine = scene.system.engine
     if engine.source == "topic" or changed:
         return _phase_found(runs)
@@ -136,7 +136,7 @@ def _phase_found(runs: Iterable[JointStates]) -> Timing:
     longest = phases[tracker.longest()] if phases else None
     if clock is None or longest is None:
         why = longest.why if longest is not None else "there are no samples"
-        return Timing(Uniform(max(SLICE, TICKS * tracker.tick), identified=False), "none", math.nan, math.nan,
+        return Timing(Scheduled(max(SLICE, TICKS * tracker.tick), identified=False), "none", math.nan, math.nan,
                       f"periods of excitation could not be identified, so there is no section, period or cycle mean: "
                       f"{why}")
     note = longest.why and f"periods of excitation of the longest run could not be identified: {longest.why}"

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.measured.engine_clock import Scheduled, Tracked, Uniform, clock_of_scene
+from tcc_sim.analysis.measured.engine_clock import Scheduled, Tracked, clock_of_scene
 from tcc_sim.scene import load_scene
 
 TURN = 2.0 * math.pi
@@ -15,9 +15,9 @@ TURN = 2.0 * math.pi
     (0.0, 0.6, 0, [0.0, 0.25, 0.5]), (0.3, 1.0, 2, [0.5, 0.75, 1.0]), (0.5 + 2e-10, 0.8, 2, [0.5, 0.75]),
     (0.5 + 3e-10, 0.8, 3, [0.75])])
 def test_a_uniform_clock_has_the_multiples_of_its_cycle(begin, end, first, starts):
-    ((number, found),) = Uniform(0.25).stretches(7, begin, end)
+    ((number, found),) = Scheduled(0.25).stretches(7, begin, end)
     assert (number, found.tolist()) == (first, pytest.approx(starts))
-    assert (Uniform(0.25).cycles_until(0.6), Uniform(0.25).start_of(3)) == (2.4, 0.75)
+    assert (Scheduled(0.25).cycles_until(0.6), Scheduled(0.25).start_of(3)) == (2.4, 0.75)
 
 
 def test_a_scheduled_clock_follows_the_profile():
@@ -32,7 +32,7 @@ def test_a_scheduled_clock_follows_the_profile():
     assert (first, found) == (int(np.flatnonzero(inside)[0]), pytest.approx(starts[inside]))
     assert clock.cycles_until(0.2) == pytest.approx(21.0 / TURN)
     assert (clock.start_of(9), clock.cycle) == (pytest.approx(starts[9]), scene.system.cycle)
-    assert clock_of_scene(load_scene("fig02").system) == Uniform(load_scene("fig02").system.cycle)
+    assert clock_of_scene(load_scene("fig02").system) == Scheduled(load_scene("fig02").system.cycle)
 
 
 STARTS = np.array([0.3, 0.4, 0.51, 0.8, 0.9, 1.3])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.measured.engine_clock import Tracked, Uniform
+from tcc_sim.analysis.measured.engine_clock import Scheduled, Tracked
 from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.analysis.steady.summary import cycles_of
 from tcc_sim.errors import InputError
@@ -199,7 +199,7 @@ def test_of_runs_with_as_many_cycles_the_last_is_the_longest():
 
 
 def test_slices_of_time_have_extremes_and_no_period():
-    stream = CycleStream(TENTH, Uniform(0.1, identified=False))
+    stream = CycleStream(TENTH, Scheduled(0.1, identified=False))
     stream.feed(*rising(np.arange(3050), 0.0))
     summary = stream.summary(7)
     assert (summary.period, summary.settled, summary.cycles, summary.broken, summary.discarded) == (0, False, 0, 0, 0)

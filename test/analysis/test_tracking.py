@@ -27,7 +27,7 @@ from tcc_sim.analysis.loop.tracking import (
     target_jumps,
     target_steps,
 )
-from tcc_sim.analysis.measured.engine_clock import Uniform
+from tcc_sim.analysis.measured.engine_clock import Scheduled
 from tcc_sim.errors import InputError
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.result import json_of
@@ -301,7 +301,7 @@ def loop(made: MadeUp, part: float = 1.0, sign: float = 1.0, frequency: float = 
     given = made.targets if isinstance(made.targets, tuple) else [
         (x, float(made.targets(x))) for x in np.arange(0.0, made.seconds * max(part, 1.0), 0.01).tolist()]
     times, values = np.array(given, dtype=np.float64).T
-    return loop_of(run, Uniform(2.0 * math.pi / frequency), Steps(times, sign * values),
+    return loop_of(run, Scheduled(2.0 * math.pi / frequency), Steps(times, sign * values),
                    None if pressure is None else pressure[kept], made.limits)
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.model.parameters import System
 from tcc_sim.recording.stamps import Break, StampCounter, Stamps
-from tcc_sim.solvers.per_cycle import cycle_starts, starts_of
+from tcc_sim.solvers.per_cycle import starts_of
 from tcc_sim.trajectory import Floats
 
 SLACK = 1e-9  # Part of a period of excitation by which a sample may miss the instant at which the cycle starts.
@@ -35,54 +35,30 @@ Stretch = tuple[int, Floats]
 
 
 @dataclass(frozen=True)
-class Uniform:
-    """Cycle n starts at t = n cycle, in every run.
+class Scheduled:
+    """Cycles of a frequency that is known in advance, in every run from its reset on: of a constant one at t = n cycle.
 
-    If not `identified`, slices of time replace unknown engine cycles: they have extremes, but neither section nor
-    period.
+    cycle : length, s; the shortest one if they differ
+    identified : False for slices of time in place of unknown cycles: they have extremes, but neither section nor period
+    system : of a scene whose frequency varies in time; None without
     """
 
     cycle: float
     identified: bool = True
+    system: System | None = None
 
     def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
         """Return the stretches as `EngineClock`."""
-        first = math.ceil(begin / self.cycle - SLACK)
-        return [(first, cycle_starts(first, end, self.cycle))]
+        first = math.ceil(self.cycles_until(begin) - SLACK)
+        return [(first, starts_of(self.system, first, end, self.cycle))]
 
     def cycles_until(self, t: float) -> float:
         """Return the number of cycles from time 0 to t, s."""
-        return t / self.cycle
+        return t / self.cycle if self.system is None else float(self.system.cycles_until(t))
 
     def start_of(self, number: int) -> float:
         """Return the start of a cycle, s."""
-        return number * self.cycle
-
-
-@dataclass(frozen=True)
-class Scheduled:
-    """Cycles of a scene with a frequency that varies in time, in every run from its reset on."""
-
-    system: System
-    identified: bool = True
-
-    @property
-    def cycle(self) -> float:
-        """Shortest cycle, s."""
-        return self.system.cycle
-
-    def stretches(self, run: int, begin: float, end: float) -> list[Stretch]:
-        """Return the stretches as `EngineClock`."""
-        first = math.ceil(self.system.cycles_until(begin) - SLACK)
-        return [(first, starts_of(self.system, first, end))]
-
-    def cycles_until(self, t: float) -> float:
-        """Return the number of cycles from time 0 to t, s."""
-        return float(self.system.cycles_until(t))
-
-    def start_of(self, number: int) -> float:
-        """Return the start of a cycle, s."""
-        return float(self.system.cycle_start(number))
+        return number * self.cycle if self.system is None else float(self.system.cycle_start(number))
 
 
 @dataclass(frozen=True)
@@ -113,7 +89,7 @@ class Tracked:
         return stretches
 
 
-EngineClock = Uniform | Scheduled | Tracked
+EngineClock = Scheduled | Tracked
 """Engine cycles of every run of a recording.
 
 `cycle` is a typical length, s; `identified` is False for slices of time instead of cycles; `stretches` returns the
@@ -123,7 +99,7 @@ cycles of a run that start between two times, s, one stretch for each group of c
 
 def clock_of_scene(system: System) -> EngineClock:
     """Return the engine cycles for the torque and frequency of a scene."""
-    return Uniform(system.cycle) if system.profile is None else Scheduled(system)
+    return Scheduled(system.cycle, system=None if system.profile is None else system)
 
 
 class Block(NamedTuple):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.measured.engine_clock import SLACK, EngineClock, Scheduled, Tracked, clock_of_scene
+from tcc_sim.analysis.measured.engine_clock import SLACK, EngineClock, Tracked, clock_of_scene
 from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.analysis.steady.summary import (
     CycleTimes,
@@ -296,8 +296,7 @@ class CycleStream:
     def _cycle_times_of(self, cycles: Cycles, first: int) -> CycleTimes:
         """Return the timing of cycles; without a scene's profile, their lengths show changes of the excitation."""
         if not isinstance(self.clock, Tracked):
-            system = self.clock.system if isinstance(self.clock, Scheduled) else None
-            return cycle_times_of(system, self.clock.cycle, first, len(cycles))
+            return cycle_times_of(self.clock.system, self.clock.cycle, first, len(cycles))
         cycle = lengths_of(cycles)
         drifts = np.flatnonzero(np.abs(cycle / np.median(cycle[-AT_THE_END:]) - 1.0) > DRIFTING)
         return CycleTimes(cycle, first, varied=int(drifts[-1]) + 1 if len(drifts) else 0)
