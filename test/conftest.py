@@ -76,7 +76,7 @@ def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capt
 
 
 @pytest.fixture
-def pictures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+def laid_out(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Every figure that is saved, laid out but not rendered; its file is empty. Skips without matplotlib."""
     figure = pytest.importorskip("matplotlib.figure")
     from matplotlib.ticker import FixedLocator
@@ -91,3 +91,10 @@ def pictures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
     monkeypatch.setattr(figure.Figure, "savefig", keep)
     return saved
+
+
+@pytest.fixture
+def pictures(laid_out: list[Any], monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """The same without a layout, which takes longer than everything else: for tests of what is drawn, not of where."""
+    monkeypatch.setattr("matplotlib.figure.Figure.get_layout_engine", lambda drawn: None)
+    return laid_out

@@ -13,6 +13,7 @@ from tcc_sim.cli import VERBS, build_parser, main
 from tcc_sim.scene import load_scene
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+from matplotlib.text import Text
 
 ELSEWHERE = {"demo", "watch", "control", "recover", "import", "realtime", "claims", "precision", "stability", "figure",
              "scenes", "plot", "fmu"}
@@ -102,8 +103,13 @@ def folder(tmp_path_factory):
     return made
 
 
+def look_of(drawn):
+    """Size of a picture, and its words with their sizes."""
+    return *drawn.get_size_inches(), *((text.get_text(), text.get_size()) for text in drawn.findobj(Text))
+
+
 @pytest.fixture
-def seen(folder, monkeypatch, capsys):
+def seen(folder, monkeypatch, capsys, pictures):
     """Function that runs a line in the folder and returns what a user sees of it: words, results, arrays, picture."""
     monkeypatch.chdir(folder)
 
@@ -115,9 +121,11 @@ def seen(folder, monkeypatch, capsys):
             out, err = capsys.readouterr()
             files = {path.suffix: path.read_bytes() for path in folder.glob("a.*")}
             arrays = dict(np.load("a.npz")) if ".npz" in files else {}
+            assert len(pictures) == (".png" in files)
             SEEN[line] = (status, err.count("\n"), re.sub(r"[\d.e-]+ s\b", "", out),
                           without_times(json.loads(files.get(".json", "{}"))),
-                          {name: array.shape for name, array in arrays.items()}, files.get(".png"))
+                          {name: array.shape for name, array in arrays.items()}, [*map(look_of, pictures)])
+            pictures.clear()
         return SEEN[line]
 
     return run

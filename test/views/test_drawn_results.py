@@ -237,13 +237,15 @@ CASES: dict[str, tuple[Any, Callable[[Any], None]]] = {
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("width", ["column", "page"])
-@pytest.mark.parametrize("name", CASES)
-def test_a_result_is_drawn_by_its_numbers(name: str, width: str, pictures: list[Any], tmp_path: Path) -> None:
-    """With a quantity and its unit along every axis, legends beside the data, and nothing cut off."""
+@pytest.mark.parametrize(("name", "width"), [*((name, "column") for name in CASES), *(
+    (name, "page") for name in ("orders", "comparison", "spectrum", "grid", "scatter", "band", "fit", "scene"))])
+def test_a_result_is_drawn_by_its_numbers(name: str, width: str, laid_out: list[Any], tmp_path: Path) -> None:
+    """With a quantity and its unit along every axis, legends beside the data, and nothing cut off. Over a page differ
+    the pictures with panels beside each other.
+    """
     result, numbers = CASES[name]
     tcc_sim.plot(result, tmp_path / "a.png", width, title="a title of a picture")
-    drawn, = pictures
+    drawn, = laid_out
     assert drawn.get_figwidth() == {"column": 3.5, "page": 7.2}[width]
     numbers(drawn)
     check(drawn)

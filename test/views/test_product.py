@@ -60,7 +60,6 @@ def over_time(drawn: Any, t: Any, columns: Any, summary: dict[str, Any], toleran
             if np.isfinite(sample).all():
                 at = np.array(sample)[:, None] / [[np.nanmax(np.abs(angle))], [np.nanmax(np.abs(height))]]
                 assert np.nanmin(np.abs(place - at).max(axis=0)) < 1e-6 + tolerance
-    check(drawn)
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -82,28 +81,29 @@ def test_simulate_draws_the_run_of_its_own_solver(solver: str, pictures: list[An
     assert np.isin(largest, whole).all()
 
 
-def test_a_run_without_samples_shows_its_section_and_maxima_alone(pictures: list[Any], tmp_path: Path) -> None:
+def test_a_run_without_samples_shows_its_section_and_maxima_alone(laid_out: list[Any], tmp_path: Path) -> None:
     run = tcc_sim.solve("slip", cycles=60, solver="bdf", rtol=1e-2)
     for result in (run, tcc_sim.simulate("apply")):
         tcc_sim.plot(result, tmp_path / "a.png", force=True)
-    shown = panels(pictures[0])
+    shown = panels(laid_out[0])
     assert list(shown) == ["Phase portrait", "Maxima"]
     (angle, slip), = curves(shown["Phase portrait"]).values()
     last = run.solved_cycles.section[-len(slip):]
     assert sorted(zip(angle, slip)) == sorted(zip(last[:, 1], last[:, 0]))
-    assert "Torques" not in panels(pictures[1])
-    for drawn in pictures:
+    assert "Torques" not in panels(laid_out[1])
+    for drawn in laid_out:
         check(drawn)
 
 
 @pytest.mark.parametrize(("scene", "duration"), [("apply", "1"), ("runup", "4"), ("tip_in", "2.37")])
-def test_a_manoeuvre_is_drawn_whole(scene: str, duration: str, pictures: list[Any], tmp_path: Path) -> None:
+def test_a_manoeuvre_is_drawn_whole(scene: str, duration: str, laid_out: list[Any], tmp_path: Path) -> None:
     words = ["simulate", scene, "--duration", duration]
     assert main([*words, "--json", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png")]) == 0
     assert main([*words, "--out", str(tmp_path / "a.npz")]) == 0
     summary, run = json.loads((tmp_path / "a.json").read_text()), samples_of(tmp_path / "a.npz")
-    drawn, shown = pictures[0], panels(pictures[0])
+    drawn, shown = laid_out[0], panels(laid_out[0])
     over_time(drawn, run["t"], run, summary, 1e-6)
+    check(drawn)
     (t, shaft), = curves(shown["Shaft torque"]).values()
     driveline = tcc_sim.load_scene(scene).system.driveline
     torque = driveline.damping * run["plate_speed"] + driveline.stiffness * run["plate_angle"]
@@ -158,7 +158,7 @@ def test_a_run_under_commands_is_drawn_as_it_was(name: str, pictures: list[Any],
         assert (t.tolist(), target.tolist()) == ([0.0, 0.7, run.t[-1]], [20.0, 25.0, 25.0])
 
 
-def test_an_input_table_is_drawn_beside_its_measurement(pictures: list[Any], tmp_path: Path) -> None:
+def test_an_input_table_is_drawn_beside_its_measurement(laid_out: list[Any], tmp_path: Path) -> None:
     t = np.linspace(0.0, 1.2, 2401)
     columns = t, 300.0 + 250.0 * np.sin(150.0 * t), 10.0 + np.sin(150.0 * t)
     for name, count in (("a", 3), ("b", 2)):
@@ -167,14 +167,16 @@ def test_an_input_table_is_drawn_beside_its_measurement(pictures: list[Any], tmp
         assert main(["simulate", "fig02", "--inputs", str(tmp_path / f"{name}.csv"), "--hold", "linear", "--plot",
                      str(tmp_path / f"{name}.png"), "--json", str(tmp_path / f"{name}.json"), "--out",
                      str(tmp_path / f"{name}.npz")]) == 0
-    run, shown = samples_of(tmp_path / "a.npz"), panels(pictures[0])
+    run, shown = samples_of(tmp_path / "a.npz"), panels(laid_out[0])
     for title in ("Start", "End"):
         passes(curves(shown[title])["simulated"], run["t"], run["slip_speed"])
         passes(curves(shown[title])["recorded"], t, columns[2])
     (at, apart), = curves(shown["Simulated less recorded"]).values()
     np.testing.assert_allclose(apart, np.interp(at, run["t"], run["slip_speed"]) - 10.0 - np.sin(150.0 * at), atol=0.3)
     run = samples_of(tmp_path / "b.npz")
-    over_time(pictures[1], run["t"], run, json.loads((tmp_path / "b.json").read_text()))
+    over_time(laid_out[1], run["t"], run, json.loads((tmp_path / "b.json").read_text()))
+    for drawn in laid_out:
+        check(drawn)
 
 
 @pytest.fixture(scope="module")
@@ -242,19 +244,19 @@ def test_a_recording_is_drawn_with_its_gaps(lost: str, part: bool, rows: list[An
         assert all(np.isfinite(np.array(strip, float)).all() for strip in strips or [] if len(np.shape(strip)) == 2)
 
 
-def test_a_state_that_is_no_number_is_a_gap(rows: list[Any], pictures: list[Any], tmp_path: Path) -> None:
+def test_a_state_that_is_no_number_is_a_gap(rows: list[Any], laid_out: list[Any], tmp_path: Path) -> None:
     unknown = [row if k not in range(2900, 2930) else (row[0], *[np.nan] * 6, row[-1]) for k, row in enumerate(rows)]
     recording = bag(tmp_path / "run", unknown, "fig02")
     assert main(["analyse", str(recording), "--plot", str(tmp_path / "a.png"), "--rrd", str(tmp_path / "a.rrd")]) == 0
-    axis = panels(pictures[0])["Slip speed"]
+    axis = panels(laid_out[0])["Slip speed"]
     assert broken(curves(axis)["slip speed"], 2.8999, 2.9299)
     assert not any(begin < 2.9295 and end > 2.8995 for begin, end in shaded(axis))
     shown = shown_in_rerun(tmp_path / "a.rrd")
     assert broken(rerun_line(shown["/slip/speed"]), 2.8991, 2.9299)
-    check(pictures[0])
+    check(laid_out[0])
 
 
-def test_events_and_held_signals_stand_at_their_times(pictures: list[Any], tmp_path: Path) -> None:
+def test_events_and_held_signals_stand_at_their_times(laid_out: list[Any], tmp_path: Path) -> None:
     """A change at 1.2 s in a recording with losses; a target and a pressure that last changed early."""
     scene, said = tcc_sim.load_scene("commands").with_values({"command_timeout": 0.0}), []
     rows = ticked(scene, 2000, pressure=lambda k: 2e5 if k < 300 else 2.5e5, said=said,
@@ -264,7 +266,7 @@ def test_events_and_held_signals_stand_at_their_times(pictures: list[Any], tmp_p
     recording = bag(tmp_path / "run", kept, scene, said=[(row - 60, text) for _, text in said], targets=[(100, 20.0)])
     words = ["analyse", str(recording), "--frequency", "150", "--rrd", str(tmp_path / "a.rrd")]
     assert main([*words, "--plot", str(tmp_path / "a.png")]) == 0
-    shown, end = panels(pictures[0]), 1.999
+    shown, end = panels(laid_out[0]), 1.999
     means = shown["Cycle mean of the slip speed"]
     assert curves(means)["target"][0][-1] == pytest.approx(end)
     assert curves(shown["Actuation pressure"])["applied"][0][-1] == pytest.approx(end)
@@ -276,6 +278,7 @@ def test_events_and_held_signals_stand_at_their_times(pictures: list[Any], tmp_p
         assert rerun_line(in_rerun[entity])[0][-1] == pytest.approx(end)
     marked, = [at for at, _ in in_rerun["/event/mark"] if np.isfinite(at)]
     assert marked == pytest.approx(1.2, abs=3e-3)
+    check(laid_out[0])
 
 
 CHANGES = {"friction.static_coefficient": 0.4, "friction.kinetic_coefficient": 0.2, "converter.coupling": 3.0,
@@ -352,15 +355,15 @@ def test_a_half_order_of_a_table_is_in_its_spectrum(order: float, phase: float, 
             assert at[place] == pytest.approx(height, rel=0.01)
 
 
-def test_points_of_a_sweep_are_runs_by_themselves(pictures: list[Any], tmp_path: Path) -> None:
+def test_points_of_a_sweep_are_runs_by_themselves(laid_out: list[Any], tmp_path: Path) -> None:
     swept = tcc_sim.sweep("slip", "engine.torque_amplitude", [10.0, 20.0, 40.0], cycles=40)
     tcc_sim.plot(swept, tmp_path / "a.png")
-    x, y = curves(panels(pictures[0])["Maxima"])["0"]
+    x, y = curves(panels(laid_out[0])["Maxima"])["0"]
     for value, largest in zip(x, y):
         run: Trajectory = tcc_sim.solve(tcc_sim.load_scene("slip").with_values({"engine.torque_amplitude": value}),
                                         cycles=40, samples_per_cycle=400)
         assert largest == pytest.approx(np.abs(run.slip_speed[20 * 400:]).max(), rel=1e-4)
-    check(pictures[0])
+    check(laid_out[0])
 
 
 def test_a_bode_plot_shows_frequencies_in_hertz_beside_speeds_in_rpm(pictures: list[Any], tmp_path: Path) -> None:
@@ -381,10 +384,11 @@ def test_a_bode_plot_shows_frequencies_in_hertz_beside_speeds_in_rpm(pictures: l
         assert numbers == pytest.approx(ticks / factor, rel=1e-2)
 
 
-def test_a_trajectory_keeps_its_samples_in_every_unit(pictures: list[Any], tmp_path: Path) -> None:
+def test_a_trajectory_keeps_its_samples_in_every_unit(laid_out: list[Any], tmp_path: Path) -> None:
     run = tcc_sim.solve("minimal", cycles=20, samples_per_cycle=2000)
     for units, unit in (("rad", "rad/s"), ("rpm", "rpm"), ("hz", "Hz")):
         tcc_sim.plot(replace(run, cycles=None), tmp_path / f"{units}.png", units=units)
-        axis = panels(pictures[-1])["Slip speed"]
+        axis = panels(laid_out[-1])["Slip speed"]
         assert axis.get_ylabel().replace("\n", " ") == f"slip speed ({unit})"
         assert passes(curves(axis)["slip speed"], run.t, run.slip_speed) > 6000
+        check(laid_out[-1])

@@ -55,13 +55,16 @@ def test_a_style_file_is_read_line_by_line(text: str | None, settings: dict[str,
         style.use_file(None)
 
 
-@pytest.mark.parametrize("width", [style.COLUMN, style.PAGE])
-@pytest.mark.parametrize("below", [False, True])
-@pytest.mark.parametrize("names", [["a", "b"], ["a long name of a line"] * 4, [f"{'n' * 20}{k}" for k in range(9)],
-                                   ["n" * 38]])
-@pytest.mark.parametrize("title", ["t", "a title of a panel with a number of words in it"])
-def test_legends_and_titles_have_room(title: str, names: list[str], below: bool, width: float, tmp_path: Path) -> None:
-    """Whatever their length, within the picture and beside each other."""
+FEW, LONG, MANY, ONE = ["a", "b"], ["a long name of a line"] * 4, [f"{'n' * 20}{k}" for k in range(9)], ["n" * 38]
+WORDS = "a title of a panel with a number of words in it"
+
+
+@pytest.mark.parametrize(("names", "title", "below", "width"), [
+    (FEW, "t", False, style.COLUMN), (FEW, WORDS, True, style.PAGE), (LONG, WORDS, False, style.PAGE),
+    (LONG, "t", True, style.COLUMN), (MANY, "t", True, style.PAGE), (MANY, WORDS, False, style.COLUMN),
+    (ONE, WORDS, True, style.COLUMN), (ONE, "t", False, style.PAGE)])
+def test_legends_and_titles_have_room(names: list[str], title: str, below: bool, width: float, tmp_path: Path) -> None:
+    """Whatever their length, within the picture and beside each other; every pair of the four is here."""
     with style.figure(width, 8.0, f"picture {title} {title}") as drawn:
         axes = drawn.subplots(2, 1)
         for axis in axes:

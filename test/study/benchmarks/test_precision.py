@@ -179,7 +179,7 @@ def test_tables_have_the_numbers_of_the_rows():
     assert [rows[-1] for rows in (blocks[-1][2], blocks[-1][3])] == ["not compiled"] * 2
 
 
-def test_the_command_writes_what_it_promises(tmp_path, pictures):
+def test_the_command_writes_what_it_promises(tmp_path, laid_out):
     folder = tmp_path / "out"
     words = ["precision", "--quick", "--scenes", "minimal, set-valued", "--width", "column", "--out", str(folder)]
     assert main(words) == 0
@@ -188,17 +188,17 @@ def test_the_command_writes_what_it_promises(tmp_path, pictures):
     assert {r["solver"] for r in document["results"]} == {"event_driven"}
     assert all(row.keys() <= FIELDS.keys() for row in (*document["scenes"], *document["results"]))
     assert {path.name for path in folder.iterdir()} == {f"precision.{end}" for end in ("json", "md", "png", "svg")}
-    rows, keys, whole = document["results"], ("error_final", "error_section", "error_max_slip"), pictures[0]
+    rows, keys, whole = document["results"], ("error_final", "error_section", "error_max_slip"), laid_out[0]
     assert shows(whole, [r["seconds"] for r in rows], [max(1e-16, *(r[k] for k in keys)) for r in rows])
     check(whole)
     again = ["plot", str(folder / "precision.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
     assert main(again) == 0
-    assert len(same_pictures([whole, pictures[-1]], whole.get_figwidth())) > 1
+    assert len(same_pictures([whole, laid_out[-1]], whole.get_figwidth())) > 1
     names = [case.name for case in precision.cases(with_fields(TINY, scenes=()))]
     document["scenes"] = [document["scenes"][0] | {"scene": name} for name in names]
     (tmp_path / "all.json").write_text(json.dumps(document))
     assert main(["plot", str(tmp_path / "all.json"), "--plot", str(tmp_path / "all.png")]) == 0
-    check(pictures[-1])
+    check(laid_out[-1])
     assert main(words) == 2
 
 

@@ -74,7 +74,7 @@ def written(number: int, folder: Path, *words: str) -> dict[str, Any]:
     return valid("figure", json.loads((folder / f"fig{number:02d}.json").read_text()))
 
 
-def test_the_law_of_fig_3_by_hand(tmp_path: Path, pictures: list[Any]) -> None:
+def test_the_law_of_fig_3_by_hand(tmp_path: Path, laid_out: list[Any]) -> None:
     """mubar = tanh(sigma v) (1 + (r - 1) exp(-alpha |v|)), its slope by differences, and the slip branch of (6)."""
     data = written(3, tmp_path, "--width", "column", "--title", "Friction")
     v, near = np.array(data["slip_speed"]), np.array(data["near_slip_speed"])
@@ -91,12 +91,12 @@ def test_the_law_of_fig_3_by_hand(tmp_path: Path, pictures: list[Any]) -> None:
         top = np.linspace(0.0, 0.5, 500_001)
         assert ratio == 1.0 or curve["peak"] == pytest.approx(law(top).max(), rel=1e-9)
         assert (curve["peak_slip_speed"] is None) == (ratio == 1.0)
-        assert shows(pictures[0], v, curve["coefficient"])
-        assert shows(pictures[0], near, curve["near_slope"])
-    check(pictures[0])
+        assert shows(laid_out[0], v, curve["coefficient"])
+        assert shows(laid_out[0], near, curve["near_slope"])
+    check(laid_out[0])
     again = ["plot", str(tmp_path / "fig03.json"), "--plot", str(tmp_path / "a.png"), "--width", "column"]
     assert main(again) == 0
-    same_pictures([pictures[0], pictures[-1]], pictures[0].get_figwidth())
+    same_pictures([laid_out[0], laid_out[-1]], laid_out[0].get_figwidth())
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.png", "fig03.json", "fig03.png", "fig03.svg"]
     (tmp_path / "fig03.png").write_text("mine")
     assert main(["figure", "3", "--out", str(tmp_path)]) == 2
@@ -104,7 +104,7 @@ def test_the_law_of_fig_3_by_hand(tmp_path: Path, pictures: list[Any]) -> None:
     assert main(["figure", "3", "--out", str(tmp_path), "--force"]) == 0
 
 
-def test_the_curves_of_a_map_are_those_of_a_solve_by_scipy(tmp_path: Path, pictures: list[Any]) -> None:
+def test_the_curves_of_a_map_are_those_of_a_solve_by_scipy(tmp_path: Path, laid_out: list[Any]) -> None:
     """Fig. 13 at two frequencies, a hundred cycles from (13), of which the first fifty are dropped."""
     data = written(13, tmp_path)
     assert (data["axis"], data["x"][0], data["x"][-1]) == ("omega/omega_n", 0.05, 0.5)
@@ -119,15 +119,15 @@ def test_the_curves_of_a_map_are_those_of_a_solve_by_scipy(tmp_path: Path, pictu
         assert min(abs(section - x) for x in curve["theta2"][k]) < 1e-4
     for curve in data["curves"]:
         settled = [m if s else None for m, s in zip(curve["max_slip_speed"], curve["settled"])]
-        assert shows(pictures[0], data["x"], np.array(settled, float))
-    check(pictures[0])
+        assert shows(laid_out[0], data["x"], np.array(settled, float))
+    check(laid_out[0])
 
 
 @pytest.mark.parametrize(("number", "kind", "words"), [
     (5, "damping", ()), (6, "orbit", ("--law", "set_valued", "--direction", "down")),
     (8, "map", ("--law", "set_valued", "--width", "column", "--branches"))])
 def test_every_kind_of_sweep_is_written_and_drawn(number: int, kind: str, words: tuple[str, ...], tmp_path: Path,
-                                                  pictures: list[Any]) -> None:
+                                                  laid_out: list[Any]) -> None:
     data = written(number, tmp_path, *words)
     row = FIGURES[number]
     assert (data["figure"], data["kind"], data["law"]) == (number, kind, "smoothed" if number == 5 else "set_valued")
@@ -137,30 +137,30 @@ def test_every_kind_of_sweep_is_written_and_drawn(number: int, kind: str, words:
     for curve in data["curves"]:
         settled = [m if s and not r else None for m, s, r in zip(curve["max_slip_speed"], curve["settled"],
                                                                  curve["runaway"])]
-        assert kind == "orbit" or shows(pictures[0], data["x"], np.array(settled, float))
+        assert kind == "orbit" or shows(laid_out[0], data["x"], np.array(settled, float))
         if kind == "orbit":
             points = [(x, angle) for x, values, s in zip(data["x"], curve["theta2"], curve["settled"])
                       for angle in (values or ())[:20] if s]
-            assert shows(pictures[0], *zip(*points))
+            assert shows(laid_out[0], *zip(*points))
         if kind == "damping":
             assert data["threshold"] == -0.6
-            assert shows(pictures[0], data["x"], np.array(curve["negative_slope_mean"], float))
+            assert shows(laid_out[0], data["x"], np.array(curve["negative_slope_mean"], float))
         for values in curve["theta2"] if kind != "damping" else ():
             assert values is None or len(values) >= 30
         assert ("--branches" in words) == bool(curve.get("branches"))
         for branch in curve.get("branches", ()):
             stable = [m if s else math.nan for m, s in zip(branch["max_slip_speed"], branch["stable"])]
             points = np.array([x / OMEGA_N for x in branch["value"]]), np.array(stable, float)
-            assert shows(pictures[0], *points, rtol=1e-6) or branch["period"] > 1
-    check(pictures[0])
+            assert shows(laid_out[0], *points, rtol=1e-6) or branch["period"] > 1
+    check(laid_out[0])
 
 
 @pytest.mark.parametrize(("number", "words"), [(9, ("--width", "column")), (12, ())])
 def test_time_histories_are_those_of_scipy(number: int, words: tuple[str, ...], tmp_path: Path,
-                                           pictures: list[Any]) -> None:
+                                           laid_out: list[Any]) -> None:
     """By the largest slip speed; the periods of Fig. 12 are those of (35), the halves of Fig. 9 by the paper's text."""
     data = written(number, tmp_path, *words)
-    assert all(shows(pictures[0], panel["t"], panel["slip_speed"]) for panel in data["panels"])
+    assert all(shows(laid_out[0], panel["t"], panel["slip_speed"]) for panel in data["panels"])
     states = smoothed_states(paper_system(FIGURES[number].series[0].values), [150.0, 0.0, 0.0, 0.0], 60, 100, rtol=1e-6)
     assert np.abs(data["panels"][0]["slip_speed"]).max() == pytest.approx(np.abs(states[-400:, 0]).max(), rel=0.01)
     if number == 12:
@@ -168,10 +168,10 @@ def test_time_histories_are_those_of_scipy(number: int, words: tuple[str, ...], 
     if number == 9:
         parts = [panel["first_half"] for panel in data["panels"]]
         assert min(parts[:2]) > 0.8 > 0.2 > max(parts[2:])
-    check(pictures[0])
+    check(laid_out[0])
 
 
-def test_figure_2_shows_where_each_law_settles(tmp_path: Path, pictures: list[Any]) -> None:
+def test_figure_2_shows_where_each_law_settles(tmp_path: Path, laid_out: list[Any]) -> None:
     """From (13): the paper's smoothing in period one, a sharper one and the set-valued law in period two."""
     data = written(2, tmp_path)
     assert [(s["period"], s["settled"]) for s in data["steady"]] == [(1, True), (2, True), (2, True)]
@@ -180,10 +180,10 @@ def test_figure_2_shows_where_each_law_settles(tmp_path: Path, pictures: list[An
     assert v[0] == pytest.approx(v[-1], abs=1e-4)  # The solvers start on this motion: its cycle closes.
     t = np.array(data["curves"][0]["t"]) * data["cycle"]
     for curve in data["curves"]:
-        assert shows(pictures[0], t[:len(curve["t"])], curve["slip_speed"]) or curve["solver"] != "smoothed"
+        assert shows(laid_out[0], t[:len(curve["t"])], curve["slip_speed"]) or curve["solver"] != "smoothed"
     close = {c["solver"]: c["rms_difference"] for c in data["curves"]}
     assert max(close["rk45"], close["bdf"]) < 1e-3
-    check(pictures[0])
+    check(laid_out[0])
 
 
 def test_a_spike_of_a_cold_start_is_apart_from_the_coexisting_motion() -> None:
