@@ -75,7 +75,7 @@ def with_metadata(folder: Path) -> Path:
     return again
 
 
-@pytest.fixture(scope="module", params=CONTENTS)
+@pytest.fixture(scope="module")
 def original(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Any]:
     make, options = CONTENTS[request.param]
     folder = tmp_path_factory.mktemp("imported")
@@ -85,7 +85,9 @@ def original(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     return request.param, with_metadata(folder / "run"), analysed(folder / "run", *options, "--scene", str(scene))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("original", "kind"), [
+    *(("another program", kind) for kind in KINDS), ("named runs", "bag"), ("named runs", "ros1.bag"),
+    ("named runs", "mcap"), ("version 1.0", "bag"), ("version 1.0", "bag of messages")], indirect=["original"])
 def test_an_imported_bag_has_the_figures_of_the_original(tmp_path: Path, original: tuple[str, Path, Any],
                                                          kind: str, refused: Callable[..., str],
                                                          capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,17 +29,22 @@ def read(path, most=10**6):
     return columns, " ".join(notes)
 
 
+@cache
+def body(count, delimiter, comma, quote):
+    """All but the last row of a table of two columns after a text column."""
+    remark = "lost #7" if delimiter == "," else "lost, #7"
+    rows = [delimiter.join([f"{quote}{0.001 * k:.3f}{quote}", remark, f"{quote}{k + 0.5:.15f}{quote}"])
+            for k in range(count)]
+    text = "\n".join([delimiter.join(["t", "remark", "engine_torque"]), *rows])
+    return text.replace(".", ",") if comma else text
+
+
 @pytest.fixture
 def lines(tmp_path):
-    """Function that writes a table of two columns after a text column, with a last row of its own."""
+    """Function that writes the table with a last row of its own."""
     def write(count, delimiter, comma, last, quote=""):
-        rows = [f"{quote}{0.001 * k:.3f}{quote}{delimiter}lost, #7" if delimiter != "," else
-                f"{quote}{0.001 * k:.3f}{quote}{delimiter}lost #7" for k in range(count)]
-        body = [f"{row}{delimiter}{quote}{k + 0.5:.15f}{quote}" for k, row in enumerate(rows)]
-        text = "\n".join([delimiter.join(["t", "remark", "engine_torque"]), *body])
-        text = text.replace(".", ",") if comma else text
         path = tmp_path / "x.csv"
-        path.write_text(f"{text}\n{last}\n")
+        path.write_text(f"{body(count, delimiter, comma, quote)}\n{last}\n")
         return path
     return write
 
