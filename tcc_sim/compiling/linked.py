@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from functools import cache
 from types import FunctionType
 from typing import Any
@@ -169,39 +168,18 @@ def _machine() -> Any:
         codemodel="jitdefault", jit=True)
 
 
-@contextmanager
-def _hurrying(context: Any) -> Iterator[None]:
-    """Save an eighth of Numba's time: cache the types of functions, and pause Python's garbage collector."""
-    resolve, collects = context.resolve_function_type, gc.isenabled()
-    resolutions: dict[Any, Any] = {}
-
-    def resolved(function: Any, arguments: Any, keywords: Any) -> Any:
-        key = function, tuple(arguments), tuple(dict(keywords).items())
-        try:
-            if key not in resolutions:
-                resolutions[key] = resolve(function, arguments, keywords)
-            return resolutions[key]
-        except TypeError:  # A slice among the arguments is not hashable.
-            return resolve(function, arguments, keywords)
-
-    context.resolve_function_type = resolved
-    gc.disable()
-    try:
-        yield
-    finally:
-        del context.resolve_function_type
-        if collects:
-            gc.enable()
-
-
 @global_compiler_lock  # type: ignore[untyped-decorator]
 def machine_code(function: Any, arguments: tuple[Any, ...]) -> bytes:
     """Return the machine code of a kernel for arguments like these, behind two lines: the `struct` format of its result
     (in brackets for a tuple), and the names of the C functions that it needs.
     """
-    kinds = tuple(map(numba.typeof, arguments))
-    with _hurrying(function.typingctx):
+    kinds, collects = tuple(map(numba.typeof, arguments)), gc.isenabled()
+    gc.disable()  # It would take a tenth of the time.
+    try:
         function.compile(kinds)
+    finally:
+        if collects:
+            gc.enable()
     made = function.overloads[kinds]
     codegen = made.target_context.codegen()
     module = codegen._create_empty_module("kernel")

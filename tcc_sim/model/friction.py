@@ -175,21 +175,15 @@ def peak(sigma: float, stribeck: Stribeck) -> tuple[float, float]:
         high = onset(math.log(excess) / (decay - 2.0 * sigma), _past_closest, 0.0, sigma, stribeck)
         if not _falls(high, sigma, stribeck):
             return math.inf, 1.0
-    low, high = _around(_fall, 1e-3 / sigma, high, sigma, stribeck)
-    v = onset(high, _falls, low, sigma, stribeck)
+    v = onset(high, _falls, 0.0, sigma, stribeck)
     return v, float(smoothed_coefficient(v, sigma, stribeck))
 
 
-def _fall(v: float, sigma: float, stribeck: tuple[float, ...]) -> float:
-    """Return the logarithm of the falling over the rising share of the slope of (7) with one exponential, at v > 0."""
+def _falls(v: float, sigma: float, stribeck: tuple[float, ...]) -> bool:
+    """Return whether (7) with one exponential falls at v > 0, by logarithms of the falling and the rising share."""
     push = stribeck[1] * v - math.log(stribeck[0])
     rising = math.log(4.0 * sigma / stribeck[1]) + max(push, 0.0) + math.log1p(math.exp(-abs(push)))
-    return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) - rising
-
-
-def _falls(v: float, sigma: float, stribeck: tuple[float, ...]) -> bool:
-    """Return whether (7) with one exponential falls at v > 0."""
-    return _fall(v, sigma, stribeck) > 0.0
+    return 2.0 * sigma * v + math.log(-math.expm1(-4.0 * sigma * v)) - rising > 0.0
 
 
 def _past_closest(v: float, sigma: float, stribeck: tuple[float, ...]) -> bool:
@@ -232,24 +226,6 @@ def fall_of_several(v: Any, sigma: float, stribeck: tuple[float, ...]) -> Any:
 def _several_fall(v: float, sigma: float, stribeck: tuple[float, ...]) -> bool:
     """Return whether (7) with several exponentials falls at v > 0."""
     return bool(fall_of_several(v, sigma, stribeck) > 0.0)
-
-
-def _around(f: Callable[..., float], low: float, high: float, *further: Any) -> tuple[float, float]:
-    """Return a narrow bracket of a root of f(x, *further), positive at `high`, by the Illinois method, else (0, high).
-    """
-    below, above = f(low, *further), f(high, *further)
-    if not below < 0.0:
-        return 0.0, high
-    for _ in range(40):
-        at = high - above * (high - low) / (above - below)
-        if not low < at < high or high - low < 1e-13 * high:
-            break
-        value = f(at, *further)
-        if value > 0.0:
-            high, above, below = at, value, 0.5 * below
-        else:
-            low, below, above = at, value, 0.5 * above
-    return low, high
 
 
 def onset(high: float, holds: Callable[..., bool], low: float = 0.0, *further: Any) -> float:
