@@ -18,6 +18,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -307,9 +308,14 @@ def _solve(problem: Problem, name: str) -> Trajectory:
     marks = np.union1d(samples[[0, -1]], np.minimum(ends, samples[-1]))
     spacing = min(problem.system.cycle, 2.0 * np.pi / problem.system.natural_frequency) / POINTS
     begin, end = problem.breaks()[:2]
-    solver_of: Callable[..., Any] = (
-        (lambda begin, end, _: FirstStep((end - begin) / max(math.ceil((end - begin) / step * (1.0 - 1e-12)), 1)))
-        if fixed else lambda begin, end, y: _solver(name, piece_of(terms, begin, end), begin, end, y, options))
+
+    def solver_of(begin: float, end: float, y: Floats) -> Any:
+        """Return SciPy's solver; for rk4 the length of the fewest equal steps to the end, as such a solver has it."""
+        if not fixed:
+            return _solver(name, piece_of(terms, begin, end), begin, end, y, options)
+        count = max(math.ceil((end - begin) / step * (1.0 - 1e-12)), 1)
+        return SimpleNamespace(h_abs=(end - begin) / count, rtol=0.0, atol=np.ones(4))
+
     solver_of(begin, end, y0)  # Compile what it calls.
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
@@ -341,16 +347,6 @@ def _solver(name: str, terms: Terms, begin: float, end: float, y: Floats, option
     if name in ("radau", "bdf", "lsoda"):
         options = {**options, "jac": jacobian_of(terms, len(y))}
     return METHODS[name](rates_of(terms, len(y)), begin, y, end, **options)
-
-
-class FirstStep(NamedTuple):
-    """Length of the first step, s, and tolerances, as the attributes of SciPy's solvers; rk4 takes the fewest equal
-    steps to the end.
-    """
-
-    h_abs: float
-    rtol: float = 0.0
-    atol: Floats = np.ones(4)
 
 
 def _compiled_through(name: str, solver_of: Any, problem: Problem, y: Floats, marks: Floats, samples: Floats,

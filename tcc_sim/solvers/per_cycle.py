@@ -70,16 +70,15 @@ LAYER = 7.0
 """Half width of the layer in which the smoothed law is stiff, in stick speeds: tanh is 1 to rounding beyond it."""
 
 
-def cycle_starts(first: int, end: float, cycle: float) -> Floats:
-    """Return the times n cycle, s, from n = `first` on, up to `end`: (m + 1,) starts and ends of m whole cycles."""
-    count = max(int(np.floor((end + 1e-9 * cycle) / cycle)) - first, 0)
-    return np.asarray((first + np.arange(count + 1)) * cycle, dtype=np.float64)
-
-
 def starts_of(system: System | None, first: int, end: float, cycle: float = 0.0) -> Floats:
-    """Return `cycle_starts` of a system, whose frequency may vary in time; without one cycles are `cycle` s long."""
+    """Return the times at which engine cycle `first` and later ones start, up to `end`, s: (m + 1,) for m whole cycles.
+
+    system : its frequency may vary in time; without one cycles are `cycle` s long
+    """
     if system is None or system.profile is None:
-        return cycle_starts(first, end, cycle if system is None else system.cycle)
+        cycle = cycle if system is None else system.cycle
+        count = max(int(np.floor((end + 1e-9 * cycle) / cycle)) - first, 0)
+        return np.asarray((first + np.arange(count + 1)) * cycle, dtype=np.float64)
     count = max(int(np.floor(system.cycles_until(end) + 1e-9)) - first, 0)
     return np.asarray(system.cycle_start(first + np.arange(count + 1)), dtype=np.float64)
 
@@ -131,7 +130,7 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     t : (n,) array, s, strictly increasing, not necessarily uniform; cycle ends need not be among them
     slip_speed, slip_acceleration : (n,) arrays, rad/s, rad/s^2
     plate_angle, plate_speed, plate_acceleration : (n,) arrays, rad, rad/s, rad/s^2
-    starts : (m + 1,) array, s, increasing: where the m cycles start, and where the last of them ends (`cycle_starts`)
+    starts : (m + 1,) array, s, increasing: where the m cycles start, and where the last of them ends (`starts_of`)
     stick_speed : |v| at or below which the clutch sticks, rad/s; 0 for the set-valued law, whose stick is v = 0 exactly
     linear : linear part, for the loads of clutch and shaft; None without them
     far : motion of the shaft's far end

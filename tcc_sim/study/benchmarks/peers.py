@@ -25,7 +25,7 @@ from tcc_sim.fmi.export import compiler
 from tcc_sim.model.equations import check_supported
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers.comparison import jacobian_of, rates_of
-from tcc_sim.solvers.per_cycle import cycle_starts, cycles_from_samples
+from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import rates_along, terms_of
 from tcc_sim.study.benchmarks.references import Floats, error_scales
 from tcc_sim.trajectory import State
@@ -195,7 +195,7 @@ def _largest(system: System, t: Floats, states: Floats) -> Floats:
     """Return the largest |slip speed| per cycle from cubics through samples of v and v'."""
     rates = rates_along(t, np.ascontiguousarray(states), terms_of(system))
     return cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
-                               starts=cycle_starts(0, float(t[-1]), system.cycle), stick_speed=STICK).largest
+                               starts=starts_of(system, 0, float(t[-1])), stick_speed=STICK).largest
 
 
 def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_cycle: int) -> str:
