@@ -19,6 +19,7 @@ class Panel(NamedTuple):
     over : whether it shares the horizontal axis of the panel above it
     alone : function that draws into an axis of another figure, if it differs
     named : whether its curves have a legend
+    close : whether it stands beside the panel before it in a column too
     """
 
     title: str
@@ -28,20 +29,28 @@ class Panel(NamedTuple):
     over: bool = False
     alone: Callable[[Any], object] | None = None
     named: bool = True
+    close: bool = False
 
 
 def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float = style.PAGE, *,
-            below: bool = False) -> Path:
-    """Draw panels with letters below each other, or beside each other where a page has room, to a file.
+            below: bool = False, caption: str = "", formulas: bool = False) -> Path:
+    """Draw panels with letters below each other, or beside each other where a page has room, to a file, or to
+    `path`.png and `path`.svg if it has no suffix.
 
     below : whether one legend of all panels stands below them, in place of legends above each
+    caption : lines below all panels
+    formulas : whether the title may have formulas
 
     Raise MissingPackage: matplotlib is not installed; InputError: another suffix.
     """
     rows = list(_rows(panels, style.wide(width)))
     heights = [max(panel.height for panel in row) for row in rows]
     columns = min(max(map(len, rows)), 2)  # Of more, each row has its own: all need room for labels and colour bars.
-    with style.figure(width, sum(heights) + 0.3 * bool(title), title) as drawn:
+    with style.figure(width, sum(heights) + 0.3 * bool(title) + 0.14 * len(caption.splitlines()), title) as drawn:
+        if formulas:
+            drawn._suptitle.set_parse_math(True)
+        if caption:
+            drawn.supxlabel(caption, x=0.01, ha="left", fontsize=6.8, color=style.GREY)
         grid = drawn.add_gridspec(len(rows), columns, height_ratios=heights)
         axes: list[Any] = []
         above: list[Any] = []
@@ -67,13 +76,13 @@ def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float =
         else:
             for axis in named:
                 style.legend_above(axis)
-        return style.save(drawn, path)
+        return style.save(drawn, path) if path.suffix else style.save_both(drawn, path)[0]
 
 
 def _rows(panels: Sequence[Panel], wide: bool) -> Iterator[list[Panel]]:
     row: list[Panel] = []
     for panel in panels:
-        if row and not (wide and panel.beside):
+        if row and not (panel.close or (wide and panel.beside)):
             yield row
             row = []
         row.append(panel)
