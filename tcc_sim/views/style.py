@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -283,7 +284,7 @@ def lay_out(drawn: Any) -> None:
 
 def panel_titles(axes: Sequence[Any], titles: Sequence[str]) -> None:
     """Title the panels (a), (b), ..., or one panel without a letter."""
-    for letter, axis, title in zip("abcdefghijklmnop", axes, titles):
+    for letter, axis, title in zip(ascii_lowercase, axes, titles):
         axis.set_title(f"({letter}) {title}" if len(axes) > 1 else title)
 
 
