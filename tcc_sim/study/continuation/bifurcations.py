@@ -61,57 +61,47 @@ Vectors = NDArray[Any]
 """Real or complex, (m, n): one for every segment."""
 
 
-class Bordered:
-    """An orbit's equations and further ones, as many as unknowns.
+def solve_bordered(linearise: Callable[[Floats], Linearised], u: Floats, size: int, reach: float,
+                   finest: float = LOCATED, left: float = 0.0) -> tuple[Floats, Linearised, float] | None:
+    """The solution near `u` of an orbit's equations and further ones, as many as unknowns, by Newton's method.
 
-    shooting : the equations of the orbit
-    left : share of the further residuals that a Newton step leaves, so as to stay on one side of a border
+    With the linearisation beside it and its error (last step, or residual of the further equations); None if Newton's
+    method fails or goes further than `reach`.
+
+    linearise : residual and Jacobian; the `size` equations of the orbit come first
     finest : Newton step below which a point is a solution
+    left : share of the further residuals that a Newton step leaves, so as to stay on one side of a border
     """
-
-    shooting: Shooting
-    finest: float
-    left: float = 0.0
-
-    def linearise(self, u: Floats) -> Linearised:
-        """Residual and Jacobian; the orbit's equations come first."""
-        raise NotImplementedError
-
-    def solved(self, u: Floats, reach: float = np.inf) -> tuple[Floats, Linearised, float] | None:
-        """The solution near `u`, the linearisation beside it, and its error (last step, or residual of the scalar).
-
-        The method returns None if Newton's method fails or goes further than `reach`.
-        """
-        size, start = self.shooting.size, u
-        try:
-            linearised = self.linearise(u)
-            for _ in range(BORDER_ITERATIONS):
-                value = float(np.abs(linearised.residual[size:]).max())
-                if value <= BORDER and float(np.abs(linearised.residual).max()) <= BORDER_RESIDUAL:
-                    return u, linearised, value
-                aim = -linearised.residual
-                if value > BORDER:
-                    aim[size:] *= 1.0 - self.left
-                step: Any = np.linalg.solve(linearised.jacobian, aim)
-                length = float(np.linalg.norm(step))
-                if length <= self.finest and value > BORDER:
-                    return u + step, linearised, length
-                new = None
-                for part in orbits.NEWTON_PARTS:
-                    try:
-                        new = self.linearise(u + part * step)
-                    except orbits.FAILURES:
-                        continue
-                    if float(np.abs(new.residual[size:]).max()) <= 2.0 * value + BORDER:
-                        break
-                else:
-                    return None
-                u, linearised = u + part * step, new
-                if float(np.linalg.norm(u - start)) > reach:
-                    return None
-        except orbits.FAILURES:
-            return None
+    start = u
+    try:
+        linearised = linearise(u)
+        for _ in range(BORDER_ITERATIONS):
+            value = float(np.abs(linearised.residual[size:]).max())
+            if value <= BORDER and float(np.abs(linearised.residual).max()) <= BORDER_RESIDUAL:
+                return u, linearised, value
+            aim = -linearised.residual
+            if value > BORDER:
+                aim[size:] *= 1.0 - left
+            step: Any = np.linalg.solve(linearised.jacobian, aim)
+            length = float(np.linalg.norm(step))
+            if length <= finest and value > BORDER:
+                return u + step, linearised, length
+            new = None
+            for part in orbits.NEWTON_PARTS:
+                try:
+                    new = linearise(u + part * step)
+                except orbits.FAILURES:
+                    continue
+                if float(np.abs(new.residual[size:]).max()) <= 2.0 * value + BORDER:
+                    break
+            else:
+                return None
+            u, linearised = u + part * step, new
+            if float(np.linalg.norm(u - start)) > reach:
+                return None
+    except orbits.FAILURES:
         return None
+    return None
 
 
 def cyclic(blocks: Floats, mu: complex) -> Vectors:
@@ -135,7 +125,7 @@ def bordered(a: Vectors, b: Vectors, c: Vectors) -> tuple[Vectors, Vectors, Vect
     return right[:q].T, left[:d], right[q]
 
 
-class MinimallyAugmented(Bordered):
+class MinimallyAugmented:
     """An orbit and the scalar g of a fold, a doubling or a Neimark-Sacker bifurcation, whose angle is an unknown.
 
     One free parameter makes it a system with as many equations as unknowns, two make it a curve.
@@ -154,8 +144,8 @@ class MinimallyAugmented(Bordered):
         self.turning, self.unknowns = kind == "neimark_sacker", shooting.size + len(shooting.ranges)
         # The period of a fold may halve, in a generalised doubling.
         self.doubled = kind == "fold" and shooting.period % (2 * shooting.map.forcing_period) == 0
-        self.finest, self.bend = LOCATED, 0.0
-        """Last Newton step of a solution, and by how much the segments' derivatives change along the null vector."""
+        self.bend = 0.0
+        """By how much the segments' derivatives change along the null vector."""
         linearised = shooting.linearise(z)
         self.start = z
         if self.turning:  # The argument of the complex pair of multipliers nearest to the unit circle.
@@ -227,49 +217,6 @@ class MinimallyAugmented(Bordered):
         self.bend = float(np.abs(blocks).max() / max(np.linalg.norm(direction), 1e-300))
         parameters = (changed.jacobian[:, size:] - linearised.jacobian[:, size:]) / step
         return np.concatenate([np.einsum("ki,kij->kj", w, blocks).ravel(), w.ravel() @ parameters])
-
-
-class BranchPoint(Bordered):
-    """A point where two branches cross: G + beta b = 0 and two scalars, as the Jacobian has one rank less there."""
-
-    def __init__(self, shooting: Shooting, z: Floats) -> None:
-        self.shooting, self.finest, self.start = shooting, LOCATED, np.append(z, 0.0)
-        left, _, right = np.linalg.svd(shooting.linearise(z).jacobian)
-        self.b, self.c = left[:, -1], right[-2:]
-
-    def linearise(self, u: Floats) -> Linearised:
-        """The equations in the orbit's unknowns and beta; their derivatives by differences."""
-        linearised, step = self.shooting.linearise(u[:-1]), DIFFERENCE
-        v, w, g = bordered(linearised.jacobian, self.b, self.c)
-        changes = [(self.shooting.linearise(u[:-1] + step * x).jacobian - linearised.jacobian) / step for x in v]
-        rows = np.array([-w @ change for change in changes])
-        jacobian = np.block([[linearised.jacobian, self.b[:, None]], [rows, np.zeros((2, 1))]])
-        return linearised._replace(residual=np.append(linearised.residual + u[-1] * self.b, g), jacobian=jacobian)
-
-
-class VanishingMargin(Bordered):
-    """An orbit and the margin that vanishes where its event sequence changes.
-
-    It is regular up to the border, from the side on which the margin is defined.
-    """
-
-    def __init__(self, shooting: Shooting, kind: str) -> None:
-        self.shooting, self.name, self.events = shooting, orbits.MARGINS[kind], ""
-        self.left = 0.0 if self.name == "arrival" else BORDER_LEFT
-        self.finest = BORDER_FINEST
-
-    def linearise(self, z: Floats) -> Linearised:
-        """The orbit's equations and the margin; ArithmeticError beyond the border."""
-        linearised = self.shooting.linearise(z)
-        if self.left:
-            self.events = self.events or linearised.seen.events
-            if orbits.differ(linearised.seen.events, self.events):
-                raise ArithmeticError("the event sequence has changed")
-        margin = nearest_margins(self.shooting, z).get(self.name)
-        if margin is None:
-            raise ArithmeticError("the motion has no such margin")
-        return linearised._replace(residual=np.append(linearised.residual, margin.value),
-                                   jacobian=np.vstack([linearised.jacobian, margin.slopes]))
 
 
 def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
@@ -401,11 +348,24 @@ def smooth_bifurcations(bracket: Bracket[ContinuationPoint]) -> list[Bifurcation
 
 
 def branch_point(near: ContinuationPoint) -> ContinuationPoint | None:
-    """The point where two branches cross; None where there is none."""
-    shooting = near.shooting
+    """The point where two branches cross, G + beta b = 0 and two scalars, as the Jacobian has one rank less there; None
+    where there is none.
+    """
+    shooting, z = near.shooting, near.solution.z
     try:
-        system = BranchPoint(shooting, near.solution.z)
-        solved = system.solved(system.start, BRANCH_POINT_REACH)
+        vectors, _, right = np.linalg.svd(shooting.linearise(z).jacobian)
+        b, c = vectors[:, -1], right[-2:]
+
+        def linearise(u: Floats) -> Linearised:
+            """The equations in the orbit's unknowns and beta; their derivatives by differences."""
+            linearised, step = shooting.linearise(u[:-1]), DIFFERENCE
+            v, w, g = bordered(linearised.jacobian, b, c)
+            changes = [(shooting.linearise(u[:-1] + step * x).jacobian - linearised.jacobian) / step for x in v]
+            rows = np.array([-w @ change for change in changes])
+            jacobian = np.block([[linearised.jacobian, b[:, None]], [rows, np.zeros((2, 1))]])
+            return linearised._replace(residual=np.append(linearised.residual + u[-1] * b, g), jacobian=jacobian)
+
+        solved = solve_bordered(linearise, np.append(z, 0.0), shooting.size, BRANCH_POINT_REACH)
         if solved is None or abs(solved[0][-1]) > BRANCH_POINT_DEFECT:
             return None
         z = solved[0][:-1]
@@ -476,7 +436,24 @@ def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
     start, _ = min(sides, key=lambda side: (len(orbits.ring(side[0].orbit.seen.events)), abs(side[1].value)))
     shooting, size = start.shooting, start.shooting.size
     apart = max(float(np.linalg.norm(right.solution.z - left.solution.z)), 1e-9)
-    solved = VanishingMargin(shooting, kind).solved(start.solution.z, BORDER_ASTRAY * apart)
+    events, stays = list[str](), 0.0 if name == "arrival" else BORDER_LEFT
+
+    def linearise(z: Floats) -> Linearised:
+        """The orbit's equations and the margin, regular up to the border from the side on which the margin is defined;
+        ArithmeticError beyond it.
+        """
+        linearised = shooting.linearise(z)
+        if stays:
+            events.append(linearised.seen.events)
+            if orbits.differ(events[0], events[-1]):
+                raise ArithmeticError("the event sequence has changed")
+        margin = nearest_margins(shooting, z).get(name)
+        if margin is None:
+            raise ArithmeticError("the motion has no such margin")
+        return linearised._replace(residual=np.append(linearised.residual, margin.value),
+                                   jacobian=np.vstack([linearised.jacobian, margin.slopes]))
+
+    solved = solve_bordered(linearise, start.solution.z, size, BORDER_ASTRAY * apart, BORDER_FINEST, stays)
     if solved is None:
         return None
     z, linearised, error = solved
@@ -520,7 +497,8 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
             near = simple.unknowns((here.orbit.section + 0.5 * one * of.scales)[None], here.orbit.values)
             whole = Shooting.single(of, period, *shooting.ranges, settings=shooting.settings)
             try:
-                solved = MinimallyAugmented("period_doubling", simple, near).solved(near)
+                system = MinimallyAugmented("period_doubling", simple, near)
+                solved = solve_bordered(system.linearise, near, simple.size, np.inf)
                 if solved is None or not np.abs(solved[0] - near).max() < HALVES_REACH:
                     return here
                 linearised = whole.linearise(solved[0])
