@@ -46,10 +46,10 @@ def draw_precision(stem: Path, report: Any, title: str = "", width: float = styl
         axis.set_yticks([1e-12, 1e-8, 1e-4, 1.0])
         axis.tick_params(labelleft=first)
 
-    return compose(stem, [Panel(f"{textwrap.fill(name, TITLE)}\n{group}", partial(
-        draw, name=name, group=group, first=k % 2 == 0), 2.0 if name == names[-1] else 1.4, beside=k > 0, close=k % 2 == 1,
-        over=True)
-                          for name in names for k, group in enumerate(GROUPS)], title, width, below=True)
+    return compose(stem, [
+        Panel(f"{textwrap.fill(name, TITLE)}\n{group}", partial(draw, name=name, group=group, first=k % 2 == 0),
+              2.0 if name == names[-1] else 1.4, beside=k > 0, close=k % 2 == 1, over=True)
+        for name in names for k, group in enumerate(GROUPS)], title, width, below=True)
 
 
 def draw_curves(axis: Any, scene: Any, shown: set[str]) -> None:
