@@ -1,6 +1,6 @@
 """Import a foreign bag as a recording of this package, in which every state names its run and `held` its inputs.
 
-The package rosbags reads SQLite, ROS 1 and compressed files of these; MCAP is read by this package's own reader.
+The package rosbags reads SQLite and ROS 1; MCAP is read by this package's own reader, compressed files once unpacked.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.commands import COMMANDS
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.mcap_file import McapFile
-from tcc_sim.recording.parts import ROS1, SQLITE, listed_counts
+from tcc_sim.recording.parts import KINDS, PACKED, listed_counts
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.recording.recovery import copy_messages, recover
 from tcc_sim.recording.runs import placed
@@ -58,7 +58,7 @@ def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = N
 
     Parameters
     ----------
-    path : a bag in SQLite (directory or .db3), a .bag of ROS 1, or MCAP
+    path : a bag in SQLite (directory or .db3), a .bag of ROS 1, or MCAP, also in files compressed by zstd
     directory : directory to create
     joints : names of flywheel and clutch_plate, if they differ
     topic : topic of the joint_states to read, if there are several
@@ -74,12 +74,17 @@ def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = N
     if directory.exists():
         raise RecordingError(f"{directory} exists already and is not overwritten")
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder:
-        foreign = sorted(_foreign_parts(path))
-        staged = Path(folder, "bag.mcap")
+        inside, staged = sorted(path.iterdir()) if path.is_dir() else [path], path
+        packed = [part for part in inside if re.search(PACKED, part.name)]
+        foreign = [part for part in inside if re.search("|".join(KINDS), part.name) and part not in packed]
         if foreign:
             require("rosbags", f"importing {path}")
+            staged = Path(folder, "bag.mcap")
             _stage(foreign, staged, Path(folder), listed_counts(path))
-        run = open_run(staged if foreign else path, joints, topic, driveline)
+        elif packed:
+            unpacked = [_unpacked(part, Path(folder)) for part in packed]
+            staged = Path(folder) if path.is_dir() else unpacked[0]
+        run = open_run(staged, joints, topic, driveline)
         if run.driveline.runs:
             columns = run.columns()
             saved = recover(run, directory)
@@ -87,24 +92,23 @@ def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = N
         return _written(run, directory)
 
 
-def _foreign_parts(path: Path) -> Iterator[Path]:
-    """Iterate over the files of a bag that rosbags reads."""
-    for part in path.iterdir() if path.is_dir() else [path]:
-        if re.search(rf"{SQLITE}|{ROS1}", part.name):
-            yield part
+def _unpacked(part: Path, folder: Path) -> Path:
+    """Unpack a compressed file into a folder; RecordingError if it is damaged."""
+    where = folder / part.stem
+    try:
+        with part.open("rb") as packed, where.open("wb") as plain:
+            zstandard.ZstdDecompressor().copy_stream(packed, plain)
+    except (OSError, zstandard.ZstdError) as error:
+        raise RecordingError(f"{part} cannot be unpacked: {error}") from None
+    return where
 
 
 def _stage(parts: Sequence[Path], staged: Path, folder: Path, counts: Mapping[str, int]) -> None:
     """Copy the wanted messages of every part into an MCAP file, and count them against what the part states."""
     file = McapFile(staged)
     for part in parts:
-        where = part
         try:
-            if part.suffix == ".zstd":
-                where = folder / part.stem
-                with part.open("rb") as packed, where.open("wb") as plain:
-                    zstandard.ZstdDecompressor().copy_stream(packed, plain)
-            read, stated = _copied(where, file)
+            read, stated = _copied(_unpacked(part, folder) if part.suffix == ".zstd" else part, file)
         except RecordingError:
             raise
         except Exception as error:  # rosbags raises many kinds.

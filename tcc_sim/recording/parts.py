@@ -3,31 +3,28 @@
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import yaml
-import zstandard
 
 from tcc_sim.errors import RecordingError, counted, one_line
-from tcc_sim.recording.records import MAGIC, PASSED_OVER, ZSTD, Expansion
+from tcc_sim.recording.records import MAGIC, ZSTD
 
 METADATA = "metadata.yaml"
 _MOST_PARTS, _LONGEST_METADATA, _MOST_NAMED = 100_000, 1 << 22, 20
-_SUFFIXES = (".mcap", f".mcap{(_PACKED := '.zstd')}")
 LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """Loader of YAML: that in C, where it is installed, since the other takes a second for 0.2 MB."""
 _COUNTER_FIRST = re.compile(r"(\d{1,9})_(.*)_\d{4}_\d\d_\d\d-\d\d_\d\d_\d\d")
 """Names of rosbag2 since its pull request 2265: {counter}_{prefix}_{date}-{time}."""
 _COUNTER_LAST = re.compile(r"(.*)_(\d{1,9})")
 """Names of older versions, and of this package: {prefix}_{counter}."""
-SQLITE, ROS1 = r"\.db3(\.zstd)?$", r"\.bag$"
-"""Names of files that the package rosbags reads."""
-_BLOCK = 1 << 20
+KINDS = {r"\.db3(\.zstd)?$": "in SQLite", r"\.bag$": "of ROS 1", (PACKED := r"\.mcap\.zstd$"): "of compressed files"}
+"""Kinds of bags that are only imported, by the names of their files."""
+_STARTS = {b"SQLite format 3": "in SQLite", b"#ROSBAG V": "of ROS 1", ZSTD: "of compressed files"}
 
 
 @dataclass(frozen=True)
@@ -75,14 +72,14 @@ def parts_of(path: Path) -> Parts:
     way that is not read.
     """
     if not path.is_dir():
-        if path.suffix == ".db3" or path.name.endswith(f".db3{_PACKED}"):
+        if path.suffix == ".db3" or path.name.endswith(".db3.zstd"):
             raise RecordingError(importable(path, "in SQLite"))
         return Parts([path])
     try:
         inside = sorted(path.iterdir(), key=_natural)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
-    files = [part for part in inside if part.name.endswith(_SUFFIXES)]
+    files = [part for part in inside if part.suffix == ".mcap"]
     names, note = _listed(path)
     if files and names is not None:
         by_name = {part.name: part for part in files}
@@ -94,15 +91,12 @@ def parts_of(path: Path) -> Parts:
         return Parts(files, False, absent)
     if files:
         return Parts(files, len(files) == 1, note=note)
-    others = [part for part in inside if ".mcap." in part.name or ".db3" in part.name]
-    if any(".db3" in part.name for part in others):
-        raise RecordingError(importable(path, "in SQLite"))
-    if others:
-        raise RecordingError(f"{others[0]} is compressed as {others[0].suffix}, which is not read; unpack it, or "
-                             "record with --compression-format zstd")
-    if first := next((part for part in inside if part.suffix == ".bag"), None):
-        raise RecordingError(importable(first, "of ROS 1"))
-    below = sorted({part.parent for suffix in _SUFFIXES for part in path.glob(f"*/*{suffix}")})
+    for pattern, kind in KINDS.items():
+        if first := next((part for part in inside if re.search(pattern, part.name)), None):
+            raise RecordingError(importable(first if first.suffix == ".bag" else path, kind))
+    if first := next((part for part in inside if ".mcap." in part.name), None):
+        raise RecordingError(f"{first} is compressed as {first.suffix}, which is not read; unpack it")
+    below = sorted({part.parent for part in path.glob("*/*.mcap")})
     if len(below) == 1:
         return parts_of(below[0])
     where = (f"; {below[0]} and {counted(len(below) - 1, 'more folder')} in it hold some: name one of them"
@@ -162,19 +156,14 @@ def numbers_of(paths: Sequence[Path]) -> set[int]:
 
 @contextmanager
 def opened(path: Path) -> Iterator[BinaryIO]:
-    """Open an MCAP file, unpacked into a temporary one if it is compressed with zstd;
-    RecordingError if it is none or cannot be read, and for errors of the disk while it is open.
+    """Open an MCAP file; RecordingError if it is none or cannot be read, and for errors of the disk while it is open.
     """
     try:
         if path.exists() and not path.is_file():  # A pipe could block.
             raise RecordingError(f"{path} is not a regular file")
-        with ExitStack() as stack:
-            file: BinaryIO = stack.enter_context(path.open("rb"))
-            if file.read(len(ZSTD)) == ZSTD:
-                file = _unpack(path, file, stack.enter_context(tempfile.TemporaryFile()))
-            file.seek(0)
+        with path.open("rb") as file:
             start = file.read(16)
-            for first, kind in ((b"#ROSBAG V", "of ROS 1"), (b"SQLite format 3", "in SQLite")):
+            for first, kind in _STARTS.items():
                 if start.startswith(first):
                     raise RecordingError(importable(path, kind))
             if not start.startswith(MAGIC):
@@ -182,18 +171,3 @@ def opened(path: Path) -> Iterator[BinaryIO]:
             yield file
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
-
-
-def _unpack(path: Path, file: BinaryIO, unpacked: BinaryIO) -> BinaryIO:
-    file.seek(0)
-    limit = PASSED_OVER * Expansion(path.stat().st_size).limit
-    try:
-        with zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True, closefd=False) as reader:
-            while block := reader.read(_BLOCK):
-                unpacked.write(block)
-                if unpacked.tell() > limit:
-                    raise RecordingError(f"{path} would unpack to more than {limit} bytes, the most allowed for a file "
-                                         "of its size")
-    except zstandard.ZstdError as error:
-        raise RecordingError(f"{path} does not unpack ({error})") from None
-    return unpacked

@@ -337,13 +337,6 @@ def compressed_messages(folder, source):
     listing(folder, ["run_0.mcap"], compression_format="zstd", compression_mode="MESSAGE")
 
 
-def compress_files(folder):
-    for name in OLD[:3]:
-        (folder / f"{name}.zstd").write_bytes(zstandard.ZstdCompressor().compress((folder / name).read_bytes()))
-        (folder / name).unlink()
-    listing(folder, [f"{name}.zstd" for name in OLD[:3]], compression_format="zstd", compression_mode="FILE")
-
-
 def with_another_node(source):
     mine = source.numbers(STATES)
     return source._replace(messages=[one for m in source.messages for one in (
@@ -434,7 +427,7 @@ WAYS = {
                                                                 every=10**9), use_chunking=False),
     "no_data_end": with_bytes(without_data_end), "no_footer": with_bytes(lambda data: data[:-37]),
     "wrong_summary_checksum": with_bytes(lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:]),
-    "compressed_messages": compressed_messages, "compressed_files": in_parts(OLD[:3], compress_files),
+    "compressed_messages": compressed_messages,
     # Topics, types, channels and times.
     "no_leading_slash": by_channel(lambda c: c._replace(topic=c.topic[1:])),
     "schema_without_text": with_schema(lambda name, *_: (name, "", b"")),
