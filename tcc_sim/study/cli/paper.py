@@ -22,6 +22,7 @@ from tcc_sim.shown_units import show_in
 
 if TYPE_CHECKING:
     from tcc_sim.study.paper.catalogue import FigureOptions
+    from tcc_sim.study.paper.claims import Verdict
     from tcc_sim.study.paper.figures import Figure
 
 
@@ -130,8 +131,7 @@ def claims(arguments: argparse.Namespace, pressures: Sequence[float] = (), figur
     from tcc_sim.output.tables import text
     from tcc_sim.result import json_of
     from tcc_sim.study.paper.catalogue import paper_system
-    from tcc_sim.study.paper.claims import CLAIMS, PRESSURES, ClaimsReport, Verdict, claims_page, counts_of, judge
-    from tcc_sim.study.paper.errata import errata_page
+    from tcc_sim.study.paper.claims import CLAIMS, PRESSURES, ClaimsReport, claims_page, counts_of, errata_page, judge
 
     claims = [claim for claim in CLAIMS if claim.figure in (figures or [claim.figure])]
     for name in figures:

@@ -689,30 +689,22 @@ def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float,
     return min(near, key=lambda k: near[k]) if near else None
 
 
-@dataclass(frozen=True)
+@result_class
 class Jump:
-    """Jump between two neighbouring values `low` and `high` of a sweep.
+    """Jump between two neighbouring values of a sweep."""
 
-    before, after : the largest sizes there
-    cause : kind of the bifurcation, or one of BASIN, STEEP, APERIODIC, NOT_FOLLOWED
-    """
-
-    low: float
-    high: float
-    before: float
-    after: float
-    cause: str
-    bifurcation: Bifurcation | None = None
-
-    @property
-    def value(self) -> float:
-        """Value of the bifurcation, or the middle between the two values."""
-        return 0.5 * (self.low + self.high) if self.bifurcation is None else self.bifurcation.value
+    value: float = reported("value of the key: at the bifurcation, or in the middle", "{over}")
+    between: tuple[float, float] = reported("the two values of the key", "{over}")
+    max_slip_speed: tuple[float, float] = reported("largest |slip speed| before and after", "rad/s")
+    cause: str = reported(
+        "kind of the bifurcation, or basin_boundary (both motions go on), steep (one motion), aperiodic (beside a "
+        "motion without a period) or not_followed")
+    bifurcation: int | None = reported("its number in bifurcations")
 
 
 def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: float, base: int = 1,
              direction: str = "cold") -> list[Jump]:
-    """The jumps of a sweep, each with its cause.
+    """The jumps of a sweep, each with its cause and the number of its bifurcation among those of all branches.
 
     seen : its motions in order of the parameter
     branches : from `bifurcation_diagram`
@@ -727,7 +719,10 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
         if not abs(b.amplitude - a.amplitude) > least * size:
             continue
         cause, bifurcation = _cause(a, b, branches, size, width, base, direction)
-        out.append(Jump(a.value, b.value, a.amplitude, b.amplitude, cause, bifurcation))
+        value = 0.5 * (a.value + b.value) if bifurcation is None else bifurcation.value
+        every = (f for branch in branches for f in branch.bifurcations)
+        number = next((k for k, f in enumerate(every) if f is bifurcation), None)
+        out.append(Jump(value, (a.value, b.value), (a.amplitude, b.amplitude), cause, number))
     return out
 
 

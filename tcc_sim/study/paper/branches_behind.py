@@ -20,7 +20,7 @@ from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.study.continuation import branch as diagram
 from tcc_sim.study.continuation.bifurcations import SMOOTH, Bifurcation
-from tcc_sim.study.continuation.branch import ALIKE, SWEPT, Branch, SettledMotion, jumps_of, point_of
+from tcc_sim.study.continuation.branch import ALIKE, SWEPT, Branch, Jump, SettledMotion, jumps_of, point_of
 from tcc_sim.study.continuation.motions import DrivelineMap
 from tcc_sim.study.continuation.orbits import ParameterRange, Settings, shifts
 from tcc_sim.sweeps.executors import each_in_a_process, processes_for
@@ -42,25 +42,12 @@ CREEP = 3.0
 
 
 @result_class
-class JumpBehind:
-    """Jump of a curve."""
-
-    value: float = reported("value of the key: at the bifurcation, or in the middle", "{over}")
-    between: tuple[float, float] = reported("the two values of the key", "{over}")
-    max_slip_speed: tuple[float, float] = reported("largest |slip speed| before and after", "rad/s")
-    cause: str = reported(
-        "kind of the bifurcation, or basin_boundary (both motions go on), steep (one motion), aperiodic (beside a "
-        "motion without a period) or not_followed")
-    bifurcation: int | None = reported("its number in bifurcations")
-
-
-@result_class
 class MotionsBehind:
     """Motions behind a curve."""
 
     branches: list[dict[str, Any]] = reported("as `continue --json` has them", of=(Branch,))
     bifurcations: list[dict[str, Any]] = reported("as `continue --json` has them", of=(Bifurcation,))
-    jumps: list[JumpBehind] = reported("jumps of the largest slip speed between neighbours")
+    jumps: list[Jump] = reported("jumps of the largest slip speed between neighbours")
     left_out: list[str] = reported("sentences on what was not followed")
 
 
@@ -144,12 +131,9 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[Moti
     out = []
     for sweep, row in zip(sweeps, seen):
         forward = sorted(row, key=lambda s: s.value)
-        jumps = []
-        for jump in jumps_of(forward, branches, JUMP, base, sweep.plan.direction):
-            ends_stick = jump.bifurcation is not None and creeps(jump.bifurcation, sweep.curve.system)
-            number = next((k for k, f in enumerate(bifurcations) if f is jump.bifurcation), None)
-            jumps.append(JumpBehind(jump.value, (jump.low, jump.high), (jump.before, jump.after),
-                                    "stick_border" if ends_stick else jump.cause, number))
+        jumps = [replace(jump, cause="stick_border") if jump.bifurcation is not None and creeps(
+                     bifurcations[jump.bifurcation], sweep.curve.system) else jump
+                 for jump in jumps_of(forward, branches, JUMP, base, sweep.plan.direction)]
         sentences = diagram.left_out(row, branches, base)
         if higher := still_higher(sweep, row):
             sentences.append(f"{higher} of {len(row)} points show a transient that outlasts the cycles that are "

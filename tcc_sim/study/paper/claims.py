@@ -1,4 +1,6 @@
-"""The paper's claims, each judged by a criterion in code at several mean pressures and two tolerances; their page."""
+"""The paper's claims, each judged by a criterion in code at several mean pressures and two tolerances; the pages of the
+claims and of the errata.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from typing import Any
 import yaml
 
 from tcc_sim.errors import counted
-from tcc_sim.output.tables import escape, markdown_table
+from tcc_sim.output.tables import escape, markdown_table, text
 from tcc_sim.result import Described, json_of, reported, result_class
 from tcc_sim.study.paper import measures
 from tcc_sim.study.paper.evidence import THRESHOLDS, Evidence, Motion, T
@@ -278,3 +280,28 @@ def counts_of(verdicts: Sequence[Verdict]) -> str:
     words = [v.verdict for v in verdicts]
     return f"Of {len(words)} claims: " + ", ".join(f"{words.count(name)} {VERDICTS[name][1]}"
                                                    for name in (CONFIRMED, DEPENDS, NOT_CONFIRMED))
+
+
+ERRATA: Mapping[str, Any] = yaml.safe_load(Path(__file__).with_name("errata.yaml").read_text(encoding="utf-8"))
+"""Errata in the order of the paper, values that it leaves open, with those taken here, and texts of the page."""
+
+
+def errata_page() -> str:
+    """Return the page of the errata with their numbers, of the right equations, and of the values left open."""
+    return "\n".join([
+        "# The paper's errata", "", ERRATA["page"].format(errata=len(ERRATA["errata"]), open=len(ERRATA["open"])),
+        *map(erratum_line, ERRATA["errata"]), "", f"Derived again and found as printed: {escape(ERRATA['right'])}.", "",
+        "## Left open by the paper", "",
+        *(f"- {escape(what)}: {escape(here)}" for what, here in ERRATA["open"].items()),
+        "", f"Figs. 4 to 18: {escape(_listed(ERRATA['speeds']))}"]) + "\n"
+
+
+def erratum_line(erratum: Mapping[str, Any]) -> str:
+    """Return one erratum as an entry of a list: both forms, the reason, and its numbers."""
+    parts = {name.capitalize(): erratum[name] for name in ("printed", "right", "why")}
+    parts["Numbers"] = _listed(erratum.get("numbers", {}))
+    return " ".join([f"- **{escape(erratum['where'])}**", *(f"{name}: {escape(x)}." for name, x in parts.items() if x)])
+
+
+def _listed(numbers: Mapping[str, Any]) -> str:
+    return "; ".join(f"{name}: {text(value)}" for name, value in numbers.items())

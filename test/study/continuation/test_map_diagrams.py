@@ -76,7 +76,7 @@ def test_a_jump_of_a_continued_sweep_is_the_fold_at_its_end(up) -> None:
     jump, = jumps_of(seen, branches, 0.2)
     assert jump.cause == "fold"
     assert jump.value == pytest.approx(FOLD if up else -FOLD, abs=1e-9)
-    assert jump.low < jump.value < jump.high
+    assert jump.between[0] < jump.value < jump.between[1]
     # A motion between the last point and the fold lies on the branch too.
     last = max(s.value for s in branch.points if s.orbit.section[0] < 0.0)
     p = 0.5 * (last + FOLD)
@@ -94,8 +94,8 @@ def test_a_jump_between_motions_that_both_go_on_is_the_boundary_of_their_basins(
     assert len(branches) == 2
     jump, = jumps_of(seen, branches, 0.2)
     assert (jump.cause, jump.bifurcation) == (BASIN, None)
-    assert jump.low <= -0.05 + 0.05**3 <= jump.high  # the unstable motion is at the start: p + x - x^3 = 0
-    middle = 0.5 * (jump.low + jump.high)
+    assert jump.between[0] <= -0.05 + 0.05**3 <= jump.between[1]  # the unstable motion is at the start: p + x - x^3 = 0
+    middle = 0.5 * sum(jump.between)
     ways = [([s for s in seen if s.value < middle], -0.3, middle), ([s for s in seen if s.value > middle], middle, 0.3)]
     ended = [b for part, *ends in ways for b in bifurcation_diagram(LIFTED, ParameterRange(*ends), part)]
     assert [place_of(s, ended, amplitude_of(seen)) for s in seen].count(None) == 0

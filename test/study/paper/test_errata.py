@@ -17,13 +17,13 @@ from tcc_sim.cli import main
 from tcc_sim.solvers import solve
 from tcc_sim.study.paper import measures
 from tcc_sim.study.paper.catalogue import OMEGA_N, paper_system
-from tcc_sim.study.paper.errata import TEXTS
+from tcc_sim.study.paper.claims import ERRATA
 from tcc_sim.study.paper.evidence import FREQUENCY, KINETIC, Evidence, with_kinetic
 from tcc_sim.study.paper.harmonic_balance import harmonic_balance, mean_friction_torque
 
 PAGE = Path(__file__).resolve().parents[3] / ".github" / "paper" / "errata.md"
 DAMPED = math.sqrt(150e3 - 15.0**2)
-NUMBERS = {row["where"]: leaves(row["numbers"]) for row in TEXTS["errata"] if "numbers" in row}
+NUMBERS = {row["where"]: leaves(row["numbers"]) for row in ERRATA["errata"] if "numbers" in row}
 
 
 def stick(ratio: float) -> complex:
@@ -119,7 +119,7 @@ def test_the_numbers_are_those_of_a_derivation(where: str, derived: Callable[[],
 
 def test_period_two_begins_where_the_page_says() -> None:
     """Of Fig. 6 from (13): the highest mu_k/mu_s depends on the engine speed."""
-    (speeds,) = TEXTS["speeds"].values()
+    (speeds,) = ERRATA["speeds"].values()
     for speed in (0, 200):
         ratios, evidence = np.round(np.arange(speeds[speed], 0.9401, 0.005), 6), Evidence(1e-9)
         row = {FREQUENCY: 0.36 * OMEGA_N, "initial.slip_speed": float(speed)}
