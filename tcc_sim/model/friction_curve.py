@@ -61,22 +61,12 @@ FINE = 8
 class FrictionCurve:
     """Sliding friction coefficient mu(v) = constant + sum of amplitudes exp(-rates |v|).
 
-    Attributes
-    ----------
-    constant : float
-        m, limit of the coefficient for fast slip.
-    amplitudes, rates : tuple of float
-        c_j (dimensionless) and a_j (s/rad), rates in descending order.
-    error : float
-        Largest difference from the points of the table, relative to its largest coefficient.
-    worst : float
-        Slip speed of that difference, rad/s.
-    error_between : float
-        Largest difference from a monotone interpolation of the points, likewise.
-    worst_between : float
-        Slip speed of that difference, rad/s.
-    fastest : float
-        Last slip speed of the table, rad/s; infinite without a table.
+    constant : m, limit of the coefficient for fast slip
+    amplitudes, rates : c_j (dimensionless) and a_j (s/rad), rates in descending order
+    error, worst : largest difference from the points of the table, relative to its largest coefficient, and the slip
+        speed of that difference, rad/s
+    error_between, worst_between : the same from a monotone interpolation of the points
+    fastest : last slip speed of the table, rad/s; infinite without a table
     """
 
     constant: float

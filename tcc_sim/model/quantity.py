@@ -229,12 +229,8 @@ def as_float(value: float) -> float:
 
 
 def number_in(value: object, unit: str) -> float:
-    """Convert a number, or its text, to a float; a text of a key in rad/s may end with one of SUFFIXES.
-
-    Raises
-    ------
-    TypeError
-        It is neither.
+    """Convert a number, or its text, to a float; a text of a key in rad/s may end with one of SUFFIXES. Raise TypeError
+    for anything else.
 
     Examples
     --------

@@ -40,10 +40,6 @@ class Entry:
         """Friction laws that it solves."""
         return tuple(law for law in LAWS if law in SUPPORTED[self.name])
 
-    def solves(self, system: System) -> bool:
-        """Return whether it supports every term of a system (`model.equations`)."""
-        return not unsupported(self.name, system)
-
 
 COMPARISON = "comparison"
 SHORTEST = 1e-8

@@ -733,11 +733,6 @@ class EngineShell:
 
         return fast(segments, f"{self.name}.segments")
 
-    def memory(self) -> tuple[NDArray[np.uint8], Memory]:
-        """Return new memory: all bytes, which are 0, and its records."""
-        content, _, (records,) = self.memories(1)
-        return content, records
-
     def memories(self, count: int) -> tuple[NDArray[np.uint8], NDArray[Any], list[Memory]]:
         """Return new memory of a number of runs: all bytes, (count, n), which are 0; the array; and its records."""
         present = {name: kind for name, kind in self.kinds._asdict().items() if kind is not None}
@@ -746,15 +741,12 @@ class EngineShell:
             Memory(*(memory[name] if name in present else None for name in Memory._fields)) for memory in whole]
 
     def solve(self, problem: Problem) -> Trajectory:
-        """Solve (1), (2) with the engine's law, only with the terms that the system has.
-
-        Returns
-        -------
-        Trajectory with `cycles` and `transitions`; after a failure it has its Status and ends early.
+        """Solve (1), (2) with the engine's law, only with the terms that the system has; return a Trajectory with
+        `cycles` and `transitions`, which after a failure has its Status and ends early.
         """
         setup = self.setup(problem.system, SOLVERS[self.name].default if problem.rtol is None else problem.rtol)
         setup = setup._replace(waves=setup.waves.copy())
-        content, memory = work_space.of(EngineShell.memory, self)
+        content, _, (memory,) = work_space.of(EngineShell.memories, self, 1)
         content.fill(0)
         state, counters, numbers = memory.state, memory.counters, (*problem.state.numbers, problem.state.flywheel_angle)
         state["slip_speed"], state["plate_angle"], state["plate_speed"], state["flywheel_angle"] = numbers

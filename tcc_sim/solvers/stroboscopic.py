@@ -159,8 +159,8 @@ def segment_buffers(engine: EngineShell, later: bool, groups: int, most: int, co
                       np.zeros((3, shell.GRADIENT + groups * LANES)) if engine.columns else None)
     transitions = np.zeros((count, engine.transitions_per_cycle * most), shell.TRANSITION)
     return SegmentBuffers(np.zeros(count, shell.SEGMENT), transitions, np.empty((count, groups, 3, LANES)),
-                          np.empty((count, most)), np.empty((count, most, groups, LANES)), tangent, engine.memory()[1],
-                          np.zeros(most + 1, shell.CYCLE), np.empty((0, engine.columns or 3)))
+                          np.empty((count, most)), np.empty((count, most, groups, LANES)), tangent,
+                          engine.memories(1)[2][0], np.zeros(most + 1, shell.CYCLE), np.empty((0, engine.columns or 3)))
 
 
 def check_mapped(system: System) -> None:
