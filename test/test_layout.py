@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "tcc_sim"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 ORDER = ["errors", "code_version", "background", "later_rooms", "topics", "result", "shown_units", "model",
-         "trajectory", "parameter_file", "tables", "friction_table", "scene", "messages", "compiling", "polynomials",
+         "trajectory", "parameter_file", "tables", "scene", "messages", "compiling", "polynomials",
          "solvers", "recording", "analysis.repetition", "analysis.steady", "analysis.measured",
          "analysis.loop", "plant", "sweeps", "output", "fmi", "views", "nodes", "testing", "replay", "estimation",
          "functions", "cli", "study.continuation", "study.basins", "study.views", "study.paper", "study.benchmarks",

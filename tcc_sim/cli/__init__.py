@@ -33,11 +33,10 @@ GROUPS = {"demonstration": "demo", "scenes": "scenes explain", "steady states": 
           "measurements of the program": "precision stability realtime"}
 """Verbs by purpose, in the order of `tcc-sim --help`."""
 _MODULES = {
-    "tcc_sim.cli.demo": "demo", "tcc_sim.cli.scenes": "scenes explain", "tcc_sim.cli.sweep": "sweep",
-    "tcc_sim.cli.runs": "simulate analyse", "tcc_sim.cli.estimation": "linearise identify",
-    "tcc_sim.cli.files": "recover import plot fmu", "tcc_sim.cli.running": "watch control",
-    "tcc_sim.study.cli.motions": "continue basins", "tcc_sim.study.cli.paper": "figure claims",
-    "tcc_sim.study.cli.measuring": "precision stability realtime"}
+    "tcc_sim.cli.nodes": "demo watch control", "tcc_sim.cli.files": "scenes explain fmu recover import plot",
+    "tcc_sim.cli.sweep": "sweep", "tcc_sim.cli.runs": "simulate analyse",
+    "tcc_sim.cli.estimation": "linearise identify", "tcc_sim.study.cli.motions": "continue basins",
+    "tcc_sim.study.cli.paper": "figure claims", "tcc_sim.study.cli.measuring": "precision stability realtime"}
 VERBS = {verb: module for module, verbs in _MODULES.items() for verb in verbs.split()}
 """Module of every verb, which has a function of the verb's name, with an underscore after a Python keyword."""
 HELP = "example", "prints", "writes", "takes"

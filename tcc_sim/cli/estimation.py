@@ -47,7 +47,7 @@ def linearise(arguments: argparse.Namespace) -> int:
     writes : --json FILE holds all numbers, --out FILE the arrays, --plot FILE a picture
     """
     from tcc_sim.estimation.linearise import linearise as response
-    from tcc_sim.output.table_files import TABLES, write_result
+    from tcc_sim.output.samples import TABLES, write_result
 
     if arguments.slip is not None:
         common.refuse_swept(arguments.set, ["pressure.mean"])

@@ -135,8 +135,7 @@ def analyse(arguments: argparse.Namespace, layout: bool = False) -> int:
         RUN_0.mcap RUN_0.rbl
     """
     from tcc_sim.functions import analysis
-    from tcc_sim.output.samples import write_samples
-    from tcc_sim.output.table_files import TABLES
+    from tcc_sim.output.samples import TABLES, write_samples
     from tcc_sim.output.tables import order_lines, spectrum_lines
     from tcc_sim.replay.measured import MeasuredRun
     from tcc_sim.replay.recorded import read

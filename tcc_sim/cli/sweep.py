@@ -48,7 +48,7 @@ def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequ
     scatter : scene key and the bounds of its tolerance; samples give quantiles of every result
     """
     from tcc_sim.output.provenance import HEAD, head_of
-    from tcc_sim.output.table_files import TABLES, write_result
+    from tcc_sim.output.samples import TABLES, write_result
     from tcc_sim.output.tables import doubtful_lines, quantile_lines, sweep_lines, unsettled_lines
     from tcc_sim.sweeps.scatter import Scattered
     from tcc_sim.sweeps.sweep import sweep_curves
@@ -105,7 +105,7 @@ def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequ
 
 def _map_gains(arguments: argparse.Namespace) -> int:
     """Judge the closed loops of a law, write the files, and print a line for each loop unless a file holds them."""
-    from tcc_sim.output.table_files import TABLES, write_result
+    from tcc_sim.output.samples import TABLES, write_result
     from tcc_sim.output.tables import gain_lines
     from tcc_sim.sweeps.gains import gain_map
     from tcc_sim.sweeps.simulation import Plan

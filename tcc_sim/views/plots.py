@@ -136,7 +136,7 @@ PANELS = {"Sweep": "sweeps.sweep_panels", "Grid": "sweeps.grid_panels", "Scatter
           "GainMap": "sweeps.gain_panels", "Linearisation": "estimation.bode",
           "Identification": "estimation.identification", "Orders": "order_maps.order_panels",
           "OrderComparison": "order_maps.comparison_panels", "Spectrum": "order_maps.spectrum_panels",
-          "Scene": "friction_law.friction_panels", "System": "friction_law.friction_panels",
+          "Scene": "estimation.friction_panels", "System": "estimation.friction_panels",
           "Twin": "runs.beside_recording", "Motions": "branch_panels", "Basins": "basin_panels"}
 """Function that returns the panels of a result, by the name of its class: in a module of `views`, or by its name in
 `later_rooms`. The first panel is that for an axis.

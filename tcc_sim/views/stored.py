@@ -16,8 +16,7 @@ from tcc_sim.analysis.measured.orders import Judder, OrderComparison, Orders, Sp
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.output.files import read_json
-from tcc_sim.output.samples import cycles_in
-from tcc_sim.output.table_files import document_in, read_arrays
+from tcc_sim.output.samples import cycles_in, document_in, read_arrays
 from tcc_sim.scene import Operation, Scene
 from tcc_sim.trajectory import SAMPLED, UNITS, Trajectory
 

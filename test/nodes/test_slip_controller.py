@@ -20,7 +20,7 @@ def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_sce
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import Float64
 
-    from tcc_sim.cli.demo import controller_of
+    from tcc_sim.cli.nodes import controller_of
     from tcc_sim.plant.slip_control import Tuning
 
     bench.add(SlipControllerNode(context=bench.context, parameter_overrides=[Parameter("target", value=30)]))

@@ -17,8 +17,7 @@ from numpy.lib import format as npy
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.output.files import read_json
-from tcc_sim.output.samples import write_samples, write_trajectory
-from tcc_sim.output.table_files import documented, read_arrays, write_columns
+from tcc_sim.output.samples import documented, read_arrays, write_columns, write_samples, write_trajectory
 from tcc_sim.recording.reader import open_run
 from tcc_sim.scene import load_scene
 from tcc_sim.trajectory import Trajectory

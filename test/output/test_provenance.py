@@ -16,7 +16,7 @@ from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System
 from tcc_sim.output import provenance
-from tcc_sim.output.table_files import document_in
+from tcc_sim.output.samples import document_in
 from tcc_sim.scene import load_scene
 from tcc_sim.study.basins import compute
 from tcc_sim.sweeps import file as sweep_file

@@ -12,7 +12,7 @@ import pytest
 from scipy.io import loadmat
 
 from tcc_sim.cli import main
-from tcc_sim.output.table_files import TABLES
+from tcc_sim.output.samples import TABLES
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="PyArrow is not installed")
 

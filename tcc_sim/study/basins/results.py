@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.output.table_files import write_result
+from tcc_sim.output.samples import write_result
 from tcc_sim.result import Described, Result, as_lists, reported, reporting, result_class
 from tcc_sim.shown_units import speed
 from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED, Attractor, Counts, Labels

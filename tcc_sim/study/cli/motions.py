@@ -95,7 +95,7 @@ def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
     boundary : add the uncertainty exponent of the basin boundary
     """
     from tcc_sim.output.provenance import head_of
-    from tcc_sim.output.table_files import TABLES
+    from tcc_sim.output.samples import TABLES
     from tcc_sim.study.basins.compute import basins as compute
     from tcc_sim.study.basins.results import Planes, write_basins
 
