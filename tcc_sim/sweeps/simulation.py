@@ -16,14 +16,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from tcc_sim.analysis.measured.orders import (
-    SPECTRUM_POINTS,
-    Orders,
-    OrdersAtSpeeds,
-    Spectrum,
-    orders_at_speeds,
-    spectrum_of,
-)
+from tcc_sim.analysis.measured import orders as measured
+from tcc_sim.analysis.measured.orders import Orders, OrdersAtSpeeds, Spectrum
 from tcc_sim.analysis.measured.signals import run_signals
 from tcc_sim.analysis.repetition import LONGEST
 from tcc_sim.analysis.steady import summary as steady
@@ -105,10 +99,10 @@ def steady_spectrum(system: System, start: Start, period: int, **how: Any) -> Sp
     """
     system.check_repeats("a spectrum")
     run = solve(system, cycles=period or SPECTRUM_CYCLES, state=start.state, start_cycle=start.cycle,
-                samples_per_cycle=SPECTRUM_POINTS, **how).raise_for_status()
+                samples_per_cycle=measured.SPECTRUM_POINTS, **how).raise_for_status()
     count = len(run.t) - 1
-    turns = start.cycle + np.arange(count + 1) / SPECTRUM_POINTS
-    return spectrum_of(run_signals(run, (turns, lambda at: at * system.cycle)), period)
+    turns = start.cycle + np.arange(count + 1) / measured.SPECTRUM_POINTS
+    return measured.spectrum_of(run_signals(run, (turns, lambda at: at * system.cycle)), period)
 
 
 def repeats_after(cycles: Cycles) -> int | None:
@@ -342,7 +336,7 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
     result = _judged(system, plan, start, run, cycles, discarded)
     if plan.orders is None or result.summary is None:
         return result
-    return replace(result, orders_at_speeds=orders_at_speeds(run, plan.orders, result.summary.covers[0]))
+    return replace(result, orders_at_speeds=measured.orders_at_speeds(run, plan.orders, result.summary.covers[0]))
 
 
 def start_of(system: System) -> Start:
