@@ -111,16 +111,6 @@ class Orders(Result):
         return amplitudes
 
 
-def slip_about_cycle_mean(signals: Signals) -> tuple[Floats, Floats]:
-    """Return times, (n,) s, in equal steps of the phase over whole engine cycles, and the slip speed there less its
-    mean over each of these cycles, (n,) rad/s.
-    """
-    begin = math.ceil(float(signals.turns[0]) - 1e-9)
-    count = max(math.floor(float(signals.turns[-1]) + 1e-9) - begin, 0) * PER_CYCLE
-    at = signals.when(begin + np.arange(count + 1) / PER_CYCLE)
-    return at[:-1], _about_cycle_mean(signals.at(at)[0])[:-1]
-
-
 def orders_of(run: Trajectory | Signals) -> Orders:
     """Return the orders of a run from its samples; windows with a gap between samples are left out.
 
@@ -405,8 +395,11 @@ class OrdersAtSpeeds:
 
 def judder_of(run: Trajectory, since: float) -> JudderFigures:
     """Return the judder of a sampled run in all whole periods of excitation from `since`, s, on; NaN without any."""
-    at, apart = slip_about_cycle_mean(run_signals(run))
-    kept = apart[at >= since - 1e-9]
+    signals = run_signals(run)
+    begin = math.ceil(float(signals.turns[0]) - 1e-9)
+    count = max(math.floor(float(signals.turns[-1]) + 1e-9) - begin, 0) * PER_CYCLE
+    at = signals.when(begin + np.arange(count + 1) / PER_CYCLE)
+    kept = _about_cycle_mean(signals.at(at)[0])[:-1][at[:-1] >= since - 1e-9]
     if not len(kept):
         return JudderFigures(math.nan, math.nan)
     return JudderFigures(float(np.sqrt(np.mean(kept**2))), float(np.abs(kept).max()))
