@@ -238,7 +238,7 @@ def not_to_ship() -> str:
         _numba()
     except MissingPackage as error:
         return str(error)
-    return "" if processor().name == LEVEL else f"the build's processor is not {LEVEL}"
+    return "" if processor()[1] == LEVEL else f"the build's processor is not {LEVEL}"
 
 
 def loaded(content: bytes, words: Words) -> EntryPoint:

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from llvmlite import binding
 
@@ -51,31 +51,20 @@ NEEDED = "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"
 """LLVM's names of the features of LEVEL that earlier levels lack (x86-64 psABI, Table 3.1)."""
 
 
-class Processor(NamedTuple):
-    """A target of the compiler.
-
-    triple : LLVM's name of architecture and system
-    name : LLVM's name of the processor
-    features : further features, as LLVM takes them
-    """
-
-    triple: str
-    name: str
-    features: str
-
-
 @cache
-def processor() -> Processor:
-    """Return LEVEL where the present processor has it, so that code serves other machines too: kernels are as fast as
-    those for the very processor, and have the same bits. NUMBA_CPU_NAME and NUMBA_CPU_FEATURES choose another target.
+def processor() -> tuple[str, str, str]:
+    """Return the compiler's target: LLVM's names of architecture and system, of the processor, and of further features.
+
+    It is LEVEL where the present processor has it, so that code serves other machines too: kernels are as fast as those
+    for the very processor, and have the same bits. NUMBA_CPU_NAME and NUMBA_CPU_FEATURES choose another target.
     """
     triple, features = binding.get_process_triple(), binding.get_host_cpu_features()
     named, given_features = os.environ.get("NUMBA_CPU_NAME", ""), os.environ.get("NUMBA_CPU_FEATURES", "")
     if named or given_features:
-        return Processor(triple, named or binding.get_host_cpu_name(), given_features)
+        return triple, named or binding.get_host_cpu_name(), given_features
     if triple.startswith("x86_64") and all(features.get(feature) for feature in NEEDED):
-        return Processor(triple, LEVEL, "")
-    return Processor(triple, binding.get_host_cpu_name(), features.flatten())
+        return triple, LEVEL, ""
+    return triple, binding.get_host_cpu_name(), features.flatten()
 
 
 @cache
