@@ -103,11 +103,6 @@ def folder(tmp_path_factory):
     return made
 
 
-def look_of(drawn):
-    """Size of a picture, and its words with their sizes."""
-    return *drawn.get_size_inches(), *((text.get_text(), text.get_size()) for text in drawn.findobj(Text))
-
-
 @pytest.fixture
 def seen(folder, monkeypatch, capsys, pictures):
     """Function that runs a line in the folder and returns what a user sees of it: words, results, arrays, picture."""
@@ -121,10 +116,11 @@ def seen(folder, monkeypatch, capsys, pictures):
             out, err = capsys.readouterr()
             files = {path.suffix: path.read_bytes() for path in folder.glob("a.*")}
             arrays = dict(np.load("a.npz")) if ".npz" in files else {}
-            assert len(pictures) == (".png" in files)
+            looks = [(*drawn.get_size_inches(), *((text.get_text(), text.get_size()) for text in drawn.findobj(Text)))
+                     for drawn in pictures]  # Sizes and words.
             SEEN[line] = (status, err.count("\n"), re.sub(r"[\d.e-]+ s\b", "", out),
                           without_times(json.loads(files.get(".json", "{}"))),
-                          {name: array.shape for name, array in arrays.items()}, [*map(look_of, pictures)])
+                          {name: array.shape for name, array in arrays.items()}, looks)
             pictures.clear()
         return SEEN[line]
 

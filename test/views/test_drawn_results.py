@@ -277,17 +277,6 @@ def test_a_period_has_one_colour_in_every_map() -> None:
     assert colours[0] == colours[1]
 
 
-def test_results_of_functions_are_drawn_as_their_json(pictures: list[Any], tmp_path: Path) -> None:
-    """A sweep, its JSON, and the file that a command wrote of it have the same curves."""
-    swept = tcc_sim.sweep("slip", "engine.torque_amplitude", [10.0, 20.0], cycles=20)
-    for result in (swept, of("sweep", swept.as_json())):
-        tcc_sim.plot(result, tmp_path / "a.png", force=True)
-    one, two = (curves(panels(drawn)["Maxima"]) for drawn in pictures)
-    assert one.keys() == two.keys()
-    for name, curve in one.items():
-        np.testing.assert_array_equal(curve, two[name])
-
-
 @pytest.mark.parametrize(("result", "arguments"), [
     (3.0, {}), (RUN, {"width": "poster"}), (RUN, {"units": "bpm"}), (RUN, {"file": "a.jpg"}), ("none.json", {}),
     (SimpleNamespace(trajectory=3.0), {})])

@@ -17,7 +17,6 @@ import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.testing.run import LockstepRun
-from tcc_sim.trajectory import Trajectory
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
@@ -353,17 +352,6 @@ def test_a_half_order_of_a_table_is_in_its_spectrum(order: float, phase: float, 
         at = dict(zip(*lines[name]))
         for place, height in expected.items():
             assert at[place] == pytest.approx(height, rel=0.01)
-
-
-def test_points_of_a_sweep_are_runs_by_themselves(laid_out: list[Any], tmp_path: Path) -> None:
-    swept = tcc_sim.sweep("slip", "engine.torque_amplitude", [10.0, 20.0, 40.0], cycles=40)
-    tcc_sim.plot(swept, tmp_path / "a.png")
-    x, y = curves(panels(laid_out[0])["Maxima"])["0"]
-    for value, largest in zip(x, y):
-        run: Trajectory = tcc_sim.solve(tcc_sim.load_scene("slip").with_values({"engine.torque_amplitude": value}),
-                                        cycles=40, samples_per_cycle=400)
-        assert largest == pytest.approx(np.abs(run.slip_speed[20 * 400:]).max(), rel=1e-4)
-    check(laid_out[0])
 
 
 def test_a_bode_plot_shows_frequencies_in_hertz_beside_speeds_in_rpm(pictures: list[Any], tmp_path: Path) -> None:
