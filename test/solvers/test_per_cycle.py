@@ -141,7 +141,7 @@ def test_times_of_samples_and_cycles():
                 f"periods of excitation from {starts[0]:g} to {starts[-1]:g} s must lie within the samples, which go "
                 "from 0 to 0.9 s")
     for wrong in (t[:1], np.array([0.0, 0.1, 0.1]), np.array([[0.0, 1.0]])):
-        with pytest.raises(InputError, match=r"^sample times must be two or more and strictly increasing$"):
+        with pytest.raises(InputError, match=r"sample times .* two or more and strictly increasing"):
             cycles_of(wrong, np.array([0.0]))
 
 
