@@ -72,8 +72,6 @@ def parts_of(path: Path) -> Parts:
     way that is not read.
     """
     if not path.is_dir():
-        if path.suffix == ".db3" or path.name.endswith(".db3.zstd"):
-            raise RecordingError(importable(path, "in SQLite"))
         return Parts([path])
     try:
         inside = sorted(path.iterdir(), key=_natural)
