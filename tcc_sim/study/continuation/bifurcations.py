@@ -223,7 +223,7 @@ def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
     """The margins of an orbit that are least in size over all segments, with derivatives by the scaled unknowns."""
     nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
     out: dict[str, orbits.Margin] = {}
-    for k, (first, length) in enumerate(zip(orbits.layout(shooting.segments, n)[0], shooting.segments)):
+    for k, (first, length) in enumerate(zip(shooting.layout[0], shooting.segments)):
         for name, margins in shooting.map.margins(nodes[k], values, first, length).items():
             if name not in out or abs(margins.value) < abs(out[name].value):
                 slopes = np.zeros(len(z))

@@ -102,10 +102,9 @@ def _every_start(track: BranchTrack) -> list[tuple[Floats, Floats]]:
     shooting, z = first.shooting, first.solution.z
     of, size, tangent = shooting.map, shooting.size, shooting.outer(first.solution.tangent)
     x, values = shooting.nodes(z)[0], shooting.values(z)
-    sizes = np.concatenate([of.scales, shooting.widths])
     for k, shifted in enumerate(orbits.shifts(of, x, values, shooting.period)[1:], 1):
         image = of.evaluate(x, values, 0, k * of.forcing_period)
-        way = np.concatenate([image.derivatives @ (sizes * tangent) / of.scales, tangent[of.dimension:]])
+        way = np.concatenate([image.derivatives @ (shooting.sizes * tangent) / of.scales, tangent[of.dimension:]])
         out.append((np.concatenate([shifted / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
     return out
 

@@ -75,15 +75,11 @@ class Special:
         values = []
         for key, value, error in ((over, self.value, self.error), (second, self.second, self.second_error)):
             unit, factor = key_unit(key)
-            values.append(f"{key} {with_error(value * factor, error * factor)} {unit}".rstrip())
+            # No more digits than the error allows.
+            digits = max(0, min(12, 1 - int(np.floor(np.log10(max(error * factor, 1e-12))))))
+            values.append(f"{key} {value * factor:.{digits}f} +- {error * factor:.1g} {unit}".rstrip())
         where = "" if self.located else "  not located: its test changes sign in between"
         return f"{self.kind:>22}  {'  '.join(values)}{where}"
-
-
-def with_error(value: float, error: float) -> str:
-    """A number and its error, with no more digits than the error allows."""
-    digits = max(0, min(12, 1 - int(np.floor(np.log10(max(error, 1e-12))))))
-    return f"{value:.{digits}f} +- {error:.1g}"
 
 
 ENDING: dict[tuple[str, str], Callable[[AugmentedPoint], float]] = {
@@ -453,13 +449,6 @@ changes that other difference steps and one more Newton step make.
 """
 
 
-def start_of_curve(equations: MinimallyAugmented) -> AugmentedPoint:
-    """The first point of a curve, without a direction."""
-    linearised = equations.linearise(equations.start)
-    tangent = arclength.null_direction(linearised)
-    return AugmentedPoint(arclength.solution_at(equations.start, linearised, tangent), equations)
-
-
 def facing(point: P, forward: bool) -> P:
     """The point with the tangent along which the second parameter grows, or falls."""
     growing = float(parameters(point, point.solution.tangent)[1]) > 0.0
@@ -507,7 +496,10 @@ def bifurcation_curve(bifurcation: Bifurcation, of: ParameterMap, ranges: Ranges
 
     def begun(forward: bool) -> CurveTrack:
         finer, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], second)))
-        track = Continuation(facing(start_of_curve(MinimallyAugmented(bifurcation.kind, finer, z)), forward), CURVE)
+        system = MinimallyAugmented(bifurcation.kind, finer, z)
+        linearised = system.linearise(system.start)
+        solution = arclength.solution_at(system.start, linearised, arclength.null_direction(linearised))
+        track = Continuation(facing(AugmentedPoint(solution, system), forward), CURVE)
         _test(track, track.here)
         return track
 

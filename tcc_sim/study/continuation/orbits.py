@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property
 from itertools import groupby
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -270,6 +270,10 @@ class Linearised(NamedTuple):
     amplitude_gradient: Floats = np.empty((0, 0))
 
 
+Places = tuple[NDArray[np.intp], NDArray[np.intp]]
+"""Rows and columns in a Jacobian."""
+
+
 @dataclass(frozen=True)
 class Shooting:
     """The equations G = 0 of orbits of `period` cycles in segments, whose lengths `segments` are in cycles."""
@@ -311,6 +315,21 @@ class Shooting:
         """Change of each free parameter per unit of its unknown."""
         return [w.width for w in self.ranges]
 
+    @cached_property
+    def sizes(self) -> Floats:
+        """(n + P,) sizes of a node and of the parameters."""
+        return np.concatenate([self.map.scales, self.widths])
+
+    @cached_property
+    def layout(self) -> tuple[list[float], Places, Places]:
+        """Starts of the segments, in cycles, and the places of their derivatives and of the nodes in which they end."""
+        n, count = self.map.dimension, len(self.segments)
+        diagonal = np.arange(self.size)
+        rows = diagonal.reshape(-1, n)
+        return ([sum(self.segments[:k]) for k in range(count)],
+                (np.broadcast_to(rows[:, :, None], (count, n, n)), np.broadcast_to(rows[:, None, :], (count, n, n))),
+                (diagonal, np.roll(diagonal, -n)))
+
     def nodes(self, z: Floats) -> Floats:
         """(m, n) states at the starts of the segments."""
         return np.asarray(z[:self.size].reshape(-1, self.map.dimension) * self.map.scales)
@@ -323,10 +342,9 @@ class Shooting:
         """Residual and derivative at `z`, with the map's exceptions."""
         n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
         values, nodes = self.values(z), self.nodes(z)
-        starts, blocks_at, ends_at = layout(self.segments, n)
+        starts, blocks_at, ends_at = self.layout
         images = self.map.evaluate_each(nodes, values, starts, self.segments)
-        sizes, units = unknowns_sizes(tuple(scales.tolist()), tuple(self.widths))
-        parts = np.array([image.derivatives for image in images]) * units
+        parts = np.array([image.derivatives for image in images]) * (self.sizes / scales[:, None])
         blocks, ends, following = parts[..., :n], images[0].value, nodes[0]
         if count == 1:
             jacobian = parts[0].copy()
@@ -341,7 +359,7 @@ class Shooting:
         if len(gradients) < count:
             return Linearised(residual, jacobian, blocks, seen)
         return Linearised(residual, jacobian, blocks, seen, np.array(seen.amplitudes) / scale,
-                          self._joined(gradients, sizes / scale))
+                          self._joined(gradients, self.sizes / scale))
 
     def _joined(self, gradients: Sequence[Floats], sizes: Floats) -> Floats:
         """(N, d + P) derivatives of the amplitudes of all segments by nodes and parameters of these sizes."""
@@ -403,28 +421,6 @@ class Shooting:
             out += pieces
             begin = following
         return out, x
-
-
-@lru_cache(maxsize=64)
-def unknowns_sizes(scales: tuple[float, ...], widths: tuple[float, ...]) -> tuple[Floats, Floats]:
-    """(n + P,) sizes of a node and the parameters, and (n, n + P) those of a node's derivatives by them."""
-    sizes = np.array(scales + widths)
-    return sizes, sizes / np.array(scales)[:, None]
-
-
-Places = tuple[NDArray[np.intp], NDArray[np.intp]]
-"""Rows and columns in a Jacobian."""
-
-
-@lru_cache(maxsize=64)
-def layout(segments: tuple[float, ...], n: int) -> tuple[list[float], Places, Places]:
-    """Starts of segments, in cycles, and the places of their derivatives and of the nodes in which they end."""
-    diagonal = np.arange(len(segments) * n)
-    rows = diagonal.reshape(-1, n)
-    square = (len(segments), n, n)
-    return ([sum(segments[:k]) for k in range(len(segments))],
-            (np.broadcast_to(rows[:, :, None], square), np.broadcast_to(rows[:, None, :], square)),
-            (diagonal, np.roll(diagonal, -n)))
 
 
 def greedy(parts: list[tuple[float, Floats, Floats]], growth: float) -> tuple[list[float], list[Floats]]:
@@ -544,7 +540,7 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
     try:
         linearised = shooting.linearise(z)
         for _ in range(NEWTON_ITERATIONS):
-            step = _newton_step(linearised.jacobian[:, :size], linearised.residual, SINGULAR)
+            step = _newton_step(linearised.jacobian[:, :size], linearised.residual)
             turn = sum(_slope(z[:size] - k[:size], step) for k in known)
             if turn:
                 step = step / (1.0 - turn)
@@ -574,12 +570,12 @@ def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Float
     return None
 
 
-def _newton_step(jacobian: Floats, residual: Floats, singular: float) -> Floats:
+def _newton_step(jacobian: Floats, residual: Floats) -> Floats:
     """Newton's step; the shortest one where the Jacobian is singular, in a family of motions."""
     try:
         return np.asarray(np.linalg.solve(jacobian, -residual))
     except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.lstsq(jacobian, -residual, rcond=singular)[0])
+        return np.asarray(np.linalg.lstsq(jacobian, -residual, rcond=SINGULAR)[0])
 
 
 def _weight(z: Floats, known: Sequence[Floats], size: int) -> float:
