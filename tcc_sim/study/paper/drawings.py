@@ -17,7 +17,7 @@ import numpy as np
 from tcc_sim.errors import counted
 from tcc_sim.shown_units import speed
 from tcc_sim.study.paper.branches_behind import MotionsBehind
-from tcc_sim.study.paper.catalogue import SWEPT, plain
+from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, plain
 from tcc_sim.study.paper.figures import Figure, Labelled
 from tcc_sim.study.views import branch_panels
 from tcc_sim.views import style
@@ -129,7 +129,7 @@ def draw_branches(axis: Any, data: Figure, curves: Sequence[Labelled]) -> None:
     for curve in curves:
         for which, face, name in ((settled(curve), style.INK, "motion of the sweep"),
                                   (~settled(curve), "white", "without a period, or not settled")):
-            axis.plot(np.array(data.x)[which], bounded(curve)[which], **{**DOTS, "markeredgewidth": 0.4}, zorder=2,
+            axis.plot(np.array(data.x)[which], bounded(curve)[which], **{**DOTS, "markeredgewidth": 0.4}, zorder=1.8,
                       markersize=1.8, color=style.INK, markerfacecolor=face, label=name)
     axis.set_xlim(data.x[0], data.x[-1])
     label_jumps(axis, curves, unit)
@@ -436,7 +436,7 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
         directions = {curve.direction for curve in data.curves}
         extra += [DIRECTIONS[d][0] for d in sorted(directions)] if directions != {"cold"} else []
     wide, note = style.wide(width), f" ({', '.join(extra)})" if extra else ""
-    words = title or f"Fig. {data.figure}. {data.title}{note}"
+    words = title or f"Fig. {data.figure}. {FIGURES[data.figure].title}{note}"
     parts = data.caption.replace("\n", " ").split("; ")
     if data.kind in SWEPT:
         most = max(len(points or ()) for curve in data.curves for points in curve.theta2)
