@@ -218,22 +218,16 @@ def coexisting(sweep: Sweep, jobs: int | None = None) -> list[Coexisting]:
         summary = solve_point(system, value, plan, handed_over(sweep.curve.at(place), neighbour.end, system)).summary
         if summary is None or not summary.period or abs(summary.max_slip_speed - largest[here]) <= JUMP * size:
             return None
+        beside = largest[here] - largest[[here - 1, here + 1]] if 0 < here < len(largest) - 1 else np.zeros(2)
+        spike = bool(beside[0] * beside[1] > 0.0 and np.abs(beside).min() > JUMP * size)
         return Coexisting(here, value, float(largest[here]), periods[here], Reached(
-            summary.max_slip_speed, summary.period), stands_out(largest, here, JUMP * size))
+            summary.max_slip_speed, summary.period), spike)
 
     pairs = [(here, sweep.points[neighbour_place], neighbour_place) for k in steep(largest).tolist()
              for here, neighbour_place in ((k, k + 1), (k + 1, k))]
     with workers(jobs, None) as (threads, _):
         rows = [row for row in threads.map(follow, *zip(*pairs)) if row is not None] if pairs else []
     return sorted(rows, key=lambda row: row.index)
-
-
-def stands_out(values: np.ndarray, k: int, least: float) -> bool:
-    """Return whether a value lies above, or below, both of its neighbours by more than `least`."""
-    if not 0 < k < len(values) - 1:
-        return False
-    left, right = values[k] - values[k - 1], values[k] - values[k + 1]
-    return bool(left * right > 0.0 and min(abs(left), abs(right)) > least)
 
 
 def _law(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
