@@ -250,27 +250,19 @@ def response(linear: Linear, top: int, levels: int) -> Response:
 
 
 @lru_cache(maxsize=16)
-def tables(linear: Linear, rates: tuple[float, ...], load_rate: float, top: int, levels: int) -> Tables:
-    """Return the tables, read only, of a system whose torque has sines of these rates (rad/s), and its load one."""
+def tables(linear: Linear, rates: tuple[float, ...] | None, load_rate: float, top: int, levels: int) -> Tables:
+    """Return the tables, read only, of a system whose torque has sines of these rates (rad/s), and its load one.
+
+    Without rates the torque is given at the nodes, each of which is a source.
+    """
     linear_response = response(linear, top, levels)
-    waves = np.zeros((levels, 2 * len(rates), linear_response.fixed.shape[2]))
-    _add_waves(linear_response.step_sizes["length"].copy(), np.array(rates), linear_response.torque, C, waves)
-    return _tables(linear_response, np.concatenate([linear_response.fixed, waves], axis=1), load_rate, top)
-
-
-@lru_cache(maxsize=16)
-def nodal_tables(linear: Linear, top: int, levels: int) -> Tables:
-    """Return the tables of a system whose torque is given at the nodes: each node is a source."""
-    linear_response = response(linear, top, levels)
-    return _tables(linear_response, np.concatenate([linear_response.fixed, linear_response.torque.transpose(0, 2, 1)],
-                                                   axis=1), 0.0, top)
-
-
-def _tables(linear_response: Response, sources: Floats, load_rate: float, top: int) -> Tables:
-    """Return the tables with these sources, (levels, sources, numbers of a SOURCE)."""
-    named = np.ascontiguousarray(sources).view(SOURCE)[..., 0]
+    sources = linear_response.torque.transpose(0, 2, 1)
+    if rates is not None:
+        sources = np.zeros((levels, 2 * len(rates), linear_response.fixed.shape[2]))
+        _add_waves(linear_response.step_sizes["length"].copy(), np.array(rates), linear_response.torque, C, sources)
+    named = np.ascontiguousarray(np.concatenate([linear_response.fixed, sources], axis=1)).view(SOURCE)[..., 0]
     named.setflags(write=False)
-    return Tables(linear_response.step_sizes, named, turns_of(load_rate, top, len(sources)))
+    return Tables(linear_response.step_sizes, named, turns_of(load_rate, top, levels))
 
 
 @lru_cache(maxsize=16)

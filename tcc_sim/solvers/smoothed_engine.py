@@ -661,7 +661,8 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
         tables = collocation.tables(terms.linear, tuple(waves["rate"].tolist()), load_frequency(terms), top, levels)
     else:
         limits = limits._replace(steps=steps_allowed(terms, longest))
-        tables = collocation.nodal_tables(terms.linear, top, levels + math.ceil(2.0 * math.log2(longest / period)))
+        levels += math.ceil(2.0 * math.log2(longest / period))
+        tables = collocation.tables(terms.linear, None, 0.0, top, levels)
         terms = terms._replace(pulsation=terms.pulsation or (0.0, 1.0, 0.0))
     terms = terms._replace(linear=completed(terms.linear), torque=None, harmonics=None)  # The sines are the waves.
     return Setup(limits, terms, system.pressure.frequency_ratio, waves, tables)
