@@ -420,10 +420,10 @@ class Stepper:
         """Angle (rad) and speed (rad/s) of the shaft's far end now; None if it never moved."""
         return (float(self._far[0, FAR_ANGLE]), float(self._far[0, FAR_SPEED])) if self._moved else None
 
-    def move_far_end(self, speed: float, angle: float | None = None) -> None:
-        """Move the shaft's far end at a speed, rad/s, held from now on, from where it is or from an angle, rad."""
+    def move_far_end(self, speed: float) -> None:
+        """Move the shaft's far end at a speed, rad/s, held from now on, from where it is."""
         self._moved = True
-        self._far[0] = self.tick * self.step, self._far[0, FAR_ANGLE] if angle is None else angle, speed, 0.0
+        self._far[0] = self.tick * self.step, self._far[0, FAR_ANGLE], speed, 0.0
 
     def _completed(self, terms: Terms) -> Terms:
         """Return `terms` for the kernel, with the actuator's and the far end's part in the next tick."""

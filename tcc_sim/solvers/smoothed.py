@@ -14,7 +14,6 @@ controller; Sec. IV.8 there).
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -179,17 +178,12 @@ def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, exce
         layer=min(1e-3, 300.0 * local) / sigma, falling=FALLING_ERROR / steepest if steepest > 0.0 else math.inf,
         creep=min(CREEP_ERROR * max(rtol, 1e-13), 1e-2) / sigma, nearly_zero=1e-7 / sigma, rest=1e-26 * speed)
     rates = Rates(base_rate, FINER * fastest if fast_slip else fastest, strength, slip_decay, fast_slip)
-    return Limits(period, sigma, beta, i1 / (i1 + i2), steps_allowed(terms, period), errors,
-                  Speeds(layer, far, stick_speed, creep_speed, peak), rates, series_orders(local))
-
-
-@lru_cache(maxsize=16)
-def series_orders(local: float) -> SeriesOrders:
-    """Return the numbers of a series at a tolerance of one step."""
     order = order_of(4.6 - 0.58 * math.log(local), series.FRICTION_ORDER_MAXIMUM)
-    return SeriesOrders(order, order_of(10.7 - 0.58 * math.log(local), series.ORDER_MAXIMUM),
-                        math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
-                        -math.log(local))
+    orders = SeriesOrders(order, order_of(10.7 - 0.58 * math.log(local), series.ORDER_MAXIMUM),
+                          math.exp((math.log(RESOLVED * local) + math.lgamma(order + 2.0)) / (order + 1.0)),
+                          -math.log(local))
+    return Limits(period, sigma, beta, i1 / (i1 + i2), steps_allowed(terms, period), errors,
+                  Speeds(layer, far, stick_speed, creep_speed, peak), rates, orders)
 
 
 def far_of(excess: float, decay: float, rtol: float, layer: float) -> float:

@@ -634,9 +634,7 @@ def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Flo
                 before=before, slip=reader.slip)
 
 
-def at_level(pressure: Floats, level: float, side: int = 0) -> np.ndarray:
+def at_level(pressure: Floats, level: float, side: int) -> np.ndarray:
     """Return which pressures are at a level, Pa, or beyond it on one side (1: above, -1: below); none at NaN."""
     near = SAME_PRESSURE * max(abs(level), float(np.nanmax(np.abs(pressure), initial=0.0)) * 1e-3)
-    if side:
-        return np.asarray(side * (pressure - level) >= -near)
-    return np.asarray(np.abs(pressure - level) <= near)
+    return np.asarray(side * (pressure - level) >= -near)

@@ -398,12 +398,11 @@ class Summary(Result):
         return {item.name: [getattr(self, item.name)] for item in fields(self) if item.name not in listed}
 
 
-def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: float = TOLERANCE) -> Summary:
+def summarise(trajectory: Trajectory, discard: int | None = None) -> Summary:
     """Summarise a trajectory after its first `discard` cycles.
 
     trajectory : solved or recorded; its status is ignored
     discard : dropped cycles; None drops 50, or half of fewer than 100 cycles
-    tolerance : of the period, relative to the size of the motion
 
     Raises InputError: a discard that leaves no cycle, or a trajectory without cycles.
     """
@@ -411,7 +410,7 @@ def summarise(trajectory: Trajectory, discard: int | None = None, *, tolerance: 
     dropped = dropped_of(len(cycles), discard) if len(cycles) or behind is None or discard else 0
     first = first_cycle_of(trajectory) + dropped
     times = cycle_times_of(varying(trajectory), trajectory.cycle, first, len(cycles) - dropped)
-    return summarise_cycles(cycles[dropped:], times, tolerance=tolerance, dropped=dropped, by=trajectory,
+    return summarise_cycles(cycles[dropped:], times, dropped=dropped, by=trajectory,
                             partial=[part for part in (before if not dropped else None, behind) if part is not None])
 
 
