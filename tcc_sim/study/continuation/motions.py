@@ -327,26 +327,21 @@ class ContinuationPlan:
         return None if self.second is None else self.second[0]
 
     def __post_init__(self) -> None:
-        if not self.low < self.high:
-            raise InputError(f"--over has a range from {self.low:g} to {self.high:g}; the two must differ")
+        if self.second is not None and self.second[0] == self.over:
+            raise InputError(f"--second is {self.over}, the key of --over; it must be another one")
+        for option, low, high in (("--over", self.low, self.high), *(
+                [] if self.second is None else [("--second", *self.second[1:])])):
+            if not low < high:
+                raise InputError(f"{option} has a range from {low:g} to {high:g}; the two must differ")
         if self.period is not None and not 1 <= self.period <= LONGEST_START:
             raise InputError(f"--period is {self.period}; it must be 1 to {LONGEST_START} periods of excitation")
         if not 0 <= self.switch <= DEEPEST_SWITCH:
             raise InputError(f"--switch is {self.switch}; it must be 0 to {DEEPEST_SWITCH}")
-        for seed in self.seeds:
-            if not self.low <= seed.value <= self.high:
-                raise InputError(f"a seed is at {self.over} = {seed.value:g}; it must be within the range of --over, "
-                                 f"{self.low:g} to {self.high:g}")
-        for value in self.at:
+        for what, value in (*((f"a seed is at {self.over} =", seed.value) for seed in self.seeds),
+                            *(("--at is", value) for value in self.at)):
             if not self.low <= value <= self.high:
-                raise InputError(f"--at is {value:g}; it must be within the range of --over, {self.low:g} to "
+                raise InputError(f"{what} {value:g}; it must be within the range of --over, {self.low:g} to "
                                  f"{self.high:g}")
-        if self.second is not None:
-            key, low, high = self.second
-            if key == self.over:
-                raise InputError(f"--second is {key}, the key of --over; it must be another one")
-            if not low < high:
-                raise InputError(f"--second has a range from {low:g} to {high:g}; the two must differ")
 
 
 @result_class
