@@ -63,7 +63,7 @@ def test_names_in_a_recording_are_never_paths_to_write(tmp_path: Path, written: 
     assert main(["analyse", "run", "--verify", "--json", "run.json"]) == 1
     paths = [Path(path) for path in written if not path.startswith("/dev/") and "__pycache__" not in path]
     # A bag opens these by name relative to its open directory; none of them remains in the working directory.
-    in_bag = re.compile(r"saved_0\.mcap|metadata\.yaml")
+    in_bag = re.compile(r"saved_0\.mcap|\.[0-9a-f]{16}\.part")
     names = {"saved" if in_bag.fullmatch(name) else name
              for name in (path.relative_to(tmp_path).parts[0] for path in paths)}
     drafts = {name for name in names if name.startswith(".run.") and name.endswith(".part")}

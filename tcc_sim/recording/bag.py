@@ -16,7 +16,6 @@ import yaml
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages.definitions import Definition
 from tcc_sim.recording.mcap_file import MOST_CHUNKS, RELIABLE, FileSummary, McapFile, information
-from tcc_sim.recording.parts import METADATA
 
 _PART = "_999999.mcap"
 
@@ -132,20 +131,28 @@ class BagWriter:
         raise RecordingError(f"{self.directory} was renamed or removed while it was recorded to")
 
     def close(self, result: Mapping[str, Any] | None = None) -> None:
-        """Close the last part and write metadata.yaml, without overwriting an existing one."""
+        """Close the last part and write metadata.yaml atomically, without overwriting an existing one."""
         self.file.close(result, self._sync)
-        text = yaml.safe_dump({"rosbag2_bagfile_information": information([*self._done, self.file.summary])},
-                              sort_keys=False)
+        draft = f".{os.urandom(8).hex()}.part"
+        file = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666, dir_fd=self._folder)
         try:
-            file = os.open(METADATA, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666, dir_fd=self._folder)
             with open(file, "w", encoding="utf-8") as stream:
-                stream.write(text)
+                yaml.safe_dump({"rosbag2_bagfile_information": information([*self._done, self.file.summary])}, stream,
+                               sort_keys=False)
                 if self._sync:
                     stream.flush()
                     os.fsync(file)
-        except FileExistsError:
-            raise RecordingError(f"{self.directory / METADATA} exists already and is not overwritten") from None
+            try:
+                os.link(draft, "metadata.yaml", src_dir_fd=self._folder, dst_dir_fd=self._folder)
+            except OSError as error:
+                if isinstance(error, FileExistsError) or "metadata.yaml" in os.listdir(self._folder):
+                    name = self.directory / "metadata.yaml"
+                    raise RecordingError(f"{name} exists already and is not overwritten") from None
+                # The file system has no hard links.
+                os.replace(draft, "metadata.yaml", src_dir_fd=self._folder, dst_dir_fd=self._folder)
         finally:
+            with suppress(FileNotFoundError):
+                os.unlink(draft, dir_fd=self._folder)
             if self._sync:
                 os.fsync(self._folder)
             self._release()

@@ -194,6 +194,7 @@ def test_a_bag_whose_directory_is_renamed_shares_nothing_with_one_made_under_its
     assert stamps_of(tmp_path / "run") == list(range(1000, 1250))
     for folder in ("moved", "run"):
         assert open_run(tmp_path / folder).complete
+        assert sorted(path.name for path in (tmp_path / folder).glob("*.part")) == []
 
 
 @pytest.mark.parametrize("taken", ["run_1.mcap", "metadata.yaml"])
