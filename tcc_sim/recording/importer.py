@@ -27,6 +27,7 @@ from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.mcap_file import McapFile
 from tcc_sim.recording.parts import KINDS, PACKED, listed_counts
 from tcc_sim.recording.reader import Run, open_run
+from tcc_sim.recording.records import PASSED_OVER, Expansion
 from tcc_sim.recording.recovery import copy_messages, recover
 from tcc_sim.recording.runs import placed
 from tcc_sim.recording.stamps import Break
@@ -82,7 +83,10 @@ def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = N
             staged = Path(folder, "bag.mcap")
             _stage(foreign, staged, Path(folder), listed_counts(path))
         elif packed:
-            unpacked = [_unpacked(part, Path(folder)) for part in packed]
+            for part in inside:
+                if part.suffix == ".mcap":
+                    Path(folder, part.name).symlink_to(part.resolve())
+            unpacked = [_unpacked(part, Path(folder)) for part in packed if not Path(folder, part.stem).exists()]
             staged = Path(folder) if path.is_dir() else unpacked[0]
         run = open_run(staged, joints, topic, driveline)
         if run.driveline.runs:
@@ -93,11 +97,17 @@ def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = N
 
 
 def _unpacked(part: Path, folder: Path) -> Path:
-    """Unpack a compressed file into a folder; RecordingError if it is damaged."""
+    """Unpack a compressed file into a folder; RecordingError if it is damaged or too large for its size."""
     where = folder / part.stem
     try:
-        with part.open("rb") as packed, where.open("wb") as plain:
-            zstandard.ZstdDecompressor().copy_stream(packed, plain)
+        limit = PASSED_OVER * Expansion(part.stat().st_size).limit
+        with part.open("rb") as packed, where.open("wb") as plain, zstandard.ZstdDecompressor().stream_reader(
+                packed, read_across_frames=True) as reader:
+            while block := reader.read(1 << 20):
+                plain.write(block)
+                if plain.tell() > limit:
+                    raise RecordingError(f"{part} would unpack to more than {limit} bytes, the most allowed for a file "
+                                         "of its size")
     except (OSError, zstandard.ZstdError) as error:
         raise RecordingError(f"{part} cannot be unpacked: {error}") from None
     return where

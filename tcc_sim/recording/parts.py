@@ -78,6 +78,10 @@ def parts_of(path: Path) -> Parts:
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
     files = [part for part in inside if part.suffix == ".mcap"]
+    for pattern, kind in KINDS.items():  # Other kinds beside MCAP are no parts of it.
+        first = next((part for part in inside if re.search(pattern, part.name)), None)
+        if first and (pattern == PACKED or not files):
+            raise RecordingError(importable(first if first.suffix == ".bag" else path, kind))
     names, note = _listed(path)
     if files and names is not None:
         by_name = {part.name: part for part in files}
@@ -89,9 +93,6 @@ def parts_of(path: Path) -> Parts:
         return Parts(files, False, absent)
     if files:
         return Parts(files, len(files) == 1, note=note)
-    for pattern, kind in KINDS.items():
-        if first := next((part for part in inside if re.search(pattern, part.name)), None):
-            raise RecordingError(importable(first if first.suffix == ".bag" else path, kind))
     if first := next((part for part in inside if ".mcap." in part.name), None):
         raise RecordingError(f"{first} is compressed as {first.suffix}, which is not read; unpack it")
     below = sorted({part.parent for part in path.glob("*/*.mcap")})

@@ -118,6 +118,31 @@ def test_an_imported_bag_has_the_figures_of_the_original(tmp_path: Path, origina
     assert "exists already" in refused("import", bag, run)
 
 
+@pytest.mark.parametrize("beside", [[], ["run_1.mcap"], ["run_0.mcap", "run_1.mcap"]])
+def test_a_bag_with_compressed_and_plain_parts_is_imported_whole(tmp_path: Path, beside: list[str],
+                                                                 refused: Callable[..., str]) -> None:
+    """A recorder that was killed leaves its last part plain, and perhaps one beside its unfinished compressed file."""
+    re_encodings.in_parts(["run_0.mcap", "run_1.mcap"])(tmp_path / "bag", re_encodings.made(tmp_path / "own", 400))
+    states = analysed(tmp_path / "bag")["messages"]
+    for part in [*(tmp_path / "bag").glob("*.mcap")]:
+        data = part.read_bytes()
+        frames = [zstandard.ZstdCompressor().compress(half) for half in (data[:5000], data[5000:])]
+        if part.name not in beside or part.name == "run_0.mcap":
+            part.with_name(f"{part.name}.zstd").write_bytes(frames[0] if part.name in beside else b"".join(frames))
+        if part.name not in beside:
+            part.unlink()
+    assert "tcc-sim import" in refused("analyse", tmp_path / "bag")
+    assert main(["import", str(tmp_path / "bag"), str(tmp_path / "run")]) == 0
+    assert analysed(tmp_path / "run")["messages"] == states
+
+
+def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path: Path, refused: Callable[..., str]) -> None:
+    bag, packer = tmp_path / "run_0.mcap.zstd", zstandard.ZstdCompressor()
+    bag.write_bytes(packer.compress(bytes(1 << 24)) * 14)
+    assert "would unpack to more than" in refused("import", bag, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_bag_that_lacks_messages_which_it_counts_is_refused(tmp_path: Path, refused: Callable[..., str]) -> None:
     of_package(tmp_path / "run")
     bag = converted(with_metadata(tmp_path / "run"), tmp_path, "bag")
