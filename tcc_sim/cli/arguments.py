@@ -191,11 +191,11 @@ def deliver(arguments: argparse.Namespace, scene: Scene | System, result: Any, l
     title, recording = getattr(arguments, "title", ""), getattr(arguments, "recording", None)
     if title is None:
         title = recording.name if recording is not None else getattr(scene, "name", "")
-    out = getattr(arguments, "out", None)
-    if out is not None or arguments.json is not None:
+    writes = write if getattr(arguments, "out", None) is not None else None
+    if writes is not None or arguments.json is not None:
         whole = document(arguments.verb, result, scene, arguments.words, title)
-    if out is not None and write is not None:
-        write(whole)
+    if writes is not None:
+        writes(whole)
     warn_of(scene)
     if arguments.json is not None:
         write_json(arguments.json, whole)
