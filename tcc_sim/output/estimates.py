@@ -169,8 +169,8 @@ def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, f
 
     fast : mu_k N R, of slip beyond the range of a friction table
     """
-    mean = abs(engine.mean)
-    sticks = "the clutch carries every peak of the torque, so pure stick is possible"
+    mean, sticks = abs(engine.mean), margin is not None and margin >= 0.0
+    carried = "the clutch carries every peak of the torque, so pure stick is possible"
     if mean > kinetic.mean:
         slips, why = "runaway", ("the mean engine torque exceeds the torque of the sliding clutch, so fast slip grows "
                                  "without end")
@@ -179,17 +179,15 @@ def _expected(system: System, engine: Torque, static: Torque, kinetic: Torque, f
         elif system.friction.curve is not None and mean <= fast.mean:
             slips, why = "slip", (f"the mean engine torque exceeds the torque of the clutch at every slip speed of the "
                                   f"friction table, so slip grows beyond its {speed(system.friction.curve.fastest)}")
-        if margin is not None and margin >= 0.0:
-            return f"stick or {slips}", f"{sticks}; in slip, {why}"
-        return slips, why
+        return (f"stick or {slips}", f"{carried}; in slip, {why}") if sticks else (slips, why)
     try:
         lasting = pure_slip(system, -1 if system.initial.slip_speed < 0.0 else 1).least_slip_speed > 0.0
     except InputError:
         lasting = False
     if lasting:
         return "slip", "slip never ends from this initial state"
-    if margin is not None and margin >= 0.0:
-        return "stick", sticks
+    if sticks:
+        return "stick", carried
     if mean > static.mean:
         return "slip", ("the clutch carries the mean torque only while it slips, because friction rises with slip "
                         "speed")
