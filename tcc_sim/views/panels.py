@@ -46,9 +46,8 @@ def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float =
     rows = list(_rows(panels, style.wide(width)))
     heights = [max(panel.height for panel in row) for row in rows]
     columns = min(max(map(len, rows)), 2)  # Of more, each row has its own: all need room for labels and colour bars.
-    with style.figure(width, sum(heights) + 0.3 * bool(title) + 0.14 * len(caption.splitlines()), title) as drawn:
-        if formulas:
-            drawn._suptitle.set_parse_math(True)
+    height = sum(heights) + 0.3 * bool(title) + 0.14 * len(caption.splitlines())
+    with style.figure(width, height, title, formulas) as drawn:
         if caption:
             drawn.supxlabel(caption, x=0.01, ha="left", fontsize=6.8, color=style.GREY)
         grid = drawn.add_gridspec(len(rows), columns, height_ratios=heights)

@@ -113,8 +113,9 @@ def use_file(path: Path | None) -> None:
 
 
 @contextmanager
-def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterator[Any]:
-    """Yield a matplotlib Figure of `width` by `height` inch with a title; draw and save it inside the `with`.
+def figure(width: float = PAGE, height: float = 4.0, title: str = "", formulas: bool = False) -> Iterator[Any]:
+    """Yield a matplotlib Figure of `width` by `height` inch with a title, which may have formulas; draw and save it
+    inside the `with`.
 
     A style with larger labels makes it higher.
 
@@ -139,7 +140,7 @@ def figure(width: float = PAGE, height: float = 4.0, title: str = "") -> Iterato
         FigureCanvasAgg(drawn)
         if title:
             drawn.suptitle(title, x=0.01, ha="left", fontsize=10.0, fontweight="bold", wrap=True,
-                           parse_math=False)  # It has names of files.
+                           parse_math=formulas)  # Names of files are none.
         yield drawn
 
 
