@@ -28,9 +28,11 @@ UNSTABLE = (0, (3, 1.5))
 """Dashes of unstable motions."""
 
 
-def branch_panels(values: Mapping[str, Any]) -> list[Panel]:
+def branch_panels(values: Mapping[str, Any], unstable: str = "period {}, unstable") -> list[Panel]:
     """Return the branches of `continue --json`: solid where stable, dashed where not, one colour per period; and the
     curves of bifurcations in the plane of both keys.
+
+    unstable : name of unstable motions of a period
     """
     def once(axis: Any, x: Any, y: Any, name: str, **look: Any) -> None:
         """Draw a line or a mark, whose name the legend has once."""
@@ -39,10 +41,10 @@ def branch_panels(values: Mapping[str, Any]) -> list[Panel]:
     def branches(axis: Any) -> None:
         quantities(axis, style.quantity_of(values["over"]), style.MAX_SLIP)
         for number, branch in enumerate(values["branches"]):
-            parts = zip(stable_and_unstable(values, number), ("-", UNSTABLE), ("stable", "unstable"))
-            for (x, y), dashes, word in parts:
+            parts = zip(stable_and_unstable(values, number), ("-", UNSTABLE), ("period {}, stable", unstable))
+            for (x, y), dashes, name in parts:
                 if len(x):
-                    once(axis, x, y, f"period {branch['period']}, {word}", linestyle=dashes,
+                    once(axis, x, y, name.format(branch["period"]), linestyle=dashes,
                          color=style.colour_of(branch["period"]))
         for item in values["bifurcations"]:
             marker, name = MARKS[item["kind"]]

@@ -36,8 +36,11 @@ SETTLING = "settling_time"
 DOTS: dict[str, Any] = {"linestyle": "none", "marker": "o", "markeredgewidth": 0.0}
 
 
-def sweep_panels(values: Mapping[str, Any]) -> list[Panel]:
-    """Return maxima, the orbit diagram (plate angle on the section) and the time in stick over one key."""
+def sweep_panels(values: Mapping[str, Any], transient: str = "") -> list[Panel]:
+    """Return maxima, the orbit diagram (plate angle on the section) and the time in stick over one key.
+
+    transient : name of maxima that have not settled; by default with their number
+    """
     x, over = numbers(values["values"]), style.quantity_of(values["over"])
     size = 3.0 if len(x) <= 80 else 2.0 if len(x) <= 300 else 1.2
     away, open_ = flags(values.get("runaway"), x.shape), flags(values.get("transient"), x.shape)
@@ -53,7 +56,7 @@ def sweep_panels(values: Mapping[str, Any]) -> list[Panel]:
             marked = {"marker": "^", "markersize": 1.6 * size} if regime == "runaway" else {"markersize": size}
             axis.plot(x[mine], np.full(int(mine.sum()), 1.08 * top) if regime == "runaway" else largest[mine],
                       **{**DOTS, **marked}, color=colour, label=regime)
-        draw_open(axis, x, largest, open_, size)
+        draw_open(axis, x, largest, open_, size, transient)
         wrong = ~np.isfinite(largest)
         if wrong.any():
             axis.plot(x[wrong], np.zeros(int(wrong.sum())), linestyle="none", marker="x", color=style.RED,
@@ -100,11 +103,11 @@ def sweep_panels(values: Mapping[str, Any]) -> list[Panel]:
             *([Panel("Largest Lyapunov exponent", exponents, over=True)] if values.get("lyapunov") else [])]
 
 
-def draw_open(axis: Any, x: Floats, y: Floats, which: Bools, size: float) -> None:
+def draw_open(axis: Any, x: Floats, y: Floats, which: Bools, size: float, name: str = "") -> None:
     """Draw transients as open circles, because they are no steady states."""
     if which.any():
         axis.plot(x[which], y[which], linestyle="none", marker="o", markersize=size, markerfacecolor="white",
-                  markeredgecolor=style.INK, markeredgewidth=0.6, label=f"not settled ({which.sum()})")
+                  markeredgecolor=style.INK, markeredgewidth=0.6, label=name or f"not settled ({which.sum()})")
 
 
 def flags(values: Any, shape: tuple[int, ...]) -> Bools:

@@ -71,7 +71,7 @@ def swept(data: Figure, curve: Labelled) -> tuple[Panel, Panel]:
         "values": data.x, "over": AXES[data.axis], "transient": unsettled(curve).tolist(),
         "section": [[(angle,) for angle in angles or ()] for angles in curve.theta2],
         **{name: getattr(curve, name) for name in (
-            "max_slip_speed", "runaway", "regime", "period", "stick_fraction")}})
+            "max_slip_speed", "runaway", "regime", "period", "stick_fraction")}}, "maximum, not settled")
     return maxima, orbit
 
 
@@ -106,8 +106,6 @@ def top_of(axis: Any, curves: Sequence[Labelled]) -> float:
 def draw_maxima(axis: Any, data: Figure, curve: Labelled) -> None:
     """Draw the largest slip speeds with coexisting motions and with transients that stand out."""
     swept(data, curve)[0].draw(axis)
-    for line in axis.lines:  # One legend names the motions of all curves, so it has no number of them.
-        line.set_label(re.sub(r"(not settled) \(\d+\)$", r"maximum, \1", line.get_label()))
     rows = curve.coexisting or ()
     for name, marker, places in (
             ("coexisting motion", "D", [(r.index, r.other.max_slip_speed) for r in rows]),
@@ -123,9 +121,7 @@ def draw_branches(axis: Any, data: Figure, curves: Sequence[Labelled]) -> None:
         "over": AXES[data.axis],
         "bifurcations": [{**{k: f[k] for k in f}, "value": f["value"] / unit} for f in motions.bifurcations],
         "branches": [{**{k: b[k] for k in b}, "value": [x / unit for x in b["value"]]} for b in motions.branches],
-    })[0].draw(axis)
-    for line in axis.lines:  # The colour tells the period of unstable motions too.
-        line.set_label(re.sub("period.*unstable", "unstable", line.get_label()))
+    }, "unstable")[0].draw(axis)  # The colour tells the period of unstable motions too.
     for curve in curves:
         for which, face, name in ((settled(curve), style.INK, "motion of the sweep"),
                                   (~settled(curve), "white", "without a period, or not settled")):
