@@ -25,7 +25,7 @@ from tcc_sim.recording.columns import JointStates
 from tcc_sim.recording.commands import COMMANDS
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.mcap_file import McapFile
-from tcc_sim.recording.parts import KINDS, PACKED, listed_counts
+from tcc_sim.recording.parts import KINDS, METADATA, PACKED, listed, listed_counts, needed_of
 from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.recording.records import PASSED_OVER, Expansion
 from tcc_sim.recording.recovery import copy_messages, recover
@@ -75,7 +75,7 @@ def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = N
     if directory.exists():
         raise RecordingError(f"{directory} exists already and is not overwritten")
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder:
-        inside, staged = sorted(path.iterdir()) if path.is_dir() else [path], path
+        inside, staged = needed_of(sorted(path.iterdir()), listed(path)[0]) if path.is_dir() else [path], path
         packed = [part for part in inside if re.search(PACKED, part.name)]
         foreign = [part for part in inside if re.search("|".join(KINDS), part.name) and part not in packed]
         if foreign:
@@ -83,10 +83,10 @@ def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = N
             staged = Path(folder, "bag.mcap")
             _stage(foreign, staged, Path(folder), listed_counts(path))
         elif packed:
-            for part in inside:
-                if part.suffix == ".mcap":
+            for part in {*inside, path / METADATA}:
+                if part.suffix == ".mcap" or (part.is_file() and part.name == METADATA):
                     Path(folder, part.name).symlink_to(part.resolve())
-            unpacked = [_unpacked(part, Path(folder)) for part in packed if not Path(folder, part.stem).exists()]
+            unpacked = [_unpacked(part, Path(folder)) for part in packed]
             staged = Path(folder) if path.is_dir() else unpacked[0]
         run = open_run(staged, joints, topic, driveline)
         if run.driveline.runs:

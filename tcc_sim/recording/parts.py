@@ -77,19 +77,21 @@ def parts_of(path: Path) -> Parts:
         inside = sorted(path.iterdir(), key=_natural)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
-    files = [part for part in inside if part.suffix == ".mcap"]
+    names, note = listed(path)
+    found = [part for part in inside if re.search(rf"\.mcap$|{PACKED}", part.name)]
+    needed = needed_of(found, names)
+    files = [part for part in needed if part.suffix == ".mcap"]
     for pattern, kind in KINDS.items():  # Other kinds beside MCAP are no parts of it.
-        first = next((part for part in inside if re.search(pattern, part.name)), None)
+        among = needed if pattern == PACKED else inside
+        first = next((part for part in among if re.search(pattern, part.name)), None)
         if first and (pattern == PACKED or not files):
             raise RecordingError(importable(first if first.suffix == ".bag" else path, kind))
-    names, note = _listed(path)
     if files and names is not None:
         by_name = {part.name: part for part in files}
-        listed = list(dict.fromkeys(Path(name).name for name in names))
-        paths = [by_name[name] for name in listed if name in by_name]
-        absent = [name for name in listed if name not in by_name]
+        paths = [by_name[name] for name in names if name in by_name]
+        absent = [name for name in names if name not in by_name]
         if paths:
-            return Parts(paths, True, absent, [name for name in by_name if name not in listed])
+            return Parts(paths, True, absent, [part.name for part in found if _plain(part) not in names])
         return Parts(files, False, absent)
     if files:
         return Parts(files, len(files) == 1, note=note)
@@ -103,10 +105,23 @@ def parts_of(path: Path) -> Parts:
     raise RecordingError(f"{path} holds no .mcap file{where}")
 
 
+def needed_of(files: Sequence[Path], names: Sequence[str] | None) -> list[Path]:
+    """Return those files of a bag that metadata.yaml lists (`names`); all if it lists none of them. A compressed one
+    beside its plain one is not needed.
+    """
+    needed = [part for part in files if part.suffix != ".zstd" or part.with_suffix("") not in files]
+    return [part for part in needed if _plain(part) in (names or ())] or needed
+
+
+def _plain(part: Path) -> str:
+    """Return the name of a file once it is unpacked."""
+    return part.name.removesuffix(".zstd")
+
+
 def importable(bag: Path, kind: str) -> str:
     """Return the sentence that refuses a bag of another kind and names the command that imports it."""
-    return (f"{bag} is a bag {kind}, which is not read; tcc-sim import {bag} RUN makes a recording of it (pip install "
-            "'tcc_sim[bags]')")
+    extra = "" if kind == KINDS[PACKED] else " (pip install 'tcc_sim[bags]')"
+    return f"{bag} is a bag {kind}, which is not read; tcc-sim import {bag} RUN makes a recording of it{extra}"
 
 
 def listed_counts(path: Path) -> dict[str, int]:
@@ -133,13 +148,15 @@ def _natural(path: Path) -> list[tuple[str, int]]:
     return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d{0,18})", path.name)]
 
 
-def _listed(folder: Path) -> tuple[list[str] | None, str]:
-    """Return the names of the parts in a bag's metadata.yaml (None without it), and a sentence if it is not valid."""
+def listed(folder: Path) -> tuple[list[str] | None, str]:
+    """Return the names of the parts in a bag's metadata.yaml, once unpacked (None without it), and a sentence if it is
+    not valid.
+    """
     if not (folder / METADATA).is_file():
         return None, ""
     names = _information(folder).get("relative_file_paths")
     if isinstance(names, list) and names and all(isinstance(name, str) for name in names):
-        return names, ""
+        return list(dict.fromkeys(_plain(Path(name)) for name in names)), ""
     return None, f"{METADATA} lists no parts that can be read: the names of the parts give their order"
 
 

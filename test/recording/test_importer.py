@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import re_encodings
 import test_named_runs as named
+import yaml
 import zstandard
 from re_encodings import SCENE, STATES, as_rosbag2, joint_state, joints
 
@@ -118,10 +119,15 @@ def test_an_imported_bag_has_the_figures_of_the_original(tmp_path: Path, origina
     assert "exists already" in refused("import", bag, run)
 
 
+@pytest.mark.parametrize("listed", [[], ["run_0.mcap", "run_1.mcap"], ["run_0.mcap.zstd", "run_1.mcap.zstd"]])
 @pytest.mark.parametrize("beside", [[], ["run_1.mcap"], ["run_0.mcap", "run_1.mcap"]])
-def test_a_bag_with_compressed_and_plain_parts_is_imported_whole(tmp_path: Path, beside: list[str],
-                                                                 refused: Callable[..., str]) -> None:
-    """A recorder that was killed leaves its last part plain, and perhaps one beside its unfinished compressed file."""
+def test_a_bag_with_compressed_and_plain_parts_is_read_or_imported_whole(tmp_path: Path, beside: list[str],
+                                                                         listed: list[str],
+                                                                         refused: Callable[..., str]) -> None:
+    """A recorder that was killed leaves its last part plain, and perhaps one beside its unfinished compressed file.
+
+    A file that metadata.yaml does not list is no part, if it lists any.
+    """
     re_encodings.in_parts(["run_0.mcap", "run_1.mcap"])(tmp_path / "bag", re_encodings.made(tmp_path / "own", 400))
     states = analysed(tmp_path / "bag")["messages"]
     for part in [*(tmp_path / "bag").glob("*.mcap")]:
@@ -131,7 +137,14 @@ def test_a_bag_with_compressed_and_plain_parts_is_imported_whole(tmp_path: Path,
             part.with_name(f"{part.name}.zstd").write_bytes(frames[0] if part.name in beside else b"".join(frames))
         if part.name not in beside:
             part.unlink()
-    assert "tcc-sim import" in refused("analyse", tmp_path / "bag")
+    if listed:
+        (tmp_path / "bag" / "metadata.yaml").write_text(
+            yaml.safe_dump({"rosbag2_bagfile_information": {"relative_file_paths": listed}}))
+        (tmp_path / "bag" / "other_0.mcap.zstd").write_bytes(bytes(100))
+    if len(beside) == 2:
+        assert analysed(tmp_path / "bag")["messages"] == states
+    else:
+        assert "tcc-sim import" in refused("analyse", tmp_path / "bag")
     assert main(["import", str(tmp_path / "bag"), str(tmp_path / "run")]) == 0
     assert analysed(tmp_path / "run")["messages"] == states
 
