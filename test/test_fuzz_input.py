@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import re
 from pathlib import Path
@@ -136,6 +137,7 @@ WORDS = st.one_of(st.sampled_from([
         max_size=8).filter(lambda text: "\0" not in text))
 
 
+@functools.cache
 def options_of(verb: str) -> list[str]:
     """The options that a verb's help names."""
     out = io.StringIO()
@@ -148,13 +150,10 @@ def options_of(verb: str) -> list[str]:
 def command_lines(draw: st.DrawFn) -> list[str]:
     """A verb or another word, with its options and nonsense between them."""
     verb = draw(st.sampled_from([*QUICK, *cli.VERBS, "", "sceens", "--version"]))
-    pairs = st.tuples(st.sampled_from(OPTIONS.get(verb) or ["--json"]), WORDS)
+    pairs = st.tuples(st.sampled_from(options_of(verb) if verb in cli.VERBS else ["--json"]), WORDS)
     scene = draw(st.sampled_from([[], ["fig02"], ["minimal"]]))
     return [verb, *scene, *(word for pair in draw(st.lists(pairs, max_size=3)) for word in pair),
             *draw(st.lists(WORDS, max_size=2 - len(scene)))]
-
-
-OPTIONS = {verb: options_of(verb) for verb in cli.VERBS}
 
 
 @FUZZ
