@@ -3,6 +3,7 @@ compiled ahead. Without Numba, or with TCC_SIM_KERNELS=none, the package is buil
 """
 
 import os
+import shutil
 import subprocess
 import sys
 from glob import glob
@@ -22,6 +23,9 @@ class CompileKernels(build_ext):
         """Compile them into the build, or beside the source of an editable installation."""
         place = SOURCE if self.inplace or getattr(self, "editable_mode", False) else Path(self.build_lib).absolute()
         folder = place / NAME / "compiling" / "shipped"
+        built = next(SOURCE.glob(f"build/lib*/{NAME}/compiling/shipped"), None)
+        if built and not folder.exists():  # By `pip install .`, so that `pip install -e .` after it need not wait.
+            shutil.copytree(built, folder)
         subprocess.run([sys.executable, "-m", f"{NAME}.study.cli.ahead", str(folder)], cwd=SOURCE, check=False)
 
     def get_outputs(self):

@@ -74,8 +74,9 @@ def test_the_wheel_has_the_kernels_and_names_the_platform_and_the_sdist_has_none
 
 
 @LEVEL_HERE
-def test_an_editable_installation_has_the_kernels_beside_the_source(tmp_path):
-    build(tmp_path, ["build_editable"])
+def test_an_editable_installation_has_the_kernels_beside_the_source_from_an_earlier_build_too(tmp_path):
+    only_in_build = STAND_IN.replace("folder =", "assert 'build' in sys.argv[1]\nfolder =")
+    build(tmp_path, ["build_wheel", "build_editable"], stand_in=only_in_build)
     assert (tmp_path / "source" / SHIPPED).read_bytes() == b"code"
 
 

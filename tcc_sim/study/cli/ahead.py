@@ -132,8 +132,10 @@ def make(claims: Path, backwards: bool) -> None:
 
 
 def ship(folder: Path) -> int:
-    """Compile the kernels in two processes into a folder, which then holds nothing else; return their number."""
+    """Compile the kernels that a folder lacks in two processes, and keep nothing else in it; return their number."""
     with tempfile.TemporaryDirectory() as cache, tempfile.TemporaryDirectory() as claims:
+        if folder.exists():
+            shutil.copytree(folder, Path(cache, "tcc_sim"))
         workers = [subprocess.Popen([sys.executable, "-m", "tcc_sim.study.cli.ahead", claims, way],
                                     stdout=subprocess.PIPE, text=True, env={**os.environ, "NUMBA_CACHE_DIR": cache})
                    for way in ("forwards", "backwards")]

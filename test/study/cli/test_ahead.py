@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -21,8 +23,9 @@ from tcc_sim.errors import InputError
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.scene import Scene, bundled_scenes, load_scene
 from tcc_sim.solvers.stroboscopic import stroboscopic_map
-from tcc_sim.study.cli.ahead import EXPONENTIALS, ship
+from tcc_sim.study.cli.ahead import EXPONENTIALS
 
+PACKAGE = Path(tcc_sim.__file__).parent
 NAMES = {path.name for path in kernel_cache.SHIPPED.glob("*-*")}
 CODE = """
 from tcc_sim.scene import load_scene
@@ -128,11 +131,20 @@ def test_at_most_one_in_twenty_random_scenes_asks_for_a_kernel_that_is_not_shipp
     assert refused < 100
 
 
-def test_a_folder_of_shipped_kernels_holds_those_of_the_uses_and_nothing_else(shipped: set[str],
-                                                                              tmp_path: Path) -> None:
-    (tmp_path / "left").touch()
-    assert ship(tmp_path) == len(shipped)
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {
+def test_a_folder_keeps_the_kernels_of_the_uses_uncompiled_and_nothing_else(shipped: set[str], tmp_path: Path) -> None:
+    source, folder = tmp_path / "source", tmp_path / "folder"
+    shutil.copytree(PACKAGE, source / "tcc_sim", ignore=shutil.ignore_patterns("__pycache__", "shipped"))
+    shutil.copytree(PACKAGE.parent / "config", source / "share" / "tcc_sim" / "config")
+    numba = Path(str(importlib.util.find_spec("numba").origin))  # type: ignore[union-attr]
+    (source / "numba").mkdir()
+    (source / "numba" / "__init__.py").write_text("raise RuntimeError('it compiles')")
+    shutil.copy(numba.with_name("_version.py"), source / "numba")
+    shutil.copytree(kernel_cache.SHIPPED, folder)
+    (folder / "left").touch()
+    done = subprocess.run([sys.executable, "-m", "tcc_sim.study.cli.ahead", folder], cwd=source, capture_output=True,
+                          text=True, check=True, env={**os.environ, "PYTHONPATH": str(source)})
+    assert done.stderr == f"tcc_sim: {len(shipped)} kernels compiled ahead\n"
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == {
         name: (kernel_cache.SHIPPED / name).read_bytes() for name in shipped}
 
 
