@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -16,7 +18,6 @@ from tcc_sim.errors import InputError
 from tcc_sim.shown_units import speed
 from tcc_sim.trajectory import Cycles, Floats, Trajectory
 from tcc_sim.views import style
-from tcc_sim.views.dense import between, sliced, stuck_in, with_gaps
 from tcc_sim.views.order_maps import spectrum_panels
 from tcc_sim.views.panels import Panel
 from tcc_sim.views.style import AxisQuantity, quantities
@@ -31,6 +32,8 @@ FLAT = 0.02
 """Fraction of the largest slip speed below which a section point counts as stick."""
 MOST_INTERVALS, COLUMNS = 80, 480
 """Largest number of intervals in stick that are shaded one by one, and number of columns that are shaded otherwise."""
+SAMPLED = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
+           "state")
 MOST_LABELS, LONGEST_LABEL = 6, 42
 """Largest number of events that are drawn with their texts, and longest text."""
 SHARP = 20_000
@@ -46,8 +49,7 @@ def last_cycles(tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Sum
     section, maxima per cycle.
 
     If a pressure or a target was recorded, panels of cycle means with the target and of pressures over the whole run
-    come in the middle. A run without samples has no panels over time and no orbit in its portrait. Samples that are too
-    far apart for a curve get points in between (`views.dense`).
+    come in the middle. A run without samples has no panels over time and no orbit in its portrait.
 
     tail : the end of the run
     cycles : every cycle of the run, NaN for one that was not observed
@@ -57,8 +59,8 @@ def last_cycles(tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Sum
     """
     orbit = max(summary.period, HISTORY_CYCLES) if summary.period else ORBIT_CYCLES
     sampled, end, alone = len(tail.t) > 2, float(tail.t[-1]), partial(_slip_alone, run=tail)
-    tail = between(sliced(tail, _last(tail, orbit)))
-    shown = sliced(tail, _last(tail, HISTORY_CYCLES))
+    tail = _with_gaps(_sliced(tail, _last(tail, orbit)))
+    shown = _sliced(tail, _last(tail, HISTORY_CYCLES))
     controlled = control is not None and control.controlled
     marked = control.events if control is not None and not controlled else ()
 
@@ -118,7 +120,7 @@ def manoeuvre(run: Trajectory, control: Control | None = None) -> list[Panel]:
     """Return the panels of a whole run: torques, slip speed, shaft torque and clutch heat over time; for a run under
     commands also the cycle mean of the slip speed with the target, and both pressures.
     """
-    run, end = with_gaps(run), float(run.t[-1])
+    run, end = _with_gaps(run), float(run.t[-1])
     assert run.system is not None
     driveline, (twist, twisting) = run.system.driveline, run.shaft_twist
     power = run.friction_torque * run.slip_speed
@@ -164,10 +166,27 @@ def beside_recording(twin: Any) -> list[Panel]:
             Panel("Simulated less recorded", difference)]
 
 
+def _sliced(run: Trajectory, part: slice) -> Trajectory:
+    """Return consecutive samples of a run."""
+    columns: dict[str, Any] = {name: getattr(run, name)[part] for name in SAMPLED}
+    return replace(run, **columns, flywheel_angle=None, output_angle=None, output_speed=None, cycles=None)
+
+
+def _with_gaps(run: Trajectory) -> Trajectory:
+    """Return a run with a sample of NaN wherever messages between two samples were lost."""
+    gaps = np.flatnonzero(np.diff(run.t) > run.largest_step) + 1
+    if not len(gaps):
+        return run
+    columns: dict[str, Any] = {name: np.insert(values, gaps, 0 if name == "state" else math.nan) for name in (
+        *SAMPLED, "output_angle", "output_speed") if (values := getattr(run, name)) is not None}
+    columns["t"][gaps + np.arange(len(gaps))] = 0.5 * (run.t[gaps - 1] + run.t[gaps])
+    return replace(run, **columns, flywheel_angle=None)
+
+
 def _slip_alone(axis: Any, run: Trajectory) -> None:
     if len(run.t) < 3:
         raise InputError("the run has no curve for an axis; it needs samples, such as samples_per_cycle=200")
-    shown = with_gaps(run)
+    shown = _with_gaps(run)
     axis.plot(shown.t, shown.slip_speed, color=style.BLUE, linewidth=0.9)
     quantities(axis, style.TIME, style.SLIP)
 
@@ -188,21 +207,25 @@ def _draw_line(axis: Any, run: Trajectory, values: Floats, colour: str, label: s
 
 
 def _torques(axis: Any, run: Trajectory) -> None:
-    _draw_line(axis, run, run.engine_torque, style.ORANGE, "engine")
+    """Draw the torques; an input from a topic holds over the tick that ends at its sample."""
+    system = run.system_at(run.t[0])
+    engine, pressure = ("steps-pre" if source == "topic" else "default" for source in (
+        (system.engine.source, system.pressure.source) if system is not None else ("", "")))
+    _draw_line(axis, run, run.engine_torque, style.ORANGE, "engine", drawstyle=engine)
     _draw_line(axis, run, run.friction_torque, style.BLUE, "friction")
     load = run.saturation_torque
     if np.isfinite(load).any():
-        _draw_line(axis, run, load, style.GREY, r"$\mu_k N R$", linestyle=DASHED)
+        _draw_line(axis, run, load, style.GREY, r"$\mu_k N R$", linestyle=DASHED, drawstyle=pressure)
         ratio = run.along(lambda system: system.friction_ratio)
         if np.isfinite(ratio).any() and (ratio != 1.0).any():
-            _draw_line(axis, run, ratio * load, style.GREY, r"$\mu_s N R$", linestyle=DOTTED)
+            _draw_line(axis, run, ratio * load, style.GREY, r"$\mu_s N R$", linestyle=DOTTED, drawstyle=pressure)
     quantities(axis, style.TIME, style.TORQUE)
     axis.set_xlim(run.t[0], run.t[-1])
 
 
 def _slip(axis: Any, run: Trajectory, control: Control | None) -> None:
     _draw_line(axis, run, run.slip_speed, style.BLUE, "slip speed")
-    shade_stick(axis, run.t, stuck_in(run))
+    shade_stick(axis, run.t, np.asarray((run.state == 0) & np.isfinite(run.slip_speed)))
     if control is not None:
         _target(axis, control, float(run.t[-1]))
     quantities(axis, style.TIME, style.SLIP)
