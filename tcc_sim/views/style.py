@@ -231,10 +231,7 @@ def save(drawn: Any, path: Path) -> Path:
 
 
 def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
-    """Write `stem`.png and `stem`.svg with one layout, or one file if `stem` has the suffix of a picture."""
-    lay_out(drawn)
-    if stem.suffix in SUFFIXES:
-        return stem, save(drawn, stem)
+    """Write `stem`.png and `stem`.svg with one layout."""
     raster = save(drawn, stem.with_name(stem.name + ".png"))
     return raster, save(drawn, stem.with_name(stem.name + ".svg"))
 
@@ -243,7 +240,7 @@ def lay_out(drawn: Any) -> None:
     """Place the axes of a figure for good, once; with a layout engine, every file would be drawn twice. The positions
     are rounded, since the engine leaves their last digits different every time.
 
-    Legends above axes, titles and labels then get the lines that the axes have room for, and the axes are placed again.
+    Legends above axes, titles and labels then get the lines that the axes have room for; if needed, axes move again.
     """
     from matplotlib.ticker import ScalarFormatter
 
@@ -274,10 +271,17 @@ def lay_out(drawn: Any) -> None:
                 wrapped = True
     if wrapped:
         engine.execute(drawn)
-    for axis in drawn.axes:
-        if axis.get_legend() is not None and axis.get_legend().get_gid() == ABOVE:
-            legend_above(axis)
-    engine.execute(drawn)
+    above = [axis for axis in drawn.axes if axis.get_legend() is not None and axis.get_legend().get_gid() == ABOVE]
+
+    def sizes() -> list[list[float]]:
+        return [[*each.get_legend().get_window_extent().size.round(), round(each.titleOffsetTrans.get_matrix()[1, 2])]
+                for each in above]
+
+    before = sizes()
+    for axis in above:
+        legend_above(axis)
+    if sizes() != before:
+        engine.execute(drawn)
     drawn.set_layout_engine(None)
     for axis in drawn.axes:
         axis.set_position([round(x, 5) for x in axis.get_position(original=True).bounds])
