@@ -5,8 +5,10 @@ direct calls of SciPy's LSODA. A program that gives no result raises `Failed` wi
 from __future__ import annotations
 
 import atexit
+import importlib.util
 import math
 import resource
+import runpy
 import shutil
 import subprocess
 import tempfile
@@ -105,12 +107,14 @@ def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
     absolute tolerance is that of the smallest signal.
     """
     try:
-        from numbalsoda import lsoda, lsoda_sig
-    except (ImportError, OSError) as error:
+        folder = Path(str(importlib.util.find_spec("numbalsoda").origin))  # type: ignore[union-attr]
+        part = runpy.run_path(str(folder.with_name("driver.py")))  # The package compiles its other solvers at import.
+    except (AttributeError, OSError) as error:
         raise Failed(f"numbalsoda is not installed ({one_line(str(error))})") from None
     from tcc_sim.compiling.linked import address_for_c
 
-    (address, kept), y = address_for_c(rates_for_c(system), lsoda_sig), np.array(State.at_start(system).numbers)
+    (address, kept), lsoda = address_for_c(rates_for_c(system), part["lsoda_sig"]), part["lsoda"]
+    y = np.array(State.at_start(system).numbers)
     atol, nothing = rtol * float(np.min(error_scales(system))), np.zeros(1)
 
     def solve(per_cycle: int) -> Floats:
