@@ -20,7 +20,7 @@ from tcc_sim.model.actuator import delay_ticks
 from tcc_sim.model.groups import TABLE, TABULATED
 from tcc_sim.model.parameters import DERIVED, FREQUENCY, SPEED, System, frequency_key, list_of, refuse_rpm
 from tcc_sim.model.quantity import PROFILED, PROFILES, Options, Quantity, number_in, quantity
-from tcc_sim.parameter_file import LARGEST_FILE, bundled_scenes, description_in, read_parameters
+from tcc_sim.parameter_file import LARGEST_FILE, bundled_scenes, description_in, dumped, read_parameters
 from tcc_sim.result import html_of
 
 TABLE_FILE, TABLE_COLUMNS = "friction.table", "friction.table_columns"
@@ -229,8 +229,6 @@ class Scene:
 
     def text(self) -> str:
         """Return the text of a parameter file with every key; reading it gives exactly the same scene."""
-        import yaml
-
         tree: dict[str, Any] = {}
         tabulated = TABULATED if self.system.friction.curve is not None else ()
         speeds = {frequency_key(key): (key, speed) for key, speed in self.system.speeds.items()}
@@ -243,7 +241,7 @@ class Scene:
             if value != () and not (key in tabulated and value == parameters.DEFAULTS[key]):
                 place = tree.setdefault(group, {}) if group else tree
                 place[name] = list(value) if isinstance(value, tuple) else value
-        body = yaml.safe_dump({"/**": {"ros__parameters": tree}}, sort_keys=False)
+        body = dumped({"/**": {"ros__parameters": tree}})
         return f"# {self.description or self.name}\n{body}"
 
     def _repr_html_(self) -> str:

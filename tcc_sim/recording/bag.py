@@ -11,10 +11,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages.definitions import Definition
+from tcc_sim.parameter_file import dumped
 from tcc_sim.recording.mcap_file import MOST_CHUNKS, RELIABLE, FileSummary, McapFile, information
 
 _PART = "_999999.mcap"
@@ -137,8 +136,7 @@ class BagWriter:
         file = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666, dir_fd=self._folder)
         try:
             with open(file, "w", encoding="utf-8") as stream:
-                yaml.safe_dump({"rosbag2_bagfile_information": information([*self._done, self.file.summary])}, stream,
-                               sort_keys=False)
+                stream.write(dumped({"rosbag2_bagfile_information": information([*self._done, self.file.summary])}))
                 if self._sync:
                     stream.flush()
                     os.fsync(file)

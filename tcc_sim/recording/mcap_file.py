@@ -12,13 +12,12 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
-import yaml
 from mcap.writer import CompressionType, Writer
 
 from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.messages.definitions import Definition, definition
-from tcc_sim.parameter_file import LARGEST_FILE
+from tcc_sim.parameter_file import LARGEST_FILE, dumped
 
 SCENE_RECORD = "tcc_sim"
 RESULT_RECORD = "tcc_sim_result"
@@ -152,7 +151,7 @@ class McapFile:
         if key not in self._schemas:
             self._schemas[key] = self._writer.register_schema(topic.type, "ros2msg", topic.definition.text.encode())
         profiles = [dict(profile) for profile in topic.profiles]
-        metadata = {"offered_qos_profiles": yaml.safe_dump(profiles, sort_keys=False) if profiles else "",
+        metadata = {"offered_qos_profiles": dumped(profiles) if profiles else "",
                     "topic_type_hash": topic.definition.type_hash}
         if topic.publisher:
             metadata[PUBLISHER_KEY] = topic.publisher
@@ -195,8 +194,7 @@ class McapFile:
         self._writer.flush()
         if result is not None:
             self.note(RESULT_RECORD, result)
-        self.metadata(ROSBAG2_RECORD, {
-            "serialized_metadata": yaml.safe_dump(information([self.summary]), sort_keys=False)})
+        self.metadata(ROSBAG2_RECORD, {"serialized_metadata": dumped(information([self.summary]))})
         self._writer.finish()
         if sync:
             os.fsync(self._output.file.fileno())
