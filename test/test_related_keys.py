@@ -227,7 +227,8 @@ PAIRS = {
 LENGTH = ["--cycles", "10", "--discard", "2"]
 COMMANDS = {"simulate": LENGTH, "explain": [], "sweep": [*LENGTH, "--over", "engine.mean_torque=300,301"],
             "scatter": [*LENGTH, "--scatter", "engine.mean_torque=300:301", "--samples", "2"],
-            "basins": ["--plane", "initial.slip_speed=0:20:2", "--plane", "initial.plate_angle=0:0.1:2"],
+            "basins": ["--plane", "initial.slip_speed=0:20:2", "--plane", "initial.plate_angle=0:0.1:2",
+                       "--set", "driveline.damping=20"],
             "continue": ["--over", "engine.mean_torque=300:301"], "linearise": ["--frequencies", "10:100:2"],
             "identify": ["--free", "driveline.stiffness", "--noise", "slip_speed=0.05,plate_speed=0.05"],
             "fmu": ["--sources-only"]}

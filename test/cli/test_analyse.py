@@ -18,8 +18,8 @@ KEYS = {"max_slip_speed", "min_slip_speed", "period", "section", "stick_fraction
 SWING = 250.0 / (0.2 * 150.0)
 
 
-@pytest.fixture
-def recording(tmp_path):
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
     """Steady pure slip by the corrected (17a), 2 s."""
     scene = load_scene("slip")
     t = np.arange(2001) * 1e-3
@@ -27,8 +27,15 @@ def recording(tmp_path):
     run = Trajectory(t, 150.0 + SWING * (1.0 - np.cos(150.0 * t)), zero + 0.1, zero, 300.0 + 250.0 * np.sin(150.0 * t),
                      zero + 300.0, zero + 300.0, zero.astype(np.int8) + 1, 2.0 * math.pi / 150.0, "by_hand",
                      scene.system)
-    path = tmp_path / "run.mcap"
+    path = tmp_path_factory.mktemp("analyse") / "run.mcap"
     write_trajectory(path, run, scene.text())
+    return path.read_bytes()
+
+
+@pytest.fixture
+def recording(tmp_path, written):
+    path = tmp_path / "run.mcap"
+    path.write_bytes(written)
     return path
 
 

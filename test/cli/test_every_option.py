@@ -25,7 +25,7 @@ FILES = {"--help", "--json", "--out", "--plot", "--rrd", "--layout"}
 MU_K = "friction.kinetic_coefficient"
 DRAWN = ["--style my.mplstyle | --plot a.png", "--width column | --plot a.png", "--title Mine | --plot a.png"]
 SHOWN = ["--units rpm", *DRAWN]
-TABLED = ["--columns slip_speed=engine_torque", "--from 0.1", "--to 0.1"]
+TABLED = ["--columns slip_speed=rounded", "--from 0.03", "--to 0.03"]
 RECORDED = ["--topic /x", "--driveline 2", "--joints flywheel=a,clutch_plate=b"]
 SOLVED = ["--solver fixed_step", "--rtol 1e-4", "--step 1e-4 | --solver rk4", "--damping", "--lyapunov",
           "--discard 3"]
@@ -97,9 +97,10 @@ def folder(tmp_path_factory):
     (made / "my.mplstyle").write_text("xtick.labelsize: 11\n")
     rows = ticked(load_scene("fig02"), 300)
     bag(made / "R", rows, "fig02")
-    t, _, _, flywheel, plate, torque, *_ = np.array(rows[:120]).T
-    np.savetxt(made / "T.csv", np.column_stack([1e-9 * t, flywheel - plate, torque]), delimiter=",",
-               header="t,slip_speed,engine_torque", comments="")
+    t, _, _, flywheel, plate, torque, *_ = np.array(rows[:60]).T
+    slip = flywheel - plate
+    np.savetxt(made / "T.csv", np.column_stack([1e-9 * t, slip, torque, slip.round(3)]), delimiter=",",
+               header="t,slip_speed,engine_torque,rounded", comments="")
     return made
 
 

@@ -7,6 +7,7 @@ import json
 import math
 import sqlite3
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -82,22 +83,26 @@ def with_metadata(folder: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def original(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Any]:
-    make, options = CONTENTS[request.param]
-    folder = tmp_path_factory.mktemp("imported")
-    make(folder / "run")
-    scene = folder / "scene.yaml"
-    scene.write_text(SCENE.text())
-    return request.param, with_metadata(folder / "run"), analysed(folder / "run", *options, "--scene", str(scene))
+def original(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, Any]]:
+    @cache
+    def made(content: str) -> tuple[Path, Any]:
+        make, options = CONTENTS[content]
+        folder = tmp_path_factory.mktemp("imported")
+        make(folder / "run")
+        scene = folder / "scene.yaml"
+        scene.write_text(SCENE.text())
+        return with_metadata(folder / "run"), analysed(folder / "run", *options, "--scene", str(scene))
+
+    return made
 
 
-@pytest.mark.parametrize(("original", "kind"), [
+@pytest.mark.parametrize(("content", "kind"), [
     *(("another program", kind) for kind in KINDS), ("named runs", "bag"), ("named runs", "ros1.bag"),
-    ("named runs", "mcap"), ("version 1.0", "bag"), ("version 1.0", "bag of messages")], indirect=["original"])
-def test_an_imported_bag_has_the_figures_of_the_original(tmp_path: Path, original: tuple[str, Path, Any],
-                                                         kind: str, refused: Callable[..., str],
-                                                         capsys: pytest.CaptureFixture[str]) -> None:
-    content, path, expected = original
+    ("named runs", "mcap"), ("version 1.0", "bag"), ("version 1.0", "bag of messages")])
+def test_an_imported_bag_has_the_figures_of_the_original(
+        tmp_path: Path, original: Callable[[str], tuple[Path, Any]], content: str, kind: str,
+        refused: Callable[..., str], capsys: pytest.CaptureFixture[str]) -> None:
+    path, expected = original(content)
     options = CONTENTS[content][1]
     bag, run, scene = converted(path, tmp_path, kind), tmp_path / "run", tmp_path / "scene.yaml"
     scene.write_text(SCENE.text())
@@ -119,17 +124,24 @@ def test_an_imported_bag_has_the_figures_of_the_original(tmp_path: Path, origina
     assert "exists already" in refused("import", bag, run)
 
 
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> tuple[re_encodings.Recording, int]:
+    """A recording, and the number of its states."""
+    folder = tmp_path_factory.mktemp("own") / "run"
+    return re_encodings.made(folder, 400), analysed(folder)["messages"]
+
+
 @pytest.mark.parametrize("listed", [[], ["run_0.mcap", "run_1.mcap"], ["run_0.mcap.zstd", "run_1.mcap.zstd"]])
 @pytest.mark.parametrize("beside", [[], ["run_1.mcap"], ["run_0.mcap", "run_1.mcap"]])
-def test_a_bag_with_compressed_and_plain_parts_is_read_or_imported_whole(tmp_path: Path, beside: list[str],
-                                                                         listed: list[str],
-                                                                         refused: Callable[..., str]) -> None:
+def test_a_bag_with_compressed_and_plain_parts_is_read_or_imported_whole(
+        tmp_path: Path, own: tuple[re_encodings.Recording, int], beside: list[str], listed: list[str],
+        refused: Callable[..., str]) -> None:
     """A recorder that was killed leaves its last part plain, and perhaps one beside its unfinished compressed file.
 
     A file that metadata.yaml does not list is no part, if it lists any.
     """
-    re_encodings.in_parts(["run_0.mcap", "run_1.mcap"])(tmp_path / "bag", re_encodings.made(tmp_path / "own", 400))
-    states = analysed(tmp_path / "bag")["messages"]
+    source, states = own
+    re_encodings.in_parts(["run_0.mcap", "run_1.mcap"])(tmp_path / "bag", source)
     for part in [*(tmp_path / "bag").glob("*.mcap")]:
         data = part.read_bytes()
         frames = [zstandard.ZstdCompressor().compress(half) for half in (data[:5000], data[5000:])]
@@ -156,9 +168,9 @@ def test_a_file_that_unpacks_to_too_much_is_refused(tmp_path: Path, refused: Cal
     assert not (tmp_path / "out").exists()
 
 
-def test_a_bag_that_lacks_messages_which_it_counts_is_refused(tmp_path: Path, refused: Callable[..., str]) -> None:
-    of_package(tmp_path / "run")
-    bag = converted(with_metadata(tmp_path / "run"), tmp_path, "bag")
+def test_a_bag_that_lacks_messages_which_it_counts_is_refused(
+        tmp_path: Path, original: Callable[[str], tuple[Path, Any]], refused: Callable[..., str]) -> None:
+    bag = converted(original("version 1.0")[0], tmp_path, "bag")
     (part,) = bag.glob("*.db3")
     with sqlite3.connect(part) as base:
         base.execute("DELETE FROM messages WHERE id % 7 = 0")
