@@ -36,6 +36,8 @@ SAMPLED = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "sa
            "state")
 MOST_LABELS, LONGEST_LABEL = 6, 42
 """Largest number of events that are drawn with their texts, and longest text."""
+FEW = 400
+"""Largest number of samples that are drawn as dots too."""
 SHARP = 20_000
 """Largest number of points of a line in a vector picture; longer lines are rasterized."""
 TWIN_CYCLES = 8
@@ -74,7 +76,8 @@ def last_cycles(tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Sum
         flat = len(points) > 2 and bool(np.mean(np.abs(points[:, 1]) < FLAT * summary.max_slip_speed) > 0.5)
         height = tail.plate_speed if flat else tail.slip_speed
         if sampled:
-            axis.plot(tail.plate_angle[part], height[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5)
+            axis.plot(tail.plate_angle[part], height[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5,
+                      marker=_dot(shown), markersize=3.0)
         if len(points):
             axis.plot(points[:, 0], points[:, 2 if flat else 1], linestyle="none", marker="o", color=style.RED,
                       markeredgewidth=0.0, markersize=5.0 if summary.period else 2.5, zorder=4,
@@ -203,7 +206,12 @@ def _last(tail: Trajectory, cycles: int) -> slice:
 
 def _draw_line(axis: Any, run: Trajectory, values: Floats, colour: str, label: str | None = None, **look: Any) -> None:
     axis.plot(run.t, values, color=colour, label=label, rasterized=len(run.t) > SHARP,
-              **{"linewidth": 0.9, **look})
+              **{"linewidth": 0.9, "markersize": 3.0, **look})
+
+
+def _dot(run: Trajectory) -> str:
+    """Return the marker of the samples of a run; none where there are many."""
+    return "." if len(run.t) <= FEW else ""
 
 
 def _torques(axis: Any, run: Trajectory) -> None:
@@ -212,7 +220,7 @@ def _torques(axis: Any, run: Trajectory) -> None:
     engine, pressure = ("steps-pre" if source == "topic" else "default" for source in (
         (system.engine.source, system.pressure.source) if system is not None else ("", "")))
     _draw_line(axis, run, run.engine_torque, style.ORANGE, "engine", drawstyle=engine)
-    _draw_line(axis, run, run.friction_torque, style.BLUE, "friction")
+    _draw_line(axis, run, run.friction_torque, style.BLUE, "friction", marker=_dot(run))
     load = run.saturation_torque
     if np.isfinite(load).any():
         _draw_line(axis, run, load, style.GREY, r"$\mu_k N R$", linestyle=DASHED, drawstyle=pressure)
@@ -224,7 +232,7 @@ def _torques(axis: Any, run: Trajectory) -> None:
 
 
 def _slip(axis: Any, run: Trajectory, control: Control | None) -> None:
-    _draw_line(axis, run, run.slip_speed, style.BLUE, "slip speed")
+    _draw_line(axis, run, run.slip_speed, style.BLUE, "slip speed", marker=_dot(run))
     shade_stick(axis, run.t, np.asarray((run.state == 0) & np.isfinite(run.slip_speed)))
     if control is not None:
         _target(axis, control, float(run.t[-1]))
