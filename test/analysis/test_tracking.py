@@ -190,6 +190,9 @@ LOOPS: dict[str, MadeUp] = {
     "noise beside the target": MadeUp(8.0, around(24.0, noise(0.3, 5)), "off target"),
     "growing": MadeUp(8.0, lambda t: 20.0 + 0.02 * np.exp(0.8 * t) * np.sin(2.0 * math.pi * t / 0.9), "growing",
                       period=0.9, lasts=False),
+    "growing twofold from swing to swing": MadeUp(
+        10.5, lambda t: 20.0 + 7.0 * np.exp(0.86 * (t - 10.5)) * np.sin(2.0 * math.pi * t / 1.76), "growing",
+        period=1.76, lasts=False),
     "growing without oscillation": MadeUp(8.0, lambda t: 20.0 + 0.01 * np.exp(t), "growing", lasts=False),
     "drifting": MadeUp(8.0, lambda t: 20.0 + 2.0 * np.maximum(t - 1.0, 0.0), "growing", lasts=False),
     "decaying too slowly": MadeUp(6.0, lambda t: 20.0 + 3.0 * np.exp(-0.15 * t) * np.sin(2.0 * math.pi * t / 0.8),
@@ -268,6 +271,8 @@ LOOPS: dict[str, MadeUp] = {
     "judder of 12 Hz": MadeUp(8.0, around(20.0, decay(30.0, 0.2)), "settled", ripple=judders(2.0, 12.0),
                               judder=(2.0, 12.0)),
     "judder of 210 Hz": MadeUp(8.0, around(20.0), "settled", ripple=judders(5.0, 210.0), judder=(5.0, 210.0)),
+    "judder near a quarter of the sampling rate": MadeUp(7.0, around(20.0), "settled", ripple=judders(8.3, 221.0),
+                                                         judder=(8.3, 221.0)),
     "judder and hunting": MadeUp(9.0, around(20.0, sine(2.0, 1.3)), "hunting", ripple=judders(4.0, 17.0),
                                  judder=(4.0, 17.0), amplitude=2.0, period=1.3),
     "judder below a third of the excitation, and hunting": MadeUp(
@@ -318,7 +323,7 @@ WAYS = {"as it is": {}, "mirrored, at another frequency": {"sign": -1.0, "freque
 
 
 @pytest.mark.parametrize(("name", "way"), [*((name, "as it is") for name in LOOPS), *zip(
-    LOOPS, cycle(list(WAYS)[1:]))])
+    LOOPS, cycle(list(WAYS)[1:])), ("judder near a quarter of the sampling rate", "1 % lost")])
 def test_a_loop_is_judged_by_its_truth(name, way):
     """Each as it is and in one other way, so that each way has twenty loops."""
     made, how = LOOPS[name], WAYS[way]

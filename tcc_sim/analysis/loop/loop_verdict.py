@@ -33,6 +33,8 @@ JUDDER_SHARE = 0.5  # Least part of what is fast and does not repeat in each per
 HARMONICS = 12  # Highest harmonic of a swing that may be as fast as judder.
 LARGEST_HARMONIC = 2.0  # Largest n-th harmonic of a swing times n, relative to the swing; of a sawtooth it is 1.
 REVERSALS = 0.125, 0.34  # Reversals that end a swing, parts of the range of the second half of the run.
+FINE_REVERSALS = (0.03,)  # The same where an oscillation grows so fast that the first swings are small.
+STEADY = 0.6  # Least growth from such a swing to the next, relative to the largest, in natural logarithm.
 IRREGULAR = 0.35  # Standard deviation of the durations of swings, relative to their mean, that marks them as irregular.
 SWINGS = 6  # Most of the last swings that are judged.
 FEWEST_SWINGS = 3  # Fewest swings that make an oscillation.
@@ -188,19 +190,19 @@ def turning_points(signal: Floats, reversal: float) -> NDArray[np.int64]:
     return np.array(places, dtype=np.int64)
 
 
-def swings_of(t: Floats, signal: Floats, floor: float, noise: float, from_start: bool = False) -> Swings:
+def swings_of(t: Floats, signal: Floats, floor: float, noise: float, from_start: bool = False,
+              reversals: tuple[float, ...] = REVERSALS) -> Swings:
     """Return the complete swings of a signal, (n,) arrays.
 
     A swing that the end cuts counts if it is nearly as large as the others. Noise on a slow swing would cut it into
-    pieces: of reversals of an eighth and a third of the range of the second half, the first whose swings are regular
-    counts.
+    pieces: of `reversals`, parts of the range of the second half, the first whose swings are regular counts.
 
     floor, noise : least reversals that end a swing; a signal is at rest within the former
     from_start : whether the same holds for the swing from the start, as no step leads to it
     """
     second = signal[len(signal) // 2:]
     swings = Swings(np.empty(0), np.empty(0), math.inf)
-    for part in REVERSALS:
+    for part in reversals:
         reversal = max(floor, noise, part * float(np.ptp(second)) if len(second) else 0.0)
         points = turning_points(signal, reversal)
         if len(points) and abs(signal[points[0]] - signal[0]) < reversal:
@@ -245,8 +247,14 @@ def loop_verdict(errors: Errors, whole: float) -> Judged:
                                          f"{SETTLED_CYCLES}")
     first = errors.arrived if errors.arrived < n else 0
     free, forced = _without_forced(errors, first) if errors.moving else (errors.error, False)
-    swings = swings_of(errors.t[first:], free[first:], errors.floor, 1.25 * errors.noise, errors.step == 0.0)
+    part = errors.t[first:], free[first:], errors.floor, 1.25 * errors.noise, errors.step == 0.0
+    swings = swings_of(*part)
     swinging = _oscillating(swings, errors, free)
+    if len(swings.sizes) < FEWEST_SWINGS:
+        fine = swings_of(*part, reversals=FINE_REVERSALS)
+        growth = np.diff(np.log(fine.sizes[:-1 if fine.cut else None]))
+        if len(growth) >= FEWEST_SWINGS and growth.min() > STEADY * growth.max():
+            swinging = _oscillating(fine, errors, free)
     growing = _running_away(errors, errors.error, errors.band, whole, errors.noise) if not forced else None
     if swinging is not None and (swinging.verdict is LoopVerdict.GROWING or not errors.moving):
         return swinging
@@ -587,12 +595,30 @@ def _amplitude(at: Floats, y: Floats, order: float) -> float:
     return float(np.hypot(*np.linalg.lstsq(columns, y, rcond=None)[0]))
 
 
+def _filled(t: Floats, values: Floats, period: float, cycle: float) -> tuple[Floats, Floats]:
+    """Return samples, (n,), with the single lost ones among them: a line between their neighbours would cut the judder.
+
+    Each has the value of a sine of the judder's period, s, and of one of the engine cycle, s, that fit the samples of a
+    cycle before and after it.
+    """
+    lost = np.flatnonzero(np.diff(t) > 1.5 * float(np.median(np.diff(t))))
+    at, found = 0.5 * (t[lost] + t[lost + 1]), np.empty(len(lost))
+    for k, time in enumerate(at):
+        near = slice(*np.searchsorted(t, [time - cycle, time + cycle]))
+        shifted = np.append(t[near] - time, 0.0)
+        phases = 2.0 * math.pi * shifted / np.array([[period], [cycle]])
+        columns = np.stack([np.ones(len(shifted)), shifted, *np.cos(phases), *np.sin(phases)], axis=1)
+        found[k] = columns[-1] @ np.linalg.lstsq(columns[:-1], values[near], rcond=None)[0]
+    return np.insert(t, lost + 1, at), np.insert(values, lost + 1, found)
+
+
 def means_without(slip: Signal, starts: Floats, ends: Floats, period: float) -> Floats:
     """Return the means over cycles, (n,), of the slip speed's average over one period of a judder, s; NaN where a
     stretch without a gap is shorter than that.
     """
     out = np.full(len(starts), math.nan)
     for t, values in slip.stretches():
+        t, values = _filled(t, values, period, float(np.median(ends - starts)))
         inside = (starts >= t[0] - 1e-9) & (ends <= t[-1] + 1e-9) & (t[-1] - t[0] > period + ends - starts)
         # The mean over a cycle of which the start runs through a period of the judder, centred unless the stretch ends.
         length = (ends - starts)[inside]
