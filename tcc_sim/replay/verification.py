@@ -369,8 +369,6 @@ def _solve_part(terms: Terms, step: float, first: NDArray[np.int64], states: Seq
         return np.fromiter(map(id, rows), np.int64, len(rows))
 
     entry, block = cast(Kernel, tick).laid_out(arguments(0))
-    if type(block) is list:  # Without machine code that is kept.
-        return np.array([entry.run([list(arguments(k))]) for k in range(len(first))])[:, :RESULTS - 1]
     one = np.frombuffer(block, np.float64)[1:]
     laid = np.empty(1 + len(first) * len(one))
     laid[:1].view(np.int64)[0] = len(first)
