@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import importlib.util
-import math
 import re
 import sys
 import threading
@@ -29,7 +28,6 @@ from tcc_sim.background import awaited
 from tcc_sim.compiling import kernel_cache
 from tcc_sim.compiling.kernel_cache import LEVEL, processor
 from tcc_sim.errors import MissingPackage
-from tcc_sim.model import equations, friction, profile
 
 Function = TypeVar("Function", bound=Callable[..., object])
 Kind = tuple[Any, ...]
@@ -304,21 +302,3 @@ def rebound(text: Callable[..., Any], **names: Any) -> Callable[..., Any]:
     """
     plain = cast(FunctionType, getattr(text, "py_func", text))
     return FunctionType(plain.__code__, {**plain.__globals__, **names}, argdefs=plain.__defaults__)
-
-
-# By np.exp: two of math.exp become one of a row, with other bits than in C.
-decayed = compiled(rebound(friction.decayed, exp=np.exp))
-exponentials_at = compiled(rebound(friction.exponentials_at, decayed=decayed))
-steepness = compiled(rebound(friction.steepness, decayed=decayed))
-step_and_rest = compiled(rebound(friction.step_and_rest, exp=math.exp, magnitude=abs, with_sign=math.copysign))
-with_slope = compiled(friction.with_slope)
-step_at, largest_ratio = compiled(friction.step_at), compiled(friction.largest_ratio)
-step_after = compiled(rebound(friction.step_after, step_at=step_at))
-smoothed_coefficient = compiled(rebound(friction.smoothed_coefficient, exponentials_at=exponentials_at))
-smoothed_and_slope = compiled(rebound(friction.smoothed_and_slope, exponentials_at=exponentials_at,
-                                      with_slope=with_slope))
-engine_torque = compiled(equations.engine_torque)
-saturation_torque = compiled(equations.saturation_torque)
-lost_torque = compiled(equations.lost_torque)
-accelerations = compiled(rebound(equations.accelerations, lost_torque=lost_torque))
-reached, swelling = compiled(profile.reached), compiled(profile.swelling)

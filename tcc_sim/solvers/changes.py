@@ -1,6 +1,6 @@
 """Derivatives of a Taylor step by its start and by numbers of the scene, the same for both engines.
 
-The text of the equations runs on numbers that carry their derivatives (`compiling.unrolled`), so that no derivative is
+The text of the equations runs on numbers that carry their derivatives (`law.Changing`), so that no derivative is
 written out. A lane is one derivative; four lanes are worked on together. The first three lanes are the derivatives by
 slip speed, plate angle and plate speed, the others those by the scene's keys.
 
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.compiling.compiled import fast
-from tcc_sim.compiling.unrolled import Changing, unrolled
+from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model.equations import Linear, lost_torque
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.polynomials import polynomial
@@ -24,7 +24,7 @@ from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers import series
 from tcc_sim.solvers.collocation import NODES
 from tcc_sim.solvers.key_derivatives import NUMBERS
-from tcc_sim.solvers.law import FRICTION, NARROW, OF_SLIP, WIDE, law_along, numbers_of
+from tcc_sim.solvers.law import FRICTION, NARROW, OF_SLIP, WIDE, Changing, law_along, numbers_of
 
 LANES = 4
 

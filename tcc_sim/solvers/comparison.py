@@ -24,18 +24,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
-from tcc_sim.compiling.compiled import (
-    Call,
-    accelerations,
-    compiled,
-    lost_torque,
-    smoothed_and_slope,
-    smoothed_coefficient,
-    timed,
-)
+from tcc_sim.compiling.compiled import Call, compiled, timed
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.fixed_step import piece_at, torques_now
+from tcc_sim.solvers.model_kernels import accelerations, lost_torque, smoothed_and_slope, smoothed_coefficient
 from tcc_sim.solvers.per_cycle import cycles_of_states
 from tcc_sim.solvers.terms import Problem, Terms, assemble, peak_load, piece_of, terms_of
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, split_cycles

@@ -23,8 +23,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.compiling.compiled import compiled, exponentials_at, fast, lost_torque, steepness
-from tcc_sim.compiling.unrolled import Changing, unrolled
+from tcc_sim.compiling.compiled import compiled, fast
+from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.errors import OutOfRange
 from tcc_sim.model.equations import Linear, coefficients_of, completed, decay_of_slip
 from tcc_sim.model.friction import Stribeck, exponentials, largest_ratio, sliding
@@ -48,7 +48,8 @@ from tcc_sim.solvers.changes import (
 )
 from tcc_sim.solvers.collocation import WORK
 from tcc_sim.solvers.engine import EngineShell, Memory, Setup, Store, Tangent
-from tcc_sim.solvers.law import NARROW
+from tcc_sim.solvers.law import NARROW, Changing
+from tcc_sim.solvers.model_kernels import exponentials_at, lost_torque, steepness
 from tcc_sim.solvers.series import (
     ANGLE,
     DRIVE,

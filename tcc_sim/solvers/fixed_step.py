@@ -26,9 +26,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.compiling.compiled import (
-    Call,
-    compiled,
+from tcc_sim.compiling.compiled import Call, compiled, timed
+from tcc_sim.errors import InputError, OutOfRange
+from tcc_sim.model.actuator import approach_between
+from tcc_sim.model.equations import Linear, check_supported
+from tcc_sim.model.friction import Stribeck
+from tcc_sim.model.parameters import System
+from tcc_sim.model.profile import FAR_ANGLE, FAR_RATE, FAR_SPEED
+from tcc_sim.solvers.model_kernels import (
     engine_torque,
     largest_ratio,
     lost_torque,
@@ -38,15 +43,8 @@ from tcc_sim.compiling.compiled import (
     step_after,
     step_at,
     swelling,
-    timed,
 )
-from tcc_sim.compiling.compiled import reached as reached_unfused
-from tcc_sim.errors import InputError, OutOfRange
-from tcc_sim.model.actuator import approach_between
-from tcc_sim.model.equations import Linear, check_supported
-from tcc_sim.model.friction import Stribeck
-from tcc_sim.model.parameters import System
-from tcc_sim.model.profile import FAR_ANGLE, FAR_RATE, FAR_SPEED
+from tcc_sim.solvers.model_kernels import reached as reached_unfused
 from tcc_sim.solvers.per_cycle import STAMP, cycles_of_states, hermite
 from tcc_sim.solvers.terms import (
     Problem,

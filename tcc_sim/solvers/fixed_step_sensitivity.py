@@ -1,6 +1,6 @@
 """Ticks of the real-time solver from many starts, with the exact derivatives of the discrete solution.
 
-The text of a sub-step (`fixed_step.stages`) is run on numbers that carry their derivatives (`compiling.unrolled`), so
+The text of a sub-step (`fixed_step.stages`) is run on numbers that carry their derivatives (`law.Changing`), so
 that no derivative of the method is written out. The count of sub-steps is held. The scalar equation v + a mubar(v) = w
 of a stage has a rule of its own, by the implicit function theorem: (1 + a mubar'(v)) dv = dw - mubar da - a dmubar.
 Sub-steps are small enough for one root, so that 1 + a mubar' is above 0.
@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.compiling.compiled import compiled, rebound
-from tcc_sim.compiling.unrolled import Changing, unrolled, where
+from tcc_sim.compiling.unrolled import unrolled, where
 from tcc_sim.model import equations
 from tcc_sim.model.equations import Linear
 from tcc_sim.model.profile import LOAD, TORQUE
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.changes import CHANGES, LANES, changing_linear
 from tcc_sim.solvers.fixed_step import GAMMA, break_after, plate_of, slip_over_all, stage, stages, with_means
-from tcc_sim.solvers.law import FRICTION, NUMBERS_OF_ALL, OF_SLIP, mubar_at, numbers_of
+from tcc_sim.solvers.law import FRICTION, NUMBERS_OF_ALL, OF_SLIP, Changing, mubar_at, numbers_of
 from tcc_sim.solvers.series import added
 from tcc_sim.solvers.terms import Terms, for_ticks
 from tcc_sim.trajectory import Floats

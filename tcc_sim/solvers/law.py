@@ -1,6 +1,6 @@
 """The friction law on rows of nodes, and its derivatives by the slip speed and by its own numbers.
 
-The law's own text (`model.friction`) runs on such rows, on numbers that carry their derivatives (`compiling.unrolled`),
+The law's own text (`model.friction`) runs on such rows, on numbers that carry their derivatives (`Changing`),
 and on series of such numbers, so that neither a derivative nor a series of the law is written out here.
 """
 
@@ -11,11 +11,78 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 from tcc_sim.compiling.compiled import rebound
-from tcc_sim.compiling.unrolled import Causes, Changing, exp, limited, magnitude, row_of, with_sign
+from tcc_sim.compiling.unrolled import exp, is_constant, limited, magnitude, row_of, with_sign
 from tcc_sim.model import friction
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, LATER, SMOOTHING
 from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, LOAD, SLIP, exponential, hyperbolic, product
+
+
+class Causes(dict[int, Any]):
+    """Derivatives by cause, 0 by a cause that is not in it; the number 0 may be added."""
+
+    def __add__(self, other: Any) -> Causes:
+        if not isinstance(other, Causes):
+            return self
+        return Causes({**self, **other, **{cause: self[cause] + other[cause] for cause in self.keys() & other.keys()}})
+
+    def __mul__(self, number: Any) -> Causes:
+        return Causes({cause: number * share for cause, share in self.items()})
+
+    def __neg__(self) -> Causes:
+        return Causes({cause: -share for cause, share in self.items()})
+
+    __radd__ = __add__
+
+
+class Changing:
+    """A number and the row of its derivatives, a lane for each cause; None for a constant.
+
+    A staged function is differentiated by running it on such numbers, with the rules of sums, products and quotients
+    (forward mode; A. Griewank and A. Walther, Evaluating Derivatives, SIAM 2008, Section 3.1).
+    """
+
+    def __init__(self, value: Any, change: Any = None) -> None:
+        self.value, self.change = value, change
+
+    def __add__(self, other: Any) -> Any:
+        if not isinstance(other, Changing):
+            return self if is_constant(other, 0.0) else Changing(self.value + other, self.change)
+        return Changing(self.value + other.value, _both(self.change, other.change))
+
+    def __mul__(self, other: Any) -> Any:
+        if is_constant(other, 0.0):
+            return 0.0
+        if not isinstance(other, Changing):
+            other = Changing(other)
+        return Changing(self.value * other.value,
+                        _both(None if self.change is None else self.change * other.value,
+                              None if other.change is None else other.change * self.value))
+
+    def __neg__(self) -> Changing:
+        return Changing(-self.value, None if self.change is None else -self.change)
+
+    def __sub__(self, other: Any) -> Any:
+        return self + -other
+
+    def __rsub__(self, other: Any) -> Any:
+        return -self + other
+
+    def __rtruediv__(self, other: Any) -> Any:
+        inverse = 1.0 / self.value
+        return Changing(inverse, None if self.change is None else self.change * -(inverse * inverse)) * other
+
+    def __truediv__(self, other: Any) -> Any:
+        return self * (1.0 / other)
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+
+def _both(one: Any, other: Any) -> Any:
+    if one is None or other is None:
+        return other if one is None else one
+    return one + other
 
 
 class LawText(NamedTuple):

@@ -18,12 +18,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.compiling.compiled import exponentials_at, fast, lost_torque, step_and_rest, with_slope
+from tcc_sim.compiling.compiled import fast
 from tcc_sim.model import friction
 from tcc_sim.model.equations import coefficients_of, decay_of_slip
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import collocation, series
 from tcc_sim.solvers.collocation import Place
+from tcc_sim.solvers.model_kernels import exponentials_at, lost_torque, step_and_rest, with_slope
 from tcc_sim.solvers.terms import (
     Terms,
     excitation_frequency,

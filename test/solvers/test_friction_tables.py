@@ -277,3 +277,17 @@ def test_what_is_doubtful_of_a_table_goes_with_every_result(tmp_path: Path, caps
 def test_what_is_not_modelled_is_refused_with_the_way_instead(word: str, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         load_scene("fig02").with_values(parse_assignments([word]))
+
+
+def test_numbers_that_change_are_differentiated_by_rule():
+    """Against differences with complex steps, by two causes; those that are left out of `Causes` change nothing."""
+    def quotient(x, y):
+        return 3.0 * x / (y - 2.0 * x) - x * x + 1.0 / y - (-x) + (1.0 - y)
+
+    x, y, step = 0.7, 5.0, 1e-30
+    dx, dy = quotient(x + step * 1j, y).imag / step, quotient(x, y + step * 1j).imag / step
+    both = quotient(law.Changing(x, np.array([1.0, 0.0])), law.Changing(y, np.array([0.0, 1.0])))
+    assert both.value == quotient(x, y)
+    assert both.change == pytest.approx([dx, dy], rel=1e-14)
+    by_causes = quotient(law.Changing(x, law.Causes({4: 1.0})), law.Changing(y))
+    assert by_causes.change == {4: pytest.approx(dx, rel=1e-14)}
