@@ -59,20 +59,8 @@ class LoweredLibrary(JITCodeLibrary):  # type: ignore[misc]
         self._linking_libraries.append(library)
 
     def finalize(self) -> None:
-        """Close the library. Numba's own functions that it calls become internal ones of this module."""
+        """Close the library."""
         self._raise_if_finalized()
-        called = dict.fromkeys(self._linking_libraries)
-        others = [library for library in called if not isinstance(library, LoweredLibrary)]
-        self._linking_libraries: list[Any] = [library for library in called if isinstance(library, LoweredLibrary)]
-        for library in others:
-            absent = {function.name for function in self._final_module.functions if function.is_declaration}
-            module = library._get_module_for_linking()
-            made = {function.name for function in module.functions if not function.is_declaration}
-            if not absent.isdisjoint(made):
-                self._final_module.link_in(module, preserve=True)
-                for function in self._final_module.functions:
-                    if function.name in made and not function.is_declaration:
-                        function.linkage = "internal"
         self._shared_module = self._final_module
         self._finalized = True
 
@@ -189,16 +177,15 @@ def machine_code(function: Any, arguments: tuple[Any, ...]) -> bytes:
     for library in libraries:
         whole.link_in(library._get_module_for_linking(), preserve=True)
         libraries += [called for called in dict.fromkeys(library._linking_libraries) if called not in libraries]
-    for function in whole.functions:
-        if not function.is_declaration and function.name != "kernel":
-            function.linkage = "internal"  # A function with a single caller is always inlined.
+    for part in whole.functions:
+        if not part.is_declaration and part.name != "kernel":
+            part.linkage = "internal"  # A function with a single caller is always inlined.
     builder = binding.create_pass_builder(_machine(), binding.create_pipeline_tuning_options(OPTIMISATION))
     builder.getModulePassManager().run(whole, builder)
-    needed = [function for function in whole.functions
-              if function.is_declaration and not function.name.startswith("llvm.")]
-    for function in needed:
-        function.name = function.name.removeprefix("numba_")  # Numba's names of C's frexp and ldexp.
-    names = " ".join(function.name for function in needed)
+    needed = [part for part in whole.functions if part.is_declaration and not part.name.startswith("llvm.")]
+    for part in needed:
+        part.name = part.name.removeprefix("numba_")  # Numba's names of C's frexp and ldexp.
+    names = " ".join(part.name for part in needed)
     code: bytes = _machine().emit_object(whole)
     return f"{outputs}\n{names}\n".encode() + code
 
