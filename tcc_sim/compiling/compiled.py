@@ -16,9 +16,9 @@ import time
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
 from pathlib import Path
-from struct import Struct
+from struct import Struct, pack_into
 from types import FunctionType
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import llvmlite
 import numpy as np
@@ -27,7 +27,7 @@ from llvmlite import binding
 from tcc_sim.background import awaited
 from tcc_sim.compiling import kernel_cache
 from tcc_sim.compiling.kernel_cache import LEVEL, processor
-from tcc_sim.errors import MissingPackage
+from tcc_sim.errors import MissingPackage, TccError
 
 Function = TypeVar("Function", bound=Callable[..., object])
 Kind = tuple[Any, ...]
@@ -39,24 +39,54 @@ C_ORDER, FORTRAN_ORDER, WRITABLE = 0x1, 0x2, 0x400
 TESTED = "0.62", "0.68"
 """First and last version of Numba that `linked` works with; other versions are refused."""
 WORD = 8
-"""Bytes of a number or an address in a block, which begins with the number of its calls (NUMBER)."""
-NUMBER = Struct("q")
-DIGITS = 24
-"""Digits of the digest in a file's name."""
+"""Bytes of a number or an address in a block."""
 _lock = threading.RLock()
 
 
-class EntryPoint(NamedTuple):
-    """Compiled code, ready to call.
+class EntryPoint:
+    """Compiled code, ready to call: that of `linked.machine_code`, for arguments with words like these.
 
-    block : lays out calls one after the other, given the words of each
-    run : makes the calls of a block, in which it changes the results only; returns the result of the first
-    results : returns the results of all calls of a block
+    Raises TccError: the code needs a function that this process lacks.
     """
 
-    block: Callable[[Sequence[Words]], Any]
-    run: Callable[[Any], Any]
-    results: Callable[[Any], list[Any]]
+    def __init__(self, content: bytes, words: Words) -> None:
+        outputs, names, code = content.split(b"\n", 2)
+        binding.initialize_native_target()
+        binding.initialize_native_asmprinter()
+        self._engine = binding.create_mcjit_compiler(
+            binding.parse_assembly(""), binding.Target.from_default_triple().create_target_machine(jit=True))
+        for name in names.decode().split():
+            if not binding.address_of_symbol(name):  # LLVM would end the process.
+                raise TccError(f"{name} is missing")
+        self._engine.add_object_file(binding.ObjectFileRef.from_data(code))
+        self._engine.finalize_object()
+        self._call = ctypes.CFUNCTYPE(ctypes.c_int32)(self._engine.get_function_address("kernel"))
+        self._inputs = Struct("".join("d" if isinstance(word, float) else "q" for word in words))
+        self._result, self._several = Struct(outputs.strip(b"()")), outputs.startswith(b"(")
+        self._first, self._size = WORD + self._inputs.size, self._inputs.size + self._result.size
+
+    def block(self, calls: Sequence[Words]) -> Any:
+        """Return the number of calls and the calls, one after the other, given the words of each."""
+        out = (ctypes.c_char * (WORD + self._size * len(calls)))()
+        pack_into("q", out, 0, len(calls))
+        for k, words in enumerate(calls):
+            self._inputs.pack_into(out, WORD + self._size * k, *words)
+        return out
+
+    def run(self, block: Any) -> Any:
+        """Make the calls of a block, which changes only their results in it; return the result of the first."""
+        if self._call(block):
+            raise ArithmeticError("a kernel has failed")
+        return self._taken(block, self._first)
+
+    def results(self, block: Any) -> list[Any]:
+        """Make the calls of a block; return the result of each."""
+        self.run(block)
+        return [self._taken(block, place) for place in range(self._first, len(block), self._size)]
+
+    def _taken(self, block: Any, place: int) -> Any:
+        words = self._result.unpack_from(block, place)
+        return words if self._several else words[0] if words else None
 
 
 class Kernel:
@@ -107,23 +137,14 @@ class Kernel:
         with _lock:
             if kind not in self.entries:  # No digest stands for the source of a kernel outside the package.
                 own = self.py_func.__module__.startswith(f"{kernel_cache.PACKAGE.name}.")
-                self.entries[kind] = loaded(make(), words) if not own else kernel_cache.load_or_build(
-                    self.file_name(kind), make, lambda content: loaded(content, words))
+                self.entries[kind] = EntryPoint(make(), words) if not own else kernel_cache.load_or_build(
+                    self.file_name(kind), make, lambda content: EntryPoint(content, words))
             return self.entries[kind]
 
     def file_name(self, kind: Kind) -> str:
         """Return the name on disk of the code for arguments of a kind."""
-        which = repr((_compiler(), kernel_cache.source_digest(), [*map(_described, kind)]))
-        return f"{self.name}-{hashlib.sha256(which.encode()).hexdigest()[:DIGITS]}"
-
-
-def _described(kind: Any) -> object:
-    """Return a description of a part of a kind that tells it from every other one."""
-    if isinstance(kind, tuple) and isinstance(kind[0], type):
-        kind_class, items = kind
-        return kind_class.__module__, kind_class.__qualname__, getattr(kind_class, "_fields",
-                                                                       ()), [*map(_described, items)]
-    return kind
+        which = repr((_compiler(), kernel_cache.source_digest(), kind))
+        return f"{self.name}-{hashlib.sha256(which.encode()).hexdigest()[:24]}"
 
 
 def timed(kernel: Callable[..., object], *arguments: Any) -> tuple[Any, float]:
@@ -237,47 +258,6 @@ def not_to_ship() -> str:
     except MissingPackage as error:
         return str(error)
     return "" if processor()[1] == LEVEL else f"the build's processor is not {LEVEL}"
-
-
-def loaded(content: bytes, words: Words) -> EntryPoint:
-    """Load code of `linked.machine_code`; raise UnusableFile if it needs a function that this process lacks."""
-    outputs, names, code = content.split(b"\n", 2)
-    binding.initialize_native_target()
-    binding.initialize_native_asmprinter()
-    engine = binding.create_mcjit_compiler(
-        binding.parse_assembly(""), binding.Target.from_default_triple().create_target_machine(jit=True))
-    for name in names.decode().split():
-        if not binding.address_of_symbol(name):  # LLVM would end the process.
-            raise kernel_cache.UnusableFile(f"{name} is missing")
-    engine.add_object_file(binding.ObjectFileRef.from_data(code))
-    engine.finalize_object()
-    call = ctypes.CFUNCTYPE(ctypes.c_int32)(engine.get_function_address("kernel"))
-    inputs = Struct("".join("d" if isinstance(word, float) else "q" for word in words))
-    result, several = Struct(outputs.strip(b"()")), outputs.startswith(b"(")
-    size, first, unpack_from = inputs.size + result.size, WORD + inputs.size, result.unpack_from
-
-    def block(calls: Sequence[Words]) -> Any:
-        out = (ctypes.c_char * (WORD + size * len(calls)))()
-        NUMBER.pack_into(out, 0, len(calls))
-        for k, words in enumerate(calls):
-            inputs.pack_into(out, WORD + size * k, *words)
-        return out
-
-    def taken(block: Any, place: int) -> Any:
-        words = unpack_from(block, place)
-        return words if several else words[0] if words else None
-
-    def run(block: Any) -> Any:
-        if call(block):
-            raise ArithmeticError("a kernel has failed")
-        return taken(block, first)
-
-    def results(block: Any) -> list[Any]:
-        run(block)
-        return [taken(block, place) for place in range(first, len(block), size)]
-
-    run.engine = engine  # type: ignore[attr-defined]
-    return EntryPoint(block, run, results)
 
 
 def compiled(function: Function, name: str = "", **options: Any) -> Function:

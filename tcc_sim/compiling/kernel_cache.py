@@ -26,26 +26,22 @@ from typing import TypeVar
 
 from llvmlite import binding
 
-from tcc_sim.errors import one_line
+from tcc_sim.errors import TccError, one_line
 
 Loaded = TypeVar("Loaded")
 
 PACKAGE = Path(__file__).parents[1]
 ROOMS = ("analysis/repetition.py", "compiling", "model", "polynomials", "solvers", "trajectory.py")
 """Files and folders of the package from which kernels are made."""
-DAY = 86400.0
-UNUSED_AFTER = 30.0 * DAY
+UNUSED_AFTER = 30.0 * 86400.0
 """Time, s, after which an unused file is removed; kernels of another version are never used again."""
 SHIPPED = Path(__file__).with_name("shipped")
 """Directory in the package of the code that the installation compiled."""
 OTHERS_MAY_WRITE = stat.S_IWGRP | stat.S_IWOTH
-_CHECKSUM = hashlib.sha256().digest_size
 used: set[str] = set()
 """Names of the kernels that this process has asked for."""
 announced: set[str] = set()
 """Kinds of messages that were printed; compilations are announced unless "compiling" is among them."""
-
-
 LEVEL = "x86-64-v3"
 NEEDED = "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "xsave"
 """LLVM's names of the features of LEVEL that earlier levels lack (x86-64 psABI, Table 3.1)."""
@@ -78,10 +74,6 @@ def source_digest(package: Path = PACKAGE) -> str:
     return text.hexdigest()
 
 
-class UnusableFile(Exception):
-    """A file of the cache cannot be loaded; the message gives the reason."""
-
-
 def print_once(kind: str, sentence: str) -> None:
     """Print a message on standard error, one of each kind, in the first process of a command only."""
     if kind not in announced and multiprocessing.parent_process() is None and sys.stderr is not None:
@@ -102,35 +94,18 @@ def directory() -> Path | None:
     try:
         base = Path(given) if given else Path(named) if os.path.isabs(named) else Path.home() / ".cache"
         if not base.is_absolute():
-            raise UnusableFile(f"{base} is not an absolute path")
+            raise TccError(f"{base} is not an absolute path")
         place = base / "tcc_sim"
         base.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with suppress(FileExistsError):
-            place.mkdir(mode=0o700)
+        place.mkdir(mode=0o700, exist_ok=True)
         status = place.lstat()
-        if not stat.S_ISDIR(status.st_mode):
-            raise UnusableFile(f"{place} is not a directory")
-        if status.st_uid != os.geteuid():
-            raise UnusableFile(f"{place} belongs to somebody else")
-        if status.st_mode & OTHERS_MAY_WRITE:
-            raise UnusableFile(f"others can write to {place}; remove it, or make it mode 0700 if you trust it")
+        if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & OTHERS_MAY_WRITE:
+            raise TccError(f"{place} is not a directory of yours to which only you can write; remove it, or make it "
+                           "mode 0700 if you trust it")
         return place
-    except (OSError, RuntimeError, ValueError, UnusableFile) as error:
-        print_once("cache", f"kernels are compiled without a cache: {_reason(error)}")
+    except (OSError, RuntimeError, ValueError, TccError) as error:
+        print_once("cache", f"kernels are compiled without a cache: {error}")
         return None
-
-
-def _content(path: Path) -> bytes:
-    """Read the code in a file; raise UnusableFile if it is damaged, or less safe than the folder that holds it."""
-    with open(path, "rb") as file:
-        status, folder = os.fstat(file.fileno()), os.stat(path.parent)
-        content = file.read()
-    if status.st_uid not in (os.geteuid(), 0, folder.st_uid) or status.st_mode & ~folder.st_mode & OTHERS_MAY_WRITE:
-        raise UnusableFile(f"{path} is not a private file")
-    code = content[:-_CHECKSUM]
-    if hashlib.sha256(code).digest() != content[-_CHECKSUM:]:
-        raise UnusableFile(f"{path} is damaged")
-    return code
 
 
 def load_or_build(name: str, make: Callable[[], bytes], load: Callable[[bytes], Loaded],
@@ -140,39 +115,48 @@ def load_or_build(name: str, make: Callable[[], bytes], load: Callable[[bytes], 
     `shipped` is the package's folder of kernels.
     """
     used.add(name)
-    if (out := _stored(shipped / name, load, "the code in the package")) is not None:
+    if (out := _stored(shipped / name, load)) is not None:
         return out
     place = directory()
-    if place is not None and (out := _stored(place / name, load, "the cache")) is not None:
+    if place is not None and (out := _stored(place / name, load)) is not None:
         with suppress(OSError):
-            if time.time() - (place / name).stat().st_mtime > DAY:
-                os.utime(place / name)
+            os.utime(place / name)  # It counts as used.
         return out
     print_once("compiling", "compiling kernels for this kind of scene, up to half a minute, "
                + ("once" if place else "in every process, since they cannot be kept"))
     code = make()
     if place is not None:
-        _remove_unused(place)
         try:
-            _write(place / name, code + hashlib.sha256(code).digest())
+            _keep(place / name, code + hashlib.sha256(code).digest())
         except OSError as error:
-            print_once("cache", f"compiled kernels are not kept: {_reason(error)}")
+            print_once("cache", f"compiled kernels are not kept: {error}")
     return load(code)
 
 
-def _stored(path: Path, load: Callable[[bytes], Loaded], where: str) -> Loaded | None:
-    """Return the stored kernel; None, after a line on standard error, if its file is of no use."""
+def _stored(path: Path, load: Callable[[bytes], Loaded]) -> Loaded | None:
+    """Return a stored kernel; None if there is none, or, after a line on standard error, if its file is of no use."""
     try:
-        return load(_content(path))
+        with open(path, "rb") as file:
+            status, folder, content = os.fstat(file.fileno()), os.stat(path.parent), file.read()
+        if status.st_uid not in (os.geteuid(), 0, folder.st_uid) or status.st_mode & ~folder.st_mode & OTHERS_MAY_WRITE:
+            raise TccError("others can write to it")
+        code, checksum = content[:-32], content[-32:]
+        if hashlib.sha256(code).digest() != checksum:
+            raise TccError("it is damaged")
+        return load(code)
     except FileNotFoundError:
         pass
     except Exception as error:
-        print_once("damage", f"a kernel is compiled anew, since {where} is of no use: {_reason(error)}")
+        print_once("damage", f"a kernel is compiled anew, since {path} is of no use: {error}")
     return None
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Write a private file atomically, in the place of one of this name."""
+def _keep(path: Path, content: bytes) -> None:
+    """Write a private file atomically; remove kernels, and remains of writes, unused for UNUSED_AFTER, beside it."""
+    for other in path.parent.glob("*-*"):
+        with suppress(OSError):
+            if time.time() - other.lstat().st_mtime > UNUSED_AFTER:
+                other.unlink()
     descriptor, unfinished = tempfile.mkstemp(prefix=f"{path.name}.", dir=path.parent)
     try:
         with open(descriptor, "wb") as file:
@@ -181,16 +165,3 @@ def _write(path: Path, content: bytes) -> None:
     except BaseException:
         os.unlink(unfinished)
         raise
-
-
-def _remove_unused(place: Path) -> None:
-    """Remove kernels, and remains of writes, that nothing has used for UNUSED_AFTER."""
-    for path in place.glob("*-*"):
-        with suppress(OSError):
-            if time.time() - path.lstat().st_mtime > UNUSED_AFTER:
-                path.unlink()
-
-
-def _reason(error: BaseException) -> str:
-    name = getattr(error, "filename", None)
-    return f"{name}: {error.strerror}" if name and isinstance(error, OSError) else str(error) or type(error).__name__

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import gc
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tcc_sim.compiling.compiled import Call, Calls, compiled, fast, loaded
-from tcc_sim.compiling.kernel_cache import UnusableFile
-from tcc_sim.compiling.unrolled import Causes, Changing
+from tcc_sim.compiling.compiled import Call, Calls, EntryPoint, compiled, fast
+from tcc_sim.errors import TccError
 
 WEIGHTS = np.array([0.5, -0.25, 3.0])
 
@@ -114,8 +113,8 @@ def test_what_no_kernel_takes_is_refused():
 
 
 def test_code_that_needs_what_is_not_there_is_compiled_anew():
-    with pytest.raises(UnusableFile, match="no_such_function is missing"):
-        loaded(b"d\nno_such_function\n", [])
+    with pytest.raises(TccError, match="no_such_function is missing"):
+        EntryPoint(b"d\nno_such_function\n", [])
 
 
 def test_a_call_laid_out_once_gives_what_the_kernel_gives():
@@ -153,17 +152,3 @@ def test_calls_one_after_the_other_give_what_the_kernel_gives():
     with pytest.raises(ArithmeticError):
         calls(numbers[:3], [((1.0, 1.0), 1), ((1.0, 1.0), 0), ((1.0, 1.0), 1)])
     assert [each[0] for each in slots[:3]] == [0.0, 2.0, 3.0]
-
-
-def test_numbers_that_change_are_differentiated_by_rule() -> None:
-    """Against differences with complex steps, by two causes; those that are left out of `Causes` change nothing."""
-    def quotient(x: Any, y: Any) -> Any:
-        return 3.0 * x / (y - 2.0 * x) - x * x + 1.0 / y - (-x) + (1.0 - y)
-
-    x, y, step = 0.7, 5.0, 1e-30
-    dx, dy = quotient(x + step * 1j, y).imag / step, quotient(x, y + step * 1j).imag / step
-    both = quotient(Changing(x, np.array([1.0, 0.0])), Changing(y, np.array([0.0, 1.0])))
-    assert both.value == quotient(x, y)
-    assert both.change == pytest.approx([dx, dy], rel=1e-14)
-    by_causes = quotient(Changing(x, Causes({4: 1.0})), Changing(y))
-    assert by_causes.change == {4: pytest.approx(dx, rel=1e-14)}
