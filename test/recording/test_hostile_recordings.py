@@ -120,7 +120,7 @@ def test_what_a_file_may_unpack_to_is_16_mib_and_a_hundred_times_its_size_and_te
 
 
 def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path) -> None:
-    full = chunk(message(9, 0) * 20_000)
+    full = chunk(record(Opcode.MESSAGE, struct.pack("<HIQQ", 9, 0, 0, 0) + bytes(20_000)) * 200)
     path = written(tmp_path / "x.mcap", schema(), channel(1), chunk(message(1, TICK)), *[full] * 10)
     limit = records.SMALLEST_EXPANSION + records.LARGEST_EXPANSION * path.stat().st_size
     said, peak = cost(path)

@@ -65,7 +65,7 @@ def test_modes_follow_one_another_alike_at_any_tolerance(scene, keys, harmonics)
     for frequency in (60.0, 120.0):
         system = load_scene(scene).with_values({"friction.law": "set_valued", "engine.mean_torque": 0.0,
                                                 "engine.frequency": frequency, **keys, **harmonics}).system
-        _, changes, _ = Piecewise(system, rtol=1e-11, atol=1e-12).run(8 * system.cycle, np.empty(0), slices=160)
+        _, changes, _ = Piecewise(system, rtol=1e-11, atol=1e-12).run(8 * system.cycle, np.empty(0), slices=80)
         for rtol in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
             run = solve(system, cycles=8, rtol=rtol, loads_from=0)
             found = list(zip(run.transitions.before.tolist(), run.transitions.after.tolist()))
