@@ -129,15 +129,13 @@ class Recorder:
         held, self._held = self._held, []
         for track, taken in held:
             self.write(track, taken)
-        if self._simulated is None:
-            for track in self.tracks.values():
-                self.write(track, track.take())
-            return
-        # /clock is taken last, so that it is known up to the newest message of the others, and written first.
-        clock = self.tracks[self._clock]
-        others = [(track, track.take()) for track in self.tracks.values() if track is not clock]
-        self.write(clock, clock.take())
-        for track, taken in others:
+        # States are taken first and written last, so that what was sent before them precedes them, also in a file that
+        # is cut short. /clock is taken last, so that it is known up to the newest message, and written first.
+        clock = self.tracks[self._clock] if self._simulated is not None else None
+        others = [(track, track.take()) for track in reversed(self.tracks.values()) if track is not clock]
+        if clock is not None:
+            self.write(clock, clock.take())
+        for track, taken in reversed(others):
             self.write(track, taken)
 
     def write(self, track: Track, taken: Taken) -> None:
