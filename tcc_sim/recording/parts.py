@@ -89,10 +89,8 @@ def parts_of(path: Path) -> Parts:
     if files and names is not None:
         by_name = {part.name: part for part in files}
         paths = [by_name[name] for name in names if name in by_name]
-        absent = [name for name in names if name not in by_name]
-        if paths:
-            return Parts(paths, True, absent, [part.name for part in found if _plain(part) not in names])
-        return Parts(files, False, absent)
+        unlisted = [part.name for part in found if paths and _plain(part) not in names]
+        return Parts(paths or files, bool(paths), [name for name in names if name not in by_name], unlisted)
     if files:
         return Parts(files, len(files) == 1, note=note)
     if first := next((part for part in inside if ".mcap." in part.name), None):

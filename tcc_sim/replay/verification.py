@@ -99,7 +99,7 @@ class _Verifier:
                       f"{self._work_limit} sub-steps")
         if self._first is not None:
             detail = (f"the message of {self._first * 1e-9:.9g} s is the first that differs; the largest difference is "
-                      f"{largest:.3g} of its signal's maximum (possible reasons: a changed value, a missing scene, "
+                      f"{largest:.3g} of its signal's maximum (possible reasons: a changed or missing value or scene, "
                       "another version or machine)")
             if self.sources_matter:
                 detail += "; the recording does not state the sources of its inputs, so every one counts as commanded"
