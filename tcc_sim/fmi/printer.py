@@ -17,6 +17,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
@@ -141,6 +142,12 @@ class Library:
         return "\n\n".join(["\n".join(self._declarations.values()), "\n".join(prelude), *self.texts]) + "\n"
 
 
+@cache
+def _parsed(source: Callable[..., Any]) -> ast.stmt:
+    """Return the definition of a function, which is only read; finding and parsing it takes longer than printing it."""
+    return ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
+
+
 class Function:
     """Function for arguments of given types, printed as `lines`, with the type of its result.
 
@@ -160,7 +167,7 @@ class Function:
         self._locals: dict[str, Kind] = {}
         self._written: list[str] = []
         self._depth, self._fresh = 0, 0
-        tree = ast.parse(textwrap.dedent(inspect.getsource(source))).body[0]
+        tree = _parsed(source)
         if not isinstance(tree, ast.FunctionDef):
             raise c_types.Refused(f"{source.__name__} is no plain function")
         parameters = [argument.arg for argument in tree.args.args]
