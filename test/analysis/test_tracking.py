@@ -355,7 +355,7 @@ def test_a_ripple_of_few_samples_is_no_judder(samples):
     assert (segment.verdict, math.isnan(segment.judder_amplitude)) == ("settled", True)
 
 
-@pytest.mark.parametrize("name", [name for name, made in LOOPS.items() if made.seconds > 1.0][::25])
+@pytest.mark.parametrize("name", [name for name, made in LOOPS.items() if made.seconds > 1.0][::50])
 def test_a_loop_of_which_a_fifth_was_lost_has_no_verdict(name):
     made = LOOPS[name]
     segment = last_segment(loop(made, lost=0.2))
@@ -367,9 +367,9 @@ def test_a_loop_of_which_a_fifth_was_lost_has_no_verdict(name):
 
 
 @pytest.mark.parametrize("name", [name for name, made in LOOPS.items() if made.lasts])
-def test_a_run_that_ends_earlier_is_too_short_or_judged_as_one_that_is_three_times_as_long(name):
+def test_a_run_that_ends_earlier_is_too_short_or_judged_as_the_whole_or_a_longer_one(name):
     made = LOOPS[name]
-    truth = last_segment(loop(made, 3.0)).verdict
+    truth = made.verdict if made.verdict != "too short" else last_segment(loop(made, 3.0)).verdict
     for part in (0.35, 0.5, 0.65, 0.8, 0.9):
         segment = last_segment(loop(made, part))
         assert segment.verdict in (truth, "too short"), (part, segment.verdict_why)

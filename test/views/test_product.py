@@ -285,21 +285,21 @@ CHANGES = {"friction.static_coefficient": 0.4, "friction.kinetic_coefficient": 0
 """Keys that a running driveline changes, with new values."""
 
 
-@pytest.mark.parametrize("key", CHANGES)
-def test_what_follows_from_a_key_that_changes_is_its_own_at_every_sample(key: str, pictures: list[Any],
-                                                                         tmp_path: Path) -> None:
+@pytest.mark.parametrize("of", ["friction converter", "pressure"])
+def test_what_follows_from_keys_that_change_is_its_own_at_every_sample(of: str, pictures: list[Any],
+                                                                       tmp_path: Path) -> None:
     """In a closed loop, a recording, the file of its samples and their pictures."""
-    commanded = key.startswith(("friction", "converter"))
+    changes, commanded = {key: to for key, to in CHANGES.items() if key.split(".")[0] in of}, of != "pressure"
     scene = tcc_sim.load_scene("controlled").with_values({
         "converter.coupling": 0.5, "pressure.source": "topic" if commanded else "harmonic", "pressure.amplitude": 4e4})
     said: list[Any] = []
     rows = ticked(scene, 2001, pressure=(lambda k: 1.1e5 + 20.0 * k) if commanded else None, said=said,
-                  changes=[(1950, {key: CHANGES[key]}, False)])
+                  changes=[(1950, changes, False)])
     recording = bag(tmp_path / "run", rows, scene, said=said)
     assert main(["analyse", str(recording), "--out", str(tmp_path / "a.npz"), "--plot", str(tmp_path / "a.png")]) == 0
     read = tcc_sim.read(recording).trajectory()
     looped = tcc_sim.closed_loop(scene, lambda r: 1.1e5 + 2e-5 * r.stamp_ns if commanded else None, 2.0,
-                                 at={1.949: {key: CHANGES[key]}})
+                                 at={1.949: changes})
     for run, name in ((read, "b.png"), (looped, "c.png"), (tmp_path / "a.npz", "d.png")):
         tcc_sim.plot(run, tmp_path / name)
     arrays = samples_of(tmp_path / "a.npz")
@@ -307,8 +307,7 @@ def test_what_follows_from_a_key_that_changes_is_its_own_at_every_sample(key: st
             (read.t, read.saturation_torque, read.coupling_torque, read.slip_speed),
             (looped.t, looped.saturation_torque, looped.coupling_torque, looped.slip_speed),
             (arrays["t"], arrays["saturation_torque"], arrays["coupling_torque"], arrays["slip_speed"])):
-        held = {name: np.where(t > 1.9495, CHANGES[name] if name == key else scene.value(name), scene.value(name))
-                for name in CHANGES}
+        held = {name: np.where(t > 1.9495, changes.get(name, scene.value(name)), scene.value(name)) for name in CHANGES}
         pressure = held["pressure.mean"] + held["pressure.amplitude"] * np.sin(150.0 * t)
         if commanded:
             pressure = looped.applied_pressure if t is looped.t else np.array(rows)[:, -1]

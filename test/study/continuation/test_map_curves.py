@@ -151,13 +151,13 @@ def curve_of(of: TextbookMap, known: Known, sign: float = 1.0, sizes: np.ndarray
     return bifurcation_curve(of_kind(branch, known.kind), of, ranges, q, settings or known.settings)
 
 
-@pytest.mark.parametrize("how", ["plain", "mirrored", "sized"])
+@pytest.mark.parametrize("how", ["plain", "mirrored, sized"])
 @pytest.mark.parametrize("name", KNOWN)
 def test_a_curve_is_the_one_of_the_textbook(name: str, how: str) -> None:
     known = KNOWN[name]
-    dimension, sign = len(known.guess), -1.0 if how == "mirrored" else 1.0
-    sizes = np.array([40.0, 0.003])[:dimension] if how == "sized" else np.ones(dimension)
-    step = mirrored(known.step) if how == "mirrored" else resized(known.step, sizes)
+    dimension, sign = len(known.guess), 1.0 if how == "plain" else -1.0
+    sizes = np.ones(dimension) if how == "plain" else np.array([40.0, 0.003])[:dimension]
+    step = known.step if how == "plain" else mirrored(resized(known.step, sizes))
     curve = curve_of(TextbookMap(step, dimension, tuple(sizes)), known, sign, sizes)
     assert curve.kind == known.kind
     assert {(end.reason, end.what) for end in curve.ended} == known.ends
