@@ -79,8 +79,7 @@ def test_the_fit_follows_the_law_and_not_the_noise(law, count, noise, seed):
 
 @pytest.mark.parametrize("law", [lambda v: 0.1 + 0.03 * (1.0 - np.exp(-v / 20.0)), lambda v: 0.1 + 0.006 * np.log1p(v),
                                  lambda v: 0.02 / (1.0 + np.exp(-(v - 20.0) / 5.0)) + 0.11])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(("sign", "seed"), [(1.0, 1), (-1.0, 2)])
 def test_a_table_that_rises_or_falls_throughout_has_a_fit_that_does(law, sign, seed):
     mu = law(MEASURED) + 5e-4 * np.random.default_rng(seed).normal(size=len(MEASURED))
     mu = np.sort(mu) if sign > 0.0 else 0.3 - np.sort(mu)

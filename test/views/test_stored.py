@@ -87,6 +87,7 @@ def test_a_spectrum_of_a_table_is_drawn_from_its_json(pictures: list[Any], tmp_p
     same(*pictures)
 
 
+@pytest.mark.usefixtures("pictures")
 def test_a_run_without_samples_is_refused_with_the_command_that_writes_them(tmp_path: Path, refused: Refused,
                                                                             capsys: pytest.CaptureFixture[str]) -> None:
     """The command works as it is printed."""

@@ -38,6 +38,7 @@ def test_settings_hold_within_a_picture_and_end_with_it() -> None:
     ("lines.linewidth\n", {}, "line 1: lines.linewidth"), ("\nno.setting: 3\n", {}, "line 2: no.setting"),
     ("backend_fallback: True\n", {}, "line 1: backend_fallback"),
     ("lines.linewidth: wide\n", {}, "line 1: lines.linewidth"), (None, {}, "a.mplstyle")])
+@pytest.mark.usefixtures("pictures")
 def test_a_style_file_is_read_line_by_line(text: str | None, settings: dict[str, Any], refused: str, tmp_path: Path,
                                            monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Labels that are larger make a picture higher; smaller ones make none lower."""
