@@ -105,14 +105,14 @@ def test_the_law_of_fig_3_by_hand(tmp_path: Path, laid_out: list[Any]) -> None:
 
 
 def test_the_curves_of_a_map_are_those_of_a_solve_by_scipy(tmp_path: Path, laid_out: list[Any]) -> None:
-    """Fig. 13 at two frequencies, a hundred cycles from (13), of which the first fifty are dropped."""
+    """Fig. 13 at two frequencies, beside cycles 50 to 65 from (13)."""
     data = written(13, tmp_path)
     assert (data["axis"], data["x"][0], data["x"][-1]) == ("omega/omega_n", 0.05, 0.5)
     assert [c["label"] for c in data["curves"]] == [s.label for s in FIGURES[13].series]
     assert (data["cycles"], data["discarded"]) == (100, 50)
     for curve, k in ((data["curves"][0], 20), (data["curves"][3], 30)):
         values = {**FIGURES[13].series[data["curves"].index(curve)].values, "engine.frequency": data["x"][k] * OMEGA_N}
-        states = smoothed_states(paper_system(values), [150.0, 0.0, 0.0, 0.0], 100, 400, rtol=1e-8)
+        states = smoothed_states(paper_system(values), [150.0, 0.0, 0.0, 0.0], 65, 400, rtol=1e-7)
         assert curve["max_slip_speed"][k] == pytest.approx(np.abs(states[50 * 400:, 0]).max(), rel=2e-3)
         assert curve["min_slip_speed"][k] == pytest.approx(states[50 * 400:, 0].min(), abs=0.05)
         section = states[-1, 1]
