@@ -78,8 +78,13 @@ def dumped(content: object) -> str:
     """Return plain values as YAML, by libyaml where PyYAML has it: a fifth of the time, the same text."""
     import yaml
 
-    text: str = yaml.dump(content, Dumper=getattr(yaml, "CSafeDumper", yaml.SafeDumper), sort_keys=False)
-    return text
+    def by(dumper: Any) -> str:
+        return str(yaml.dump(content, Dumper=dumper, sort_keys=False))
+
+    try:
+        return by(getattr(yaml, "CSafeDumper", yaml.SafeDumper))
+    except UnicodeEncodeError:  # A name of a file that is not UTF-8.
+        return by(yaml.SafeDumper)
 
 
 @cache
