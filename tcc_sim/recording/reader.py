@@ -241,7 +241,7 @@ class Run:
             self.warnings.append(f"{counted(self._differing, 'message')} left out: their {'run and ' * keyed}stamp "
                                  "came before with other values")
         if unknown := sum(int(np.count_nonzero(one.held_row < 0)) for one in runs if one.held_row is not None):
-            self.warnings.append(f"inputs are unknown at {counted(unknown, 'tick')}: messages of held are missing")
+            self.warnings.append(f"inputs are unknown at {counted(unknown, 'tick')}: what stated them is missing")
         self._pass_over(kinds)
         last = int(states.sent_ns.max(initial=0))
         recorded, before = commands.recorded(last), commands.recorded(last - BEAT)

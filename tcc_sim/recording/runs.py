@@ -146,10 +146,10 @@ def placed(messages: Sequence[SceneRecord | InputSource], runs: Sequence[JointSt
     """Return index (in the whole recording) of the first state to which an announcement applies, and its number.
 
     That state has the announced stamp or the next one, in the first run in which it was sent after the announcement.
-    The first announcement applies from the begin on.
+    The first scene applies from the begin on; what set the inputs before the first announced sources is not known.
     """
-    out = [(0, 0)] if messages else []
-    for number, one in enumerate(messages[1:], 1):
+    out = [(0, 0)] if isinstance(next(iter(messages), None), SceneRecord) else []
+    for number, one in enumerate(messages[len(out):], len(out)):
         for states in runs:
             row = int(np.searchsorted(states.stamp_ns, min(one.first_stamp_ns, NEVER)))
             if row < len(states) and states.sent_ns[row] >= one.log_ns:
@@ -255,12 +255,11 @@ def _with_sources(runs: Sequence[JointStates], sources: Sequence[InputSource]) -
         for name in HELD_INPUTS:
             rows[number, held.index_in_held(name, "source")] = (
                 held.NOBODY if name not in INPUTS else held.COMMAND if name in one.commanded else held.FALLBACK)
-    at = np.array(placed(sources, runs)).reshape(-1, 2)
+    at = np.array([(0, -1), *placed(sources, runs)])
     out = []
     for states in runs:
         last = np.searchsorted(at[:, 0], states.index + np.arange(len(states)), side="right") - 1
-        held_row = np.where(last >= 0, at[np.maximum(last, 0), 1], -1)
-        out.append(JointStates(**{**vars(states), "held": rows, "held_row": held_row}))
+        out.append(JointStates(**{**vars(states), "held": rows, "held_row": at[last, 1]}))
     return tuple(out)
 
 

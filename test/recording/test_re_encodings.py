@@ -73,8 +73,8 @@ def unnamed(tmp_path_factory):
     return made(folder, named=False), figures(folder)
 
 
-def test_a_recording_of_version_1_0_is_read_with_what_it_knows(original, unnamed):
-    """The sources are announced there; what became of the commands is not."""
+def test_a_recording_of_version_1_0_is_read_with_what_it_knows(tmp_path, original, unnamed):
+    """The sources are announced there; what became of the commands is not, nor a source announced before a cut."""
     (new, _), (old, _) = original[1], unnamed[1]
     for name in new.keys() - {"inputs", "drivelines", "warnings", "command_age", "segments", "units"}:
         assert old[name] == new[name], name
@@ -83,6 +83,10 @@ def test_a_recording_of_version_1_0_is_read_with_what_it_knows(original, unnamed
             field: new["inputs"][name][field] for field in ("topic", "fallback", "scene", "commands")}
         assert ([one[field] for field in ("applied", "superseded", "ignored", "lost")], bool(one["why"])) == (
             [None] * 4, True)
+    save(tmp_path / "run" / "run_0.mcap", unnamed[0]._replace(messages=unnamed[0].messages[700:]))
+    result, _ = figures(tmp_path / "run")
+    assert [(one["topic"], one["fallback"]) for one in result["inputs"].values()] == 2 * [(0.0, pytest.approx(0.1))]
+    assert result["verified"] is False
 
 
 OLD_WAYS = ("no_publisher", "no_publisher_and_number", "by_rosbag2", "parts", "parts_listed",
