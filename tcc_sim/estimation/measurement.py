@@ -166,7 +166,7 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     if recorded.scene_text is not None:
         scene = parse_scene(recorded.scene_text, str(path))
     if scene is None:
-        raise InputError(f"{path} holds no scene; name the scene of the recorded driveline with --scene")
+        raise InputError(f"{path} holds no scene of the recorded driveline; name it with --scene")
     states, ticks, scene = measured_run(recorded, scene)
     _check_still(path, states.output_speed)
     inputs = {name: np.concatenate([values, values[-1:]])[states.known] for name, values in ticks.items()}

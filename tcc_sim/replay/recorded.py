@@ -106,7 +106,7 @@ class Recording(Result):
         if self.file.scene_text is not None:
             given = parse_scene(self.file.scene_text, self.path.stem)
         if given is None:
-            raise InputError(f"{path} holds no scene; name the scene of the recorded driveline with --scene")
+            raise InputError(f"{path} holds no scene of the recorded driveline; name it with --scene")
         self.scene = given
         self._line: Timeline | None = None
 
