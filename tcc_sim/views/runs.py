@@ -36,7 +36,7 @@ SAMPLED = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "sa
            "state")
 MOST_LABELS, LONGEST_LABEL = 6, 42
 """Largest number of events that are drawn with their texts, and longest text."""
-FEW = 400
+FEW = 150
 """Largest number of samples that are drawn as dots too."""
 SHARP = 20_000
 """Largest number of points of a line in a vector picture; longer lines are rasterized."""
