@@ -33,17 +33,33 @@ def started(*words: str) -> subprocess.Popen[bytes]:
 
 
 def test_a_cluster_without_workers_and_one_whose_processes_die(tmp_path, refused):
-    """Without workers the command is refused; a killed worker loses nothing; a dead scheduler ends the work."""
+    """Without workers the command is refused; a killed worker loses nothing; without the last one, or with a dead
+    scheduler, the work ends.
+    """
     file = tmp_path / "scheduler.json"
     quiet = ["--no-dashboard", "--scheduler-file", str(file)]
     processes = [started("dask_scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)]
+
+    def worker(k: int) -> subprocess.Popen[bytes]:
+        return started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny", "--local-directory",
+                       str(tmp_path / str(k)), *quiet)
+
+    def lost(victim: subprocess.Popen[bytes]) -> None:
+        """Kill a process once the first result has come."""
+        tasks = iter(range(1000))
+        with cluster(address, patience=0.5) as (executor, attendance):
+            results = each_done(attendance, lambda: next(tasks, None), lambda task: executor.submit(pow, task, 2))
+            next(results)
+            victim.kill()
+            with pytest.raises(WorkersLost):
+                list(results)
+
     try:
         with distributed.Client(scheduler_file=str(file), timeout=120, set_as_default=False) as client:
             address = client.scheduler.address
             assert address in refused("sweep", "chaos", "--over", "engine.frequency=100:160:4", "--out", "o.jsonl",
                                       "--dask", address)
-            processes += [started("dask_worker", "--nworkers", "1", "--nthreads", "1", "--no-nanny",
-                                  "--local-directory", str(tmp_path / str(k)), *quiet) for k in range(2)]
+            processes += [worker(k) for k in range(2)]
             client.wait_for_workers(2, timeout=120)
         system = replace(System(), {"friction.law": "set_valued", "friction.kinetic_coefficient": 0.285,
                                     "pressure.mean": 225e3, "pressure.amplitude": 0.0})
@@ -65,15 +81,11 @@ def test_a_cluster_without_workers_and_one_whose_processes_die(tmp_path, refused
                 for where in ({"dask": address}, {"jobs": 1})]
         for name, column in maps[0].columns().items():
             np.testing.assert_array_equal(column, maps[1].columns()[name])
-        tasks = iter(range(1000))
-
-        def killed_after(results) -> int:
-            first = next(results)[1]
-            processes[0].kill()
-            return first + sum(result for _, result in results)
-
-        with cluster(address, patience=0.5) as (executor, attendance), pytest.raises(WorkersLost):
-            killed_after(each_done(attendance, lambda: next(tasks, None), lambda task: executor.submit(pow, task, 2)))
+        lost(processes[2])  # The last worker; the scheduler would wait for another one.
+        with distributed.Client(address, timeout=120, set_as_default=False) as client:
+            processes.append(worker(2))
+            client.wait_for_workers(1, timeout=120)
+        lost(processes[0])
     finally:
         for process in processes:
             with suppress(ProcessLookupError):
