@@ -123,6 +123,12 @@ def controlled(target, start=150.0, rate=4.0, seconds=3.0):
                    lambda t: 0.0 * t, lambda t: 300.0 + 0.0 * t, lambda t: LOAD + 0.0 * t)
 
 
+def test_single_lost_states_are_lost_seconds_of_a_judged_loop(tmp_path):
+    rows = [row for k, row in enumerate(controlled(20.0)) if k not in (700, 1500, 1510, 2600)]
+    judged = replay(bag(tmp_path / "run", rows, SLIP, targets=[(0, 20.0)])).segments[0].tracking
+    assert (judged.lost_seconds, judged.verdict) == (pytest.approx(4 * 2e-3), "settled")
+
+
 def test_a_fallback_and_the_return_of_commands_begin_segments(tmp_path):
     """Commands from 0.5 s on, none from 2 to 3 s, and none in two ticks at 4 s, which is less than a cycle."""
     sources, scene = [], load_scene("controlled")
