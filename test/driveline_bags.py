@@ -97,10 +97,11 @@ def readings(scene, ticks, commanded, far=lambda k: None):
 class Naming:
     """Names of the runs of rows, and the messages of `held` and `scene` before each row, as of version 1.1."""
 
-    def __init__(self, scene, sources, targets):
+    def __init__(self, scene, sources, targets, far):
         self._scene, self._at_begin = scene, None if scene is None else scene.text()
         self._sources = {row: dict(part.split(": ") for part in text.split(", ")) for row, _, text, *_ in sources}
         self._targets = {row: value for row, value in targets if math.isfinite(value)}
+        self._far = {stamp: speed for stamp, _, speed, _ in far}
         self._source, self._target, self._process, self._run, self._last = {}, None, 0, 0, math.inf
 
     def before(self, row, stamp, torque, pressure, first_of_publisher, texts):
@@ -111,7 +112,7 @@ class Naming:
                 self._process, self._run + 1, 0)
             self._target = None
             self.name = f"{0x692a0000 + self._process:08x}9b02.{self._run:03d}"
-        new = begins or row in self._sources or row in self._targets
+        new = begins or row in self._sources or row in self._targets or stamp in self._far
         self._last, self._source = stamp, self._sources.get(row, self._source)
         if row in self._targets:
             self._target = self._targets[row], stamp // TICK
@@ -134,14 +135,18 @@ class Naming:
             values += [kind, value, value, math.nan, stamp // TICK, 0, 0, 0, 0, 0]
         target = nobody if self._target is None else [2, self._target[0], self._target[0], math.nan, self._target[1],
                                                       1, 0, 0, 0, 0]
-        return [*values, *nobody, *target]
+        speed = self._far.get(stamp)
+        far = nobody if speed is None else [2, speed, speed, math.nan, stamp // TICK, 1, 0, 0, 0, 0]
+        return [*values, *far, *target]
 
 
 def bag(directory, rows, scene, *, said=(), cut=False, clock=None, publishers=None, targets=(), sources=(), ends=(),
-        joined=None, unpressed=(), numbers=None, named=None, **options):
+        far=(), joined=None, unpressed=(), numbers=None, named=None, **options):
     """Write rows, and scenes published again before some; with `cut` like a recorder that was killed.
 
     States name their run if `named`, by default where there are `targets`, which only such recordings place.
+
+    `ends` are the messages of the far end, and `far` those of which `held` states the speed.
 
     `clock` is the driveline's clock as f(row), ns; `publishers` are (first row, name) of the publisher from there on;
     `targets` are (row, rad/s) of a slip controller; `sources` are (row, stamp, text) of the source of the inputs from
@@ -154,7 +159,7 @@ def bag(directory, rows, scene, *, said=(), cut=False, clock=None, publishers=No
     channel = cache(lambda name, kind, who="": writer.channel(name, kind, publisher=who))
     pressed, at_end = not math.isnan(rows[-1][-1]), {row[0]: row for row in ends}
     joints, applied, owner = {}, {}, 0
-    naming = Naming(scene, sources, targets) if named or (named is None and targets) else None
+    naming = Naming(scene, sources, targets, far) if named or (named is None and targets) else None
     spoken = {row for row, *_ in (*said, *targets, *sources)}
     for first, who in publishers or [(0, "")]:
         joints[first] = writer.channel("/joint_states", JOINT_STATE, publisher=who)

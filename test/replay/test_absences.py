@@ -114,3 +114,15 @@ def test_figures_are_sums_over_what_is_there(results: Any, topic: str, absence: 
     known = absence == "none" or topic in ("actuation_pressure", "joint_states")
     assert (status == 0, verified["verified"]) == (known, known)
     assert verified["largest_difference"] < 1e-6, verified["verification"]
+
+
+def test_held_states_the_far_end_of_which_messages_are_absent(tmp_path: Path) -> None:
+    rows, ends = run()
+    gone = ABSENCES["2 %"]()
+    path = bag(tmp_path / "run", rows, SCENE, named=True, far=ends, ends=[
+        row for row in ends if not gone[row[0] // TICK]])
+    assert main(["analyse", str(path), "--out", str(tmp_path / "run.npz"), "--discard", "0"]) == 0
+    samples = np.load(tmp_path / "run.npz")
+    told = samples["t"] * 1e9 >= ends[0][0] - 1
+    for place, name in ((1, "output_angle"), (2, "output_speed")):
+        np.testing.assert_allclose(samples[name][told], [row[place] for row in ends], atol=1e-12)
