@@ -132,7 +132,8 @@ class Naming:
         for name, group, value in (("engine_torque", "engine", torque), ("actuation_pressure", "pressure", pressure)):
             of_scene = self._scene is None or getattr(self._scene.system, group).source != "topic"
             kind = 0 if of_scene else 1 if self._source.get(name) == "fallback" else 2
-            values += [kind, value, value, math.nan, stamp // TICK, 0, 0, 0, 0, 0]
+            answered = float(stamp - TICK) if (kind, group) == (2, "pressure") else math.nan
+            values += [kind, value, value, answered, stamp // TICK, 0, 0, 0, 0, 0]
         target = nobody if self._target is None else [2, self._target[0], self._target[0], math.nan, self._target[1],
                                                       1, 0, 0, 0, 0]
         speed = self._far.get(stamp)

@@ -139,6 +139,9 @@ def test_a_fallback_and_the_return_of_commands_begin_segments(tmp_path):
         ("start", 0.0), ("controller", pytest.approx(0.5, abs=2e-3)), ("fallback", pytest.approx(2.0, abs=2e-3)),
         ("controller", pytest.approx(3.0, abs=2e-3))]
     assert all(s.tracking is not None and s.tracking.seconds < 2.1 for s in result.segments)
+    # `held` states a new command every 100 ticks.
+    assert result.as_json()["command_age"] == pytest.approx(
+        {"median": 0.0495, "p95": 0.094, "largest": 0.099}, abs=1e-3)
 
 
 def test_a_recorded_target_is_judged_and_a_new_one_begins_a_segment(tmp_path, capsys):
