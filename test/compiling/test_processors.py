@@ -12,10 +12,8 @@ from pathlib import Path
 
 import pytest
 
-try:
-    from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
-except ImportError:  # NumPy 1
-    from numpy.core._multiarray_umath import __cpu_dispatch__, __cpu_features__
+pytest.importorskip("numpy", "2", reason="the OpenBLAS of NumPy 1.23 changes the last bits of a fit")
+from numpy._core._multiarray_umath import __cpu_dispatch__, __cpu_features__
 
 SOLVES = """
 import hashlib

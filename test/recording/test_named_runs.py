@@ -355,6 +355,7 @@ def test_figures_are_computed_with_the_scene_of_the_longest_run(tmp_path: Path, 
 def test_counts_of_diagnostics_are_those_of_the_latest_message(tmp_path: Path, original: list[Sent],
                                                                expected: Callable[[str], Any]) -> None:
     """Whatever the order of the messages."""
+    pytest.importorskip("diagnostic_msgs")
     reports = [Sent("diagnostics", START + tick * TICK, tick, diagnostics({
         "missed ticks": tick // 100, "late ticks": tick, "paced ticks": 10 * tick}, SECOND), tick, SECOND)
         for tick in (100, 300, 600)]

@@ -201,6 +201,7 @@ def table_of(rows: Any) -> dict[str, Any]:
 def test_a_recording_is_drawn_with_its_gaps(lost: str, part: bool, rows: list[Any], pictures: list[Any],
                                             tmp_path: Path) -> None:
     """By `analyse --plot`, by `plot` of the trajectory that was read, and in a Rerun file."""
+    pytest.importorskip("rerun")
     kept = [row for k, row in enumerate(rows) if k not in set(LOST[lost])]
     recording = bag(tmp_path / "run", kept, "fig02")
     window = ["--from", "0.4", "--to", "2.95"] if part else []
@@ -244,6 +245,7 @@ def test_a_recording_is_drawn_with_its_gaps(lost: str, part: bool, rows: list[An
 
 
 def test_a_state_that_is_no_number_is_a_gap(rows: list[Any], laid_out: list[Any], tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
     unknown = [row if k not in range(2900, 2930) else (row[0], *[np.nan] * 6, row[-1]) for k, row in enumerate(rows)]
     recording = bag(tmp_path / "run", unknown, "fig02")
     assert main(["analyse", str(recording), "--plot", str(tmp_path / "a.png"), "--rrd", str(tmp_path / "a.rrd")]) == 0
@@ -257,6 +259,7 @@ def test_a_state_that_is_no_number_is_a_gap(rows: list[Any], laid_out: list[Any]
 
 def test_events_and_held_signals_stand_at_their_times(laid_out: list[Any], tmp_path: Path) -> None:
     """A change at 1.2 s in a recording with losses; a target and a pressure that last changed early."""
+    pytest.importorskip("rerun")
     scene, said = tcc_sim.load_scene("commands").with_values({"command_timeout": 0.0}), []
     rows = ticked(scene, 2000, pressure=lambda k: 2e5 if k < 300 else 2.5e5, said=said,
                   changes=[(1200, {"friction.kinetic_coefficient": 0.25}, False)])
