@@ -142,13 +142,14 @@ def _matched(last: NDArray[np.int64], of_states: Sequence[int]) -> list[int]:
     return first if first == late else []
 
 
-def placed(messages: Sequence[SceneRecord | InputSource], runs: Sequence[JointStates]) -> list[tuple[int, int]]:
+def placed(messages: Sequence[SceneRecord | InputSource], runs: Sequence[JointStates],
+           from_begin: bool = True) -> list[tuple[int, int]]:
     """Return index (in the whole recording) of the first state to which an announcement applies, and its number.
 
     That state has the announced stamp or the next one, in the first run in which it was sent after the announcement.
-    The first scene applies from the begin on; what set the inputs before the first announced sources is not known.
+    With `from_begin` the first applies from the begin on, as a scene does.
     """
-    out = [(0, 0)] if isinstance(next(iter(messages), None), SceneRecord) else []
+    out = [(0, 0)] if from_begin and messages else []
     for number, one in enumerate(messages[len(out):], len(out)):
         for states in runs:
             row = int(np.searchsorted(states.stamp_ns, min(one.first_stamp_ns, NEVER)))
@@ -255,7 +256,7 @@ def _with_sources(runs: Sequence[JointStates], sources: Sequence[InputSource]) -
         for name in HELD_INPUTS:
             rows[number, held.index_in_held(name, "source")] = (
                 held.NOBODY if name not in INPUTS else held.COMMAND if name in one.commanded else held.FALLBACK)
-    at = np.array([(0, -1), *placed(sources, runs)])
+    at = np.array([(0, -1), *placed(sources, runs, from_begin=False)])  # Unknown before the first.
     out = []
     for states in runs:
         last = np.searchsorted(at[:, 0], states.index + np.arange(len(states)), side="right") - 1
