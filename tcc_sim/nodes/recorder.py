@@ -131,11 +131,9 @@ class Recorder:
             self.write(track, taken)
         # States are taken first and written last, so that what was sent before them precedes them, also in a file that
         # is cut short. /clock is taken last, so that it is known up to the newest message, and written first.
-        first = [self.tracks[self._clock]] if self._simulated is not None else []
-        others = [(track, track.take()) for track in reversed(self.tracks.values()) if track not in first]
-        for clock in first:
-            self.write(clock, clock.take())
-        for track, taken in reversed(others):
+        first = self._clock if self._simulated is not None else None
+        order = sorted(self.tracks.values(), key=lambda track: track.topic != first)
+        for track, taken in reversed([(track, track.take()) for track in reversed(order)]):
             self.write(track, taken)
 
     def write(self, track: Track, taken: Taken) -> None:
