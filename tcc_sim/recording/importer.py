@@ -83,9 +83,8 @@ def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = N
             staged = Path(folder, "bag.mcap")
             _stage(foreign, staged, Path(folder), listed_counts(path))
         elif packed:
-            for part in {*inside, path / METADATA}:
-                if part.suffix == ".mcap" or (part.is_file() and part.name == METADATA):
-                    Path(folder, part.name).symlink_to(part.resolve())
+            for part in [*(part for part in inside if part.suffix == ".mcap"), *path.glob(METADATA)]:
+                Path(folder, part.name).symlink_to(part.resolve())
             unpacked = [_unpacked(part, Path(folder)) for part in packed]
             staged = Path(folder) if path.is_dir() else unpacked[0]
         run = open_run(staged, joints, topic, driveline)
