@@ -34,6 +34,7 @@ MOST_INTERVALS, COLUMNS = 80, 480
 """Largest number of intervals in stick that are shaded one by one, and number of columns that are shaded otherwise."""
 SAMPLED = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
            "state")
+"""Columns of a run that pictures draw."""
 MOST_LABELS, LONGEST_LABEL = 6, 42
 """Largest number of events that are drawn with their texts, and longest text."""
 FEW = 150
@@ -77,7 +78,7 @@ def last_cycles(tail: Trajectory, cycles: Cycles, first_cycle: int, summary: Sum
         height = tail.plate_speed if flat else tail.slip_speed
         if sampled:
             axis.plot(tail.plate_angle[part], height[part], color=style.BLUE, linewidth=0.9 if summary.period else 0.5,
-                      marker=_dot(shown), markersize=3.0)
+                      **_dots(shown))
         if len(points):
             axis.plot(points[:, 0], points[:, 2 if flat else 1], linestyle="none", marker="o", color=style.RED,
                       markeredgewidth=0.0, markersize=5.0 if summary.period else 2.5, zorder=4,
@@ -206,12 +207,12 @@ def _last(tail: Trajectory, cycles: int) -> slice:
 
 def _draw_line(axis: Any, run: Trajectory, values: Floats, colour: str, label: str | None = None, **look: Any) -> None:
     axis.plot(run.t, values, color=colour, label=label, rasterized=len(run.t) > SHARP,
-              **{"linewidth": 0.9, "markersize": 3.0, **look})
+              **{"linewidth": 0.9, **look})
 
 
-def _dot(run: Trajectory) -> str:
-    """Return the marker of the samples of a run; none where there are many."""
-    return "." if len(run.t) <= FEW else ""
+def _dots(run: Trajectory) -> dict[str, Any]:
+    """Return the look of the samples of a run on a line; none where there are many."""
+    return {"marker": ".", "markersize": 3.0} if len(run.t) <= FEW else {}
 
 
 def _torques(axis: Any, run: Trajectory) -> None:
@@ -220,7 +221,7 @@ def _torques(axis: Any, run: Trajectory) -> None:
     engine, pressure = ("steps-pre" if source == "topic" else "default" for source in (
         (system.engine.source, system.pressure.source) if system is not None else ("", "")))
     _draw_line(axis, run, run.engine_torque, style.ORANGE, "engine", drawstyle=engine)
-    _draw_line(axis, run, run.friction_torque, style.BLUE, "friction", marker=_dot(run))
+    _draw_line(axis, run, run.friction_torque, style.BLUE, "friction", **_dots(run))
     load = run.saturation_torque
     if np.isfinite(load).any():
         _draw_line(axis, run, load, style.GREY, r"$\mu_k N R$", linestyle=DASHED, drawstyle=pressure)
@@ -232,7 +233,7 @@ def _torques(axis: Any, run: Trajectory) -> None:
 
 
 def _slip(axis: Any, run: Trajectory, control: Control | None) -> None:
-    _draw_line(axis, run, run.slip_speed, style.BLUE, "slip speed", marker=_dot(run))
+    _draw_line(axis, run, run.slip_speed, style.BLUE, "slip speed", **_dots(run))
     shade_stick(axis, run.t, np.asarray((run.state == 0) & np.isfinite(run.slip_speed)))
     if control is not None:
         _target(axis, control, float(run.t[-1]))
