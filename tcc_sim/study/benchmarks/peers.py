@@ -107,8 +107,8 @@ def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
     absolute tolerance is that of the smallest signal.
     """
     try:
-        folder = Path(str(importlib.util.find_spec("numbalsoda").origin))  # type: ignore[union-attr]
-        part = runpy.run_path(str(folder.with_name("driver.py")))  # The package compiles its other solvers at import.
+        package = Path(str(importlib.util.find_spec("numbalsoda").origin))  # type: ignore[union-attr]
+        part = runpy.run_path(str(package.with_name("driver.py")))  # The package compiles its other solvers at import.
     except (AttributeError, OSError) as error:
         raise Failed(f"numbalsoda is not installed ({one_line(str(error))})") from None
     from tcc_sim.compiling.linked import address_for_c
