@@ -101,7 +101,7 @@ class Naming:
         self._scene, self._at_begin = scene, None if scene is None else scene.text()
         self._sources = {row: dict(part.split(": ") for part in text.split(", ")) for row, _, text, *_ in sources}
         self._targets = {row: value for row, value in targets if math.isfinite(value)}
-        self._far = {stamp: speed for stamp, _, speed, _ in far}
+        self._far = {stamp: (speed, stamp // TICK) for stamp, _, speed, _ in far}
         self._source, self._target, self._process, self._run, self._last = {}, None, 0, 0, math.inf
 
     def before(self, row, stamp, torque, pressure, first_of_publisher, texts):
@@ -128,17 +128,16 @@ class Naming:
         return out
 
     def _values(self, stamp, torque, pressure):
-        nobody, values = [3, *[math.nan] * 4, 0, 0, 0, 0, 0], [stamp // TICK, stamp, self._number, 0]
+        values = [stamp // TICK, stamp, self._number, 0]
         for name, group, value in (("engine_torque", "engine", torque), ("actuation_pressure", "pressure", pressure)):
             of_scene = self._scene is None or getattr(self._scene.system, group).source != "topic"
             kind = 0 if of_scene else 1 if self._source.get(name) == "fallback" else 2
             answered = float(stamp - TICK) if (kind, group) == (2, "pressure") else math.nan
             values += [kind, value, value, answered, stamp // TICK, 0, 0, 0, 0, 0]
-        target = nobody if self._target is None else [2, self._target[0], self._target[0], math.nan, self._target[1],
-                                                      1, 0, 0, 0, 0]
-        speed = self._far.get(stamp)
-        far = nobody if speed is None else [2, speed, speed, math.nan, stamp // TICK, 1, 0, 0, 0, 0]
-        return [*values, *far, *target]
+        for told in (self._far.get(stamp), self._target):  # Value and first tick of a command, None for nobody's.
+            values += [3, *[math.nan] * 4, 0, 0, 0, 0, 0] if told is None else [
+                2, told[0], told[0], math.nan, told[1], 1, 0, 0, 0, 0]
+        return values
 
 
 def bag(directory, rows, scene, *, said=(), cut=False, clock=None, publishers=None, targets=(), sources=(), ends=(),
