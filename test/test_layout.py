@@ -107,7 +107,7 @@ def test_every_file_is_of_a_part() -> None:
 
 
 def test_a_part_imports_only_from_parts_before_it() -> None:
-    for part, (_, place, imported) in ((part, row) for part in ORDER for row in imports_in(part)):
+    for part, (_, place, imported) in [(each, row) for each in ORDER for row in imports_in(each)]:
         package, *rest = imported.split(".")
         if package == "tcc_sim" and rest != ["__version__"]:
             of = part_of(".".join(rest))

@@ -323,9 +323,9 @@ WAYS = {"as it is": {}, "mirrored, at another frequency": {"sign": -1.0, "freque
 
 
 @pytest.mark.parametrize(("name", "way"), [*((name, "as it is") for name in LOOPS), *zip(
-    LOOPS, cycle(list(WAYS)[1:])), ("judder near a quarter of the sampling rate", "1 % lost")])
+    list(LOOPS)[::2], cycle(list(WAYS)[1:])), ("judder near a quarter of the sampling rate", "1 % lost")])
 def test_a_loop_is_judged_by_its_truth(name, way):
-    """Each as it is and in one other way, so that each way has twenty loops."""
+    """Each as it is, and every second one in one other way, so that each way has ten loops."""
     made, how = LOOPS[name], WAYS[way]
     segment = last_segment(loop(made, **how))
     sign = how.get("sign", 1.0)
@@ -355,9 +355,8 @@ def test_a_ripple_of_few_samples_is_no_judder(samples):
     assert (segment.verdict, math.isnan(segment.judder_amplitude)) == ("settled", True)
 
 
-@pytest.mark.parametrize("name", [name for name, made in LOOPS.items() if made.seconds > 1.0][::50])
-def test_a_loop_of_which_a_fifth_was_lost_has_no_verdict(name):
-    made = LOOPS[name]
+def test_a_loop_of_which_a_fifth_was_lost_has_no_verdict():
+    made = LOOPS["good"]
     segment = last_segment(loop(made, lost=0.2))
     assert segment.verdict == "too little observed"
     assert 0.0 < segment.seconds < 0.9 * made.seconds
@@ -366,11 +365,12 @@ def test_a_loop_of_which_a_fifth_was_lost_has_no_verdict(name):
         assert math.isnan(getattr(segment, field_))
 
 
-@pytest.mark.parametrize("name", [name for name, made in LOOPS.items() if made.lasts])
-def test_a_run_that_ends_earlier_is_too_short_or_judged_as_the_whole_or_a_longer_one(name):
+@pytest.mark.parametrize(("name", "parts"), zip(
+    [name for name, made in LOOPS.items() if made.lasts], cycle(((0.35, 0.8), (0.5,), (0.65,), (0.35, 0.9)))))
+def test_a_run_that_ends_earlier_is_too_short_or_judged_as_the_whole_or_a_longer_one(name, parts):
     made = LOOPS[name]
     truth = made.verdict if made.verdict != "too short" else last_segment(loop(made, 3.0)).verdict
-    for part in (0.35, 0.5, 0.65, 0.8, 0.9):
+    for part in parts:
         segment = last_segment(loop(made, part))
         assert segment.verdict in (truth, "too short"), (part, segment.verdict_why)
 
