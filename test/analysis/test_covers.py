@@ -63,7 +63,7 @@ def slow() -> tuple[Scene, dict[str, float]]:
                            lambda _, t: p.mean + p.amplitude * np.sin(p.frequency_ratio * t + p.phase), [0.0, 0.5])
 
 
-@pytest.mark.parametrize("solver", ["auto", "radau", "rk45", "fixed_step"])
+@pytest.mark.parametrize("solver", ["auto", "rk45", "fixed_step"])
 def test_a_run_shorter_than_a_cycle(slow: Any, solver: str) -> None:
     summary = simulate(slow[0], duration=0.5, solver=solver).summary
     agree(summary, slow[1], 1e-6)
@@ -108,8 +108,7 @@ def test_the_last_part_of_a_cycle_counts(capsys: Any, tmp_path: Path) -> None:
     assert "figures cover" not in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("solver", "within"), [("auto", 1e-7), ("radau", 1e-5), ("rk4", 1e-5), ("fixed_step", 1e-5)])
-def test_no_parabola_crosses_a_jump(solver: str, within: float, tmp_path: Path) -> None:
+def test_no_parabola_crosses_a_jump(tmp_path: Path) -> None:
     """Torque and pressure step at times that are no ticks; power is largest just behind a step of the pressure."""
     t = [0.0, 0.0103, 0.0207, 0.0302, 0.0310]
     torque, pressure = [400.0, 300.0, 150.0, 380.0, 300.0], [4e4, 2.4e5, 5e4, 2.2e5, 1e5]
@@ -118,8 +117,8 @@ def test_no_parabola_crosses_a_jump(solver: str, within: float, tmp_path: Path) 
         t, torque, pressure)))
     scene = driven_by(load_scene("fig02").with_values({"engine.frequency": 600.0}), table)
     expected = by_scipy(scene, lambda k, _: torque[k], lambda k, _: pressure[k], t)
-    summary = simulate(scene, duration=t[-1], solver=solver, step=1e-6 if solver == "rk4" else None).summary
-    agree(summary, expected, within)
+    for solver, within in (("auto", 1e-7), ("radau", 1e-5), ("fixed_step", 1e-5)):
+        agree(simulate(scene, duration=t[-1], solver=solver).summary, expected, within)
 
 
 def test_a_recording_with_steps_has_no_power_beyond_its_samples() -> None:

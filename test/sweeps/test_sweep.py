@@ -67,7 +67,7 @@ def test_up_and_down_find_the_two_motions_that_coexist() -> None:
     # SciPy agrees on both, from the final state that the sweep gives.
     for record in (low, high):
         smooth = replace(system(0.36), {KINETIC: 0.86 * 0.3, "friction.law": "smoothed", "friction.smoothing": 500.0})
-        checked = summarise(solve(smooth, cycles=24, solver="lsoda", rtol=1e-8, state=State(*record["final"])), 16)
+        checked = summarise(solve(smooth, cycles=12, solver="lsoda", rtol=1e-6, state=State(*record["final"])), 8)
         assert checked.max_slip_speed == pytest.approx(record["max_slip_speed"], rel=0.03)
 
 
@@ -201,7 +201,7 @@ SMOOTHED = replace(system(0.36), {"friction.law": "smoothed"})
 
 @pytest.mark.parametrize(("plan", "rtol"), [
     (Plan(cycles=20), 1e-6), (Plan(cycles=20, rtol=1e-9), 1e-9), (Plan(cycles=20, rtol=1e-3), 1e-3),
-    (Plan(cycles=20, discard="auto"), None), (Plan(cycles=20, solver="rk45"), None)])
+    (Plan(cycles=20, discard="auto"), None), (Plan(cycles=20, solver="rk45", discard=2), None)])
 def test_a_sweep_has_a_tolerance_of_its_own(plan: Plan, rtol: float | None) -> None:
     """Points are those of single runs at that tolerance; settling and solvers with a coarser default keep theirs."""
     point, = sweep(SMOOTHED, KINETIC, [0.3], plan).points
