@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.loop.control import Control, Event
+from tcc_sim.analysis.loop.control import Control, Event, Steps
 from tcc_sim.analysis.measured.orders import Spectrum
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import InputError
@@ -293,6 +293,19 @@ def mark_events(axis: Any, events: Sequence[Event], end: float, unit: float = 1.
                           bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6})
 
 
+def _held(axis: Any, pressure: Steps, cycles: Floats, **look: Any) -> None:
+    """Draw a pressure that is held; where it turns more often than a picture can resolve, its range in each cycle."""
+    t, values = pressure.t, 1e-3 * pressure.values
+    if np.count_nonzero(np.diff(np.sign(np.diff(values)))) <= 2 * MOST_INTERVALS or not len(cycles):
+        axis.step(t, values, where="post", **look)
+        return
+    edges = np.unique([t[0], *cycles[(cycles > t[0]) & (cycles < t[-1])], t[-1]])
+    first = np.searchsorted(t, edges, side="right") - 1
+    low, high = (fold(fold.reduceat(values, first[:-1]), values[first[1:]]) for fold in (np.fmin, np.fmax))
+    axis.fill_between(edges, np.append(low, low[-1]), np.append(high, high[-1]), facecolor=(look["color"], 0.2),
+                      edgecolor=look["color"], linewidth=look["linewidth"], label=f"{look['label']}, range in a cycle")
+
+
 def _control(control: Control, end: float, over: bool = False) -> list[Panel]:
     def means(axis: Any) -> None:
         axis.plot(control.t, control.mean_slip, color=style.BLUE, linewidth=0.9, marker="o", markersize=2.0,
@@ -306,8 +319,7 @@ def _control(control: Control, end: float, over: bool = False) -> list[Panel]:
         for steps, colour, width, name in ((control.applied, style.GREEN, 1.6, "applied"),
                                            (control.command, style.ORANGE, 0.8, "commanded")):
             if len(steps.t):
-                held = steps.until(end)
-                axis.step(held.t, 1e-3 * held.values, where="post", color=colour, linewidth=width, label=name)
+                _held(axis, steps.until(end), control.t, color=colour, linewidth=width, label=name)
         mark_events(axis, control.events, end, labelled=False)
         axis.set_ylim(style.widened(axis.get_ylim()))
         begin = min([float(steps.t[0]) for steps in (control.command, control.applied) if len(steps.t)], default=0.0)

@@ -157,6 +157,21 @@ def test_a_run_under_commands_is_drawn_as_it_was(name: str, pictures: list[Any],
         assert (t.tolist(), target.tolist()) == ([0.0, 0.7, run.t[-1]], [20.0, 25.0, 25.0])
 
 
+def test_a_pressure_that_pulsates_is_drawn_by_its_range(pictures: list[Any], tmp_path: Path) -> None:
+    """For 0.8 s by 20 kPa in each of 25 commands of a cycle, then by 5 kPa; commanded alike."""
+    scene = tcc_sim.load_scene("controlled").with_values({"engine.speed": "4800rpm", "engine.order": 1.0})
+    run = tcc_sim.closed_loop(scene, lambda r: 2e5 + (2e4 if r.stamp_ns < 8e8 else 5e3) * np.sin(
+        2.0 * np.pi * 80.0 * r.stamp_ns * 1e-9), 1.6, rate=2000.0)
+    tcc_sim.plot(run, tmp_path / "a.png")
+    for band in panels(pictures[0])["Actuation pressure"].collections:
+        t, pressure = band.get_paths()[0].vertices.T
+        for begin, end, size in ((0.1, 0.75, 20.0), (0.9, 1.55, 5.0)):
+            inside = pressure[(t > begin) & (t < end)]
+            assert (inside.min(), inside.max()) == pytest.approx((200.0 - size, 200.0 + size), abs=0.02 * size)
+            assert (np.abs(inside - 200.0) > 0.95 * size).all()
+    assert len(panels(pictures[0])["Actuation pressure"].collections) == 2
+
+
 def test_an_input_table_is_drawn_beside_its_measurement(laid_out: list[Any], tmp_path: Path) -> None:
     t = np.linspace(0.0, 1.2, 2401)
     columns = t, 300.0 + 250.0 * np.sin(150.0 * t), 10.0 + np.sin(150.0 * t)
