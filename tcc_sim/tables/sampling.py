@@ -53,11 +53,14 @@ def usual_steps(t: Floats) -> Floats | None:
     if len(t) < _FEWEST:
         return None
     blocks = max(len(steps) // _BLOCK, 1)
-    medians = np.array([np.median(part) for part in np.array_split(steps, blocks)])
+    size, longer = divmod(len(steps), blocks)   # The first ones have one step more.
+    cut = longer * (size + 1)
+    medians = np.concatenate([np.median(steps[:cut].reshape(longer, size + 1), axis=1),
+                              np.median(steps[cut:].reshape(blocks - longer, size), axis=1)])
     if blocks > 2:
         around = np.concatenate([medians[:1], medians, medians[-1:]])
         medians = np.median(np.stack([around[:-2], around[1:-1], around[2:]]), axis=0)
-    usual = np.repeat(medians, [len(part) for part in np.array_split(steps, blocks)])
+    usual = np.repeat(medians, np.where(np.arange(blocks) < longer, size + 1, size))
     regular = np.mean(np.abs(steps - usual) <= 0.5 * usual)
     return np.asarray(usual) if regular >= _REGULAR else None
 

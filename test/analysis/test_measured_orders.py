@@ -68,8 +68,7 @@ def levels(result, name, order):
 
 
 @pytest.mark.parametrize(("left_out", "hold"), [
-    (("tacho",), "linear"), (("engine_speed",), "linear"), (("engine_speed", "tacho"), "linear"),
-    (("tacho",), "smooth")])
+    (("engine_speed",), "linear"), (("engine_speed", "tacho"), "linear"), (("tacho",), "smooth")])
 def test_simulated_orders_are_within_a_third_of_a_decibel_of_measured_ones(aligned, left_out, hold):
     """Sampled at 4 kHz, or at 1 kHz."""
     _, result = aligned(*left_out, hold=hold)

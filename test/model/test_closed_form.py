@@ -123,8 +123,8 @@ SLIPS = st.fixed_dictionaries({
 def test_the_least_slip_speed_is_that_of_a_dense_grid_or_a_bound_of_it(values, harmonics):
     result = closed_forms.pure_slip(system_of(values, **harmonics, **{"pressure.mean": 125e3}))
     least, exact, lasts = result.least_slip
-    seen = min(float(result.slip_speed(t).min()) for t in (np.linspace(0.0, 2.0, 40_001),
-                                                           np.linspace(0.0, 60.0, 200_001)))
+    seen = min(float(result.slip_speed(t).min()) for t in (np.linspace(0.0, 2.0, 20_001),
+                                                           np.linspace(0.0, 60.0, 60_001)))
     if least == -math.inf:
         assert result.a1 < 0.0
         assert (exact, lasts) == (True, False)
@@ -155,7 +155,7 @@ def test_the_transient_can_end_a_slip_that_16_lets_pass(speed):
     run = solve_ivp(lambda t, y: [(engine(system, t) - 300.0) / d.flywheel_inertia - (300.0 - d.damping * y[2]
                                   - d.stiffness * y[1]) / d.plate_inertia, y[2],
                                   (300.0 - d.damping * y[2] - d.stiffness * y[1]) / d.plate_inertia],
-                    (0.0, 0.4), [speed, 0.0, 0.0], method="DOP853", rtol=1e-11, atol=1e-11, max_step=1e-4)
+                    (0.0, 0.4), [speed, 0.0, 0.0], method="DOP853", rtol=1e-8, atol=1e-8, max_step=2e-4)
     assert result.least_slip_speed == pytest.approx(run.y[0].min(), abs=1e-2)
     assert result.margin > 0.0
     assert result.least_slip == (result.least_slip_speed, True, speed == 60.0)

@@ -10,7 +10,7 @@ from tcc_sim.polynomials import polynomial
 from tcc_sim.polynomials.polynomial import DEGREE_MAXIMUM, to_bernstein
 
 WORKSPACE = np.zeros(polynomial.WORKSPACE)
-GRID = np.linspace(0, 1, 4097, dtype=np.longdouble)
+GRID = np.linspace(0, 1, 513, dtype=np.longdouble)
 
 
 def row_of(coefficients):
@@ -68,7 +68,7 @@ def test_a_dip_counts_from_half_of_the_accuracy_on():
 def test_the_first_crossing_of_random_polynomials():
     """It is a root, and in long arithmetic the polynomial is above the level on a grid and between its roots before."""
     random = np.random.default_rng(0)
-    for _ in range(200):
+    for _ in range(100):
         degree = int(random.integers(1, 29))
         end, sign, level = 10.0 ** random.uniform(-3, 3), random.choice([-1.0, 1.0]), random.normal()
         roots = random.uniform(-0.3, 1.3, int(random.integers(0, min(degree, 6) + 1)))
@@ -90,10 +90,10 @@ def test_the_first_crossing_of_random_polynomials():
             assert 0.0 <= x <= 1.0 + 1e-15
 
 
-@pytest.mark.parametrize("depth", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12])
+@pytest.mark.parametrize("depth", [1e-2, 1e-6, 1e-10, 1e-12])
 def test_near_grazing_dips_are_found_and_near_misses_are_not(depth):
     random = np.random.default_rng(5)
-    for _ in range(15):
+    for _ in range(8):
         at = random.uniform(0.1, 0.9)
         others = positive(random, int(random.integers(2, 20)))
         for sign in (1.0, -1.0):
@@ -133,7 +133,7 @@ def test_starts_within_the_accuracy_are_at_the_level():
 
 def test_extremes():
     random = np.random.default_rng(100)
-    for _ in range(150):
+    for _ in range(60):
         degree = int(random.integers(1, 29))
         a = random.normal(size=degree + 1) * 0.8 ** np.arange(degree + 1)
         c, _ = row_of(a)
@@ -164,7 +164,7 @@ def test_leaving_a_mode(mode):
     """Against the real roots of v - level and v + level that numpy finds."""
     random = np.random.default_rng(11 + mode)
     met = 0
-    for _ in range(300):
+    for _ in range(200):
         roots = random.uniform(-0.2, 1.2, int(random.integers(2, 5)))
         a = np.array(product(*[[r, -1.0] for r in roots])) * 10.0
         level = 0.05
@@ -189,7 +189,7 @@ def test_leaving_a_mode(mode):
 def test_from_a_start_at_the_level_the_next_fall_is_the_first_root():
     """x times factors with known roots: it rises from its start, exactly at the level or within the accuracy of it."""
     random = np.random.default_rng(1)
-    for _ in range(300):
+    for _ in range(150):
         roots = np.sort(random.uniform(0.05, 1.3, int(random.integers(1, 6))))
         if len(roots) > 1 and roots[1] - roots[0] < 1e-3:
             continue

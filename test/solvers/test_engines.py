@@ -125,11 +125,12 @@ def check_torques(system, run):
     assert np.abs(run.friction_torque[~loaded]).max(initial=0.0) <= 1e-9
 
 
-@pytest.mark.parametrize(("name", "scene"), [(name, scene) for name in ENGINES for scene in {**SCENES, **RANDOM}]
-                         + [("smoothed", scene) for scene in SHARP])
+@pytest.mark.parametrize(("name", "scene"), [
+    *((name, scene) for k, name in enumerate(ENGINES) for scene in [*list(SCENES)[k::2], "random 0", "random 1"]),
+    ("event_driven", "fig02"), ("event_driven", "random 2"), ("smoothed", "random 5"), ("smoothed", "very stiff")])
 def test_agrees_with_scipy(name, scene):
     """States, sections, extremes, transitions, times in stick, and the loads of clutch and shaft."""
-    engine, cycles, per_cycle = ENGINES[name], {"smoothed": 1, "event_driven": 3}[name], 2000
+    engine, cycles, per_cycle = ENGINES[name], {"smoothed": 1, "event_driven": 2}[name], 2000
     system = engine.system({**SCENES, **SHARP, **RANDOM}[scene])
     run = solve(system, cycles=cycles, samples_per_cycle=per_cycle, rtol=engine.rtol, loads_from=0)
     assert (run.status, run.solver) == (Status.DONE, name)
@@ -178,12 +179,12 @@ def test_default_tolerance_is_good_to_a_millionth(name, scene):
 def test_no_transition_is_lost_however_many_there_are(name):
     """More than the 65536 that one call of the compiled loop has room for."""
     system = ENGINES[name].system(SCENES["reversals"])
-    run = solve(system, cycles=20_000, loads_from=0)
+    run = solve(system, cycles=16_500, loads_from=0)
     before, after = run.transitions.before, run.transitions.after
     assert len(before) > 65_536
     np.testing.assert_array_equal(before[1:], after[:-1])
     assert run.cycles.loads.breakaways.sum() == np.count_nonzero(before == 0)
-    late = solve(system, cycles=10, start_cycle=19_990, state=State(*run.cycles.section[-11]), rtol=1e-11)
+    late = solve(system, cycles=10, start_cycle=16_490, state=State(*run.cycles.section[-11]), rtol=1e-11)
     np.testing.assert_allclose(late.cycles.section, run.cycles.section[-11:], atol=1e-6)
 
 
@@ -208,7 +209,7 @@ def test_pure_slip_closed_form(name, damping):
     np.testing.assert_allclose(run.slip_speed, exact.slip_speed(run.t), rtol=1e-12)
     np.testing.assert_allclose(run.plate_angle, exact.plate_angle(run.t), atol=1e-12)
     np.testing.assert_allclose(run.plate_speed, exact.plate_speed(run.t), atol=1e-10)
-    fine = np.linspace(0.0, system.cycle, 200_001)
+    fine = np.linspace(0.0, system.cycle, 20_001)
     assert run.cycles.highest[0] == pytest.approx(exact.slip_speed(fine).max(), abs=1e-6)
     assert run.cycles.lowest[0] == pytest.approx(exact.slip_speed(fine).min(), abs=1e-6)
 

@@ -55,16 +55,16 @@ def test_breakaway_happens_when_the_stuck_oscillator_says():
 THREE_HARMONICS = {"engine.harmonic_amplitudes": [100.0, 50.0, 80.0], "engine.harmonic_phases": [1.0, 2.0, 3.0]}
 
 
-@pytest.mark.parametrize("harmonics", [{}, THREE_HARMONICS], ids=["one_sine", "harmonics"])
 @pytest.mark.parametrize(("scene", "keys"), [
-    ("fig02", {"friction.kinetic_coefficient": 0.3}), ("fig02", {}), ("fig02", {"friction.kinetic_coefficient": 0.4}),
-    ("fig02", {"friction.kinetic_coefficient": 0.15}), ("fresh_fluid", {}), ("aged_fluid", {})],
+    ("fig02", {"friction.kinetic_coefficient": 0.3}), ("fig02", THREE_HARMONICS),
+    ("fig02", {"friction.kinetic_coefficient": 0.4}), ("fig02", {"friction.kinetic_coefficient": 0.15}),
+    ("fresh_fluid", {}), ("aged_fluid", THREE_HARMONICS)],
     ids=["constant", "falling", "rising", "steep", "fresh_fluid", "aged_fluid"])
-def test_modes_follow_one_another_alike_at_any_tolerance(scene, keys, harmonics):
+def test_modes_follow_one_another_alike_at_any_tolerance(scene, keys):
     """A breakaway counts once, also where the arc before it is good to the tolerance only."""
     for frequency in (60.0, 120.0):
         system = load_scene(scene).with_values({"friction.law": "set_valued", "engine.mean_torque": 0.0,
-                                                "engine.frequency": frequency, **keys, **harmonics}).system
+                                                "engine.frequency": frequency, **keys}).system
         _, changes, _ = Piecewise(system, rtol=1e-11, atol=1e-12).run(8 * system.cycle, np.empty(0), slices=80)
         for rtol in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12):
             run = solve(system, cycles=8, rtol=rtol, loads_from=0)
@@ -181,7 +181,7 @@ EXTREMES = st.fixed_dictionaries({
 })
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 @given(EXTREMES, st.sampled_from([1e-9, 0.5, 0.999, 1.0, 1.0 + 1e-9, 1.5]))
 def test_ends_finite_and_within_the_law(values, share):
     amplitude = min(share * max(values["pressure.mean"], 1e-6), 1e7)

@@ -30,7 +30,7 @@ def test_a_millisecond_tick_is_as_exact_as_promised(name: str, tolerance: float)
     # A lower initial slip speed than the scene's brings stick within the first cycles.
     start = load_scene(name).system
     system = replace(start, {"initial.slip_speed": min(start.initial.slip_speed, 20.0)}) if name != "slip" else start
-    reference = solve(system, cycles=2, solver="lsoda", rtol=1e-8).raise_for_status()
+    reference = solve(system, cycles=2, solver="smoothed", rtol=1e-9).raise_for_status()
     result = solve(system, cycles=2, solver="fixed_step").raise_for_status()
     top = largest(reference.cycles.highest, reference.cycles.lowest)
     assert largest(result.cycles.highest - reference.cycles.highest) <= tolerance * top
@@ -40,6 +40,10 @@ def test_a_millisecond_tick_is_as_exact_as_promised(name: str, tolerance: float)
     assert result.statistics.iterations_max <= ITERATION_BOUND == result.statistics.iterations_bound
 
 
+FALLING = {"friction.static_coefficient": 0.36, "pressure.amplitude": 1.0}
+"""Hardly anything else, with the kind of kernel of fig02."""
+
+
 def error_at(system: System, h: float, count: int, start: tuple[float, float, float], exact: np.ndarray) -> float:
     state = np.array(start)
     advance(state, 0.0, h, count, terms_of(system), None, None)
@@ -47,8 +51,7 @@ def error_at(system: System, h: float, count: int, start: tuple[float, float, fl
 
 
 def test_order_3_on_a_smooth_slip_arc() -> None:
-    # Pure slip with mu_k = mu_s is linear: its exact solution is a closed form.
-    system = load_scene("slip").system
+    system = replace(load_scene("slip").system, FALLING)
     reference = solve(system, duration=0.032, solver="dop853", rtol=1e-13).raise_for_status()
     exact = np.array([reference.slip_speed[-1], reference.plate_angle[-1], reference.plate_speed[-1]])
     errors = [error_at(system, 0.032 / n, n, (150.0, 0.0, 0.0), exact) for n in (64, 128, 256)]
@@ -57,7 +60,7 @@ def test_order_3_on_a_smooth_slip_arc() -> None:
 
 
 def test_order_3_on_a_smooth_stick_arc() -> None:
-    system = load_scene("stick").system
+    system = replace(load_scene("stick").system, FALLING)
     reference = solve(system, cycles=1, **TIGHT).raise_for_status()
     errors = []
     for n in (250, 500, 1000):
@@ -113,7 +116,7 @@ def test_a_stepper_follows_what_it_is_told() -> None:
 logs = st.floats(0.0, 1.0)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None, derandomize=True)
 @given(w=st.floats(-1e5, 1e5), size=logs, smoothing=logs, guess=st.floats(-1e5, 1e5), excess=logs,
        decay=st.one_of(st.just(0.0), st.floats(1e-3, 10.0)))
 def test_the_root_is_the_one_brentq_finds(w, size, smoothing, guess, excess, decay):

@@ -139,7 +139,7 @@ def anywhere(draw):
     return {**keys, "friction.kinetic_coefficient": max(least, share * keys["friction.static_coefficient"])}
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_no_scene_is_crawled_through(seed):
     """Three engine cycles, or 300 natural periods, of any scene that is allowed end within its steps."""
     draw = np.random.default_rng(seed)
@@ -154,10 +154,9 @@ def test_no_scene_is_crawled_through(seed):
             assert run.status is Status.DONE, keys
 
 
-@pytest.mark.parametrize("seed", [0, 2])
-def test_the_sharpest_smoothing_is_the_set_valued_law_anywhere(seed):
+def test_the_sharpest_smoothing_is_the_set_valued_law_anywhere():
     """Against the closed forms and series between located events; where a motion is unstable the two may part."""
-    draw, apart = np.random.default_rng(seed), 0
+    draw, apart = np.random.default_rng(2), 0
     for _ in range(25):
         keys = {**anywhere(draw), "friction.smoothing": 1e11}
         keys["converter.coupling"] *= keys["friction.decay"] > 0.0  # Without a falling law each pair takes two kernels.
@@ -199,7 +198,7 @@ def test_the_error_follows_the_tolerance():
     """Down to 1e-13, against DOP853 near the end of double precision."""
     rates, _ = equations(SOFT)
     truth = solve_ivp(rates, (0.0, SOFT.cycle), [5.0, 0.1, -5.0, 0.0], "DOP853", rtol=3e-14, atol=1e-15).y[:3, -1]
-    for digits in range(3, 14):
+    for digits in range(3, 14, 2):
         result = solve(SOFT, cycles=1, solver="smoothed", rtol=10.0**-digits, state=START).raise_for_status()
         assert len(result.transitions.time) >= 3
         error = np.abs((result.cycles.section[-1] - truth) / np.array([10.0, 0.3, 20.0])).max()
