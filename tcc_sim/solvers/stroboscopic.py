@@ -75,6 +75,7 @@ class Prepared:
     shaped : the same, or whether a_1 or sigma does
     period, count : engine cycle, s; columns of the derivatives
     fastest : see `engine.Tangent`
+    laid : the last call of the compiled loop, with its buffers and number of segments
     """
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
@@ -100,6 +101,7 @@ class Prepared:
         self.later = curve and bool(self.changes[of.EXCESSES + of.DECAYS].any())
         self.shaped = self.later or bool(self.changes[[of.DECAY, of.SMOOTHING]].any())
         self.setup = self.engine.setup_of_changes(system, terms, self.changes, rtol)
+        self.laid: tuple[SegmentBuffers | None, int, Call] = None, 0, Call(self.engine.segments, 0, "")
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """Map a state at the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
@@ -144,7 +146,12 @@ class Prepared:
         for k, (first, last, start, end) in enumerate(spans):
             buffers.segments[k] = (first, last - first, (start - first) * period, (end - last) * period,
                                    engine.steps_of_changes(setup, last - first + 1), states[k], shell.DONE, 0, 0, 0.0)
-        engine.segments(buffers, count, setup)
+        before, of_count, call = self.laid
+        if before is not buffers or of_count != count:
+            call = Call(engine.segments, 0, "")
+            call.use(buffers, count, setup)
+            self.laid = buffers, count, call
+        call()
         for k, status in enumerate(buffers.segments["status"][:count].tolist()):
             if status != shell.DONE:
                 why = engine.why(status, int(buffers.segments["steps"][k]), setup) or shell.STATUSES[status].value
