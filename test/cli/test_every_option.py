@@ -23,8 +23,8 @@ SAME = {"--jobs", "--dask", "--spawn", "--connect", "--force", "--cost"}
 FILES = {"--help", "--json", "--out", "--plot", "--rrd", "--layout"}
 """Options that write one more file."""
 MU_K = "friction.kinetic_coefficient"
-DRAWN = ["--style my.mplstyle | --plot a.png", "--width column | --plot a.png", "--title Mine | --plot a.png"]
-SHOWN = ["--units rpm", *DRAWN]
+DRAWN = "--style my.mplstyle --width column --title Mine"
+"""Options of every verb that need --plot."""
 TABLED = ["--columns slip_speed=rounded", "--from 0.03", "--to 0.03"]
 RECORDED = ["--topic /x", "--driveline 2", "--joints flywheel=a,clutch_plate=b"]
 SOLVED = ["--solver fixed_step", "--rtol 1e-4", "--step 1e-4 | --solver rk4", "--damping", "--lyapunov",
@@ -37,39 +37,41 @@ def beside(options, words):
 
 
 OPTIONS = {
-    "explain fig02": ["--set engine.frequency=120", *SHOWN],
+    "explain fig02": ["--set engine.frequency=120", "--units rpm"],
     "simulate fig02": [
         "--cycles 9", "--duration 0.4", "--inputs T.csv", "--scene fig02", "--pulses 2", "--orders | --duration 0.9",
         "--samples 9 | --out a.npz --cycles 3", *RECORDED, *beside(["--hold next", *TABLED], "--inputs T.csv"),
-        *beside(["--set engine.frequency=120", "--profile engine.frequency=0:150,1:120", "--spectrum", *SOLVED, *SHOWN],
+        *beside(["--set engine.frequency=120", "--profile engine.frequency=0:150,1:120", "--spectrum", *SOLVED, "--units rpm"],
                 "--cycles 8")],
     "sweep fig02 --cycles 6": [
         "--over engine.frequency=140:150:2", "--scatter pressure.mean=22e4:26e4 --samples 2",
         "--law law.py:PI --target 20 --over kp=1:2:2", "--target 20", "--limits 0:1e5",
         *beside(["--set pressure.mean=2e5", "--cycles 9", "--direction up", "--duration 0.3"],
                 "--over engine.frequency=140:150:2"),
-        *beside(["--orders 120", *SOLVED, *SHOWN],
+        *beside(["--orders 120", *SOLVED, "--units rpm"],
                 "--over engine.frequency=140:150:2"),
         *beside(["--samples 3", "--seed 2", "--quantiles 0.3", "--every-sample"],
                 "--scatter pressure.mean=22e4:26e4 --samples 2")],
     "linearise slip --frequencies 10:20:2": [
         "--set engine.mean_torque=290", "--slip 20", "--mean", "--input engine_torque", "--output shaft_torque",
-        "--frequencies 10:30:2", "--controller 1e5,1e6", *SHOWN],
+        "--frequencies 10:30:2", "--controller 1e5,1e6", "--units rpm"],
     "analyse R": [
         "--scene slip", "--frequency 75", "--run 2", "--from 0.2", "--to 0.5", "--columns slip_speed=x", "--discard 9",
         "--target 8", "--band 30 | --target 8", "--limits 0:1e5 | --target 8", "--verify", "--damping", "--orders",
         "--spectrum", "--pulses 2",
-        *RECORDED, *SHOWN],
+        *RECORDED, "--units rpm"],
     f"identify T.csv --scene fig02 --free {MU_K}": [
-        "--noise slip_speed=3", "--hold next", "--scene minimal", "--set driveline.damping=0.61", f"--free {MU_K}=0.23",
-        f"--likelihood {MU_K}", "--units rpm | --free initial.slip_speed", *TABLED, *RECORDED, *DRAWN],
+        "--noise slip_speed=3", "--hold linear | --noise slip_speed=1", "--scene my.yaml",
+        "--set driveline.damping=0.60001", f"--free {MU_K}=0.23", f"--likelihood {MU_K}",
+        "--units rpm | --free initial.slip_speed", *TABLED, *RECORDED],
     f"continue fig02 --set pressure.amplitude=0 --over {MU_K}=0.235:0.25": [
         "--set driveline.damping=0.5", f"--over {MU_K}=0.24:0.25", "--period 1", "--seeds my.json", "--at 0.24",
-        "--second pressure.mean=24e4:26e4", "--units rpm | --at 0.24", *DRAWN,
+        "--second pressure.mean=24e4:26e4", "--units rpm | --at 0.24",
         f"--switch | --set pressure.mean=225e3 --set engine.frequency=139.4274 --over {MU_K}=0.2316:0.2352 --period 1"],
-    "basins fig02 --set pressure.amplitude=0 --plane initial.slip_speed=0:300:2 --plane initial.plate_angle=0:0.2:2": [
-        "--set driveline.damping=0.5", "--plane initial.plate_speed=0:1:2", f"--over {MU_K}=0.23:0.24:2", "--cycles 9",
-        "--boundary", *SHOWN]}
+    "basins fig02 --set pressure.amplitude=0 --set driveline.damping=20 --plane initial.slip_speed=0:300:2 "
+    "--plane initial.plate_angle=0:0.2:2": [
+        "--set driveline.damping=21", "--plane initial.plate_speed=0:1:2", f"--over {MU_K}=0.23:0.24:2", "--cycles 9",
+        "--boundary", "--units rpm"]}
 
 
 def options_of(verb):
@@ -92,9 +94,10 @@ SEEN = {}
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A folder with a recording, a table and a style."""
+    """A folder with a recording, a table, a scene and a style."""
     made = tmp_path_factory.mktemp("options")
     (made / "my.mplstyle").write_text("xtick.labelsize: 11\n")
+    (made / "my.yaml").write_text(load_scene("fig02").with_values({"engine.mean_torque": 300.01}).text())
     rows = ticked(load_scene("fig02"), 300)
     bag(made / "R", rows, "fig02")
     t, _, _, flywheel, plate, torque, *_ = np.array(rows[:60]).T
@@ -132,7 +135,7 @@ def test_every_option_has_a_row():
     assert set(VERBS) == ELSEWHERE | {base.split()[0] for base in OPTIONS}
     for base, rows in OPTIONS.items():
         given = options_of(base.split()[0])
-        assert {row.split()[0] for row in rows} == given - FILES - SAME
+        assert {row.split()[0] for row in rows} == given - FILES - SAME - set(DRAWN.split())
 
 
 @pytest.mark.parametrize(("base", "row"), [(base, row) for base, rows in OPTIONS.items() for row in rows],
@@ -147,6 +150,17 @@ def test_an_option_changes_something_or_is_refused(base, row, seen):
         assert without[0] == 0 or base.startswith("sweep")  # Without a range or a scatter a sweep is refused.
         assert found[0] in (0, 1)
         assert found != without
+
+
+@pytest.mark.parametrize("base", OPTIONS)
+def test_a_picture_has_the_given_style_width_and_title(base, seen):
+    words = {"sweep": "--over engine.frequency=140:150:2", "simulate": "--cycles 8"}.get(base.split()[0], "")
+    plain, drawn = (seen(f"{base} {words} --plot a.png {options}")[-1] for options in ("", DRAWN))
+    for (width, _, *texts), (other, _, *others) in zip(plain, drawn, strict=True):
+        assert other != width
+        assert "Mine" in {text for text, _ in others}
+        assert 11.0 in {size for _, size in others} - {size for _, size in texts}
+    assert plain
 
 
 @pytest.mark.parametrize("base", OPTIONS)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fmus import needs_compiler
+from fmus import FAST, needs_compiler
 
 import tcc_sim
 from tcc_sim.errors import InputError, TccError
@@ -69,7 +69,7 @@ def test_it_gives_the_run_of_the_same_law_and_begins_anew_with_the_next_run(cont
 
 def test_an_fmu_of_version_3_answers_both_inputs_from_its_own_time(tmp_path: Path) -> None:
     """Here the FMU is a driveline, whose excitation is the command."""
-    export(load_scene("fig02"), tmp_path / "a.fmu", 3)
+    export(load_scene("fig02"), tmp_path / "a.fmu", 3, options=FAST)
     law = tcc_sim.fmu_controller(tmp_path / "a.fmu", {"engine_torque": "applied_engine_torque",
                                                       "actuation_pressure": "applied_pressure"})
     run = tcc_sim.closed_loop("commands", law, 0.1)
