@@ -340,12 +340,11 @@ def _segments(system: System, period: int, state: Floats,
     of = Prepared(system, (PRESSURE, TORQUE), ENGINE_RTOL)
     segments = []
     for cycle in range(period):
-        for i in range(count):
-            image = of.over(state, cycle + i / count, cycle + (i + 1) / count)
-            if not np.isfinite(image.state).all():
-                raise NumericalFailure("the state is not finite")
-            segments.append(MotionSegment(state, image.derivative, image.by_parameter))
-            state = image.state
+        states, by = of.along(state, (cycle + np.arange(count + 1) / count).tolist())
+        if not np.isfinite(states).all():
+            raise NumericalFailure("the state is not finite")
+        segments += [MotionSegment(at, each[:, :3], each[:, 3:]) for at, each in zip(states, by)]
+        state = states[-1]
     return segments, state
 
 

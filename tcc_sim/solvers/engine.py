@@ -696,14 +696,19 @@ class EngineShell:
 
     @cached_property
     def segments(self) -> Callable[..., None]:
-        """The kernel that integrates every segment, with the identity as the tangent at its start."""
+        """The kernel that integrates every segment, with the identity as the tangent at its start; from the end of the
+        one before, if they follow each other.
+        """
         integrate = self.integrate
 
-        def segments(buffers: SegmentBuffers, count: int, setup: Setup) -> None:
+        def segments(buffers: SegmentBuffers, count: int, follow: bool, setup: Setup) -> None:
             segments, transitions, ends, heights, climbs, tangent, memory, cycles, samples = buffers
             state, output, groups = memory.state, memory.output, tangent.groups
             for k in range(count):
                 segment = segments[k]
+                if follow and k > 0:
+                    for i in range(3):
+                        segment.state[i] = segments[k - 1].state[i]
                 state.slip_speed, state.plate_angle = segment.state[0], segment.state[1]
                 state.plate_speed, state.tau, output.started = segment.state[2], segment.tau, 0
                 for i in range(groups.shape[0]):

@@ -75,7 +75,7 @@ class Prepared:
     shaped : the same, or whether a_1 or sigma does
     period, count : engine cycle, s; columns of the derivatives
     fastest : see `engine.Tangent`
-    laid : the last call of the compiled loop, with its buffers and number of segments
+    laid : buffers, number of segments, whether they follow each other, and the call of the compiled loop with these
     """
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
@@ -101,7 +101,7 @@ class Prepared:
         self.later = curve and bool(self.changes[of.EXCESSES + of.DECAYS].any())
         self.shaped = self.later or bool(self.changes[[of.DECAY, of.SMOOTHING]].any())
         self.setup = self.engine.setup_of_changes(system, terms, self.changes, rtol)
-        self.laid: tuple[SegmentBuffers | None, int, Call] = None, 0, Call(self.engine.segments, 0, "")
+        self.laid: tuple[SegmentBuffers | None, int, bool, Call | None] = None, 0, False, None
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """Map a state at the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
@@ -113,7 +113,7 @@ class Prepared:
         """Map several states, (m, 3), by one compiled call; margins are those of the last of them."""
         buffers = self.passed(states, starts, ends, margins)
         count, most = len(states), buffers.heights.shape[1]
-        by = buffers.ends[:count].transpose(0, 2, 1, 3).reshape(count, 3, -1)[..., :self.count].copy()
+        by = self._derivatives(buffers, count)
         heights = buffers.heights[:count].copy()
         peaks = buffers.climbs[:count].reshape(count, most, -1)[..., :self.count].copy()
         least = buffers.tangent.margins if margins else None
@@ -129,13 +129,31 @@ class Prepared:
                 heights[k, :n], peaks[k, :n], stick_time, transitions.tolist(), least))
         return out
 
-    def passed(self, states: Floats, starts: Sequence[float], ends: Sequence[float],
-               extended: bool = False) -> SegmentBuffers:
-        """Integrate several states into this thread's SegmentBuffers; `extended` is that of `engine.Tangent`.
+    def along(self, state: Floats, phases: Sequence[float]) -> tuple[Floats, Floats]:
+        """Map a state from each of the phases, (n + 1,), to the next one; return the states at all of them, (n + 1, 3),
+        and the derivatives over each part, (n, 3, 3 + P), those of `Stroboscopic`.
+        """
+        states, parts = [state[None]], []
+        for k in range(0, len(phases) - 1, TOGETHER):
+            starts, ends = phases[k:-1][:TOGETHER], phases[k + 1:][:TOGETHER]
+            buffers = self.passed(states[-1][-1:], starts, ends, follow=True)
+            states.append(buffers.segments["state"][:len(ends)].copy())
+            parts.append(self._derivatives(buffers, len(ends)))
+        return np.concatenate(states), np.concatenate(parts)
+
+    def _derivatives(self, buffers: SegmentBuffers, count: int) -> Floats:
+        """Return the derivatives of the states at the ends of segments, (count, 3, 3 + P)."""
+        out: Floats = buffers.ends[:count].transpose(0, 2, 1, 3).reshape(count, 3, -1)[..., :self.count].copy()
+        return out
+
+    def passed(self, states: Floats, starts: Sequence[float], ends: Sequence[float], extended: bool = False,
+               follow: bool = False) -> SegmentBuffers:
+        """Integrate several states, or one from each start to the next one, into this thread's SegmentBuffers;
+        `extended` is that of `engine.Tangent`.
 
         Raises NumericalFailure: the engine stopped early.
         """
-        period, count, setup, engine = self.period, len(states), self.setup, self.engine
+        period, count, setup, engine = self.period, len(starts), self.setup, self.engine
         spans = [(math.floor(start), math.floor(end), start, end) for start, end in zip(starts, ends)]
         most = max([last - first for first, last, _, _ in spans]) + 1
         buffers: SegmentBuffers = shell.work_space.of(segment_buffers, engine, self.later, len(self.by),
@@ -145,12 +163,13 @@ class Prepared:
         tangent.shared["fastest"], tangent.shared["extended"] = self.fastest, extended
         for k, (first, last, start, end) in enumerate(spans):
             buffers.segments[k] = (first, last - first, (start - first) * period, (end - last) * period,
-                                   engine.steps_of_changes(setup, last - first + 1), states[k], shell.DONE, 0, 0, 0.0)
-        before, of_count, call = self.laid
-        if before is not buffers or of_count != count:
+                                   engine.steps_of_changes(setup, last - first + 1), states[0 if follow else k],
+                                   shell.DONE, 0, 0, 0.0)
+        before, *sizes, call = self.laid
+        if call is None or before is not buffers or sizes != [count, follow]:
             call = Call(engine.segments, 0, "")
-            call.use(buffers, count, setup)
-            self.laid = buffers, count, call
+            call.use(buffers, count, follow, setup)
+            self.laid = buffers, count, follow, call
         call()
         for k, status in enumerate(buffers.segments["status"][:count].tolist()):
             if status != shell.DONE:
