@@ -20,13 +20,12 @@ def namesakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize("node", ["driveline", "recorder", "slip_controller", "commander"])
+@pytest.mark.parametrize("node", ["driveline", "recorder"])
 @pytest.mark.usefixtures("namesakes")
 def test_a_node_runs_this_package_whatever_the_working_directory_holds(node: str) -> None:
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     private = PrivateEnvironment()
-    running = {"driveline": CLOCK_STARTED, "recorder": "recording", "slip_controller": "holds a mean slip speed",
-               "commander": "answers every state"}
+    running = {"driveline": CLOCK_STARTED, "recorder": "recording"}
     process = NodeProcess(node, {"scene": "minimal"} if node == "driveline" else {}, private.values)
     try:
         process.await_line(running[node])

@@ -19,6 +19,7 @@ def test_the_lecture_shows_what_the_paper_says(tmp_path: Path, monkeypatch: pyte
     """The motion of period two begins near 0.92 of the static coefficient (Sec. 5.1); energies of a period balance."""
     pytest.importorskip("matplotlib").use("Agg")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("matplotlib.figure.Figure.get_layout_engine", lambda drawn: None)  # It takes most of the time.
     names, shown = shown_by(NOTEBOOK)
     pictures = [value for value in shown if isinstance(value, Picture)]
     assert len(pictures) == 5
@@ -52,9 +53,10 @@ BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=range(len(BLOCKS)))
-def test_the_code_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_runs(block: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                       request: pytest.FixtureRequest) -> None:
     if "matplotlib" in block or "plot(" in block:
-        pytest.importorskip("matplotlib").use("Agg")
+        request.getfixturevalue("pictures")
     monkeypatch.chdir(tmp_path)
     for line, other in QUICKER.items():
         block = block.replace(line, other)

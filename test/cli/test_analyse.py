@@ -82,7 +82,7 @@ def test_a_recorded_scene_comes_to_what_simulate_says(capsys, tmp_path):
     assert recorded["negative_slope_mean"] == pytest.approx(solved["negative_slope_mean"], rel=5e-3)
 
 
-@pytest.mark.parametrize("words", [["runup", "--profile", "engine.frequency=0:60,1:120"], ["tip_in"], ["apply"]])
+@pytest.mark.parametrize("words", [["runup", "--profile", "engine.frequency=0:60,1:120"], ["apply"]])
 def test_a_recorded_manoeuvre_has_the_period_that_simulate_gives_it(capsys, tmp_path, words):
     """The excitation changes up to the end of a profile, whether or not the cycles change their length with it."""
     out = str(tmp_path / "run.mcap")

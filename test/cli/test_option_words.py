@@ -90,12 +90,11 @@ def test_options_that_do_not_go_together_or_are_misspelt(words: list[str], names
     assert names in refused(*words)
 
 
-@pytest.mark.parametrize(("orders", "frequency"), [("100", 100.0), ("955rpm", 955.0 * math.pi / 15.0),
-                                                   ("16hz", 32.0 * math.pi)])
+@pytest.mark.parametrize(("orders", "frequency"), [("955rpm", 955.0 * math.pi / 15.0), ("16hz", 32.0 * math.pi)])
 def test_orders_of_a_sweep_are_taken_at_these_frequencies(orders: str, frequency: float, tmp_path: Path) -> None:
     """The scene has two periods of the excitation in a revolution."""
     path = tmp_path / "a.json"
-    words = ["--set", "engine.order=2", "--over", "pressure.mean=3e5,3.1e5", "--orders", orders, "--json", str(path)]
+    words = ["--set", "engine.order=2", "--over", "pressure.mean=3e5:3.1e5:1", "--orders", orders, "--json", str(path)]
     assert cli.main(["sweep", "runup", *words]) == 0
     for each in json.loads(path.read_text())["orders"]:
         assert each["speeds"] == pytest.approx([frequency])

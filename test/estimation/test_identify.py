@@ -14,12 +14,15 @@ from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import given, identify
 from tcc_sim.estimation.measurement import Measurement, measurement_in
-from tcc_sim.estimation.multiple_shooting import INDEX, Gates
+from tcc_sim.estimation.multiple_shooting import INDEX, FitSettings, Gates
 from tcc_sim.output.samples import write_samples
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.tables.measured_table import table_in
+
+
+QUICK = FitSettings(stages=(FitSettings().stages[2], FitSettings().stages[-1]))
 
 
 def starts(seed: int) -> dict[str, float]:
@@ -61,7 +64,8 @@ def test_how_an_input_holds_is_found(hold: str) -> None:
     assert result.chi2_per_dof == pytest.approx(1.0, abs=0.2)
     assert abs(result.parameters[0].value - 3000.0) < 4.0 * result.parameters[0].standard_error
     if hold == "previous":
-        assumed = identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, noise=noise, hold="linear", gates=ONCE)
+        assumed = identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, noise=noise, hold="linear", gates=ONCE,
+                           settings=QUICK)
         assert (assumed.accepted, assumed.hold) == (False, "linear")
         with pytest.raises(InputError, match="hold is 'cubic'"):
             identify(data, {"driveline.stiffness": 3150.0}, scene=FIG02, hold="cubic")
@@ -70,7 +74,7 @@ def test_how_an_input_holds_is_found(hold: str) -> None:
 def test_a_refused_fit_tries_no_more_starts_than_it_has_work_for() -> None:
     data, noise = measured(0, 0.1)
     wrong = FIG02.with_values({"engine.torque_amplitude": 200.0})
-    tried = [identify(data, {"driveline.stiffness": 3100.0}, scene=wrong, noise=noise,
+    tried = [identify(data, {"driveline.stiffness": 3100.0}, scene=wrong, noise=noise, settings=QUICK,
                       gates=Gates(starts=2, work=work)).starts for work in (1.0, 1e9)]
     assert tried == [1, 2]
 
@@ -132,7 +136,7 @@ def test_the_profile_of_a_key_that_is_free_alone_is_a_parabola() -> None:
     assert found.likelihood.excess == pytest.approx((0.5 * np.arange(-6.0, 7.0)) ** 2, rel=0.2, abs=0.1)
 
 
-def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys) -> None:
+def test_the_command_writes_the_scene_that_it_found(tmp_path, capsys, pictures) -> None:
     t, states, _ = moved(0.1)
     table, out = tmp_path / "data.csv", tmp_path / "mine.yaml"
     noise = 0.1 * np.random.default_rng(8).standard_normal((len(t), 2))

@@ -65,7 +65,7 @@ def test_a_pressure_that_repeats_after_two_cycles_has_its_extremes_in_both() -> 
 
 
 KEYS = [key for key, value in DEFAULTS.items() if isinstance(value, float)]
-PAIRS = 80
+PAIRS = 30
 
 
 def ends(key: str) -> list[float]:

@@ -20,6 +20,7 @@ UNITS = {"rpm": (30.0 / math.pi,), "Hz": (0.5 / math.pi, 1.0), "%": (100.0, 1.0)
 STEPS = r"\d+ (?:steps|ticks)\b"
 """Amounts of work, which only a terminal shows."""
 CONSTANT = ["--set", "pressure.amplitude=0"]
+DAMPED = ["--set", "driveline.damping=20"]
 SWEPT = ["--over", "engine.frequency=100:140:2", "--cycles", "20"]
 SCATTER = ["--scatter", "pressure.mean=22e4:26e4", "--samples", "4"]
 LAGGED = ["--set", "pressure.time_constant=0.03", "--set", "pressure.delay=0.005", "--set", "pressure.rate_limit=2e6"]
@@ -102,7 +103,7 @@ def test_the_table_of_a_sweep_is_its_json(words, capsys, tmp_path):
 
 
 def test_basins_print_what_their_json_keeps(capsys, tmp_path):
-    words = ["basins", "fig02", *CONSTANT, "--plane", "initial.slip_speed=0:300:3", "--plane",
+    words = ["basins", "fig02", *CONSTANT, *DAMPED, "--plane", "initial.slip_speed=0:300:3", "--plane",
              "initial.plate_angle=0:0.2:2"]
     assert main([*words, "--out", str(tmp_path / "a.npz")]) == 0
     capsys.readouterr()

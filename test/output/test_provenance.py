@@ -106,7 +106,7 @@ def test_sweep_and_the_file_of_its_points(folder: Path) -> None:
 
 
 def test_a_grid(folder: Path) -> None:
-    words = ("sweep", "minimal", "--over", "engine.frequency=100:120:2", "--over", "engine.torque_amplitude=50:60:2",
+    words = ("sweep", "minimal", "--over", "engine.frequency=100:120:2", "--over", "engine.torque_amplitude=50:60:1",
              "--cycles", 8, "--lyapunov", "--json", folder / "grid.json")
     assert valid("sweep", written(folder, "grid.json", *words)[0])["second_over"] == "engine.torque_amplitude"
 
