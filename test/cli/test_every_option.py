@@ -41,8 +41,8 @@ OPTIONS = {
     "simulate fig02": [
         "--cycles 9", "--duration 0.4", "--inputs T.csv", "--scene fig02", "--pulses 2", "--orders | --duration 0.9",
         "--samples 9 | --out a.npz --cycles 3", *RECORDED, *beside(["--hold next", *TABLED], "--inputs T.csv"),
-        *beside(["--set engine.frequency=120", "--profile engine.frequency=0:150,1:120", "--spectrum", *SOLVED, "--units rpm"],
-                "--cycles 8")],
+        *beside(["--set engine.frequency=120", "--profile engine.frequency=0:150,1:120", "--spectrum", *SOLVED,
+                 "--units rpm"], "--cycles 8")],
     "sweep fig02 --cycles 6": [
         "--over engine.frequency=140:150:2", "--scatter pressure.mean=22e4:26e4 --samples 2",
         "--law law.py:PI --target 20 --over kp=1:2:2", "--target 20", "--limits 0:1e5",

@@ -21,7 +21,6 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.tables.measured_table import table_in
 
-
 QUICK = FitSettings(stages=(FitSettings().stages[2], FitSettings().stages[-1]))
 
 

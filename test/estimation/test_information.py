@@ -93,7 +93,8 @@ def test_what_a_record_holds_nothing_about_keeps_its_start_and_the_others_are_fo
     free = {key: 1.03 * float(TRUE[key]), coupling_keys: {"driveline.damping": 0.62,
                                                          "driveline.stiffness": 3090.0}[coupling_keys]}
     scene = SCENE if name == "stuck" else SCENE.with_values({"friction.smoothing": 10.0})
-    result = identify(record(name), free, scene=scene, noise=NOISE, gates=ONCE, settings=FitSettings(stages=FitSettings().stages[2:]))
+    result = identify(record(name), free, scene=scene, noise=NOISE, gates=ONCE,
+                      settings=FitSettings(stages=FitSettings().stages[2:]))
     assert result.accepted, result.why
     judged, other = result.parameters
     assert abs(other.value - float(TRUE[other.key])) < 4.0 * other.standard_error
