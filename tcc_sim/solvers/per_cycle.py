@@ -368,17 +368,17 @@ def _turning_points(p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
 
 def _share_within(turns: Floats, values: Floats, p: Floats, dp: Floats, q: Floats, dq: Floats, level: float) -> Floats:
     """Return the part of each interval, 0 to 1, with the cubic within +-level, from its three monotone pieces."""
-    share = np.zeros(len(p))
-    for k in range(3):
-        low, high = np.minimum(values[:, k], values[:, k + 1]), np.maximum(values[:, k], values[:, k + 1])
-        inside = (low >= -level) & (high <= level)
-        share += np.where(inside, turns[:, k + 1] - turns[:, k], 0.0)
-        part = np.flatnonzero(~inside & (low <= level) & (high >= -level) & (turns[:, k + 1] > turns[:, k]))
-        if len(part):
-            cubic = (p[part], dp[part], q[part], dq[part])
-            bounds = (turns[part, k], turns[part, k + 1], values[part, k] < values[part, k + 1])
-            share[part] += np.abs(_crossing(level, *bounds, *cubic) - _crossing(-level, *bounds, *cubic))
-    return share
+    begin, end, first, last = turns[:, :-1], turns[:, 1:], values[:, :-1], values[:, 1:]
+    low, high = np.minimum(first, last), np.maximum(first, last)
+    inside = (low >= -level) & (high <= level)
+    share = np.where(inside, end - begin, 0.0)
+    part = np.nonzero(~inside & (low <= level) & (high >= -level) & (end > begin))
+    if len(part[0]):
+        ways = _crossing(np.array([[-level], [level]]), begin[part], end[part], (first < last)[part],
+                         *(column[part[0]] for column in (p, dp, q, dq)))
+        share[part] = np.abs(ways[1] - ways[0])
+    out: Floats = share[:, 0] + share[:, 1] + share[:, 2]
+    return out
 
 
 def _share_at_rest(p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
@@ -393,9 +393,11 @@ def _share_at_rest(p: Floats, dp: Floats, q: Floats, dq: Floats) -> Floats:
     return out
 
 
-def _crossing(level: float, a: Floats, b: Floats, rising: NDArray[np.bool_], p: Floats, dp: Floats, q: Floats,
+def _crossing(level: Floats, a: Floats, b: Floats, rising: NDArray[np.bool_], p: Floats, dp: Floats, q: Floats,
               dq: Floats) -> Floats:
-    """Return the place at which monotone pieces [a, b] reach `level`, by bisection; else the nearer end."""
+    """Return the places, (m, n), at which monotone pieces [a, b], (n,), reach levels, (m, 1), by bisection; else the
+    nearer ends.
+    """
     for _ in range(50):
         middle = 0.5 * (a + b)
         beyond = (_cubic(middle, p, dp, q, dq) > level) == rising
