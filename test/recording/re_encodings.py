@@ -82,13 +82,13 @@ class Recording(NamedTuple):
 RUN = "692a1f3c9b02.001"
 
 
-def made(folder, ticks=400, named=True):
+def made(folder, ticks=220, named=True):
     """Write a driveline on commands, then on its fallback, as the recorder does; return the recording.
 
     Without `named` it is one of version 1.0: no run in the frames, and the topic input_source in place of held."""
     said, sources = [], []
-    rows = ticked(SCENE, ticks, torque=lambda k: 300.0 + 250.0 * np.sin(0.15 * k) if 30 < k < 320 else None,
-                  pressure=lambda k: 2.4e5 + 1e3 * (k // 100) if 30 < k < 320 else None, said=said, sources=sources)
+    rows = ticked(SCENE, ticks, torque=lambda k: 300.0 + 250.0 * np.sin(0.15 * k) if 30 < k < 170 else None,
+                  pressure=lambda k: 2.4e5 + 1e3 * (k // 50) if 30 < k < 170 else None, said=said, sources=sources)
     scene, frame = holding_from(SCENE.text(), 0, run=RUN, name="/driveline") if named else SCENE.text(), RUN * named
     writer = BagWriter(folder, scene)
     draw = random.Random(1)
@@ -103,7 +103,7 @@ def made(folder, ticks=400, named=True):
         sent = START + k * TICK
         log = sent + draw.randrange(20_000, 60_000)
         if named:
-            acts, count = 30 < k < 320, min(max(k - 30, 0), 289)
+            acts, count = 30 < k < 170, min(max(k - 30, 0), 139)
             inputs = [entry for value, answered in ((values[4], math.nan), (pressure, float(stamp - TICK)))
                       for entry in ((2.0, value, value, answered, k, 1, count, 0, 0, 0) if acts else
                                     (1.0, *[math.nan] * 4, 0, count, 0, 0, 0))]
@@ -115,12 +115,12 @@ def made(folder, ticks=400, named=True):
         writer.write(one["/applied_pressure"], log + 1000, sent + 1000,
                      cdr.fluid_pressure(stamp, pressure, frame=frame), k + 1)
         writer.write(one["/slip_speed"], log + 2000, sent + 2000, cdr.float64(values[2] - values[3]), k + 1)
-        if 29 < k < min(319, ticks - 1):
+        if 29 < k < min(169, ticks - 1):
             log += 300_000
             writer.write(one["/engine_torque"], log + 3000, sent + 300_000, cdr.float64(rows[k + 1][5]), k + 1)
             writer.write(one["/actuation_pressure"], log + 4000, sent + 310_000,
                          cdr.fluid_pressure(stamp, rows[k + 1][7]), k + 1)
-        if k % 100 == 99:
+        if k % 50 == 49:
             writer.file.flush()
     writer.close({"lost": {STATES: 0}})
     return read(folder / f"{folder.name}_0.mcap")
@@ -149,7 +149,7 @@ def save(path, source, *, metadata=True, start=None, end=None, of_package=True, 
     """Write a file by the mcap package; `start(writer, file)` and `end(writer, file)` add records of their own."""
     path.parent.mkdir(parents=True, exist_ok=True)
     options.setdefault("compression", CompressionType.ZSTD)
-    options.setdefault("chunk_size", 20_000)
+    options.setdefault("chunk_size", 10_000)
     with path.open("wb") as file:
         writer = Writer(file, **options)
         writer.start(profile="ros2", library="other")
