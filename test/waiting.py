@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 Found = TypeVar("Found")
-LOOK, SHORT_LOOK = 0.02, 0.001
+LOOK, SHORT_LOOK = 0.05, 0.001
 """Time between two checks, s; the second one if a step is done between them."""
 
 

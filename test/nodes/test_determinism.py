@@ -19,9 +19,9 @@ from tcc_sim.scene import load_scene
 from tcc_sim.solvers.fixed_step import Stepper
 from tcc_sim.topics import topic
 
-HARMONIC = ["chaos", "minimal", "runup"]
+HARMONIC = ["chaos", "runup"]
 TOPICS = ("joint_states", "slip_speed", "friction_torque", "stick_slip_state", "/clock")
-TICKS = 150
+TICKS = 80
 
 
 def driveline(bench: Any, scene: str, **parameters: object) -> DrivelineNode:

@@ -1,8 +1,7 @@
-"""The driveline as a process: its end by a signal, its parameters, and refusals of its entry points."""
+"""The driveline's parameters, and refusals of the entry points."""
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -16,20 +15,10 @@ from rclpy.parameter import Parameter
 
 from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError
-from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.options import OPTIONS, RecorderOptions
 from tcc_sim.nodes.parameters import declared
 from tcc_sim.scene import DEFAULT_SCENE, MEANINGS, NODE_SCENE, bundled_scenes, load_scene
-
-
-def test_a_signal_ends_the_node_with_status_0_and_no_traceback(start: Callable[..., NodeProcess]) -> None:
-    node = start("driveline", scene="minimal")
-    node.await_line(CLOCK_STARTED)
-    assert any("scene minimal, 1000 Hz" in line for line in node.lines)
-    node.send_signal(signal.SIGTERM)
-    assert node.wait() == 0
-    assert not any(word in line for line in node.lines for word in ("Traceback", "Exception"))
 
 
 @pytest.mark.parametrize(("module", "words", "parts"), [

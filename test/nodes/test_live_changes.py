@@ -77,7 +77,7 @@ SCRIPTS: dict[str, tuple[dict[str, object], list[object], int]] = {
         {"engine.mean_torque": 260.0}, 60, {"friction.kinetic_coefficient": 0.2, "pressure.amplitude": 3e4},
         {"pressure.phase": 1.0}, 60, "reset", 60, "pause", {"engine.torque_amplitude": 100.0},
         {"engine.torque_amplitude": 150.0}, "step", "step", "reset", {"pressure.mean": 2.2e5}, "reset", "step",
-        {"friction.kinetic_coefficient": 0.3, "pressure.amplitude": 0.0}, "resume", 600], 4),
+        {"friction.kinetic_coefficient": 0.3, "pressure.amplitude": 0.0}, "resume", 200], 4),
     "frequencies": ({"scene": "fig02"}, [
         {"engine.frequency": 201.0}, 60, {"pressure.frequency_ratio": 0.5, "engine.frequency": 90.0}, 60, "reset", 30,
         {"pressure.frequency_ratio": 1.5}, 30], 2),
@@ -123,7 +123,7 @@ def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_pat
     chain.change(engine__mean_torque=400.0, friction__static_coefficient=0.4)
     assert chain.loop.engine_command is not None
     assert chain.loop.engine_command.value == 250.0
-    chain.run(300)
+    chain.run(100)
     chain.reset()
     chain.run(60)
     assert chain.loop.engine_command.fallen_back
@@ -157,5 +157,5 @@ def test_a_friction_table_changes_as_a_whole_or_not_at_all(bench: Any, tmp_path:
     chain.pause(True)
     chain.change(friction__slip_speeds=speeds, friction__coefficients=two)
     chain.pause(False)
-    chain.run(200)
+    chain.run(60)
     exactly(chain.close(), 1)

@@ -71,9 +71,12 @@ def test_a_node_starts_where_a_process_was_killed_while_it_created_its_participa
                                                            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"})
     try:
         node.await_line(CLOCK_STARTED)
+        node.send_signal(signal.SIGTERM)
+        assert node.wait() == 0
     finally:
-        status = node.stop()
-    assert status == 0
+        node.kill()
+    assert any("scene minimal, 1000 Hz" in line for line in node.lines)
+    assert not any(word in line for line in node.lines for word in ("Traceback", "Exception"))
 
 
 HANGS = """

@@ -119,8 +119,7 @@ sys.argv += ["--ros-args", *{words!r}]
 
 
 @pytest.mark.parametrize(("module", "words", "number"), [
-    ("driveline", ["-p", "scene:=minimal"], "SIGINT"), ("recorder", ["-p", "output:=run"], "SIGTERM"),
-    ("slip_controller", [], "SIGHUP")])
+    ("driveline", ["-p", "scene:=minimal"], "SIGHUP"), ("recorder", ["-p", "output:=run"], "SIGTERM")])
 def test_a_signal_as_soon_as_a_node_ends_in_order_ends_it_so(module: str, words: list[str], number: str,
                                                              tmp_path: Path) -> None:
     ended = python("-c", ASKED.format(module=module, words=words, number=number), cwd=tmp_path,

@@ -57,7 +57,7 @@ def test_a_vehicle_joins_and_leaves_lock_step_while_the_clock_runs_and_verifies_
     request.addfinalizer(lambda: (done.set(), driving.join()))
     bench.until(lambda: heard(0) and node.loop.far_end is not None)
     joined = slow.states
-    bench.until(lambda: heard(joined + 300))
+    bench.until(lambda: heard(joined + 120))
     far_end, pressure = node.loop.far_end, node.loop.pressure_command
     done.set()
     driving.join()
@@ -80,6 +80,6 @@ def test_a_vehicle_joins_and_leaves_lock_step_while_the_clock_runs_and_verifies_
     assert not run.output_speed[-90:].any()
     moved = np.flatnonzero(run.output_speed)
     assert moved[0] > 100
-    assert len(moved) > 250
+    assert len(moved) > 100
     changed = 1 + np.flatnonzero(np.diff(run.saturation_torque[1:]))
     assert set((changed % PERIOD).tolist()) == {0}

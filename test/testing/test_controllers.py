@@ -66,19 +66,19 @@ def test_a_node_and_its_law_give_the_same_bits(driveline: Any, name: str) -> Non
     plant.add(node())
     for signal, options in sensors.items():
         plant.sensor(signal, **options)
-    run = plant.run(seconds=0.4)
-    alone = tcc_sim.closed_loop(load_scene(scene).with_values(changes), answer(), 0.4, sensors=sensors)
+    run = plant.run(seconds=0.2)
+    alone = tcc_sim.closed_loop(load_scene(scene).with_values(changes), answer(), 0.2, sensors=sensors)
     assert run.missed == 0
     for column in ("slip_speed", "plate_angle", "plate_speed", "output_angle", "output_speed"):
         assert np.array_equal(getattr(run, column), getattr(alone, column)), column
     for topic in run.commands:
         assert run.commands[topic].tobytes() == alone.commands[topic].tobytes()
-    assert run.slip_speed.tobytes() != tcc_sim.closed_loop(scene, lambda _: None, 0.4).slip_speed.tobytes()
+    assert run.slip_speed.tobytes() != tcc_sim.closed_loop(scene, lambda _: None, 0.2).slip_speed.tobytes()
     if name == "slow":
         changed = np.flatnonzero(np.diff(run.commands["actuation_pressure"][1:]))
-        assert (1 + changed).tolist() == [k * PERIOD for k in range(1, 40)]
+        assert (1 + changed).tolist() == [k * PERIOD for k in range(1, 20)]
     if name == "vehicle":
-        assert np.ptp(run.output_speed) > 20.0
+        assert np.ptp(run.output_speed) > 5.0
 
 
 @pytest.mark.parametrize(("period", "rate"), [(0.0015, 1000.0), (0.01, 150.0)])
@@ -131,31 +131,31 @@ def test_changes_of_a_run_are_made_at_their_tick_as_in_closed_loop(driveline: An
 
 
 def test_the_slip_controller_follows_a_profile_of_its_target(driveline: Any) -> None:
-    times, values = [0.0, 0.5, 0.501], [20.0, 20.0, 30.0]
+    times, values = [0.0, 0.3, 0.301], [20.0, 20.0, 30.0]
     plant = driveline("controlled")
     plant.add(SlipControllerNode(parameter_overrides=[Parameter("target_times", value=times),
                                                       Parameter("target_values", value=values)]))
-    run = plant.run(seconds=1.0)
-    # 30 is asked for with the state of 0.501 s; the target is seen with the state after that.
-    assert run.target == (30.0, 502)
-    assert replace(run, targets=(*run.targets, (40.0, 900))).target == (40.0, 900)
-    assert run.tracking.rms_error < 2.5
+    run = plant.run(seconds=0.6)
+    # 30 is asked for with the state of 0.301 s; the target is seen with the state after that.
+    assert run.target == (30.0, 302)
+    assert replace(run, targets=(*run.targets, (40.0, 500))).target == (40.0, 500)
+    assert run.tracking.rms_error < 4.0
     law = SlipController(Tuning(target_times=tuple(times), target_values=tuple(values)))
 
     def answer(reading: Any) -> float:
         law.target = law.tuning.target_at(reading.stamp_ns * 1e-9)
         return law.update(reading.flywheel_speed - reading.plate_speed, reading.engine_torque)
 
-    assert run.slip_speed.tobytes() == tcc_sim.closed_loop("controlled", answer, 1.0).slip_speed.tobytes()
+    assert run.slip_speed.tobytes() == tcc_sim.closed_loop("controlled", answer, 0.6).slip_speed.tobytes()
 
 
 def test_the_commander_of_the_demo_answers_every_state_and_settles_on_one_motion(driveline: Any) -> None:
     plant = driveline("commands")
     plant.add(CommanderNode())
-    run = plant.run(seconds=4.0)
+    run = plant.run(seconds=1.6)
     assert (run.missed, run.refused) == (0, 0)
     swing = np.sin(50.0 * np.pi * run.t[:-1])  # A sample has the commands that answer the state before it.
     for name, mean, amplitude in (("engine_torque", 300.0, 250.0), ("actuation_pressure", 225e3, 45e3)):
         np.testing.assert_allclose(run.commands[name][1:], mean + amplitude * swing, rtol=1e-12, atol=1e-6)
     summary = summarise(run)
-    assert (summary.period, summary.breakaways, summary.cycles) == (1, 50, 100)  # 50 of 100 cycles of 40 ms are kept.
+    assert (summary.period, summary.breakaways, summary.cycles) == (1, 20, 40)  # 20 of 40 cycles of 40 ms are kept.
