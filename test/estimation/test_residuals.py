@@ -17,14 +17,14 @@ from tcc_sim.estimation.residuals import autoregression, judge_residuals, probab
 
 @pytest.mark.parametrize("colour", [0.0, 0.6])
 def test_intervals_cover_the_truth(colour: float) -> None:
-    """The last stage from the truth on, for 6 draws of the noise: squared errors are their variances.
+    """The last stage from the truth on, for 4 draws of the noise: squared errors are their variances.
 
-    Thirty numbers, of which five go together: where the counts of sub-steps were not held this was above 50; for noise
+    Twenty numbers, of which five go together: where the counts of sub-steps were not held this was above 50; for noise
     whose values go together it was 3.3 as long as intervals were those of white noise.
     """
     _, states, _ = moved(0.3)
     truth, settings, squares = np.array(list(KEYS.values())), FitSettings(), []
-    for seed in range(6):
+    for seed in range(4):
         data, noise = measured(100 + seed, 0.3, colour)
         model = Model(FIG02.system, tuple(KEYS), data)
         result = fit(model, noise, truth, settings, settings.stages[-1:], states[::100].copy())

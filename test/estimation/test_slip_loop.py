@@ -42,7 +42,7 @@ class Raised:
         return self.commands[max(0, len(self.commands) - 1 - self.late)]
 
 
-def swing(law: Raised, seconds: float = 5.0) -> float:
+def swing(law: Raised, seconds: float = 4.0) -> float:
     """Peak to peak of the cycle means at the end in lock-step, rad/s."""
     run = tcc_sim.closed_loop("controlled", law, seconds)
     means = CycleMean(TUNING.cycle_steps)

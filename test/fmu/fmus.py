@@ -26,8 +26,9 @@ DISCARD = 2
 
 
 def written(scene: Scene | str, version: int, step: float | None = None, options: tuple[str, ...] = FAST) -> Path:
-    """The unpacked FMU of a scene, compiled once."""
-    return _written((load_scene(scene) if isinstance(scene, str) else scene).text(), version, step, options)
+    """The unpacked FMU of a scene, compiled once, beside model.fmu."""
+    scene = load_scene(scene) if isinstance(scene, str) else scene
+    return _written(scene.with_values({"pacing": "lockstep"}).text(), version, step, options)
 
 
 @cache

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fmus import FAST, needs_compiler
+from fmus import needs_compiler, written
 
 import tcc_sim
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.fmi.export import PLATFORMS, compiler, export
+from tcc_sim.fmi.export import PLATFORMS, compiler
 from tcc_sim.scene import load_scene
 
 pytestmark = needs_compiler
@@ -67,11 +67,10 @@ def test_it_gives_the_run_of_the_same_law_and_begins_anew_with_the_next_run(cont
             np.testing.assert_array_equal(*(run.commands["actuation_pressure"] for run in runs))
 
 
-def test_an_fmu_of_version_3_answers_both_inputs_from_its_own_time(tmp_path: Path) -> None:
+def test_an_fmu_of_version_3_answers_both_inputs_from_its_own_time() -> None:
     """Here the FMU is a driveline, whose excitation is the command."""
-    export(load_scene("fig02"), tmp_path / "a.fmu", 3, options=FAST)
-    law = tcc_sim.fmu_controller(tmp_path / "a.fmu", {"engine_torque": "applied_engine_torque",
-                                                      "actuation_pressure": "applied_pressure"})
+    law = tcc_sim.fmu_controller(written("fig02", 3).with_name("model.fmu"), {
+        "engine_torque": "applied_engine_torque", "actuation_pressure": "applied_pressure"})
     run = tcc_sim.closed_loop("commands", law, 0.1)
     engine, pressure = load_scene("fig02").system.engine, load_scene("fig02").system.pressure
     phase, t = pressure.frequency_ratio * engine.frequency, run.t[:-1]

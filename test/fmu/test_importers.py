@@ -15,7 +15,7 @@ pytest.importorskip("fmpy", reason="FMPy is not installed")
 
 import fmpy
 from fmpy.validation import validate_fmu
-from fmus import FAST, needs_compiler
+from fmus import needs_compiler, written
 
 from tcc_sim.cli import main
 from tcc_sim.fmi.export import compiler, export, fmu_of
@@ -95,15 +95,15 @@ def test_fmpy_compiles_it_from_its_sources_to_the_same_bits(tmp_path: Path) -> N
 
 
 @needs_compiler
-def test_libcosim_runs_it_to_the_same_bits(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_libcosim_runs_it_to_the_same_bits(capfd: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("libcosimpy", reason="libcosim is not installed")
     from libcosimpy.CosimExecution import CosimExecution
     from libcosimpy.CosimObserver import CosimObserver
     from libcosimpy.CosimSlave import CosimLocalSlave
 
-    export(load_scene("fig02"), tmp_path / "a.fmu", options=FAST)
     execution = CosimExecution.from_step_size(step_size=1e6)
-    place = execution.add_local_slave(CosimLocalSlave(fmu_path=str(tmp_path / "a.fmu"), instance_name="plant"))
+    path = str(written("fig02", 2).with_name("model.fmu"))
+    place = execution.add_local_slave(CosimLocalSlave(fmu_path=path, instance_name="plant"))
     observer = CosimObserver.create_last_value()
     execution.add_observer(observer)
     assert execution.step(step_count=400)

@@ -46,7 +46,7 @@ OTHERS: dict[str, tuple[str, dict[str, object]]] = {
         "engine.harmonic_amplitudes_values": [40.0, 0.0, 10.0, 5.0, 0.0, 60.0]}),
     "actuator": ("controlled", {"pressure.time_constant": 0.03, "pressure.delay": 0.005, "pressure.rate_limit": 5e5}),
     "late_input": ("controlled", {"pressure.delay": 0.003})}
-VERSIONS = {name: 2 + place % 2 for place, name in enumerate(["fig02", "commands", "stick", *OTHERS])}
+VERSIONS = {name: 2 + place % 2 for place, name in enumerate(["fig02", "commands", *OTHERS])}
 """Version of FMI of every scene."""
 STARTS = {"friction.smoothing": 1e6, "friction.kinetic_coefficient": 0.3}, {"friction.kinetic_coefficient": 0.4,
                                                                         "converter.coupling": 2.0}, {
