@@ -52,11 +52,8 @@ def entries(drawn: Any) -> list[str]:
     return [text.get_text() for legend in legends_in(drawn) for text in legend.get_texts()]
 
 
-def check(drawn: Any) -> None:
-    """Check that every axis of a saved figure has a quantity with its unit, that no legend lies over data or another
-    text, and that nothing is cut off.
-    """
-    drawn.draw_without_rendering()
+def labelled(drawn: Any) -> None:
+    """Check that every axis of a figure has a quantity with its unit."""
     for axis in drawn.axes:
         for side in (axis.xaxis, axis.yaxis):
             label = side.get_label_text()
@@ -65,6 +62,14 @@ def check(drawn: Any) -> None:
         if axis.axison and axis.get_label() != "<colorbar>":
             sharing = [axis, *(other for other in drawn.axes if axis.get_shared_x_axes().joined(axis, other))]
             assert any(other.get_xlabel() for other in sharing), f"no quantity along x: {axis.get_title(loc='left')!r}"
+
+
+def check(drawn: Any) -> None:
+    """Check that every axis of a saved figure has a quantity with its unit, that no legend lies over data or another
+    text, and that nothing is cut off.
+    """
+    labelled(drawn)
+    drawn.draw_without_rendering()
     width, height = drawn.bbox.size
     for text in texts_in(drawn):
         box = text.get_window_extent()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from driveline_bags import bag, ticked
-from pictures import broken, check, curves, panels, passes, rerun_line, shaded, shown_in_rerun
+from pictures import broken, check, curves, labelled, panels, passes, rerun_line, shaded, shown_in_rerun
 
 import tcc_sim
 from tcc_sim.cli import main
@@ -23,8 +23,9 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 NAMED = {"engine": "engine_torque", "friction": "friction_torque", r"$\mu_k N R$": "saturation_torque",
          "slip speed": "slip_speed"}
 """Columns of a run by the names of their curves over time."""
-LOOSE = {"rk4": ["--step", "1e-4"], "fixed_step": ["--step", "2e-3"]}
-"""Settings with which a solver's run differs from the exact one by more than a line's width; others take --rtol."""
+LOOSE = {"fixed_step": ["--step", "2e-3"], **dict.fromkeys(("smoothed", "event_driven", "rk45", "lsoda"),
+                                                           ["--rtol", "1e-2"])}
+"""Settings with which a run by a solver of each kind differs from the exact one by more than a line's width."""
 
 
 def samples_of(file: Path) -> dict[str, Any]:
@@ -61,11 +62,11 @@ def over_time(drawn: Any, t: Any, columns: Any, summary: dict[str, Any], toleran
                 assert np.nanmin(np.abs(place - at).max(axis=0)) < 1e-6 + tolerance
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("solver", LOOSE)
 def test_simulate_draws_the_run_of_its_own_solver(solver: str, pictures: list[Any], tmp_path: Path) -> None:
     """Coarse settings, so that another solver's run is another curve; figures depend on neither --plot nor --out."""
     scene = ["slip", "--set", f"friction.law={SOLVERS[solver].laws[-1]}"]
-    words = ["simulate", *scene, "--solver", solver, "--cycles", "24", *LOOSE.get(solver, ["--rtol", "1e-2"])]
+    words = ["simulate", *scene, "--solver", solver, "--cycles", "24", *LOOSE[solver]]
     for k, more in enumerate((["--plot", "a.png"], ["--out", "a.npz"], ["--out", "b.npz", "--samples", "7"], [])):
         assert main([*words, "--json", str(tmp_path / f"{k}.json"),
                      *(str(tmp_path / word) if "." in word else word for word in more)]) == 0
@@ -80,29 +81,29 @@ def test_simulate_draws_the_run_of_its_own_solver(solver: str, pictures: list[An
     assert np.isin(largest, whole).all()
 
 
-def test_a_run_without_samples_shows_its_section_and_maxima_alone(laid_out: list[Any], tmp_path: Path) -> None:
-    run = tcc_sim.solve("slip", cycles=60, solver="bdf", rtol=1e-2)
+def test_a_run_without_samples_shows_its_section_and_maxima_alone(pictures: list[Any], tmp_path: Path) -> None:
+    run = tcc_sim.solve("slip", cycles=60, solver="lsoda", rtol=1e-2)
     for result in (run, tcc_sim.simulate("apply")):
         tcc_sim.plot(result, tmp_path / "a.png", force=True)
-    shown = panels(laid_out[0])
+    shown = panels(pictures[0])
     assert list(shown) == ["Phase portrait", "Maxima"]
     (angle, slip), = curves(shown["Phase portrait"]).values()
     last = run.solved_cycles.section[-len(slip):]
     assert sorted(zip(angle, slip)) == sorted(zip(last[:, 1], last[:, 0]))
-    assert "Torques" not in panels(laid_out[1])
-    for drawn in laid_out:
-        check(drawn)
+    assert "Torques" not in panels(pictures[1])
+    for drawn in pictures:
+        labelled(drawn)
 
 
 @pytest.mark.parametrize(("scene", "duration"), [("apply", "1"), ("runup", "4"), ("tip_in", "2.37")])
-def test_a_manoeuvre_is_drawn_whole(scene: str, duration: str, laid_out: list[Any], tmp_path: Path) -> None:
+def test_a_manoeuvre_is_drawn_whole(scene: str, duration: str, pictures: list[Any], tmp_path: Path) -> None:
     words = ["simulate", scene, "--duration", duration]
     assert main([*words, "--json", str(tmp_path / "a.json"), "--plot", str(tmp_path / "a.png")]) == 0
     assert main([*words, "--out", str(tmp_path / "a.npz")]) == 0
     summary, run = json.loads((tmp_path / "a.json").read_text()), samples_of(tmp_path / "a.npz")
-    drawn, shown = laid_out[0], panels(laid_out[0])
+    drawn, shown = pictures[0], panels(pictures[0])
     over_time(drawn, run["t"], run, summary, 1e-6)
-    check(drawn)
+    labelled(drawn)
     (t, shaft), = curves(shown["Shaft torque"]).values()
     driveline = tcc_sim.load_scene(scene).system.driveline
     torque = driveline.damping * run["plate_speed"] + driveline.stiffness * run["plate_angle"]
@@ -172,7 +173,7 @@ def test_a_pressure_that_pulsates_is_drawn_by_its_range(pictures: list[Any], tmp
     assert len(panels(pictures[0])["Actuation pressure"].collections) == 2
 
 
-def test_an_input_table_is_drawn_beside_its_measurement(laid_out: list[Any], tmp_path: Path) -> None:
+def test_an_input_table_is_drawn_beside_its_measurement(pictures: list[Any], tmp_path: Path) -> None:
     t = np.linspace(0.0, 1.2, 2401)
     columns = t, 300.0 + 250.0 * np.sin(150.0 * t), 10.0 + np.sin(150.0 * t)
     for name, count in (("a", 3), ("b", 2)):
@@ -181,16 +182,16 @@ def test_an_input_table_is_drawn_beside_its_measurement(laid_out: list[Any], tmp
         assert main(["simulate", "fig02", "--inputs", str(tmp_path / f"{name}.csv"), "--hold", "linear", "--plot",
                      str(tmp_path / f"{name}.png"), "--json", str(tmp_path / f"{name}.json"), "--out",
                      str(tmp_path / f"{name}.npz")]) == 0
-    run, shown = samples_of(tmp_path / "a.npz"), panels(laid_out[0])
+    run, shown = samples_of(tmp_path / "a.npz"), panels(pictures[0])
     for title in ("Start", "End"):
         passes(curves(shown[title])["simulated"], run["t"], run["slip_speed"])
         passes(curves(shown[title])["recorded"], t, columns[2])
     (at, apart), = curves(shown["Simulated less recorded"]).values()
     np.testing.assert_allclose(apart, np.interp(at, run["t"], run["slip_speed"]) - 10.0 - np.sin(150.0 * at), atol=0.3)
     run = samples_of(tmp_path / "b.npz")
-    over_time(laid_out[1], run["t"], run, json.loads((tmp_path / "b.json").read_text()))
-    for drawn in laid_out:
-        check(drawn)
+    over_time(pictures[1], run["t"], run, json.loads((tmp_path / "b.json").read_text()))
+    for drawn in pictures:
+        labelled(drawn)
 
 
 @pytest.fixture(scope="module")
@@ -199,7 +200,7 @@ def rows() -> list[Any]:
     return ticked(tcc_sim.load_scene("fig02"), 3000, changes=[(1200, {"friction.kinetic_coefficient": 0.22}, False)])
 
 
-LOST = {"whole": [], "one": [2900], "a gap": range(2850, 2882), "several": [*range(500, 560), 2800, *range(2900, 2905)],
+LOST = {"whole": [], "a gap": range(2850, 2882), "several": [*range(500, 560), 2800, *range(2900, 2905)],
         "two per cent": sorted(np.random.default_rng(4).choice(np.arange(5, 2990), 60, replace=False).tolist())}
 """States that a recording lacks, by row."""
 
@@ -212,7 +213,7 @@ def table_of(rows: Any) -> dict[str, Any]:
             "friction_torque": friction, "saturation_torque": np.full(len(slip), np.nan)}
 
 
-@pytest.mark.parametrize(("lost", "part"), [*((lost, False) for lost in LOST), ("whole", True), ("several", True)])
+@pytest.mark.parametrize(("lost", "part"), [*((lost, False) for lost in LOST), ("several", True)])
 def test_a_recording_is_drawn_with_its_gaps(lost: str, part: bool, rows: list[Any], pictures: list[Any],
                                             tmp_path: Path) -> None:
     """By `analyse --plot`, by `plot` of the trajectory that was read, and in a Rerun file."""
@@ -259,17 +260,16 @@ def test_a_recording_is_drawn_with_its_gaps(lost: str, part: bool, rows: list[An
         assert all(np.isfinite(np.array(strip, float)).all() for strip in strips or [] if len(np.shape(strip)) == 2)
 
 
-def test_a_state_that_is_no_number_is_a_gap(rows: list[Any], laid_out: list[Any], tmp_path: Path) -> None:
+def test_a_state_that_is_no_number_is_a_gap(rows: list[Any], pictures: list[Any], tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     unknown = [row if k not in range(2900, 2930) else (row[0], *[np.nan] * 6, row[-1]) for k, row in enumerate(rows)]
     recording = bag(tmp_path / "run", unknown, "fig02")
     assert main(["analyse", str(recording), "--plot", str(tmp_path / "a.png"), "--rrd", str(tmp_path / "a.rrd")]) == 0
-    axis = panels(laid_out[0])["Slip speed"]
+    axis = panels(pictures[0])["Slip speed"]
     assert broken(curves(axis)["slip speed"], 2.8999, 2.9299)
     assert not any(begin < 2.9295 and end > 2.8995 for begin, end in shaded(axis))
     shown = shown_in_rerun(tmp_path / "a.rrd")
     assert broken(rerun_line(shown["/slip/speed"]), 2.8991, 2.9299)
-    check(laid_out[0])
 
 
 def test_events_and_held_signals_stand_at_their_times(laid_out: list[Any], tmp_path: Path) -> None:
@@ -352,8 +352,7 @@ def test_an_event_without_a_controller_is_marked_in_seconds(pictures: list[Any],
         assert any(abs(at - 1.2) < 0.01 for at in marks)
 
 
-@pytest.mark.parametrize("order", [0.5, 1.5])
-@pytest.mark.parametrize("phase", [0.0, 0.4])
+@pytest.mark.parametrize(("order", "phase"), [(0.5, 0.0), (1.5, 0.4)])
 def test_a_half_order_of_a_table_is_in_its_spectrum(order: float, phase: float, pictures: list[Any],
                                                     tmp_path: Path) -> None:
     """Also where it is 0 at the start of every cycle."""
@@ -374,8 +373,7 @@ def test_a_half_order_of_a_table_is_in_its_spectrum(order: float, phase: float, 
 def test_a_bode_plot_shows_frequencies_in_hertz_beside_speeds_in_rpm(pictures: list[Any], tmp_path: Path) -> None:
     """A frequency that is not that of the excitation; see `--units`."""
     words = ["linearise", "slip", "--slip", "20", "--frequencies", "10:1000:20"]
-    for units, label, factor in (("rad", "angular frequency (rad/s)", 1.0), ("rpm", "frequency (Hz)", 2.0 * np.pi),
-                                 ("hz", "frequency (Hz)", 2.0 * np.pi)):
+    for units, label, factor in (("rad", "angular frequency (rad/s)", 1.0), ("rpm", "frequency (Hz)", 2.0 * np.pi)):
         assert main([*words, "--units", units, "--plot", str(tmp_path / f"{units}.png"), "--json",
                      str(tmp_path / f"{units}.json")]) == 0
         axis = pictures[-1].axes[-1]
@@ -389,11 +387,11 @@ def test_a_bode_plot_shows_frequencies_in_hertz_beside_speeds_in_rpm(pictures: l
         assert numbers == pytest.approx(ticks / factor, rel=1e-2)
 
 
-def test_a_trajectory_keeps_its_samples_in_every_unit(laid_out: list[Any], tmp_path: Path) -> None:
-    run = tcc_sim.solve("minimal", cycles=20, samples_per_cycle=2000)
+def test_a_trajectory_keeps_its_samples_in_every_unit(pictures: list[Any], tmp_path: Path) -> None:
+    run = tcc_sim.solve("minimal", cycles=20, samples_per_cycle=400)
     for units, unit in (("rad", "rad/s"), ("rpm", "rpm"), ("hz", "Hz")):
         tcc_sim.plot(replace(run, cycles=None), tmp_path / f"{units}.png", units=units)
-        axis = panels(laid_out[-1])["Slip speed"]
+        axis = panels(pictures[-1])["Slip speed"]
         assert axis.get_ylabel().replace("\n", " ") == f"slip speed ({unit})"
-        assert passes(curves(axis)["slip speed"], run.t, run.slip_speed) > 6000
-        check(laid_out[-1])
+        assert passes(curves(axis)["slip speed"], run.t, run.slip_speed) > 1200
+        labelled(pictures[-1])
