@@ -24,7 +24,7 @@ from tcc_sim.output.terminal import say
 from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED
 from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.basins.results import Axis, Basins
-from tcc_sim.study.paper.catalogue import OMEGA_N, STATIC, FigureOptions, paper_system
+from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, FigureOptions, paper_system
 from tcc_sim.study.paper.drawings import UNNAMED, UNSEEN, behind, draw
 from tcc_sim.study.paper.figures import Figure, figure_data, figure_system
 from tcc_sim.views.plots import plot
@@ -71,7 +71,8 @@ def run(arguments: argparse.Namespace, words: list[str]) -> int:
     plane = [Axis(key, tuple(np.linspace(low, high, cells).tolist()))
              for key, low, high in (("initial.slip_speed", 0.0, 120.0), ("initial.plate_angle", -0.1, 0.3))]
     try:
-        branches = figure_data(6, FigureOptions(arguments.quick, jobs=arguments.jobs, progress=True, branches=True))
+        options = FigureOptions(arguments.quick, jobs=arguments.jobs, progress=True, branches=True)
+        branches = figure_data(FIGURES[6], options)
         result, = basins(paper_system(AT_036_085), plane, jobs=arguments.jobs, progress=True)
         side_lines = [] if arguments.quick else page_lines(compared())
     except (KeyboardInterrupt, BasinsInterrupted):

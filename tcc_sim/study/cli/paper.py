@@ -92,10 +92,10 @@ def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figu
            arguments: argparse.Namespace) -> Any:
     """Compute one figure, write its numbers, and draw it with `draw`."""
     from tcc_sim.output.provenance import document
-    from tcc_sim.study.paper.catalogue import SWEPT, plain
+    from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, plain
     from tcc_sim.study.paper.figures import figure_data, figure_system
 
-    data = figure_data(number, options)
+    data = figure_data(FIGURES[number], options)
     write_json(stem.with_suffix(".json"), document(
         "figure", data, figure_system(number, options), arguments.words, arguments.title or ""))
     drawn = draw(data, stem)

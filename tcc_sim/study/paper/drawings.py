@@ -462,7 +462,7 @@ def paper_figure(figure: int, *, quick: bool = False, law: str = "smoothed", dir
 
     options = FigureOptions(quick, direction, law, jobs, branches=branches)
     check_options(figure, options)
-    data = figure_data(figure, options)
+    data = figure_data(FIGURES[figure], options)
     if out is not None:
         Path(out).mkdir(parents=True, exist_ok=True)
         draw(data, Path(out) / f"fig{figure:02d}")

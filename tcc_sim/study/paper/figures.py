@@ -155,16 +155,15 @@ class Figure(Described):
     seconds: float = reported("computing time", "s")
 
 
-def figure_data(number: int, options: FigureOptions) -> Figure:
+def figure_data(row: PaperFigure, options: FigureOptions) -> Figure:
     """Compute the numbers of one figure; raise NumericalFailure if a time history could not be solved. A failed point
     of a sweep is a status in the data.
     """
-    row = FIGURES[number]
     began = time.perf_counter()
     varied = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
     varied |= {row.over} if row.kind in SWEPT else set()
-    common = {key: value for key, value in values_of(figure_system(number, options)) if key not in varied}
-    return Figure(figure=number, kind=row.kind, title=row.title, caption=row.caption, law=options.law,
+    common = {key: value for key, value in values_of(series_system(row.series[0], options)) if key not in varied}
+    return Figure(figure=row.number, kind=row.kind, title=row.title, caption=row.caption, law=options.law,
                   quick=options.quick, parameters=common, marks=row.marks, **KINDS[row.kind](row, options),
                   seconds=time.perf_counter() - began)
 
