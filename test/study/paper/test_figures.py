@@ -171,6 +171,7 @@ def test_time_histories_are_those_of_scipy(number: int, words: tuple[str, ...], 
     """By the largest slip speed; the periods of Fig. 12 are those of (35), the halves of Fig. 9 by the paper's text."""
     data = written(number, tmp_path, *words)
     assert all(shows(pictures[0], panel["t"], panel["slip_speed"]) for panel in data["panels"])
+    assert {panel["t"][0] for panel in data["panels"]} == {0.0}
     if number == 12:
         states = smoothed_states(paper_system(FIGURES[12].series[0].values), [150.0, 0.0, 0.0, 0.0], 60, 100, rtol=1e-4)
         assert np.abs(data["panels"][0]["slip_speed"]).max() == pytest.approx(np.abs(states[-400:, 0]).max(), rel=0.01)
