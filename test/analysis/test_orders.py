@@ -41,7 +41,7 @@ def test_order_one_of_a_stuck_clutch_is_the_closed_form():
 
 def test_a_recording_has_the_orders_of_the_run_that_it_holds(tmp_path):
     scene = ramp("minimal", 80.0, 160.0, 2.0)
-    run = solve(scene, duration=2.0, samples_per_cycle=48, flywheel_angle=True, solver="fixed_step")
+    run = solve(scene, duration=2.0, samples_per_cycle=48, flywheel_angle=True)
     write_trajectory(tmp_path / "run.mcap", run, scene.text())
     assert main(["analyse", str(tmp_path / "run.mcap"), "--orders", "--json", str(tmp_path / "a.json")]) == 0
     result, recorded_orders = json.loads((tmp_path / "a.json").read_text())["orders"], orders_of(run)

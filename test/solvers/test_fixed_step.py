@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,8 @@ from tcc_sim.model import closed_forms, friction
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.fixed_step import ITERATION_BOUND, Stepper, advance, engine_and_friction, scalar_root
-from tcc_sim.solvers.terms import holding, substeps, terms_of
+from tcc_sim.solvers.fixed_step import ITERATION_BOUND, Stepper, scalar_root
+from tcc_sim.solvers.terms import holding, terms_of
 
 TIGHT = {"solver": "radau", "rtol": 1e-10}
 
@@ -44,17 +45,19 @@ FALLING = {"friction.static_coefficient": 0.36, "pressure.amplitude": 1.0}
 """Hardly anything else, with the kind of kernel of fig02."""
 
 
-def error_at(system: System, h: float, count: int, start: tuple[float, float, float], exact: np.ndarray) -> float:
-    state = np.array(start)
-    advance(state, 0.0, h, count, terms_of(system), None, None)
-    return float(np.abs((state - exact) / np.maximum(np.abs(exact), 1e-3)).max())
+def ended(system: System, duration: float, count: int) -> np.ndarray:
+    """Slip speed, plate angle and plate speed after one tick of so many sub-steps."""
+    stepper = Stepper(system, duration)
+    stepper.substeps = count
+    return np.array(stepper.advance()[:3])
 
 
 def test_order_3_on_a_smooth_slip_arc() -> None:
     system = replace(load_scene("slip").system, FALLING)
     reference = solve(system, duration=0.032, solver="dop853", rtol=1e-13).raise_for_status()
     exact = np.array([reference.slip_speed[-1], reference.plate_angle[-1], reference.plate_speed[-1]])
-    errors = [error_at(system, 0.032 / n, n, (150.0, 0.0, 0.0), exact) for n in (64, 128, 256)]
+    errors = [float(np.abs((ended(system, 0.032, n) - exact) / np.maximum(np.abs(exact), 1e-3)).max())
+              for n in (64, 128, 256)]
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
     assert orders == pytest.approx([3.0, 3.0], abs=0.25)
 
@@ -62,11 +65,7 @@ def test_order_3_on_a_smooth_slip_arc() -> None:
 def test_order_3_on_a_smooth_stick_arc() -> None:
     system = replace(load_scene("stick").system, FALLING)
     reference = solve(system, cycles=1, **TIGHT).raise_for_status()
-    errors = []
-    for n in (250, 500, 1000):
-        state = np.array((0.0, 0.1, 5.1))
-        advance(state, 0.0, system.cycle / n, n, terms_of(system), None, None)
-        errors.append(abs(state[1] - reference.plate_angle[-1]))
+    errors = [abs(ended(system, system.cycle, n)[1] - reference.plate_angle[-1]) for n in (250, 500)]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(3.0, abs=0.6)
 
 
@@ -100,17 +99,19 @@ def test_a_stepper_follows_what_it_is_told() -> None:
     system = load_scene("fig02").system
     scene_terms = terms_of(system)
     stepper = Stepper(system, 1e-3)
-    for tick, terms in enumerate((scene_terms, holding(scene_terms, 300.0, 400.0), holding(scene_terms, 200.0, 800.0),
-                                  holding(scene_terms, 200.0, 8.0),
-                                  holding(scene_terms, 300.0, 200.0))):
+    for tick, terms in enumerate((scene_terms, *(holding(scene_terms, *held) for held in (
+            (300.0, 400.0), (200.0, 800.0), (200.0, 8.0), (300.0, 200.0))))):
         stepper.use(terms)
         stepper.tick, stepper.state[0] = 100 * tick, 20.0 + tick
-        assert stepper.now()[4:6] == engine_and_friction(0.1 * tick, 20.0 + tick, terms)
-        state, n = stepper.state.copy(), substeps(terms, 1e-3)
-        advance(state, 0.1 * tick, 1e-3 / n, n, terms, True, None)
-        reached = stepper.advance()
-        assert stepper.state.tolist() == state.tolist() == list(reached[:4])
-        assert reached[4:6] == engine_and_friction((100 * tick + 1) * 1e-3, float(state[0]), terms)
+        other = Stepper(system, 1e-3)
+        other.use(terms)
+        other.tick, other.state[:] = 100 * tick, stepper.state
+        for t, reached in ((0.1 * tick, stepper.now()), (0.1 * tick + 1e-3, stepper.advance())):
+            load = terms.mean_load + terms.pulsation[0] * math.sin(terms.pulsation[1] * t + terms.pulsation[2])
+            assert reached[4:6] == pytest.approx((
+                terms.mean_torque + terms.torque[0] * math.sin(terms.torque[1] * t),
+                load * friction.smoothed_coefficient(reached[0], terms.smoothing, terms.stribeck)), rel=1e-12)
+        assert list(reached[:4]) == stepper.state.tolist() == list(other.advance()[:4])
 
 
 logs = st.floats(0.0, 1.0)

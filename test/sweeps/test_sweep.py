@@ -201,11 +201,12 @@ SMOOTHED = replace(system(0.36), {"friction.law": "smoothed"})
 
 @pytest.mark.parametrize(("plan", "rtol"), [
     (Plan(cycles=20), 1e-6), (Plan(cycles=20, rtol=1e-9), 1e-9), (Plan(cycles=20, rtol=1e-3), 1e-3),
-    (Plan(cycles=20, discard="auto"), None), (Plan(cycles=20, solver="rk45", discard=2), None)])
+    (Plan(cycles=20, discard="auto"), None), (Plan(cycles=20, solver="rk45"), None)])
 def test_a_sweep_has_a_tolerance_of_its_own(plan: Plan, rtol: float | None) -> None:
     """Points are those of single runs at that tolerance; settling and solvers with a coarser default keep theirs."""
-    point, = sweep(SMOOTHED, KINETIC, [0.3], plan).points
-    alone = simulate(replace(SMOOTHED, {KINETIC: 0.3}), with_fields(plan, rtol=rtol))
+    pulsating = replace(SMOOTHED, {"pressure.amplitude": 1.0})
+    point, = sweep(pulsating, KINETIC, [0.28], plan).points
+    alone = simulate(replace(pulsating, {KINETIC: 0.28}), with_fields(plan, rtol=rtol))
     assert point.summary.max_slip_speed == alone.summary.max_slip_speed
 
 
