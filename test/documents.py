@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import is_dataclass
+from functools import cache
 from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
@@ -51,12 +52,15 @@ def valid(kind: str, result: dict[str, Any], table: Mapping[str, tuple[str, str]
     return result
 
 
+hints_of = cache(get_type_hints)
+
+
 def mistyped(result: dict[str, Any], kind: type, missing: bool = False) -> list[str]:
     """The fields of a result with other types than declared; `missing` allows null for each."""
     wrong: list[str] = []
     for name, entry in reported_of(kind).items():
-        hints = get_type_hints(kind)
-        hint = hints[name] if name in hints else get_type_hints(getattr(kind, name).fget)["return"]
+        hints = hints_of(kind)
+        hint = hints[name] if name in hints else hints_of(getattr(kind, name).fget)["return"]
         below = entry.of or tuple(part for part in (hint, *get_args(hint)) if is_dataclass(part) and reported_of(part))
         label, optional = entry.name or name, missing or type(None) in get_args(hint)
         if entry.listed:
