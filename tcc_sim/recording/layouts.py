@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
-from tcc_sim.recording.records import HEAD, MESSAGE_HEAD, Messages
+from tcc_sim.recording.records import HEAD, MESSAGE_HEAD, Messages, windows_of
 from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, JOINT_STATE
 
 MOST_LAYOUTS = 100
@@ -127,10 +126,10 @@ class Layouts:
         if not mine.any():
             return left
         offset = messages.offset[left[mine]]
-        values, same = layout.found(sliding_window_view(data, size)[offset + MESSAGE_HEAD])
+        values, same = layout.found(windows_of(data, size)[offset + MESSAGE_HEAD])
         mine[mine] = same
         if len(values):
-            heads: NDArray[np.void] = sliding_window_view(data, MESSAGE_HEAD)[offset[same]].view(HEAD)[:, 0]
+            heads: NDArray[np.void] = windows_of(data, MESSAGE_HEAD)[offset[same]].view(HEAD)[:, 0]
             frames = np.zeros(len(values), f"S{cdr.RUN_LENGTH}")
             if int.from_bytes(layout.example[_FRAME - 4:_FRAME].tobytes(), "little") == cdr.RUN_LENGTH + 1:
                 bodies = values.view(np.uint8).reshape(-1, size)[:, _FRAME:_FRAME + cdr.RUN_LENGTH]

@@ -21,7 +21,6 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata, Schema, Statistics
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tcc_sim.errors import counted
@@ -280,13 +279,20 @@ def _walk(data: bytes, start: int, end: int, rows: array[int], others: list[tupl
             raise DamagedChunk(f"more than {MOST_DESCRIPTIONS} of its records are not messages")
 
 
+def windows_of(data: bytes | NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    """Return every `size` consecutive bytes as a view, (n - size + 1, size), at once: NumPy's own function takes long.
+    """
+    out: NDArray[np.uint8] = np.ndarray((len(data) - size + 1, size), np.uint8, data, strides=(1, 1))
+    return out
+
+
 def _tiled(data: bytes, starts: NDArray[np.uint64]) -> Messages | None:
     """Return the indexed messages, or None if they and the records between them do not fill the chunk exactly."""
     size = len(data)
     if size < 31 or int(starts[-1]) > size - 31:
         return None
     offset = starts.astype(np.int64)
-    heads = sliding_window_view(np.frombuffer(data, dtype=np.uint8), 11)[offset].view(_HEAD)[:, 0]
+    heads = windows_of(data, 11)[offset].view(_HEAD)[:, 0]
     if not ((heads["opcode"] == Opcode.MESSAGE) & (heads["length"] >= MESSAGE_HEAD) & (heads["length"] <= size)).all():
         return None
     length = heads["length"].astype(np.int64)
@@ -310,7 +316,7 @@ def uncompressed(data: bytes, messages: Messages, which: NDArray[np.bool_],
     compression mode message), or all as they are; DamagedChunk if one does not unpack or is too large.
     """
     long = messages.offset[which & (messages.length >= MESSAGE_HEAD + len(ZSTD))] + MESSAGE_HEAD
-    starts = sliding_window_view(np.frombuffer(data, np.uint8), len(ZSTD))[long] if len(long) else long[:, None]
+    starts = windows_of(data, len(ZSTD))[long] if len(long) else long[:, None]
     if not (starts == np.frombuffer(ZSTD, np.uint8)).all(axis=1).any():
         return data, messages
     parts: list[bytes] = []
