@@ -49,7 +49,7 @@ STEEPER = [(150, {"friction.static_coefficient": 0.4, "friction.kinetic_coeffici
       for name, resets in (("fig02", (99,)), ("fig02", (300, 301)), ("minimal", ()), ("minimal", (100, 250))))])
 def test_inputs_resets_and_changes_of_parameters_are_followed_to_the_last_bit(tmp_path, name, options, cut):
     said = []
-    rows = ticked(SCENES[name], 400, said=said, **options)
+    rows = ticked(SCENES[name], 320, said=said, **options)
     result = verified(tmp_path / "run", rows, SCENES[name], said=said, cut=cut)
     exactly(result, len(rows))
     assert result.compared == len(rows)
@@ -74,7 +74,7 @@ def test_progress_counts_every_state_and_may_be_left_out(tmp_path):
 
 @pytest.mark.parametrize("column", range(1, 7))
 def test_one_changed_digit_is_found(tmp_path, column):
-    rows = ticked(SCENES["fig02"], 400)
+    rows = ticked(SCENES["fig02"], 230)
     changed = list(rows[217])
     changed[column] = math.nextafter(changed[column], math.inf)
     rows[217] = tuple(changed)
@@ -127,18 +127,17 @@ def test_a_scene_counts_from_its_stamp_on_even_if_the_clock_was_set_back_before(
     exactly(result, 400)
 
 
-@pytest.mark.parametrize("name", ["fig02", "chaos"])
-def test_a_recording_that_starts_late_is_checked_tick_by_tick(tmp_path, name):
-    rows = ticked(SCENES[name], 600)[137:]
-    result = verified(tmp_path / "run", rows, SCENES[name])
+def test_a_recording_that_starts_late_is_checked_tick_by_tick(tmp_path):
+    rows = ticked(SCENES["chaos"], 350)[137:]
+    result = verified(tmp_path / "run", rows, SCENES["chaos"])
     assert result.verified
-    assert (result.compared, result.exact) == (463, 0)
+    assert (result.compared, result.exact) == (213, 0)
     assert result.largest_difference < STEP_TOLERANCE
     assert "within 1e-06" in result.sentence
     changed = list(rows[200])
     changed[2] += 1e-4
     rows[200] = tuple(changed)
-    result = verified(tmp_path / "changed", rows, SCENES[name])
+    result = verified(tmp_path / "changed", rows, SCENES["chaos"])
     assert result.first_difference_ns == (137 + 200) * TICK
 
 
@@ -174,7 +173,7 @@ def test_states_without_a_known_input_are_not_verified(tmp_path, capsys):
 
 def test_messages_in_the_wrong_order_are_not_verified(tmp_path):
     """Two swapped messages begin a run, which would hide a lasting difference."""
-    rows = ticked(SCENES["fig02"], 600)
+    rows = ticked(SCENES["fig02"], 400)
     shifted = [(*row[:3], row[3] + 777.0, *row[4:]) if 201 <= k < 300 else row for k, row in enumerate(rows)]
     for name, given in (("clean", rows), ("shifted", shifted)):
         mixed = [*given[:200], given[300], *given[201:300], given[200], *given[301:]]
@@ -229,7 +228,7 @@ def test_a_gap_is_bridged_from_the_state_behind_it(tmp_path):
 
 
 def test_the_shaft_torque_of_a_recording_is_that_against_the_far_end(tmp_path):
-    rows, ends = readings(load_scene("fig02"), 600, lambda _: None, lambda k: 40.0 + 20.0 * math.sin(0.01 * k))
+    rows, ends = readings(load_scene("fig02"), 400, lambda _: None, lambda k: 40.0 + 20.0 * math.sin(0.01 * k))
     result = replay(bag(tmp_path / "run", rows, load_scene("fig02"), ends=ends), discard=0)
     torques = [torque for *_, torque in ends]
     assert max(torques) == pytest.approx(result.summary.max_shaft_torque, rel=0.02)
@@ -259,12 +258,12 @@ def test_a_recording_of_another_version_names_the_values_that_may_differ(tmp_pat
     assert all(word in line for line in named for word in (version, *words))
 
 
-@pytest.mark.parametrize(("pacing", "slowness"), [("real_time", 1.0), ("real_time", 2.5), ("lockstep", 1.0)])
+@pytest.mark.parametrize(("pacing", "slowness"), [("real_time", 2.5), ("lockstep", 1.0)])
 def test_only_a_run_that_is_paced_by_real_time_can_stall(tmp_path, pacing, slowness):
-    """The machine was busy for 2 s after 1.5 s; in lock-step this is part of the run's rate."""
+    """The machine was busy for 2 s after 0.8 s; in lock-step this is part of the run's rate."""
     scene = SCENES["minimal"].with_values({"pacing": pacing})
-    rows = ticked(scene, 4000)
-    late = [round(slowness * number * TICK) + 2_000_000_000 * (number > 1500) for number in range(len(rows))]
+    rows = ticked(scene, 2000)
+    late = [round(slowness * number * TICK) + 2_000_000_000 * (number > 800) for number in range(len(rows))]
     result = replay(bag(tmp_path / "run", rows, scene, clock=late.__getitem__))
-    assert result.pace == pytest.approx(1.0 / slowness if pacing == "real_time" else 4.0 / 6.0, rel=0.1)
+    assert result.pace == pytest.approx(1.0 / slowness if pacing == "real_time" else 2.0 / 4.0, rel=0.1)
     assert any("stalled" in line for line in result.warnings) == (pacing == "real_time")
