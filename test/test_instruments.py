@@ -38,7 +38,6 @@ def test_aged_fluid_judders_fresh_fluid_and_the_fluid_beside_the_clutch_do_not()
         slip = slip_of(name)
         assert (slip.min() < 0.02) == sticks
         assert 20.0 < slip.max() < 40.0
-    for omega in (60.0, 110.0):
-        none, some, most = (slip_of("aged_fluid", converter__coupling=coupling, engine__frequency=omega).max()
-                            for coupling in COUPLINGS)
-        assert none > 1.2 * some > 1.44 * most
+    none, some, most = (slip_of("aged_fluid", converter__coupling=coupling, engine__frequency=110.0).max()
+                        for coupling in COUPLINGS)
+    assert none > 1.2 * some > 1.44 * most

@@ -157,8 +157,7 @@ def test_another_engine_speed_is_named_unless_the_torque_was_measured() -> None:
     data, noise = measured(1, 0.4)
     other = FIG02.with_values({"engine.frequency": 151.5})
     assert "at another speed than engine.frequency, 151.5 rad/s" in fitted(data, noise, other).why
-    data, noise = measured(1)
-    driven = replace(data, inputs={"engine_torque": moved()[2]}, hold="smooth")
+    driven = replace(data, inputs={"engine_torque": moved(0.4)[2]}, hold="smooth")
     why = fitted(driven, noise, other.with_values({"driveline.plate_inertia": 0.03})).why
     assert why
     assert "speed than" not in why
