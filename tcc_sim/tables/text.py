@@ -25,6 +25,8 @@ HEAD = 200
 LONGEST_LINE = 1 << 16
 _START = 1 << 16
 """Bytes that show the encoding."""
+_CONTROLS = bytes([*range(9), *range(14, 32)])
+"""Bytes that no text has."""
 _LARGE = 1 << 20
 """Bytes from which the import of pyarrow takes less time than it saves."""
 _ARROW = {"utf-8-sig": "utf8", "utf-8": "utf8", "cp1252": "utf8"}
@@ -145,7 +147,7 @@ def encoding_of(path: Path) -> str:
     zeros = [head[first:400:2].count(0) * 2 > len(head[first:400:2]) for first in (0, 1)]
     if zeros[0] is not zeros[1]:
         return "utf-16-be" if zeros[0] else "utf-16-le"
-    if any(byte < 9 or 13 < byte < 32 for byte in head):
+    if head != head.translate(None, _CONTROLS):
         raise InputError(f"{path}: not a text file, although its name ends in {path.suffix}")
     try:
         getincrementaldecoder("utf-8")().decode(head, final=len(head) < _START)   # The last character may be cut.
