@@ -55,7 +55,8 @@ def lines(tmp_path):
     (",", True, '"')])
 def test_a_cell_has_one_value_in_every_table(lines, count, delimiter, comma, quote):
     for cell, value in NUMBERS.items():
-        if count == LONG and cell not in ("1_000", "1.25E+03", "", " ", "-", "NaN", "NULL", "-Inf", "1e400"):
+        if count == LONG and cell not in ("1_000", "", "-Inf", *(("1.25E+03", " ", "-", "NaN", "NULL", "1e400") if (
+                delimiter, quote) in ((",", ""), (";", '"')) else ())):
             continue
         stamp = f"{quote}{0.001 * count:.3f}{quote}"
         last = delimiter.join([stamp, "", f"{quote}{cell}{quote}"])
@@ -65,8 +66,8 @@ def test_a_cell_has_one_value_in_every_table(lines, count, delimiter, comma, quo
         assert found.tobytes() == expected.tobytes(), cell
 
 
-@pytest.mark.parametrize("count", [SHORT, LONG])
-@pytest.mark.parametrize(("delimiter", "comma"), [(";", False), (";", True), ("\t", True)])
+@pytest.mark.parametrize(("count", "delimiter", "comma"), [
+    (SHORT, ";", False), (SHORT, ";", True), (SHORT, "\t", True), (LONG, ";", False), (LONG, "\t", True)])
 def test_a_wrong_cell_or_row_is_refused_by_its_line(lines, count, delimiter, comma):
     for cell in NO_NUMBERS if count == SHORT else NO_NUMBERS[-3:]:
         if comma and cell == "1.2.3":

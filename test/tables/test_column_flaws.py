@@ -84,26 +84,30 @@ def test_a_clipped_signal_has_holes_at_its_peaks_and_a_coarse_one_is_named():
 
 @cache
 def motions():
-    """Clean tables of many kinds of motion, sampled in many ways."""
+    """Clean tables of many kinds of motion, sampled in many ways: at every rate each second way to write numbers."""
     random, out = np.random.default_rng(4), []
-    for scene, changes in (("fig02", {}), ("chaos", {}), ("stick", {}), ("slip", {}), ("tip_in", {}), ("runup", {}),
-                           ("apply", {}), ("fig02", {"friction.law": "set_valued"}),
-                           ("chaos", {"friction.law": "set_valued"}), ("fig02", {"engine.frequency": 90.0}),
-                           ("fig02", {"engine.torque_amplitude": 400.0}), ("controlled", {})):
+    ways = ((0.0, None), (1e-3, None), (1e-2, None), (0.0, 3), (0.0, 4), (1e-3, 4), (3e-2, 3), (0.0, 5), (5e-3, 2))
+    motions_of = [
+        ("fig02", {}), ("chaos", {}), ("stick", {}), ("slip", {}), ("tip_in", {}), ("runup", {}), ("apply", {}),
+        ("fig02", {"friction.law": "set_valued"}), ("chaos", {"friction.law": "set_valued"}),
+        ("fig02", {"engine.frequency": 90.0}), ("fig02", {"engine.torque_amplitude": 400.0}), ("controlled", {})]
+    for number, (scene, changes) in enumerate(motions_of):
         system = load_scene(scene).with_values(changes)
         run = solve(system, duration=1.5, samples_per_cycle=200)
-        for rate in (500.0, 1000.0, 2000.0, 5000.0):
+        for k, rate in enumerate((500.0, 1000.0, 2000.0, 5000.0)):
             begin = random.uniform(0.0, 0.5)
             t = np.arange(begin, 1.45, 1.0 / rate)
             columns = {name: np.interp(t, run.t, getattr(run, name)) for name in (
                 "slip_speed", "plate_speed", "plate_angle", "engine_torque")}
             per_pressure = system.system.torque_per_pressure
             columns["actuation_pressure"] = np.interp(t, run.t, run.saturation_torque) / per_pressure
-            for noise, digits in ((0.0, None), (1e-3, None), (1e-2, None), (0.0, 3), (0.0, 4), (1e-3, 4), (3e-2, 3),
-                                  (0.0, 5), (5e-3, 2)):
+            for j, (noise, digits) in enumerate(ways):
                 rows = {name: v + noise * np.std(v) * random.standard_normal(len(v)) for name, v in columns.items()}
+                if (number + k + j) % 2:
+                    continue
                 if digits is not None:
-                    rows = {name: np.array([float(f"{x:.{digits}g}") for x in v[:700]]) for name, v in rows.items()}
+                    rows = {name: np.array((f"%.{digits}g " * len(v[:700]) % tuple(v[:700])).split(), np.float64)
+                            for name, v in rows.items()}
                 out.append((f"{scene} {changes} {rate:g} Hz, noise {noise}, {digits} digits",
                             t[:len(rows["slip_speed"])], rows))
     return out
@@ -116,4 +120,4 @@ def test_no_clean_motion_is_accused():
         if any(np.isnan(values).any() for values in found.values()):
             accused.append((name, notes))
     assert not accused, accused[:5]
-    assert len(motions()) > 400
+    assert len(motions()) > 200

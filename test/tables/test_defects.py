@@ -1,6 +1,7 @@
 """Every defect of a table with every verb: its result is right, or one sentence refuses it; no defect is silent."""
 
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -122,11 +123,12 @@ def written(path, result):
 
 def analysed(path, shift):
     """The amplitude of order 1 of the slip speed, 5 rad/s, in every window."""
-    signals = signals_in(table_in(path, ("slip_speed",)), System())
+    table = table_in(path, ("slip_speed",))
+    signals = signals_in(table, System())
     orders = orders_of(signals)
     assert np.abs(orders.cut(1.0, "slip_speed") / 5.0 - 1.0).max() < 0.01
     assert np.abs(orders.frequency / W - 1.0).max() < 1e-3
-    return (*table_in(path).notes, *signals.notes)
+    return (*table.notes, *signals.notes)
 
 
 def simulated(path, shift):
@@ -150,12 +152,17 @@ def identified(path, shift):
     return measured.notes
 
 
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    """Function of a defect's name that returns its table, written once."""
+    return cache(lambda name: written(tmp_path_factory.mktemp("defects") / "run.csv", DEFECTS[name][0]))
+
+
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("verb", [analysed, simulated, identified])
 @pytest.mark.parametrize("name", DEFECTS)
-def test_no_defect_is_silent(tmp_path, name, verb):
-    result, shift, words = DEFECTS[name]
-    path = written(tmp_path / "run.csv", result)
+def test_no_defect_is_silent(stored, name, verb):
+    (_, shift, words), path = DEFECTS[name], stored(name)
     if name == "times in ms" and verb is identified:
         pytest.skip("test_times_in_ms_are_found_by_the_driveline")
     try:
