@@ -117,7 +117,7 @@ def test_no_parabola_crosses_a_jump(tmp_path: Path) -> None:
         t, torque, pressure)))
     scene = driven_by(load_scene("fig02").with_values({"engine.frequency": 600.0}), table)
     expected = by_scipy(scene, lambda k, _: torque[k], lambda k, _: pressure[k], t)
-    for solver, within in (("auto", 1e-7), ("radau", 1e-5), ("fixed_step", 1e-5)):
+    for solver, within in (("auto", 1e-7), ("fixed_step", 1e-5)):
         agree(simulate(scene, duration=t[-1], solver=solver).summary, expected, within)
 
 

@@ -123,7 +123,7 @@ logs = st.floats(0.0, 1.0)
 def test_the_root_is_the_one_brentq_finds(w, size, smoothing, guess, excess, decay):
     a, sigma = 10.0 ** (-6 + 9 * size), 10.0 ** (1 + 8 * smoothing)
     # The Stribeck slope is at least -alpha (r - 1): sub-steps keep a times it below 1/2, so that F increases.
-    stribeck = None if decay == 0.0 else (min(3.0 * excess, 0.5 / (a * decay)), decay)
+    stribeck = (min(3.0 * excess, 0.5 / (a * decay)) if decay else 0.0, decay)
     v, count = scalar_root(w, a, guess, sigma, stribeck)
     assert 0 <= count <= ITERATION_BOUND
 
@@ -142,7 +142,7 @@ def test_the_bound_holds_for_what_is_no_number(w: float) -> None:
 
 
 def test_no_friction_leaves_the_speed_as_it_is() -> None:
-    assert scalar_root(3.0, 0.0, 0.0, 50.0, None) == (3.0, 0)
+    assert scalar_root(3.0, 0.0, 0.0, 50.0, (0.0, 0.0)) == (3.0, 0)
     assert scalar_root(0.0, 1.0, 5.0, 50.0, (0.25, 2.0)) == (0.0, 0)
 
 

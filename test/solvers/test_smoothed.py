@@ -157,7 +157,7 @@ def test_no_scene_is_crawled_through(seed):
 def test_the_sharpest_smoothing_is_the_set_valued_law_anywhere():
     """Against the closed forms and series between located events; where a motion is unstable the two may part."""
     draw, apart = np.random.default_rng(2), 0
-    for _ in range(25):
+    for _ in range(15):
         keys = {**anywhere(draw), "friction.smoothing": 1e11}
         keys["converter.coupling"] *= keys["friction.decay"] > 0.0  # Without a falling law each pair takes two kernels.
         system = replace(System(), keys)

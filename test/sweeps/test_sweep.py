@@ -66,7 +66,8 @@ def test_up_and_down_find_the_two_motions_that_coexist() -> None:
     assert high["max_slip_speed"] > 1.1 * low["max_slip_speed"]
     # SciPy agrees on both, from the final state that the sweep gives.
     for record in (low, high):
-        smooth = replace(system(0.36), {KINETIC: 0.86 * 0.3, "friction.law": "smoothed", "friction.smoothing": 500.0})
+        smooth = replace(system(0.36), {KINETIC: 0.86 * 0.3, "friction.law": "smoothed", "friction.smoothing": 500.0,
+                                        "pressure.amplitude": 1.0})
         checked = summarise(solve(smooth, cycles=12, solver="lsoda", rtol=1e-6, state=State(*record["final"])), 8)
         assert checked.max_slip_speed == pytest.approx(record["max_slip_speed"], rel=0.03)
 
