@@ -238,5 +238,5 @@ def broken_rules(path: Path) -> Iterator[str]:
 
 def test_tests_enter_from_outside() -> None:
     """A test imports no private name of the package and replaces none of its functions."""
-    files = sorted((ROOT / "test").rglob("*.py"))
+    files = [path for path in sorted((ROOT / "test").rglob("*.py")) if re.search(r"\b_[a-z]|setattr", path.read_text())]
     assert [line for path in files for line in broken_rules(path)] == []

@@ -28,7 +28,7 @@ def digest(*values):
 for name, changes in (("fig02", {}), ("chaos", {"friction.law": "set_valued"}), ("fresh_fluid", {}), ("tip_in", {})):
     run = solve(load_scene(name).with_values(changes), cycles=20)
     print(name, digest(run.t, run.slip_speed, run.plate_angle))
-v = [5.0 * k for k in range(20)]
+v = [5.0 * k for k in range(8)]
 curve = fit_curve(tuple(v), tuple(0.13 - 0.03 * x / (x + 3.0) for x in v))
 print(digest(curve.constant, curve.amplitudes, curve.rates, curve.error, curve.error_between))
 """
