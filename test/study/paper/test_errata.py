@@ -42,7 +42,7 @@ def least_slip(speed: float) -> float:
         plate = (300.0 - 0.6 * y[2] - 3000.0 * y[1]) / 0.02
         return [250.0 * math.sin(150.0 * t) / 0.2 - plate, y[2], plate]
 
-    run = solve_ivp(rates, (0.0, 1.0), [speed, 0.0, 0.0], rtol=1e-10, atol=1e-12, t_eval=np.linspace(0.0, 1.0, 200_001))
+    run = solve_ivp(rates, (0.0, 1.0), [speed, 0.0, 0.0], rtol=1e-7, atol=1e-9, t_eval=np.linspace(0.0, 1.0, 20_001))
     return float(run.y[0].min())
 
 
@@ -121,7 +121,7 @@ def test_period_two_begins_where_the_page_says() -> None:
     """Of Fig. 6 from (13): the highest mu_k/mu_s depends on the engine speed."""
     (speeds,) = ERRATA["speeds"].values()
     for speed in (0, 200):
-        ratios, evidence = np.round(np.arange(speeds[speed], 0.9401, 0.005), 6), Evidence(1e-9)
+        ratios, evidence = np.round(np.arange(speeds[speed], 0.9401, 0.01), 6), Evidence(1e-9)
         row = {FREQUENCY: 0.36 * OMEGA_N, "initial.slip_speed": float(speed)}
         two = evidence.periods(evidence.curves([row], ratios, over=KINETIC)[0]) == 2
         assert two.tolist() == [True] + [False] * (len(ratios) - 1)
