@@ -74,7 +74,8 @@ def parts_of(path: Path) -> Parts:
     if not path.is_dir():
         return Parts([path])
     try:
-        inside = sorted(path.iterdir(), key=_natural)
+        inside = sorted(path.iterdir(), key=lambda each: [  # Numbers in names count as numbers.
+            (text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d{0,18})", each.name)])
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
     names, note = listed(path)
@@ -139,11 +140,6 @@ def _information(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):
         pass
     return {}
-
-
-def _natural(path: Path) -> list[tuple[str, int]]:
-    """Return a key that sorts names with their numbers in numerical order."""
-    return [(text, int(digits or 0)) for text, digits in re.findall(r"(\D*)(\d{0,18})", path.name)]
 
 
 def listed(folder: Path) -> tuple[list[str] | None, str]:
