@@ -235,7 +235,7 @@ def laid_out(names, frame=None, flywheel="flywheel", clutch_plate="clutch_plate"
 
 
 FINGER = joint_state(123, ["finger"], [[0.0], [0.0], [0.0]])
-OLD = [f"run_{number}.mcap" for number in range(11)]
+OLD, UNSORTED = [f"run_{number}.mcap" for number in range(11)], ["z.mcap", "a.mcap", "m.mcap"]
 NEW = [f"{number}_run_2026_11_27-10_{58 - 5 * number:02d}_{50 - number}.mcap" for number in range(11)]
 
 
@@ -438,6 +438,7 @@ WAYS = {
     "no_times": by(lambda source: with_messages(source, lambda m: m._replace(log=0, sent=0))),
     # Parts.
     "parts": in_parts(OLD),
+    "parts_by_rosbag2": in_parts(UNSORTED, lambda folder: listing(folder, UNSORTED), as_rosbag2),
     "parts_after_the_clock_was_set_back": in_parts(OLD, change=set_back),
     "parts_named_counter_first": in_parts(NEW, lambda folder: listing(folder, NEW)),
     "parts_named_counter_first_without_listing": in_parts(NEW),
@@ -471,7 +472,8 @@ UNCHECKED, UNKNOWN = ({"warnings"}, "some messages have no checksum"), "recorded
 FORGOTTEN = {"drivelines", "warnings"}, "not read: /joint_states of publisher 3"
 DIFFERS = {
     "outside_chunks": UNCHECKED, "no_checksums": UNCHECKED, "image_outside_chunks": UNCHECKED,
-    "no_publisher": ({"drivelines"}, ""), "by_rosbag2": ({"drivelines", "warnings"}, UNKNOWN),
+    "no_publisher": ({"drivelines"}, ""),
+    **dict.fromkeys(("by_rosbag2", "parts_by_rosbag2"), ({"drivelines", "warnings"}, UNKNOWN)),
     "no_times": ({"real_time_factor", "warnings"}, ""),
     "parts_after_the_clock_was_set_back": ({"real_time_factor", "warnings"}, "times of receipt went back by 2.0000"),
     "part_not_listed": ({"warnings"}, "left out: metadata.yaml does not list copy_7.mcap"),

@@ -89,8 +89,9 @@ def test_a_recording_of_version_1_0_is_read_with_what_it_knows(tmp_path, origina
     assert result["verified"] is False
 
 
-OLD_WAYS = ("no_publisher", "by_rosbag2", "parts", "parts_after_the_clock_was_set_back", "no_times", "frames",
-            "forgotten_driveline", "forgotten_driveline_received_later", "forgotten_driveline_without_pressure")
+OLD_WAYS = ("no_publisher", "by_rosbag2", "parts", "parts_by_rosbag2", "parts_after_the_clock_was_set_back",
+            "no_times", "frames", "forgotten_driveline", "forgotten_driveline_received_later",
+            "forgotten_driveline_without_pressure")
 ONLY_OLD = set(OLD_WAYS[3:])
 """Ways whose frames or publishers tell runs apart, which a run's name does otherwise."""
 
