@@ -34,9 +34,9 @@ def rows():
     return result, said
 
 
-@pytest.fixture
-def recorded(tmp_path, rows):
-    return bag(tmp_path / "run", rows[0], FIG02, said=rows[1])
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory, rows):
+    return bag(tmp_path_factory.mktemp("recorded") / "run", rows[0], FIG02, said=rows[1])
 
 
 @pytest.mark.parametrize("absent", [(5,), (6,), (5, 6)], ids=["engine torque", "friction torque", "both"])
@@ -109,11 +109,11 @@ def test_commands_are_columns(tmp_path):
 
 def test_cycles_of_a_commanded_torque_are_its_own_in_every_window(tmp_path):
     scene = load_scene("commands").with_values({"engine.frequency": 99.0})
-    path = bag(tmp_path / "run", ticked(scene, 2000, torque=lambda k: 300.0 + 250.0 * math.sin(0.15 * k),
+    path = bag(tmp_path / "run", ticked(scene, 1600, torque=lambda k: 300.0 + 250.0 * math.sin(0.15 * k),
                                         pressure=lambda k: 260e3), scene)
     run = tcc_sim.read(path).trajectory(0, 0.5, 1.5)
     assert np.diff(run.cycles.starts) == pytest.approx(2.0 * math.pi / 150.0, rel=1e-5)
-    constant = bag(tmp_path / "constant", ticked(scene, 1000, torque=lambda k: 300.0, pressure=lambda k: 260e3), scene)
+    constant = bag(tmp_path / "constant", ticked(scene, 400, torque=lambda k: 300.0, pressure=lambda k: 260e3), scene)
     assert len(tcc_sim.read(constant).trajectory().cycles) == 0
 
 

@@ -76,12 +76,12 @@ def test_resets_restarts_and_parameters_begin_segments(tmp_path):
 
 def test_a_scene_that_a_restart_brings_counts_from_there_on(tmp_path):
     other = SLIP.with_values({"engine.frequency": 100.0})
-    rows = [*steady(2.0, 150.0), *steady(2.0, 120.0, omega=100.0)]
-    path = bag(tmp_path / "run", rows, SLIP, said=[(2001, other.text())], publishers=[(0, "a1"), (2001, "b2")],
+    rows = [*steady(1.2, 150.0), *steady(1.2, 120.0, omega=100.0)]
+    path = bag(tmp_path / "run", rows, SLIP, said=[(1201, other.text())], publishers=[(0, "a1"), (1201, "b2")],
                named=True)
     first, second = replay(path, discard=2).as_json()["segments"]
     assert (second["began_by"], second["changes"]) == ("restart", {"engine.frequency": 100.0})
-    assert (first["period"], second["period"], second["cycles"]) == (1, 1, 31)
+    assert (first["period"], second["period"], second["cycles"]) == (1, 1, 19)
     assert second["max_slip_speed"] == pytest.approx(120.0 + 2.0 * 250.0 / 20.0, rel=1e-5)
     assert [read(path).trajectory(n).system.engine.frequency for n in (0, 1)] == [150.0, 100.0]
 
@@ -93,11 +93,11 @@ def test_the_whole_of_a_run_that_changed_has_the_sums_of_its_segments(changes, t
     """In a recording, its trajectory and a closed loop; the tick between two segments, in stick here, is in no segment.
     """
     said, scene = [], load_scene("fig02").with_values({"converter.coupling": 0.5})
-    path = bag(tmp_path / "run", ticked(scene, 3001, changes=[(1400, changes, False)], said=said), scene, said=said)
+    path = bag(tmp_path / "run", ticked(scene, 2001, changes=[(1400, changes, False)], said=said), scene, said=said)
     result, read_back = replay(path, discard=0), read(path).trajectory()
-    looped = tcc_sim.closed_loop(scene, lambda reading: None, 3.0, at={1.399: changes})
+    looped = tcc_sim.closed_loop(scene, lambda reading: None, 2.0, at={1.399: changes})
     slip, parts = read_back.slip_speed, [segment.summary for segment in result.segments]
-    coupling = np.where(np.arange(3001) < 1400, 0.5, scene.with_values(changes).value("converter.coupling"))
+    coupling = np.where(np.arange(2001) < 1400, 0.5, scene.with_values(changes).value("converter.coupling"))
     heat = 5e-4 * np.sum(coupling[1:] * (slip[1:] ** 2 + slip[:-1] ** 2))
     for whole in (result.summary, summarise(looped, 0)):
         assert whole.coupling_energy == pytest.approx(heat, rel=1e-3)
@@ -130,14 +130,14 @@ def test_single_lost_states_are_lost_seconds_of_a_judged_loop(tmp_path):
 
 
 def test_a_fallback_and_the_return_of_commands_begin_segments(tmp_path):
-    """Commands from 0.5 s on, none from 2 to 3 s, and none in two ticks at 4 s, which is less than a cycle."""
+    """Commands from 0.3 s on, none from 1 to 1.6 s, and none in two ticks at 2.4 s, which is less than a cycle."""
     sources, scene = [], load_scene("controlled")
-    rows = ticked(scene, 5000, torque=lambda k: 200.0, sources=sources, pressure=lambda k: None if (
-        k < 500 or 2000 <= k < 3000 or k in (4000, 4001)) else 93e3)
+    rows = ticked(scene, 3000, torque=lambda k: 200.0, sources=sources, pressure=lambda k: None if (
+        k < 300 or 1000 <= k < 1600 or k in (2400, 2401)) else 93e3)
     result = replay(bag(tmp_path / "run", rows, scene, sources=sources, targets=[(0, 20.0)]))
     assert [(s.began_by, s.start) for s in result.segments] == [
-        ("start", 0.0), ("controller", pytest.approx(0.5, abs=2e-3)), ("fallback", pytest.approx(2.0, abs=2e-3)),
-        ("controller", pytest.approx(3.0, abs=2e-3))]
+        ("start", 0.0), ("controller", pytest.approx(0.3, abs=2e-3)), ("fallback", pytest.approx(1.0, abs=2e-3)),
+        ("controller", pytest.approx(1.6, abs=2e-3))]
     assert all(s.tracking is not None and s.tracking.seconds < 2.1 for s in result.segments)
     # `held` states a new command every 100 ticks.
     assert result.as_json()["command_age"] == pytest.approx(
