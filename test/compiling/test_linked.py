@@ -91,9 +91,9 @@ def digest_of(matrix, record, pair, flag, nothing):
 MATRIX = np.arange(12.0).reshape(3, 4)
 
 
-@pytest.mark.parametrize("matrix", [MATRIX, np.asfortranarray(MATRIX), MATRIX[:, ::2], MATRIX[::-1], MATRIX[1:2]],
-                         ids=["rows", "columns", "steps", "backwards", "one"])
-@pytest.mark.parametrize("writable", [True, False])
+@pytest.mark.parametrize(("matrix", "writable"), [
+    (MATRIX, True), (MATRIX, False), (np.asfortranarray(MATRIX), False), (MATRIX[:, ::2], True), (MATRIX[::-1], False),
+    (MATRIX[1:2], True)], ids=["rows", "read_only", "columns", "steps", "backwards", "one"])
 def test_arguments_of_every_kind_arrive_as_they_are(matrix, writable):
     matrix = matrix.view() if writable else matrix.copy(order="K")
     matrix.setflags(write=writable)
