@@ -171,7 +171,7 @@ def test_what_has_no_period_lies_on_no_branch() -> None:
 
 
 def test_the_doublings_of_the_logistic_map_are_one_branch_each() -> None:
-    seen = swept(logistic, np.linspace(2.5, 3.5, 41), 0.3, cycles=3000, period_of=period)
+    seen = swept(logistic, np.linspace(2.5, 3.5, 21), 0.3, cycles=2000, period_of=period)
     branches = surveyed(logistic, seen, 2.5, 3.5)
     assert [b.period for b in branches] == [1, 2, 4]
     values = [f.value for b in branches for f in b.bifurcations]

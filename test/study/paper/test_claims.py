@@ -92,7 +92,7 @@ def test_creep_and_slip_of_stick_and_of_positive_trend(cheap: dict[str, Finding]
     ("smoothing_is_uncertain", CONFIRMED, [1, 36.297, 1, None, 2, 63.657, 2, 63.742]),
     ("series_balance", NOT_CONFIRMED, [None, None, 300.0, None] * 4), ("balance_unsuitable", NOT_CONFIRMED, []),
     ("discontinuous_is_slow", NOT_CONFIRMED, [False]), ("classical_differs", DEPENDS, []),
-    ("delay", CONFIRMED, [1.0, None, None, 0.0]), ("section_varies_less", NOT_CONFIRMED, [])])
+    ("delay", CONFIRMED, [1.0, None, None, 0.0])])
 def test_a_claim_has_the_numbers_of_the_text_or_of_an_independent_program(
         name: str, verdict: str, numbers: list[Any], evidence: Evidence) -> None:
     """Periods by (35), motions of Figs. 2 and 7 by SciPy, the mean torque that balances Tm, the halves of Fig. 9."""
