@@ -51,7 +51,7 @@ OPTIONS = {
         *beside(["--set pressure.mean=2e5", "--cycles 9", "--direction up", "--duration 0.3"],
                 "--over engine.frequency=140:150:2"),
         *beside(["--orders 120", *SOLVED, "--units rpm"],
-                "--over engine.frequency=140:150:2"),
+                "--over engine.frequency=140:150:1"),
         *beside(["--samples 3", "--seed 2", "--quantiles 0.3", "--every-sample"],
                 "--scatter pressure.mean=22e4:26e4 --samples 2")],
     "linearise slip --frequencies 10:20:2": [
