@@ -75,7 +75,6 @@ class Prepared:
     shaped : the same, or whether a_1 or sigma does
     period, count : engine cycle, s; columns of the derivatives
     fastest : see `engine.Tangent`
-    laid : buffers, number of segments, whether they follow each other, and the call of the compiled loop with these
     """
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
@@ -101,7 +100,6 @@ class Prepared:
         self.later = curve and bool(self.changes[of.EXCESSES + of.DECAYS].any())
         self.shaped = self.later or bool(self.changes[[of.DECAY, of.SMOOTHING]].any())
         self.setup = self.engine.setup_of_changes(system, terms, self.changes, rtol)
-        self.laid: tuple[SegmentBuffers | None, int, bool, Call | None] = None, 0, False, None
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """Map a state at the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
@@ -165,12 +163,7 @@ class Prepared:
             buffers.segments[k] = (first, last - first, (start - first) * period, (end - last) * period,
                                    engine.steps_of_changes(setup, last - first + 1), states[0 if follow else k],
                                    shell.DONE, 0, 0, 0.0)
-        before, *sizes, call = self.laid
-        if call is None or before is not buffers or sizes != [count, follow]:
-            call = Call(engine.segments, 0, "")
-            call.use(buffers, count, follow, setup)
-            self.laid = buffers, count, follow, call
-        call()
+        engine.segments(buffers, count, follow, setup)
         for k, status in enumerate(buffers.segments["status"][:count].tolist()):
             if status != shell.DONE:
                 why = engine.why(status, int(buffers.segments["steps"][k]), setup) or shell.STATUSES[status].value
