@@ -153,7 +153,7 @@ def curve_of(of: TextbookMap, known: Known, sign: float = 1.0, sizes: np.ndarray
 
 @pytest.mark.parametrize(("name", "how"), [
     *((name, ("plain", "mirrored, sized")[k % 2]) for k, name in enumerate(KNOWN)),
-    ("cusp", "mirrored, sized"), ("ring", "mirrored, sized")])
+    ("folds of doubled motions", "mirrored, sized")])
 def test_a_curve_is_the_one_of_the_textbook(name: str, how: str) -> None:
     known = KNOWN[name]
     dimension, sign = len(known.guess), 1.0 if how == "plain" else -1.0

@@ -107,18 +107,18 @@ def test_the_law_of_fig_3_by_hand(tmp_path: Path, pictures: list[Any]) -> None:
 
 
 def test_the_curves_of_a_map_are_those_of_a_solve_by_scipy(tmp_path: Path, pictures: list[Any]) -> None:
-    """Fig. 13 at two frequencies, beside cycles 50 to 65 from (13)."""
+    """Fig. 13 at a frequency, beside cycles 50 to 65 from (13)."""
     data = written(13, tmp_path)
     assert (data["axis"], data["x"][0], data["x"][-1]) == ("omega/omega_n", 0.05, 0.5)
     assert [c["label"] for c in data["curves"]] == [s.label for s in FIGURES[13].series]
     assert (data["cycles"], data["discarded"]) == (100, 50)
-    for curve, k in ((data["curves"][0], 20), (data["curves"][3], 30)):
-        values = {**FIGURES[13].series[data["curves"].index(curve)].values, "engine.frequency": data["x"][k] * OMEGA_N}
-        states = smoothed_states(paper_system(values), [150.0, 0.0, 0.0, 0.0], 65, 200, rtol=1e-6)
-        assert curve["max_slip_speed"][k] == pytest.approx(np.abs(states[50 * 200:, 0]).max(), rel=2e-3)
-        assert curve["min_slip_speed"][k] == pytest.approx(states[50 * 200:, 0].min(), abs=0.05)
-        section = states[-1, 1]
-        assert min(abs(section - x) for x in curve["theta2"][k]) < 1e-4
+    curve, k = data["curves"][3], 30
+    values = {**FIGURES[13].series[3].values, "engine.frequency": data["x"][k] * OMEGA_N}
+    states = smoothed_states(paper_system(values), [150.0, 0.0, 0.0, 0.0], 65, 200, rtol=1e-6)
+    assert curve["max_slip_speed"][k] == pytest.approx(np.abs(states[50 * 200:, 0]).max(), rel=2e-3)
+    assert curve["min_slip_speed"][k] == pytest.approx(states[50 * 200:, 0].min(), abs=0.05)
+    section = states[-1, 1]
+    assert min(abs(section - x) for x in curve["theta2"][k]) < 1e-4
     for curve in data["curves"]:
         settled = [m if s else None for m, s in zip(curve["max_slip_speed"], curve["settled"])]
         assert shows(pictures[0], data["x"], np.array(settled, float))
@@ -126,7 +126,7 @@ def test_the_curves_of_a_map_are_those_of_a_solve_by_scipy(tmp_path: Path, pictu
 
 
 @pytest.mark.parametrize(("number", "span", "count", "options"), [
-    (5, (0.08, 0.30), 12, FigureOptions(jobs=1)), (6, (0.55, 1.0), 12, FigureOptions(
+    (5, (0.08, 0.30), 7, FigureOptions(jobs=1)), (6, (0.55, 1.0), 12, FigureOptions(
         quick=True, direction="down", law="set_valued", jobs=1)),
     (14, (0.3, 0.4), 9, FigureOptions(law="set_valued", jobs=1, branches=True))])
 def test_every_kind_of_sweep_is_computed_and_drawn(number: int, span: tuple[float, float], count: int,

@@ -24,7 +24,7 @@ def rates(system, t, y):
             y[2], plate]
 
 
-@pytest.mark.parametrize(("ratio", "phase", "period"), [(1.0, 0.0, 1), (0.5, 0.0, 2), (0.5, 1.0, 2)])
+@pytest.mark.parametrize(("ratio", "phase", "period"), [(1.0, 0.0, 1), (0.5, 1.0, 2)])
 def test_the_corrected_series_is_the_motion(ratio, phase, period):
     system = replace(BASE, {"pressure.frequency_ratio": ratio, "pressure.phase": phase})
     result = harmonic_balance(system, period, 80)
