@@ -149,7 +149,7 @@ def save(path, source, *, metadata=True, start=None, end=None, of_package=True, 
     """Write a file by the mcap package; `start(writer, file)` and `end(writer, file)` add records of their own."""
     path.parent.mkdir(parents=True, exist_ok=True)
     options.setdefault("compression", CompressionType.ZSTD)
-    options.setdefault("chunk_size", 10_000)
+    options.setdefault("chunk_size", 40_000)
     with path.open("wb") as file:
         writer = Writer(file, **options)
         writer.start(profile="ros2", library="other")

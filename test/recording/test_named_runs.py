@@ -11,7 +11,6 @@ import random
 import struct
 from collections.abc import Callable
 from functools import cache
-from itertools import cycle
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -152,20 +151,17 @@ NAMES = {"joint_states": "/robot/states", "applied_pressure": "/actuation", "act
          "engine_torque": "/motor", "held": "/h", "scene": "/what"}
 WAYS: dict[str, Callable[[Path, list[Sent]], Path]] = {
     "shuffled": lambda folder, all_: save(folder, shuffled(all_)),
-    "backwards": lambda folder, all_: save(folder, all_[::-1]),
     "by topic": lambda folder, all_: save(folder, sorted(all_, key=lambda one: one.name)),
     "two recorders": lambda folder, all_: save(folder, [one for one in all_ for _ in range(2)]),
     "a recorder after the other": lambda folder, all_: save(folder, all_ + all_),
     "late by one": lambda folder, all_: save(folder, late_by_one(all_)),
     "no times": lambda folder, all_: save(folder, all_, log=lambda one, k: 0),
-    "log times random": lambda folder, all_: save(folder, all_, log=lambda one, k: START + 7919 * k % 10**9),
     "clock set back": lambda folder, all_: save(folder, [
         one._replace(sent=one.sent - (one.sent > START + 250 * TICK) * 3600 * 10**9) for one in all_]),
     "no publisher": lambda folder, all_: save(folder, [one._replace(number=0) for one in all_], publisher=""),
     "remapped": lambda folder, all_: save(folder, all_, topic=NAMES.__getitem__),
     "namespace": lambda folder, all_: save(folder, all_, topic="/left/{}".format, row=False),
-    "parts shuffled": lambda folder, all_: save(folder, shuffled(all_), parts=4),
-    "parts backwards": lambda folder, all_: save(folder, all_[::-1], parts=4),
+    "parts shuffled": lambda folder, all_: save(folder, shuffled(all_), parts=3),
 }
 DIFFER = {"warnings", "drivelines", "real_time_factor", "elapsed_s", "command", "version", "messages", "topic",
           "title"}
@@ -293,9 +289,9 @@ def test_figures_are_sums_over_the_states_that_are_left(original: list[Sent], ex
     assert result["verified"] is lossless
 
 
-@pytest.mark.parametrize(("way", "left"), [*((way, "all") for way in WAYS), *zip(
-    ("shuffled", "two recorders", "no times", "no publisher", "parts shuffled"),
-    cycle(["without 2 %", "a part alone"]))])
+@pytest.mark.parametrize(("way", "left"), [
+    *((way, "all") for way in WAYS), ("two recorders", "without 2 %"), ("no times", "a part alone"),
+    ("parts shuffled", "without 2 %")])
 def test_a_recording_written_again_has_the_same_figures(tmp_path: Path, original: list[Sent],
                                                         expected: Callable[[str], Any], way: str, left: str) -> None:
     result, before = figures(WAYS[way](tmp_path / "again", LEFT[left](original))), expected(left)
