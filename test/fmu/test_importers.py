@@ -114,7 +114,7 @@ def test_libcosim_runs_it_to_the_same_bits(capfd: pytest.CaptureFixture[str]) ->
 
 @needs_compiler
 @pytest.mark.parametrize(("name", "standard", "declared", "version"), [
-    ("fig02", "c99", True, 2), ("controlled", "gnu17", True, 3), ("commands", "c99", False, 3)])
+    ("controlled", "c99", True, 2), ("commands", "gnu17", False, 3)])
 def test_it_compiles_without_a_warning_as_the_standard_declares_it_and_may_be_linked_beside_others(
         name: str, standard: str, declared: bool, version: int, tmp_path: Path) -> None:
     sources, built = unpacked_sources(name, version, tmp_path), str(tmp_path / "a.o")
