@@ -224,8 +224,7 @@ def test_margins_without_a_torque_or_a_load_that_varies():
 
 def test_limits_of_stick_exist_where_stick_begins_or_ends():
     """The mean and the amplitude times a gain are 540 N m there; the gain is 1 at low frequency and 0.09 at high."""
-    for amplitude, mean, count in ((150.0, 300.0, 2), (250.0, 300.0, 1), (150.0, -300.0, 2), (150.0, 540.0, 0),
-                                   (150.0, 600.0, 0)):
+    for amplitude, mean, count in ((150.0, -300.0, 2), (250.0, 300.0, 1), (150.0, 540.0, 0)):
         system = system_of(**{"engine.torque_amplitude": amplitude, "engine.mean_torque": mean})
         closed, limits = closed_forms.constant_load_limits(system), closed_forms.stick_limits(system, 5.0, 2000.0, 16)
         assert len(closed) == count
