@@ -280,8 +280,7 @@ def _walk(data: bytes, start: int, end: int, rows: array[int], others: list[tupl
 
 
 def windows_of(data: bytes | NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
-    """Return every `size` consecutive bytes as a view, (n - size + 1, size), at once: NumPy's own function takes long.
-    """
+    """Return every `size` consecutive bytes as a view, (n - size + 1, size); NumPy's own function takes long."""
     out: NDArray[np.uint8] = np.ndarray((len(data) - size + 1, size), np.uint8, data, strides=(1, 1))
     return out
 

@@ -25,8 +25,7 @@ HEAD = 200
 LONGEST_LINE = 1 << 16
 _START = 1 << 16
 """Bytes that show the encoding."""
-_CONTROLS = bytes([*range(9), *range(14, 32)])
-"""Bytes that no text has."""
+_CONTROLS = bytes([*range(9), *range(14, 32)])  # No text has these bytes.
 _LARGE = 1 << 20
 """Bytes from which the import of pyarrow takes less time than it saves."""
 _ARROW = {"utf-8-sig": "utf8", "utf-8": "utf8", "cp1252": "utf8"}

@@ -87,11 +87,10 @@ def motions():
     """Clean tables of many kinds of motion, sampled in many ways: at every rate each second way to write numbers."""
     random, out = np.random.default_rng(4), []
     ways = ((0.0, None), (1e-3, None), (1e-2, None), (0.0, 3), (0.0, 4), (1e-3, 4), (3e-2, 3), (0.0, 5), (5e-3, 2))
-    motions_of = [
-        ("fig02", {}), ("chaos", {}), ("stick", {}), ("slip", {}), ("tip_in", {}), ("runup", {}), ("apply", {}),
-        ("fig02", {"friction.law": "set_valued"}), ("chaos", {"friction.law": "set_valued"}),
-        ("fig02", {"engine.frequency": 90.0}), ("fig02", {"engine.torque_amplitude": 400.0}), ("controlled", {})]
-    for number, (scene, changes) in enumerate(motions_of):
+    of = [*((name, {}) for name in ("fig02", "chaos", "stick", "slip", "tip_in", "runup", "apply")),
+          ("fig02", {"friction.law": "set_valued"}), ("chaos", {"friction.law": "set_valued"}),
+          ("fig02", {"engine.frequency": 90.0}), ("fig02", {"engine.torque_amplitude": 400.0}), ("controlled", {})]
+    for number, (scene, changes) in enumerate(of):
         system = load_scene(scene).with_values(changes)
         run = solve(system, duration=1.5, samples_per_cycle=200)
         for k, rate in enumerate((500.0, 1000.0, 2000.0, 5000.0)):
