@@ -82,7 +82,8 @@ def test_the_doubling_of_period_one(law: str, doubled: dict[str, Motions]) -> No
     assert result.branches[0].points[0].orbit.stable != result.branches[0].points[-1].orbit.stable
 
 
-def test_a_canard_ends_a_branch_with_a_sentence() -> None:
+def a_canard_ends_a_branch_with_a_sentence() -> None:
+    """Check the branch of period two down to its canard; a test calls this in a process of its own."""
     result = continue_motions(coexistence("smoothed", 0.85), ContinuationPlan(MU_K, 0.18, 0.297, period=2))
     (branch,) = result.branches
     assert any(end.reason is StopReason.CANARD and "1e+10" in str(end) for end in branch.ended)
@@ -98,9 +99,9 @@ def test_a_canard_ends_a_branch_with_a_sentence() -> None:
     assert min(s.value for s in branch.points[-3:]) / 0.3 == pytest.approx(by_auto.DOUBLING, abs=1e-7)
 
 
-def test_rounding_lets_no_branch_pass_the_doubling_at_its_end() -> None:
+def test_a_canard_ends_a_branch_and_rounding_lets_none_pass_the_doubling_at_its_end() -> None:
     """These kernels of OpenBLAS round so that the determinant changes its sign beside the doubling."""
-    code = "import test_driveline_map as here; here.test_a_canard_ends_a_branch_with_a_sentence()"
+    code = "import test_driveline_map as here; here.a_canard_ends_a_branch_with_a_sentence()"
     ended = python("-c", code, OPENBLAS_CORETYPE="Sandybridge")
     assert ended.returncode == 0, ended.stderr
 

@@ -330,9 +330,6 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
          [[4, 2, 2, 6, 2, 6]]),
         (Given(period_at(lambda row, x: coprime(row) * (1 + 3 * (x > 0.4)))), NO)],
     "as_dual_excitation": [(Given(dual(1)), YES), (Given(dual(2)), NO, [[2, 4], [1, 2], [3, 6]])],
-    "slope_is_the_cause": [(Given(period_at(lambda row, x: 0 if ratio_of(row) < 1.0 else coprime(row))), YES),
-        (Given(period_at(lambda row, x: 0 if x > 0.6 * ratio_of(row) - 0.15 else coprime(row))), PART),
-        (Given(period_at(lambda row, x: 0 if x > 0.55 - 0.1 * ratio_of(row) else coprime(row))), NO)],
     **{name: [(Given(lowest("pressure.phase", 0.0)), YES),
               (Given(lowest("pressure.phase", 0.0, high=1.0, place=0.22)), PART),
               (Given(lowest("pressure.phase", 0.0, high=1.0, place=0.1)), NO)]
