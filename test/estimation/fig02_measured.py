@@ -11,13 +11,14 @@ from scipy.integrate import odeint
 from scipy.signal import lfilter
 
 from tcc_sim.estimation.measurement import Measurement
-from tcc_sim.estimation.multiple_shooting import Gates
+from tcc_sim.estimation.multiple_shooting import FitSettings, Gates
 from tcc_sim.scene import load_scene
 
 KEYS = {"friction.static_coefficient": 0.3, "friction.kinetic_coefficient": 0.24, "driveline.damping": 0.6,
         "driveline.stiffness": 3000.0, "driveline.plate_inertia": 0.02}
 FIG02 = load_scene("fig02")
 BEGAN, ONCE = 1.0, Gates(starts=1)
+QUICK = FitSettings(stages=(FitSettings().stages[2], FitSettings().stages[-1]))
 
 
 @cache

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fig02_measured import FIG02, ONCE, measured, moved
+from fig02_measured import FIG02, ONCE, QUICK, measured, moved
 
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import Identification, identify, judged
 from tcc_sim.estimation.measurement import Measurement
-from tcc_sim.estimation.multiple_shooting import EQUAL, Fit, FitSettings, Model
+from tcc_sim.estimation.multiple_shooting import EQUAL, Fit, Model
 from tcc_sim.scene import Scene
 
 STATIC, KINETIC, DAMPING = "friction.static_coefficient", "friction.kinetic_coefficient", "driveline.damping"
@@ -22,7 +22,6 @@ TORQUE, PRESSURE = "engine_torque.offset", "actuation_pressure.offset"
 KNOWN = {STATIC: (0.3, 3e-3), KINETIC: (0.24, 2.4e-3), DAMPING: (0.6, 0.03), TORQUE: (5.0, 4.0)}
 """Values and standard errors of keys that are fitted together."""
 T = np.arange(200) * 1e-3
-QUICK = FitSettings(stages=(FitSettings().stages[2], FitSettings().stages[-1]))
 YES, NO, BOUND, LEAST = "identified", "not identifiable", "at its bound", EQUAL
 
 

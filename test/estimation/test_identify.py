@@ -8,20 +8,18 @@ import numpy as np
 import pytest
 from documents import valid
 from driveline_bags import bag, ticked
-from fig02_measured import FIG02, KEYS, ONCE, measured, moved
+from fig02_measured import FIG02, KEYS, ONCE, QUICK, measured, moved
 
 from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.identify import given, identify
 from tcc_sim.estimation.measurement import Measurement, measurement_in
-from tcc_sim.estimation.multiple_shooting import INDEX, FitSettings, Gates
+from tcc_sim.estimation.multiple_shooting import INDEX, Gates
 from tcc_sim.output.samples import write_samples
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.tables.measured_table import table_in
-
-QUICK = FitSettings(stages=(FitSettings().stages[2], FitSettings().stages[-1]))
 
 
 def starts(seed: int) -> dict[str, float]:

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from fig02_measured import FIG02, ONCE, measured
+from fig02_measured import FIG02, ONCE, QUICK, measured
 from scipy.integrate import odeint
 
 from tcc_sim.estimation.identify import identify
@@ -17,7 +17,6 @@ from tcc_sim.estimation.multiple_shooting import FREE, OFFSETS, FitSettings
 from tcc_sim.model.parameters import values_of
 
 NOISE = {"slip_speed": 0.02, "plate_speed": 0.02}
-QUICK = FitSettings(stages=(FitSettings().stages[2], FitSettings().stages[-1]))
 SCENE = FIG02.with_values({"converter.coupling": 0.2})
 TRUE = {**dict(values_of(SCENE.system)), **dict.fromkeys(OFFSETS, 0.0)}
 NOTHING: dict[str, set[str]] = {"stuck": set(),

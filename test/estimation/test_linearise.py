@@ -15,7 +15,7 @@ from scipy.signal import StateSpace
 from tcc_sim import cli
 from tcc_sim.errors import InputError
 from tcc_sim.estimation.linearise import INPUTS, OUTPUTS, harmonic_transfer, linearise
-from tcc_sim.estimation.operating_point import SEGMENTS, mean_rows, operating_point, simpson
+from tcc_sim.estimation.operating_point import mean_rows, operating_point
 from tcc_sim.model.parameters import replace as changed
 from tcc_sim.scene import load_scene
 
@@ -196,11 +196,6 @@ def test_a_lag_and_a_delay_of_the_actuator_cost_the_phase_of_their_closed_form()
     torque = [linearise(scene, slip=20.0, frequencies=omegas, input="engine_torque").response
               for scene in (CONTROLLED, acted)]
     np.testing.assert_allclose(*torque, rtol=1e-12)
-
-
-def test_means_of_cubics_over_the_segments_of_a_cycle_are_exact() -> None:
-    ends = np.linspace(0.0, 1.0, SEGMENTS + 1)
-    assert simpson(SEGMENTS) @ ends**3 == pytest.approx(0.25, rel=1e-12)
 
 
 def test_outputs_balance_where_slip_ends_within_a_part() -> None:
