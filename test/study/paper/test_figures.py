@@ -182,6 +182,15 @@ def test_time_histories_are_those_of_scipy(number: int, words: tuple[str, ...], 
     labelled(pictures[0])
 
 
+@pytest.mark.usefixtures("pictures")
+def test_the_command_takes_law_direction_and_branches(tmp_path: Path) -> None:
+    data = written(6, tmp_path, "--law", "set_valued", "--direction", "down")
+    assert (data["law"], *(curve["direction"] for curve in data["curves"])) == ("set_valued", "down")
+    assert main(["figure", "12", "--quick", "--branches", "--out", str(tmp_path)]) == 0
+    panels = json.loads((tmp_path / "fig12.json").read_text())["panels"]
+    assert [panel["orbit"]["period"] for panel in panels] == [2, 3, 3]
+
+
 def test_figure_2_shows_where_each_law_settles(tmp_path: Path, laid_out: list[Any]) -> None:
     """From (13): the paper's smoothing in period one, a sharper one and the set-valued law in period two."""
     data = written(2, tmp_path)
