@@ -37,9 +37,8 @@ from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput, target_input
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.options import TEXT
-from tcc_sim.plant.closed_loop import doubt_of
-from tcc_sim.recording.announcements import holding_from
-from tcc_sim.recording.commands import LATE_SHARE
+from tcc_sim.plant.driveline import doubt_of
+from tcc_sim.recording.announcements import LATE_SHARE, holding_from
 from tcc_sim.scene import Scene
 from tcc_sim.topics import FAR_END, topic
 

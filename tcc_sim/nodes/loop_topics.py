@@ -31,8 +31,7 @@ from tcc_sim.nodes.middleware import (
     taker,
 )
 from tcc_sim.nodes.track import unsent_message
-from tcc_sim.plant.closed_loop import check_command, doubt_of
-from tcc_sim.plant.driveline import Reading
+from tcc_sim.plant.driveline import Reading, check_command, doubt_of
 from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import Operation, Scene
 from tcc_sim.topics import (

@@ -16,51 +16,22 @@ from tcc_sim.analysis.loop.control import Control, CycleMeans, Steps, joined_mea
 from tcc_sim.analysis.loop.tracking import Counts, Limits, Loop, Tracking, checked_limits, loop_of, target_steps
 from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.errors import InputError, counted
-from tcc_sim.model.parameters import QUANTITIES, System
+from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import Origin, phase_at, profile_of
-from tcc_sim.model.quantity import apart
-from tcc_sim.plant.driveline import Plant, Reading
+from tcc_sim.plant.driveline import Plant, Reading, check_command
 from tcc_sim.plant.sensors import Sensor, Sensors
 from tcc_sim.scene import SceneLike, as_scene, meaning_of
-from tcc_sim.topics import FAR_END, HELD_INPUTS, INPUTS, topic
+from tcc_sim.topics import FAR_END, INPUTS, topic
 from tcc_sim.trajectory import Floats, Trajectory, integral
 
 SAME = ("slip_speed", "plate_angle", "plate_speed", "engine_torque", "friction_torque", "flywheel_angle",
         "applied_pressure")
 """Names that fields of a Reading share with fields of a ControlledRun."""
-COMMAND_RANGES = {name: QUANTITIES[topic(name).key] for name in HELD_INPUTS}
-"""Unit and range of the commands by topic."""
 MOST_TICKS = 100_000_000
-SMALL_PRESSURE = 1000.0
-"""Pressure below which the user may have meant bar, Pa."""
 Answer = float | tuple[float | None, ...] | None
 """A pressure (Pa), or engine torque (N m) and pressure, or these two and the speed of the shaft's far end (rad/s); None
 leaves an input to the scene, and the far end still.
 """
-
-
-def check_command(name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> None:
-    """Raise InputError if the driveline must refuse a command.
-
-    name : topic of the input
-    value : commanded value, in the unit of the input
-    admit : function that raises InputError if a value within the range cannot be applied now
-    """
-    meant = COMMAND_RANGES[name]
-    if not meant.low <= value <= meant.high:
-        raise InputError(f"{name} command of {apart(value, meant.low, meant.high)} {meant.unit} refused; it must be "
-                         f"{meant.interval()}")
-    try:
-        admit(value)
-    except InputError as error:
-        raise InputError(f"{name} command of {value:g} {meant.unit} refused: {error}") from None
-
-
-def doubt_of(name: str, largest: float) -> str:
-    """Return a sentence if the largest command on a topic is plausible only in another unit; else empty."""
-    if name != INPUTS[1] or not 0.0 < abs(largest) < SMALL_PRESSURE:
-        return ""
-    return f"the largest {name} command is {largest:g} Pa; the unit is Pa: {largest:g} bar would be {largest * 1e5:g}"
 
 
 @dataclass(frozen=True, repr=False)

@@ -12,11 +12,13 @@ import numpy as np
 from tcc_sim.errors import InputError
 from tcc_sim.model.actuator import Actuator
 from tcc_sim.model.groups import Driveline, Pressure
-from tcc_sim.model.parameters import System
+from tcc_sim.model.parameters import QUANTITIES, System
 from tcc_sim.model.profile import START, Origin, along, phase_at, profile_of
+from tcc_sim.model.quantity import apart
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.fixed_step import Reached, Stepper
 from tcc_sim.solvers.terms import Terms, for_ticks, holding, stick_speed_of, substeps, terms_from, terms_of
+from tcc_sim.topics import HELD_INPUTS, INPUTS, topic
 
 SHARE = 0.5
 """Fraction of a tick's real time allowed for the sub-steps of commands and changes while running, by their cost at
@@ -25,6 +27,34 @@ needs more from the start may use up to the whole tick.
 """
 MEASURED, REPEATS = 200, 5
 """Sub-steps in one timing measurement, and number of measurements, of which the shortest counts."""
+COMMAND_RANGES = {name: QUANTITIES[topic(name).key] for name in HELD_INPUTS}
+"""Unit and range of the commands by topic."""
+SMALL_PRESSURE = 1000.0
+"""Pressure below which the user may have meant bar, Pa."""
+
+
+def check_command(name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> None:
+    """Raise InputError if the driveline must refuse a command.
+
+    name : topic of the input
+    value : commanded value, in the unit of the input
+    admit : function that raises InputError if a value within the range cannot be applied now
+    """
+    meant = COMMAND_RANGES[name]
+    if not meant.low <= value <= meant.high:
+        raise InputError(f"{name} command of {apart(value, meant.low, meant.high)} {meant.unit} refused; it must be "
+                         f"{meant.interval()}")
+    try:
+        admit(value)
+    except InputError as error:
+        raise InputError(f"{name} command of {value:g} {meant.unit} refused: {error}") from None
+
+
+def doubt_of(name: str, largest: float) -> str:
+    """Return a sentence if the largest command on a topic is plausible only in another unit; else empty."""
+    if name != INPUTS[1] or not 0.0 < abs(largest) < SMALL_PRESSURE:
+        return ""
+    return f"the largest {name} command is {largest:g} Pa; the unit is Pa: {largest:g} bar would be {largest * 1e5:g}"
 
 
 class Reading(NamedTuple):

@@ -20,6 +20,8 @@ MOST_SOURCES = 100_000
 """Largest number of input-source messages that are read from a recording."""
 MOST_SCENES = 10_000
 """Largest number of scenes that are read from a recording."""
+LATE_SHARE = 0.05
+"""Share of ticks more than a period late above which the driveline and `analyse` warn."""
 LONGEST = 4096
 _NUMBER = r"-?\d[\de.+-]{0,30}"
 _LINE = re.compile(rf"# (?:run (?P<run>{RUN}) of (?P<name>\S+), )?holds from stamp (?P<stamp>\d{{1,19}}) ns on"

@@ -26,8 +26,6 @@ SIGNALS = {**COMMANDS, SHAFT: FLOAT64}
 _DIGITS = 19
 _RUN = re.compile(RUN)
 DIAGNOSTICS = "/diagnostics"
-LATE_SHARE = 0.05
-"""Share of ticks more than a period late above which the driveline and `analyse` warn."""
 PACED = "paced ticks"
 COUNTED = ("missed ticks", "late ticks", PACED, *(f"{name} refused" for name in COMMANDS))
 """Keys of counts in the driveline's diagnostics."""

@@ -13,7 +13,7 @@ import numpy as np
 from tcc_sim.analysis.loop.tracking import Counts
 from tcc_sim.errors import counted
 from tcc_sim.messages import held
-from tcc_sim.plant.closed_loop import doubt_of
+from tcc_sim.plant.driveline import doubt_of
 from tcc_sim.recording.columns import Commanded, JointStates
 from tcc_sim.replay.timeline import Timeline
 from tcc_sim.result import reported, result_class

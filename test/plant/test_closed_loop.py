@@ -12,8 +12,7 @@ import pytest
 
 import tcc_sim
 from tcc_sim.errors import InputError
-from tcc_sim.plant.closed_loop import check_command, doubt_of
-from tcc_sim.plant.driveline import Reading
+from tcc_sim.plant.driveline import Reading, check_command, doubt_of
 from tcc_sim.solvers.fixed_step import Stepper
 
 
