@@ -86,7 +86,7 @@ def test_a_recorded_scene_comes_to_what_simulate_says(capsys, tmp_path):
 def test_a_recorded_manoeuvre_has_the_period_that_simulate_gives_it(capsys, tmp_path, words):
     """The excitation changes up to the end of a profile, whether or not the cycles change their length with it."""
     out = str(tmp_path / "run.mcap")
-    assert main(["simulate", *words, "--solver", "fixed_step", "--out", out, "--json", "-"]) == 0
+    assert main(["simulate", *words, "--out", out, "--json", "-"]) == 0
     solved = json.loads(capsys.readouterr().out)
     assert main(["analyse", out, "--json", "-"]) == 0
     recorded = json.loads(capsys.readouterr().out)
