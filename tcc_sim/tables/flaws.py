@@ -97,7 +97,8 @@ def far_off(values: Floats, name: str) -> Rows:
     """Return the values that are apart from all others by more than FAR times their range.
 
     They are single rows, or one number again and again, such as -9999 or 65535: a motion that leaps has values of its
-    own before and after. Beside a constant only the usual numbers for an absent value count.
+    own before and after. At the first and the last row it may leap too, and beside a constant: there only the usual
+    numbers for an absent value count.
     """
     out = np.zeros(len(values), dtype=np.bool_)
     for sign in (1.0, -1.0):
@@ -111,7 +112,8 @@ def far_off(values: Floats, name: str) -> Rows:
         if rest == 0.0:
             out |= far & np.isin(values, ABSENT)
         elif tail[at + 1] - tail[at] > FAR * rest and (
-                len(np.unique(values[far])) == 1 or not (far[1:] & far[:-1]).any()):
+                len(np.unique(values[far])) == 1 or not (far[1:] & far[:-1]).any()) and (
+                far[1:-1].any() or np.isin(values[far], ABSENT).all()):
             out |= far
     return out
 

@@ -72,6 +72,15 @@ def test_samples_that_are_held_are_used_once(rate):
     assert f"{4000 // every} samples of 4000 rows" in notes[0]
 
 
+@pytest.mark.parametrize("row", [0, -1])
+def test_a_slip_that_ends_in_the_first_row_or_begins_in_the_last_is_no_flaw(row):
+    """The clutch sticks, and creeps by at most 0.01 rad/s, in all other rows."""
+    stuck = 0.01 * np.sin(np.arange(4000) * 0.02)
+    for value, flaws in ((3.1, 0), (-40.0, 0), (-9999.0, 1), (65535.0, 1)):
+        found, _ = flawed("slip_speed", lambda x, value=value: np.where(np.arange(4000) == row % 4000, value, stuck))
+        assert np.count_nonzero(np.isnan(found["slip_speed"])) == flaws
+
+
 def test_a_clipped_signal_has_holes_at_its_peaks_and_a_coarse_one_is_named():
     for limit in (24.2, 24.7):
         found, notes = flawed("slip_speed", lambda x, limit=limit: np.minimum(x, limit))
