@@ -88,7 +88,7 @@ LONGEST = 3000.0
 """Phase of the natural frequency in a cycle, rad, above which values are not combined: a cycle would take too long."""
 RUN = ("cycles", "tick")
 """Keys of a case that are not scene keys: number of engine cycles, and step of fixed_step, s."""
-COUNT, QUICK_COUNT = 420, 8
+COUNT, QUICK_COUNT = 420, 16
 
 
 def extreme_cases(count: int, seed: int = 1) -> list[Keys]:
