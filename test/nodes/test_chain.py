@@ -7,9 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,7 +17,7 @@ from documents import valid
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from interpreter import environment, python, without_compiling
-from waiting import until
+from waiting import until_or_ended
 
 import tcc_sim
 from tcc_sim.cli import main
@@ -69,26 +67,20 @@ def test_demo_records_a_controller_of_the_users_in_lock_step_until_ctrl_c_analys
     scene = load_scene("controlled").with_values({"pacing": "lockstep", "real_time_factor": 0.0})
     Path("controlled.yaml").write_text(scene.text())
     made = tmp_path / "made"
-    ended = threading.Event()
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tcc_sim", "demo", "--controller", f"{sys.executable} own.py", "--scene",
+         "controlled.yaml", "--duration", "600", "--out", "made"], text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, env=environment())
 
     def enough() -> bool:
         with suppress(TccError):
-            return ended.is_set() or tcc_sim.read(made / "recording").runs[0].samples > 500
+            return tcc_sim.read(made / "recording").runs[0].samples > 500
         return False
 
-    def press() -> None:
-        until(enough)
-        if not ended.is_set():
-            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
-
-    with ThreadPoolExecutor(1) as thread:
-        pressed = thread.submit(press)
-        status = main(["demo", "--controller", f"{sys.executable} own.py", "--scene", "controlled.yaml", "--duration",
-                       "600", "--out", "made"])
-        ended.set()
-    pressed.result()
-    out, err = capsys.readouterr()
-    assert (status, without_compiling(err)) == (0, "")
+    until_or_ended(enough, process)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=300)
+    assert (process.returncode, without_compiling(err)) == (0, "")
     assert "controller: " in out
     assert "stopped early" in out
     assert sorted(p.name for p in made.iterdir()) == ["analysis.json", "overview.png", "recording", "run.rrd"]
