@@ -93,7 +93,12 @@ def laid_out(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 @pytest.fixture
-def pictures(laid_out: list[Any], monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The same without a layout, which takes longer than everything else: for tests of what is drawn, not of where."""
+def without_layout(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures without a layout, which takes longer than everything else: for tests of what is drawn, not of where."""
     monkeypatch.setattr("matplotlib.figure.Figure.get_layout_engine", lambda drawn: None)
+
+
+@pytest.fixture
+def pictures(laid_out: list[Any], without_layout: None) -> list[Any]:
+    """Every figure that is saved, neither laid out nor rendered."""
     return laid_out

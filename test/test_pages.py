@@ -15,11 +15,11 @@ from tcc_sim.views.plots import Picture
 NOTEBOOK = Path(__file__).resolve().parent.parent / ".github" / "guide" / "stick_slip.ipynb"
 
 
-def test_the_lecture_shows_what_the_paper_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_lecture_shows_what_the_paper_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, without_layout: None
+                                               ) -> None:
     """The motion of period two begins near 0.92 of the static coefficient (Sec. 5.1); energies of a period balance."""
     pytest.importorskip("matplotlib").use("Agg")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("matplotlib.figure.Figure.get_layout_engine", lambda drawn: None)  # It takes most of the time.
     names, shown = shown_by(NOTEBOOK)
     pictures = [value for value in shown if isinstance(value, Picture)]
     assert len(pictures) == 5

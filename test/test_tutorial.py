@@ -79,7 +79,7 @@ def test_a_line_agrees_by_words_and_numbers(printed: str, agreeing: bool) -> Non
 
 
 def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                    capsys: pytest.CaptureFixture[str]) -> None:
+                                                    capsys: pytest.CaptureFixture[str], without_layout: None) -> None:
     """Its demo starts the example controller, whose target and commands are recorded and judged."""
     for name in ("rclpy", "matplotlib", "rerun"):
         pytest.importorskip(name, reason=f"{name} is not installed")
@@ -90,7 +90,6 @@ def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch:
     for name in ("ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
         monkeypatch.delenv(name, raising=False)
     Path("paced.yaml").write_text(load_scene("controlled").with_values({"pacing": "lockstep"}).text())
-    monkeypatch.setattr("matplotlib.figure.Figure.get_layout_engine", lambda drawn: None)  # It takes most of the time.
     page = PAGE.read_text()
     for part, other in QUICKER.items():
         assert page.count(part) == 1
