@@ -109,10 +109,8 @@ def motions():
                 "slip_speed", "plate_speed", "plate_angle", "engine_torque")}
             per_pressure = system.system.torque_per_pressure
             columns["actuation_pressure"] = np.interp(t, run.t, run.saturation_torque) / per_pressure
-            for j, (noise, digits) in enumerate(ways):
+            for noise, digits in ways[(number + k) % 2::2]:
                 rows = {name: v + noise * np.std(v) * random.standard_normal(len(v)) for name, v in columns.items()}
-                if (number + k + j) % 2:
-                    continue
                 if digits is not None:
                     rows = {name: np.array((f"%.{digits}g " * len(v[:700]) % tuple(v[:700])).split(), np.float64)
                             for name, v in rows.items()}
