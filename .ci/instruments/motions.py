@@ -90,7 +90,7 @@ def _write(folder: Any, branches: Figure, result: Any, words: list[str]) -> None
     pictures = folder / "pictures"
     pictures.mkdir(parents=True)
     draw(branches, pictures / BRANCHES)
-    system = figure_system(6, FigureOptions())
+    system = figure_system(FIGURES[6], FigureOptions())
     write_json(folder / f"{BRANCHES}.json", document("figure", branches, system, words))
     plot(result, pictures / f"{BASINS}.png")
     write_json(folder / f"{BASINS}.json", document("basins", result, paper_system(AT_036_085), words))

@@ -95,9 +95,10 @@ def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figu
     from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, plain
     from tcc_sim.study.paper.figures import figure_data, figure_system
 
-    data = figure_data(FIGURES[number], options)
+    row = FIGURES[number]
+    data = figure_data(row, options)
     write_json(stem.with_suffix(".json"), document(
-        "figure", data, figure_system(number, options), arguments.words, arguments.title or ""))
+        "figure", data, figure_system(row, options), arguments.words, arguments.title or ""))
     drawn = draw(data, stem)
     say(f"{stem.with_suffix('.png')}  {data.seconds:.1f} s", flush=True)
     for curve in data.curves if data.kind in SWEPT else ():

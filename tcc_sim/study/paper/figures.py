@@ -24,7 +24,7 @@ from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.continuation.orbits import OrbitFigures
 from tcc_sim.study.paper import catalogue
 from tcc_sim.study.paper.branches_behind import JUMP, MotionsBehind, motions_behind, motions_behind_each, orbit_behind
-from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, FigureOptions, PaperFigure, paper_system, series_system
+from tcc_sim.study.paper.catalogue import SWEPT, FigureOptions, PaperFigure, paper_system, series_system
 from tcc_sim.study.paper.evidence import first_half, rms_apart, steep, swept
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.results import Point
@@ -162,15 +162,15 @@ def figure_data(row: PaperFigure, options: FigureOptions) -> Figure:
     began = time.perf_counter()
     varied = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
     varied |= {row.over} if row.kind in SWEPT else set()
-    common = {key: value for key, value in values_of(series_system(row.series[0], options)) if key not in varied}
+    common = {key: value for key, value in values_of(figure_system(row, options)) if key not in varied}
     return Figure(figure=row.number, kind=row.kind, title=row.title, caption=row.caption, law=options.law,
                   quick=options.quick, parameters=common, marks=row.marks, **KINDS[row.kind](row, options),
                   seconds=time.perf_counter() - began)
 
 
-def figure_system(number: int, options: FigureOptions) -> System:
+def figure_system(row: PaperFigure, options: FigureOptions) -> System:
     """Return the system of a figure's first curve, of which the other systems are changes."""
-    return series_system(FIGURES[number].series[0], options)
+    return series_system(row.series[0], options)
 
 
 def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
