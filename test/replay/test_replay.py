@@ -223,4 +223,4 @@ def test_a_commanded_run_up_is_followed_through_single_lost_states(tmp_path, run
     assert (result.summary.cycles, result.summary.broken) == (whole.summary.cycles, 0)
     assert result.summary.covers == pytest.approx(whole.summary.covers, abs=1e-3)
     assert result.summary.lost_seconds == pytest.approx(0.002 * 52, abs=0.005)
-    assert result.summary.clutch_energy == pytest.approx(whole.summary.clutch_energy * (1.0 - 2.0 / 47.0), rel=0.02)
+    assert result.summary.clutch_energy == pytest.approx(whole.summary.clutch_energy * (1.0 - 0.104 / 3.0), rel=0.005)
