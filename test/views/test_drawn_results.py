@@ -236,17 +236,6 @@ CASES: dict[str, tuple[Any, Callable[[Any], None]]] = {
     "twin": (TWIN, beside)}
 
 
-def drawn_by_its_numbers(name: str, width: str, folder: Path, saved: list[Any]) -> Any:
-    """Draw a result of CASES, and return the figure after checks of its points and of a quantity along every axis."""
-    result, numbers = CASES[name]
-    tcc_sim.plot(result, folder / "a.png", width, title="a title of a picture")
-    drawn, = saved
-    assert drawn.get_figwidth() == {"column": 3.5, "page": 7.2}[width]
-    numbers(drawn)
-    labelled(drawn)
-    return drawn
-
-
 LAID_OUT = {"sweep": "column", "grid": "page", "scatter": "column", "band": "page", "fit": "column",
             "unmeasured": "column", "spectrum": "column", "scene": "page", "branches": "column", "curves": "column",
             "plane": "column", "cells": "column", "fractions": "column", "twin": "page"}
@@ -254,16 +243,17 @@ LAID_OUT = {"sweep": "column", "grid": "page", "scatter": "column", "band": "pag
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("name", [name for name in CASES if name not in LAID_OUT])
-def test_a_result_is_drawn_by_its_numbers(name: str, pictures: list[Any], tmp_path: Path) -> None:
-    drawn_by_its_numbers(name, "page", tmp_path, pictures)
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(("name", "width"), LAID_OUT.items())
-def test_a_kind_of_panel_has_its_numbers_and_room(name: str, width: str, laid_out: list[Any], tmp_path: Path) -> None:
-    """With legends beside the data, and nothing cut off."""
-    check(drawn_by_its_numbers(name, width, tmp_path, laid_out))
+@pytest.mark.parametrize("name", CASES)
+def test_a_result_is_drawn_by_its_numbers(name: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    """With a quantity and its unit along every axis; if it is laid out, legends beside the data, and nothing cut off.
+    """
+    saved = request.getfixturevalue("laid_out" if name in LAID_OUT else "pictures")
+    (result, numbers), width = CASES[name], LAID_OUT.get(name, "page")
+    tcc_sim.plot(result, tmp_path / "a.png", width, title="a title of a picture")
+    drawn, = saved
+    assert drawn.get_figwidth() == {"column": 3.5, "page": 7.2}[width]
+    numbers(drawn)
+    (check if name in LAID_OUT else labelled)(drawn)
 
 
 @pytest.mark.parametrize("name", [*CASES, "run"])
@@ -277,7 +267,7 @@ def test_a_result_is_drawn_into_an_axis_alone(name: str) -> None:
     assert not second.has_data()
     assert {other.get_label() for other in drawn.axes} <= {"", "<colorbar>"}
     if axis.get_legend() is not None:
-        axis.get_xlim(), axis.get_ylim()
+        axis.get_xlim(), axis.get_ylim()  # They are worked out when they are asked for.
         assert covered(axis.get_legend()) == []
     assert "mine" in (axis.get_title(), axis.get_title(loc="left"))
 
