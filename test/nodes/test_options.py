@@ -109,13 +109,13 @@ def test_no_two_have_the_same_domain_until_it_is_given_back() -> None:
 def test_a_domain_with_a_participant_is_somebodys(family: socket.AddressFamily, address: str) -> None:
     """Every participant of a domain has bound a port of it."""
     claimed = Domain()
-    claimed.close()
-    one = [claimed.number]
     with socket.socket(family, socket.SOCK_DGRAM) as participant:
         try:
             participant.bind((address, 7400 + 250 * claimed.number + 11))
         except OSError:
             pytest.skip("this machine has no such address")
+        finally:
+            claimed.close()
         with pytest.raises(TccError, match="ROS_DOMAIN_ID"):
-            Domain(one)
-    Domain(one).close()
+            Domain([claimed.number])
+    Domain([claimed.number]).close()
