@@ -7,8 +7,6 @@ config/*.yaml (a scene) -> scene.Scene -> model + solvers, holding only what the
 
 from __future__ import annotations
 
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING
 
 from tcc_sim.later_rooms import importing
@@ -50,15 +48,3 @@ __getattr__ = importing(__file__)
 def __dir__() -> list[str]:
     """Return the public names."""
     return sorted(__all__)
-
-
-class _Package(ModuleType):
-    """Module type of the package: importing a subpackage does not hide the public function of the same name."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        """Bind a name unless it would replace a public function by a subpackage."""
-        if not (name in __all__ and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
