@@ -129,10 +129,3 @@ class SweepInterrupted(KeyboardInterrupt):
     def __init__(self, sweeps: list[Any]) -> None:
         super().__init__("interrupted")
         self.sweeps = sweeps
-
-
-class BasinsInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a computation of basins; a file, if given, holds the finished rows."""
-
-    def __init__(self) -> None:
-        super().__init__("interrupted")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from branch_speed import compared, page_lines
 
-from tcc_sim.errors import BasinsInterrupted, InputError, counted, require
+from tcc_sim.errors import InputError, counted, require
 from tcc_sim.output.files import new_directory, write_json
 from tcc_sim.output.provenance import document
 from tcc_sim.output.tables import escape
@@ -75,7 +75,7 @@ def run(arguments: argparse.Namespace, words: list[str]) -> int:
         branches = figure_data(FIGURES[6], options)
         result, = basins(paper_system(AT_036_085), plane, jobs=arguments.jobs, progress=True)
         side_lines = [] if arguments.quick else page_lines(compared())
-    except (KeyboardInterrupt, BasinsInterrupted):
+    except KeyboardInterrupt:
         sys.stderr.write("motions: interrupted; nothing is written\n")
         return 130
     _write(folder, branches, result, words)

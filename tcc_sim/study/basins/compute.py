@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.code_version import code_version
-from tcc_sim.errors import BasinsInterrupted, InputError
+from tcc_sim.errors import InputError
 from tcc_sim.model.friction import exponentials
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import System, given_values, replace, unknown_key
@@ -204,7 +204,7 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
     ------
     InputError
         The plane or a number of cycles or jobs is wrong, or the file has other content.
-    BasinsInterrupted
+    KeyboardInterrupt
         Ctrl-C; `part` holds the finished rows.
 
     Examples
@@ -226,20 +226,17 @@ def basins(scene: Scene | System | str, plane: Sequence[Axis | tuple[str, Sequen
         DrivelineMotion(each)
     stored: list[Stored] = []
     out: list[Basins] = []
-    try:
-        with workers(jobs, dask) as (executor, attendance), closing(
-                SweepFile(part, _header(system, axes, cycles, over), lambda *row: stored.append(row), form=FORMAT,
-                          kind="basin map", head=head)) as file, progress_bar(
-                    "row", len(systems) * len(axes[1].values), shown=progress) as bar:
-            for index, each in enumerate(systems):
-                mine = [(row, record) for i, row, record in stored if i == index]
-                plane_basins = _one(each, axes, cycles, mine, executor, attendance, partial(file.append, index),
-                                    bar.update)
-                value = None if over is None else (over.key, over.values[index])
-                known = numbered(DrivelineMotion(each), [one.attractors for one in out], plane_basins.attractors)
-                out.append(dataclasses.replace(plane_basins, over=value, attractors=known))
-    except KeyboardInterrupt:
-        raise BasinsInterrupted from None
+    with workers(jobs, dask) as (executor, attendance), closing(
+            SweepFile(part, _header(system, axes, cycles, over), lambda *row: stored.append(row), form=FORMAT,
+                      kind="basin map", head=head)) as file, progress_bar(
+                "row", len(systems) * len(axes[1].values), shown=progress) as bar:
+        for index, each in enumerate(systems):
+            mine = [(row, record) for i, row, record in stored if i == index]
+            plane_basins = _one(each, axes, cycles, mine, executor, attendance, partial(file.append, index),
+                                bar.update)
+            value = None if over is None else (over.key, over.values[index])
+            known = numbered(DrivelineMotion(each), [one.attractors for one in out], plane_basins.attractors)
+            out.append(dataclasses.replace(plane_basins, over=value, attractors=known))
     return out
 
 

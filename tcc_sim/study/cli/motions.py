@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from tcc_sim.cli import arguments as common
 from tcc_sim.cli.options import Form, bounds_of_range, command, keywords_of, of, options_in, values_of_range
-from tcc_sim.errors import BasinsInterrupted, counted
+from tcc_sim.errors import counted
 from tcc_sim.shown_units import key_value, speed
 
 PLAN, BASINS = "tcc_sim.study.continuation.motions:ContinuationPlan", "tcc_sim.study.basins.compute:basins"
@@ -111,7 +111,7 @@ def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
         values = Planes(result, over, boundary)
         common.deliver(arguments, scene, values, _basin_lines(result, over, boundary), shown=result,
                        write=lambda document: write_basins(arguments.out, result, over, document))
-    except (BasinsInterrupted, KeyboardInterrupt):
+    except KeyboardInterrupt:
         resume = f"; the same command resumes from {part}" if part is not None else ""
         print(f"tcc-sim: interrupted{resume}", file=sys.stderr)
         return 130
