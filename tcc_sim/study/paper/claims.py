@@ -25,6 +25,7 @@ from tcc_sim.study.paper.measures import Measured
 
 CONFIRMED, NOT_CONFIRMED, DEPENDS = "confirmed", "not confirmed", "depends"
 SOME = "; depends where some are so and others are not"
+MOST = f"{1.0 - T.missing:g} or more of"
 Limit = Callable[[str], float]
 """Function that returns a threshold by its name."""
 TOLERANCE = 1e-9
@@ -58,8 +59,8 @@ def shares(of: str, partly: float = 0.75) -> Criterion:
         least = 1.0 - limit("missing")
         return CONFIRMED if min(judged) >= least else \
             DEPENDS if min(judged) >= partly or max(judged) >= least else NOT_CONFIRMED
-    return Criterion(f"{of} at {1.0 - T.missing:g} or more of them; depends where at {partly:g} or more, or in one of "
-                     "several parts alone", verdict)
+    return Criterion(f"{of} at {MOST} them; depends where at {partly:g} or more, or in one of several parts alone",
+                     verdict)
 
 
 def near(of: str, within: float) -> Criterion:
@@ -129,24 +130,25 @@ class Claim:
         return Finding(values, verdict, why, json_of(measured.motions), sorted(evidence.used))
 
 
-def claims_in(rows: Mapping[str, Mapping[str, Any]]) -> list[Claim]:
-    """Return the claims of a file; names in braces are constants of `measures`."""
+def claims_in(rows: Mapping[str, Mapping[str, Any]], phrases: Mapping[str, str]) -> list[Claim]:
+    """Return the claims of a file; names in braces are phrases or constants of `measures`."""
     claims, every = [], vars(measures)
+    named = {"most": MOST, **{name: text.format_map(every) for name, text in phrases.items()}}
     for name, row in rows.items():
         measure, given = row.get("measure", name), row.get("given", {})
-        phrases = ChainMap(given, every)
-        words = {key: text.format_map(phrases) if isinstance(text, str) else text for key, text in row.items()}
+        known = ChainMap(given, named, every)
+        words = {key: text.format_map(known) if isinstance(text, str) else text for key, text in row.items()}
         criterion, = (rule(words[key], *(words[option] for option in options if option in row))
                       for key, (rule, *options) in RULES.items() if key in row)
-        labels = {key: text.format_map(phrases) for key, text in row.get("values", {}).items()}
+        labels = {key: text.format_map(known) for key, text in row.get("values", {}).items()}
         figure, where, *kind = row["at"]
         claims.append(Claim(figure, where, row["claim"], criterion, partial(every[measure], **given), name,
                             why=row.get("why", ""), labels=labels, **dict.fromkeys(kind, True)))
     return claims
 
 
-INTRODUCTION, _rows = yaml.safe_load_all(Path(__file__).with_name("claims.yaml").read_text(encoding="utf-8"))
-CLAIMS: tuple[Claim, ...] = tuple(claims_in(_rows))
+INTRODUCTION, _phrases, _rows = yaml.safe_load_all(Path(__file__).with_name("claims.yaml").read_text(encoding="utf-8"))
+CLAIMS: tuple[Claim, ...] = tuple(claims_in(_rows, _phrases))
 """Every claim in the order of the paper, and the introduction of their page."""
 
 

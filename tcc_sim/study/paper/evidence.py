@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -168,7 +167,7 @@ class Evidence:
         if (system, lyapunov) not in self._motions:
             point = solve_point(system, 0.0, self.plan(row, lyapunov=lyapunov))
             largest = math.nan if point.summary is None else point.summary.max_slip_speed
-            self._motions[system, lyapunov] = ColdStartMotion(period_of(self._settle(lambda: system, point)), largest,
+            self._motions[system, lyapunov] = ColdStartMotion(period_of(self._settle(system, point)), largest,
                                                               point.lyapunov)
         return self._motions[system, lyapunov]
 
@@ -192,16 +191,15 @@ class Evidence:
         if name not in self._settled:
             with workers(self.jobs, None) as (threads, _):
                 self._settled[name] = list(threads.map(
-                    self._settle, (partial(sweep.curve.at, k) for k in range(len(sweep.points))), sweep.points))
+                    self._settle, map(sweep.curve.at, range(len(sweep.points))), sweep.points))
         return self._settled[name]
 
-    def _settle(self, system_of: Callable[[], System], point: Point | None) -> Summary | None:
+    def _settle(self, system: System, point: Point | None) -> Summary | None:
         """Return the motion of a point, from further cycles if its section does not repeat yet, since a transient is
         neither periodic nor aperiodic; None if it failed.
         """
         if point is None or point.summary is None or point.summary.settled or point.summary.runaway:
             return None if point is None else point.summary
-        system = system_of()
         summary = later(system, point.end, self._rtol(system))
         return None if summary is None else summary[0]
 
@@ -274,12 +272,11 @@ class Evidence:
         at = {s.value: segment_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
         return [at.get(value) for value in sweep.curve.values]
 
-    def motions(self, curve: str, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[Motion]:
-        """Return every stretch of a curve with its ends, and the values at which (13) leads to it."""
-        among = self.stretches([row], axis, over=over)[0]
-        on = self.reached(row, axis, over=over)
+    def motions(self, rows: Mapping[str, Values], axis: Floats, *, over: str = FREQUENCY) -> list[Motion]:
+        """Return every stretch of some curves with its ends, and the values at which (13) leads to it."""
         return [Motion(curve, NORMALISED[over][0], [float(x) for x, number in zip(axis, on) if number == k], s)
-                for k, s in enumerate(among)]
+                for (curve, row), among in zip(rows.items(), self.stretches(list(rows.values()), axis, over=over))
+                for on in [self.reached(row, axis, over=over)] for k, s in enumerate(among)]
 
     def jump_ends(self, row: Values, axis: Floats, *, over: str = FREQUENCY) -> list[float]:
         """Return the sorted values at which a stable motion ends in a jump."""

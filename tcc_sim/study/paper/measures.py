@@ -62,14 +62,6 @@ SPREAD = np.round(np.arange(0.14, 0.3601, 1e-3), 6)
 PARTED = 1e-3
 """Distance from a jump for comparing the motions on both sides."""
 WIDE = 2.0 * T.near
-FRICTION_RATIOS = (1.0, 0.83, 0.75, 0.667)
-"""mu_k/mu_s of Fig. 4."""
-JUMPING = f"a jump is a change of more than {T.jump:g} of the curve's maximum on a 1e-5 wide interval"
-WHERE_SLIPPING = f"where a curve slips (above {T.slipping:g} rad/s)"
-MOST = f"{1.0 - T.missing:g} or more of"
-NINE = "of the nine curves of 0.83, 0.75 and 0.667 mu_s, each from (13), swept up and swept down, more have "
-ANYWHERE = " than of the ratios from 0.14 to 0.36 on average"
-"""Phrases of the criteria."""
 LAWS = ("smoothed", "set_valued")
 STICKING = np.round(np.arange(0.05, 0.2501, 0.001), 6)
 """Frequency ratios in the search for the end of pure stick, psi = 0."""
@@ -86,8 +78,11 @@ HIGHER = AXIS[(AXIS >= 0.305) & (AXIS <= 0.455)]
 INERTIAS: dict[str, Values] = {
     "Table 1": {}, "I1 = 0.1": {"driveline.flywheel_inertia": 0.1}, "I1 = 0.4": {"driveline.flywheel_inertia": 0.4},
     "I2 = 0.04": {"driveline.plate_inertia": 0.04}}
-FALLING = dict(zip(FRICTION_RATIOS[1:], rows(4)[1:]))
-"""Rows of mu_k < mu_s in Fig. 4, by mu_k/mu_s."""
+MAPS = dict(zip(("1", "0.83", "0.75", "0.667"), rows(4)))
+FALLING = {ratio: row for ratio, row in MAPS.items() if ratio != "1"}
+"""Rows of Fig. 4, and those of mu_k < mu_s, by mu_k/mu_s."""
+ACTUATED = {f"{row['pressure.frequency_ratio']:.3f}": row for n in (10, 11) for row in rows(n)}
+"""Rows of Figs. 10 and 11, by omega_f/omega."""
 NAMED = {f"{m:.3f}": m for m in FIGURES[4].marks}
 """omega/omega_n of the super-harmonic peaks that the paper names (0.167, 0.20, 0.25, 0.33)."""
 HIGHER_JUMPS = {"0.25": 0.25, "0.35": 0.35}
@@ -364,7 +359,7 @@ def solvers_agree(e: Evidence) -> Measured:
             n: [list(a) for a in m] for n, m in motions.items()}},
         "over the paper's cycles they agree; the discontinuous solution doubles its period later, and " +
         ("the laws have the same motions" if alike else "at sigma = 50 s/rad a motion of period one is stable that "
-         "is unstable at larger sigma"), e.motions("", FIG02, SHARPER, over=SMOOTHING))
+         "is unstable at larger sigma"), e.motions({"": FIG02}, SHARPER, over=SMOOTHING))
 
 
 def smoothing_is_uncertain(e: Evidence) -> Measured:
@@ -503,9 +498,9 @@ def curves_near_named(e: Evidence, places: Sequence[Any], values: dict[str, Any]
                               "near {} there are no more of them than near any ratio", motions)
 
 
-def jump_places(e: Evidence, ratio: float) -> list[float]:
+def jump_places(e: Evidence, ratio: str) -> list[float]:
     """Return the ratios omega/omega_n of the jumps of the map of one mu_k/mu_s from (13)."""
-    return [round(x, 4) for x, _ in e.jumps(with_kinetic(ratio), FINER)]
+    return [round(x, 4) for x, _ in e.jumps(MAPS[ratio], FINER)]
 
 
 def prominent_maxima(e: Evidence, axis: Floats, values: Floats) -> list[float]:
@@ -519,13 +514,12 @@ def prominent_maxima(e: Evidence, axis: Floats, values: Floats) -> list[float]:
 
 def peaks_of(e: Evidence, way: str = "cold") -> dict[str, list[float]]:
     """Return the prominent maxima of Fig. 4 for every mu_k/mu_s, omega/omega_n."""
-    return {f"{r:g}": prominent_maxima(e, FINER, values)
-            for r, values in zip(FRICTION_RATIOS, figure_curves(e, 4, way=way).maxima)}
+    return {r: prominent_maxima(e, FINER, values) for r, values in zip(MAPS, figure_curves(e, 4, way=way).maxima)}
 
 
 def super_harmonic_peaks(e: Evidence) -> Measured:
     peaks = [peaks_of(e, way) for way in WAYS]
-    return curves_near_named(e, [peak[f"{r:g}"] for peak in peaks for r in FALLING], {"peaks": peaks})
+    return curves_near_named(e, [peak[r] for peak in peaks for r in FALLING], {"peaks": peaks})
 
 
 def super_harmonic_jumps(e: Evidence) -> Measured:
@@ -541,11 +535,11 @@ def super_harmonic_jumps(e: Evidence) -> Measured:
             both.append([x for x in prominent_maxima(e, FINER, values)
                          if any(abs(x - end) <= e.limit("close") for end in met)])
             left += met
-        motions += [m for axis in axes for m in e.motions(f"mu_k = {r:g} mu_s", row, axis)
+        motions += [m for axis in axes for m in e.motions({f"mu_k = {r} mu_s": row}, axis)
                     if any(end.jumps and end.value in left for end in (m.stretch.low, m.stretch.high))]
     return curves_near_named(e, both, {
         "nearest end in a jump": {name: nearest(left, m) for name, m in NAMED.items()},
-        "jumps from (13)": {f"{r:g}": jump_places(e, r) for r in FALLING}}, motions)
+        "jumps from (13)": {r: jump_places(e, r) for r in FALLING}}, motions)
 
 
 def peaks_move(e: Evidence) -> Measured:
@@ -553,7 +547,7 @@ def peaks_move(e: Evidence) -> Measured:
     chains = [[x] for x in peaks["1"] if x > 0.15]
     for r in FALLING:
         for chain in chains:
-            x = nearest(peaks[f"{r:g}"], chain[-1])
+            x = nearest(peaks[r], chain[-1])
             chain += [x] if x is not None and abs(x - chain[-1]) <= e.limit("near") else []
     rising = [len(c) > len(FALLING) and c == sorted(c) and c[-1] > c[0] for c in chains]
     return Measured((bool(rising) and all(rising), any(rising)), {"followed": chains, "peaks": peaks},
@@ -564,7 +558,7 @@ def lost_at_peaks(e: Evidence) -> Measured:
     peaks, close = peaks_of(e), e.limit("close")
     near, covered = list[bool](), list[float]()
     for r in FALLING:
-        row = np.array(peaks[f"{r:g}"])
+        row = np.array(peaks[r])
         near += [bool((np.abs(row - x) <= close).any()) for x in jump_places(e, r)]
         covered.append(float((np.abs(FINER[FINER > 0.12, None] - row) <= close).any(axis=1).mean()))
     share = float(np.mean(near)) if near else 0.0
@@ -573,8 +567,8 @@ def lost_at_peaks(e: Evidence) -> Measured:
 
 
 def jump_doubles_period(e: Evidence) -> Measured:
-    periods = {f"{x:.4f}": [m.period for m in e.motions_near(with_kinetic(0.83), x, -2e-3, 2e-3)]
-               for x in jump_places(e, 0.83) if abs(x - 0.20) <= e.limit("near")}
+    periods = {f"{x:.4f}": [m.period for m in e.motions_near(MAPS["0.83"], x, -2e-3, 2e-3)]
+               for x in jump_places(e, "0.83") if abs(x - 0.20) <= e.limit("near")}
     return Measured(([1, 2] in periods.values(),), {"periods around": periods})
 
 
@@ -600,7 +594,7 @@ def jump_to_chaos(e: Evidence) -> Measured:
         chaotic = any(m.lyapunov is not None and m.lyapunov.diagnosis == "chaotic" for m in above)
         whole |= bool(ends) and below > 0 and chaotic
         part |= below > 0 and any(m.period == 0 for m in above)
-    return Measured((whole, part), values, not ends, e.motions("psi = 0", row, near))
+    return Measured((whole, part), values, not ends, e.motions({"psi = 0": row}, near))
 
 
 def severity_follows_abruptness(e: Evidence) -> Measured:
@@ -618,7 +612,7 @@ def phase_pi_is_smooth(e: Evidence) -> Measured:
     curve = figure_curves(e, 14, [2])
     row, = curve.rows.values()
     periods, jumps = curve.periods[0], [x for _, _, x, _ in curve.jumps()]
-    motions = [m for place in jumps for m in e.motions("psi = pi", row, about(place, 0.01))]
+    motions = [m for place in jumps for m in e.motions({"psi = pi": row}, about(place, 0.01))]
     met = [end for m in motions if m.from_start for end in (m.stretch.low, m.stretch.high) if end.kind]
     share = float((periods == 1).mean())
     smooth = share == 1.0 and not jumps
@@ -643,10 +637,8 @@ def amplitude_jumps(e: Evidence) -> Measured:
     curves = {f"Tsp/Tsm = {x:g}": row for x, row in zip((0.25, 0.5), rows(18)[2:])}
     jumps, motions = dict[str, list[float]](), list[Motion]()
     for name, mark in HIGHER_JUMPS.items():
-        axis = about(mark)
-        e.stretches(list(curves.values()), axis)
+        motions += e.motions(curves, axis := about(mark))
         jumps[name] = [x for row in curves.values() for x in e.jump_ends(row, axis) if abs(x - mark) <= e.limit("near")]
-        motions += [m for curve, row in curves.items() for m in e.motions(curve, row, axis)]
     return Measured([(bool(places), True) for places in jumps.values()], {"ends": jumps}, motions=motions)
 
 
@@ -716,7 +708,7 @@ def section_varies_less(e: Evidence) -> Measured:
 
 
 def doubling_to_chaos(e: Evidence) -> Measured:
-    places = [x for x in jump_places(e, 0.83) if abs(x - 0.20) <= e.limit("near")]
+    places = [x for x in jump_places(e, "0.83") if abs(x - 0.20) <= e.limit("near")]
     place = (places[0] if places else 0.20) + 2e-3
     row = {FREQUENCY: place * OMEGA_N}
     periods = e.periods(e.curves([row], FALLS, over=KINETIC)[0])
@@ -755,7 +747,7 @@ def period_two_from(e: Evidence) -> Measured:
     limit, falling = e.limit("near"), ends[WAYS.index("down")]
     near = any(abs(x - 0.92) <= limit for x in born)
     return Measured((falling is not None and abs(falling - 0.92) <= limit, near), {"born": born, "ends": ends},
-                    near, e.motions("", AT_036, RATIOS, over=KINETIC))
+                    near, e.motions({"": AT_036}, RATIOS, over=KINETIC))
 
 
 def aperiodic_from(e: Evidence) -> Measured:
@@ -833,7 +825,7 @@ def last_slips(e: Evidence, law: str) -> dict[str, float]:
     """Return the highest slipping ratio from (13) for every mu_k/mu_s."""
     upper = np.round(np.concatenate([np.arange(0.38, 0.48, 0.002), np.arange(0.48, 0.7, 0.005)]), 6)
     sweeps = e.curves([{**row, "friction.law": law} for row in rows(4)], upper)
-    return {f"{r:g}": float((s.values[~sticks(s)] / OMEGA_N).max(initial=0.0)) for r, s in zip(FRICTION_RATIOS, sweeps)}
+    return {r: float((s.values[~sticks(s)] / OMEGA_N).max(initial=0.0)) for r, s in zip(MAPS, sweeps)}
 
 
 def stick_transition(e: Evidence) -> Measured:
@@ -939,11 +931,9 @@ def phase_reversed(e: Evidence) -> Measured:
     parts, motions = dict[str, Sequence[float]](), list[Motion]()
     figures = {str(n): figure_curves(e, n) for n in (14, 15)}
     for n, curves in figures.items():
-        e.stretches(list(curves.rows.values()), HIGHER)
+        motions += e.motions({f"Fig. {n}, {name}": row for name, row in curves.rows.items()}, HIGHER)
         parts[n] = highest_shares([e.amplitudes(row, HIGHER) for row in curves.rows.values()],
                                   (HIGHER >= 0.31) & (HIGHER <= 0.45), e.limit("shows"), e.limit("slipping"))
-        for name, row in curves.rows.items():
-            motions += e.motions(f"Fig. {n}, {name}", row, HIGHER)
     always = min(every for every, _ in parts.values()) >= e.most
     cold = {n: curves.best(0, HIGH, -1.0) for n, curves in figures.items()}
     return Measured((always, max(some for _, some in parts.values()) >= 0.5), {"worst": parts, "from (13)": cold},
@@ -960,13 +950,11 @@ def _against_constant(e: Evidence, where: Any, sign: float) -> tuple[dict[str, f
     """Return the parts of the slipping ratios at which curves of Figs. 10, 11 are below that of Tsp = 0, by
     frequency, and at which omega_f = omega is the lowest of its figure; sign -1: above, and the highest.
     """
-    still = e.maxima([{}], AXIS)[0]
+    still, *varying = e.maxima([{}, *ACTUATED.values()], AXIS)
     shows, slipping = e.limit("shows"), e.limit("slipping")
-    figures = [figure_curves(e, n) for n in (10, 11)]
-    return {f"{row['pressure.frequency_ratio']:.3f}": share_where(
-        sign * (still - maxima) > shows, where & (np.maximum(maxima, still) > slipping))
-        for curves in figures for row, maxima in zip(curves.rows.values(), curves.maxima)}, {
-            str(n): curves.best(1, where, sign) for n, curves in zip((10, 11), figures)}
+    beside = {ratio: share_where(sign * (still - maxima) > shows, where & (np.maximum(maxima, still) > slipping))
+              for ratio, maxima in zip(ACTUATED, varying)}
+    return beside, {str(n): figure_curves(e, n).best(1, where, sign) for n in (10, 11)}
 
 
 def actuation_attenuates(e: Evidence) -> Measured:
@@ -976,9 +964,7 @@ def actuation_attenuates(e: Evidence) -> Measured:
 
 def actuation_reversed(e: Evidence) -> Measured:
     over, parts = _against_constant(e, HIGH, -1.0)
-    different = {f"{row['pressure.frequency_ratio']:.3f}": row for n in (10, 11) for row in rows(n)}
-    e.stretches(list(different.values()), AXIS[HIGH])
-    motions = [m for ratio, row in different.items() for m in e.motions(f"omega_f = {ratio} omega", row, AXIS[HIGH])]
+    motions = e.motions({f"omega_f = {ratio} omega": row for ratio, row in ACTUATED.items()}, AXIS[HIGH])
     alone = any(end.jumps for m in motions for end in (m.stretch.low, m.stretch.high))
     return Measured([over["1.000"], *parts.values()], {"over": over, "highest": parts},
                     ("" if alone else "no stable motion ends in a jump, so the start does not matter; ")
@@ -1019,8 +1005,8 @@ def crossing(e: Evidence, inertia: Values, omega_n: float, place: float) -> floa
     return place_of_change(lambda x: apart(x) > 0.0, float(axis[turns[0]]), float(axis[turns[0] + 1]), 9)
 
 
-def highest_shares(curves: Sequence[Sequence[Sequence[float]]], where: Any, negligible: float = 0.05,
-                   slipping: float = 0.1) -> tuple[float, float]:
+def highest_shares(curves: Sequence[Sequence[Sequence[float]]], where: Any, negligible: float,
+                   slipping: float) -> tuple[float, float]:
     """Return the fractions of the slipping places at which the first curve is the highest, for every choice of a motion
     on each curve and for some choice, from the largest slip speeds of all stable motions, per curve and place, rad/s.
     """
