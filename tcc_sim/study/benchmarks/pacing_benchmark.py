@@ -7,11 +7,10 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import rclpy
@@ -23,6 +22,7 @@ from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.executables import created
 from tcc_sim.nodes.pacing import LEAD, TIMER_SLACK_NS, Pacer, prepare_thread, release_memory
 from tcc_sim.result import Described, reported, result_class
+from tcc_sim.scene import Operation
 
 SLICE = 5.0
 """Length of the alternate stretches of node and bare loop, s; alternation exposes both to the same disturbances."""
@@ -34,31 +34,15 @@ DEFAULT_SLACK_NS = 50_000
 """Default timer slack of a thread in Linux, ns."""
 
 
-@dataclass(frozen=True)
-class Settings:
-    """Linux settings of the threads, named as the parameters of the driveline node."""
-
-    thread_priority: int = 0
-    cpu_affinity: tuple[int, ...] = ()
-    lock_memory: bool = False
-
-    def parameters(self) -> list[Parameter]:
-        """Return the settings as parameters of the driveline node."""
-        values = {"thread_priority": self.thread_priority, "lock_memory": self.lock_memory}
-        return [Parameter(name, value=value) for name, value in values.items()] + (
-            [Parameter("cpu_affinity", value=list(self.cpu_affinity))] if self.cpu_affinity else [])
-
-
-def _trials() -> list[tuple[str, Settings, int, float]]:
+def _trials() -> list[tuple[str, dict[str, Any], int, float]]:
     """Return name, settings, timer slack (ns) and lead (s) of each trial."""
     core = max(os.sched_getaffinity(0))
-    return [("nothing asked for", Settings(), DEFAULT_SLACK_NS, 0.0),
-            ("timer slack 1 ns", Settings(), TIMER_SLACK_NS, 0.0),
-            ("slack, awake ahead", Settings(), TIMER_SLACK_NS, LEAD),
-            ("slack, thread_priority 50", Settings(thread_priority=50), TIMER_SLACK_NS, 0.0),
-            (f"slack, cpu_affinity [{core}]", Settings(cpu_affinity=(core,)), TIMER_SLACK_NS, 0.0),
-            ("slack, lock_memory", Settings(lock_memory=True), TIMER_SLACK_NS, 0.0),
-            ("all of these", Settings(50, (core,), True), TIMER_SLACK_NS, LEAD)]
+    every: dict[str, Any] = {"thread_priority": 50, "cpu_affinity": (core,), "lock_memory": True}
+    words = "thread_priority 50", f"cpu_affinity [{core}]", "lock_memory"
+    return [("nothing asked for", {}, DEFAULT_SLACK_NS, 0.0), ("timer slack 1 ns", {}, TIMER_SLACK_NS, 0.0),
+            ("slack, awake ahead", {}, TIMER_SLACK_NS, LEAD),
+            *((f"slack, {word}", {name: every[name]}, TIMER_SLACK_NS, 0.0) for word, name in zip(words, every)),
+            ("all of these", every, TIMER_SLACK_NS, LEAD)]
 
 
 @result_class(kw_only=True)
@@ -96,40 +80,39 @@ class PacingFigures(LoopFigures, Described):
     settings: list[Trial] = reported("the bare loop with each setting")
 
 
-class Stretches:
-    """Lateness and processor time of the stretches of one loop."""
+class Stretch(NamedTuple):
+    """A stretch of a loop: its deadlines, and the processor time of the whole process during it and its length, s."""
 
-    def __init__(self) -> None:
-        self.pacers: list[Pacer] = []
-        self.cpu = self.wall = 0.0
-
-    def run(self, pacer: Pacer, body: Callable[[], object]) -> None:
-        """Run one stretch and count the processor time of the whole process during it."""
-        began, cpu = time.monotonic(), time.process_time()
-        body()
-        self.cpu += time.process_time() - cpu
-        self.wall += time.monotonic() - began
-        self.pacers.append(pacer)
-
-    def figures(self, prefix: str) -> dict[str, float]:
-        """Return percentiles and maximum of the lateness, s, and shares of late ticks and of a core."""
-        late = np.concatenate([p.latenesses() for p in self.pacers])
-        middle, high = np.percentile(late, (50, 99))
-        return {f"{prefix}lateness_p50_s": float(middle), f"{prefix}lateness_p99_s": float(high),
-                f"{prefix}lateness_max_s": float(late.max()),
-                f"{prefix}late_share": sum(p.late_ticks for p in self.pacers) / sum(p.ticks for p in self.pacers),
-                f"{prefix}cpu_fraction": self.cpu / self.wall}
+    pacer: Pacer
+    cpu: float
+    wall: float
 
 
-def measure(rate: float, duration: float, progress: Callable[[float], Any], recorder: bool = False,
-            settings: Settings = Settings()) -> PacingFigures:
-    """Run the node's loop with its publishing, and the bare loop, `duration` seconds each, with the same settings.
+def stretch_of(pacer: Pacer, body: Callable[[], object]) -> Stretch:
+    """Run a loop for one stretch."""
+    began, cpu = time.monotonic(), time.process_time()
+    body()
+    return Stretch(pacer, time.process_time() - cpu, time.monotonic() - began)
 
-    rate : tick rate, Hz
+
+def figures_of(stretches: Sequence[Stretch]) -> LoopFigures:
+    """Return the figures of a loop from its stretches."""
+    pacers, cpu, wall = zip(*stretches)
+    late = np.concatenate([p.latenesses() for p in pacers])
+    middle, high = np.percentile(late, (50, 99)).tolist()
+    return LoopFigures(
+        lateness_p50_s=middle, lateness_p99_s=high, lateness_max_s=float(late.max()),
+        late_share=sum(p.late_ticks for p in pacers) / sum(p.ticks for p in pacers), cpu_fraction=sum(cpu) / sum(wall))
+
+
+def measure(wished: Operation, duration: float, progress: Callable[[float], Any],
+            recorder: bool = False) -> PacingFigures:
+    """Run the node's loop with its publishing, and the bare loop, `duration` seconds each.
+
+    wished : rate and settings of the threads of both loops
     duration : duration of each loop, s
     progress : function called with the finished fraction, 0 to 1
     recorder : whether to publish to a recorder in a separate process, which is idle while the bare loop runs
-    settings : settings of both loops
     """
     private = PrivateEnvironment()
     os.environ.update(private.values)
@@ -137,10 +120,12 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
                                private.values) if recorder else None
-        trials = [_trial(rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration), *trial) for trial in _trials()]
+        trials = [_trial(wished.rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration), *trial) for trial in _trials()]
+        chosen = {"scene": "fig02", "rate": wished.rate, "wait_for_subscribers": int(recorder),
+                  "thread_priority": wished.thread_priority, "lock_memory": wished.lock_memory}
+        chosen |= {"cpu_affinity": list(wished.cpu_affinity)} if wished.cpu_affinity else {}
         node = created(lambda: DrivelineNode(parameter_overrides=[
-            Parameter("scene", value="fig02"), Parameter("rate", value=rate), *settings.parameters(),
-            Parameter("wait_for_subscribers", value=int(recorder))]))
+            Parameter(name, value=value) for name, value in chosen.items()]))
         node.get_logger().set_level(LoggingSeverity.WARN)
         try:
             node.start()
@@ -148,41 +133,45 @@ def measure(rate: float, duration: float, progress: Callable[[float], Any], reco
             if not loop.clock_started.wait(30.0) and listener is not None:
                 listener.check()
             loop.request(lambda: loop.pause(True))
-            node_side, bare_side = _alternated(node, rate, duration, progress, settings)
+            node_side, bare_side = zip(*_alternated(node, wished, duration, progress))
         finally:
             node.destroy_node()
             if listener is not None:
                 listener.stop()
             private.close()
-    worst = max((p.drift for p in node_side.pacers), key=abs)
-    return PacingFigures(rate, sum(p.ticks for p in node_side.pacers), sum(p.missed_ticks for p in node_side.pacers),
-                         worst, **node_side.figures(""), **bare_side.figures("bare_"), settings=trials)
+    pacers, bare = [part.pacer for part in node_side], vars(figures_of(bare_side))
+    return PacingFigures(wished.rate, sum(p.ticks for p in pacers), sum(p.missed_ticks for p in pacers),
+                         max((p.drift for p in pacers), key=abs), **vars(figures_of(node_side)),
+                         **{f"bare_{name}": value for name, value in bare.items()}, settings=trials)
 
 
-def _alternated(node: DrivelineNode, rate: float, duration: float, progress: Callable[[float], Any],
-                settings: Settings) -> tuple[Stretches, Stretches]:
-    """Alternate stretches of the node's loop and of the bare loop, which exposes both to the same disturbances."""
-    node_side, bare_side, done = Stretches(), Stretches(), 0.0
+def _alternated(node: DrivelineNode, wished: Operation, duration: float,
+                progress: Callable[[float], Any]) -> Iterator[tuple[Stretch, Stretch]]:
+    """Yield stretches of the node's loop and of the bare loop in turn, which exposes both to the same disturbances."""
+    done = 0.0
     while done < duration - 1e-9:
         length = min(SLICE, duration - done)
-        kept = int(length * rate * 1.5) + 100
-        pacer, bare = Pacer(1.0 / rate, kept), Pacer(1.0 / rate, kept, lead=0.0)
-        node_side.run(pacer, partial(_node_stretch, node, pacer, length))
+        pacer, bare = _pacer(wished.rate, length), _pacer(wished.rate, length, lead=0.0)
+        of_node = stretch_of(pacer, partial(_node_stretch, node, pacer, length))
         progress((done + 0.5 * length) / duration)
-        bare_side.run(bare, partial(_bare_stretch, bare, length, settings))
+        of_bare = stretch_of(bare, partial(_bare_stretch, bare, length, wished))
         done += length
         progress(done / duration)
-    return node_side, bare_side
+        yield of_node, of_bare
 
 
-def _trial(rate: float, length: float, name: str, settings: Settings, timer_slack_ns: int, lead: float) -> Trial:
+def _pacer(rate: float, length: float, lead: float = LEAD) -> Pacer:
+    """Return the deadlines of a stretch, which keep the latenesses of all of its ticks."""
+    return Pacer(1.0 / rate, int(length * rate * 1.5) + 100, lead=lead)
+
+
+def _trial(rate: float, length: float, name: str, wished: dict[str, Any], timer_slack_ns: int, lead: float) -> Trial:
     """Return the bare loop's figures with some settings, and the refused ones."""
-    pacer = Pacer(1.0 / rate, int(length * rate * 1.5) + 100, lead=lead)
-    stretches, refused = Stretches(), list[str]()
-    stretches.run(pacer, lambda: refused.extend(_bare_stretch(pacer, length, settings, timer_slack_ns)))
+    pacer, settings, refused = _pacer(rate, length, lead), Operation(**wished), list[str]()
+    stretch = stretch_of(pacer, lambda: refused.extend(_bare_stretch(pacer, length, settings, timer_slack_ns)))
     if settings.lock_memory:
         release_memory()
-    return Trial(name, refused, **stretches.figures(""))
+    return Trial(name, refused, **vars(figures_of([stretch])))
 
 
 def _node_stretch(node: DrivelineNode, pacer: Pacer, length: float) -> None:
@@ -201,13 +190,12 @@ def _node_stretch(node: DrivelineNode, pacer: Pacer, length: float) -> None:
     loop.request(lambda: loop.pause(True))
 
 
-def _bare_stretch(pacer: Pacer, length: float, settings: Settings, timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
+def _bare_stretch(pacer: Pacer, length: float, wished: Operation, timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
     """Run a thread that only waits for its deadlines for `length` seconds; return the refused settings."""
     stop, refused = threading.Event(), list[str]()
 
     def spin() -> None:
-        refused.extend(prepare_thread(
-            settings.thread_priority, settings.cpu_affinity, settings.lock_memory, timer_slack_ns))
+        refused.extend(prepare_thread(wished.thread_priority, wished.cpu_affinity, wished.lock_memory, timer_slack_ns))
         pacer.anchor()
         pacer.wait(lambda: False)
         while not stop.is_set():

@@ -70,13 +70,14 @@ def realtime(arguments: argparse.Namespace, rate: float = 1000.0, duration: floa
     require_ros()
     if json is not None:
         new_file(json)
-    from tcc_sim.study.benchmarks.pacing_benchmark import Settings, measure
+    from tcc_sim.study.benchmarks.pacing_benchmark import measure
 
+    scene = load_scene("fig02").with_values({"rate": rate, "thread_priority": thread_priority,
+                                             "cpu_affinity": list(cpu_affinity), "lock_memory": lock_memory})
     with seconds_bar("realtime", 2.0 * duration) as done:
-        figures = measure(rate, duration, lambda part: done(2.0 * duration * part), recorder,
-                          Settings(thread_priority, tuple(cpu_affinity), lock_memory))
+        figures = measure(scene.operation, duration, lambda part: done(2.0 * duration * part), recorder)
     _say_pacing(figures.as_json())
-    deliver(arguments, load_scene("fig02").with_values({"rate": rate}), figures)
+    deliver(arguments, scene, figures)
     return 0
 
 
