@@ -131,7 +131,7 @@ class Samples:
         self._names = [name for name in INPUTS if topic(name).wanted(plant.scene.value)]
         self._readings: list[Reading] = []
         self._systems: list[tuple[int, System, Origin]] = []
-        self._rest: list[tuple[float, float | None, float | None]] = []
+        self._rest: list[tuple[float | None, ...]] = []
         self._received: list[int] = []
 
     def __len__(self) -> int:
@@ -142,13 +142,13 @@ class Samples:
         """Whether the first sample is not that of a start or a reset."""
         return self._readings[0].stamp_ns > 0
 
-    def add(self, plant: Plant, reading: Reading, torque: float | None, pressure: float | None, received: int) -> None:
+    def add(self, plant: Plant, reading: Reading, held: Mapping[str, float | None], received: int) -> None:
         """Add the current state, the commands of the tick before it, and the number of pressure commands so far."""
         system = plant.scene.system
         if not self._systems or self._systems[-1][1] is not system:
             self._systems.append((len(self._readings), system, plant.origin))
         self._readings.append(reading)
-        self._rest.append((system.torque_per_pressure, torque, pressure))
+        self._rest.append((system.torque_per_pressure, *map(held.get, INPUTS)))
         self._received.append(received)
 
     def columns(self, plant: Plant) -> dict[str, object]:
@@ -216,14 +216,15 @@ class TimedChanges:
 
 
 class _Held:
-    """Commands held from the answers of a control law."""
+    """Commands held from the answers of a control law.
+
+    values : held command by topic; None for the scene's fallback, and for a far end that stands still
+    """
 
     def __init__(self, plant: Plant) -> None:
         self._plant = plant
-        self._taken = {name: topic(name).wanted(plant.scene.value) for name in (*INPUTS, FAR_END)}
-        self.torque: float | None = None
-        self.pressure: float | None = None
-        self.output_speed: float | None = None
+        self.values: dict[str, float | None] = dict.fromkeys((*INPUTS, FAR_END))
+        self._taken = [name for name in self.values if topic(name).wanted(plant.scene.value)]
         self.received = self.refused = 0
         self.refusal = ""
 
@@ -233,26 +234,28 @@ class _Held:
         if len(given) not in (2, 3):
             raise InputError(f"the law answered {answer!r}; it must answer a pressure, (torque, pressure) or (torque, "
                              "pressure, output_speed)")
-        torque, pressure, speed = (self._number(name, value) for name, value in zip((*INPUTS, FAR_END),
-                                                                                    (*given, None)))
-        if torque is not None and not self._admitted(INPUTS[0], torque):
-            torque = self.torque
-        if pressure is not None:
-            if self._admitted(INPUTS[1], pressure, lambda p: self._plant.hold(torque, p)):
-                self.received += 1
+        for name, value in zip(self.values, (*given, None)):
+            number = self._number(name, value)
+            try:
+                if number is not None:
+                    check_command(name, number, self._press if name == INPUTS[1] else lambda _: None)
+            except InputError as error:
+                self.refused, self.refusal = self.refused + 1, str(error)
             else:
-                pressure = self.pressure
-        if speed is not None and not self._admitted(FAR_END, speed):
-            speed = self.output_speed
+                self.values[name] = number
+                self.received += name == INPUTS[1] and number is not None
+        torque, pressure, speed = self.values.values()
         self._plant.hold(torque, pressure)
         self._plant.move_far_end(speed)
-        self.torque, self.pressure, self.output_speed = torque, pressure, speed
+
+    def _press(self, pressure: float) -> None:
+        self._plant.hold(self.values[INPUTS[0]], pressure)
 
     def _number(self, name: str, value: object) -> float | None:
         """Return a value of an answer as a number or None; raise InputError if it is neither."""
         if value is None:
             return None
-        if not self._taken[name]:
+        if name not in self._taken:
             group = topic(name).key.partition(".")[0]
             raise InputError(f"the law answered {name} {value!r}, which the scene sets; answer None to use the scene's "
                              f"value, or set {group}.source=topic to let the law command it")
@@ -260,15 +263,6 @@ class _Held:
             return float(value)  # type: ignore[arg-type]
         except (TypeError, ValueError, OverflowError):
             raise InputError(f"the law answered {name} {value!r}; it must be a number or None") from None
-
-    def _admitted(self, name: str, value: float, admit: Callable[[float], None] = lambda _: None) -> bool:
-        """Return whether a value is accepted; count a refusal and store its reason."""
-        try:
-            check_command(name, value, admit)
-        except InputError as error:
-            self.refused, self.refusal = self.refused + 1, str(error)
-            return False
-        return True
 
 
 def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: float,
@@ -323,7 +317,7 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
     measuring, changes = Sensors(sensors), TimedChanges(rate)
     for t, values in (at or {}).items():
         changes.add(t, values)
-    samples.add(plant, reading, None, None, 0)
+    samples.add(plant, reading, held.values, 0)
     for tick in range(round(seconds * rate)):
         measured = measuring.measure(reading)
         if tick % scene.operation.answer_ticks == 0 and not measuring.lost:
@@ -331,7 +325,7 @@ def closed_loop(scene: SceneLike, law: Callable[[Reading], Answer], seconds: flo
         if due := changes.due(tick):
             plant.use(plant.scene.with_values(due))
         reading = plant.advance()
-        samples.add(plant, reading, held.torque, held.pressure, held.received)
+        samples.add(plant, reading, held.values, held.received)
     if held.refused:
         warnings.warn(f"{held.refusal} ({held.refused} refused)", stacklevel=2)
     return ControlledRun(**samples.columns(plant), refused=held.refused, refusal=held.refusal)  # type: ignore[arg-type]

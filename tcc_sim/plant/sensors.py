@@ -84,12 +84,8 @@ class _Measured:
     def __init__(self, name: str, sensor: Sensor) -> None:
         self._sensor, self._signals = sensor, TOPICS.get(name, (name,))
         self._draw = random.Random(f"{sensor.seed} {name} noise")
-        self._drops = Schedule(sensor.drop, f"{sensor.seed} {name} drop")
+        self.drops = Schedule(sensor.drop, f"{sensor.seed} {name} drop")
         self._past: deque[Reading] = deque(maxlen=sensor.delay_ticks + 1)
-
-    def lost(self) -> bool:
-        """Return whether the next message is lost."""
-        return self._drops.hits()
 
     def values(self, reading: Reading) -> dict[str, float]:
         """Return the measured signals; states before the first equal the first."""
@@ -128,7 +124,7 @@ class Sensors:
         """Return the measured state; call it once for each state, since noise and losses depend on the count."""
         if not self._sensors:
             return reading
-        self.lost = frozenset(name for name, sensor in self._sensors.items() if sensor.lost())
+        self.lost = frozenset(name for name, sensor in self._sensors.items() if sensor.drops.hits())
         measured: dict[str, float] = {}
         # The sensor of a signal replaces the values of its topic's sensor.
         for name in sorted(self._sensors, key=lambda name: name in SIGNALS):

@@ -303,7 +303,7 @@ class Rig:
     def _run(self, count: int, target: float | None, limits: Limits | None) -> LockstepRun:
         commands = self._begin()
         samples = Samples(self._plant)
-        samples.add(self._plant, self._plant.reading(), *self._held())
+        self._add(samples)
         before = {command.name: command.refused for command in commands}
         missed, targets = 0, list[tuple[float, int]]()
         self._take_target(target, targets, 0)
@@ -317,7 +317,7 @@ class Rig:
                 self.change(changes)
             self._loop.step()
             self._loop.outputs.flush()
-            samples.add(self._plant, self._plant.reading(), *self._held())
+            self._add(samples)
             self._take_target(target, targets, len(samples) - 1)
             self._worker.beat()
         self._settle()
@@ -414,13 +414,11 @@ class Rig:
             missed += command in awaited and command.received == received
         return missed
 
-    def _held(self) -> tuple[float | None, float | None, int]:
-        """Return the commanded engine torque (N m) and pressure (Pa), None without a command, and the number of
-        accepted pressure commands.
-        """
-        torque, pressure = self._loop.engine_command, self._loop.pressure_command
-        return (None if torque is None else torque.value, None if pressure is None else pressure.value,
-                0 if pressure is None else pressure.received)
+    def _add(self, samples: Samples) -> None:
+        """Add the current state with the commands held in the tick before it."""
+        held = {command.name: command for command in self._loop.commands}
+        received = held[INPUTS[1]].received if INPUTS[1] in held else 0
+        samples.add(self._plant, self._plant.reading(), {name: one.value for name, one in held.items()}, received)
 
     def _take_target(self, given: float | None, targets: list[tuple[float, int]], sample: int) -> None:
         """Append the target (given or last published), rad/s, with its first sample if it is new."""
