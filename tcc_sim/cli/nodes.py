@@ -199,9 +199,8 @@ def watch(arguments: argparse.Namespace, rrd: Path | None = None, spawn: bool = 
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with ExitStack() as stack:
         if web:
-            viewer = stack.enter_context(web_viewer())
-            say(f"viewer: {viewer.page}", flush=True)
-            connect = viewer.url
+            page, connect = stack.enter_context(web_viewer())
+            say(f"viewer: {page}", flush=True)
         say(watcher.watch(arguments.namespace, lambda text: print(text, file=sys.stderr), web=web, file=rrd,
                           spawn=rrd is None and connect is None, url=connect))
     return 0

@@ -15,9 +15,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
@@ -55,15 +54,6 @@ def require_ros() -> None:
                                  "'tcc_sim[ros]'")
 
 
-def ports_in_use(tables: Iterable[Path] = (Path("/proc/net/udp"), Path("/proc/net/udp6"))) -> set[int]:
-    """Return the UDP ports that are bound on this machine; empty if the system does not list them."""
-    ports: set[int] = set()
-    for table in tables:
-        with suppress(OSError):
-            ports.update(int(line.split()[1].rpartition(":")[2], 16) for line in table.read_text().splitlines()[1:])
-    return ports
-
-
 class Domain:
     """An unused ROS domain, reserved on this machine until it is closed or the process ends.
 
@@ -75,7 +65,11 @@ class Domain:
 
     def __init__(self, domains: Sequence[int] = DOMAINS) -> None:
         self._guard = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        taken = {(port - FIRST_PORT) // PORTS for port in ports_in_use()}
+        taken: set[int] = set()
+        for table in Path("/proc/net/udp"), Path("/proc/net/udp6"):
+            with suppress(OSError):
+                ports = (int(line.split()[1].rpartition(":")[2], 16) for line in table.read_text().splitlines()[1:])
+                taken.update((port - FIRST_PORT) // PORTS for port in ports)
         for number in secrets.SystemRandom().sample(domains, len(domains)):
             if number not in taken:
                 with suppress(OSError):
@@ -239,27 +233,22 @@ class Session:
         self._private.close()
 
     def watch(self, seconds: float) -> None:
-        """Sleep, then raise TccError if a node has ended."""
+        """Sleep, then raise TccError with the last line of a node that has ended."""
         time.sleep(seconds)
-        self._check()
+        for process in (self.recorder, *self.controllers, self.driveline):
+            process.check()
 
     def _await_clock(self) -> None:
         """Wait for the first tick, and pass on that kernels are compiled; raise TccError if a node ends first."""
         end, compiling = time.monotonic() + START_LIMIT, ""
         while not self.driveline.has_said(CLOCK_STARTED):
-            self._check()
+            self.watch(0.05)
             if not compiling:
                 compiling = next((line for line in self.driveline.lines if line.startswith("tcc-sim: ")), "")
                 sys.stderr.write(f"{compiling}\n" if compiling else "")
             if time.monotonic() > end:
                 waits = "; no controller subscribes to joint_states" if self.controllers else ""
                 raise TccError(f"the driveline's first tick did not come within {START_LIMIT:g} s{waits}")
-            time.sleep(0.05)
-
-    def _check(self) -> None:
-        """Raise TccError with the last line of a node that has ended."""
-        for process in (self.recorder, *self.controllers, self.driveline):
-            process.check()
 
 
 def grants_priority() -> bool:
@@ -292,21 +281,10 @@ def end_with_parent(number: signal.Signals = signal.SIGINT) -> Callable[[], None
     return ask
 
 
-@dataclass(frozen=True)
-class WebViewer:
-    """A running viewer.
-
-    page : address for a browser
-    url : address for a stream of data
-    """
-
-    page: str
-    url: str
-
-
 @contextmanager
-def web_viewer() -> Iterator[WebViewer]:
-    """Serve Rerun's viewer on the loopback address for the duration of a `with` block.
+def web_viewer() -> Iterator[tuple[str, str]]:
+    """Serve Rerun's viewer on the loopback address for the duration of a `with` block; yield its address for a browser
+    and that for a stream of data.
 
     Raises MissingPackage: rerun-sdk is not installed. Raises TccError: Rerun does not start.
     """
@@ -319,7 +297,7 @@ def web_viewer() -> Iterator[WebViewer]:
         for line in (HOSTING, LISTENING):
             server.await_line(line)
         url = f"rerun+http://{ADDRESS}:{data}/proxy"
-        yield WebViewer(f"http://{ADDRESS}:{page}/?url={quote(url, safe='')}", url)
+        yield f"http://{ADDRESS}:{page}/?url={quote(url, safe='')}", url
     finally:
         server.kill()
 

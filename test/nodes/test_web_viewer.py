@@ -26,16 +26,16 @@ def listening(port: int) -> set[str]:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="listeners are read from /proc")
 def test_a_page_and_its_data_are_served_on_the_loopback_address_alone() -> None:
-    with web_viewer() as viewer:
-        page = urllib.parse.urlsplit(viewer.page)
-        assert urllib.parse.parse_qs(page.query) == {"url": [viewer.url]}
-        data = urllib.parse.urlsplit(viewer.url)
+    with web_viewer() as (address, url):
+        page = urllib.parse.urlsplit(address)
+        assert urllib.parse.parse_qs(page.query) == {"url": [url]}
+        data = urllib.parse.urlsplit(url)
         assert (page.hostname, data.hostname, data.path) == (ADDRESS, ADDRESS, "/proxy")
         assert listening(page.port) == listening(data.port) == {"0100007F"}
-        with urllib.request.urlopen(viewer.page, timeout=60) as answer:
+        with urllib.request.urlopen(address, timeout=60) as answer:
             assert b"Rerun" in answer.read()
         stream = rerun.RecordingStream("tcc_sim")
-        stream.connect_grpc(viewer.url)
+        stream.connect_grpc(url)
         stream.log("slip/speed", rerun.Scalars(20.0))
         stream.flush(timeout_sec=60.0)
         stream.disconnect()
