@@ -71,35 +71,31 @@ def warn_of_unknown(node: Node, known: Iterable[str]) -> None:
 
 
 def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:
-    """Declare every option of a node as a parameter and return their values; warn of unknown parameters.
-
-    A parameter accepts any type, so that 20 is read as 20.0 and a word is refused with a clear message.
+    """Declare every option of a node as a parameter, with its overrides, and return them; warn of unknown parameters.
 
     Raises InputError: a value has a wrong type or is out of its range.
     """
-    defaults = {item.name: otherwise.get(item.name, item.default) for item in dataclasses.fields(kind)}
-    values = {}
-    for name, meaning in kind.quantities().items():
-        descriptor = ParameterDescriptor(description=meaning.described, additional_constraints=meaning.interval(),
-                                         read_only=not meaning.live, dynamic_typing=True)
-        default = defaults[name]
-        value = node.declare_parameter(name, list(default) if isinstance(default, tuple) else default, descriptor).value
-        values[name] = value.tolist() if hasattr(value, "tolist") else value
-    warn_of_unknown(node, defaults)
-    return kind(**values)
+    meanings = kind.quantities()
+    given = {name: without_arrays(one.value) for name, one in overrides(node).items() if name in meanings}
+    options = kind(**{**otherwise, **given})
+    for name, meaning in meanings.items():
+        _declare(node, name, getattr(options, name), meaning)
+    warn_of_unknown(node, meanings)
+    return options
 
 
 def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
-    number = isinstance(value, float)
+    """Declare a parameter with a value that is checked already."""
+    low = min(meaning.low, 0.0) if meaning.zero else meaning.low
     descriptor = ParameterDescriptor(
         description=meaning.described, read_only=not meaning.live,
         additional_constraints="" if isinstance(value, bool) else meaning.interval(),
         # A live number also accepts an integer, as in scene files; ROS 2 gives an empty list another type.
         dynamic_typing=meaning.live)
-    if number:
-        descriptor.floating_point_range = [FloatingPointRange(from_value=meaning.low, to_value=meaning.high, step=0.0)]
+    if isinstance(value, float):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=meaning.high, step=0.0)]
     elif isinstance(value, int) and not isinstance(value, bool):
-        descriptor.integer_range = [IntegerRange(from_value=int(meaning.low), to_value=int(meaning.high), step=1)]
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(meaning.high), step=1)]
     node.declare_parameter(name, list(value) if isinstance(value, tuple) else value, descriptor, ignore_override=True)
 
 
