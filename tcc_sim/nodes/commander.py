@@ -11,15 +11,14 @@ if __name__ == "__main__":
     raise SystemExit(commander())
 
 import math
-from typing import Any, NoReturn
+from typing import Any
 
 from rclpy.node import Node
 from sensor_msgs.msg import FluidPressure, JointState
 from std_msgs.msg import Float64
 
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import executables
-from tcc_sim.nodes.executables import Spinner, log, run_node
+from tcc_sim.nodes.executables import answer, run_node
 from tcc_sim.nodes.middleware import COMMANDS, poll
 from tcc_sim.scene import NODE_SCENE, load_scene
 
@@ -48,12 +47,4 @@ class CommanderNode(Node):
 
 def main() -> int:
     """Answer states until SIGINT or SIGTERM."""
-    return run_node(CommanderNode, _spin)
-
-
-def _spin(node: CommanderNode) -> NoReturn:
-    executables.end_in_order()
-    log(node, f"answers every state of {node.states.topic_name}")
-    spinner = Spinner(node, busy=True)
-    while True:
-        spinner.once()
+    return run_node(CommanderNode, lambda node: answer(node, f"answers every state of {node.states.topic_name}"))

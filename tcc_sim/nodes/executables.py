@@ -437,6 +437,15 @@ class Spinner:
                                 f"{type(error).__name__}: {one_line(str(error))}", self._failed)
 
 
+def answer(node: Node, sentence: str) -> NoReturn:
+    """Log a sentence, and run the callbacks of a node that answers every state until a signal comes."""
+    end_in_order()
+    log(node, sentence)
+    spinner = Spinner(node, busy=True)
+    while True:
+        spinner.once()
+
+
 driveline_node = partial(run, "driveline")
 recorder_node = partial(run, "recorder")
 slip_controller_node = partial(run, "slip_controller")

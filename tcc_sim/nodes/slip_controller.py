@@ -13,7 +13,7 @@ if __name__ == "__main__":
 
 import math
 from dataclasses import replace
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -25,9 +25,8 @@ from std_msgs.msg import Float64, Float64MultiArray, String
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
-from tcc_sim.nodes import executables
-from tcc_sim.nodes.executables import Spinner, log, run_node
-from tcc_sim.nodes.middleware import LATCHED, await_peer, poll, subscribe
+from tcc_sim.nodes.executables import answer, run_node
+from tcc_sim.nodes.middleware import LATCHED, poll, subscribe, wait_until
 from tcc_sim.nodes.parameters import declared
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
@@ -63,12 +62,12 @@ class SlipControllerNode(Node):
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self._states = self.create_subscription(JointState, "joint_states", self._on_state, QOS)
 
-    def report(self) -> None:
-        """Log the controlled topic and the nominal plant."""
+    def task(self) -> str:
+        """Return a sentence on the controlled topic and the nominal plant."""
         tuning = self.controller.tuning
-        log(self, f"holds a mean slip speed of {self.controller.target:g} rad/s by {self._command.topic_name}, from "
-                  f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, period of excitation "
-                  f"{tuning.cycle_steps:.4g} states of {tuning.step:g} s, at most {tuning.pressure_limit:g} Pa")
+        return (f"holds a mean slip speed of {self.controller.target:g} rad/s by {self._command.topic_name}, from "
+                f"{self._states.topic_name}: bandwidth {tuning.bandwidth:g} rad/s, period of excitation "
+                f"{tuning.cycle_steps:.4g} states of {tuning.step:g} s, at most {tuning.pressure_limit:g} Pa")
 
     def _publish_target(self) -> None:
         self._target.publish(Float64(data=self.controller.target))
@@ -99,7 +98,7 @@ class SlipControllerNode(Node):
             pressure = self._update(state)
         if whole and not self._connected:  # A recorder should receive the first command too.
             self._connected, known = True, self.count_subscribers("actuation_pressure")
-            await_peer(lambda: self._command.get_subscription_count() >= known)
+            wait_until(lambda: self._command.get_subscription_count() >= known)
         if whole:
             command = FluidPressure(fluid_pressure=pressure)
             command.header.stamp = whole[-1].header.stamp
@@ -120,7 +119,6 @@ class SlipControllerNode(Node):
             self._publish_target()
         return self.controller.update(state.velocity[FLYWHEEL] - state.velocity[PLATE], state.effort[FLYWHEEL])
 
-
     def _simulation_time(self, stamp: int) -> int:
         """Return the simulation time of a stamp, ns, counted from the time that the scene of the driveline names."""
         for data, _ in poll(self._scenes):
@@ -130,12 +128,4 @@ class SlipControllerNode(Node):
 
 def main() -> int:
     """Run the node until SIGINT or SIGTERM."""
-    return run_node(SlipControllerNode, _spin)
-
-
-def _spin(node: SlipControllerNode) -> NoReturn:
-    executables.end_in_order()
-    node.report()
-    spinner = Spinner(node, busy=True)
-    while True:
-        spinner.once()
+    return run_node(SlipControllerNode, lambda node: answer(node, node.task()))
