@@ -14,10 +14,12 @@ import gc
 import math
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParametersAtomically
@@ -28,19 +30,17 @@ from rclpy.qos import ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 
 from tcc_sim.errors import InputError, counted, one_line
-from tcc_sim.messages import cdr
-from tcc_sim.model.profile import START
 from tcc_sim.nodes import executables, parameters
 from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.executables import Spinner, Throttle, deliver, log, run_node, warn
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
-from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput, target_input
-from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
+from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput, joining
+from tcc_sim.nodes.middleware import DIAGNOSTICS, nodes_of, time_of
 from tcc_sim.nodes.options import TEXT
 from tcc_sim.plant.driveline import doubt_of
-from tcc_sim.recording.announcements import LATE_SHARE, holding_from
+from tcc_sim.recording.announcements import LATE_SHARE
 from tcc_sim.scene import Scene
-from tcc_sim.topics import FAR_END, topic
+from tcc_sim.topics import FAR_END, TARGET, topic
 
 SWITCH_INTERVAL = 1e-4
 """Time after which the real-time loop interrupts another thread in the interpreter, s."""
@@ -60,13 +60,10 @@ class DrivelineNode(Node):
 
     def __init__(self, scene: Scene | None = None, **options: Any) -> None:
         super().__init__("driveline", **options)
-        self.scene = parameters.declare(self, scene)
-        for sentence in self.scene.warnings():
+        scene = parameters.declare(self, scene)
+        for sentence in scene.warnings():
             warn(self, sentence)
-        self.loop = RealTimeLoop(self, self.scene)
-        self._scene_text, self._changed = self.scene.text(), False
-        self._say(0)
-        self.loop.announce = lambda moved: self._say(0) if moved or self._changed else None
+        self.loop = RealTimeLoop(self, scene)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
         loop, stepper = self.loop, self.loop.plant.stepper
@@ -78,11 +75,15 @@ class DrivelineNode(Node):
             lambda _: loop.single_step(), lambda outcome: f"at tick {stepper.tick}" if outcome else "not paused"))
         self.create_service(SetParametersAtomically, "~/command", self._on_command)
         self.waiting = Waiting(self, self.loop)
-        self.diagnostics = (Diagnostics(self, self.loop, self.waiting) if self.scene.operation.publish_diagnostics
-                            else None)
+        self.diagnostics = Diagnostics(self, loop, self.waiting) if scene.operation.publish_diagnostics else None
         self._announced = False
         self._vehicle: CommandedInput | None = None
         self._throttle = Throttle(self)
+
+    @property
+    def scene(self) -> Scene:
+        """The current scene."""
+        return self.loop.scene
 
     def start(self) -> None:
         """Compile the kernels, then start the clock.
@@ -95,44 +96,43 @@ class DrivelineNode(Node):
 
     def housekeeping(self) -> None:
         """Publish diagnostics when due, log throttled warnings, and raise the failure of the loop if there was one."""
+        loop, pacer, throttled = self.loop, self.loop.pacer, self._throttle.warn
         if self.diagnostics is not None:
             self.diagnostics.publish_when_due()
-        self.loop.outputs.tell_unsent()
+        loop.outputs.tell_unsent()
         self._look_for_vehicle()
-        loop = self.loop
-        if loop.clock_started.is_set() and loop.target_waits:
-            target = target_input(self)
+        started = loop.clock_started.is_set()
+        if started and loop.target is None and (target := joining(self, TARGET)) is not None:
             loop.request(lambda: loop.follow(target))
-        if loop.clock_started.is_set() and loop.clock.due:
+        if started and loop.clock.due:
             loop.request(lambda: loop.clock.begin(loop.plant.stamp_ns))
-        if self.loop.clock_started.is_set() and not self._announced:
+        if started and not self._announced:
             self._announced = True
             log(self, CLOCK_STARTED)
-            for sentence in self.loop.refused_wishes:
+            for sentence in loop.refused_wishes:
                 warn(self, sentence)
-        for command in self.loop.commands:
-            if doubt := command.doubt(self.loop.plant.stepper.tick, DOUBTED_AFTER * self.scene.operation.rate):
+        for command in loop.commands:
+            if doubt := command.doubt(loop.plant.stepper.tick, DOUBTED_AFTER * self.scene.operation.rate):
                 self._throttle.once(f"{command.name} unit", doubt)
-            self._throttle.warn(f"{command.name} refused", command.refusal, command.refused)
-            self._throttle.warn(f"{command.name} time-outs", f"no command on {command.name} within command_timeout; "
-                                "the fallback applied", command.timeouts)
+            throttled(f"{command.name} refused", command.refusal, command.refused)
+            throttled(f"{command.name} time-outs", f"no command on {command.name} within command_timeout; the fallback "
+                      "applied", command.timeouts)
         for what, sentence in self.waiting.sentences().items():
-            self._throttle.warn(what, sentence)
+            throttled(what, sentence)
         for name, sentence in self.waiting.unstamped().items():
             self._throttle.once(f"{name} stamps", sentence)
-        pacer = self.loop.pacer
-        self._throttle.warn("missed ticks", f"the real-time loop was {pacer.missed_by:.3g} s late, as after a pause of "
-                            "the process; ticks were missed in real time, none in simulation time", pacer.missed_ticks)
+        throttled("missed ticks", f"the real-time loop was {pacer.missed_by:.3g} s late, as after a pause of the "
+                  "process; ticks were missed in real time, none in simulation time", pacer.missed_ticks)
         if self.diagnostics is not None and self.diagnostics.lateness:
             self._throttle.once("late ticks", self.diagnostics.lateness)
-        if self.loop.failure is not None:
-            raise self.loop.failure
+        if loop.failure is not None:
+            raise loop.failure
 
     def _look_for_vehicle(self) -> None:
         """Subscribe to output_speed once its first message is there, until its last publisher has gone."""
         loop = self.loop
-        if self._vehicle is None and loop.clock_started.is_set() and loop.vehicle_waits:
-            self._vehicle = CommandedInput(self, topic(FAR_END))
+        if self._vehicle is None and loop.clock_started.is_set() and loop.far_end is None:
+            self._vehicle = joining(self, FAR_END)
         if (far_end := self._vehicle) is not None and loop.far_end is None:
             far_end.poll(0, math.inf)
             if far_end.received + far_end.refused:
@@ -164,7 +164,7 @@ class DrivelineNode(Node):
             return SetParametersResult(successful=True)
         text = after.text()
         before = self.scene.warnings()
-        outcome = self.loop.request(lambda: self._take(after, text))
+        outcome = self.loop.request(lambda: self.loop.use(after, text))
         for sentence in after.warnings():
             if outcome.done and sentence not in before:
                 warn(self, sentence)
@@ -190,26 +190,13 @@ class DrivelineNode(Node):
         notes = [f"{held}, once the driveline goes on: it is paused" if self.loop.paused else held]
         for command in self.loop.commands:
             if command.name in values:
-                others = command.subscription.get_publisher_count()
-                notes += [f"{counted(others, 'publisher')} on {command.subscription.topic_name}: the newest command "
-                          "counts"] * (others > 0)
-                notes += [doubt.partition("; ")[2] for doubt in [doubt_of(command.name, values[command.name])] if doubt]
+                if others := command.subscription.get_publisher_count():
+                    notes.append(f"{counted(others, 'publisher')} on {command.topic}: the newest command counts")
+                if doubt := doubt_of(command.name, values[command.name]):
+                    notes.append(doubt.partition("; ")[2])
         response.result.successful = outcome.done
         response.result.reason = "; ".join(notes) if outcome else one_line(outcome.why)
         return response
-
-    def _take(self, scene: Scene, text: str) -> None:
-        """Apply `scene` from the next tick on, and publish it before that tick's state; called in the loop."""
-        self.loop.use(scene)
-        self.scene, self._scene_text, self._changed = scene, text, True
-        plant = self.loop.plant
-        self._say(plant.stamp_of(plant.stepper.tick + 1))
-
-    def _say(self, time_ns: int) -> None:
-        """Publish the scene with its run and the simulation time of the first state computed with it."""
-        text = holding_from(self._scene_text, time_ns, self.loop.plant.origin if time_ns else START,
-                            self.loop.outputs.zero_ns, self.loop.outputs.run, self.get_fully_qualified_name())
-        self.loop.outputs.say("scene", cdr.string(text))
 
     def _does(self, action: Callable[[Any], object], sentence: Callable[[Outcome], str]) -> Callable[[Any, Any], Any]:
         """Return a service callback that requests an action of the loop and answers with its outcome."""
@@ -251,13 +238,13 @@ class Waiting:
             missing = {command.name: f"lock-step waits for a command that answers {state}; {self.publishers(command)}"
                        for command in loop.waits_for}
         else:
-            missing = {command.name: f"no command on {self._topic(command)}, the fallback applies "
+            missing = {command.name: f"no command on {command.topic}, the fallback applies "
                        f"({self._fallback(command)}); {self.publishers(command)}"
-                       for command in loop.commands if command.fallen_back}
+                       for command in loop.commands if command.value is None}
         if loop.clock_started.is_set() and (clock := loop.clock.sentence()):
             missing["/clock"] = clock
         now = self._clock()
-        slow = {command.name for command in loop.waits_for if not command.fallen_back}
+        slow = {command.name for command in loop.waits_for if command.value is not None}
         waits = {what: (what, loop.plant.stamp_ns if what in slow else -1) for what in missing}
         self._since = {wait: self._since.get(wait, now) for wait in waits.values()}
         sentences = {what: f"{sentence}; since {now - since:.0f} s" for what, sentence in missing.items()
@@ -276,8 +263,7 @@ class Waiting:
             return sentences
         followers = set(loop.clock.followers)
         for command in loop.commands:
-            senders = self._node.get_publishers_info_by_topic(self._topic(command))
-            names = {f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in senders}
+            names = set(nodes_of(self._node.get_publishers_info_by_topic(command.topic)))
             command.timed = bool(names) and names <= followers
             if command.unstamped and not command.timed and command is not loop.far_end:
                 sentences[command.name] = (
@@ -288,9 +274,8 @@ class Waiting:
 
     def publishers(self, command: CommandedInput) -> str:
         """Return the publishers on the topic of an input as text: type, quality of service, why they do not match."""
-        row, name = topic(command.name), self._topic(command)
-        sentences = []
-        for info in self._node.get_publishers_info_by_topic(name):
+        row, sentences = topic(command.name), []
+        for info in self._node.get_publishers_info_by_topic(command.topic):
             profile = info.qos_profile
             best_effort = profile.reliability == ReliabilityPolicy.BEST_EFFORT
             wrong = (f", which is not {row.type}" if info.topic_type != row.type else
@@ -301,11 +286,7 @@ class Waiting:
         refused = f"; {counted(command.refused, 'command')} refused, the last: {command.refusal}" if (
             command.refused) else ""
         colon = ": " if sentences else ""
-        return f"{counted(len(sentences), 'publisher')} on {name}{colon}{', '.join(sentences)}{refused}"
-
-    def _topic(self, command: CommandedInput) -> str:
-        name: str = command.subscription.topic_name
-        return name
+        return f"{counted(len(sentences), 'publisher')} on {command.topic}{colon}{', '.join(sentences)}{refused}"
 
     def _fallback(self, command: CommandedInput) -> str:
         if command is self._loop.far_end:
@@ -329,7 +310,7 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", DIAGNOSTICS)
         self._since = clock()
         self._due = self._since + DIAGNOSTICS_PERIOD
-        self._missed = self._lost = self._stick = self._slip = self._ticks = self._late = 0
+        self._counts: Counter[str] = Counter()
         self.lateness = ""
 
     def publish_when_due(self) -> None:
@@ -346,13 +327,15 @@ class Diagnostics:
     def _status(self, now: float) -> DiagnosticStatus:
         loop, pacer, operation = self._loop, self._loop.pacer, self._loop.scene.operation
         stepper = loop.plant.stepper
-        stick, slip = loop.stick_ticks - self._stick, loop.slip_ticks - self._slip
-        rate = (stick + slip) / (now - self._since)
+        counts = Counter(stick=loop.stick_ticks, slip=loop.slip_ticks, paced=pacer.ticks, late=pacer.late_ticks,
+                         missed=pacer.missed_ticks, lost=sum(command.lost for command in loop.commands))
+        new, self._counts = counts - self._counts, counts
+        stick, slip = new["stick"], new["slip"]
+        rate, self._since = (stick + slip) / (now - self._since), now
         still = "paused" if loop.paused else "waiting"
         regime = still if not stick + slip else "stick" if not slip else "slip" if not stick else "stick-slip"
-        middle, high = pacer.lateness()
-        paced, late = pacer.ticks - self._ticks, pacer.late_ticks - self._late
-        share = late / paced if paced > 0 else 0.0
+        middle, high = np.percentile(pacer.latenesses(), (50, 99)) if pacer.ticks else (0.0, 0.0)
+        share = new["late"] / new["paced"] if new["paced"] else 0.0
         self.lateness = "" if share <= LATE_SHARE else (
             f"{100.0 * share:.3g} % of the ticks were late by more than a period of {pacer.period_ns * 1e-6:.3g} ms; "
             f"since the start at most by {pacer.lateness_max:.3g} s")
@@ -378,24 +361,20 @@ class Diagnostics:
                        f"{command.name} lost": str(command.lost),
                        f"{command.name} last refusal": command.refusal,
                        f"{command.name} time-outs": str(command.timeouts),
-                       f"{command.name} source": "fallback" if command.fallen_back else "topic"}
+                       f"{command.name} source": "fallback" if command.value is None else "topic"}
         if loop.pressure_command is not None:
             commanded, applied = loop.plant.pressures
             values |= {"commanded pressure (Pa)": f"{commanded:.6g}", "applied pressure (Pa)": f"{applied:.6g}"}
-        waiting = [c.name for c in loop.commands if c.fallen_back]
-        lost = sum(command.lost for command in loop.commands)
+        waiting = [c.name for c in loop.commands if c.value is None]
         wrong = []
-        if lost > self._lost:
-            wrong.append(f"{counted(lost - self._lost, 'command')} lost or replaced before a tick could take them")
-        if pacer.missed_ticks > self._missed:
-            wrong.append(f"{counted(pacer.missed_ticks - self._missed, 'tick')} missed in real time")
+        if new["lost"]:
+            wrong.append(f"{counted(new['lost'], 'command')} lost or replaced before a tick could take them")
+        if new["missed"]:
+            wrong.append(f"{counted(new['missed'], 'tick')} missed in real time")
         if self.lateness:
             wrong.append(self.lateness)
         if waiting:
             wrong.append(f"no command on {' and '.join(waiting)}; the scene's fallback applies")
-        self._since, self._missed, self._lost = now, pacer.missed_ticks, lost
-        self._ticks, self._late = pacer.ticks, pacer.late_ticks
-        self._stick, self._slip = self._stick + stick, self._slip + slip
         return DiagnosticStatus(level=DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK,
                                 name=f"{self._node.get_fully_qualified_name()}: driveline",
                                 hardware_id=loop.outputs.run, message="; ".join(wrong) or regime,

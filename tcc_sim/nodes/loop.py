@@ -19,11 +19,13 @@ from typing import Any, NamedTuple
 from rclpy.node import Node
 
 from tcc_sim.errors import InputError
-from tcc_sim.messages import held
-from tcc_sim.nodes.loop_topics import CommandedInput, JointCommands, Outputs, SimulationClock, target_input
-from tcc_sim.nodes.middleware import await_peer
+from tcc_sim.messages import cdr, held
+from tcc_sim.model.profile import START
+from tcc_sim.nodes.loop_topics import CommandedInput, JointCommands, Outputs, SimulationClock, joining
+from tcc_sim.nodes.middleware import wait_until
 from tcc_sim.nodes.pacing import Pacer, attend, prepare_thread, tick_time_of
 from tcc_sim.plant.driveline import Plant, Reading
+from tcc_sim.recording.announcements import holding_from
 from tcc_sim.scene import Scene
 from tcc_sim.topics import FAR_END, HELD_INPUTS, INPUTS, TARGET, topic
 
@@ -79,9 +81,8 @@ class RealTimeLoop:
         self._beat = max(1, math.floor(held.BEAT * scene.operation.rate + 1e-9))
         self._number, self._told = 0, -self._beat
         self._seen: tuple[int, float | None, tuple[bool, ...]] = 0, None, ()
-        self.announce: Callable[[bool], object] = lambda moved: None
-        """Called before the state of simulation time 0, with whether run or zero of the stamps are others than before.
-        """
+        self._text, self._changed = scene.text(), False
+        self._announce(0)
 
     @property
     def scene(self) -> Scene:
@@ -117,20 +118,10 @@ class RealTimeLoop:
             if self.scene.operation.thread_priority:
                 attend(0)
 
-    @property
-    def target_waits(self) -> bool:
-        """Whether target_slip_speed has a publisher but no subscription yet."""
-        return self.target is None and self._node.count_publishers(TARGET) > 0
-
     def follow(self, target: CommandedInput) -> None:
         """Report the target slip speed on `held` from the next tick on."""
         self.target = target
         self.outputs.report_inputs()
-
-    @property
-    def vehicle_waits(self) -> bool:
-        """Whether output_speed has a publisher but no subscription yet."""
-        return self.far_end is None and self._node.count_publishers(FAR_END) > 0
 
     def attach(self, far_end: CommandedInput) -> None:
         """Apply output_speed from the next tick on, and publish output_state."""
@@ -150,14 +141,12 @@ class RealTimeLoop:
         self.plant.move_far_end(None)
 
     def meet(self) -> None:
-        """Subscribe to output_speed if it has a publisher, after connecting; publish /clock if due."""
-        if self.target_waits:
-            target = target_input(self._node)
-            await_peer(target.subscription.get_publisher_count)
+        """Take target_slip_speed and output_speed if they have publishers, after connecting; publish /clock if due."""
+        if self.target is None and (target := joining(self._node, TARGET)) is not None:
+            wait_until(target.subscription.get_publisher_count)
             self.follow(target)
-        if self.vehicle_waits:
-            far_end = CommandedInput(self._node, topic(FAR_END))
-            await_peer(far_end.subscription.get_publisher_count)
+        if self.far_end is None and (far_end := joining(self._node, FAR_END)) is not None:
+            wait_until(far_end.subscription.get_publisher_count)
             self.attach(far_end)
         if self.clock.due:
             self.clock.begin()
@@ -238,9 +227,13 @@ class RealTimeLoop:
             inputs[name].hold(value, tick)
         self._unanswered = self._unanswered and [c for c in self._unanswered if c.name not in values]
 
-    def use(self, scene: Scene) -> None:
-        """Apply changed parameters together from the next tick on; raise InputError if they cannot be computed."""
+    def use(self, scene: Scene, text: str) -> None:
+        """Apply changed parameters together from the next tick on, and publish the scene before that tick's state;
+        raise InputError if they cannot be computed.
+        """
         self.plant.use(scene)
+        self._text, self._changed = text, True
+        self._announce(self.plant.stamp_of(self.plant.stepper.tick + 1))
         period = tick_time_of(scene.operation.rate, scene.operation.real_time_factor) * 1e9
         if period != self.pacer.period_ns:
             self.pacer.period_ns = period
@@ -350,8 +343,15 @@ class RealTimeLoop:
         """
         moved = self.outputs.begin_at_zero(again)
         self._number, self._told = 0, -self._beat
-        self.announce(moved)
+        if moved or self._changed:
+            self._announce(0)
         self._publish(self.plant.reading())
+
+    def _announce(self, time_ns: int) -> None:
+        """Publish the scene with its run and the simulation time of the first state computed with it."""
+        text = holding_from(self._text, time_ns, self.plant.origin if time_ns else START, self.outputs.zero_ns,
+                            self.outputs.run, self._node.get_fully_qualified_name())
+        self.outputs.say("scene", cdr.string(text))
 
     @property
     def _reported(self) -> list[CommandedInput]:

@@ -13,7 +13,6 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr, held
@@ -22,13 +21,13 @@ from tcc_sim.nodes.middleware import (
     COMMANDS,
     LATCHED,
     SequenceNumbers,
-    await_peer,
     message_class,
+    nodes_of,
     poll,
-    publisher_of,
     states,
     subscribe,
     taker,
+    wait_until,
 )
 from tcc_sim.nodes.track import unsent_message
 from tcc_sim.plant.driveline import Reading, check_command, doubt_of
@@ -56,7 +55,7 @@ QUIET, LONGEST_QUIET = 0.3, 3.0
 """Real time without a message after which a node that joins lock-step has answered, and longest wait, s."""
 
 
-class CommandedInput:
+class CommandedInput(SequenceNumbers):
     """One commanded input with zero-order hold: the newest valid command applies from the next tick on.
 
     Before the first command, and after command_timeout without one, the scene's fallback applies.
@@ -76,6 +75,7 @@ class CommandedInput:
 
     def __init__(self, node: Node, row: Topic, admit: Callable[[float], None] = lambda _: None,
                  qos: QoSProfile = COMMANDS) -> None:
+        super().__init__()
         self.name, self._admit = row.name, admit
         self.value: float | None = None
         self.received = self.superseded = self.refused = self.timeouts = 0
@@ -89,17 +89,13 @@ class CommandedInput:
         self.timed, self._early = False, (b"", math.inf)
         self._stamped = row.type == FLUID_PRESSURE
         self.subscription: Any = subscribe(node, message_class(row.type), row.name, qos)
-        self._take, self._numbers = taker(self.subscription), SequenceNumbers()
+        self.topic: str = self.subscription.topic_name
+        self._take = taker(self.subscription)
 
     def doubt(self, tick: int, after: float) -> str:
         """Return a sentence on a probable wrong unit if all commands in more than `after` ticks suggest it; else empty.
         """
         return doubt_of(self.name, self._largest) if self.received and tick - self._first_tick > after else ""
-
-    @property
-    def fallen_back(self) -> bool:
-        """Whether the fallback applies."""
-        return self.value is None
 
     def reset(self) -> None:
         """Return to the fallback, as before the first command of a run, whose counts begin."""
@@ -118,7 +114,7 @@ class CommandedInput:
     @property
     def events(self) -> int:
         """Number that grows with every event that `report` shows."""
-        return self.received + self.refused + self.timeouts + self._numbers.lost
+        return self.received + self.refused + self.timeouts + self.lost
 
     def report(self, zero_ns: int) -> tuple[float, ...]:
         """Return the values of `messages.held.FIELDS`, without an actuator; `zero_ns` is the stamp of time 0."""
@@ -131,7 +127,7 @@ class CommandedInput:
     def poll(self, tick: int, timeout_ticks: float) -> None:
         """Take the messages that arrived before tick `tick`; the caller ensures that the subscription exists."""
         for data, info in islice(iter(self._take, None), COMMANDS.depth):  # No flood may hold a tick up.
-            self._count(info)
+            self._note_sender(info)
             self.accept(data, tick)
         if self.value is not None and tick - self._last_tick >= timeout_ticks:
             self.fall_back()
@@ -157,7 +153,7 @@ class CommandedInput:
         same time arrives and answer an older state of the period: such a command counts if none follows within GRACE.
         """
         while taken := poll(self.subscription, most=1):
-            self._count(taken[0][1])
+            self._note_sender(taken[0][1])
             if self.accept(taken[0][0], tick, stamp_ns):
                 self._early = b"", math.inf
                 return True
@@ -167,16 +163,9 @@ class CommandedInput:
         self._early = b"", math.inf
         return self.accept(data, tick)
 
-    def _count(self, info: Mapping[str, Any]) -> None:
-        number, publisher = info.get("publication_sequence_number"), publisher_of(info)
-        if number and publisher:
-            self._numbers.count(publisher, number)
+    def _note_sender(self, info: Mapping[str, Any]) -> None:
+        publisher = self.count(info)
         self._sender = self._publishers.setdefault(publisher, len(self._publishers) + 1) if publisher else 0
-
-    @property
-    def lost(self) -> int:
-        """Number of commands that newer ones replaced in the queue, or that were lost on the way."""
-        return self._numbers.lost
 
     def fall_back(self) -> None:
         """Apply the fallback and count the time-out."""
@@ -269,11 +258,15 @@ class JointCommands:
         return taken
 
 
-def target_input(node: Node) -> CommandedInput:
-    """Return the input of the target slip speed, with the last one published if all of its publishers are latched."""
-    offered = node.get_publishers_info_by_topic(TARGET)
-    latched = all(one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered)
-    return CommandedInput(node, topic(TARGET), qos=LATCHED if latched else COMMANDS)
+def joining(node: Node, name: str) -> CommandedInput | None:
+    """Return the input of a topic that has a publisher, else None; with the last target if all of its publishers are
+    latched.
+    """
+    if not node.count_publishers(name):
+        return None
+    latched = name == TARGET and all(one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+                                     for one in node.get_publishers_info_by_topic(name))
+    return CommandedInput(node, topic(name), qos=LATCHED if latched else COMMANDS)
 
 
 class Outputs:
@@ -310,9 +303,9 @@ class Outputs:
         for row in TOPICS:
             if row.fields and row.name != CLOCK_TOPIC and row.wanted(scene.value):
                 self.add(row.name)
-        for name, profile in (("scene", LATCHED), ("held", CHANGES)):
-            if topic(name).wanted(scene.value):
-                self._create(name, profile)
+        self._publisher("scene", LATCHED)
+        if topic("held").wanted(scene.value):
+            self.report_inputs()
 
     def begin_at_zero(self, again: bool) -> bool:
         """Let the next state be that of simulation time 0, of another run if `again`; return whether run or zero of the
@@ -328,8 +321,7 @@ class Outputs:
 
     def report_inputs(self) -> None:
         """Create the topic `held`, if it does not exist."""
-        if "held" not in self._publishers:
-            self._create("held", CHANGES)
+        self._publisher("held", CHANGES)
 
     def add(self, name: str) -> bool:
         """Create the publisher of a topic with a message for every tick from now on; return False if it exists."""
@@ -337,7 +329,7 @@ class Outputs:
             return False
         row = topic(name)
         values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
-        self._every_tick.append((self._create(name, self._states), cdr.ENCODERS[name], values))
+        self._every_tick.append((self._publisher(name, self._states), cdr.ENCODERS[name], values))
         return True
 
     def state(self, reading: Reading) -> None:
@@ -370,8 +362,8 @@ class Outputs:
         total = sum(counts.values())
         if total <= self._reported:
             return
-        publisher = self._publishers.get("unsent_messages") or self._create("unsent_messages", LATCHED)
-        if self._taken(publisher, unsent_message(self._node.get_fully_qualified_name(), counts)):
+        message = unsent_message(self._node.get_fully_qualified_name(), counts)
+        if self._taken(self._publisher("unsent_messages", LATCHED), message):
             self._reported = total
 
     def subscriptions(self) -> tuple[int, int]:
@@ -382,18 +374,19 @@ class Outputs:
     def meet(self, name: str) -> None:
         """Wait until the known subscribers of a new topic are connected, so that they receive its first message."""
         known = self._node.count_subscribers(name)
-        await_peer(lambda: self._publishers[name].get_subscription_count() >= known)
+        wait_until(lambda: self._publishers[name].get_subscription_count() >= known)
 
     def handles(self) -> list[Any]:
         """Return the publishers' handles, which a publishing thread holds so that no publisher is destroyed in use."""
         return [publisher.handle for publisher in self._publishers.values()]
 
-    def _create(self, name: str, profile: QoSProfile) -> Any:
-        """Create the publisher of a topic, which sends bytes without checks; the caller ensures that it exists."""
-        publisher: Any = self._node.create_publisher(message_class(topic(name).type), name, profile)
-        publisher.publish = publisher.handle.publish_raw
-        self._publishers[name] = publisher
-        return publisher
+    def _publisher(self, name: str, profile: QoSProfile) -> Any:
+        """Return the publisher of a topic, after creating it the first time; it sends bytes without checks."""
+        if name not in self._publishers:
+            publisher: Any = self._node.create_publisher(message_class(topic(name).type), name, profile)
+            publisher.publish = publisher.handle.publish_raw
+            self._publishers[name] = publisher
+        return self._publishers[name]
 
     def _send(self, publisher: Any, data: bytes) -> None:
         """Send a message, or queue it (`patient`), or count it as dropped."""
@@ -439,14 +432,15 @@ class SimulationClock:
         such as a recorder, subscribe reliably.
         """
         me = self._node.get_fully_qualified_name()
-        return [name for name in _peers([info for info in self._node.get_subscriptions_info_by_topic(self._topic)
+        return [name for name in nodes_of([info for info in self._node.get_subscriptions_info_by_topic(self._topic)
                                          if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT])
                 if name != me]
 
     @property
     def rivals(self) -> list[str]:
         """Names of the other nodes that publish /clock."""
-        names, me = _peers(self._node.get_publishers_info_by_topic(self._topic)), self._node.get_fully_qualified_name()
+        names = nodes_of(self._node.get_publishers_info_by_topic(self._topic))
+        me = self._node.get_fully_qualified_name()
         if self.published and me in names:
             names.remove(me)
         return names
@@ -479,7 +473,3 @@ class SimulationClock:
         if followers and not rivals and not self.published and not self._lockstep:
             return f"{followers} with use_sim_time waits for {self._topic}, which nobody publishes: set publish_clock"
         return ""
-
-
-def _peers(endpoints: Sequence[TopicEndpointInfo]) -> list[str]:
-    return [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in endpoints]

@@ -6,17 +6,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from importlib import import_module
 from itertools import islice
-from typing import Any
+from typing import Any, TypeVar
 
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from tcc_sim.errors import InputError
 
@@ -32,6 +33,7 @@ CHANGES = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DIAGNOSTICS = QoSProfile(depth=10)
 """Quality of service of /diagnostics that diagnostic_aggregator expects."""
 
+Found = TypeVar("Found")
 MEETING, LOOK = 1.0, 1e-3
 """Longest real time to connect to a known peer, and between two checks, s."""
 MOST_TAKEN = 100_000
@@ -120,11 +122,17 @@ def poll(subscription: Subscription[Any], most: int = MOST_TAKEN) -> list[tuple[
         return list(islice(iter(taker(subscription), None), most))
 
 
-def await_peer(met: Callable[[], object], limit: float = MEETING) -> None:
-    """Wait until `met()` is true, at most `limit` seconds."""
+def wait_until(met: Callable[[], Found], limit: float = MEETING) -> Found:
+    """Wait until `met()` is true, at most `limit` seconds, and return its last value."""
     since = time.monotonic()
-    while not met() and time.monotonic() - since < limit:
+    while not (found := met()) and time.monotonic() - since < limit:
         time.sleep(LOOK)
+    return found
+
+
+def nodes_of(endpoints: Iterable[TopicEndpointInfo]) -> list[str]:
+    """Return the fully qualified names of the nodes of publishers or subscriptions."""
+    return [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in endpoints]
 
 
 def publisher_of(info: Mapping[str, Any]) -> bytes:
@@ -138,7 +146,7 @@ class SequenceNumbers:
 
     Attributes
     ----------
-    lost : number of lost messages
+    lost : number of lost messages: newer ones replaced them in the queue, or they were lost on the way
     next : publisher -> expected sequence number of its next message
     """
 
@@ -146,11 +154,15 @@ class SequenceNumbers:
         self.lost = 0
         self.next: dict[bytes, int] = {}
 
-    def count(self, publisher: bytes, number: int) -> None:
-        """Count the messages missing between this message and the publisher's last one."""
+    def count(self, info: Mapping[str, Any]) -> bytes:
+        """Count the messages missing between this message and its publisher's last one, and return the publisher."""
+        publisher, number = publisher_of(info), info.get("publication_sequence_number")
+        if not publisher or not number:
+            return publisher
         if publisher not in self.next and len(self.next) >= MOST_PUBLISHERS:
             del self.next[next(iter(self.next))]
         expected = self.next.get(publisher, number)
         if number > expected:
             self.lost += number - expected
         self.next[publisher] = number + 1
+        return publisher

@@ -51,7 +51,7 @@ class Pacer:
     Parameters
     ----------
     period : real time between ticks, s
-    kept : number of last latenesses stored for `lateness`
+    kept : number of last latenesses stored for `latenesses`
     clock : function that returns monotonic time, ns
     sleep : function that sleeps for a number of seconds
     lead : largest time by which a sleep ends before the deadline, s; 0 to sleep until the deadline
@@ -122,13 +122,6 @@ class Pacer:
     def latenesses(self) -> NDArray[np.float64]:
         """Return the latenesses of the last ticks, s, unordered."""
         return np.array(self._recent[:self.ticks])
-
-    def lateness(self) -> tuple[float, float]:
-        """Return median and 99th percentile of the lateness of the last ticks, s."""
-        if not self.ticks:
-            return 0.0, 0.0
-        middle, high = np.percentile(self._recent[:self.ticks], (50, 99))
-        return float(middle), float(high)
 
 
 def prepare_thread(priority: int = 0, cores: Sequence[int] = (), lock_memory: bool = False,

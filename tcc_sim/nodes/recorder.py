@@ -21,7 +21,6 @@ import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy
 
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
@@ -35,7 +34,7 @@ from tcc_sim.nodes.track import SimulatedTime, Taken, Track, UnsentCount
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.mcap_file import RELIABLE
-from tcc_sim.topics import CLOCK_TOPIC, JOINT_STATE, STRING, TOPICS
+from tcc_sim.topics import CLOCK_TOPIC, JOINT_STATE, TOPICS, Topic
 
 _DRAIN_PERIOD = 0.1
 _LOOK_PERIOD = 0.25
@@ -59,31 +58,26 @@ class Recorder:
             raise InputError("topics is empty; it must name a topic")
         self.flush_period, self.fsync_period = options.flush_period, options.fsync_period
         self.drain_period = min(_DRAIN_PERIOD, 0.5 * self.flush_period)
-        known: dict[str, str] = {}
-        self._rows: dict[str, str] = {}
+        self._rows: dict[str, Topic] = {}
         self._profiles: dict[str, list[dict[str, Any]]] = {}
         for row in TOPICS:
-            if known.setdefault(topic := node.resolve_topic_name(row.name), row.type) != row.type:
-                raise InputError(f"{row.name} is remapped onto {topic}, which is a {known[topic]}, not a {row.type}")
-            self._rows.setdefault(topic, row.name.removeprefix("/"))
-        self._unknown = [topic for topic in map(node.resolve_topic_name, options.topics) if topic not in known]
-        wanted = [topic for topic in map(node.resolve_topic_name, options.topics) if topic in known]
+            known = self._rows.setdefault(topic := node.resolve_topic_name(row.name), row)
+            if known.type != row.type:
+                raise InputError(f"{row.name} is remapped onto {topic}, which is a {known.type}, not a {row.type}")
         self.tracks: dict[str, Track] = {}
         self._clock = node.resolve_topic_name(CLOCK_TOPIC)
         self._simulated = SimulatedTime() if node.get_parameter("use_sim_time").value else None
         self._held: list[tuple[Track, Taken]] = []
-        if self._simulated is not None and self._clock not in wanted:
-            wanted.append(self._clock)
+        wanted = {*map(node.resolve_topic_name, options.topics), *[self._clock] * (self._simulated is not None)}
+        self._unknown = sorted(wanted - self._rows.keys())
         self.next_look = 0.0
         # The scene comes first, so that it precedes its states in the file. joint_states come last: the driveline may
         # wait for their subscriber, and all other subscriptions exist by then.
         states = node.resolve_topic_name("joint_states")
         self.unsent = UnsentCount()
-        self._unsent_topic = node.resolve_topic_name("unsent_messages")
-        self._scene_topics = {node.resolve_topic_name(row.name) for row in TOPICS if row.type == STRING}
-        latched = {node.resolve_topic_name(row.name) for row in TOPICS if row.latched}
-        for topic in sorted(wanted, key=lambda topic: (topic == states, topic not in latched)):
-            self._add(topic, known[topic], topic in latched)
+        for topic, row in sorted(self._rows.items(), key=lambda item: (item[0] == states, not item[1].latched)):
+            if topic in wanted:
+                self._add(topic, row.type, row.latched)
         self._spinner = Spinner(node)
         self._reported: dict[str, dict[str, int]] = {}
         self._zeros = zeros_of(())
@@ -137,12 +131,13 @@ class Recorder:
             self.write(track, taken)
 
     def write(self, track: Track, taken: Taken) -> None:
-        """Write messages of one topic and count lost ones."""
+        """Write messages of one topic."""
         if not taken:
             return
-        write, count, channels = self.bag.write, track.count, track.channels
+        write, channels = self.bag.write, track.channels
         sources: list[int] = []
-        simulated = self._simulated
+        simulated, row = self._simulated, self._rows.get(track.topic)
+        scene, unsent = (row is not None and row.name == name for name in ("scene", "unsent_messages"))
         if simulated is not None:
             if track.topic == self._clock:
                 simulated.follow(taken)
@@ -151,14 +146,12 @@ class Recorder:
                 return
         for data, info in taken:
             number, who = info.get("publication_sequence_number") or 0, publisher_of(info)
-            if number and who:
-                count(who, number)
             channel = channels.get(who) or self._channel(track, who)
             sources.append(channel)
             received = info["received_timestamp"] or time.time_ns()
-            if track.topic in self._scene_topics:
+            if scene:
                 self._describe(data, info["source_timestamp"] or received)
-            if track.topic == self._unsent_topic and who:
+            if unsent and who:
                 self.unsent.add(who, data)
             log = received if simulated is None else simulated.of(info)
             write(channel, log, info["source_timestamp"], data, number, track.latched)
@@ -192,21 +185,15 @@ class Recorder:
         running = any(track.messages for track in self.tracks.values() if track.type == JOINT_STATE)
         for track in self.tracks.values():
             offered = self.node.get_publishers_info_by_topic(track.topic)
-            self.write(track, track.follow_best_effort(offered))
-            if offered:
-                latched = all(o.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for o in offered)
-                late = latched and running and track.asks_again([bytes(o.endpoint_gid) for o in offered])
-                if late or latched != track.latched:
-                    self.write(track, track.subscribe(latched))
+            self.write(track, track.follow(offered, again=running))
+            now = {bytes(one.endpoint_gid) for one in offered}
             if track.latched:
-                publishers = {bytes(o.endpoint_gid) for o in offered}
-                for who in track.channels.keys() - publishers:
+                for who in track.channels.keys() - now:
                     self.bag.unlatch(track.channels[who])
             if track.topic == self._clock and self._simulated is not None and not track.messages:
                 self._report_missing_clock(track)
             if track.type == JOINT_STATE:
                 self._report_silence(track)
-                now = {bytes(o.endpoint_gid) for o in offered}
                 if track.publishers - now:
                     left = f"; {len(now)} left" if now else ""
                     warn(self.node, f"the publisher of {track.topic} is gone{left}; the recording continues")
@@ -257,8 +244,9 @@ class Recorder:
         if len(track.channels) >= MOST_PUBLISHERS:
             publisher = b""
         if publisher not in track.channels:
+            row = self._rows[track.topic].name.removeprefix("/") if track.topic in self._rows else ""
             track.channels[publisher] = self.bag.channel(track.topic, track.type, self._offered(track.topic, publisher),
-                                                         publisher=publisher.hex(), row=self._rows.get(track.topic, ""))
+                                                         publisher=publisher.hex(), row=row)
         return track.channels[publisher]
 
     def _add(self, topic: str, type_name: str, latched: bool = False) -> None:

@@ -87,13 +87,6 @@ class Track(SequenceNumbers):
         self._requests: Counter[bytes] = Counter()
         self._offered: set[bytes] = set()
 
-    def subscribe(self, latched: bool) -> Taken:
-        """Replace the reliable subscription; return the messages that waited in the old one."""
-        before = self.take()
-        self._node.destroy_subscription(self.subscription)
-        self.latched, self.subscription = latched, self._subscription(latched=latched)
-        return before
-
     def _subscription(self, reliability: ReliabilityPolicy = ReliabilityPolicy.RELIABLE,
                       latched: bool = False) -> Subscription[Any]:
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
@@ -101,18 +94,25 @@ class Track(SequenceNumbers):
                          QoSProfile(depth=DEPTH, reliability=reliability, durability=durability))
 
     def take(self) -> Taken:
-        """Take the waiting messages, each once; this needs no valid context."""
+        """Take the waiting messages, each once, and count the lost ones; this needs no valid context."""
         taken = poll(self.subscription)
         if len(self._heard_reliably) > MOST_PUBLISHERS:
             self._heard_reliably.clear()
-        self._heard_reliably.update(who for _, info in taken if (who := publisher_of(info)))
+        self._heard_reliably.update(who for _, info in taken if (who := self.count(info)))
         if self._best_effort is not None:
-            taken += [(data, info) for data, info in poll(self._best_effort)
+            others = [(data, info) for data, info in poll(self._best_effort)
                       if publisher_of(info) not in self._heard_reliably]
+            for _, info in others:
+                self.count(info)
+            taken += others
         return taken
 
-    def follow_best_effort(self, offered: Sequence[TopicEndpointInfo]) -> Taken:
-        """Keep the second subscription while a publisher offers best effort; return its messages when it is removed."""
+    def follow(self, offered: Sequence[TopicEndpointInfo], again: bool = False) -> Taken:
+        """Adapt to the publishers: keep the second subscription while one offers best effort, and subscribe to latched
+        messages while all are latched, with `again` once more for a publisher that has sent nothing.
+
+        Return the messages that waited in subscriptions that are replaced.
+        """
         needed = False
         for publisher in offered:
             if publisher.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT:
@@ -126,9 +126,16 @@ class Track(SequenceNumbers):
             waited = self.take()
             self._node.destroy_subscription(self._best_effort)
             self._best_effort = None
+        if offered:
+            latched = all(one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in offered)
+            late = latched and again and self._asks_again([bytes(one.endpoint_gid) for one in offered])
+            if late or latched != self.latched:
+                waited += self.take()
+                self._node.destroy_subscription(self.subscription)
+                self.latched, self.subscription = latched, self._subscription(latched=latched)
         return waited
 
-    def asks_again(self, publishers: Sequence[bytes]) -> bool:
+    def _asks_again(self, publishers: Sequence[bytes]) -> bool:
         """Return whether to subscribe again because one of these publishers has sent nothing, within a limit.
 
         Latched messages arrive seconds late if other processes were killed just before; a new subscription gets them

@@ -19,7 +19,7 @@ from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr, held
 from tcc_sim.nodes.executables import deferred, node_of_command
-from tcc_sim.nodes.middleware import publisher_of
+from tcc_sim.nodes.middleware import wait_until
 from tcc_sim.nodes.track import Track
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.scene import Scene, parse_scene
@@ -72,7 +72,11 @@ class Watcher:
         self._recent: deque[tuple[float, float]] = deque(maxlen=RECENT_CYCLES)
         self._summarised = -math.inf
         self._zeros = zeros_of(())
-        self.scene = self._await_scene()
+        scene = wait_until(self._scene, DISCOVERY_LIMIT)
+        if scene is None:
+            raise TccError(f"no driveline published its scene on {node.resolve_topic_name('scene')} within "
+                           f"{DISCOVERY_LIMIT:g} s")
+        self.scene = scene
         self._stick_speed = stick_speed_of(terms_of(self.scene.system))
         self._cycles = CycleStream(self.scene.system)
         self._last: dict[str, float] = {}
@@ -83,17 +87,6 @@ class Watcher:
     def lost(self) -> int:
         """Number of states that were sent and did not arrive."""
         return self._tracks["joint_states"].lost
-
-    def _await_scene(self) -> Scene:
-        """Wait for the current scene; raise TccError if no driveline publishes one."""
-        end = time.monotonic() + DISCOVERY_LIMIT
-        while time.monotonic() < end:
-            scene = self._scene()
-            if scene is not None:
-                return scene
-            time.sleep(0.02)
-        name = self._node.resolve_topic_name("scene")
-        raise TccError(f"no driveline published its scene on {name} within {DISCOVERY_LIMIT:g} s")
 
     def _scene(self) -> Scene | None:
         scene = None
@@ -124,7 +117,7 @@ class Watcher:
             self._looked = now
             for name, track in self._tracks.items():
                 offered = self._node.get_publishers_info_by_topic(track.topic)
-                self._waiting.get(name, []).extend(data for data, _ in track.follow_best_effort(offered))
+                self._waiting.get(name, []).extend(data for data, _ in track.follow(offered))
         for name, waiting in self._waiting.items():
             waiting += self._taken(name)
         if self._waiting["joint_states"] and (everything or now - self._shown >= self._period):
@@ -157,12 +150,7 @@ class Watcher:
         return "  \n".join(lines)
 
     def _taken(self, name: str) -> list[bytes]:
-        track = self._tracks[name]
-        taken = track.take()
-        for _, info in taken:
-            number, who = info.get("publication_sequence_number") or 0, publisher_of(info)
-            if number and who:
-                track.count(who, number)
+        taken = self._tracks[name].take()
         if taken and name == "joint_states":
             self._heard = time.monotonic()
         return [data for data, _ in taken]

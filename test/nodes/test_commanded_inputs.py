@@ -38,7 +38,7 @@ def test_gaps_in_the_numbers_of_each_publisher_are_lost_messages(messages: list[
     """Beyond the largest number of publishers the first one is forgotten."""
     numbers = SequenceNumbers()
     for publisher, number in messages:
-        numbers.count(publisher, number)
+        numbers.count({"publisher_gid": {"data": publisher}, "publication_sequence_number": number})
     assert numbers.lost == lost
 
 
@@ -64,7 +64,7 @@ def test_an_input_counts_holds_falls_back_and_doubts_its_unit(bench: Any) -> Non
         bench.until(lambda: (command.poll(tick, math.inf), command.received + command.refused + command.lost
                              >= count + len(values))[1])
 
-    assert (command.doubt(1000, 10), command.fallen_back) == ("", True)
+    assert (command.doubt(1000, 10), command.value) == ("", None)
     send(5, -1.0)
     send(7, 2.5, 1.5)
     assert (command.received, command.refused, command.value) == (2, 1, 1.5)

@@ -112,7 +112,7 @@ def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_pat
                      pressure__fallback="mean")
     chain.change(pressure__mean=2e5)
     assert chain.loop.pressure_command is not None
-    assert chain.loop.pressure_command.fallen_back
+    assert chain.loop.pressure_command.value is None
     assert chain.loop.request(lambda: chain.loop.plant.reading().applied_pressure == 2e5)
     chain.run(60)
     torques = bench.node("commander").create_publisher(
@@ -126,7 +126,7 @@ def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_pat
     chain.run(100)
     chain.reset()
     chain.run(60)
-    assert chain.loop.engine_command.fallen_back
+    assert chain.loop.engine_command.value is None
     assert chain.loop.request(lambda: chain.loop.plant.reading().engine_torque == 400.0)
     exactly(chain.close(), runs=2)
 

@@ -89,8 +89,6 @@ def test_every_tick_and_count_is_that_of_a_plain_schedule(period: int, seed: int
     assert max(clock.slept) <= SLICE
     last = np.array(lateness[-50:]) * NS
     assert sorted(pacer.latenesses()) == pytest.approx(sorted(last), abs=1e-12)
-    assert pacer.lateness() == pytest.approx((np.median(last), np.percentile(last, 99)), abs=1e-12)
-    assert clock.pacer(1e-3).lateness() == (0.0, 0.0)
 
 
 def latenesses(pacer: Pacer, clock: Clock, ticks: int) -> list[float]:
