@@ -65,7 +65,7 @@ def test_both_motions_at_036_with_the_fold_and_where_the_start_leads() -> None:
     assert (two.period, two.high.kind, two.high.jumps) == (2, "fold", True)
     assert two.high.value == pytest.approx(FOLD, abs=1e-8)
     assert two.high.residual < 1e-8
-    first, second = evidence.motions("", AT_036, AXIS, over=KINETIC)
+    first, second = evidence.motions({"": AT_036}, AXIS, over=KINETIC)
     ends = [solve(paper_system(with_kinetic(float(x), AT_036)), cycles=650).cycles.section[-2:] for x in AXIS]
     once = {float(x): bool(np.abs(end[1] - end[0]).max() < 1e-3) for x, end in zip(AXIS, ends)}
     assert set(once.values()) == {True, False}
@@ -95,7 +95,7 @@ def test_the_jump_near_033_is_found_from_beyond_it() -> None:
     """Period two of 0.75 mu_s: (13) leads to it at 0.358, SciPy follows it down and loses it by 0.340."""
     evidence, row = Evidence(1e-9, 1), with_kinetic(0.75)
     axis = np.linspace(0.334, 0.364, 4)
-    (motion,) = [m for m in evidence.motions("", row, axis) if m.stretch.period == 2 and m.stretch.low.jumps]
+    (motion,) = [m for m in evidence.motions({"": row}, axis) if m.stretch.period == 2 and m.stretch.low.jumps]
     assert motion.stretch.low.kind == "fold"
     at = {r: paper_system({**row, "engine.frequency": r * paper_system(row).natural_frequency})
           for r in (0.358, 0.352, 0.347, 0.3445, 0.343, 0.340)}
@@ -111,7 +111,7 @@ def test_the_jump_near_033_is_found_from_beyond_it() -> None:
 def test_a_motion_has_its_ends_and_where_the_start_leads_to_it() -> None:
     given = Given(lambda row, x, d: record(), stretches=lambda row: [stretch(0.67, 0.918464, 2, 48.0, "", "jump fold")],
                   reached=lambda row: {0})
-    (motion,) = given.motions("psi = 0", AT_036, AXIS, over=KINETIC)
+    (motion,) = given.motions({"psi = 0": AT_036}, AXIS, over=KINETIC)
     result = json_of(motion)
     assert (result["curve"], result["over"], result["period"]) == ("psi = 0", "mu_k/mu_s", 2)
     assert result["from_start"] == pytest.approx(AXIS)
