@@ -21,10 +21,8 @@ response, with the harmonic transfer function as the plant.
 from __future__ import annotations
 
 import cmath
-import dataclasses
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -36,14 +34,15 @@ from tcc_sim.analysis.steady.exponents import largest_first, multipliers_of
 from tcc_sim.errors import InputError, NumericalFailure, OutOfRange, counted
 from tcc_sim.estimation.operating_point import (
     SEGMENTS,
+    STATES,
     Constant,
     Periodic,
     closed,
+    cut,
     halved,
     matrices_of,
     mean_rows,
     operating_point,
-    refined,
     stuck_segments,
 )
 from tcc_sim.model.equations import linear_of
@@ -214,21 +213,23 @@ def linearise(scene: SceneLike, *, input: Literal["actuation_pressure", "engine_
         system = replace(system, UNEXCITED)
     requested = _frequencies(system, frequencies)
     motion = operating_point(system, slip)
-
-    def about(omegas: Floats, inputs: str = "actuation_pressure", output: str = "slip_speed") -> Linearisation:
-        response = (_about_constant(motion, inputs, output, omegas) if isinstance(motion, Constant)
-                    else _about_periodic(motion, inputs, output, omegas))
-        if inputs != "actuation_pressure" or not system.pressure.actuated:
-            return response
-        s, pressure = 1j * omegas, system.pressure  # Pressure at the plates over the command, for small commands.
-        late = np.exp(-s * pressure.delay) / (1.0 + s * pressure.time_constant)
-        return dataclasses.replace(response, response=response.response * late)
-
-    result = about(requested, input, output)
-    if controller is not None:
-        result = dataclasses.replace(result, controller=slip_loop(
-            motion, controller, scene.operation.rate, lambda omegas: about(omegas).response, progress))
-    return result
+    system = motion.system
+    if isinstance(motion, Constant):
+        a, b, c, d, states = matrices_of(motion, input == "actuation_pressure", output)
+        # The smoothed law sticks where it creeps in its layer.
+        stick = math.isinf(motion.slope) or abs(motion.mean_slip) <= stick_speed_of(terms_of(system))
+        kind, period, dt = "stick" if stick else "slip", 1, 0.0
+        multipliers = largest_first(np.exp(np.linalg.eigvals(a) * system.cycle))
+    else:
+        column = [list(INPUTS).index(input)]
+        a, b = motion.carried.by_state[-1], motion.carried.by_input[-1][:, column]
+        c, d = _cycle_rows(motion, output)
+        kind, period, dt, d, states = "periodic", motion.period, motion.seconds, d[:, column], STATES
+        multipliers = multipliers_of(a)
+    return Linearisation(
+        input, output, kind, motion.mean_slip, system.pressure.mean, system.engine.mean_torque, period, multipliers,
+        a, b, c, d, states, dt, requested, response_of(motion, input, output, requested), system,
+        None if controller is None else slip_loop(motion, controller, scene.operation.rate, progress))
 
 
 def _frequencies(system: System, requested: Sequence[float] | None) -> Floats:
@@ -242,29 +243,6 @@ def _frequencies(system: System, requested: Sequence[float] | None) -> Floats:
         if not 1e-6 <= value <= 1e6:
             raise InputError(f"a frequency is {value:g} rad/s; it must be 1e-06 to 1e+06 rad/s")
     return out
-
-
-def _about_constant(motion: Constant, inputs: str, output: str, omegas: Floats) -> Linearisation:
-    a, b, rows, states = matrices_of(motion, inputs == "actuation_pressure")
-    s, (row, through) = motion.system, rows[output]
-    c, feed = np.array([row]), np.array([[through]])
-    response = np.array([(c @ np.linalg.solve(1j * w * np.eye(len(a)) - a, b) + feed)[0, 0] for w in omegas])
-    # The smoothed law sticks where it creeps in its layer.
-    stick = math.isinf(motion.slope) or abs(motion.mean_slip) <= stick_speed_of(terms_of(s))
-    return Linearisation(inputs, output, "stick" if stick else "slip", motion.mean_slip, s.pressure.mean,
-                         s.engine.mean_torque, 1, largest_first(np.exp(np.linalg.eigvals(a) * s.cycle)), a, b, c, feed,
-                         states, 0.0, omegas, response, s)
-
-
-def _about_periodic(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Linearisation:
-    """Return the harmonic transfer function and the cycle-rate model."""
-    s, column = motion.system, list(INPUTS).index(inputs)
-    a, b = motion.carried.by_state[-1], motion.carried.by_input[-1]
-    c, d = _cycle_rows(motion, output)
-    return Linearisation(inputs, output, "periodic", motion.mean_slip, s.pressure.mean, s.engine.mean_torque,
-                         motion.period, multipliers_of(a), a, b[:, [column]], c,
-                         d[:, [column]], ("slip_speed", "plate_angle", "plate_speed"), motion.seconds, omegas,
-                         response_of(motion, inputs, output, omegas), s)
 
 
 def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
@@ -282,7 +260,22 @@ def _cycle_rows(motion: Periodic, output: str) -> tuple[Floats, Floats]:
     return c, through
 
 
-def response_of(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
+def response_of(motion: Constant | Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
+    """Return the response of an output to small changes of an input at frequencies, rad/s; that to the commanded
+    pressure with the lag and delay of the actuator. Raise InputError for a frequency that is too high.
+    """
+    if isinstance(motion, Constant):
+        a, b, c, d, _ = matrices_of(motion, inputs == "actuation_pressure", output)
+        out = np.array([(c @ np.linalg.solve(1j * w * np.eye(len(a)) - a, b) + d)[0, 0] for w in omegas])
+    else:
+        out = _harmonic_response(motion, inputs, output, omegas)
+    s, pressure = 1j * omegas, motion.system.pressure
+    if inputs == "actuation_pressure" and pressure.actuated:
+        out = out * (np.exp(-s * pressure.delay) / (1.0 + s * pressure.time_constant))
+    return out
+
+
+def _harmonic_response(motion: Periodic, inputs: str, output: str, omegas: Floats) -> Complex:
     """Return the harmonic transfer function within RESPONSE_ERROR; raise InputError if it needs too many segments."""
     out, count = np.zeros(len(omegas), np.complex128), SEGMENTS
     left = np.arange(len(omegas))
@@ -294,8 +287,8 @@ def response_of(motion: Periodic, inputs: str, output: str, omegas: Floats) -> C
         turn = omegas[left] * motion.system.cycle / count
         ready = left[turn <= LARGEST_TURN]
         if len(ready):
-            if count * motion.period > len(motion.segments):
-                motion = refined(motion, count)
+            if count * motion.period > len(motion.by_state):
+                motion = cut(motion.system, motion.period, motion.states[0], count)
             out[ready] = harmonic_transfer(motion, inputs, output, omegas[ready])
             half = harmonic_transfer(halved(motion), inputs, output, omegas[ready])
             # The error is of second order in the length of the segments: a third of the difference; half is assumed.
@@ -312,20 +305,17 @@ def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats
     omega t), so that its start follows from one linear equation. The component at omega is a mean over the period, to
     second order in the segments' length even where slip ends.
     """
-    segments, column, d = motion.segments, list(INPUTS).index(inputs), motion.system.driveline
-    h = motion.seconds / len(segments)
-    maps = np.array([each.by_state for each in segments])
-    forces = np.array([each.by_input[:, column] for each in segments])
-    omega = omegas[:, None]
+    maps, forces, d = motion.by_state, motion.by_input[..., list(INPUTS).index(inputs)], motion.system.driveline
+    h, omega = motion.seconds / len(maps), omegas[:, None]
     whole_map, response = np.eye(3), np.zeros((len(omegas), 3), complex)
-    for i in range(len(segments)):
+    for i in range(len(maps)):
         whole_map = maps[i] @ whole_map
         response = response @ maps[i].T + np.exp(1j * omega * (i + 0.5) * h) * forces[i]
     turned = np.exp(1j * omegas * motion.seconds)[:, None, None] * np.eye(3) - whole_map
     state = np.linalg.solve(turned, response[:, :, None])[:, :, 0]
     slip, angle = np.zeros((2, len(omegas)), np.complex128)
     start, stuck, inertias = state, stuck_segments(motion), 1.0 + d.plate_inertia / d.flywheel_inertia
-    for i in range(len(segments)):
+    for i in range(len(maps)):
         state = state @ maps[i].T + np.exp(1j * omega * (i + 0.5) * h) * forces[i]
         end = state * np.exp(-1j * omega * (i + 1) * h)
         mean, turn = 0.5 * (start + end), end[:, 1] - start[:, 1]
@@ -335,21 +325,19 @@ def harmonic_transfer(motion: Periodic, inputs: str, output: str, omegas: Floats
         slip += mean[:, 0] + inertias * jump
         start = end
     if output == "slip_speed":
-        return slip / len(segments)
-    shaft = (d.stiffness + 1j * omegas * d.damping) * angle / len(segments)
+        return slip / len(maps)
+    shaft = (d.stiffness + 1j * omegas * d.damping) * angle / len(maps)
     if output == "friction_torque":   # (2b)
-        shaft = shaft + (linear_of(motion.system).plate_by_slip or 0.0) * slip / len(segments)
-        shaft = shaft - d.plate_inertia * omegas**2 * angle / len(segments)
+        shaft = shaft + (linear_of(motion.system).plate_by_slip or 0.0) * slip / len(maps)
+        shaft = shaft - d.plate_inertia * omegas**2 * angle / len(maps)
     return np.asarray(shaft, np.complex128)
 
 
-def slip_loop(motion: Constant | Periodic, gains: tuple[float, float], rate: float,
-              response: Callable[[Floats], Complex], progress: bool = False) -> SlipLoop:
+def slip_loop(motion: Constant | Periodic, gains: tuple[float, float], rate: float, progress: bool = False) -> SlipLoop:
     """Judge the closed loop of a slip controller with these gains about a motion in slip.
 
     gains : proportional, N m per rad/s of the mean slip speed, and integral, N m per rad of its integral
     rate : ticks per second of the controller, Hz
-    response : slip speed over actuation pressure at frequencies, rad/s
     progress : show the tried slip speeds on a terminal or in a notebook, elsewhere a line a minute
     """
     for name, gain in zip(("proportional", "integral"), gains):
@@ -359,50 +347,33 @@ def slip_loop(motion: Constant | Periodic, gains: tuple[float, float], rate: flo
     ticks = round(system.cycle * rate)
     if not 4 <= ticks <= 2000:
         raise InputError(f"a period of excitation holds {system.cycle * rate:.4g} ticks at {rate:g} Hz; a controller "
-                         "needs 4 "
-                         "to 2000")
+                         "needs 4 to 2000")
     if isinstance(motion, Constant) and math.isinf(motion.slope):
         raise InputError("the scene sticks, and no controller changes its slip speed; give --slip")
     if motion.mean_slip <= 0.0:
         raise InputError(f"the mean slip speed is {motion.mean_slip:g} rad/s; the slip controller holds one above 0")
-    loop = _Loop.about(motion, ticks, gains)
+    loop = _Loop(motion, ticks, gains)
     multipliers = largest_first(loop.multipliers())
     stable = bool(abs(multipliers[0]) < 1.0)
     return SlipLoop(*gains, loop.step, stable, multipliers[np.abs(multipliers) > 1e-6],
-                    loop.gain_margin() if stable else None, loop.phase_margin(response),
-                    loop.largest_delay() if stable else None,
-                    _smallest_slip(motion, ticks, gains, progress) if stable else None)
+                    loop.gain_margin() if stable else None, loop.phase_margin(),
+                    loop.largest_delay() if stable else None, _smallest_slip(loop, progress) if stable else None)
 
 
-@dataclass(frozen=True)
 class _Loop:
-    """The closed loop, tick by tick.
+    """The closed loop about a motion, with `ticks` in an engine cycle."""
 
-    maps : for every tick of the motion's period, the plant's (3, 3) derivative by its state and (3,) by the pressure,
-        Pa
-    ticks : number in an engine cycle
-    """
-
-    system: System
-    maps: list[tuple[Floats, Floats]]
-    ticks: int
-    gains: tuple[float, float]
-
-    @staticmethod
-    def about(motion: Constant | Periodic, ticks: int, gains: tuple[float, float]) -> _Loop:
-        """Return the loop about a motion."""
+    def __init__(self, motion: Constant | Periodic, ticks: int, gains: tuple[float, float]) -> None:
+        self.motion, self.system, self.ticks, self.gains = motion, motion.system, ticks, gains
+        self.step = motion.system.cycle / ticks
         if isinstance(motion, Periodic):
-            maps = [(segment.by_state, segment.by_input[:, 0]) for segment in refined(motion, ticks).segments]
+            parts = cut(motion.system, motion.period, motion.states[0], ticks)
+            by_state, by_pressure = parts.by_state, parts.by_input[..., 0]
         else:
             a, b, *_ = matrices_of(motion, True)
             held = expm(np.block([[a, b], [np.zeros((1, 4))]]) * motion.system.cycle / ticks)
-            maps = [(held[:3, :3], held[:3, 3])] * ticks
-        return _Loop(motion.system, maps, ticks, gains)
-
-    @property
-    def step(self) -> float:
-        """Length of a tick, s."""
-        return self.system.cycle / self.ticks
+            by_state, by_pressure = np.array([held[:3, :3]] * ticks), np.array([held[:3, 3]] * ticks)
+        self._by_state, self._by_pressure = by_state, by_pressure
 
     def multipliers(self, factor: float = 1.0, late: int = 0) -> Complex:
         """Return the eigenvalues of the loop's map over the motion's period, with raised gains and late commands.
@@ -418,7 +389,7 @@ class _Loop:
         left = math.exp(-self.step / lag) if lag else 0.0
         share = lag / self.step * (1.0 - left)
         proportional, rate = factor * self.gains[0], factor * self.gains[1] * self.step
-        for by_state, by_pressure in self.maps:
+        for by_state, by_pressure in zip(self._by_state, self._by_pressure):
             mean = (x[0] + slips.sum(0)) / self.ticks
             waiting = np.vstack([waiting, (proportional * mean + integral) / self.system.torque_per_pressure])
             integral, slips = integral + rate * mean, np.vstack([slips[1:], x[0]])
@@ -460,7 +431,7 @@ class _Loop:
             low, high = (middle, high) if self.stable(late=middle) else (low, middle)
         return high * self.step
 
-    def phase_margin(self, response: Callable[[Floats], Complex]) -> float | None:
+    def phase_margin(self) -> float | None:
         """Return the least distance of the open loop's phase from -180 degrees at gain 1, rad."""
         top = min(3.0 * self.system.natural_frequency, 0.9 * math.pi / self.step)
         omegas = np.unique(np.concatenate([np.geomspace(0.2, top, 400), np.linspace(0.2, top, 800)]))
@@ -469,7 +440,8 @@ class _Loop:
         mean = (1.0 - late**self.ticks) / (1.0 - late) / self.ticks
         held = (1.0 - late) / (s * self.step)
         law = self.gains[0] + self.gains[1] * self.step * late / (1.0 - late)
-        loop = -response(omegas) * mean * held * law / self.system.torque_per_pressure
+        plant = response_of(self.motion, "actuation_pressure", "slip_speed", omegas)
+        loop = -plant * mean * held * law / self.system.torque_per_pressure
         with np.errstate(divide="ignore"):  # The mean over a cycle has zeros.
             gain, phase = np.log(np.abs(loop)), np.unwrap(np.angle(loop))
         crossed = np.flatnonzero(gain[:-1] * gain[1:] <= 0.0)
@@ -479,13 +451,14 @@ class _Loop:
         return float(margins[np.abs(margins).argmin()]) if len(margins) else None
 
 
-def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: tuple[float, float], progress: bool) -> float:
+def _smallest_slip(loop: _Loop, progress: bool) -> float:
     """Return the mean slip speed down to which a loop remains stable, rad/s; 0 if it does down to LEAST_SLIP.
 
     It is the root of the logarithm of the largest multiplier, between the first two tried slip speeds of which one is
     unstable. They are powers of SLOWER, so that the result does not depend on the motion that the search begins with.
     """
-    near, known = motion, {motion.mean_slip: _Loop.about(motion, ticks, gains).growth()}
+    near, high = loop.motion, loop.motion.mean_slip
+    least, known = LEAST_SLIP * high, {high: loop.growth()}
 
     with progress_bar("slip speed", shown=progress, leave=False) as bar:
         def growth(slip: float) -> float:
@@ -494,15 +467,14 @@ def _smallest_slip(motion: Constant | Periodic, ticks: int, gains: tuple[float, 
                 bar.update()
                 try:
                     point = _with_slip(near, slip)
-                    known[slip] = _Loop.about(point, ticks, gains).growth()
+                    known[slip] = _Loop(point, loop.ticks, loop.gains).growth()
                     near = point if known[slip] < 0.0 else near
                 except (OutOfRange, NumericalFailure):   # No motion of this slip speed repeats.
                     known[slip] = 1.0
             return known[slip]
 
-        high = motion.mean_slip
         power = math.floor(math.log(high) / math.log(SLOWER)) + 1
-        while (low := SLOWER**power) >= LEAST_SLIP * motion.mean_slip:
+        while (low := SLOWER**power) >= least:
             if growth(low) >= 0.0:
                 return float(brentq(growth, low, high, xtol=0.5 * WITHIN * low, rtol=0.5 * WITHIN))
             high, power = low, power + 1
@@ -513,7 +485,7 @@ def _with_slip(motion: Constant | Periodic, slip: float) -> Constant | Periodic:
     """Return the motion of another mean slip speed, near this one if there is one."""
     if isinstance(motion, Periodic):
         try:
-            return closed(motion.system, motion.period, motion.segments[0].state, slip)
+            return closed(motion.system, motion.period, motion.states[0], slip)
         except NumericalFailure:
             pass
     return operating_point(motion.system, slip)

@@ -44,21 +44,9 @@ LONGEST_RUN = 400
 """Longest run from the initial state, periods of excitation."""
 PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
 """Scene keys whose change is that of the actuation pressure and of the engine torque."""
+STATES = "slip_speed", "plate_angle", "plate_speed"
 BALANCED = 1e-9
 """Difference of torques, relative to the mean torque, that is rounding."""
-
-
-class MotionSegment(NamedTuple):
-    """A segment of a periodic motion.
-
-    state : (3,) slip speed, plate angle, plate speed at its start
-    by_state : (3, 3) derivative of the state at its end by that at its start
-    by_input : (3, 2) derivative by the mean pressure (Pa) and the mean engine torque (N m), constant over the segment
-    """
-
-    state: Floats
-    by_state: Floats
-    by_input: Floats
 
 
 class Carried(NamedTuple):
@@ -85,27 +73,38 @@ class Constant:
 
 @dataclass(frozen=True)
 class Periodic:
-    """A motion that repeats with the engine.
+    """A motion that repeats with the engine, in n segments, over each of which an input is constant.
 
     period : engine cycles
-    segments : in order, over the whole period
-    mean_slip : rad/s
+    states : (n + 1, 3) slip speed, plate angle, plate speed at the ends of the segments
+    by_state : (n, 3, 3) derivative of the state at the end of a segment by that at its start
+    by_input : (n, 3, 2) derivative of the same by the mean pressure (Pa) and the mean engine torque (N m)
     """
 
     system: System
     period: int
-    segments: list[MotionSegment]
-    mean_slip: float
+    states: Floats
+    by_state: Floats
+    by_input: Floats
 
     @cached_property
     def carried(self) -> Carried:
         """Derivatives of the states between the segments."""
-        return _carried(self.segments)
+        by_state, by_input = [np.eye(3)], [np.zeros((3, 2))]
+        for state, inputs in zip(self.by_state, self.by_input):
+            by_state.append(state @ by_state[-1])
+            by_input.append(state @ by_input[-1] + inputs)
+        return Carried(np.array(by_state), np.array(by_input))
 
     @property
     def seconds(self) -> float:
         """Period, s."""
         return self.period * self.system.cycle
+
+    @property
+    def mean_slip(self) -> float:
+        """Mean slip speed, rad/s."""
+        return float(simpson(len(self.by_state)) @ np.array(self.states[:, 0]))
 
 
 def operating_point(system: System, slip: float | None) -> Constant | Periodic:
@@ -149,7 +148,7 @@ def _from_settled(system: System, pressure: float, slip: float, failed: Numerica
             continue
     for near in sorted(motions, key=lambda motion: abs(motion.mean_slip - slip)):
         try:
-            return closed(near.system, near.period, near.segments[0].state, slip)
+            return closed(near.system, near.period, near.states[0], slip)
         except NumericalFailure:
             continue
     raise failed
@@ -166,9 +165,8 @@ def _constant(system: System, slip: float | None) -> Constant:
             others = f", of which {by_slip * slip:g} N m pass beside friction" if by_slip else ""
             raise OutOfRange(f"a slip speed of {slip:g} rad/s needs an engine torque in its direction; "
                              f"engine.mean_torque is {torque:g} N m{others}")
-        system = replace(system, {PRESSURE: carried / (coefficient * system.torque_per_pressure)})
-        terms = terms_of(system)
-        return _at(system, terms, slip)
+        return _at(replace(system, {PRESSURE: carried / (coefficient * system.torque_per_pressure)}), slip)
+
     def runaway(coefficient: float) -> OutOfRange:
         """Return the error for slip at which friction carries too little."""
         return OutOfRange(f"slip runs away: the mean torque of {torque:g} N m exceeds what the clutch carries, "
@@ -182,7 +180,7 @@ def _constant(system: System, slip: float | None) -> Constant:
     if by_slip == 0.0 and abs(v) > stick_speed_of(terms) and slope <= 0.0:   # Friction that does not rise with slip.
         left = abs(torque) - abs(coefficient) * terms.mean_load
         if abs(left) <= BALANCED * abs(torque):
-            return _at(system, terms, v)
+            return _at(system, v)
         if left > 0.0:
             raise runaway(coefficient)
         v = 0.0   # The slip still decays, to stick.
@@ -194,10 +192,11 @@ def _constant(system: System, slip: float | None) -> Constant:
         v += step
         if abs(step) <= 1e-15 * max(abs(v), 1e-12):
             break
-    return _at(system, terms, v)
+    return _at(system, v)
 
 
-def _at(system: System, terms: Terms, v: float) -> Constant:
+def _at(system: System, v: float) -> Constant:
+    terms = terms_of(system)
     coefficient, slope = _law(terms, v)
     return Constant(system, v, slope * terms.mean_load, coefficient * system.torque_per_pressure)
 
@@ -211,31 +210,31 @@ def _law(terms: Terms, v: float) -> tuple[float, float]:
     return float(friction.sliding(v, sign, terms.stribeck)), float(friction.sliding_slope(v, terms.stribeck))
 
 
-def matrices_of(motion: Constant, pressure: bool) -> tuple[Floats, Floats, dict[str, tuple[list[float], float]],
-                                                           tuple[str, ...]]:
-    """Return a (n, n), b (n, 1) of x' = a x + b u for the actuation pressure (Pa), or else for the engine torque (N m).
+def matrices_of(motion: Constant, pressure: bool,
+                output: str = "slip_speed") -> tuple[Floats, Floats, Floats, Floats, tuple[str, ...]]:
+    """Return a (n, n), b (n, 1), c (1, n), d (1, 1) of x' = a x + b u, y = c x + d u, and the names of the states, for
+    the actuation pressure (Pa), or else for the engine torque (N m).
 
-    They are (2a), (2b) with the slope (20b) of the friction law. Also the (n,) row of C and the direct feed of each
-    output, and the names of the states. Friction is Tf0 + slope dv + by_pressure dP; the set-valued law in stick has
-    one oscillator.
+    They are (2a), (2b) with the slope (20b) of the friction law. Friction is Tf0 + slope dv + by_pressure dP; the
+    set-valued law in stick has one oscillator.
     """
     linear = linear_of(motion.system)
-    free, i1, i2, c23, k23 = (matrix_of(linear), linear.flywheel, linear.plate, linear.damping, linear.stiffness)
+    free, i1, i2 = matrix_of(linear), linear.flywheel, linear.plate
     by_friction, by_engine = np.array([-1.0 / i1 - 1.0 / i2, 0.0, 1.0 / i2]), np.array([1.0 / i1, 0.0, 0.0])
     if math.isinf(motion.slope):
         # lambda of v' = 0 in place of the friction torque.
-        held, fed = -free[0] / by_friction[0], -by_engine[0] / by_friction[0]
-        a = (free + np.outer(by_friction, held))[1:, 1:]
-        b = np.array([[0.0], [0.0 if pressure else by_friction[2] * fed]])
-        return (a, b, {
-            "slip_speed": ([0.0, 0.0], 0.0), "shaft_torque": ([k23, c23], 0.0),
-            "friction_torque": (held[1:].tolist(), 0.0 if pressure else fed)}, ("plate_angle", "plate_speed"))
-    slope, torque = motion.slope, motion.by_pressure if pressure else 0.0
-    a = free + np.outer(by_friction, [slope, 0.0, 0.0])
-    b = (by_friction * torque + (0.0 if pressure else by_engine))[:, None]
-    return (a, b, {"slip_speed": ([1.0, 0.0, 0.0], 0.0), "shaft_torque": ([0.0, k23, c23], 0.0),
-                   "friction_torque": ([slope, 0.0, 0.0], torque)},
-            ("slip_speed", "plate_angle", "plate_speed"))
+        by_slip, by_state = 0.0, -free[0] / by_friction[0]
+        fed = 0.0 if pressure else -by_engine[0] / by_friction[0]
+        b = np.array([0.0, 0.0, by_friction[2] * fed])
+    else:
+        by_slip, by_state = 1.0, np.array([motion.slope, 0.0, 0.0])
+        fed = motion.by_pressure if pressure else 0.0
+        b = by_friction * fed + (0.0 if pressure else by_engine)
+    rows = {"slip_speed": np.array([by_slip, 0.0, 0.0]), "friction_torque": by_state,
+            "shaft_torque": np.array([0.0, linear.stiffness, linear.damping])}
+    x = slice(0 if by_slip else 1, None)
+    return ((free + np.outer(by_friction, by_state))[x, x], b[x, None], rows[output][None, x],
+            np.array([[fed if output == "friction_torque" else 0.0]]), STATES[x])
 
 
 def _settled(system: System) -> tuple[int, Floats]:
@@ -246,9 +245,8 @@ def _settled(system: System) -> tuple[int, Floats]:
             raise OutOfRange(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
                              f"clutch carries while it slips, {system.saturation_mean:g} N m; give --slip or another "
                              "pressure")
-        raise OutOfRange(f"the scene settles in no motion of a period up to {LONGEST} periods of "
-                         "excitation "
-                         f"within {LONGEST_RUN}; there is nothing to linearise about")
+        raise OutOfRange(f"the scene settles in no motion of a period up to {LONGEST} periods of excitation within "
+                         f"{LONGEST_RUN}; there is nothing to linearise about")
     return period, cycles.section[-1]
 
 
@@ -268,23 +266,21 @@ def closed(system: System, period: int, state: Floats, slip: float | None) -> Pe
         try:
             if not 0.0 < load <= 1e7:
                 raise NumericalFailure("the pressure is out of its range")
-            segments, end = _segments(replace(system, {PRESSURE: load}), period, trial)
-            carried, weights = _carried(segments), simpson(len(segments))
-            mean = float(weights @ [*(each.state[0] for each in segments), end[0]])
-            residual = np.append((end - trial) / SCALES, 0.0 if slip is None else (mean - slip) / SCALES[0])
+            motion = cut(replace(system, {PRESSURE: load}), period, trial)
+            residual = np.append((motion.states[-1] - trial) / SCALES,
+                                 0.0 if slip is None else (motion.mean_slip - slip) / SCALES[0])
             norm = float(np.abs(residual).max())
         except NumericalFailure:
             norm = math.inf
         if norm < CLOSED:
-            segments[0] = _landed(system, segments[0])
-            return Periodic(replace(system, {PRESSURE: load}), period, segments, mean)
+            return _landed(motion)
         if norm >= least:
             damping *= 0.5
             if damping < 1e-4:
                 break
             continue
         state, pressure, least, damping = trial, load, norm, 1.0
-        jacobian = np.zeros((4, 4))
+        jacobian, carried, weights = np.zeros((4, 4)), motion.carried, simpson(len(motion.by_state))
         jacobian[:3, :3] = (carried.by_state[-1] - np.eye(3)) / SCALES[:, None]
         jacobian[:3, 3] = carried.by_input[-1][:, 0] / SCALES
         if slip is not None:
@@ -298,54 +294,32 @@ def closed(system: System, period: int, state: Floats, slip: float | None) -> Pe
                            f"{least:.1e} in natural sizes")
 
 
-def _carried(segments: list[MotionSegment]) -> Carried:
-    """Return derivatives of every segment's start, and of the end, by the start of the motion and by the inputs."""
-    by_state, by_input = [np.eye(3)], [np.zeros((3, 2))]
-    for segment in segments:
-        by_state.append(segment.by_state @ by_state[-1])
-        by_input.append(segment.by_state @ by_input[-1] + segment.by_input)
-    return Carried(np.array(by_state), np.array(by_input))
-
-
-def _landed(system: System, segment: MotionSegment) -> MotionSegment:
-    """Return a segment that begins in stick of the set-valued law, with its derivative by a slip speed just before it.
+def _landed(motion: Periodic) -> Periodic:
+    """Return a motion that begins in stick of the set-valued law, with its derivative by a slip speed just before it.
 
     Slip ends at once and preserves I1 v + (I1 + I2) theta2', so that v acts like a plate speed of I1/(I1 + I2) v.
     """
-    if segment.by_state[:, 0].any():
-        return segment
-    d = system.driveline
-    by_state = segment.by_state.copy()
-    by_state[:, 0] = d.flywheel_inertia / (d.flywheel_inertia + d.plate_inertia) * by_state[:, 2]
-    return segment._replace(by_state=by_state)
-
-
-def refined(motion: Periodic, count: int) -> Periodic:
-    """Return the same motion in `count` segments a cycle."""
-    segments, _ = _segments(motion.system, motion.period, motion.segments[0].state, count)
-    return dataclasses.replace(motion, segments=segments)
+    if motion.by_state[0, :, 0].any():
+        return motion
+    d, by_state = motion.system.driveline, motion.by_state.copy()
+    by_state[0, :, 0] = d.flywheel_inertia / (d.flywheel_inertia + d.plate_inertia) * by_state[0, :, 2]
+    return dataclasses.replace(motion, by_state=by_state)
 
 
 def halved(motion: Periodic) -> Periodic:
     """Return the same motion in half as many segments."""
-    first, second = motion.segments[::2], motion.segments[1::2]
-    segments = [MotionSegment(a.state, b.by_state @ a.by_state, b.by_state @ a.by_input + b.by_input)
-                for a, b in zip(first, second)]
-    return dataclasses.replace(motion, segments=segments)
+    first, second = motion.by_state[::2], motion.by_state[1::2]
+    return dataclasses.replace(motion, states=motion.states[::2], by_state=second @ first,
+                               by_input=second @ motion.by_input[::2] + motion.by_input[1::2])
 
 
-def _segments(system: System, period: int, state: Floats,
-              count: int = SEGMENTS) -> tuple[list[MotionSegment], Floats]:
-    """Return the segments from `state` on, `count` a cycle, and the state at their end."""
-    of = Prepared(system, (PRESSURE, TORQUE), ENGINE_RTOL)
-    segments = []
-    for cycle in range(period):
-        states, by = of.along(state, (cycle + np.arange(count + 1) / count).tolist())
-        if not np.isfinite(states).all():
-            raise NumericalFailure("the state is not finite")
-        segments += [MotionSegment(at, each[:, :3], each[:, 3:]) for at, each in zip(states, by)]
-        state = states[-1]
-    return segments, state
+def cut(system: System, period: int, state: Floats, count: int = SEGMENTS) -> Periodic:
+    """Return the motion from `state` on over a period, in `count` segments a cycle."""
+    phases = np.append(np.add.outer(np.arange(period), np.arange(count) / count), period)
+    states, by = Prepared(system, (PRESSURE, TORQUE), ENGINE_RTOL).along(state, phases.tolist())
+    if not np.isfinite(states).all():
+        raise NumericalFailure("the state is not finite")
+    return Periodic(system, period, states, by[..., :3], by[..., 3:])
 
 
 def simpson(segments: int) -> Floats:
@@ -357,9 +331,8 @@ def simpson(segments: int) -> Floats:
 
 def stuck_segments(motion: Periodic) -> NDArray[np.bool_]:
     """Return whether each segment starts and ends in stick, (n,)."""
-    speeds = np.abs([*(segment.state[0] for segment in motion.segments), motion.segments[0].state[0]])
-    stuck = speeds <= stick_speed_of(terms_of(motion.system))
-    return np.asarray(stuck[:-1] & stuck[1:])
+    stuck = np.abs(motion.states[:-1, 0]) <= stick_speed_of(terms_of(motion.system))
+    return np.asarray(stuck & np.roll(stuck, -1))
 
 
 def mean_rows(motion: Periodic) -> tuple[Floats, Floats]:
@@ -368,7 +341,7 @@ def mean_rows(motion: Periodic) -> tuple[Floats, Floats]:
     Rows: slip speed, plate angle, plate speed. Samples give no mean of a quantity that jumps where slip ends. The mean
     of the plate speed is the change of its angle, and I1 v + (I1 + I2) theta2' does not jump.
     """
-    d, h, slips = motion.system.driveline, motion.seconds / len(motion.segments), ~stuck_segments(motion)
+    d, h, slips = motion.system.driveline, motion.seconds / len(motion.by_state), ~stuck_segments(motion)
     rows = []
     for carried in (motion.carried.by_state, motion.carried.by_input):
         mean, turn = 0.5 * (carried[:-1] + carried[1:]), np.diff(carried[:, 1], axis=0) / h

@@ -133,7 +133,7 @@ def test_a_set_valued_motion_that_sticks_is_found_and_its_section_differentiated
     """
     motion = operating_point(CONTROLLED.with_values({"friction.law": "set_valued"}).system, 6.0)
     assert motion.system.pressure.mean == pytest.approx(101226.4, abs=0.2)
-    start, cycle = motion.segments[0].state, motion.system.cycle
+    start, cycle = motion.states[0], motion.system.cycle
 
     def after(slip_speed: float) -> np.ndarray:
         named = {"initial.slip_speed": slip_speed, "initial.plate_angle": start[1], "initial.plate_speed": start[2],
@@ -156,7 +156,7 @@ def answers(slip: float, pressure: float, omegas: list[float]) -> list[complex]:
     """
     cycle, height = 2.0 * math.pi / 150.0, 2e-3
     t = np.arange(20.0 * cycle, 40.0 * cycle, cycle / 64.0)
-    begin = operating_point(CONTROLLED.system, slip).segments[0].state
+    begin = operating_point(CONTROLLED.system, slip).states[0]
 
     def run(omega: float = 0.0, lead: float = 0.0) -> np.ndarray:
         def rates(at: float, x: np.ndarray) -> tuple[float, ...]:
