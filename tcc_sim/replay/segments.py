@@ -12,8 +12,8 @@ import numpy as np
 
 from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.control import handovers
-from tcc_sim.analysis.loop.loop_verdict import SETTLED_CYCLES
-from tcc_sim.analysis.loop.tracking import Limits, Loop, LoopReader, Pressures, Tracking, target_jumps
+from tcc_sim.analysis.loop.loop_verdict import SETTLED_CYCLES, Signal
+from tcc_sim.analysis.loop.tracking import Limits, Loop, LoopReader, Tracking, target_jumps
 from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.analysis.measured.stream import CycleStream
@@ -222,7 +222,7 @@ class _Judge:
         why = ("" if self._clock.identified
                else "periods of excitation could not be identified, so there is no cycle mean")
         note = f"; means over {self._clock.cycle:.3g} s, as the engine torque does not pulsate" if self._slices else ""
-        return Loop(reader.course(), self._reference, None if pressure is None else Pressures(
+        return Loop(reader.course(), self._reference, None if pressure is None else Signal(
             states.stamp_ns.astype(np.float64) * 1e-9, pressure), limits=self._limits, floor=self._band, why=why,
             note=note, bridged=np.array(bridged).reshape(-1, 2), slip=reader.slip)
 

@@ -16,12 +16,11 @@ from scipy.interpolate import CubicSpline
 
 import tcc_sim
 from tcc_sim.analysis.loop.control import Steps
-from tcc_sim.analysis.loop.loop_verdict import LoopVerdict
+from tcc_sim.analysis.loop.loop_verdict import LoopVerdict, Signal
 from tcc_sim.analysis.loop.tracking import (
     Counts,
     Loop,
     LoopCycles,
-    Pressures,
     Tracking,
     checked_limits,
     loop_of,
@@ -390,14 +389,14 @@ def hand_made(means, reference, begin=1.0, before=(), squares=2.5, stick=0.0, **
 
 APPROACH = 22.0, 26.0, 29.0, 31.0, 33.0, 32.0, 30.5, 29.9, 30.05, 30.02, 29.98, 30.03
 ROWS = np.arange(45)
-PRESSED = Pressures(0.05 * (ROWS + 1), np.where(ROWS < 25, 1e5, np.where(ROWS % 2, 3e5, 2e5)))
+PRESSED = Signal(0.05 * (ROWS + 1), np.where(ROWS < 25, 1e5, np.where(ROWS % 2, 3e5, 2e5)))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_every_figure_of_a_segment_is_that_of_its_cycles(sign):
     """A step from a mean of 20.5 to 30, of which the figures are worked out here one by one."""
     made = hand_made(sign * np.array(APPROACH), [(0.0, sign * 20.0), (1.0, sign * 30.0)],
-                     before=(sign * 20.1, sign * 20.5), pressures=PRESSED, limits=(1e5, 3e5), note="; noted")
+                     before=(sign * 20.1, sign * 20.5), pressure=PRESSED, limits=(1e5, 3e5), note="; noted")
     made.course.stick_time[2:] = [0.01, math.nan, *[0.0] * 10]
     error = np.array(APPROACH) - 30.0
     segment = made.tracking(1.0, 2.2, stepped=True, discard=2, commands=Counts(40, 3))
@@ -452,7 +451,7 @@ def test_half_of_the_last_third_at_the_limit_on_the_side_of_the_error_is_saturat
     """5 rad/s above the target for 12 cycles; the last 0.5 s are 50 samples. A level counts within 1e-5."""
     t = np.arange(1.005, 2.2, 0.01)
     pressure = np.where(np.arange(len(t)) >= len(t) - count, level, 2e5 + 1e3 * (np.arange(len(t)) % 2))
-    segment = hand_made([35.1234] * 12, [(0.0, 30.0)], pressures=Pressures(t, pressure), limits=limits)
+    segment = hand_made([35.1234] * 12, [(0.0, 30.0)], pressure=Signal(t, pressure), limits=limits)
     assert segment.tracking(1.0, 2.2).verdict == verdict
 
 

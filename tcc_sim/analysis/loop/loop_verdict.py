@@ -169,6 +169,13 @@ class Swings(NamedTuple):
         """Whether the end comes so soon after the last swing that another one may follow."""
         return len(self.sizes) > 0 and self.quiet < ALIVE * self.period and not self.flat
 
+    @property
+    def regular(self) -> bool:
+        """Whether the last periods, of two swings each, last equally long."""
+        last = self.durations[-SWINGS:]
+        last = last[1:] + last[:-1]
+        return len(last) < 2 or float(last.std()) <= IRREGULAR * float(last.mean())
+
 
 def turning_points(signal: Floats, reversal: float) -> NDArray[np.int64]:
     """Return the indices of alternating maxima and minima that a reversal larger than `reversal` confirms."""
@@ -207,12 +214,9 @@ def swings_of(t: Floats, signal: Floats, floor: float, noise: float, from_start:
         points = turning_points(signal, reversal)
         if len(points) and abs(signal[points[0]] - signal[0]) < reversal:
             points = points[1:]  # No swing leads to it.
-        if not len(points):
+        if len(points) < 2:
             break
-        sizes = np.abs(np.diff(signal[points]))
-        if not len(sizes):
-            break
-        whole = NEARLY * float(np.median(sizes))
+        whole = NEARLY * float(np.median(np.abs(np.diff(signal[points]))))
         if from_start and abs(signal[points[0]] - signal[0]) >= whole:
             points = np.append(0, points)
         cut = bool(abs(signal[-1] - signal[points[-1]]) >= whole)
@@ -222,18 +226,11 @@ def swings_of(t: Floats, signal: Floats, floor: float, noise: float, from_start:
         between = signal[points[0]:points[-1] + 1]
         away = np.abs(between - np.median(between))
         near = np.count_nonzero(away <= max(floor, float(np.median(sizes)) / 6.0)) > 0.5 * len(away)
-        swings = new = Swings(sizes, np.diff(t[points]), float(t[-1] - t[points[-1]]), cut,
-                              bool(near) and len(sizes) < SWINGS)
-        if _regular(new):
+        swings = Swings(sizes, np.diff(t[points]), float(t[-1] - t[points[-1]]), cut,
+                        bool(near) and len(sizes) < SWINGS)
+        if swings.regular:
             break
     return swings
-
-
-def _regular(swings: Swings) -> bool:
-    """Return whether the last periods, of two swings each, last equally long."""
-    last = swings.durations[-SWINGS:]
-    last = last[1:] + last[:-1]
-    return len(last) < 2 or float(last.std()) <= IRREGULAR * float(last.mean())
 
 
 def loop_verdict(errors: Errors, whole: float) -> Judged:
@@ -274,8 +271,7 @@ def noise_of_means(error: Floats, apart: int = 1) -> float:
     are independent, but then not at two and three times this distance.
     """
     for part in (2, 4):
-        tail, distances = error[len(error) - len(error) // part:], [apart] if apart == 1 else [apart, 2 * apart,
-                                                                                              3 * apart]
+        tail, distances = error[len(error) - len(error) // part:], [apart, 2 * apart, 3 * apart][:3 if apart > 1 else 1]
         if len(tail) < (GROWING_CYCLES + 2) * apart:
             break
         seconds = [tail[2 * d:] - 2.0 * tail[d:-d] + tail[:-2 * d] for d in distances]
@@ -343,7 +339,7 @@ def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
         rate = 0.0   # The means of a few cycles in a period beat with the peaks between them.
     if rate * span < -max(DECAY_OF_SWINGS, 2.0 * least) and _decays_on(swings, rate):
         return None
-    if len(sizes) < SWINGS and not (_regular(swings) and scatter <= IRREGULAR):
+    if len(sizes) < SWINGS and not (swings.regular and scatter <= IRREGULAR):
         return None
     share, period = _best_sine(errors.t[part], free[part], swings.period)
     by_chance = 1.0 - CHANCE ** (2.0 / max(np.count_nonzero(part) - 3, 1))
@@ -360,7 +356,7 @@ def _oscillating(swings: Swings, errors: Errors, free: Floats) -> Judged | None:
         return Judged(LoopVerdict.GROWING, f"an oscillation with a period of {period:.3g} s grows by a factor of "
                       f"{math.exp(rate):.3g} per second, to +-{speed(0.5 * sizes[-1], 3)}", -1, 0.5 * float(sizes[-1]),
                       period)
-    how = "with a period of" if regular or _regular(swings) else "irregularly, about every"
+    how = "with a period of" if regular or swings.regular else "irregularly, about every"
     return Judged(LoopVerdict.HUNTING, f"the mean oscillates by +-{speed(amplitude, 3)} {how} {period:.3g} s", -1,
                   amplitude, period)
 
@@ -382,11 +378,16 @@ def _best_sine(t: Floats, signal: Floats, period: float) -> tuple[float, float]:
     about, best = signal - signal.mean(), (0.0, period)
     for near in (np.linspace(0.8, 1.25, 19), np.linspace(0.98, 1.02, 9)):
         for each in best[1] * near:
-            phase = 2.0 * math.pi / each * t
-            columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-            part = columns @ np.linalg.lstsq(columns, about, rcond=None)[0]
+            part = _sine(2.0 * math.pi / each * t, about)[1]
             best = max(best, (float(part @ part), float(each)))
     return best[0] / max(float(about @ about), 1e-300), best[1]
+
+
+def _sine(phase: Floats, signal: Floats) -> tuple[float, Floats]:
+    """Return the amplitude and the values, (n,), of the sine of these phases, (n,), that fits a signal best."""
+    columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    factors = np.linalg.lstsq(columns, signal, rcond=None)[0]
+    return float(np.hypot(*factors)), columns @ factors
 
 
 def _folded(t: Floats, signal: Floats, period: float) -> float:
@@ -509,6 +510,11 @@ class Signal(NamedTuple):
     t: Floats
     values: Floats
 
+    def within(self, begin: float, end: float) -> Signal:
+        """Return the finite samples after `begin` and up to `end`, s."""
+        rows = (self.t >= begin + 1e-9) & (self.t < end + 1e-9) & np.isfinite(self.values)
+        return Signal(self.t[rows], self.values[rows])
+
     def stretches(self) -> list[Signal]:
         """Return the parts between gaps (`BRIDGED_TICKS`)."""
         if len(self.t) < 2:
@@ -521,26 +527,21 @@ class Signal(NamedTuple):
 NO_SIGNAL = Signal(np.empty(0), np.empty(0))
 
 
-class JudderLine(NamedTuple):
-    """A sine in the slip speed: amplitude, rad/s, and frequency, Hz."""
-
-    amplitude: float
-    frequency: float
-
-
-def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> JudderLine | None:
-    """Return the judder in engine cycles, (n,) arrays of their starts and ends, s; None without any.
+def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> tuple[float, float]:
+    """Return amplitude, rad/s, and frequency, Hz, of the judder in engine cycles, (n,) arrays of their starts and ends,
+    s; NaN without any.
 
     slip : slip speed, rad/s
     floor : least amplitude that counts, rad/s
     """
-    first = _longest_run(starts, ends)
-    starts, ends = starts[first], ends[first]
+    none = math.nan, math.nan
+    breaks = np.flatnonzero(starts[1:] > ends[:-1] + 1e-6 * np.diff(starts)) + 1
+    starts, ends = (max(np.split(edges, breaks), key=len) for edges in (starts, ends))  # The longest without a gap.
     n = len(starts)
     inside = (slip.t >= starts[0] - 1e-9) & (slip.t <= ends[-1] + 1e-9) if n else np.zeros(len(slip.t), dtype=np.bool_)
     points = min(int(np.count_nonzero(inside)) // max(n, 1), JUDDER_POINTS)
     if n < JUDDER_CYCLES or points < LEAST_SAMPLES:
-        return None
+        return none
     phases = (np.arange(points) + 0.5) / points
     t = starts[:, None] + (ends - starts)[:, None] * phases
     from scipy.interpolate import CubicSpline
@@ -570,29 +571,16 @@ def judder_line(slip: Signal, starts: Floats, ends: Floats, floor: float) -> Jud
     total, best = float(judder.sum()), int(judder.argmax())
     line = slice(max(best - 2, 0), best + 3)
     if total == 0.0 or float(judder[line].sum()) < JUDDER_SHARE * total or power[line].max() > power[best]:
-        return None  # Too little of it is one line, or the line is a flank of another one.
+        return none  # Too little of it is one line, or the line is a flank of another one.
     # A sample between two others would be too small.
     at = np.interp(slip.t[inside], np.append(starts, ends[-1]), np.arange(n + 1))
     y = slip.values[inside] - CubicSpline(t.ravel(), usual.ravel())(slip.t[inside])
     order, amplitude = float(orders[best]), 0.0
     for width in (1.0, 0.2, 0.04):
         tried = order + width / n * np.linspace(-1.0, 1.0, 11)
-        sizes = [_amplitude(at, y, each) for each in tried]
+        sizes = [_sine(2.0 * math.pi * each * at, y)[0] for each in tried]
         amplitude, order = max(zip(sizes, tried.tolist()))
-    return JudderLine(amplitude, order * n / float(ends[-1] - starts[0])) if amplitude > floor else None
-
-
-def _longest_run(starts: Floats, ends: Floats) -> slice:
-    breaks = np.flatnonzero(starts[1:] > ends[:-1] + 1e-6 * np.diff(starts)) + 1
-    edges = [0, *breaks.tolist(), len(starts)]
-    return max((slice(a, b) for a, b in pairwise(edges)), key=lambda part: part.stop - part.start)
-
-
-def _amplitude(at: Floats, y: Floats, order: float) -> float:
-    """Return the amplitude of the sine of an order that fits a signal best."""
-    phase = 2.0 * math.pi * order * at
-    columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-    return float(np.hypot(*np.linalg.lstsq(columns, y, rcond=None)[0]))
+    return (amplitude, order * n / float(ends[-1] - starts[0])) if amplitude > floor else none
 
 
 def _filled(t: Floats, values: Floats, period: float, cycle: float) -> tuple[Floats, Floats]:

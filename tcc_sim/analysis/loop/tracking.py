@@ -157,6 +157,14 @@ class LoopCycles(NamedTuple):
         rows = slice(*np.searchsorted(self.ends, [begin + min(near, 1e-7), end + near]).tolist())
         return LoopCycles(*(column[rows] for column in self))
 
+    def means_of(self, t: Floats, values: Floats) -> Floats:
+        """Return the means over cycles, (n,), of the values before the times t, (m,) s; NaN without any."""
+        cycle = np.searchsorted(self.starts, t - 1e-9, side="right") - 1
+        known = cycle >= 0
+        known[known] = t[known] <= self.ends[cycle[known]] + 1e-9
+        count, total = (np.bincount(cycle[known], weights, len(self.ends)) for weights in (None, values[known]))
+        return np.where(count > 0, total / np.maximum(count, 1), math.nan)
+
 
 class LoopReader:
     """Collector of the cycles of a run from batches of samples and from cycles of a CycleStream with the same clock."""
@@ -210,26 +218,6 @@ class LoopReader:
             usual = float(np.nanmedian(lengths)) if np.isfinite(lengths).any() else 0.0
             starts = np.where(np.isfinite(starts), starts, ends - usual)
         return LoopCycles(starts, ends, mean, square, *columns[1:])
-
-
-class Pressures(NamedTuple):
-    """Applied pressure, Pa, through the time from each sample before to t, s, (n,) arrays."""
-
-    t: Floats
-    values: Floats
-
-    def within(self, begin: float, end: float) -> Pressures:
-        """Return the pressures within a time, s."""
-        rows = slice(*np.searchsorted(self.t, [begin + 1e-9, end + 1e-9]).tolist())
-        return Pressures(self.t[rows], self.values[rows])
-
-    def by_cycle(self, course: LoopCycles, values: Floats) -> Floats:
-        """Return the means over cycles, (n,), of a value of each pressure, (m,); NaN without any."""
-        cycle = np.searchsorted(course.starts, self.t - 1e-9, side="right") - 1
-        known = (cycle >= 0) & np.isfinite(self.values)
-        known[known] = self.t[known] <= course.ends[cycle[known]] + 1e-9
-        count, total = (np.bincount(cycle[known], weights, len(course.ends)) for weights in (None, values[known]))
-        return np.where(count > 0, total / np.maximum(count, 1), math.nan)
 
 
 class Counts(NamedTuple):
@@ -320,7 +308,7 @@ class Loop:
 
     course : its engine cycles
     reference : target slip speed, rad/s
-    pressures : applied pressure of every sample; None if it was not recorded
+    pressure : applied through the time from each sample before, Pa; None if it was not recorded
     limits : of the pressure as stated, Pa; None if nobody stated them
     floor : least band that counts as settled, rad/s
     why : reason in a sentence if there are no cycle means
@@ -332,7 +320,7 @@ class Loop:
 
     course: LoopCycles
     reference: Steps
-    pressures: Pressures | None = None
+    pressure: Signal | None = None
     limits: Limits | None = None
     floor: float = BAND
     why: str = ""
@@ -362,22 +350,25 @@ class Loop:
         counts: dict[str, Any] = {} if commands is None else {
             "command_rate": commands.applied / (end - begin) if end > begin else math.nan,
             "commands_applied": commands.applied, "commands_superseded": commands.superseded}
-        pressed = None if self.pressures is None else self.pressures.within(begin, end)
-        if pressed is not None and not np.isfinite(pressed.values).any():
+        pressed = None if self.pressure is None else self.pressure.within(begin, end)
+        if pressed is not None and not len(pressed.t):
             pressed = None
         counts |= self._pressure_figures(pressed)
         if not len(course.mean):
             return Tracking(target, verdict=None if self.why else LoopVerdict.TOO_SHORT.value,
                             verdict_why=self.why or "no whole period of excitation", **counts)
         half = slice(len(course.mean) // 2, None)
-        judder = verdicts.judder_line(self.slip, course.starts[half], course.ends[half], self.floor)
+        judder, frequency = verdicts.judder_line(self.slip, course.starts[half], course.ends[half], self.floor)
         apart = 1
-        if judder is not None:
-            apart += math.ceil(1.0 / judder.frequency / float(np.median(course.ends - course.starts)))
-            means = verdicts.means_without(self.slip, course.starts, course.ends, 1.0 / judder.frequency)
+        if math.isfinite(judder):
+            apart += math.ceil(1.0 / frequency / float(np.median(course.ends - course.starts)))
+            means = verdicts.means_without(self.slip, course.starts, course.ends, 1.0 / frequency)
             course = course._replace(mean=np.where(np.isfinite(means), means, course.mean))
-        tail = course.starts >= self._tail(course, begin, end) - 1e-9
-        moving = self._moves(float(course.starts[tail.argmax()]), float(course.ends[-1]))
+        # The last third, of five cycles at least.
+        lasts = max((end - begin) / 3.0, verdicts.SETTLED_CYCLES * float(course.ends[0] - course.starts[0]))
+        tail = course.starts >= max(float(course.ends[-1]) - lasts, 0.0) - 1e-9
+        moved = self._changes(float(course.starts[tail.argmax()]), float(course.ends[-1]))
+        moving = float(np.abs(moved).sum()) > self.floor
         errors, peak = self._errors(course, *self._step(course, begin, stepped), moving, apart)
         lag, gain = self._lag(course, end - begin) if moving else (math.nan, math.nan)
         if math.isfinite(lag):
@@ -404,9 +395,10 @@ class Loop:
                 "largest_error": float(np.abs(kept).max()) if len(kept) else math.nan,
                 "peak_deviation": float(error[peak]), "peak_time": float(errors.t[peak]),
                 "overshoot": abs(max(float(beyond.max()), 0.0)),
-                "peak_mean": float(np.abs(error).max()), "peak_slip": self._peak_slip(course, errors)}
-        why = verdict.why + ("" if judder is None else f"; it judders by +-{speed(judder.amplitude, 3)} at "
-                             f"{judder.frequency:.3g} Hz") + self.note
+                "peak_mean": float(np.abs(error).max()),
+                "peak_slip": float(np.fmax.reduce(np.maximum(course.highest - errors.reference,
+                                                             errors.reference - course.lowest)))}
+        judders = f"; it judders by +-{speed(judder, 3)} at {frequency:.3g} Hz" if math.isfinite(judder) else ""
         known = np.isfinite(course.stick_time)
         return Tracking(
             target=target, target_low=float(aimed.min()), target_high=float(aimed.max()),
@@ -415,24 +407,17 @@ class Loop:
             overshoot_time=float(errors.t[int(beyond.argmax())]) if beyond.max() > 0.0 else math.nan,
             settling_time=max(float(errors.starts[verdict.since]) - begin, 0.0)
             if verdict.verdict is LoopVerdict.SETTLED else math.nan,
-            verdict=verdict.verdict.value, verdict_why=why, band=errors.band,
+            verdict=verdict.verdict.value, verdict_why=verdict.why + judders + self.note, band=errors.band,
             hunting_amplitude=verdict.amplitude, hunting_period=verdict.period,
-            judder_amplitude=math.nan if judder is None else judder.amplitude,
-            judder_frequency=math.nan if judder is None else judder.frequency, lag=lag, gain=gain,
+            judder_amplitude=judder, judder_frequency=frequency, lag=lag, gain=gain,
             iae=float((np.abs(error) * length).sum()), ripple=float(np.sqrt(np.mean(course.spread**2))),
             stick_fraction=float(course.stick_time[known].sum() / length[known].sum()) if known.any() else math.nan,
             seconds=seconds, lost_seconds=lost if lost > 1e-9 * (last - first) else 0.0, **peak_figures, **counts)
 
-    def _tail(self, course: LoopCycles, begin: float, end: float) -> float:
-        """Return the start of the last third of a segment, of five cycles at least, s."""
-        cycle = float(course.ends[0] - course.starts[0])
-        return max(float(course.ends[-1]) - max((end - begin) / 3.0, verdicts.SETTLED_CYCLES * cycle), 0.0)
-
-    def _moves(self, begin: float, end: float) -> bool:
-        """Return whether the target moves within a time other than by jumps, by more than the least band."""
-        values, inside = self.reference.values, (self.reference.t[1:] > begin) & (self.reference.t[1:] <= end)
-        inside &= ~self._in_jumps[1:]
-        return float(np.abs(np.diff(values)[inside]).sum()) > self.floor
+    def _changes(self, begin: float = -math.inf, end: float = math.inf) -> Floats:
+        """Return the changes of the target within a time other than by jumps, rad/s."""
+        inside = (self.reference.t[1:] > begin) & (self.reference.t[1:] <= end)
+        return np.diff(self.reference.values)[inside & ~self._in_jumps[1:]]
 
     @cached_property
     def _in_jumps(self) -> np.ndarray:
@@ -446,7 +431,7 @@ class Loop:
     @cached_property
     def _turns(self) -> bool:
         """Whether the target moves up and down, other than by jumps."""
-        change = np.diff(self.reference.values)[~self._in_jumps[1:]]
+        change = self._changes()
         return bool((change > 0.0).any() and (change < 0.0).any())
 
     def _bridged_in(self, course: LoopCycles) -> float:
@@ -523,40 +508,29 @@ class Loop:
         counts = (np.arange(len(error)) >= first) | (np.abs(error) > abs(step) + band)
         counts = counts if first < len(error) else np.full(len(error), True)
         peak = int(np.where(counts, np.abs(error), -1.0).argmax())
-        fine = self._fine_step(float(course.starts[0]), float(course.ends[-1]))
+        # No loop follows a moving target more closely than by its largest step.
+        fine = float(np.abs(self._changes(float(course.starts[0]), float(course.ends[-1]))).max(initial=0.0))
         of_peak = 0.0 if moving else SETTLED * abs(float(error[peak]))
         return replace(errors, band=max(band, fine, of_peak), floor=max(self.floor, fine)), peak
-
-    def _fine_step(self, begin: float, end: float) -> float:
-        """Return the largest step of a moving target within a time, rad/s: no loop follows it more closely."""
-        inside = (self.reference.t[1:] > begin) & (self.reference.t[1:] <= end) & ~self._in_jumps[1:]
-        return float(np.abs(np.diff(self.reference.values))[inside].max(initial=0.0))
-
-    def _peak_slip(self, course: LoopCycles, errors: Errors) -> float:
-        """Return the largest deviation of the slip speed itself, rad/s; NaN if its extremes are unknown."""
-        away = np.maximum(course.highest - errors.reference, errors.reference - course.lowest)
-        away = away[np.isfinite(away)]
-        return float(away.max()) if len(away) else math.nan
 
     @property
     def _used_limits(self) -> Limits:
         """The stated limits of the pressure; no pressure is below 0."""
         return self.limits or (0.0, math.nan)
 
-    def _pressure_figures(self, pressed: Pressures | None) -> dict[str, Any]:
+    def _pressure_figures(self, pressed: Signal | None) -> dict[str, Any]:
         limits = self._used_limits
         if pressed is None:
             return {"limits": limits if self.limits is not None else UNKNOWN}
-        finite = np.isfinite(pressed.values)
-        t, p = pressed.t[finite], pressed.values[finite]
+        t, p = pressed
         step = np.diff(t, prepend=t[0] - (t[1] - t[0] if len(t) > 1 else 0.0))
         total = float(step.sum())
-        at_limit = at_level(p, limits[0], -1) | at_level(p, limits[1], 1)
+        at_limit = _at_level(p, limits[0], -1) | _at_level(p, limits[1], 1)
         return {"pressure_low": float(p.min()), "pressure_high": float(p.max()), "limits": limits,
                 "pressure_rate": math.sqrt(float(np.sum(np.diff(p) ** 2 / step[1:])) / total) if len(p) > 1 else 0.0,
                 "time_at_limit": float(step[at_limit].sum()) / total if total else math.nan}
 
-    def _verdict(self, errors: Errors, course: LoopCycles, pressed: Pressures | None, tail: np.ndarray,
+    def _verdict(self, errors: Errors, course: LoopCycles, pressed: Signal | None, tail: np.ndarray,
                  whole: float) -> Judged:
         if len(errors.error) < verdicts.SETTLED_CYCLES or not tail.any():
             return verdicts.loop_verdict(errors, whole)
@@ -573,7 +547,7 @@ class Loop:
             return Judged(LoopVerdict.OFF_TARGET, stays)
         return verdicts.loop_verdict(errors, whole)
 
-    def _saturated(self, errors: Errors, course: LoopCycles, tail: np.ndarray, pressed: Pressures) -> str:
+    def _saturated(self, errors: Errors, course: LoopCycles, tail: np.ndarray, pressed: Signal) -> str:
         """Return the reason for the verdict saturated; empty if the end of the segment is not.
 
         A higher pressure brings the slip speed towards 0, so that the upper limit explains a slip speed on the far side
@@ -585,7 +559,7 @@ class Loop:
         if not (errors.moving or np.abs(side[tail].sum()) == np.count_nonzero(tail)):
             return ""
         for name, value, sign in (("upper", limits[1], 1), ("lower", limits[0], -1)):
-            at = pressed.by_cycle(course, at_level(pressed.values, value, sign).astype(np.float64))[tail]
+            at = course.means_of(pressed.t, _at_level(pressed.values, value, sign))[tail]
             held = (at >= 0.5) & (side[tail] == sign)
             if held.mean() < AT_A_LIMIT or np.mean(side[tail] == -sign) > 1.0 - OBSERVED:
                 continue
@@ -595,9 +569,9 @@ class Loop:
                     f"{'above' if error[tail][held][0] > 0.0 else 'below'} the target")
         return ""
 
-    def _stays(self, errors: Errors, course: LoopCycles, tail: np.ndarray, pressed: Pressures) -> str:
+    def _stays(self, errors: Errors, course: LoopCycles, tail: np.ndarray, pressed: Signal) -> str:
         """Return the reason why a pressure that stays keeps the mean off target; empty if it does not."""
-        pressure, error = pressed.by_cycle(course, pressed.values)[tail], errors.error[tail]
+        pressure, error = course.means_of(*pressed)[tail], errors.error[tail]
         pressure = pressure[np.isfinite(pressure)]
         if not (len(pressure) and np.ptp(pressure) <= STAYS * float(np.abs(pressure).max())
                 and ((error > errors.band).all() or (error < -errors.band).all())):
@@ -630,11 +604,11 @@ def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Flo
         stream = CycleStream(run.system, clock)
         reader.extremes(stream.feed(np.rint(run.t * 1e9).astype(np.int64), run.slip_speed, run.plate_angle,
                                     run.plate_speed, run.engine_torque, run.friction_torque, far=run.far_end))
-    return Loop(reader.course(), reference, None if pressure is None else Pressures(run.t, pressure), limits, floor,
+    return Loop(reader.course(), reference, None if pressure is None else Signal(run.t, pressure), limits, floor,
                 before=before, slip=reader.slip)
 
 
-def at_level(pressure: Floats, level: float, side: int) -> np.ndarray:
+def _at_level(pressure: Floats, level: float, side: int) -> NDArray[np.bool_]:
     """Return which pressures are at a level, Pa, or beyond it on one side (1: above, -1: below); none at NaN."""
     near = SAME_PRESSURE * max(abs(level), float(np.nanmax(np.abs(pressure), initial=0.0)) * 1e-3)
     return np.asarray(side * (pressure - level) >= -near)
