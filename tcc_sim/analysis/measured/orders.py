@@ -139,14 +139,13 @@ def orders_of(run: Trajectory | Signals) -> Orders:
     if len(turns) < LEAST_SAMPLES * whole:
         raise InputError(f"orders need {LEAST_SAMPLES} samples in a period of the excitation, and there are "
                          f"{len(turns) / whole:.3g}")
-    per_cycle = PER_CYCLE
-    begin = math.ceil(float(turns[0]) * per_cycle - 1e-6)
-    count = (math.floor(float(turns[-1]) * per_cycle + 1e-6) - begin) // per_cycle * per_cycle + 1
-    at = signals.when((begin + np.arange(count)) / per_cycle)
+    begin = math.ceil(float(turns[0]) * PER_CYCLE - 1e-6)
+    count = (math.floor(float(turns[-1]) * PER_CYCLE + 1e-6) - begin) // PER_CYCLE * PER_CYCLE + 1
+    at = signals.when((begin + np.arange(count)) / PER_CYCLE)
     v, shaft, torque = signals.at(at)
-    length = WINDOW * per_cycle
-    starts = np.arange(0, count - length, HOP * per_cycle)
-    hidden = _with_hole(signals, (begin + starts) / per_cycle)
+    length = WINDOW * PER_CYCLE
+    starts = np.arange(0, count - length, HOP * PER_CYCLE)
+    hidden = _with_hole(signals, (begin + starts) / PER_CYCLE)
     starts = starts[~hidden]
     if not len(starts):
         raise InputError(f"every window of {WINDOW} periods of the excitation has a gap between samples: "
@@ -335,10 +334,13 @@ def spectrum_of(signals: Signals, period: int, last: int | None = None) -> Spect
         return Spectrum(order * omega, each * order, window, period,
                         each * order[np.logical_or(*(_between(order, period, x) for x in (slip, shaft)))], slip, shaft,
                         None, None)
+    from scipy.signal import welch
+
     length = min(SPECTRUM_WINDOW, whole)
-    lines = math.floor(highest * length) + 1
+    lines, samples = math.floor(highest * length) + 1, length * per_cycle
     order = np.arange(lines) / length
-    slip, shaft = (_density(x, length * per_cycle, lines, per_cycle * omega / (2.0 * math.pi)) for x in values)
+    slip, shaft = (welch(x - x.mean(), per_cycle * omega / (2.0 * math.pi), nperseg=samples,
+                         noverlap=samples - samples // 2, detrend=False)[1][:lines] for x in values)
     return Spectrum(order * omega, each * order, f"Hann of {length} cycles, half of each shared with the next, "
                     f"{covers}", 0, np.empty(0), None, None, slip, shaft)
 
@@ -348,18 +350,6 @@ def _lines(values: Floats, periods: int, count: int) -> Floats:
     amplitudes: Floats = 2.0 * np.abs(np.fft.rfft(values)[::periods][:count]) / len(values)
     amplitudes[0] *= 0.5
     return amplitudes
-
-
-def _density(values: Floats, length: int, count: int, rate: float) -> Floats:
-    """Return P. D. Welch's one-sided power density (IEEE Trans. Audio Electroacoust. 15, 1967) at a sampling rate, 1/s.
-    """
-    hann = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-    parts = [values[k:k + length] for k in range(0, len(values) - length + 1, length // 2)]
-    mean = values.mean()
-    power = np.mean([np.abs(np.fft.rfft((part - mean) * hann)[:count]) ** 2 for part in parts], axis=0)
-    power *= 2.0 / (rate * float(hann @ hann))
-    power[0] *= 0.5
-    return np.asarray(power)
 
 
 def _between(order: Floats, period: int, amplitude: Floats) -> Floats:
