@@ -44,7 +44,7 @@ LONGEST_RUN = 400
 """Longest run from the initial state, periods of excitation."""
 PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
 """Scene keys whose change is that of the actuation pressure and of the engine torque."""
-STATES = "slip_speed", "plate_angle", "plate_speed"
+STATES: tuple[str, ...] = ("slip_speed", "plate_angle", "plate_speed")
 BALANCED = 1e-9
 """Difference of torques, relative to the mean torque, that is rounding."""
 

@@ -157,7 +157,7 @@ class LoopCycles(NamedTuple):
         rows = slice(*np.searchsorted(self.ends, [begin + min(near, 1e-7), end + near]).tolist())
         return LoopCycles(*(column[rows] for column in self))
 
-    def means_of(self, t: Floats, values: Floats) -> Floats:
+    def means_of(self, t: Floats, values: NDArray[Any]) -> Floats:
         """Return the means over cycles, (n,), of the values before the times t, (m,) s; NaN without any."""
         cycle = np.searchsorted(self.starts, t - 1e-9, side="right") - 1
         known = cycle >= 0
@@ -417,7 +417,7 @@ class Loop:
     def _changes(self, begin: float = -math.inf, end: float = math.inf) -> Floats:
         """Return the changes of the target within a time other than by jumps, rad/s."""
         inside = (self.reference.t[1:] > begin) & (self.reference.t[1:] <= end)
-        return np.diff(self.reference.values)[inside & ~self._in_jumps[1:]]
+        return np.asarray(np.diff(self.reference.values)[inside & ~self._in_jumps[1:]])
 
     @cached_property
     def _in_jumps(self) -> np.ndarray:

@@ -472,11 +472,8 @@ def _smooth(counts: Floats, times: Floats, broken: NDArray[np.bool_], notes: lis
         if len(at) > 1:
             moved.append(float(np.sqrt(np.mean((smoothed - at) ** 2)) / np.median(np.diff(at))))
         fine = np.unique(np.concatenate([n + k / _FINE * np.append(np.diff(n), 0.0) for k in range(_FINE)]))
-        if len(at) >= 4:
-            dense = np.asarray(CubicSpline(n, smoothed)(fine))
-            if not (np.diff(dense) > 0.0).all():
-                fine, dense = n, smoothed
-        else:
+        dense = np.asarray(CubicSpline(n, smoothed)(fine)) if len(at) >= 4 else fine
+        if len(at) < 4 or not (np.diff(dense) > 0.0).all():
             fine, dense = n, smoothed
         out_counts.append(fine)
         out_times.append(dense)
@@ -514,9 +511,9 @@ def signals_in(table: MeasuredTable, system: System, pulses: int | None = None) 
     if len(blank):
         notes.append(f"{table.source}: no slip speed or no phase from {in_words(blank)}; windows that touch "
                      f"{'this hole' if len(blank) == 1 else 'these holes'} are left blank")
-    torque = _curve(table, "engine_torque", phase)
-    shaft = _shaft_torque(table, system, phase)
-    v = _within(_cubic(t, slip), holes)
+    v, shaft, torque, name = _curve(t, slip, holes), _shaft_torque(table, system, phase), _unknown, "engine_torque"
+    if name in table.columns and np.count_nonzero(np.isfinite(table.columns[name])) >= 4:
+        torque = _curve(*table.filled(name), long_holes(table.holes(name), phase.turns, phase.times))
 
     def at(times: Floats) -> tuple[Floats, Floats, Floats]:
         """Cubic splines through the samples, NaN in holes."""
@@ -533,51 +530,37 @@ def signals_in(table: MeasuredTable, system: System, pulses: int | None = None) 
                    (*notes, *phase.notes), splined=True)
 
 
-def _cubic(t: Floats, values: Floats, order: int = 0) -> Callable[[Floats], Floats]:
-    """Return the cubic spline through samples, or its derivative of an order."""
+def _curve(t: Floats, values: Floats, holes: Spans) -> Callable[[Floats], Floats]:
+    """Return the cubic spline through samples, NaN in holes."""
     from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(t, values)
-    return lambda times: np.asarray(spline(times, order))
 
-
-def _within(curve: Callable[[Floats], Floats], holes: Spans) -> Callable[[Floats], Floats]:
-    """Return a curve that is NaN in holes."""
     def at(times: Floats) -> Floats:
-        values = curve(times)
-        place = np.searchsorted(holes[:, 0], times, side="right") - 1
-        if len(holes):
-            values = np.where((place >= 0) & (times < holes[place, 1]), np.nan, values)
-        return values
+        inside = np.searchsorted(holes[:, 0], times, side="right") > np.searchsorted(holes[:, 1], times, side="right")
+        return np.where(inside, np.nan, spline(times))
 
     return at
 
 
-def _nothing_known(times: Floats) -> Floats:
+def _unknown(times: Floats) -> Floats:
     return np.full(len(times), np.nan)
-
-
-def _curve(table: MeasuredTable, name: str, phase: MeasuredPhase) -> Callable[[Floats], Floats]:
-    """Return a column as a curve, NaN in its holes; NaN throughout if it is not there."""
-    if name not in table.columns:
-        return _nothing_known
-    t, values = table.filled(name)
-    holes = long_holes(table.holes(name), phase.turns, phase.times)
-    return _nothing_known if len(t) < 4 else _within(_cubic(t, values), holes)
 
 
 def _shaft_torque(table: MeasuredTable, system: System, phase: MeasuredPhase) -> Callable[[Floats], Floats]:
     """Return the shaft torque as a curve, NaN where the plate's angle is unknown."""
+    from scipy.interpolate import CubicSpline
+
     names = [name for name in ("plate_angle", "plate_speed", FAR_END, "output_angle") if name in table.columns]
     complete = np.all([np.isfinite(table.columns[name]) for name in ("t", *names)], axis=0)
     if "plate_angle" not in names or np.count_nonzero(complete) < 4:
-        return _nothing_known
+        return _unknown
     t, d = table.t[complete], system.driveline
     columns = {name: table.columns[name][complete] for name in names}
     angle = columns["plate_angle"]
-    speed = columns["plate_speed"] if "plate_speed" in columns else _cubic(t, angle, 1)(t)
+    speed = columns["plate_speed"] if "plate_speed" in columns else np.asarray(CubicSpline(t, angle)(t, 1))
     if FAR_END in columns:
         speed = speed - columns[FAR_END]
         angle = angle - (columns["output_angle"] if "output_angle" in columns else integral(columns[FAR_END], t))
     holes = long_holes(table.holes(*names), phase.turns, phase.times)
-    return _within(_cubic(t, d.damping * speed + d.stiffness * angle), holes)
+    return _curve(t, d.damping * speed + d.stiffness * angle, holes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -55,7 +55,7 @@ class Kept(NamedTuple):
     first : number of the first of them
     dropped : number of dropped cycles, those within gaps at the start included
     broken : number of later cycles that a gap interrupts or hides
-    parts : times beside whole cycles, one "cycle" each
+    parts : each of the times beside whole cycles, as one "cycle"
     span : its start and end, and the time between them without observation, s
     """
 
@@ -63,7 +63,7 @@ class Kept(NamedTuple):
     first: int
     dropped: int
     broken: int
-    parts: Cycles
+    parts: list[Cycles]
     span: Span
 
 
@@ -74,7 +74,7 @@ class RunCycles:
     clock : start times of the engine cycles
     begin, end : times of its first and last state, s
     pieces : whole engine cycles
-    parts : beside them, as rows of their start and end, s, and the columns of `Cycles`
+    parts : beside them, with their start and end, s
     gaps : times (s) of the states before and after each gap, single lost states included
     """
 
@@ -82,33 +82,19 @@ class RunCycles:
     begin: float
     end: float = 0.0
     pieces: list[CyclePiece] = field(default_factory=list)
-    parts: list[Floats] = field(default_factory=list)
+    parts: list[tuple[float, float, Cycles]] = field(default_factory=list)
     gaps: list[tuple[float, float]] = field(default_factory=list)
-    summary: tuple[tuple[float, int | None], Summary] | None = None
-    """The last summary, with the end of the run and the number of cycles to drop for which it was made."""
-
-    def add(self, piece: CyclePiece) -> None:
-        """Add a piece; consecutive pieces are joined, longer ones rarely, so that there are few."""
-        while self.pieces and _follows(self.pieces[-1], piece) and len(self.pieces[-1].cycles) <= 2 * len(piece.cycles):
-            before = self.pieces.pop()
-            piece = CyclePiece(before.run, before.first, concatenated([before.cycles, piece.cycles]))
-        self.pieces.append(piece)
 
     def add_parts(self, partial: Cycles) -> None:
         """Add parts of cycles with their `starts`."""
         assert partial.starts is not None
-        self.parts += list(np.stack([partial.starts[:-1], partial.starts[1:], *_columns(partial)], axis=1))
+        self.parts += [(*ends, partial[k:k + 1]) for k, ends in enumerate(pairwise(partial.starts.tolist()))]
 
-    def _join_all(self) -> None:
-        """Join consecutive pieces, so that the kept part of the run is a view and not a copy."""
-        joined: list[list[CyclePiece]] = []
-        for piece in self.pieces:
-            if joined and _follows(joined[-1][-1], piece):
-                joined[-1].append(piece)
-            else:
-                joined.append([piece])
-        self.pieces = [replace(group[0], cycles=concatenated([p.cycles for p in group])) if len(group) > 1 else group[0]
-                       for group in joined]
+    def _join(self) -> None:
+        """Join consecutive pieces."""
+        breaks = [k for k, (a, b) in enumerate(pairwise(self.pieces), 1) if b.first != a.first + len(a.cycles)]
+        self.pieces = [replace(self.pieces[a], cycles=concatenated([p.cycles for p in self.pieces[a:b]]))
+                       for a, b in pairwise([0, *breaks, len(self.pieces)])]
 
     def observed(self) -> int:
         """Return the number of whole engine cycles."""
@@ -122,7 +108,7 @@ class RunCycles:
         if not self.pieces:
             raise OutOfRange("the recording holds no whole period of excitation: its states go from "
                              f"{self.begin:.6g} to {self.end:.6g} s")
-        self._join_all()
+        self._join()
         first, last = self._numbers()
         dropped = dropped_of(last - first, discard)
         whole = [p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces
@@ -130,18 +116,17 @@ class RunCycles:
         if not whole:
             raise OutOfRange(f"gaps interrupt or hide every period of excitation after the first {dropped}")
         joined = _with_gaps(whole)
-        parts = np.array(self.parts).reshape(-1, 2 + len(fields(Loads)) + 3)
-        begin = self.begin
+        begin, parts = self.begin, self.parts
         if dropped:
-            begin = self._start_of(first + dropped)
-            parts = parts[parts[:, 1] > begin + STAMP]
-            begin = max(begin, *parts[parts[:, 0] < begin - STAMP, 1], begin)
-            parts = parts[parts[:, 0] >= begin - STAMP]
+            since = self._start_of(first + dropped)
+            parts = [part for part in parts if part[1] > since + STAMP]
+            begin = max([since, *(end for start, end, _ in parts if start < since - STAMP)])
+            parts = [part for part in parts if part[0] >= begin - STAMP]
         gaps = np.clip(np.array(self.gaps).reshape(-1, 2), begin, None)
         whole_cycles = sum(map(len, whole))
         until = self.pieces[-1].first + len(self.pieces[-1].cycles)
-        return Kept(joined, until - len(joined), dropped, last - first - dropped - whole_cycles, _of_rows(parts),
-                    Span(begin, self.end, float(np.diff(gaps).sum())))
+        return Kept(joined, until - len(joined), dropped, last - first - dropped - whole_cycles,
+                    [part for *_, part in parts], Span(begin, self.end, float(np.diff(gaps).sum())))
 
     def _numbers(self) -> tuple[int, int]:
         """Return the number of the first cycle that starts within the run, and of the first one that ends after it; of
@@ -161,10 +146,6 @@ class RunCycles:
         return float(np.interp(number, numbers, starts))
 
 
-def _follows(a: CyclePiece, b: CyclePiece) -> bool:
-    return b.first == a.first + len(a.cycles)
-
-
 def _with_gaps(parts: list[Cycles]) -> Cycles:
     """Join cycles that gaps separate, with one NaN cycle for each gap; return a single part unchanged."""
     if len(parts) == 1:
@@ -182,12 +163,6 @@ def _columns(part: Cycles) -> list[Floats]:
     """Return the numbers of each cycle, its loads last."""
     assert part.loads is not None
     return [part.highest, part.lowest, part.stick_time, *part.loads.columns()]
-
-
-def _of_rows(rows: Floats) -> Cycles:
-    """Return the parts of cycles in rows of `RunCycles.parts`."""
-    highest, lowest, stick_time, *loads = rows[:, 2:].T
-    return Cycles(np.empty((0, 3)), highest, lowest, stick_time, Loads(*loads))
 
 
 def lengths_of(cycles: Cycles) -> Floats:
@@ -275,16 +250,9 @@ class CycleStream:
     def summary(self, discard: int | None = None, number: int | None = None) -> Summary:
         """Return the summary of the longest run, or of run `number`; raise InputError if no whole cycle is left."""
         run = self.longest()[1] if number is None else self.runs[number]
-        made_of = run.end, discard
-        if run.summary is None or run.summary[0] != made_of:
-            run.summary = made_of, self._summary_of(run, discard)
-        return run.summary[1]
-
-    def _summary_of(self, run: RunCycles, discard: int | None) -> Summary:
         kept = run.kept(discard if self.clock.identified else 0)
-        parts = [kept.parts]
-        if run is self.runs[-1] and (rest := self._rest()) is not None:
-            parts.append(rest)
+        rest = self._rest() if run is self.runs[-1] else None
+        parts = kept.parts if rest is None else [*kept.parts, rest]
         if not self.clock.identified:
             summary = summarise_cycles(kept.cycles, CycleTimes(lengths_of(kept.cycles)), partial=parts, span=kept.span)
             return replace(summary, period=0, section=[], section_states=[], cycles=0, broken=0, settled=False,
@@ -324,7 +292,7 @@ class CycleStream:
                 self.runs[-1].add_parts(cycles[a:b])
             else:
                 pieces.append(CyclePiece(len(self.runs) - 1, int(numbers[a]), cycles[a:b]))
-                self.runs[-1].add(pieces[-1])
+                self.runs[-1].pieces.append(pieces[-1])
         rows = np.concatenate(self._waiting, axis=1)
         start = int(np.searchsorted(rows[0], self._from + SLACK * self.clock.cycle, side="right")) - 1
         self._waiting = [rows[:, start:].copy()]
