@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tcc_sim.estimation.measurement import Measurement
     from tcc_sim.estimation.multiple_shooting import FitSettings, Gates
     from tcc_sim.fmi.controller import FmuController
-    from tcc_sim.plant.closed_loop import ControlledRun
+    from tcc_sim.plant.closed_loop import ControlledRun, LockstepRun
     from tcc_sim.plant.driveline import Reading
     from tcc_sim.plant.sensors import Sensor
     from tcc_sim.replay.measured import MeasuredRun
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from tcc_sim.sweeps.simulation import Plan, Simulation, Start
     from tcc_sim.tables.measured_table import MeasuredTable
     from tcc_sim.testing.rig import Rig
-    from tcc_sim.testing.run import LockstepRun
     from tcc_sim.trajectory import Status, Transitions
 
 __all__ = ["Axis", "Basins", "Branch", "ControlledRun", "Figure", "FitSettings", "FmuController", "GainMap", "Gates",

@@ -1,4 +1,4 @@
-"""Run a control law and the driveline in one loop, with the ticks of the lock-step node, without ROS."""
+"""Run a control law and the driveline in one loop, with the ticks of the lock-step node, without ROS; runs of both."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop import BAND
-from tcc_sim.analysis.loop.control import Control, CycleMeans, Steps, joined_means
+from tcc_sim.analysis.loop.control import Control, CycleMeans, Steps, handovers, joined_means
 from tcc_sim.analysis.loop.tracking import Counts, Limits, Loop, Tracking, checked_limits, loop_of, target_steps
 from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.errors import InputError, counted
@@ -122,6 +123,49 @@ class ControlledRun(Trajectory):
     def _text(self) -> str:
         refused = f"; {counted(self.refused, 'command')} refused" if self.refused else ""
         return f"{super()._text()}{refused}"
+
+
+@dataclass(frozen=True, repr=False)
+class LockstepRun(ControlledRun):
+    """Trajectory of a driveline under the commands of the nodes under test.
+
+    missed : number of ticks in which an awaited input had no new command: it was dropped, late, or refused
+    targets : every target slip speed, rad/s, with its first sample
+    limits : smallest and largest pressure that the controller commands, Pa; None if unknown
+    """
+
+    missed: int = 0
+    targets: tuple[tuple[float, int], ...] = ()
+    limits: Limits | None = None
+
+    @property
+    def target(self) -> tuple[float, int] | None:
+        """The last target slip speed, rad/s, and its first sample; None without a target."""
+        return self.targets[-1] if self.targets else None
+
+    def target_steps(self) -> Steps:
+        """Return the target slip speed, rad/s."""
+        return Steps(self.t[[sample for _, sample in self.targets]], np.array([value for value, _ in self.targets]))
+
+    @cached_property
+    def tracking(self) -> Tracking:
+        """Tracking error of the slip speed's cycle means since the last jump of the target, or since commands of the
+        pressure came last after a fallback of a cycle or more.
+
+        Raises
+        ------
+        InputError
+            There is no target.
+        """
+        if not self.targets:
+            raise InputError("no target: no node published target_slip_speed, and run(target=...) was not given")
+        reference = self.target_steps()
+        jumps = self._loop(reference).jumps.t
+        since = int(np.searchsorted(self.t, jumps[-1] if len(jumps) else reference.t[0]))
+        if (held := self.commands.get(INPUTS[1])) is not None and len(self.t) > 1:
+            cycle = round(self.cycle / float(self.t[1] - self.t[0]))
+            since = max([since, *(row for row, _ in handovers(np.isfinite(held), max(cycle, 1)))])
+        return self._tracking(reference, since, self.limits)
 
 
 class Samples:

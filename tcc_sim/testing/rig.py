@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
 import random
+import sys
+import threading
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import TypeVar
 
 from rclpy.clock import ROSClock
 from rclpy.exceptions import InvalidHandle
@@ -18,7 +24,8 @@ from rclpy.timer import Timer
 from std_msgs.msg import Float64, Float64MultiArray
 
 from tcc_sim.analysis.loop.tracking import Limits, checked_limits
-from tcc_sim.errors import InputError, counted, one_line
+from tcc_sim.background import begun
+from tcc_sim.errors import InputError, TccError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.model.groups import PRESSURE_MAXIMUM
 from tcc_sim.model.parameters import with_whole_lists
@@ -26,16 +33,19 @@ from tcc_sim.model.quantity import Options, quantity
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.loop_topics import CommandedInput
 from tcc_sim.nodes.middleware import LATCHED, poll, subscribe
-from tcc_sim.plant.closed_loop import MOST_TICKS, Samples, TimedChanges, changes_of
+from tcc_sim.plant.closed_loop import MOST_TICKS, LockstepRun, Samples, TimedChanges, changes_of
 from tcc_sim.plant.sensors import Schedule, Sensors
 from tcc_sim.scene import SceneLike, as_scene
-from tcc_sim.testing.run import ControllerFailed, LockstepRun, Result, Worker
 from tcc_sim.topics import FAR_END, FLUID_PRESSURE, INPUTS, LIMITS, topic
 
+Result = TypeVar("Result")
+_PACKAGE = Path(__file__).resolve().parent.parent
 PATIENCE = 20.0
 """Largest real time for an answer, s."""
 LOOK = 0.005
 """Real time of one wait for the nodes under test, s."""
+CHECKED, ENDING = 0.05, 1.0
+"""Real time between two checks whether the nodes hang, and in which an abandoned thread must end, s."""
 PAUSE = 0.05
 """Default length of a pause, s of real time."""
 SERVED = 20
@@ -44,6 +54,10 @@ instead of time keeps runs identical.
 """
 MOST_CALLBACKS = 1000
 """Largest number of callbacks executed when no answer is awaited; a node may produce them without end."""
+
+
+class ControllerFailed(TccError, AssertionError):
+    """A node under test died, hangs or does not answer; the message names it and the simulation time."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +125,81 @@ class Line:
             return cdr.fluid_pressure(cdr.read_fluid_pressure(data)[0], value)
         except ValueError:
             return cdr.float64(value)
+
+
+class GivenUp(BaseException):
+    """Exception raised in a hanging thread to end it."""
+
+
+class Worker:
+    """Thread that runs one function at a time and abandons it if `beat` is not called for too long.
+
+    Attributes
+    ----------
+    stuck : whether an abandoned function has not ended
+    """
+
+    def __init__(self) -> None:
+        self.stuck = False
+        self._beat = 0.0
+        self._abandoned: list[threading.Thread] = []
+
+    def beat(self) -> None:
+        """Report progress; an abandoned function ends here."""
+        if threading.current_thread() in self._abandoned:
+            raise GivenUp
+        self._beat = time.monotonic()
+
+    def run(self, work: Callable[[], Result], patience: float, failed: Callable[[str], Exception]) -> Result:
+        """Return the result of `work`, or raise its exception, or `failed(place)` if it hangs at a place in the code.
+
+        patience : longest real time without progress, s
+        """
+        self.beat()
+        outcome, thread = begun(work, name="nodes under test")
+        try:
+            while thread.is_alive():
+                thread.join(CHECKED)
+                if thread.is_alive() and time.monotonic() - self._beat > patience:
+                    raise failed(_innermost_line(sys._current_frames().get(thread.ident or 0)))
+        finally:
+            self._abandoned += [thread] * thread.is_alive()
+            self.stuck = thread.is_alive() and not _ended(thread)
+        return outcome.result()
+
+
+def _innermost_line(frame: FrameType | None) -> str:
+    innermost = frame
+    while frame is not None:
+        path = Path(frame.f_code.co_filename)
+        if not (path.is_relative_to(_PACKAGE) or "site-packages" in path.parts or path.is_relative_to(sys.base_prefix)):
+            return f"{frame.f_code.co_name} ({path.name}:{frame.f_lineno})"
+        frame = frame.f_back
+    return "its callback" if innermost is None else f"{innermost.f_code.co_name}"
+
+
+def _ended(thread: threading.Thread) -> bool:
+    """Raise GivenUp in a thread at its next line of Python; return whether the thread has ended.
+
+    A thread that blocks outside of Python keeps the exception. CPython 3.11 then never enters a traced function again,
+    so under coverage or a debugger this thread is not traced meanwhile, and takes the exception back.
+    """
+    trace = sys.gettrace()
+    sys.settrace(None)
+    _raise_in(thread.ident, GivenUp)
+    thread.join(ENDING)
+    if thread.is_alive():
+        _raise_in(thread.ident, None)
+        with suppress(GivenUp):  # The interpreter's mark of a kept exception goes when one is raised.
+            _raise_in(threading.get_ident(), GivenUp)
+            time.sleep(0.0)
+    sys.settrace(trace)
+    return not thread.is_alive()
+
+
+def _raise_in(ident: int | None, exception: type[BaseException] | None) -> None:
+    """Let a thread raise an exception at its next line of Python; None takes it back."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(ident or 0), exception and ctypes.py_object(exception))
 
 
 class Rig:

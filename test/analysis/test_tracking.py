@@ -29,10 +29,10 @@ from tcc_sim.analysis.loop.tracking import (
 )
 from tcc_sim.analysis.measured.engine_clock import Scheduled
 from tcc_sim.errors import InputError
+from tcc_sim.plant.closed_loop import LockstepRun
 from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.result import json_of
 from tcc_sim.scene import load_scene
-from tcc_sim.testing.run import LockstepRun
 from tcc_sim.trajectory import Trajectory
 
 CONTROLLED = load_scene("controlled").system

@@ -27,8 +27,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.model.groups import PRESSURE_MAXIMUM
 from tcc_sim.nodes.slip_controller import SlipControllerNode
 from tcc_sim.plant.slip_control import SlipController, Tuning
-from tcc_sim.testing.rig import Faults, Line
-from tcc_sim.testing.run import ControllerFailed
+from tcc_sim.testing.rig import ControllerFailed, Faults, Line
 
 
 class Controller(Node):

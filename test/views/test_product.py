@@ -15,8 +15,8 @@ from pictures import broken, check, curves, labelled, panels, passes, rerun_line
 
 import tcc_sim
 from tcc_sim.cli import main
+from tcc_sim.plant.closed_loop import LockstepRun
 from tcc_sim.solvers import SOLVERS
-from tcc_sim.testing.run import LockstepRun
 
 pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 
