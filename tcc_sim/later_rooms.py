@@ -13,7 +13,7 @@ from typing import Any
 
 CALLED = {
     # name: (module, function)
-    "draw_figure": ("tcc_sim.study.paper.drawings", "draw_stored"),
+    "draw_figure": ("tcc_sim.study.paper.drawings", "draw_figure"),
     "draw_precision": ("tcc_sim.study.benchmarks.report_drawings", "draw_precision"),
     "draw_stability": ("tcc_sim.study.benchmarks.report_drawings", "draw_stability"),
     "branch_panels": ("tcc_sim.study.views", "branch_panels"),

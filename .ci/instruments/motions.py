@@ -25,9 +25,10 @@ from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED
 from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.basins.results import Axis, Basins
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, FigureOptions, paper_system
-from tcc_sim.study.paper.drawings import UNNAMED, UNSEEN, behind, draw
+from tcc_sim.study.paper.drawings import UNNAMED, UNSEEN, draw_figure
 from tcc_sim.study.paper.figures import Figure, figure_data, figure_system
 from tcc_sim.views.plots import plot
+from tcc_sim.views.stored import Record
 
 AT_036_085 = {"friction.kinetic_coefficient": 0.85 * STATIC, "engine.frequency": 0.36 * OMEGA_N}
 """Where period one and a large period two coexist behind Fig. 6."""
@@ -89,9 +90,9 @@ def _write(folder: Any, branches: Figure, result: Any, words: list[str]) -> None
     """Pictures and JSON."""
     pictures = folder / "pictures"
     pictures.mkdir(parents=True)
-    draw(branches, pictures / BRANCHES)
-    system = figure_system(FIGURES[6], FigureOptions())
-    write_json(folder / f"{BRANCHES}.json", document("figure", branches, system, words))
+    values = document("figure", branches, figure_system(FIGURES[6], FigureOptions()), words)
+    write_json(folder / f"{BRANCHES}.json", values)
+    draw_figure(pictures / BRANCHES, Record.of(values))
     plot(result, pictures / f"{BASINS}.png")
     write_json(folder / f"{BASINS}.json", document("basins", result, paper_system(AT_036_085), words))
 
@@ -125,9 +126,9 @@ def motions_page(branches: Figure, basins: Basins, side_lines: Sequence[str] = (
 def _summary(branches: Figure, basins: Basins) -> list[str]:
     """Summary, a line for each part."""
     curves = branches.curves
-    followed = behind(curves[:1])
+    followed = curves[0].behind
     periods = sorted({b["period"] for b in followed.branches})
-    causes = Counter(jump.cause for jump in behind(curves).jumps)
+    causes = Counter(jump.cause for curve in curves for jump in curve.behind.jumps)
     boundary, unnamed = causes["basin_boundary"], sum(causes[c] for c in UNNAMED)
     ends = sum(causes.values()) - boundary - unnamed - sum(causes[c] for c in UNSEEN)
     lines = [f"- Branches behind Fig. 6: {len(followed.branches)}, of period {', '.join(map(str, periods))}, with "
@@ -141,7 +142,7 @@ def _summary(branches: Figure, basins: Basins) -> list[str]:
 
 def _branches(data: Figure) -> list[str]:
     """Branches with their ends and bifurcations."""
-    result, unit = behind(data.curves[:1]), data.unit
+    result, unit = data.curves[0].behind, data.unit
     lines = ["| period | mu\\_k/mu\\_s | stable points | ends | bifurcations |", "| ---: | --- | ---: | --- | --- |"]
     for k, branch in enumerate(result.branches):
         ends = "; ".join(f"{ENDINGS.get(reason, LOST)}, {branch['value'][end] / unit:.6f}"
@@ -158,7 +159,7 @@ def _jumps(data: Figure) -> list[str]:
     """The jumps of the sweeps by cause and place, with the sweeps that have them."""
     unit, places = data.unit, dict[tuple[str, str], list[str]]()
     for swept in data.curves:
-        for jump in behind([swept]).jumps:
+        for jump in swept.behind.jumps:
             at = places.setdefault((jump.cause, f"{jump.value / unit:.6f}"), [])
             at += [WAYS[swept.direction]] * (WAYS[swept.direction] not in at)
     lines = ["Jumps of the sweeps, at mu\\_k/mu\\_s:", ""] if places else []

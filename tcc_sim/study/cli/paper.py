@@ -23,7 +23,7 @@ from tcc_sim.shown_units import show_in
 if TYPE_CHECKING:
     from tcc_sim.study.paper.catalogue import FigureOptions
     from tcc_sim.study.paper.claims import Verdict
-    from tcc_sim.study.paper.figures import Figure
+    from tcc_sim.views.stored import Record
 
 
 @command(partial(add_layout, title="its number and title; not with all"), add_units,
@@ -48,7 +48,7 @@ def figure(arguments: argparse.Namespace, figure: str, quick: bool = False,
     force : replace existing figures
     """
     from tcc_sim.study.paper.catalogue import FIGURES, FigureOptions, check_options
-    from tcc_sim.study.paper.drawings import draw
+    from tcc_sim.study.paper.drawings import draw_figure
     from tcc_sim.views.style import width_of
 
     numbers = list(FIGURES) if figure == "all" else [int(figure) if figure.isdecimal() else 0]
@@ -66,7 +66,7 @@ def figure(arguments: argparse.Namespace, figure: str, quick: bool = False,
         check_options(numbers[0], options)
     require("matplotlib", "a picture")
     out.mkdir(parents=True, exist_ok=True)
-    draw_one = partial(draw, title=printable(arguments.title or ""), width=width_of(arguments.width))
+    draw_one = partial(draw_figure, title=printable(arguments.title or ""), width=width_of(arguments.width))
     if len(stems) == 1:
         (one, stem), = stems.items()
         _write(one, stem, options, draw_one, arguments)
@@ -74,7 +74,7 @@ def figure(arguments: argparse.Namespace, figure: str, quick: bool = False,
     # Drawing takes as long as computing and holds the interpreter lock, so another process draws.
     with without_working_directory(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_painter,
                                                           (arguments.units,)) as painter:
-        drawn = [_write(one, stem, options, lambda data, where: painter.submit(draw_one, data, where),
+        drawn = [_write(one, stem, options, lambda where, data: painter.submit(draw_one, where, data),
                         arguments)
                  for one, stem in stems.items()]
         for picture in drawn:
@@ -88,18 +88,19 @@ def _begin_painter(units: str | None) -> None:
     show_in(units)
 
 
-def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Figure, Path], Any],
+def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Path, Record], Any],
            arguments: argparse.Namespace) -> Any:
     """Compute one figure, write its numbers, and draw it with `draw`."""
     from tcc_sim.output.provenance import document
     from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, plain
     from tcc_sim.study.paper.figures import figure_data, figure_system
+    from tcc_sim.views.stored import Record
 
     row = FIGURES[number]
     data = figure_data(row, options)
-    write_json(stem.with_suffix(".json"), document(
-        "figure", data, figure_system(row, options), arguments.words, arguments.title or ""))
-    drawn = draw(data, stem)
+    values = document("figure", data, figure_system(row, options), arguments.words, arguments.title or "")
+    write_json(stem.with_suffix(".json"), values)
+    drawn = draw(stem, Record.of(values))
     say(f"{stem.with_suffix('.png')}  {data.seconds:.1f} s", flush=True)
     for curve in data.curves if data.kind in SWEPT else ():
         for sentence in curve.behind.left_out if curve.behind is not None else ():

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.errors import counted
+from tcc_sim.result import json_of
 from tcc_sim.shown_units import speed
-from tcc_sim.study.paper.branches_behind import MotionsBehind
 from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, plain
-from tcc_sim.study.paper.figures import Figure, Labelled
+from tcc_sim.study.paper.figures import Figure
 from tcc_sim.study.views import branch_panels
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel, compose
@@ -58,44 +57,33 @@ NARROWEST = 0.16
 AXES = {"omega/omega_n": r"frequency ratio $\omega/\omega_n$", "mu_k/mu_s": r"friction ratio $\mu_k/\mu_s$"}
 
 
-def behind(curves: Sequence[Labelled]) -> MotionsBehind:
-    """Join the motions behind some curves."""
-    parts = [curve.behind for curve in curves if curve.behind is not None]
-    return MotionsBehind(**{item.name: [x for part in parts for x in getattr(part, item.name)]
-                            for item in fields(MotionsBehind)})
-
-
-def swept(data: Figure, curve: Labelled) -> tuple[Panel, Panel]:
+def swept(data: Record, curve: Record) -> tuple[Panel, Panel]:
     """Return the maxima and the orbit diagram of a curve as `sweep` draws them."""
     maxima, orbit, *_ = sweep_panels({
-        "values": data.x, "over": AXES[data.axis], "transient": unsettled(curve).tolist(),
+        "values": data.x, "over": AXES[data.axis],
+        "transient": [bool(period) and not done for period, done in zip(curve.period, curve.settled)],
         "section": [[(angle,) for angle in angles or ()] for angles in curve.theta2],
         **{name: getattr(curve, name) for name in (
             "max_slip_speed", "runaway", "regime", "period", "stick_fraction")}}, "maximum, not settled")
     return maxima, orbit
 
 
-def unsettled(curve: Labelled) -> np.ndarray:
-    """Return (n,) whether a motion still settles to its period."""
-    return np.array([bool(period) and not settled for period, settled in zip(curve.period, curve.settled)])
-
-
-def settled(curve: Labelled) -> np.ndarray:
+def settled(curve: Record) -> np.ndarray:
     """Return (n,) whether a motion has a period and has settled to it."""
     return np.array([bool(period and done) for period, done in zip(curve.period, curve.settled)])
 
 
-def bounded(curve: Labelled) -> np.ndarray:
+def bounded(curve: Record) -> np.ndarray:
     """Return (n,) largest slip speeds, NaN for a failure or runaway slip."""
     return np.where([bool(away) for away in curve.runaway], np.nan, numbers(curve.max_slip_speed))
 
 
-def top_of(axis: Any, curves: Sequence[Labelled]) -> float:
+def top_of(axis: Any, curves: Sequence[Record]) -> float:
     """Return the upper end of the axis of maxima above all motions, or above branches and settled motions if there are
     branches; the legend then has the number of points beyond.
     """
-    inside: list[float] = [max(branch["max_slip_speed"]) for branch in behind(curves).branches]
-    inside += [float(np.nanmax(np.where(settled(curve) | (not curve.behind), bounded(curve), np.nan), initial=0.0))
+    inside: list[float] = [max(branch.max_slip_speed) for curve in curves for branch in curve.branches or ()]
+    inside += [float(np.nanmax(bounded(curve)[settled(curve) | (curve.branches is None)], initial=0.0))
                for curve in curves]
     top = max(1.12 * max(inside), 1e-6)
     if beyond := sum(int((bounded(curve) > top).sum()) for curve in curves):
@@ -103,7 +91,7 @@ def top_of(axis: Any, curves: Sequence[Labelled]) -> float:
     return top
 
 
-def draw_maxima(axis: Any, data: Figure, curve: Labelled) -> None:
+def draw_maxima(axis: Any, data: Record, curve: Record) -> None:
     """Draw the largest slip speeds with coexisting motions and with transients that stand out."""
     swept(data, curve)[0].draw(axis)
     rows = curve.coexisting or ()
@@ -114,13 +102,13 @@ def draw_maxima(axis: Any, data: Figure, curve: Labelled) -> None:
                   markersize=3.6, markerfacecolor="none", markeredgewidth=0.7, color=style.INK, label=name)
 
 
-def draw_branches(axis: Any, data: Figure, curves: Sequence[Labelled]) -> None:
+def draw_branches(axis: Any, data: Record, curves: Sequence[Record]) -> None:
     """Draw the branches behind curves, which share them, with the motions of their sweeps and the causes of jumps."""
-    motions, unit = behind(curves[:1]), data.unit
+    unit = data.unit
     branch_panels({
         "over": AXES[data.axis],
-        "bifurcations": [{**{k: f[k] for k in f}, "value": f["value"] / unit} for f in motions.bifurcations],
-        "branches": [{**{k: b[k] for k in b}, "value": [x / unit for x in b["value"]]} for b in motions.branches],
+        "bifurcations": [{**vars(f), "value": f.value / unit} for f in curves[0].bifurcations],
+        "branches": [{**vars(b), "value": [x / unit for x in b.value]} for b in curves[0].branches],
     }, "unstable")[0].draw(axis)  # The colour tells the period of unstable motions too.
     for curve in curves:
         for which, face, name in ((settled(curve), style.INK, "motion of the sweep"),
@@ -131,7 +119,7 @@ def draw_branches(axis: Any, data: Figure, curves: Sequence[Labelled]) -> None:
     label_jumps(axis, curves, unit)
 
 
-def label_jumps(axis: Any, curves: Sequence[Labelled], unit: float) -> None:
+def label_jumps(axis: Any, curves: Sequence[Record], unit: float) -> None:
     """Label every jump due to a bifurcation or a basin on an axis above, without overlap, with a thin line to it.
 
     Jumps beside a motion without a period or a branch have a dotted line and no label.
@@ -140,7 +128,7 @@ def label_jumps(axis: Any, curves: Sequence[Labelled], unit: float) -> None:
     for curve in curves:
         words, colour = DIRECTIONS[curve.direction]
         colour, words = (colour, f", {words}") if len(curves) > 1 else (style.INK, "")
-        for jump in behind([curve]).jumps:
+        for jump in curve.jumps:
             x, cause = jump.value / unit, jump.cause
             if cause in UNNAMED:
                 axis.axvline(x, color=colour, alpha=0.6, zorder=1.4, label="jump off the branches", **OFF_BRANCHES)
@@ -184,12 +172,12 @@ def key_panel(height: float) -> Panel:
     return Panel("", draw, height, named=False)
 
 
-def map_panels(data: Figure) -> list[Panel]:
+def map_panels(data: Record) -> list[Panel]:
     """Return maxima, or branches, and orbit diagram of every curve, in shared ranges."""
-    curves, branched = data.curves, data.curves[0].behind is not None
+    curves, branched = data.curves, data.curves[0].branches is not None
     angles = [a for curve in curves for part in curve.theta2 for a in part or ()]
 
-    def left(axis: Any, curve: Labelled) -> None:
+    def left(axis: Any, curve: Record) -> None:
         if branched:
             draw_branches(axis, data, [curve])
         else:
@@ -197,7 +185,7 @@ def map_panels(data: Figure) -> list[Panel]:
         marked(axis)
         axis.set(ylim=(0.0, top_of(axis, curves)), ylabel=MAXIMUM)
 
-    def right(axis: Any, curve: Labelled) -> None:
+    def right(axis: Any, curve: Record) -> None:
         swept(data, curve)[1].draw(axis)
         marked(axis)
         axis.set(ylim=span_of(angles), ylabel=ANGLE)
@@ -216,7 +204,7 @@ def map_panels(data: Figure) -> list[Panel]:
             key_panel(1.0 if branched else 0.5)]
 
 
-def damping_panels(data: Figure) -> list[Panel]:
+def damping_panels(data: Record) -> list[Panel]:
     """Return both readings of (21) above the maxima and the orbit diagram."""
     curve, x = data.curves[0], np.array(data.x)
     weighted, negative = numbers(curve.equivalent_damping or []), numbers(curve.negative_slope_mean or [])
@@ -240,7 +228,7 @@ def damping_panels(data: Figure) -> list[Panel]:
             Panel("orbit diagram", swept(data, curve)[1].draw, 1.8, over=True)]
 
 
-def orbit_panels(data: Figure) -> list[Panel]:
+def orbit_panels(data: Record) -> list[Panel]:
     """Return one orbit diagram per direction, and the branches behind all of them."""
     curves, keys = data.curves, data.parameters
     ratio = keys["engine.mean_torque"] / (keys["friction.static_coefficient"] * keys["pressure.mean"]
@@ -258,12 +246,12 @@ def orbit_panels(data: Figure) -> list[Panel]:
         axis.set(ylim=(0.0, top_of(axis, curves)), ylabel=MAXIMUM)
 
     panels = [(DIRECTIONS[curve.direction][0], swept(data, curve)[1].draw, 1.7) for curve in curves]
-    panels += [("branches behind them", branches, 3.4)] if curves[0].behind is not None else []
+    panels += [("branches behind them", branches, 3.4)] if curves[0].branches is not None else []
     return [*(Panel(title, partial(shaded, draw=draw), height, over=k > 0, named=False)
               for k, (title, draw, height) in enumerate(panels)), key_panel(1.5 if len(panels) > len(curves) else 0.3)]
 
 
-def history_panels(data: Figure) -> list[Panel]:
+def history_panels(data: Record) -> list[Panel]:
     """Return Fig. 7: slip speed, plate angle and section (plate speed over plate angle) of every value, in equal
     ranges. The sections lie in stick, where the slip speed is 0.
     """
@@ -271,16 +259,16 @@ def history_panels(data: Figure) -> list[Panel]:
     speeds, angles = ([getattr(panel, name) for panel in data.panels] for name in ("slip_speed", "plate_angle"))
     places = [span_of([rows[:, k] for rows in sections.values()]) for k in range(2)]
 
-    def line(axis: Any, panel: Labelled, name: str, label: str, colour: str, rows: Sequence[Any]) -> None:
+    def line(axis: Any, panel: Record, name: str, label: str, colour: str, rows: Sequence[Any]) -> None:
         axis.plot(panel.t, getattr(panel, name), color=colour, linewidth=0.9)
         axis.set(xlabel=CYCLES, ylabel=label, xlim=(panel.t[0], panel.t[-1]), ylim=span_of(rows))
 
-    def section(axis: Any, panel: Labelled) -> None:
+    def section(axis: Any, panel: Record) -> None:
         axis.plot(*sections[id(panel)].T, **DOTS, color=style.RED, markersize=5.0 if panel.period else 1.6)
         axis.set(xlabel=ANGLE, ylabel=r"$\dot\delta_2$ (rad/s)", xlim=places[0], ylim=places[1])
         axis.locator_params(axis="x", nbins=4)
         words = f"period {panel.period}" if panel.period else "no period up to 16"
-        if (found := panel.lyapunov) is not None and np.isfinite(found.exponent):
+        if (found := panel.lyapunov) is not None and found.exponent is not None:
             half = 0.5 * (found.high - found.low)
             words = rf"{found.diagnosis}, $\lambda_1 = {found.exponent:.1f} \pm {half:.1f}$ s$^{{-1}}$"
         _note(axis, words)
@@ -312,9 +300,9 @@ def _torque_axis(axis: Any, colour: str, label: str) -> Any:
     return other
 
 
-def delay_panels(data: Figure) -> list[Panel]:
+def delay_panels(data: Record) -> list[Panel]:
     """Return Fig. 9: slip speed with positive slip shaded, and the engine torque above it."""
-    def draw(axis: Any, panel: Labelled) -> None:
+    def draw(axis: Any, panel: Record) -> None:
         t, v, share = panel.t, panel.slip_speed, panel.first_half
         axis.fill_between(t, 0.0, np.where(panel.state == 1, v, 0.0), color=style.STICK, linewidth=0.0)
         axis.plot(t, v, color=style.BLUE)
@@ -322,17 +310,17 @@ def delay_panels(data: Figure) -> list[Panel]:
         axis.set_ylabel(SLIP, color=style.BLUE)
         other = _torque_axis(axis, style.ORANGE, r"$T_e$ (N m)")
         other.plot(t, panel.engine_torque, color=style.ORANGE, linewidth=0.9, linestyle=(0, (4, 2)))
-        _note(axis, f"{100.0 * share:.0f} % in first half cycle" if np.isfinite(share) else "no positive slip")
+        _note(axis, f"{100.0 * share:.0f} % in first half cycle" if share is not None else "no positive slip")
 
     return [Panel(panel.label, partial(draw, panel=panel), 2.0, beside=k % 2 == 1, over=k > 1, named=False)
             for k, panel in enumerate(data.panels)]
 
 
-def actuation_panels(data: Figure) -> list[Panel]:
+def actuation_panels(data: Record) -> list[Panel]:
     """Return Fig. 12: slip speed, engine and saturation torque, with the start of every engine cycle, and the
     stability of the periodic orbit if it was followed.
     """
-    def draw(axis: Any, panel: Labelled) -> None:
+    def draw(axis: Any, panel: Record) -> None:
         t, orbit = panel.t, panel.orbit
         axis.plot(t, panel.slip_speed, color=style.BLUE)
         axis.set(xlabel=CYCLES, ylabel=SLIP, xlim=(t[0], t[-1]), xticks=np.arange(0, int(t[-1]) + 1),
@@ -352,7 +340,7 @@ def actuation_panels(data: Figure) -> list[Panel]:
             for k, panel in enumerate(data.panels)]
 
 
-def solver_panels(data: Figure) -> list[Panel]:
+def solver_panels(data: Record) -> list[Panel]:
     """Return Fig. 2: slip speed by every solver from one state, their divergence, and steady motions from (13)."""
     period, first = data.cycle, data.curves[0]
     leaving = float(first.t[int(np.argmax(first.slip_speed > 1.0))]) * period
@@ -360,7 +348,7 @@ def solver_panels(data: Figure) -> list[Panel]:
     def whole(axis: Any) -> None:
         for curve in data.curves:
             difference = curve.rms_difference
-            shown = np.isfinite(difference) and curve.solver != "smoothed"
+            shown = difference is not None and curve.solver != "smoothed"
             axis.plot(curve.t * period, curve.slip_speed, **LOOKS[curve.solver],
                       label=curve.label + (f" ({difference:.1e})" if shown else ""))
         axis.set(ylabel=SLIP, xlabel="time (s)", xlim=(0.0, first.t[-1] * period))
@@ -381,7 +369,7 @@ def solver_panels(data: Figure) -> list[Panel]:
             Panel(f"steady state of each law from (13), after {data.steady_cycles} cycles", steady, 2.0)]
 
 
-def law_panels(data: Figure) -> list[Panel]:
+def law_panels(data: Record) -> list[Panel]:
     """Return Fig. 3: law, zoom, slope."""
     v, close, curves = data.slip_speed, data.near_slip_speed, list(zip(style.CYCLE, data.curves))
 
@@ -393,10 +381,10 @@ def law_panels(data: Figure) -> list[Panel]:
         for colour, curve in curves:
             axis.plot(close, curve.near_coefficient, color=colour)
             axis.plot(close, curve.near_set_valued, color=colour, **SET_VALUED)
-            if np.isfinite(curve.peak_slip_speed):
+            if curve.peak_slip_speed is not None:
                 axis.plot(curve.peak_slip_speed, curve.peak, marker="o", markersize=3.0, color=colour)
         style.key(axis, "set-valued law (6)", color=style.GREY, **SET_VALUED)
-        if any(np.isfinite(curve.peak_slip_speed) for _, curve in curves):
+        if any(curve.peak_slip_speed is not None for _, curve in curves):
             style.key(axis, "maximum of (7)", color=style.GREY, linestyle="none", marker="o")
         axis.set_ylim(0.6, 1.6)
 
@@ -417,16 +405,18 @@ def law_panels(data: Figure) -> list[Panel]:
                                        ("slope (20b)", slope, r"$\partial\bar\mu/\partial\dot\delta_1$ (s/rad)"))]
 
 
-KINDS: dict[str, Callable[[Figure], list[Panel]]] = {
+KINDS: dict[str, Callable[[Record], list[Panel]]] = {
     "map": map_panels, "damping": damping_panels, "orbit": orbit_panels, "law": law_panels,
     "histories": history_panels, "delay": delay_panels, "actuation": actuation_panels, "solvers": solver_panels}
 """Panels of each kind of figure."""
 
 
-def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -> None:
-    """Write the picture of one figure as `stem`.png and `stem`.svg, with number and title of the figure as its default
-    title. In a column (`width`, inch) panels are below each other.
+def draw_figure(path: Path, data: Record, title: str = "", width: float = style.PAGE) -> Path:
+    """Draw one figure from its JSON, with number and title of the figure as its default title, as `compose` writes
+    pictures. In a column (`width`, inch) panels are below each other.
     """
+    for part in (data, *(data.curves or ()), *(data.panels or ()), *(data.steady or ())):
+        vars(part).update({name: numbers(part[name]) for name in SAMPLES if isinstance(getattr(part, name), list)})
     extra = [] if data.law == "smoothed" or data.kind in ("law", "solvers") else ["set-valued law"]
     if data.kind in ("map", "damping"):
         directions = {curve.direction for curve in data.curves}
@@ -438,8 +428,8 @@ def draw(data: Figure, stem: Path, title: str = "", width: float = style.PAGE) -
         most = max(len(points or ()) for curve in data.curves for points in curve.theta2)
         parts += [f"{data.cycles} periods of excitation, the first {data.discarded} dropped",
                   rf"$\delta_2$ at $t = 2\pi n/\omega$ over the last {most}"]
-    compose(stem, KINDS[data.kind](data), words if wide else _wrapped(words, TITLE), width,
-            caption=_wrapped("; ".join(parts), WIDEST if wide else NARROW), formulas=not title)
+    return compose(path, KINDS[data.kind](data), words if wide else _wrapped(words, TITLE), width,
+                   caption=_wrapped("; ".join(parts), WIDEST if wide else NARROW), formulas=not title)
 
 
 def paper_figure(figure: int, *, quick: bool = False, law: str = "smoothed", direction: str | None = None,
@@ -465,7 +455,7 @@ def paper_figure(figure: int, *, quick: bool = False, law: str = "smoothed", dir
     data = figure_data(FIGURES[figure], options)
     if out is not None:
         Path(out).mkdir(parents=True, exist_ok=True)
-        draw(data, Path(out) / f"fig{figure:02d}")
+        draw_figure(Path(out) / f"fig{figure:02d}", Record.of(json_of(data)))
     return data
 
 
@@ -479,16 +469,3 @@ def _wrapped(text: str, most: int) -> str:
         else:
             lines[-1] += f" {word}"
     return "\n".join(lines)
-
-
-def draw_stored(path: Path, values: Record, title: str, width: float) -> Path:
-    """Draw a figure from its JSON; null is NaN in samples and in numbers that may be missing."""
-    for part in (values, *(values.curves or ()), *(values.panels or ()), *(values.steady or ())):
-        for name in SAMPLES:
-            if isinstance(getattr(part, name), list):
-                vars(part)[name] = numbers(getattr(part, name))
-        vars(part).update({name: np.nan for name in ("peak_slip_speed", "first_half")
-                           if name in part and part[name] is None})
-        vars(part)["behind"] = part if part.branches is not None else None
-    draw(values, path, title, width)  # type: ignore[arg-type]
-    return path
