@@ -12,7 +12,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,9 @@ def _string(text: str) -> bytes:
 
 MOST_JOINTS = 1000
 """Largest number of joints in a message."""
+Read = TypeVar("Read")
+FRAME = 16
+"""Byte at which the frame of a message with a header begins."""
 RUN_LENGTH = 16
 """Length of the name of a run, which is the frame of the driveline's messages; before version 1.1 it was empty."""
 
@@ -188,111 +191,6 @@ class Layout(NamedTuple):
         return np.ascontiguousarray(rows[same]).view(self.record)[:, 0], same
 
 
-class _Shape:
-    """Bytes of a message that is laid out, and which of them are fixed."""
-
-    def __init__(self) -> None:
-        self.data, self.fixed = bytearray(HEADER + bytes(8)), bytearray(b"\1\1" + bytes(10))
-
-    def put(self, content: bytes, same: bool) -> None:
-        """Append bytes."""
-        self.data.extend(content)
-        self.fixed.extend(bytes([same]) * len(content))
-
-    def align(self, size: int) -> None:
-        """Append padding up to a multiple of `size`."""
-        self.put(bytes(-(len(self.data) - 4) % size), False)
-
-    def text(self, text: str, same: bool = True) -> None:
-        """Append a string, whose length is fixed."""
-        content = text.encode()
-        self.align(4)
-        self.put(_LENGTH.pack(len(content) + 1), True)
-        self.put(content, same)
-        self.put(b"\0", True)
-
-    def layout(self, values: Mapping[str, int]) -> Layout:
-        """Return the layout with a stamp and these doubles, by name and offset."""
-        record = np.dtype({"names": ["sec", "nanosec", *values], "formats": ["<i4", "<u4"] + ["<f8"] * len(values),
-                           "offsets": [4, 8, *values.values()], "itemsize": len(self.data)})
-        return Layout(record, np.frombuffer(bytes(self.data), np.uint8), np.frombuffer(bytes(self.fixed), np.bool_))
-
-
-def joint_state_layout(names: Sequence[str] = JOINT_NAMES, joints: Sequence[str] = JOINT_NAMES, frame_id: str = "",
-                       fields: Sequence[str] = topics.topic("joint_states").fields,
-                       counts: Sequence[int] | None = None) -> Layout:
-    """Return the layout of joint_states with these names; ValueError if a joint is not among the names.
-
-    Parameters
-    ----------
-    names : names of all joints
-    joints : flywheel and clutch plate
-    frame_id : frame, of which only the length matters
-    fields : names of the values: positions of `joints`, then velocities, then efforts
-    counts : numbers of positions, velocities and efforts, each 0 or that of the names; an array without values has no
-        fields. By default all are there
-    """
-    shape, values = _Shape(), dict[str, int]()
-    shape.text(frame_id, same=False)
-    shape.align(4)
-    shape.put(_LENGTH.pack(len(names)), True)
-    for name in names:
-        shape.text(name)
-    places = [list(names).index(joint) for joint in joints]
-    for number, count in enumerate(counts if counts is not None else [len(names)] * 3):
-        shape.align(4)
-        shape.put(_LENGTH.pack(count), True)
-        if count:
-            shape.align(8)
-            joint_fields = fields[number * len(joints):(number + 1) * len(joints)]
-            values |= {name: len(shape.data) + 8 * place for name, place in zip(joint_fields, places)}
-            shape.put(bytes(8 * count), False)
-    return shape.layout(values)
-
-
-def fluid_pressure_layout(frame_id: str = "", field: str = "fluid_pressure") -> Layout:
-    """Return the layout of FluidPressure messages with a frame of this length; `field` names the pressure."""
-    shape = _Shape()
-    shape.text(frame_id, same=False)
-    shape.align(8)
-    start = len(shape.data)
-    shape.put(bytes(16), False)
-    return shape.layout({field: start, "variance": start + 8})
-
-
-
-def float64_layout(field: str) -> Layout:
-    """Return the layout of Float64 messages; `field` names the value."""
-    return _Shape().layout({field: 4})
-
-
-def _own_layout(row: topics.Topic, frame_id: str) -> Layout:
-    """Return the layout of the driveline's messages on a topic with a frame of this length."""
-    if row.type == topics.FLUID_PRESSURE:
-        return fluid_pressure_layout(frame_id, *row.fields)
-    return joint_state_layout(row.joints, row.joints, frame_id, row.joint_fields, _counts_of(row))
-
-
-_OWN = {row.name: [_own_layout(row, "x" * length) for length in (RUN_LENGTH, 0)]
-        for row in (topics.topic("joint_states"), *topics.stamped())}
-
-
-def own_records(messages: Sequence[bytes], name: str) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
-    """Return the values of the driveline's messages on joint_states or a topic of `topics.stamped`, by field, and an
-    (n,) mask of those.
-    """
-    layouts = _OWN[name]
-    names = layouts[0].record.names or ()
-    out = np.zeros(len(messages), [(name, layouts[0].record[name]) for name in names])
-    own = np.zeros(len(messages), np.bool_)
-    for layout in layouts:
-        found, same = layout.records(messages)
-        for name in names:
-            out[name][same] = found[name]
-        own |= same
-    return out[own], own
-
-
 class _Reader:
     """Cursor over the fields of a serialised message; ValueError if it is cut or of another encoding."""
 
@@ -301,9 +199,14 @@ class _Reader:
         if len(data) < 4 or data[1] != HEADER[1]:
             raise self.wrong
 
+    def align(self, size: int) -> int:
+        """Skip the padding before a field aligned to `size` bytes, and return the place of the field."""
+        self.at += -(self.at - 4) % size
+        return self.at
+
     def take(self, layout: struct.Struct, size: int = 4) -> tuple[Any, ...]:
         """Return fields aligned to `size` bytes."""
-        begin = self.at + -(self.at - 4) % size
+        begin = self.align(size)
         if begin + layout.size > len(self.data):
             raise self.wrong
         self.at = begin + layout.size
@@ -325,6 +228,79 @@ class _Reader:
             raise self.wrong
         begin, self.at = self.at, self.at + size
         return self.data[begin:begin + size - 1].decode(errors=errors)
+
+
+def layout_of(data: bytes, kind: str, fields: Sequence[str], joints: Sequence[str] = ()
+              ) -> tuple[tuple[str, ...], Layout]:
+    """Return the joint names of a message, and the layout of the messages that differ from it only in stamp, frame and
+    values; ValueError also for a JointState with an array that has neither no value nor one for each name.
+
+    Parameters
+    ----------
+    data : a message
+    kind : FLUID_PRESSURE, FLOAT64 or JOINT_STATE
+    fields : name of the value; of a JointState names of the positions of `joints`, then of the velocities, then of the
+        efforts; an array without values has no fields
+    joints : names of the joints whose values are wanted; if one is absent, the layout has no fields
+    """
+    reader, same = _Reader(data, kind), np.zeros(len(data), np.bool_)
+    names, offsets = tuple[str, ...](), dict[str, int]()
+
+    def fixed(read: Callable[[], Read]) -> Read:
+        begin = reader.align(4)
+        value = read()
+        same[begin:reader.at] = True
+        return value
+
+    if kind != topics.FLOAT64:
+        reader.stamp()
+        fixed(reader.text)
+        same[FRAME:reader.at - 1] = False
+    if kind == topics.JOINT_STATE:
+        number = fixed(reader.count)
+        if number > MOST_JOINTS:
+            raise reader.wrong
+        names = tuple(fixed(lambda: reader.text("strict")) for _ in range(number))
+        for place, array in enumerate(("position", "velocity", "effort")):
+            count = fixed(reader.count)
+            if count not in (0, number):
+                raise ValueError(f"{array} has {counted(count, 'value')} for {counted(number, 'name')}")
+            if count:
+                reader.align(8)
+                own = zip(fields[place * len(joints):], joints) if set(joints) <= set(names) else ()
+                offsets |= {name: reader.at + 8 * names.index(joint) for name, joint in own}
+                reader.at += 8 * count
+    else:
+        reader.align(8)
+        for name in (*fields, "variance") if kind == topics.FLUID_PRESSURE else fields:
+            offsets[name], reader.at = reader.at, reader.at + 8
+    if reader.at != len(data):
+        raise reader.wrong
+    same[:2] = True
+    record = np.dtype({"names": ["sec", "nanosec", *offsets], "formats": ["<i4", "<u4"] + ["<f8"] * len(offsets),
+                       "offsets": [4, 8, *offsets.values()], "itemsize": len(data)})
+    return names, Layout(record, np.frombuffer(HEADER[:2] + data[2:], np.uint8), same)
+
+
+_OWN = {row.name: [layout_of(ENCODERS[row.name](0, *[0.0] * len(row.fields), frame="x" * length), row.type,
+                             row.joint_fields or row.fields, row.joints)[1] for length in (RUN_LENGTH, 0)]
+        for row in (topics.topic("joint_states"), *topics.stamped())}
+
+
+def own_records(messages: Sequence[bytes], name: str) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
+    """Return the values of the driveline's messages on joint_states or a topic of `topics.stamped`, by field, and an
+    (n,) mask of those.
+    """
+    layouts = _OWN[name]
+    names = layouts[0].record.names or ()
+    out = np.zeros(len(messages), [(name, layouts[0].record[name]) for name in names])
+    own = np.zeros(len(messages), np.bool_)
+    for layout in layouts:
+        found, same = layout.records(messages)
+        for name in names:
+            out[name][same] = found[name]
+        own |= same
+    return out[own], own
 
 
 def read_stamp(data: bytes) -> int:
@@ -363,7 +339,7 @@ def read_float64_array(data: bytes) -> tuple[str, NDArray[np.float64]]:
     reader = _Reader(data, topics.FLOAT64_ARRAY)
     dimensions, label, _ = reader.count(), reader.text(), reader.take(_LENGTHS)
     count = reader.count()
-    begin = reader.at + -(reader.at - 4) % 8
+    begin = reader.align(8)
     if dimensions != 1 or len(data) != begin + 8 * count:
         raise ValueError(f"not a little-endian {topics.FLOAT64_ARRAY} of one dimension")
     return label, np.frombuffer(data, "<f8", count, begin)
@@ -379,40 +355,6 @@ def read_pressure_limits(data: bytes) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-class Joints(NamedTuple):
-    """Frame and joint names of a JointState, and its numbers of positions, velocities and efforts."""
-
-    frame_id: str
-    names: tuple[str, ...]
-    counts: tuple[int, ...]
-
-
-def read_joints(data: bytes) -> Joints:
-    """Return what defines the layout of a JointState; ValueError also if an array has neither no value nor one for each
-    name.
-    """
-    reader = _Reader(data, topics.JOINT_STATE)
-    _, frame_id, number = reader.stamp(), reader.text(), reader.count()
-    if number > MOST_JOINTS:
-        raise reader.wrong
-    names, counts = tuple(reader.text("strict") for _ in range(number)), list[int]()
-    for field in ("position", "velocity", "effort"):
-        count = reader.count()
-        if count not in (0, number):
-            raise ValueError(f"{field} has {counted(count, 'value')} for {counted(number, 'name')}")
-        counts.append(count)
-        reader.at += (-(reader.at - 4) % 8 + 8 * count) if count else 0
-    if reader.at != len(data):
-        raise reader.wrong
-    return Joints(frame_id, names, tuple(counts))
-
-
-def read_frame(data: bytes, kind: str) -> str:
-    """Return the frame of a message of this type that starts with a header."""
-    reader = _Reader(data, kind)
-    return (reader.stamp(), reader.text())[1]
-
-
 class DiagnosticsStatus(NamedTuple):
     """DiagnosticsStatus in a DiagnosticArray: name of its sender, hardware identifier, and values by key."""
 
@@ -426,7 +368,7 @@ def read_diagnostics(data: bytes) -> list[DiagnosticsStatus]:
     reader, out = _Reader(data, topics.DIAGNOSTIC_ARRAY), list[DiagnosticsStatus]()
     reader.stamp(), reader.text()
     for _ in range(reader.count()):
-        reader.at += -(reader.at - 4) % 4 + 1  # The level.
+        reader.at = reader.align(4) + 1  # The level.
         name, _, hardware_id = reader.text(), reader.text(), reader.text()
         pairs = ((reader.text(), reader.text()) for _ in range(reader.count()))
         out.append(DiagnosticsStatus(name, hardware_id, dict(pairs)))

@@ -15,8 +15,6 @@ from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, JOINT_STATE
 
 MOST_LAYOUTS = 100
 """Largest number of layouts of the messages of a topic; messages of further layouts are left out."""
-_FRAME = 16
-"""Byte at which the frame of a message with a header begins."""
 _YEAR = 365 * 86_400 * 1_000_000_000
 Floats = NDArray[np.float64]
 Positions = NDArray[np.int64]
@@ -96,22 +94,10 @@ class Layouts:
 
     def _new(self, data: bytes) -> tuple[tuple[str, ...], cdr.Layout] | None:
         """Return the layout of a message and keep it; None if there is none, or there are too many."""
-        if len(self._known) >= MOST_LAYOUTS:
+        if len(self._known) >= MOST_LAYOUTS or self.type not in (FLOAT64, FLUID_PRESSURE, JOINT_STATE):
             return None
         try:
-            if self.type == FLUID_PRESSURE:
-                made: tuple[tuple[str, ...], cdr.Layout] = (), cdr.fluid_pressure_layout(
-                    cdr.read_frame(data, FLUID_PRESSURE), *self.fields)
-            elif self.type == JOINT_STATE:
-                shape = cdr.read_joints(data)
-                wanted = set(self.joints) <= set(shape.names)
-                made = shape.names, cdr.joint_state_layout(
-                    shape.names, self.joints if wanted else (), shape.frame_id, self.fields if wanted else (),
-                    shape.counts)
-            elif self.type == FLOAT64:
-                made = (), cdr.float64_layout(*self.fields)
-            else:
-                return None
+            made = cdr.layout_of(data, self.type, self.fields, self.joints)
         except (ValueError, UnicodeError) as error:
             self.why = self.why or str(error)
             return None
@@ -131,8 +117,8 @@ class Layouts:
         if len(values):
             heads: NDArray[np.void] = windows_of(data, MESSAGE_HEAD)[offset[same]].view(HEAD)[:, 0]
             frames = np.zeros(len(values), f"S{cdr.RUN_LENGTH}")
-            if int.from_bytes(layout.example[_FRAME - 4:_FRAME].tobytes(), "little") == cdr.RUN_LENGTH + 1:
-                bodies = values.view(np.uint8).reshape(-1, size)[:, _FRAME:_FRAME + cdr.RUN_LENGTH]
+            if int.from_bytes(layout.example[cdr.FRAME - 4:cdr.FRAME].tobytes(), "little") == cdr.RUN_LENGTH + 1:
+                bodies = values.view(np.uint8).reshape(-1, size)[:, cdr.FRAME:cdr.FRAME + cdr.RUN_LENGTH]
                 frames = np.ascontiguousarray(bodies).view(frames.dtype)[:, 0]
             columns = {name: values[name].astype(np.float64) if name in (values.dtype.names or ())
                        else np.full(len(values), np.nan) for name in self.fields}

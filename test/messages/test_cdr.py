@@ -93,14 +93,13 @@ LAID_OUT = [(frame, names, counts) for frame, names, counts in product(
 def test_the_layout_of_joints_in_any_order_and_with_missing_arrays_finds_their_values(frame, names, there):
     arrays = [[10.0 * number + place for place in range(len(names))] if one else [] for number, one in enumerate(there)]
     data = joints_by_hand(frame, names, *arrays)
-    counts = tuple(map(len, arrays))
-    assert cdr.read_joints(data) == (frame, names, counts)
-    assert cdr.read_frame(data, topics.JOINT_STATE) == frame
-    layout = cdr.joint_state_layout(names, frame_id=frame, counts=counts)
+    assert cdr.read_header(data) == (3_000_000_500, frame)
+    fields = topics.topic("joint_states").fields
+    found, layout = cdr.layout_of(data, topics.JOINT_STATE, fields, topics.JOINT_NAMES)
+    assert found == names
     other = data.replace(b"flywheel", b"flywhee1")
     found, mask = layout.records([other, data, data[:-1], data, data + b"\0"])
     assert mask.tolist() == [False, True, False, True, False]
-    fields = topics.topic("joint_states").fields
     expected = {fields[2 * number + place]: arrays[number][names.index(joint)] for number in range(3) if there[number]
                 for place, joint in enumerate(("flywheel", "clutch_plate"))}
     assert found.dtype.names == ("sec", "nanosec", *expected)
@@ -111,7 +110,7 @@ def test_the_layout_of_joints_in_any_order_and_with_missing_arrays_finds_their_v
 def test_pressures_are_found_whatever_frame_they_have():
     for frame in ("f" * length for length in range(17)):
         messages = [by_hand(3, 500, text, 2.5e5, 4.0) for text in (frame, frame.upper(), frame + "x" * 8)]
-        found, mask = cdr.fluid_pressure_layout(frame).records(messages)
+        found, mask = cdr.layout_of(messages[0], topics.FLUID_PRESSURE, ["fluid_pressure"])[1].records(messages)
         assert mask.tolist() == [True, True, False]
         assert found.tolist() == [(3, 500, 2.5e5, 4.0)] * 2
         assert cdr.read_fluid_pressure(messages[0]) == (3_000_000_500, 2.5e5)
@@ -135,15 +134,15 @@ def test_messages_of_one_joint_are_those_by_hand():
 
 def test_joints_are_refused_beyond_their_largest_number_and_with_an_array_of_another_length():
     most = tuple("" for _ in range(1000))
-    assert cdr.read_joints(joints_by_hand("", most, [], [], [])) == ("", most, (0, 0, 0))
-    assert cdr.read_joints(joints_by_hand("", (), [], [], [])) == ("", (), (0, 0, 0))
+    for names in (most, ()):
+        assert cdr.layout_of(joints_by_hand("", names, [], [], []), topics.JOINT_STATE, ["x"], ["y"])[0] == names
     whole = joints_by_hand("x", ["a", "b"], [1.0, 2.0], [3.0, 4.0], [])
     wrong = [joints_by_hand("", (*most, ""), [], [], []), joints_by_hand("", ["a", "b"], [1.0], [], []),
              joints_by_hand("", ["a"], [], [1.0, 2.0], []), joints_by_hand("", [], [], [], [1.0]), whole + b"\0",
              *(whole[:length] for length in range(len(whole))), b"\0\0" + whole[2:]]
     for data in wrong:
         with pytest.raises(ValueError, match=r"not a little-endian sensor_msgs/msg/JointState|has . values? for"):
-            cdr.read_joints(data)
+            cdr.layout_of(data, topics.JOINT_STATE, ())
 
 
 def test_the_values_of_all_statuses_of_diagnostics_are_read():

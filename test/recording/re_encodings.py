@@ -191,7 +191,7 @@ def joints(data):
 
 def frame_of(data):
     """Frame of a message of the driveline's."""
-    return cdr.read_frame(data, JOINT_STATE)
+    return cdr.read_header(data)[1]
 
 
 def joint_state(stamp, names, columns, frame=""):
