@@ -443,14 +443,9 @@ def back_at_start(track: Continuation[P, S], new: P, special: list[S],
     return new, special, stop
 
 
-def predicted(track: Continuation[P, S], before: P, corner: bool) -> None:
-    """Update the predictor for a new last point."""
-    track.before = [] if corner else [*track.before[1 - NODES:], before.solution]
-
-
-def gave_up(track: Continuation[P, S]) -> tuple[list[S], End]:
-    """Return the end of a curve without a special point, where no step succeeds."""
-    return [], track.end(StopReason.STEP, limit=track.settings.residual)
+def give_up(track: Continuation[P, S]) -> None:
+    """End a curve where no step succeeds."""
+    track.stop = track.end(StopReason.STEP, limit=track.settings.residual)
 
 
 def own_start(track: Continuation[P, S]) -> list[tuple[Floats, Floats]]:
@@ -467,10 +462,8 @@ class Rules(Generic[P, S]):
     unresolved : the end where double precision does not resolve a new point
     special : special points up to a new point; None where the step has skipped a piece of the curve
     ended : the last point, its special points and the end where the curve ends before a new point; else the arguments
-    stuck : the end where points pile up around the last one
-    went_on : update for a new last point; the curve is not smooth between it and the one before if the flag is true
-    cut_anew : cut the orbit into other segments where no step succeeds; return whether there are any
-    lost : special points and the end where no step succeeds
+    went_on : update for a new last point behind the given one, or end the curve there
+    lost : change the track where no step succeeds, or end the curve
     beyond_corner : the next point beyond a corner of the curve at the last point; None where there is no corner
     """
 
@@ -478,10 +471,8 @@ class Rules(Generic[P, S]):
     unresolved: Callable[[Continuation[P, S], P], End | None] = lambda track, new: None
     special: Callable[[Continuation[P, S], P], list[S] | None] = lambda track, new: []
     ended: Callable[[Continuation[P, S], P, list[S], End | None], tuple[P, list[S], End | None]] = back_at_start
-    stuck: Callable[[Continuation[P, S]], End | None] = lambda track: None
-    went_on: Callable[[Continuation[P, S], P, bool], None] = predicted
-    cut_anew: Callable[[Continuation[P, S]], bool] = lambda track: False
-    lost: Callable[[Continuation[P, S]], tuple[list[S], End]] = gave_up
+    went_on: Callable[[Continuation[P, S], P], None] = lambda track, before: None
+    lost: Callable[[Continuation[P, S]], None] = give_up
     beyond_corner: Callable[[Continuation[P, S]], P | None] = lambda track: None
 
 
@@ -552,9 +543,7 @@ class Continuation(Generic[P, S]):
             new = self.onward() if edge is None else edge
             corner = new is None and (new := self.rules.beyond_corner(self)) is not None
             if new is None:
-                if not self.rules.cut_anew(self):
-                    special, self.stop = self.rules.lost(self)
-                    self.note(special)
+                self.rules.lost(self)
                 continue
             first = new.equations.size
             inside = corner or edge is not None or all(
@@ -571,9 +560,12 @@ class Continuation(Generic[P, S]):
             new, special, stop = self.rules.ended(self, new, special_points or [], stop)
             self.note(special)
             self.points.append(new)
-            self.stop = stop or (None if corner else self.rules.stuck(self))
-            if self.stop is None:
-                self.rules.went_on(self, here, corner)
+            self.stop = stop
+            if corner:
+                self.before = []
+            elif stop is None:
+                self.before = [*self.before[1 - NODES:], here.solution]
+                self.rules.went_on(self, here)
             yield self.here
 
     def onward(self) -> P | None:

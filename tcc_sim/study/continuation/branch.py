@@ -133,39 +133,39 @@ def _ended(track: BranchTrack, new: ContinuationPoint, special: list[Bifurcation
     return arclength.back_at_start(track, new, special, stop)
 
 
-def _stuck(track: BranchTrack) -> End | None:
-    """The end where some length of the branch has motions with a multiplier of 1 at one parameter."""
+def _in_a_family(track: BranchTrack) -> bool:
+    """Whether some length of the branch has motions with a multiplier of 1 at one parameter."""
     # Two points do not show it: beside a doubling, where the parameter grows as the square of the length, it hardly
     # changes and a multiplier is 1 as well.
     last = track.here
     for point in reversed(track.points):
         if abs(point.slope) > FAMILY or np.abs(point.orbit.multipliers - 1.0).min() > FAMILY:
-            return None
+            return False
         away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
         if float(np.linalg.norm(away)) >= FAMILY_LENGTH:
-            return track.end(StopReason.FAMILY)
-    return None
+            return True
+    return False
 
 
-def _went_on(track: BranchTrack, before: ContinuationPoint, corner: bool) -> None:
-    here = track.here
-    arclength.predicted(track, before, corner or (
-        before.shooting.map.piecewise and orbits.differ(before.orbit.seen.events, here.orbit.seen.events)))
-    if not corner:
-        _remesh(track)
+def _went_on(track: BranchTrack, before: ContinuationPoint) -> None:
+    if _in_a_family(track):
+        track.stop = track.end(StopReason.FAMILY)
+        return
+    if before.shooting.map.piecewise and orbits.differ(before.orbit.seen.events, track.here.orbit.seen.events):
+        track.before = []
+    _remesh(track)
 
 
-def _cut_anew(track: BranchTrack) -> bool:
+def _lost(track: BranchTrack) -> None:
     # A segment may start at an onset of slip, and Newton's method then alternates between two event sequences. The
     # onset moves along a branch, so segments are cut by growth. This passes the canards behind both folds of period
     # two, with either law.
-    if track.cut[0] == len(track.points):
-        return False
-    track.cut = len(track.points), math.inf
-    if not _remesh(track, anew=True):
-        return False
-    track.length = arclength.FLAT_STEP
-    return True
+    if track.cut[0] != len(track.points):
+        track.cut = len(track.points), math.inf
+        if _remesh(track, anew=True):
+            track.length = arclength.FLAT_STEP
+            return
+    arclength.give_up(track)
 
 
 def _remesh(track: BranchTrack, anew: bool = False) -> bool:
@@ -236,8 +236,8 @@ def _beyond(track: BranchTrack, linearised: Linearised, along: Floats, distance:
     return None
 
 
-BRANCH = Rules(_every_start, _unresolved, lambda track, new: special_points_between(track.here, new), _ended, _stuck,
-               _went_on, _cut_anew, beyond_corner=_beyond_corner)
+BRANCH = Rules(_every_start, _unresolved, lambda track, new: special_points_between(track.here, new), _ended, _went_on,
+               _lost, _beyond_corner)
 """A branch of periodic orbits along one parameter."""
 
 

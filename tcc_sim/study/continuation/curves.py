@@ -368,18 +368,6 @@ def _ended(track: CurveTrack, new: AugmentedPoint, special: list[Special],
     return last.point, special, track.end(StopReason.SPECIAL, last.point, what=last.kind)
 
 
-def _stuck(track: CurveTrack) -> tuple[list[Special], End]:
-    """The special point and the end where no step succeeds."""
-    # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
-    # doublings of the halves, so that the equations are singular.
-    last = None
-    if track.here.equations.doubled and (apart := _apart(track))(track.here) <= HALVES_MET:
-        last = singular_end("generalised_doubling", track.points, apart)
-    if last is None:
-        return arclength.gave_up(track)
-    return [last], track.end(StopReason.SPECIAL, last.point, what=last.kind)
-
-
 def _apart(track: CurveTrack) -> Callable[[AugmentedPoint], float]:
     """The distance between the halves of an orbit, along that of the last point."""
     equations = track.here.equations
@@ -388,14 +376,13 @@ def _apart(track: CurveTrack) -> Callable[[AugmentedPoint], float]:
     return lambda s: float(unit @ equations.between_halves(s.solution.z))
 
 
-def _went_on(track: CurveTrack, before: AugmentedPoint, corner: bool) -> None:
-    arclength.predicted(track, before, corner)
+def _went_on(track: CurveTrack, _: AugmentedPoint) -> None:
     track.cut, here = (0, math.inf), track.here
     here.equations.update_borders(here.solution.z, here.solution.linearised)
     _remesh(track, others=(len(track.points) - 1) % track.settings.fewer_after == 0)
 
 
-def _cut_anew(track: CurveTrack) -> bool:
+def _lost(track: CurveTrack) -> None:
     # Where disturbances grow by 1e3 in slip and stick removes them within one segment, its derivative is not large,
     # but changes within 1e-5, and its error is the state's over that length. Curves pass cusps only in segments
     # over which disturbances grow by about 10.
@@ -405,8 +392,15 @@ def _cut_anew(track: CurveTrack) -> bool:
             track.cut = len(track.points), growth
             if _remesh(track, growth):
                 track.length = arclength.FLAT_STEP
-                return True
-    return False
+                return
+    arclength.give_up(track)
+    # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
+    # doublings of the halves, so that the equations are singular.
+    if equations.doubled and (apart := _apart(track))(track.here) <= HALVES_MET:
+        last = singular_end("generalised_doubling", track.points, apart)
+        if last is not None:
+            track.note([last])
+            track.stop = track.end(StopReason.SPECIAL, last.point, what=last.kind)
 
 
 def _remesh(track: CurveTrack, growth: float | None = None, others: bool = False) -> bool:
@@ -441,7 +435,7 @@ def _remesh(track: CurveTrack, growth: float | None = None, others: bool = False
     return True
 
 
-CURVE = Rules(unresolved=_unresolved, special=_special, ended=_ended, went_on=_went_on, cut_anew=_cut_anew, lost=_stuck)
+CURVE = Rules(unresolved=_unresolved, special=_special, ended=_ended, went_on=_went_on, lost=_lost)
 """A curve of bifurcations in two parameters.
 
 A point of codimension two is listed where its test function has two signs, each of which is resolved: larger than the
