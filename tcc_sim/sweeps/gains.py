@@ -90,17 +90,20 @@ class LawFile:
     name: str
     text: str
 
-    def factory(self) -> Callable[..., Any]:
-        """Return the class or function; raise InputError if the file has none of this name, or does not run."""
-        return _executed(self)
-
     def __str__(self) -> str:
         return f"{Path(self.path).name}:{self.name}"
 
 
+def _factory_of(law: LawFile | Callable[..., Any]) -> Callable[..., Any]:
+    return _executed(law) if isinstance(law, LawFile) else law
+
+
 @functools.cache
 def _executed(law: LawFile) -> Callable[..., Any]:
-    """Return the class or function that a file defines. Modules beside the file are found after all others."""
+    """Return the class or function that a file defines. Modules beside the file are found after all others.
+
+    Raises InputError: the file has none of this name, or does not run.
+    """
     module = ModuleType(f"{law.path} of a map of gains")  # A name that no import statement finds.
     module.__file__ = law.path
     sys.modules[module.__name__] = module  # Where dataclasses look their annotations up.
@@ -131,35 +134,21 @@ def law_in(text: str) -> LawFile:
         raise InputError(f"the law's file {path} cannot be read: {reason}") from None
 
 
-@dataclass(frozen=True)
-class Loops:
-    """Settings that all closed loops of a map share."""
-
-    scene: Scene
-    law: LawFile | Callable[..., Any]
-    target: dict[float, float]
-    seconds: float
-    limits: Limits | None
-
-    def point(self, values: Mapping[str, float]) -> GainPoint:
-        """Run and judge the loop at some values: keys with a dot are those of the scene."""
-        given = {key: value for key, value in values.items() if "." not in key}
-        scene = self.scene.with_values({key: value for key, value in values.items() if "." in key})
-        law = (self.law.factory() if isinstance(self.law, LawFile) else self.law)(**given)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # The number of refused commands stands in the result.
-                run = closed_loop(scene, law, self.seconds, scene.operation.rate)
-        except InputError as error:
-            raise InputError(f"with {_values_text(values)}: {error}") from None
-        except Exception as error:
-            raise TccError(f"the law failed with {_values_text(values)}: {type(error).__name__}: "
-                           f"{one_line(str(error))}") from error
-        return GainPoint(run.tracking_of(self.target, limits=self.limits), run.refused)
-
-
-def _values_text(values: Mapping[str, float]) -> str:
-    return ", ".join(f"{key} {value:g}" for key, value in values.items())
+def _loop(scene: Scene, law: LawFile | Callable[..., Any], target: Mapping[float, float], seconds: float,
+          limits: Limits | None, values: Mapping[str, float]) -> GainPoint:
+    """Run and judge the loop at some values: keys with a dot are those of the scene."""
+    scene = scene.with_values({key: value for key, value in values.items() if "." in key})
+    made = _factory_of(law)(**{key: value for key, value in values.items() if "." not in key})
+    text = ", ".join(f"{key} {value:g}" for key, value in values.items())
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # The number of refused commands stands in the result.
+            run = closed_loop(scene, made, seconds, scene.operation.rate)
+    except InputError as error:
+        raise InputError(f"with {text}: {error}") from None
+    except Exception as error:
+        raise TccError(f"the law failed with {text}: {type(error).__name__}: {one_line(str(error))}") from error
+    return GainPoint(run.tracking_of(target, limits=limits), run.refused)
 
 
 def gain_map(scene: SceneLike, law: str | Callable[..., Any], over: Mapping[str, Sequence[float]],
@@ -196,8 +185,9 @@ def gain_map(scene: SceneLike, law: str | Callable[..., Any], over: Mapping[str,
     """
     began = time.perf_counter()
     steps = target_steps(target)
-    loops = Loops(as_scene(scene), law_in(law) if isinstance(law, str) else law,
-                  dict(zip(steps.t.tolist(), steps.values.tolist())), duration, checked_limits(limits))
+    scene, made_by = as_scene(scene), law_in(law) if isinstance(law, str) else law
+    targets = dict(zip(steps.t.tolist(), steps.values.tolist()))
+    loop = functools.partial(_loop, scene, made_by, targets, duration, checked_limits(limits))
     keys = list(over)
     if not 1 <= len(keys) <= 2:
         raise InputError(f"a map of {len(keys)} keys is not possible; give one or two")
@@ -205,41 +195,42 @@ def gain_map(scene: SceneLike, law: str | Callable[..., Any], over: Mapping[str,
     places = [dict(zip(keys, place[::-1])) for place in itertools.product(*values[::-1])]
     if not 1 <= len(places) <= MOST_VALUES:
         raise InputError(f"the map has {len(places)} loops; it must have 1 to {MOST_VALUES}")
-    _check(loops, keys, places)
+    _check(scene, _factory_of(made_by), keys, places)
     if dask is not None:
-        points = _on_cluster(loops, places, dask, progress)
+        points = _on_cluster(loop, places, dask, progress)
     else:
         jobs = jobs if jobs is not None or isinstance(law, str) else 1
         if jobs != 1:
             try:
-                pickle.dumps(loops)
+                pickle.dumps(loop)
             except Exception:  # Various exceptions say so.
                 raise InputError("the law cannot be sent to other processes; give it as FILE.py:NAME, or "
                                  "jobs=1") from None
-        points = each_in_a_process(loops.point, places, jobs, "loop", progress)
-    name = str(loops.law) if isinstance(loops.law, LawFile) else getattr(law, "__name__", type(law).__name__)
+        points = each_in_a_process(loop, places, jobs, "loop", progress)
+    name = str(made_by) if isinstance(made_by, LawFile) else getattr(law, "__name__", type(law).__name__)
     second_key, second_values = (keys[1], values[1]) if len(keys) > 1 else (None, None)
-    return GainMap(name, keys[0], values[0], second_key, second_values, tuple(loops.target.items()), duration, points,
+    return GainMap(name, keys[0], values[0], second_key, second_values, tuple(targets.items()), duration, points,
                    time.perf_counter() - began)
 
 
-def _check(loops: Loops, keys: Sequence[str], places: Sequence[Mapping[str, float]]) -> None:
+def _check(scene: Scene, factory: Callable[..., Any], keys: Sequence[str],
+           places: Sequence[Mapping[str, float]]) -> None:
     """Raise InputError if the law does not take the parameters, or the scene not the values."""
-    factory = loops.law.factory() if isinstance(loops.law, LawFile) else loops.law
     given = [key for key in keys if "." not in key]
     try:
         signature(factory).bind(**dict.fromkeys(given))
     except TypeError as error:
         raise InputError(f"the law takes {signature(factory)}, not {', '.join(given) or 'nothing'}: {error}") from None
     for place in places:
-        loops.scene.with_values({key: value for key, value in place.items() if "." in key})
+        scene.with_values({key: value for key, value in place.items() if "." in key})
 
 
-def _on_cluster(loops: Loops, places: Sequence[Mapping[str, float]], dask: str, progress: bool) -> list[GainPoint]:
+def _on_cluster(loop: Callable[[Mapping[str, float]], GainPoint], places: Sequence[Mapping[str, float]], dask: str,
+                progress: bool) -> list[GainPoint]:
     with cluster(dask) as (executor, attendance), progress_bar("loop", len(places), shown=progress) as bar:
         left, points = iter(range(len(places))), dict[int, GainPoint]()
         for place, point in each_done(attendance, lambda: next(left, None),
-                                      lambda k: executor.submit(loops.point, places[k])):
+                                      lambda k: executor.submit(loop, places[k])):
             points[place] = point
             bar.update()
     return [points[k] for k in range(len(places))]
