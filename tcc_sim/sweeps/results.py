@@ -85,21 +85,21 @@ class Point:
             if not all(isinstance(getattr(summary, name), (int, float)) for name in (
                     "max_slip_speed", "min_slip_speed", "period", "stick_fraction", *MAY_BE_NAN)):
                 raise TypeError("not a number")
-        damping = lyapunov = None
+
+        def numbers_of(kind: type) -> list[float]:
+            return [math.nan if record[name] is None else float(record[name]) for name in names_in(kind)]
+
+        damping = lyapunov = orders = None
         if "equivalent_damping" in record:
-            weighted, negative = (math.nan if record[name] is None else float(record[name])
-                                  for name in names_in(Damping))
+            weighted, negative = numbers_of(Damping)
             damping = Damping(weighted, negative, threshold_of(system))
+        judder = JudderFigures(*numbers_of(JudderFigures)) if "judder_rms" in record else None
         if "lyapunov" in record:
             values: dict[str, Any] = {k: math.nan if v is None else v for k, v in record["lyapunov"].items()}
             lyapunov = Lyapunov(**values)
-        judder = orders = None
-        if "judder_rms" in record:
-            judder = JudderFigures(*(math.nan if record[name] is None else float(record[name])
-                                     for name in names_in(JudderFigures)))
         if "orders" in record:
-            orders = OrdersAtSpeeds(**{name: np.array(values, dtype=np.float64)
-                                       for name, values in record["orders"].items()})
+            orders = OrdersAtSpeeds(**{name: np.array(each, dtype=np.float64)
+                                       for name, each in record["orders"].items()})
         v, angle, speed = map(float, record["final"])
         return Point(float(record["value"]), summary, np.array(record["section"], dtype=np.float64).reshape(-1, 2),
                      bool(record["confirmed"]), str(record["status"]),

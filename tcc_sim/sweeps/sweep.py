@@ -186,7 +186,9 @@ def _results(curves: Sequence[Curve], plan: Plan, points: Points, began: float) 
 
 
 Task = tuple[list[tuple[int, int]], Start | None]
-"""Points in the order of solving, each by the numbers of its curve and of its value, and the start."""
+"""Points in the order of solving, each by the numbers of its curve and of its value, and the start; those behind the
+first batch are solved from its end.
+"""
 
 
 def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, attendance: Attendance, batch: int,
@@ -196,18 +198,15 @@ def _solved(curves: Sequence[Curve], plan: Plan, executor: Executor, attendance:
     plans = [with_sweep_tolerance(curve.system, plan) for curve in curves]
 
     def submit(task: Task) -> Future[list[Point]]:
-        places, start = task
+        places, start = task[0][:batch], task[1]
         systems, values = [curves[c].at(i) for c, i in places], [curves[c].values[i] for c, i in places]
         return executor.submit(solve_points, systems, values, plans[places[0][0]], start)
 
     for (places, _), solved in each_done(attendance, lambda: following.popleft() if following else next(ready, None),
                                          submit):
-        if plan.direction != "cold":
-            c, last = places[-1]
-            rest = _order(curves[c], plan)
-            rest = rest[rest.index(last) + 1:][:batch]
-            if rest:
-                following.append(([(c, i) for i in rest], _passed_on(curves[c], last, solved[-1], rest[0])))
+        if rest := places[batch:]:
+            (c, last), (_, i) = places[batch - 1], rest[0]
+            following.append((rest, _passed_on(curves[c], last, solved[-1], i)))
         for (c, i), point in zip(places, solved):
             yield c, i, point
 
@@ -218,7 +217,7 @@ def _passed_on(curve: Curve, before: int, point: Point, following: int) -> Start
 
 
 def _tasks(curves: Sequence[Curve], plan: Plan, batch: int, points: Points) -> Iterator[Task]:
-    """Yield the tasks that can start: all missing points, or for up and down the first missing piece of every curve.
+    """Yield the tasks that can start: all missing points in batches, or for up and down those of each curve.
 
     Without a direction a task has points of several curves of a law, since a curve of a scatter may have one value.
     """
@@ -235,7 +234,7 @@ def _tasks(curves: Sequence[Curve], plan: Plan, batch: int, points: Points) -> I
             # A file is written in the order of solving, so what is missing is the end of the curve.
             place = order.index(lacking[0])
             neighbour = points[c][order[place - 1]] if place else None
-            yield [(c, i) for i in order[place:place + batch]], None if neighbour is None else _passed_on(
+            yield [(c, i) for i in order[place:]], None if neighbour is None else _passed_on(
                 curve, order[place - 1], neighbour, lacking[0])
 
 
@@ -382,11 +381,14 @@ def _settled_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
 def _confirmed(systems: Sequence[System], plan: Plan, runs: Runs, summaries: Sequence[Summary],
                ends: Sequence[Start]) -> list[bool]:
     """Return for which runs the section has settled and further cycles keep its period."""
-    counts = [simulation.confirming_cycles(summary.period) for summary in summaries]
-    confirmed = confirmed_by_repetition(runs, summaries, [5 * count // 2 for count in counts])
-    open_ = [k for k, summary in enumerate(summaries) if summary.period and summary.settled and not confirmed[k]]
-    for count in {counts[k] for k in open_}:
-        at = [k for k in open_ if counts[k] == count]
+    confirmed, left = [False] * len(summaries), dict[int, list[int]]()
+    for k, summary in enumerate(summaries):
+        if summary.period and summary.settled:
+            count = simulation.confirming_cycles(summary.period)
+            confirmed[k] = steady.repeats_finely(runs.cycles(k), summary.period, 5 * count // 2)
+            if not confirmed[k]:
+                left.setdefault(count, []).append(k)
+    for count, at in left.items():
         # Loads from the end on, so none.
         further = solve_runs([systems[k] for k in at], [ends[k].state for k in at], [ends[k].cycle for k in at], count,
                              plan.rtol, count)
@@ -430,19 +432,6 @@ def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
         out.append(summary)
         sections.append(steady.section_of(section[k, 1:], first[k], summary.period))
     return out, sections
-
-
-def confirmed_by_repetition(runs: Runs, summaries: Sequence[Summary], counts: Sequence[int]) -> list[bool]:
-    """Return which runs with a settled period repeat as closely as `repeats_finely` asks, over `counts` cycles each."""
-    fine = [False] * len(summaries)
-    for period in {summary.period for summary in summaries if summary.settled and summary.period}:
-        at = [k for k, summary in enumerate(summaries) if summary.settled and summary.period == period]
-        points = runs.section[at, max(runs.section.shape[1] - counts[at[0]] - period, 0):]
-        if points.shape[1] < counts[at[0]] + period:
-            continue
-        for k, close in zip(at, steady.finely_repeated(points, period).tolist()):
-            fine[k] = close
-    return fine
 
 
 def _slips_at_the_end(high: Floats, low: Floats, stick: Floats) -> list[bool]:

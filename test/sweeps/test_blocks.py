@@ -8,11 +8,11 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from tcc_sim.analysis.steady.summary import CycleTimes, repeats_finely, summarise_cycles
+from tcc_sim.analysis.steady.summary import CycleTimes, summarise_cycles
 from tcc_sim.model.parameters import replace
 from tcc_sim.scene import system_of
 from tcc_sim.sweeps.simulation import Plan
-from tcc_sim.sweeps.sweep import confirmed_by_repetition, solve_point, solve_points, summaries_of
+from tcc_sim.sweeps.sweep import solve_point, solve_points, summaries_of
 from tcc_sim.trajectory import Cycles, Loads, Runs
 
 N = 100
@@ -64,15 +64,6 @@ def test_every_kind_of_run_is_judged_as_alone():
     kinds = Counter((each.period, each.settled, each.runaway) for each in alone)
     assert {(p, True, False) for p in range(1, 17)} <= kinds.keys()
     assert {(1, False, False), (0, False, True), (0, False, False)} <= kinds.keys()
-
-
-def test_runs_repeat_finely_as_alone():
-    summaries, _ = summaries_of(stacked(RUNS), [0.05] * len(RUNS), [50] * len(RUNS), 50)
-    counts = [max(25, 5 * each.period) for each in summaries]
-    alone = [each.settled and repeats_finely(run, each.period, count)
-             for run, each, count in zip(RUNS, summaries, counts)]
-    assert confirmed_by_repetition(stacked(RUNS), summaries, counts) == alone
-    assert {each.settled and not fine for each, fine in zip(summaries, alone)} == {True, False}
 
 
 @pytest.mark.parametrize("law", ["smoothed", "set_valued"])

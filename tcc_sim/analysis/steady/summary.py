@@ -136,14 +136,10 @@ def repeats_finely(cycles: Cycles, period: int, count: int) -> bool:
     A difference that grew from rounding to `fine` in so many cycles needs more cycles to leave.
     """
     points = cycles.section[-count - period:]
-    return len(points) == count + period and bool(finely_repeated(points[None], period)[0])
-
-
-def finely_repeated(points: Floats, period: int) -> NDArray[np.bool_]:
-    """Return whether the points of each run, (m, n, 3), repeat after a period within `FINE` of their size."""
-    apart = np.abs(points[:, period:] - points[:, :-period]).max(axis=1)
-    out: NDArray[np.bool_] = (apart <= FINE * np.abs(points).max(axis=1)).all(axis=1)
-    return out
+    if len(points) < count + period:
+        return False
+    apart = np.abs(points[period:] - points[:-period]).max(axis=0)
+    return bool((apart <= FINE * np.abs(points).max(axis=0)).all())
 
 
 def _scaled(cycles: Cycles, first: int) -> Floats:
