@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from scipy.integrate import odeint, solve_ivp
 
+from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.study.benchmarks.references import Floats, Jacobian, Law, Pairs, Rates, Unfinished, coefficient, slope
+from tcc_sim.study.benchmarks.references import Floats, Jacobian, Law, Pairs, Rates, coefficient, slope
 
 
 class Piecewise(Law):
@@ -127,7 +128,7 @@ def multipliers(system: System, x: Any, cycles: int) -> Any:
 
     Raises
     ------
-    Unfinished
+    NumericalFailure
         The motion does not close to 1e-7.
     """
     if system.friction.law == "smoothed":
@@ -145,5 +146,5 @@ def multipliers(system: System, x: Any, cycles: int) -> Any:
             columns.append((8.0 * (after - before) - (ahead - behind)) / (12.0 * h.max()))
         matrix = np.column_stack(columns)
     if not np.allclose(end, x, rtol=1e-7, atol=1e-7):
-        raise Unfinished(f"the motion through {x} ends at {end}")
+        raise NumericalFailure(f"the motion through {x} ends at {end}")
     return np.linalg.eigvals(matrix)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tcc_sim.errors import NumericalFailure, TccError
 from tcc_sim.model.parameters import System
 from tcc_sim.output.tables import markdown_table
 from tcc_sim.output.terminal import counted_bar, say
@@ -104,7 +105,7 @@ def sweep_speed(effort: SpeedEffort, done: Callable[[int, int, str], None]) -> S
             try:
                 setting, error = loosest(system, solver, ladder, truth)
                 rows.append(SpeedRow(*place, setting, error, effort.cycles / _timed(system, solver, setting, effort)))
-            except peers.Failed as failed:
+            except TccError as failed:
                 omitted.append(SpeedRow(*place, why=str(failed)))
     done(len(points), len(points) + 1, "Fig. 4, whole sweep")
     whole = whole_sweep(effort)
@@ -118,14 +119,14 @@ def on_attractor(system: System) -> System:
 
 
 def loosest(system: System, solver: str, ladder: tuple[float, ...], truth: Reference) -> tuple[float, float]:
-    """The first tolerance of the ladder with a section error below ERROR, and that error; raises Failed without one."""
+    """The first tolerance of the ladder with a section error below ERROR, and that error, else NumericalFailure."""
     least = math.inf
     for setting in ladder:
         result = errors(*_run(system, solver, setting, len(truth.largest)), truth)[1]
         if result <= ERROR:
             return setting, result
         least = min(least, result)
-    raise peers.Failed(f"its error is at least {least:.1e}")
+    raise NumericalFailure(f"its error is at least {least:.1e}")
 
 
 def _run(system: System, solver: str, setting: float, cycles: int) -> tuple[Any, Any]:

@@ -1,5 +1,5 @@
 """Other programs on the same problem, all optional: XPPAUT, CVODE of SUNDIALS in C, LSODA in C++ by numbalsoda, and
-direct calls of SciPy's LSODA. A program that gives no result raises `Failed` with the reason.
+direct calls of SciPy's LSODA. A program that gives no result raises NumericalFailure, a missing one MissingPackage.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from tcc_sim.errors import one_line
+from tcc_sim.errors import MissingPackage, NumericalFailure, one_line
 from tcc_sim.fmi.export import compiler
 from tcc_sim.model.equations import check_supported
 from tcc_sim.model.parameters import System
@@ -46,10 +46,6 @@ LIBRARIES = ("sundials_cvode", "sundials_nvecserial", "sundials_sunmatrixdense",
 """Libraries of `cvode.c`, with the names of Debian's libsundials-dev."""
 STICK = 1e-12
 Timed = TypeVar("Timed")
-
-
-class Failed(Exception):
-    """A program gave no result; the message gives the reason."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +94,7 @@ def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
     run = solve(True)
     states = run.y.T
     if len(states) != cycles + 1:
-        raise Failed(str(run.message))
+        raise NumericalFailure(str(run.message))
     return PeerRun(states, _largest(system, times, run.sol(times).T), min(used), max(used), len(run.sol.ts) - 1)
 
 
@@ -110,7 +106,7 @@ def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
         package = Path(str(importlib.util.find_spec("numbalsoda").origin))  # type: ignore[union-attr]
         part = runpy.run_path(str(package.with_name("driver.py")))  # The package compiles its other solvers at import.
     except (AttributeError, OSError) as error:
-        raise Failed(f"numbalsoda is not installed ({one_line(str(error))})") from None
+        raise MissingPackage(f"numbalsoda is not installed ({one_line(str(error))})") from None
     from tcc_sim.compiling.linked import address_for_c
 
     (address, kept), lsoda = address_for_c(rates_for_c(system), part["lsoda_sig"]), part["lsoda"]
@@ -120,7 +116,7 @@ def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
     def solve(per_cycle: int) -> Floats:
         states, good = lsoda(address, y, _times(system, cycles, per_cycle), nothing, rtol, atol, 1_000_000)
         if not (good and np.isfinite(states).all()):
-            raise Failed("stopped early")
+            raise NumericalFailure("stopped early")
         return np.asarray(states)
 
     solve(1)  # It compiles its own part.
@@ -163,9 +159,9 @@ def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
         ended = subprocess.run([cvode_program()], input=words, capture_output=True, text=True, timeout=TIMEOUT,
                                check=False)
     except subprocess.TimeoutExpired:
-        raise Failed(f"took more than {TIMEOUT:g} s") from None
+        raise NumericalFailure(f"took more than {TIMEOUT:g} s") from None
     if ended.returncode:
-        raise Failed(ended.stderr.strip() or f"ended with status {ended.returncode}")
+        raise NumericalFailure(ended.stderr.strip() or f"ended with status {ended.returncode}")
     head, *lines = ended.stdout.splitlines()
     seconds, slowest, steps = head.split()
     rows = np.array([line.split() for line in lines], dtype=np.float64)
@@ -178,7 +174,7 @@ def cvode_program() -> str:
     """Compile `cvode.c`, once per process; the binary is deleted at the end of the process."""
     command = compiler()
     if command is None:
-        raise Failed("not compiled: there is no C compiler")
+        raise MissingPackage("not compiled: there is no C compiler")
     folder = tempfile.mkdtemp(prefix="tcc_sim_")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     program, source = f"{folder}/cvode", str(Path(__file__).with_name("cvode.c"))
@@ -186,7 +182,8 @@ def cvode_program() -> str:
                            capture_output=True, text=True, check=False)
     if ended.returncode:
         why = next((line for line in ended.stderr.splitlines() if "error" in line or "cannot find" in line), "")
-        raise Failed(f"not compiled: SUNDIALS is not installed (Debian: libsundials-dev); {command} says: {why}")
+        raise MissingPackage(
+            f"not compiled: SUNDIALS is not installed (Debian: libsundials-dev); {command} says: {why}")
     return program
 
 
@@ -236,7 +233,7 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
     file. Time and states come from runs with outputs at the cycle ends only.
     """
     if shutil.which("xppaut") is None:
-        raise Failed("not installed")
+        raise MissingPackage("not installed")
     with tempfile.TemporaryDirectory() as folder:
         def run(count: int, per_cycle: int) -> Floats:
             place = Path(folder)
@@ -246,13 +243,13 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
                 subprocess.run(["xppaut", "model.ode", "-silent"], cwd=folder, stdin=subprocess.DEVNULL,
                                stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=TIMEOUT, check=False)
             except subprocess.TimeoutExpired:
-                raise Failed(f"took more than {TIMEOUT:g} s") from None
+                raise NumericalFailure(f"took more than {TIMEOUT:g} s") from None
             try:
                 rows = np.loadtxt(place / "out.dat", ndmin=2)
             except (OSError, ValueError):
-                raise Failed("wrote no results") from None
+                raise NumericalFailure("wrote no results") from None
             if len(rows) < count * per_cycle + 1 or not np.all(np.isfinite(rows)):
-                raise Failed(f"stopped after {len(rows) - 1} of {count * per_cycle} outputs")
+                raise NumericalFailure(f"stopped after {len(rows) - 1} of {count * per_cycle} outputs")
             return rows[:count * per_cycle + 1, 1:4]
 
         took, fine = repeated(lambda: run(cycles, FINE), 1, clock=of_children)
@@ -261,5 +258,5 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
         short, _ = repeated(lambda: run(1, 1), repeats, RESOLVED, of_children)
         seconds, slowest = ((of(long) - min(short)) * cycles / (many - 1) for of in (min, max))
         if seconds <= 0.0:
-            raise Failed(f"{many} cycles take no longer than one, by the clock")
+            raise NumericalFailure(f"{many} cycles take no longer than one, by the clock")
     return PeerRun(section, _largest(system, _times(system, cycles, FINE), fine), seconds, slowest)

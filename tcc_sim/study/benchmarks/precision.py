@@ -11,14 +11,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
-from tcc_sim.errors import InputError, TccError
-from tcc_sim.model import parameters
+from tcc_sim.errors import InputError, NumericalFailure, TccError
 from tcc_sim.model.parameters import System
 from tcc_sim.output.provenance import environment
 from tcc_sim.output.tables import markdown_table
-from tcc_sim.scene import load_scene
+from tcc_sim.scene import Scene, load_scene
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.solvers.comparison import REACH, stick_rate
 from tcc_sim.study.benchmarks import peers
@@ -65,14 +64,6 @@ TIGHTEST = {"smoothed": ("smoothed", 1e-11), "set_valued": ("event_driven", 1e-1
 """Engine and tolerance that settle a scene."""
 
 
-class Case(NamedTuple):
-    """A scene of the study, from the state in which the horizon begins."""
-
-    name: str
-    description: str
-    system: System
-
-
 @dataclass(frozen=True)
 class Effort:
     """Extent of a study."""
@@ -116,32 +107,35 @@ QUICK = replace(
         "XPPAUT cvode": (1e-6, 1e-8, 1e-9, 1e-10)})
 
 
-def cases(effort: Effort) -> list[Case]:
+SCENES: list[tuple[str, str, str, dict[str, Any]]] = [
+    ("fig02", "fig02", "stick-slip of Fig. 2, mu_s/mu_k = 1.25", {}),
+    ("minimal", "minimal", "mu_k = mu_s, constant pressure", {}),
+    ("steep", "fig02", "mu_s/mu_k = 2, Tm = 100 N m, Tp = 400 N m, else fig02", {
+        "friction.kinetic_coefficient": 0.15, "engine.mean_torque": 100.0, "engine.torque_amplitude": 400.0}),
+    ("stiff", "fig02", "sigma = 1e4 s/rad, else fig02", {"friction.smoothing": 1e4})]
+SCENES += [(f"{name}, set-valued", of, f"{text}; friction law (6)", {**values, "friction.law": "set_valued"})
+           for name, of, text, values in SCENES[:3]]
+"""Name of every case, the scene behind it, its description, and changed values."""
+
+
+def cases(effort: Effort) -> list[Scene]:
     """Return the scenes, with a short horizon, since some motions are chaotic and any error grows. It begins after
     SETTLING cycles; that of one more case begins in the initial state of fig02, with three cycles of slip.
     """
-    base, fewest = load_scene("fig02").system, load_scene("minimal").system
-    steep = parameters.replace(base, {"friction.kinetic_coefficient": 0.15, "engine.mean_torque": 100.0,
-                                      "engine.torque_amplitude": 400.0})
-    scenes = {"fig02": ("stick-slip of Fig. 2, mu_s/mu_k = 1.25", base),
-              "minimal": ("mu_k = mu_s, constant pressure", fewest),
-              "steep": ("mu_s/mu_k = 2, Tm = 100 N m, Tp = 400 N m, else fig02", steep),
-              "stiff": ("sigma = 1e4 s/rad, else fig02", parameters.replace(base, {"friction.smoothing": 1e4}))}
-    scenes |= {f"{name}, set-valued": (f"{text}; friction law (6)",
-                                       parameters.replace(system, {"friction.law": "set_valued"}))
-               for name, (text, system) in list(scenes.items())[:3]}
+    scenes = {name: replace(load_scene(of).with_values(values), name=name, description=text)
+              for name, of, text, values in SCENES}
     if unknown := set(effort.scenes) - set(scenes):
         raise InputError(f"scenes has {sorted(unknown)[0]!r}; the scenes of the report are: {'; '.join(scenes)}")
     out = []
     for name in effort.scenes or scenes:
-        text, system = scenes[name]
+        system = scenes[name].system
         engine, rtol = TIGHTEST[system.friction.law]
         end = solve(system, cycles=SETTLING, solver=engine, rtol=rtol).solved_cycles.section[-1]
-        out.append(Case(name, text, State.of(end).starting(system)))
-    return out if effort.scenes else [*out, Case(f"fig02{FROM_START}", *scenes["fig02"])]
+        out.append(replace(scenes[name], system=State.of(end).starting(system)))
+    return out if effort.scenes else [*out, replace(scenes["fig02"], name=f"fig02{FROM_START}")]
 
 
-def ladders_of(case: Case, effort: Effort) -> dict[str, list[float]]:
+def ladders_of(case: Scene, effort: Effort) -> dict[str, list[float]]:
     """Return the settings of every solver for the law of a case; other programs solve the smoothed law."""
     law = case.system.friction.law
     out = {solver: list(values) for solver, values in effort.ladders.items()
@@ -207,21 +201,21 @@ def next_setting(rows: Sequence[Row]) -> float | None:
     return setting if halved or setting >= TIGHTEST_TOLERANCE else None
 
 
-def measured_row(case: Case, solver: str, setting: float, truth: Reference, effort: Effort) -> Row:
+def measured_row(case: Scene, solver: str, setting: float, truth: Reference, effort: Effort) -> Row:
     """Run one setting and return its errors and times, or why there are none."""
     row: Row = {"solver": solver, "setting": setting}
     try:
         run = run_of(case.system, effort.cycles, solver, setting, effort)
         deviation = errors(run.section, run.largest, truth)
         if not max(deviation) <= WRONG:
-            raise peers.Failed(f"wrong: its largest relative error is {max(deviation):.2g}")
-    except (peers.Failed, TccError) as error:
+            raise NumericalFailure(f"wrong: its largest relative error is {max(deviation):.2g}")
+    except TccError as error:
         return {**row, "why": str(error)}
     return {**row, **dict(zip(ERRORS, deviation)), "seconds": run.seconds, "slowest": run.slowest, "steps": run.steps}
 
 
 def run_of(system: System, cycles: int, solver: str, setting: float, effort: Effort) -> peers.PeerRun:
-    """Run a registered solver or another program repeatedly; raise peers.Failed where the program gives no result, or
+    """Run a registered solver or another program repeatedly; raise TccError where the program gives no result, or
     where stability of an explicit method would hold its steps too short.
     """
     if solver not in SOLVERS:
@@ -234,8 +228,9 @@ def run_of(system: System, cycles: int, solver: str, setting: float, effort: Eff
         step = setting if solver == "rk4" else REACH[solver] / stick_rate(system)
         steps = cycles * system.cycle / step
         if steps * SECONDS_PER_STEP[solver] > effort.longest:
-            raise peers.Failed(f"explicit: stability holds its step below {step:.2g} s, {steps:.2g} steps in stick, "
-                               f"which takes about {steps * SECONDS_PER_STEP[solver]:.2g} s")
+            raise NumericalFailure(
+                f"explicit: stability holds its step below {step:.2g} s, {steps:.2g} steps in stick, "
+                f"which takes about {steps * SECONDS_PER_STEP[solver]:.2g} s")
     options: dict[str, Any] = {SOLVERS[solver].setting: setting}
     used, run = repeated(lambda: solve(system, cycles=cycles, solver=solver, **options).raise_for_status(), 9,
                          effort.patience)
@@ -243,7 +238,7 @@ def run_of(system: System, cycles: int, solver: str, setting: float, effort: Eff
                          run.statistics.steps)
 
 
-def long_runs(case: Case, best: Mapping[str, Row], effort: Effort) -> Iterator[Row]:
+def long_runs(case: Scene, best: Mapping[str, Row], effort: Effort) -> Iterator[Row]:
     """Time long runs, in which the cost of a call is negligible, at the fastest settings with errors up to TARGET."""
     for solver, part in LONG_RUN.items() if case.name.split(",")[0] in ("fig02", "minimal") else ():
         if solver not in best:
@@ -251,7 +246,7 @@ def long_runs(case: Case, best: Mapping[str, Row], effort: Effort) -> Iterator[R
         setting, cycles = best[solver]["setting"], effort.long_cycles // part
         try:
             run = run_of(case.system, cycles, solver, setting, effort)
-        except peers.Failed:
+        except TccError:
             continue
         yield {"solver": solver, "setting": setting, "cycles": cycles,
                "seconds_per_100_cycles": 100.0 * run.seconds / cycles}

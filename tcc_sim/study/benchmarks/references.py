@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.equations import check_supported
 from tcc_sim.model.groups import Friction
 from tcc_sim.model.parameters import System
@@ -35,10 +36,6 @@ LONGEST = 0.1
 """Longest step of the set-valued reference, in phase of the fastest oscillation, rad."""
 EVALUATIONS = 400_000
 """Largest number of evaluations of the equations of motion in one `final_state`."""
-
-
-class Unfinished(Exception):
-    """SciPy gave no reference; the message gives the reason."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,7 @@ class Law:
         """Return the derivatives of (v, theta2, omega2, theta1); y may be without theta1."""
         self.left -= 1
         if self.left < 0:
-            raise Unfinished(f"more than {EVALUATIONS} evaluations")
+            raise NumericalFailure(f"more than {EVALUATIONS} evaluations")
         i1, i2, damping, stiffness = self._driveline
         v, angle, speed = float(y[0]), float(y[1]), float(y[2])
         if mode == 0:
@@ -144,7 +141,7 @@ class Law:
         run = solve_ivp(lambda t, y: self.rates(t, y, mode)[:n], (t, end), y, method=method, rtol=rtol, atol=atol,
                         events=events, max_step=longest, dense_output=dense, **options)
         if run.status < 0:
-            raise Unfinished(f"SciPy {method}: {run.message}")
+            raise NumericalFailure(f"SciPy {method}: {run.message}")
         return run
 
     def first_mode(self, y: Floats) -> int:
@@ -220,7 +217,7 @@ def slope(v: float, mode: int, pairs: Pairs, sigma: float) -> float:
 
 
 def reference(system: System, cycles: int, method: str, rtol: float) -> Reference:
-    """Solve `system` from its initial state with SciPy's `method` at this tolerance; raise Unfinished if it fails."""
+    """Solve `system` from its initial state with SciPy's `method` at this tolerance; NumericalFailure if it fails."""
     check_supported("reference", system, "a reference solution")
     law, start = Law(system), np.array(State.at_start(system).numbers)
     section, largest, size = np.empty((cycles + 1, 3)), np.zeros(cycles), np.zeros(3)
@@ -238,7 +235,7 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
 
 def final_state(system: System, duration: float, method: str, rtol: float) -> tuple[Floats, Floats]:
     """Return the state after `duration` seconds, and the largest magnitude of each component until then, both (3,);
-    raise Unfinished if SciPy failed or needed more than EVALUATIONS.
+    raise NumericalFailure if SciPy failed or needed more than EVALUATIONS.
     """
     check_supported("reference", system, "a reference solution")
     last: Floats = np.array(State.at_start(system).numbers)

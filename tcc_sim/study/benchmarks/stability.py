@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, NumericalFailure
 from tcc_sim.model.parameters import DEFAULTS, System, replace
 from tcc_sim.output.tables import markdown_table
 from tcc_sim.solvers import Status, solve
 from tcc_sim.solvers.terms import substeps, terms_of
-from tcc_sim.study.benchmarks.references import Floats, Unfinished, final_state
+from tcc_sim.study.benchmarks.references import Floats, final_state
 from tcc_sim.trajectory import Trajectory, integral
 
 Keys = dict[str, Any]
@@ -207,7 +207,7 @@ def truth_of(keys: Keys, law: str) -> Truth:
     method, rtol = ("LSODA", 1e-11) if system.friction.law == "smoothed" else ("DOP853", 1e-12)
     try:
         state, largest = final_state(system, duration, method, rtol)
-    except Unfinished as error:
+    except NumericalFailure as error:
         return Truth(why=f"no reference: {error}")
     return Truth(duration, state, np.maximum(largest, [1e-6 * max(float(largest[2]), 1e-6), 1e-12, 1e-9]))
 

@@ -12,7 +12,7 @@ from pictures import check, labelled, shows
 
 import tcc_sim
 from tcc_sim.cli import main
-from tcc_sim.errors import InputError
+from tcc_sim.errors import InputError, MissingPackage, TccError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.output.provenance import document
 from tcc_sim.scene import load_scene
@@ -67,7 +67,7 @@ def test_a_program_is_the_closed_form_of_pure_slip(program, accuracy):
     system = replace(System(), SLIP)
     try:
         run = program(system, 3, 1e-12, 1)
-    except peers.Failed as missing:
+    except TccError as missing:
         pytest.skip(str(missing))
     np.testing.assert_allclose(run.section[:, 0], pure_slip(system, np.arange(4) * system.cycle), rtol=accuracy)
     for n in range(3):
@@ -93,7 +93,7 @@ def test_the_equations_for_other_programs_are_the_independent_ones():
 def test_without_a_compiler_cvode_has_a_reason(monkeypatch):
     peers.cvode_program.cache_clear()
     monkeypatch.setenv("PATH", "")
-    with pytest.raises(peers.Failed):
+    with pytest.raises(MissingPackage):
         peers.cvode(System(), 1, 1e-6, 1)
 
 
