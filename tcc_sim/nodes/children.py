@@ -173,8 +173,6 @@ class NodeProcess(ChildProcess):
     Python puts the working directory first on the path of `-m` and `-c`, so a file `queue.py` there would end the node.
 
     node : driveline, recorder, slip_controller or commander
-    parameters : parameters of the node
-    environment : environment variables
     priority : SCHED_FIFO priority; 0 for none
     """
 
@@ -196,7 +194,6 @@ class Session:
     Raises MissingPackage: ROS 2 is not installed. Raises TccError: a node did not start; the message has its last line.
 
     recording : directory that the recorder creates
-    driveline : parameters of the driveline node
     controller : node of this package that sends commands, with its parameters, or the words of a command that starts a
         controller; None for no controller. The driveline waits until the controller subscribes to joint_states.
     real_time : whether the nodes of this package run under SCHED_FIFO, where the system grants it

@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from itertools import pairwise
@@ -236,24 +236,6 @@ def _handled(handler: Any) -> Iterator[dict[signal.Signals, Any]]:
             signal.signal(number, previous)
 
 
-def _initialise() -> None:
-    """Initialise ROS 2; raise InputError if it refuses the parameter file or command line."""
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
-
-    for option, file in pairwise(sys.argv):
-        if option == "--params-file":
-            try:
-                with open(file, "rb") as stream:
-                    stream.read(1)
-            except OSError as error:
-                raise InputError(f"--params-file {file}: {error.strerror}") from None
-    try:
-        rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        raise InputError(f"ROS 2 arguments not understood: {' '.join(str(error).split())}") from None
-
-
 def created(create: Callable[[], N]) -> N:
     """Create a node after cleaning shared memory; a signal meanwhile ends the process.
 
@@ -271,28 +253,47 @@ def created(create: Callable[[], N]) -> N:
         raise InputError(f"ROS 2 refuses the node: {' '.join(str(error).split())}") from None
 
 
+@contextmanager
+def _running(words: list[str], create: Callable[[], N]) -> Iterator[N]:
+    """Initialise ROS 2 with the words of a command line, and create a node for the duration of a `with` block.
+
+    Raises InputError: ROS 2 refuses the parameter file, the words or the node.
+    """
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    for option, file in pairwise(words):
+        if option == "--params-file":
+            try:
+                with open(file, "rb") as stream:
+                    stream.read(1)
+            except OSError as error:
+                raise InputError(f"--params-file {file}: {error.strerror}") from None
+    try:
+        ros = rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise InputError(f"ROS 2 arguments not understood: {' '.join(str(error).split())}") from None
+    with ros:
+        node = created(create)
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+
+
 def run_node(create: Callable[[], N], body: Callable[[N], int]) -> int:
-    """Initialise ROS, create the node, run `body` with it, and return the exit status.
+    """Initialise ROS, create the node, run `body` with it, and return the exit status; errors as in `_running`.
 
     SIGINT, SIGTERM and SIGHUP end the process at once until `body` calls `end_in_order`. After that call a signal makes
     `Spinner.once` raise ExternalShutdownException, and the status is 0.
-
-    Raises InputError: ROS 2 refuses the words of the command line or the node.
     """
-    import rclpy
     from rclpy.executors import ExternalShutdownException
 
     try:
-        _initialise()
-        node = created(create)
-        try:
+        with _running(sys.argv, create) as node:
             return body(node)
-        finally:
-            node.destroy_node()
     except ExternalShutdownException:
         return 0
-    finally:
-        rclpy.try_shutdown()
 
 
 def deliver(node: Node, flush: Callable[[], bool] = lambda: True) -> None:
@@ -327,23 +328,18 @@ def node_of_command(name: str, namespace: str) -> Iterator[Node]:
     """
     import rclpy
     from rclpy.exceptions import NameValidationException
-    from rclpy.signals import SignalHandlerOptions
 
-    with rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO):
+    with ExitStack() as stack:
         try:
-            node = created(lambda: rclpy.create_node(name, namespace=namespace, enable_rosout=False,
-                                                     start_parameter_services=False))
+            node = stack.enter_context(_running([], lambda: rclpy.create_node(
+                name, namespace=namespace, enable_rosout=False, start_parameter_services=False)))
         except (ValueError, NameValidationException) as error:
             raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
         before = signal.getsignal(signal.SIGINT)
         if before is signal.default_int_handler and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, _interrupt)
-        try:
-            yield node
-        finally:
-            if signal.getsignal(signal.SIGINT) is _interrupt:
-                signal.signal(signal.SIGINT, before)
-            node.destroy_node()
+            stack.callback(signal.signal, signal.SIGINT, before)
+        yield node
 
 
 def _interrupt(number: int, frame: object) -> None:

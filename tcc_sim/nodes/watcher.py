@@ -236,8 +236,6 @@ def watch(namespace: str, say: Callable[[str], Any], web: bool = False, **where:
     Raises TccError: no driveline publishes its scene. Raises InputError: the namespace is not valid, the file cannot be
     created, or no viewer answers at the URL, or it has gone. Raises MissingPackage: rerun-sdk is not installed.
 
-    namespace : namespace of the driveline
-    say : function that takes a sentence for the user
     web : whether the viewer is a browser
     where : one of `file`, `spawn` or `url`, as in RerunStream
     """
