@@ -14,38 +14,14 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
+from tcc_sim import topics
 from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr, held
-from tcc_sim.nodes.middleware import (
-    CHANGES,
-    COMMANDS,
-    LATCHED,
-    SequenceNumbers,
-    message_class,
-    nodes_of,
-    poll,
-    states,
-    subscribe,
-    taker,
-    wait_until,
-)
+from tcc_sim.nodes import middleware
 from tcc_sim.nodes.track import unsent_message
 from tcc_sim.plant.driveline import Reading, check_command, doubt_of
 from tcc_sim.plant.sensors import Sensors
 from tcc_sim.scene import Operation, Scene
-from tcc_sim.topics import (
-    CLOCK_TOPIC,
-    CLUTCH_JOINT,
-    FLUID_PRESSURE,
-    INPUTS,
-    JOINT_COMMAND,
-    JOINT_NAMES,
-    JOINT_STATE,
-    TARGET,
-    TOPICS,
-    Topic,
-    topic,
-)
 
 HISTORY = 0.25
 """Duration of the messages that a publisher stores for a slow reader in real time, s."""
@@ -55,7 +31,7 @@ QUIET, LONGEST_QUIET = 0.3, 3.0
 """Real time without a message after which a node that joins lock-step has answered, and longest wait, s."""
 
 
-class CommandedInput(SequenceNumbers):
+class CommandedInput(middleware.SequenceNumbers):
     """One commanded input with zero-order hold: the newest valid command applies from the next tick on.
 
     Before the first command, and after command_timeout without one, the scene's fallback applies.
@@ -73,8 +49,8 @@ class CommandedInput(SequenceNumbers):
     period_ns : time between two answers that lock-step waits for, ns
     """
 
-    def __init__(self, node: Node, row: Topic, admit: Callable[[float], None] = lambda _: None,
-                 qos: QoSProfile = COMMANDS) -> None:
+    def __init__(self, node: Node, row: topics.Topic, admit: Callable[[float], None] = lambda _: None,
+                 qos: QoSProfile = middleware.COMMANDS) -> None:
         super().__init__()
         self.name, self._admit = row.name, admit
         self.value: float | None = None
@@ -87,10 +63,10 @@ class CommandedInput(SequenceNumbers):
         self._largest, self._first_tick = 0.0, 0
         self._last_tick = self.since = self.unstamped = self.period_ns = 0
         self.timed, self._early = False, (b"", math.inf)
-        self._stamped = row.type == FLUID_PRESSURE
-        self.subscription: Any = subscribe(node, message_class(row.type), row.name, qos)
+        self._stamped = row.type == topics.FLUID_PRESSURE
+        self.subscription: Any = middleware.subscribe(node, middleware.message_class(row.type), row.name, qos)
         self.topic: str = self.subscription.topic_name
-        self._take = taker(self.subscription)
+        self._take = middleware.taker(self.subscription)
 
     def doubt(self, tick: int, after: float) -> str:
         """Return a sentence on a probable wrong unit if all commands in more than `after` ticks suggest it; else empty.
@@ -120,13 +96,13 @@ class CommandedInput(SequenceNumbers):
         """Return the values of `messages.held.FIELDS`, without an actuator; `zero_ns` is the stamp of time 0."""
         counts = tuple(now - before for now, before in zip(self._counts, self._counts_before))
         if self.value is None:
-            absent = held.FALLBACK if self.name in INPUTS or counts[0] else held.NOBODY
+            absent = held.FALLBACK if self.name in topics.INPUTS or counts[0] else held.NOBODY
             return absent, math.nan, math.nan, math.nan, math.nan, 0, *counts
         return held.COMMAND, self.value, self.value, self._stamp_ns - zero_ns, self.acts, self._who, *counts
 
     def poll(self, tick: int, timeout_ticks: float) -> None:
         """Take the messages that arrived before tick `tick`; the caller ensures that the subscription exists."""
-        for data, info in islice(iter(self._take, None), COMMANDS.depth):  # No flood may hold a tick up.
+        for data, info in islice(iter(self._take, None), middleware.COMMANDS.depth):  # No flood may hold a tick up.
             self._note_sender(info)
             self.accept(data, tick)
         if self.value is not None and tick - self._last_tick >= timeout_ticks:
@@ -152,7 +128,7 @@ class CommandedInput(SequenceNumbers):
         refused command is an answer too: the value before it holds. A timer on /clock may fire before the state of the
         same time arrives and answer an older state of the period: such a command counts if none follows within GRACE.
         """
-        while taken := poll(self.subscription, most=1):
+        while taken := middleware.poll(self.subscription, most=1):
             self._note_sender(taken[0][1])
             if self.accept(taken[0][0], tick, stamp_ns):
                 self._early = b"", math.inf
@@ -222,11 +198,11 @@ class JointCommands:
     """
 
     def __init__(self, node: Node, inputs: Sequence[CommandedInput]) -> None:
-        self._inputs = {joint: command for joint, name in zip((JOINT_NAMES[0], CLUTCH_JOINT), INPUTS)
-                        for command in inputs if command.name == name}
-        self._kind = message_class(JOINT_STATE)
-        self.subscription: Any = subscribe(node, self._kind, JOINT_COMMAND, COMMANDS)
-        self._take = taker(self.subscription)
+        joints = dict(zip(topics.INPUTS, (topics.JOINT_NAMES[0], topics.CLUTCH_JOINT)))
+        self._inputs = {joints[command.name]: command for command in inputs}
+        self._kind = middleware.message_class(topics.JOINT_STATE)
+        self.subscription: Any = middleware.subscribe(node, self._kind, topics.JOINT_COMMAND, middleware.COMMANDS)
+        self._take = middleware.taker(self.subscription)
 
     def poll(self, tick: int, answers: int | None = None) -> list[CommandedInput]:
         """Hold the arrived commands from tick `tick` on, and return their inputs.
@@ -234,7 +210,7 @@ class JointCommands:
         In lock-step a command must have the stamp `answers` (ns) of the state that it answers, or stamp 0.
         """
         taken: list[CommandedInput] = []
-        for data, _ in islice(iter(self._take, None), COMMANDS.depth):
+        for data, _ in islice(iter(self._take, None), middleware.COMMANDS.depth):
             try:
                 message = deserialize_message(data, self._kind)
             except Exception:  # rclpy raises various exceptions on invalid bytes.
@@ -245,8 +221,8 @@ class JointCommands:
                 if command is None or math.isnan(value):
                     continue
                 if answers is not None and stamp not in (0, answers):
-                    command.refuse(f"{JOINT_COMMAND} for {joint} with stamp {stamp * 1e-9:.9g} s refused; it must be "
-                                   f"that of the state, {answers * 1e-9:.9g} s")
+                    command.refuse(f"{topics.JOINT_COMMAND} for {joint} with stamp {stamp * 1e-9:.9g} s refused; it "
+                                   f"must be that of the state, {answers * 1e-9:.9g} s")
                     continue
                 taken.append(command)
                 try:
@@ -264,9 +240,9 @@ def joining(node: Node, name: str) -> CommandedInput | None:
     """
     if not node.count_publishers(name):
         return None
-    latched = name == TARGET and all(one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    latched = name == topics.TARGET and all(one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
                                      for one in node.get_publishers_info_by_topic(name))
-    return CommandedInput(node, topic(name), qos=LATCHED if latched else COMMANDS)
+    return CommandedInput(node, topics.topic(name), qos=middleware.LATCHED if latched else middleware.COMMANDS)
 
 
 class Outputs:
@@ -296,15 +272,15 @@ class Outputs:
         self._node = node
         self._context = node.context
         self._waiting: deque[tuple[Any, bytes]] = deque()
-        qos = states(0 if self.patient else max(10, math.ceil(HISTORY * operation.rate)))
+        qos = middleware.states(0 if self.patient else max(10, math.ceil(HISTORY * operation.rate)))
         self._every_tick: list[tuple[Any, Callable[..., bytes], Callable[[Reading], Any]]] = []
         self._publishers: dict[str, Any] = {}
         self._states = qos
-        for row in TOPICS:
-            if row.fields and row.name != CLOCK_TOPIC and row.wanted(scene.value):
+        for row in topics.TOPICS:
+            if row.fields and row.name != topics.CLOCK_TOPIC and row.wanted(scene.value):
                 self.add(row.name)
-        self._publisher("scene", LATCHED)
-        if topic("held").wanted(scene.value):
+        self._publisher("scene", middleware.LATCHED)
+        if topics.topic("held").wanted(scene.value):
             self.report_inputs()
 
     def begin_at_zero(self, again: bool) -> bool:
@@ -321,13 +297,13 @@ class Outputs:
 
     def report_inputs(self) -> None:
         """Create the topic `held`, if it does not exist."""
-        self._publisher("held", CHANGES)
+        self._publisher("held", middleware.CHANGES)
 
     def add(self, name: str) -> bool:
         """Create the publisher of a topic with a message for every tick from now on; return False if it exists."""
         if name in self._publishers:
             return False
-        row = topic(name)
+        row = topics.topic(name)
         values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
         self._every_tick.append((self._publisher(name, self._states), cdr.ENCODERS[name], values))
         return True
@@ -363,7 +339,7 @@ class Outputs:
         if total <= self._reported:
             return
         message = unsent_message(self._node.get_fully_qualified_name(), counts)
-        if self._taken(self._publisher("unsent_messages", LATCHED), message):
+        if self._taken(self._publisher("unsent_messages", middleware.LATCHED), message):
             self._reported = total
 
     def subscriptions(self) -> tuple[int, int]:
@@ -374,7 +350,7 @@ class Outputs:
     def meet(self, name: str) -> None:
         """Wait until the known subscribers of a new topic are connected, so that they receive its first message."""
         known = self._node.count_subscribers(name)
-        wait_until(lambda: self._publishers[name].get_subscription_count() >= known)
+        middleware.wait_until(lambda: self._publishers[name].get_subscription_count() >= known)
 
     def handles(self) -> list[Any]:
         """Return the publishers' handles, which a publishing thread holds so that no publisher is destroyed in use."""
@@ -383,7 +359,8 @@ class Outputs:
     def _publisher(self, name: str, profile: QoSProfile) -> Any:
         """Return the publisher of a topic, after creating it the first time; it sends bytes without checks."""
         if name not in self._publishers:
-            publisher: Any = self._node.create_publisher(message_class(topic(name).type), name, profile)
+            kind = middleware.message_class(topics.topic(name).type)
+            publisher: Any = self._node.create_publisher(kind, name, profile)
             publisher.publish = publisher.handle.publish_raw
             self._publishers[name] = publisher
         return self._publishers[name]
@@ -423,7 +400,7 @@ class SimulationClock:
     def __init__(self, node: Node, outputs: Outputs, operation: Operation) -> None:
         self._node, self._outputs = node, outputs
         self._wanted, self._lockstep = operation.publish_clock, operation.pacing == "lockstep"
-        self._topic = node.resolve_topic_name(CLOCK_TOPIC)
+        self._topic = node.resolve_topic_name(topics.CLOCK_TOPIC)
         self.published = False
 
     @property
@@ -432,14 +409,14 @@ class SimulationClock:
         such as a recorder, subscribe reliably.
         """
         me = self._node.get_fully_qualified_name()
-        return [name for name in nodes_of([info for info in self._node.get_subscriptions_info_by_topic(self._topic)
-                                         if info.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT])
-                if name != me]
+        listeners = self._node.get_subscriptions_info_by_topic(self._topic)
+        return [name for name in middleware.nodes_of(
+            one for one in listeners if one.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT) if name != me]
 
     @property
     def rivals(self) -> list[str]:
         """Names of the other nodes that publish /clock."""
-        names = nodes_of(self._node.get_publishers_info_by_topic(self._topic))
+        names = middleware.nodes_of(self._node.get_publishers_info_by_topic(self._topic))
         me = self._node.get_fully_qualified_name()
         if self.published and me in names:
             names.remove(me)
@@ -455,12 +432,12 @@ class SimulationClock:
 
         Known subscribers are connected first, except by a driveline that runs in real time.
         """
-        self._outputs.add(CLOCK_TOPIC)
+        self._outputs.add(topics.CLOCK_TOPIC)
         self.published = True
         if self._lockstep or stamp_ns is None:
-            self._outputs.meet(CLOCK_TOPIC)
+            self._outputs.meet(topics.CLOCK_TOPIC)
         if stamp_ns is not None:
-            self._outputs.say(CLOCK_TOPIC, cdr.clock(stamp_ns + self._outputs.zero_ns))
+            self._outputs.say(topics.CLOCK_TOPIC, cdr.clock(stamp_ns + self._outputs.zero_ns))
 
     def sentence(self) -> str:
         """Return a warning about the clock; empty without a problem."""
