@@ -401,8 +401,8 @@ class _Run:
         """Fit the line to the first waiting samples; None if it is weak or differs from the prediction."""
         # The first block sets the phase: an opening may begin before the oscillation. The halves of a block must
         # agree: a line of another frequency may have the predicted phase in the middle.
-        t, sides = self._t[:count], _sides(self._torque[:count], self._expected(self._t[:count]))
-        fit, *halves = (_fit_of(t[part], sides[:, part])
+        expected = self._expected(self._t[:count])
+        fit, *halves = (_fit(self._t[part], self._torque[part], expected[part])
                         for part in (slice(0, count), slice(0, count // 2), slice(count // 2, count)))
         apart = math.remainder(halves[1].ahead - halves[0].ahead, 2.0 * math.pi)
         agrees = abs(fit.ahead) <= LARGEST_SURPRISE or self._stretch is None
@@ -451,35 +451,13 @@ class _Run:
 
 
 def _fit(t: Floats, torque: Floats, phase: Floats) -> _Fit:
-    """Fit a sine of this phase and a drifting mean by least squares."""
-    return _fit_of(t, _sides(torque, phase))
-
-
-def _sides(torque: Floats, phase: Floats) -> Floats:
-    """Return torque, sine and cosine of the phase, (3, n)."""
-    return np.array([torque, np.sin(phase), np.cos(phase)])
-
-
-def _fit_of(t: Floats, given: Floats) -> _Fit:
-    """Fit a sine and a drifting mean to `_sides`.
-
-    Without their own mean and drift, torque, sine and cosine leave two equations for two amplitudes. Where these
-    determine no pair of amplitudes the shortest solution of all four unknowns counts.
-    """
-    count, torque = len(t), given[0]
-    x = t - t.sum() / count
-    sides = given - given.sum(axis=1)[:, None] / count
-    sides -= ((sides @ x) / max(float(x @ x), 1e-300))[:, None] * x
-    (variance, by_sine, by_cosine), (_, sine, mixed), (_, _, cosine) = (sides @ sides.T).tolist()
-    free = sine * cosine - mixed * mixed
-    if free > 1e-6 * sine * cosine and min(sine, cosine) > 1e-6 * count:
-        in_phase = (cosine * by_sine - mixed * by_cosine) / free
-        ahead = (sine * by_cosine - mixed * by_sine) / free
-    else:
-        design = np.stack([np.ones_like(t), t - t[0], given[1], given[2]], axis=1)
-        in_phase, ahead = np.linalg.lstsq(design, torque, rcond=None)[0][2:].tolist()
-    rest = sides[0] - in_phase * sides[1] - ahead * sides[2]
-    smallest = count * (1e-9 * float(np.abs(torque).max())) ** 2
+    """Fit a sine of this phase and a drifting mean by least squares, with the smallest factors if several fit."""
+    design = np.stack([np.ones_like(t), t - t[0], np.sin(phase), np.cos(phase)], axis=1)
+    factors = np.linalg.lstsq(design, torque, rcond=None)[0]
+    drift = design[:, :2]
+    rest, apart = torque - design @ factors, torque - drift @ np.linalg.lstsq(drift, torque, rcond=None)[0]
+    variance, in_phase, ahead = float(apart @ apart), float(factors[2]), float(factors[3])
+    smallest = len(t) * (1e-9 * float(np.abs(torque).max())) ** 2
     return _Fit(1.0 - float(rest @ rest) / variance if variance > smallest else 0.0, math.atan2(ahead, in_phase),
                 math.hypot(in_phase, ahead))
 

@@ -511,7 +511,8 @@ def signals_in(table: MeasuredTable, system: System, pulses: int | None = None) 
     if len(blank):
         notes.append(f"{table.source}: no slip speed or no phase from {in_words(blank)}; windows that touch "
                      f"{'this hole' if len(blank) == 1 else 'these holes'} are left blank")
-    v, shaft, torque, name = _curve(t, slip, holes), _shaft_torque(table, system, phase), _unknown, "engine_torque"
+    v, shaft, name = _curve(t, slip, holes), _shaft_torque(table, system, phase), "engine_torque"
+    torque: Callable[[Floats], Floats] = _unknown
     if name in table.columns and np.count_nonzero(np.isfinite(table.columns[name])) >= 4:
         torque = _curve(*table.filled(name), long_holes(table.holes(name), phase.turns, phase.times))
 

@@ -576,23 +576,13 @@ def error_of_thirds(thirds: Floats) -> float:
     width = thirds.shape[1]
     count = min(BATCHES, width)
     means = thirds[:, width - width // count * count:].reshape(3 * count, -1).mean(axis=1)
-    rest = means - TRENDS[count - 1] @ means
+    x = np.linspace(-1.0, 1.0, 3 * count)
+    rest = means - np.polyval(np.polyfit(x, means, min(count, 2)), x)
     return math.sqrt(float(rest @ rest) / (3 * count - min(count + 1, 3)) / count)
 
 
 BATCHES = 4
 """Most batches of a third of a run, whose means show its scatter."""
-
-
-def _trend(count: int) -> Floats:
-    """Return the matrix that fits a parabola, or a line to three, to 3 `count` values in a row."""
-    basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, 3 * count), min(count + 1, 3)))[0]
-    fitted: Floats = basis @ basis.T
-    return fitted
-
-
-TRENDS = tuple(_trend(count + 1) for count in range(BATCHES))
-"""These matrices for 1 to BATCHES batches in a third."""
 
 
 def runaway_cause(system: System) -> str:
