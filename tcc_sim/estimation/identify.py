@@ -287,11 +287,10 @@ def _profile_likelihood(model: Model, noise: dict[str, float], settings: FitSett
     for i, value in enumerate(values):
         try:
             if key in OFFSETS:
-                name = OFFSETS[key]
-                inputs = {**model.measured.inputs}
+                name, inputs = OFFSETS[key], model.measured.inputs
                 if name not in inputs:
                     continue
-                inputs[name] = inputs[name] - value
+                inputs = {**inputs, name: inputs[name] - value}
                 other = Model(model.system, tuple(held), replace(model.measured, inputs=inputs))
             else:
                 other = Model(changed(model.system, {key: float(value)}), tuple(held), model.measured)

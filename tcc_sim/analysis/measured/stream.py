@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -115,7 +115,7 @@ class RunCycles:
                  if p.first + len(p.cycles) > first + dropped]
         if not whole:
             raise OutOfRange(f"gaps interrupt or hide every period of excitation after the first {dropped}")
-        joined = _with_gaps(whole)
+        joined = concatenated([whole[0], *(part for a, b in pairwise(whole) for part in (_hidden(a, b), b))])
         begin, parts = self.begin, self.parts
         if dropped:
             since = self._start_of(first + dropped)
@@ -146,23 +146,13 @@ class RunCycles:
         return float(np.interp(number, numbers, starts))
 
 
-def _with_gaps(parts: list[Cycles]) -> Cycles:
-    """Join cycles that gaps separate, with one NaN cycle for each gap; return a single part unchanged."""
-    if len(parts) == 1:
-        return parts[0]
-    gap = np.array([math.nan])
-    columns = [np.concatenate([column for part in of_parts[:-1] for column in (part, gap)] + [of_parts[-1]])
-               for of_parts in zip(*map(_columns, parts))]
-    starts = [p.starts for p in parts if p.starts is not None]
-    highest, lowest, stick_time, *loads = columns
-    return Cycles(np.concatenate([p.section for p in parts]), highest, lowest, stick_time, Loads(*loads),
-                  np.concatenate(starts) if len(starts) == len(parts) else None)
-
-
-def _columns(part: Cycles) -> list[Floats]:
-    """Return the numbers of each cycle, its loads last."""
-    assert part.loads is not None
-    return [part.highest, part.lowest, part.stick_time, *part.loads.columns()]
+def _hidden(before: Cycles, after: Cycles) -> Cycles:
+    """Return the one cycle of NaN that stands for the gap between cycles."""
+    assert before.starts is not None
+    assert after.starts is not None
+    nan = np.array([math.nan])
+    return Cycles(np.stack([before.section[-1], after.section[0]]), nan, nan, nan, Loads(*[nan] * len(fields(Loads))),
+                  np.array([before.starts[-1], after.starts[0]]))
 
 
 def lengths_of(cycles: Cycles) -> Floats:
