@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,37 +95,73 @@ class Judged(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Errors of the cycle means of a segment.
+class LoopCycles:
+    """Observed engine cycles of a run, (n,) arrays.
 
-    t, error : (n,) middle of each observed cycle, s, and mean slip speed minus target in it, rad/s
+    starts, ends : s
+    mean, square : mean slip speed, rad/s, and mean of its square, (rad/s)^2
+    highest, lowest, stick_time : extremes of the slip speed, rad/s, and time in stick, s
+    """
+
+    starts: Floats
+    ends: Floats
+    mean: Floats
+    square: Floats
+    highest: Floats
+    lowest: Floats
+    stick_time: Floats
+
+    @property
+    def ripple(self) -> Floats:
+        """Rms of the slip speed about its mean in each cycle, (n,), rad/s."""
+        return np.asarray(np.sqrt(np.maximum(self.square - self.mean**2, 0.0)))
+
+    def within(self, begin: float, end: float) -> LoopCycles:
+        """Return the cycles that end after `begin` and up to `end`, s."""
+        near = 1e-9 + 1e-6 * (end - begin)
+        rows = slice(*np.searchsorted(self.ends, [begin + min(near, 1e-7), end + near]).tolist())
+        return LoopCycles(*(column[rows] for column in vars(self).values()))
+
+    def means_of(self, t: Floats, values: NDArray[Any]) -> Floats:
+        """Return the means over cycles, (n,), of the values before the times t, (m,) s; NaN without any."""
+        cycle = np.searchsorted(self.starts, t - 1e-9, side="right") - 1
+        known = cycle >= 0
+        known[known] = t[known] <= self.ends[cycle[known]] + 1e-9
+        count, total = (np.bincount(cycle[known], weights, len(self.ends)) for weights in (None, values[known]))
+        return np.where(count > 0, total / np.maximum(count, 1), math.nan)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Errors(LoopCycles):
+    """The cycles of a segment with the errors of their means.
+
+    error : (n,) mean slip speed minus target in each cycle, rad/s
     reference : (n,) target in each cycle, rad/s
-    starts, ends : (n,) of the cycles, s
     step : step of the reference from the last value before the segment, rad/s; 0 without
     band : size of the error that counts as settled, rad/s
     floor : the same for a step of any size, rad/s: smaller oscillations do not count
     moving : whether the target moves to the end
-    ripple : (n,) rms of the slip speed about its mean in each cycle, rad/s; None if unknown
     until : end of the step, s, after which its target may be reached
     noise : deviation that noise of the cycle means explains, rad/s
     apart : distance of independent cycle means, which may be averages over several cycles
     late : (n,) target in each cycle with the loop's own delay, rad/s; None if it has none
     """
 
-    t: Floats
     error: Floats
     reference: Floats
-    starts: Floats
-    ends: Floats
     step: float
     band: float
     floor: float
-    moving: bool = False
-    ripple: Floats | None = None
-    until: float = -math.inf
-    noise: float = 0.0
-    apart: int = 1
+    moving: bool
+    until: float
+    noise: float
+    apart: int
     late: Floats | None = None
+
+    @property
+    def t(self) -> Floats:
+        """Middle of each cycle, (n,), s."""
+        return np.asarray(0.5 * (self.starts + self.ends))
 
     @property
     def arrived(self) -> int:
@@ -285,10 +321,7 @@ def noise_of_means(error: Floats, apart: int = 1) -> float:
 
 def _ripple_grows(errors: Errors, whole: float) -> Judged | None:
     """Return the verdict on a ripple within the cycles that grows to the end."""
-    ripple = errors.ripple
-    if ripple is None:
-        return None
-    grown = _running_away(errors, ripple, errors.floor, whole, 0.0, BLOCKS_OF_RIPPLE)
+    grown = _running_away(errors, errors.ripple, errors.floor, whole, 0.0, BLOCKS_OF_RIPPLE)
     if grown is None or grown[2] < RIPPLE * grown[1]:
         return None
     return Judged(LoopVerdict.GROWING, f"the ripple of the slip speed grows to the end, to {speed(grown[2], 3)} rms")

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop import loop_verdict as verdicts
 from tcc_sim.analysis.loop.control import CycleMeans, Steps
-from tcc_sim.analysis.loop.loop_verdict import Errors, Judged, LoopVerdict, Signal
+from tcc_sim.analysis.loop.loop_verdict import Errors, Judged, LoopCycles, LoopVerdict, Signal
 from tcc_sim.analysis.measured.engine_clock import EngineClock
 from tcc_sim.analysis.measured.stream import CyclePiece, CycleStream
 from tcc_sim.errors import InputError
@@ -128,42 +128,6 @@ class Tracking:
             why = f" ({self.verdict_why})" if self.verdict_why else ""
             raise AssertionError(f"{'; '.join(missed)}; verdict: {self.verdict or 'none'}{why}")
         return True
-
-
-class LoopCycles(NamedTuple):
-    """Observed engine cycles of a run, (n,) arrays.
-
-    starts, ends : s
-    mean, square : mean slip speed, rad/s, and mean of its square, (rad/s)^2
-    highest, lowest, stick_time : extremes of the slip speed, rad/s, and time in stick, s
-    """
-
-    starts: Floats
-    ends: Floats
-    mean: Floats
-    square: Floats
-    highest: Floats
-    lowest: Floats
-    stick_time: Floats
-
-    @property
-    def spread(self) -> Floats:
-        """Rms of the slip speed about its mean in each cycle, (n,), rad/s."""
-        return np.asarray(np.sqrt(np.maximum(self.square - self.mean**2, 0.0)))
-
-    def within(self, begin: float, end: float) -> LoopCycles:
-        """Return the cycles that end after `begin` and up to `end`, s."""
-        near = 1e-9 + 1e-6 * (end - begin)
-        rows = slice(*np.searchsorted(self.ends, [begin + min(near, 1e-7), end + near]).tolist())
-        return LoopCycles(*(column[rows] for column in self))
-
-    def means_of(self, t: Floats, values: NDArray[Any]) -> Floats:
-        """Return the means over cycles, (n,), of the values before the times t, (m,) s; NaN without any."""
-        cycle = np.searchsorted(self.starts, t - 1e-9, side="right") - 1
-        known = cycle >= 0
-        known[known] = t[known] <= self.ends[cycle[known]] + 1e-9
-        count, total = (np.bincount(cycle[known], weights, len(self.ends)) for weights in (None, values[known]))
-        return np.where(count > 0, total / np.maximum(count, 1), math.nan)
 
 
 class LoopReader:
@@ -363,7 +327,7 @@ class Loop:
         if math.isfinite(judder):
             apart += math.ceil(1.0 / frequency / float(np.median(course.ends - course.starts)))
             means = verdicts.means_without(self.slip, course.starts, course.ends, 1.0 / frequency)
-            course = course._replace(mean=np.where(np.isfinite(means), means, course.mean))
+            course = replace(course, mean=np.where(np.isfinite(means), means, course.mean))
         # The last third, of five cycles at least.
         lasts = max((end - begin) / 3.0, verdicts.SETTLED_CYCLES * float(course.ends[0] - course.starts[0]))
         tail = course.starts >= max(float(course.ends[-1]) - lasts, 0.0) - 1e-9
@@ -389,7 +353,7 @@ class Loop:
                              f"verdict needs {100.0 * OBSERVED:g} %")
             beyond = np.full(1, -math.inf)
         else:
-            verdict = self._verdict(errors, course, pressed, tail, end - begin)
+            verdict = self._verdict(errors, pressed, tail, end - begin)
             beyond = np.abs(error) if errors.step == 0.0 else error * math.copysign(1.0, errors.step)
             peak_figures = {
                 "largest_error": float(np.abs(kept).max()) if len(kept) else math.nan,
@@ -410,7 +374,7 @@ class Loop:
             verdict=verdict.verdict.value, verdict_why=verdict.why + judders + self.note, band=errors.band,
             hunting_amplitude=verdict.amplitude, hunting_period=verdict.period,
             judder_amplitude=judder, judder_frequency=frequency, lag=lag, gain=gain,
-            iae=float((np.abs(error) * length).sum()), ripple=float(np.sqrt(np.mean(course.spread**2))),
+            iae=float((np.abs(error) * length).sum()), ripple=float(np.sqrt(np.mean(errors.ripple**2))),
             stick_fraction=float(course.stick_time[known].sum() / length[known].sum()) if known.any() else math.nan,
             seconds=seconds, lost_seconds=lost if lost > 1e-9 * (last - first) else 0.0, **peak_figures, **counts)
 
@@ -502,8 +466,8 @@ class Loop:
         noise = OF_NOISE * verdicts.noise_of_means(error, apart)
         wide = (float(np.ptp(reference)) if self._turns else 0.0) if moving else abs(step)
         band = max(self.floor, SETTLED * wide, noise)
-        errors = Errors(0.5 * (course.starts + course.ends), error, reference, course.starts, course.ends, step, band,
-                        self.floor, moving, course.spread, until, noise, apart)
+        errors = Errors(**vars(course), error=error, reference=reference, step=step, band=band, floor=self.floor,
+                        moving=moving, until=until, noise=noise, apart=apart)
         first = errors.arrived
         counts = (np.arange(len(error)) >= first) | (np.abs(error) > abs(step) + band)
         counts = counts if first < len(error) else np.full(len(error), True)
@@ -530,36 +494,35 @@ class Loop:
                 "pressure_rate": math.sqrt(float(np.sum(np.diff(p) ** 2 / step[1:])) / total) if len(p) > 1 else 0.0,
                 "time_at_limit": float(step[at_limit].sum()) / total if total else math.nan}
 
-    def _verdict(self, errors: Errors, course: LoopCycles, pressed: Signal | None, tail: np.ndarray,
-                 whole: float) -> Judged:
+    def _verdict(self, errors: Errors, pressed: Signal | None, tail: np.ndarray, whole: float) -> Judged:
         if len(errors.error) < verdicts.SETTLED_CYCLES or not tail.any():
             return verdicts.loop_verdict(errors, whole)
-        if pressed is not None and (limit := self._saturated(errors, course, tail, pressed)):
+        if pressed is not None and (limit := self._saturated(errors, tail, pressed)):
             return Judged(LoopVerdict.SATURATED, limit)
-        known = np.isfinite(course.stick_time[tail])
-        stick = course.stick_time[tail][known]
+        known = np.isfinite(errors.stick_time[tail])
+        stick = errors.stick_time[tail][known]
         lasts = float((errors.ends - errors.starts)[tail][known].sum())
         share = float(stick.sum()) / lasts if lasts else 0.0
         if (not errors.moving and share >= STICKS and 2 * np.count_nonzero(stick) > len(stick)
                 and float(np.abs(errors.reference[tail]).min()) > errors.floor):
             return Judged(LoopVerdict.STICKING, f"in stick for {100.0 * share:.3g} % of the last {lasts:.3g} s")
-        if pressed is not None and (stays := self._stays(errors, course, tail, pressed)):
+        if pressed is not None and (stays := self._stays(errors, tail, pressed)):
             return Judged(LoopVerdict.OFF_TARGET, stays)
         return verdicts.loop_verdict(errors, whole)
 
-    def _saturated(self, errors: Errors, course: LoopCycles, tail: np.ndarray, pressed: Signal) -> str:
+    def _saturated(self, errors: Errors, tail: np.ndarray, pressed: Signal) -> str:
         """Return the reason for the verdict saturated; empty if the end of the segment is not.
 
         A higher pressure brings the slip speed towards 0, so that the upper limit explains a slip speed on the far side
         of the target, and the lower one a slip speed on the near side of it, or none.
         """
         error, limits = errors.error, self._used_limits
-        slips = np.abs(course.mean) > errors.floor
-        side = np.where(slips & (course.mean * error > 0.0), 1, -1) * (np.abs(error) > errors.band)
+        slips = np.abs(errors.mean) > errors.floor
+        side = np.where(slips & (errors.mean * error > 0.0), 1, -1) * (np.abs(error) > errors.band)
         if not (errors.moving or np.abs(side[tail].sum()) == np.count_nonzero(tail)):
             return ""
         for name, value, sign in (("upper", limits[1], 1), ("lower", limits[0], -1)):
-            at = course.means_of(pressed.t, _at_level(pressed.values, value, sign))[tail]
+            at = errors.means_of(pressed.t, _at_level(pressed.values, value, sign))[tail]
             held = (at >= 0.5) & (side[tail] == sign)
             if held.mean() < AT_A_LIMIT or np.mean(side[tail] == -sign) > 1.0 - OBSERVED:
                 continue
@@ -569,9 +532,9 @@ class Loop:
                     f"{'above' if error[tail][held][0] > 0.0 else 'below'} the target")
         return ""
 
-    def _stays(self, errors: Errors, course: LoopCycles, tail: np.ndarray, pressed: Signal) -> str:
+    def _stays(self, errors: Errors, tail: np.ndarray, pressed: Signal) -> str:
         """Return the reason why a pressure that stays keeps the mean off target; empty if it does not."""
-        pressure, error = course.means_of(*pressed)[tail], errors.error[tail]
+        pressure, error = errors.means_of(*pressed)[tail], errors.error[tail]
         pressure = pressure[np.isfinite(pressure)]
         if not (len(pressure) and np.ptp(pressure) <= STAYS * float(np.abs(pressure).max())
                 and ((error > errors.band).all() or (error < -errors.band).all())):
