@@ -26,21 +26,16 @@ from tcc_sim.solvers.law import sliding_at
 from tcc_sim.solvers.terms import terms_of, torques_at
 from tcc_sim.trajectory import Floats
 
-CURVE = "friction.curve"
-"""Free key of the whole curve, in place of TABULATED."""
+CURVE = "friction.curve"  # Free key of the whole curve, in place of TABULATED.
 CONSTANT = f"{CURVE}.constant"
 SHARES = tuple(f"{CURVE}.share_{j}" for j in range(1, MOST_TERMS + 1))
 RATES = tuple(f"{CURVE}.rate_{j}" for j in range(1, MOST_TERMS + 1))
-PAIRS = 2
-"""Default number of exponentials of a curve."""
-SPEEDS = 81
-"""Number of slip speeds of a curve."""
+PAIRS = 2  # Default number of exponentials of a curve.
+SPEEDS = 81  # Number of slip speeds of a curve.
 TRIED, FEWEST = 16, 40
 """Number of start rates, evenly spaced in logarithm, and least number of samples in slip for their choice."""
-STEEPEST = 1000.0
-"""Largest rate times the fastest slip speed; a faster decay lasts only a sample or two."""
-VISITS, NEAR = 8, 1.5
-"""Number of samples that visit a slip speed, and largest ratio of their speeds to it."""
+STEEPEST = 1000.0  # Largest rate times the fastest slip speed; a faster decay lasts only a sample or two.
+VISITS, NEAR = 8, 1.5  # Number of samples that visit a slip speed, and largest ratio of their speeds to it.
 LARGEST_SHARE, LEAST_SHARE, USUAL_SHARE = 20.0, 0.02, 0.1
 """Largest share; least size of a start, since the rate of a zero share has no effect; and usual size of a share."""
 

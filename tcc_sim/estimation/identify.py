@@ -392,10 +392,8 @@ def _holds(measured: Measurement, hold: str | None) -> tuple[str | None, ...]:
     return tuple(sorted(HOLDS, key=lambda each: each != first))
 
 
-WITHIN = 1.959963984540054
-"""Standard errors on either side of a 95 % interval."""
-COARSEST = 10.0 * math.pi
-"""Longest step between samples, in radians of the slipping driveline's oscillation."""
+WITHIN = 1.959963984540054  # Standard errors on either side of a 95 % interval.
+COARSEST = 10.0 * math.pi  # Longest step between samples, in radians of the slipping driveline's oscillation.
 
 
 def check_sampling(measured: Measurement, system: System) -> None:
@@ -473,10 +471,8 @@ OF_SLIP = (*(key for key in FREE if key.startswith(("friction.", "converter.")))
 """Keys without effect in stick."""
 FALLING, FALLEN = (STATIC, "friction.decay"), 1e3
 """Keys whose effect decays with slip speed, and the factor after which it counts as gone."""
-OF_NOISE = 5.0
-"""Standard deviations of noise that do not show slip."""
-BREAKAWAY = 1.5e-4
-"""Longest time between samples that resolve the fall of friction just after breakaway, s."""
+OF_NOISE = 5.0  # Standard deviations of noise that do not show slip.
+BREAKAWAY = 1.5e-4  # Longest time between samples that resolve the fall of friction just after breakaway, s.
 
 
 AT_BOUND = 1e-9

@@ -53,29 +53,20 @@ from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.trajectory import Floats
 
-MOST_SEGMENTS = 65536
-"""Most segments of a motion, over each of which an input is held."""
-LARGEST_TURN = 0.4
-"""Most of a period of the input in one segment, rad."""
-RESPONSE_ERROR = 0.01
-"""Largest relative error of a response."""
-LOWEST = 2.0
-"""Lowest default frequency, rad/s."""
-FREQUENCIES = 240
-"""Default number of frequencies, to three times the slipping mode, evenly in logarithm."""
-MOST_FREQUENCIES = 100_000
-"""Largest number of frequencies."""
+MOST_SEGMENTS = 65536  # Most segments of a motion, over each of which an input is held.
+LARGEST_TURN = 0.4  # Most of a period of the input in one segment, rad.
+RESPONSE_ERROR = 0.01  # Largest relative error of a response.
+LOWEST = 2.0  # Lowest default frequency, rad/s.
+FREQUENCIES = 240  # Default number of frequencies, to three times the slipping mode, evenly in logarithm.
+MOST_FREQUENCIES = 100_000  # Largest number of frequencies.
 Complex = NDArray[np.complex128]
 
 INPUTS = {"actuation_pressure": "Pa", "engine_torque": "N m"}
 UNEXCITED = {"engine.torque_amplitude": 0.0, "engine.harmonic_amplitudes": (), "engine.harmonic_phases": (),
              "pressure.amplitude": 0.0}
-OUTPUTS = {"slip_speed": "rad/s", "friction_torque": "N m", "shaft_torque": "N m"}
-"""Outputs with their units."""
-MOST_LATE = 512
-"""Longest tested delay of commands, ticks."""
-HIGHEST = 1000.0
-"""Largest tested factor of the gains."""
+OUTPUTS = {"slip_speed": "rad/s", "friction_torque": "N m", "shaft_torque": "N m"}  # Outputs with their units.
+MOST_LATE = 512  # Longest tested delay of commands, ticks.
+HIGHEST = 1000.0  # Largest tested factor of the gains.
 LEAST_SLIP, SLOWER, WITHIN = 0.1, 0.93, 1e-3
 """Least tested slip speed, relative to the motion's; factor from one to the next; relative error of the result."""
 

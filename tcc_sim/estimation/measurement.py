@@ -21,16 +21,11 @@ from tcc_sim.tables.sampling import in_words
 from tcc_sim.topics import FAR_END, INPUTS
 from tcc_sim.trajectory import Floats
 
-UNEVEN = 1e-3
-"""Largest deviation of a step between samples from the others, relative."""
-FEWEST_SAMPLES = 50
-"""Shortest measurement, samples."""
-MOST_SAMPLES = 1_000_000
-"""Longest measurement, samples."""
-DEAD = 1e-12
-"""A channel whose spread is below this part of its size is dead."""
-EXACT = 1e-4
-"""Precision of the real-time solver and least noise, relative to a signal's largest value."""
+UNEVEN = 1e-3  # Largest deviation of a step between samples from the others, relative.
+FEWEST_SAMPLES = 50  # Shortest measurement, samples.
+MOST_SAMPLES = 1_000_000  # Longest measurement, samples.
+DEAD = 1e-12  # A channel whose spread is below this part of its size is dead.
+EXACT = 1e-4  # Precision of the real-time solver and least noise, relative to a signal's largest value.
 
 
 @dataclass(frozen=True)

@@ -43,25 +43,20 @@ from tcc_sim.trajectory import Floats
 
 LEAST_RATIO, EQUAL = 1.0005, 1.0 + 1e-9
 """Least ratio of mu_s and mu_k while one is free, with the decay, which has no effect at 1, and without it."""
-SPARE = 1.25
-"""Sub-steps relative to those that the values need."""
+SPARE = 1.25  # Sub-steps relative to those that the values need.
 OFFSETS = {f"{name}.offset": name for name in INPUTS}
 """Free parameters besides scene keys: the offset of an input's sensor, N m or Pa."""
 FREE = ("friction.static_coefficient", "friction.kinetic_coefficient", "friction.decay", "friction.smoothing",
         "driveline.damping", "driveline.stiffness", "driveline.flywheel_inertia", "driveline.plate_inertia",
         "converter.coupling", *OFFSETS)
 """Keys that can be identified, besides friction.curve."""
-LINEAR = {*OFFSETS, *SHARES}
-"""Free parameters of either sign, whose logarithms a fit does not use."""
+LINEAR = {*OFFSETS, *SHARES}  # Free parameters of either sign, whose logarithms a fit does not use.
 CURVE_ROWS = dict(zip((*SHARES, *RATES), (*keyed.EXCESSES, *keyed.DECAYS)))
 """Rows of the derivatives for the numbers of a curve."""
-UNKNOWN = 100.0
-"""Standard error of a parameter's logarithm above which a measurement holds nothing about it."""
+UNKNOWN = 100.0  # Standard error of a parameter's logarithm above which a measurement holds nothing about it.
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
-NUDGE = 1e-4
-"""Relative change of an input for its derivatives."""
-INDEX = {"slip_speed": 0, "plate_angle": 1, "plate_speed": 2}
-"""Index of a channel in the state."""
+NUDGE = 1e-4  # Relative change of an input for its derivatives.
+INDEX = {"slip_speed": 0, "plate_angle": 1, "plate_speed": 2}  # Index of a channel in the state.
 
 
 @dataclass(frozen=True)

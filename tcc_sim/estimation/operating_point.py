@@ -28,25 +28,17 @@ from tcc_sim.solvers.terms import Terms, excitation_frequency, stick_speed_of, t
 from tcc_sim.sweeps.simulation import settled_from_start
 from tcc_sim.trajectory import Floats
 
-SEGMENTS = 512
-"""Fewest segments of a period of excitation; even, for Simpson's rule."""
-STILL_SLIP = 1e-9
-"""Slip speed of a section of the set-valued law that counts as stick, rad/s."""
-PRESSURE_FACTORS = (0.95, 2.0, 16)
-"""Lowest and highest factor of the pressure that are tried, and their number."""
-ENGINE_RTOL = 1e-10
-"""Relative tolerance of the engine."""
-CLOSED = 1e-8
-"""Largest residual of a periodic motion, natural sizes."""
-MOST_ITERATIONS = 40
-"""Most iterations of Newton's method."""
-LONGEST_RUN = 400
-"""Longest run from the initial state, periods of excitation."""
+SEGMENTS = 512  # Fewest segments of a period of excitation; even, for Simpson's rule.
+STILL_SLIP = 1e-9  # Slip speed of a section of the set-valued law that counts as stick, rad/s.
+PRESSURE_FACTORS = (0.95, 2.0, 16)  # Lowest and highest factor of the pressure that are tried, and their number.
+ENGINE_RTOL = 1e-10  # Relative tolerance of the engine.
+CLOSED = 1e-8  # Largest residual of a periodic motion, natural sizes.
+MOST_ITERATIONS = 40  # Most iterations of Newton's method.
+LONGEST_RUN = 400  # Longest run from the initial state, periods of excitation.
 PRESSURE, TORQUE = "pressure.mean", "engine.mean_torque"
 """Scene keys whose change is that of the actuation pressure and of the engine torque."""
 STATES: tuple[str, ...] = ("slip_speed", "plate_angle", "plate_speed")
-BALANCED = 1e-9
-"""Difference of torques, relative to the mean torque, that is rounding."""
+BALANCED = 1e-9  # Difference of torques, relative to the mean torque, that is rounding.
 
 
 class Carried(NamedTuple):

@@ -36,27 +36,19 @@ from tcc_sim.result import reported, result_class
 from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.trajectory import Floats
 
-LONGEST_AUTOREGRESSION = 4
-"""Longest autoregression of residuals, samples."""
-LONGEST_MEMORY = 200
-"""Longest correlation of the noise, samples."""
-LAGS = 20
-"""Correlations of the residuals of the autoregression in one test, samples."""
-ENGINE_LINES = 12
-"""Multiples of the engine's frequency that are tested in them."""
-SHORTEST_SHOWN = 4.0
-"""Shortest measurement for this test, periods of excitation."""
-UNSEEN = 4.0
-"""Standard errors up to which residuals do not show an error of a fixed key."""
-MOVED = 2.0
-"""Standard errors by which such a key must move a free one to be named."""
+LONGEST_AUTOREGRESSION = 4  # Longest autoregression of residuals, samples.
+LONGEST_MEMORY = 200  # Longest correlation of the noise, samples.
+LAGS = 20  # Correlations of the residuals of the autoregression in one test, samples.
+ENGINE_LINES = 12  # Multiples of the engine's frequency that are tested in them.
+SHORTEST_SHOWN = 4.0  # Shortest measurement for this test, periods of excitation.
+UNSEEN = 4.0  # Standard errors up to which residuals do not show an error of a fixed key.
+MOVED = 2.0  # Standard errors by which such a key must move a free one to be named.
 UNITS = {"engine_torque.offset": "N m", "actuation_pressure.offset": "Pa"}
 EMPTY, PART = 1e-12, 1e-3
 """Information about a direction of the free keys, relative to that about single ones, that is rounding; and the least
 component of a key in such a direction.
 """
-HIDDEN = 0.2
-"""Relative error of a fixed key that residuals should show."""
+HIDDEN = 0.2  # Relative error of a fixed key that residuals should show.
 
 
 @result_class

@@ -45,10 +45,8 @@ STICKS = 0.02  # Part of the end of a run in stick that counts as sticking.
 
 Limits = tuple[float, float]
 UNKNOWN: Limits = (math.nan, math.nan)
-LARGEST_BAND = 1e4
-"""Largest band, rad/s."""
-SPEEDS = (-1e5, 1e5)
-"""Smallest and largest target, rad/s."""
+LARGEST_BAND = 1e4  # Largest band, rad/s.
+SPEEDS = (-1e5, 1e5)  # Smallest and largest target, rad/s.
 
 
 @result_class

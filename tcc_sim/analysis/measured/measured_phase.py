@@ -43,16 +43,13 @@ AGREEMENT = 0.01  # Largest deviation of that line from a multiple of the excita
 
 UNITS_BY_RATIO = {30.0 / math.pi: "rpm", 0.5 / math.pi: "hz", 180.0 / math.pi: "deg/s"}
 """Units in which an engine speed may be by mistake, by the ratio of its numbers to those in rad/s."""
-MOST_POINTS = 1 << 17
-"""Largest number of points of the torque in which its strongest line is looked for."""
-_AROUND = 11
-"""Intervals of which the median is the expected one."""
+MOST_POINTS = 1 << 17  # Largest number of points of the torque in which its strongest line is looked for.
+_AROUND = 11  # Intervals of which the median is the expected one.
 _PARTS = (16, 64, 256, 1024)
 """Parts into which a signal with a drifting level is cut, where no other division gives regular pulses."""
 _SMOOTHED = 20_000
 """Largest number of edges that are smoothed: with more, a wheel has so many teeth that jitter does not matter."""
-_FINE = 8
-"""Points in an interval between two edges, between which the phase is linear."""
+_FINE = 8  # Points in an interval between two edges, between which the phase is linear.
 
 
 @dataclass(frozen=True)

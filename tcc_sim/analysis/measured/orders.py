@@ -29,12 +29,9 @@ HOP = 4  # From one window to the next, periods of excitation.
 PER_CYCLE = 64  # Points in a period of excitation after resampling.
 OF_SAMPLES = 0.45  # Highest frequency of an order, relative to that of a table's samples.
 
-HANN_LOBE = 3
-"""Columns of a spectrum over which the mean spreads: half the main lobe of Hann's window."""
-CUTS = (1.0, 2.0, 3.0, 4.0)
-"""Orders of the excitation that are drawn and listed individually."""
-LEAST = 1e-12
-"""Lower limit of amplitudes in levels."""
+HANN_LOBE = 3  # Columns of a spectrum over which the mean spreads: half the main lobe of Hann's window.
+CUTS = (1.0, 2.0, 3.0, 4.0)  # Orders of the excitation that are drawn and listed individually.
+LEAST = 1e-12  # Lower limit of amplitudes in levels.
 
 
 @result_class
@@ -358,10 +355,8 @@ def _between(order: Floats, period: int, amplitude: Floats) -> Floats:
     return np.asarray(high & (np.arange(len(order)) % period != 0) & np.isfinite(amplitude))
 
 
-SPEEDS = 5
-"""Default number of speeds within the range of a run."""
-SAME = 1e-6
-"""Relative range of a frequency that is constant."""
+SPEEDS = 5  # Default number of speeds within the range of a run.
+SAME = 1e-6  # Relative range of a frequency that is constant.
 
 
 @result_class

@@ -33,10 +33,8 @@ RECORDING_TOLERANCE = 2e-3
 DRIFTING = 5e-3  # A cycle that differs by this part of the length of the last ones belongs to no period.
 AT_THE_END = 16  # Number of these last cycles, periods of excitation.
 
-BRIDGED = -1
-"""Row of the waiting samples: 1 where a single state before is lost."""
-PART = -1
-"""Number of a part of a cycle."""
+BRIDGED = -1  # Row of the waiting samples: 1 where a single state before is lost.
+PART = -1  # Number of a part of a cycle.
 
 
 @dataclass(frozen=True)

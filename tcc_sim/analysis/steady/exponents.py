@@ -35,8 +35,7 @@ LOST = 1e-8
 """Reciprocal of a multiplier below which the pencil of several segments has lost half its digits (its error is some
 1e-16 of the largest multiplier): such multipliers are those of the product.
 """
-PAIR = 1e-9
-"""Relative difference of two multipliers that are one pair."""
+PAIR = 1e-9  # Relative difference of two multipliers that are one pair.
 
 
 def multipliers_of(*blocks: Floats) -> NDArray[np.complex128]:
@@ -109,8 +108,7 @@ class Lyapunov(Described):
 
 CONFIDENCE, BATCHES = 0.95, 20
 """Confidence of the interval of a mean growth, and means of consecutive runs of cycles that it is computed from."""
-ALIGNING = 50
-"""First engine cycles, not counted, in which the tangent vector turns to the direction of largest growth."""
+ALIGNING = 50  # First engine cycles, not counted, in which the tangent vector turns to the direction of largest growth.
 NEUTRAL = 0.02
 """Half width per cycle, in natural logarithm, up to which an interval that holds 0 counts as a zero exponent."""
 FINE, COARSE, COMPARED, TOGETHER = 1e-7, 1e-6, 4, 1000

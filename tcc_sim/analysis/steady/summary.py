@@ -581,8 +581,7 @@ def error_of_thirds(thirds: Floats) -> float:
     return math.sqrt(float(rest @ rest) / (3 * count - min(count + 1, 3)) / count)
 
 
-BATCHES = 4
-"""Most batches of a third of a run, whose means show its scatter."""
+BATCHES = 4  # Most batches of a third of a run, whose means show its scatter.
 
 
 def runaway_cause(system: System) -> str:
