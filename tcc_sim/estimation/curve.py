@@ -42,11 +42,7 @@ LARGEST_SHARE, LEAST_SHARE, USUAL_SHARE = 20.0, 0.02, 0.1
 
 @result_class
 class IdentifiedCurve:
-    """Sliding friction coefficient over slip speed from a measurement.
-
-    The band contains the whole curve over the visited slip speeds with a probability of at least 95 %. At other speeds
-    coefficient, low and high are NaN. The curve is mu(v) = constant + sum of amplitudes exp(-rates |v|).
-    """
+    """Sliding friction coefficient over slip speed from a measurement; NaN at speeds that were not visited."""
 
     slip_speeds: Floats = reported("from 0 to beyond the fastest visited", "rad/s")
     coefficient: Floats = reported("friction coefficient mu; null if not visited")

@@ -84,10 +84,7 @@ class Measurement:
         usual = float(np.median(steps))
         if usual <= 0.0:
             raise InputError(f"{self.source}: the times do not increase")
-        gaps, worst = np.flatnonzero(steps > 1.5 * usual), int(np.argmax(np.abs(steps - usual)))
-        if len(gaps):
-            raise InputError(f"{self.source} has a gap of {steps[gaps[0]]:.4g} s at {self.t[gaps[0]]:.6g} s beside "
-                             f"steps of {usual:.4g} s; identification needs evenly spaced samples")
+        worst = int(np.argmax(np.abs(steps - usual)))
         if abs(steps[worst] - usual) > UNEVEN * usual:
             raise InputError(f"{self.source} has a step of {steps[worst]:.6g} s at {self.t[worst]:.6g} s beside steps "
                              f"of {usual:.6g} s; identification needs evenly spaced samples")

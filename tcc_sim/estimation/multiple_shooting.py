@@ -372,18 +372,13 @@ class MultipleShooting:
     def first_starts(self, values: Floats) -> Floats:
         """Return starts of the windows from the measurement; other states are solved from the first sample on."""
         measured, used, system = self.model.measured, self.count * self.width, self.model.system
-        whole = np.zeros((used, 3))
-        whole[:, 0] = measured.channels["slip_speed"][:used]
-        d, rest = system.driveline, system.engine.mean_torque
-        if "plate_speed" in measured.channels:
-            whole[:, 2] = measured.channels["plate_speed"][:used]
-        if "plate_angle" in measured.channels:
-            whole[:, 1] = measured.channels["plate_angle"][:used]
-        elif "plate_speed" in measured.channels:
+        whole, twist = np.zeros((used, 3)), system.engine.mean_torque / system.driveline.stiffness
+        whole[:, self.columns] = self.data.reshape(used, -1)
+        if "plate_speed" in self.channels and "plate_angle" not in self.channels:
             angle = np.cumsum(whole[:, 2]) * measured.step
-            whole[:, 1] = angle - angle.mean() + rest / d.stiffness
-        else:
-            begin = np.array([[whole[0, 0], rest / d.stiffness, 0.0]])
+            whole[:, 1] = angle - angle.mean() + twist
+        elif "plate_angle" not in self.channels:
+            begin = np.array([[whole[0, 0], twist, 0.0]])
             whole[:, 1:] = states_of(self.model, begin, used, values, self.model.substeps(values))[0, :used, 1:]
         starts: Floats = whole[::self.width].copy()
         starts[self.stuck, 0] = 0.0
@@ -460,12 +455,9 @@ class MultipleShooting:
         largest = self.settings.largest_step
         out = self._within(values, np.where(self.logarithmic, np.clip(step, -largest, largest), step))
         keys, friction = self.model.keys, self.model.system.friction
-
-        def coefficient(key: str, fixed: float, of: Floats) -> float:
-            return float(of[keys.index(key)]) if key in keys else fixed
-
-        before, after = ((coefficient(STATIC, friction.static_coefficient, of),
-                            coefficient(KINETIC, friction.kinetic_coefficient, of)) for of in (values, out))
+        fixed = {STATIC: friction.static_coefficient, KINETIC: friction.kinetic_coefficient}
+        before, after = ([float(of[keys.index(key)]) if key in keys else value for key, value in fixed.items()]
+                         for of in (values, out))
         falls = before[0] >= before[1]
         if STATIC in keys:
             out[keys.index(STATIC)] = on_its_side(after[0], after[1], falls, least_ratio(keys))

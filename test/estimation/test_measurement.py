@@ -63,7 +63,7 @@ EARLY[40:] -= 2.1e-6
     ({"channels": {"slip_speed": np.append(SLIP[:7], [np.nan] * 53)}}, ("slip_speed", "sample 7")),
     ({"inputs": {"engine_torque": np.append(SLIP[:9], [np.inf] * 51)}}, ("engine_torque", "sample 9")),
     ({"t": np.append(T[:3], [np.nan] * 57)}, (" t ", "sample 3")), ({"t": T[::-1]}, ("increase",)),
-    ({"t": 0.0 * T}, ("increase",)), ({"t": GAP}, ("gap", "0.0031 s", "0.058 s", "0.002 s")),
+    ({"t": 0.0 * T}, ("increase",)), ({"t": GAP}, ("0.0031 s", "0.058 s", "0.002 s")),
     ({"t": LATE}, ("0.0020021 s", "0.078 s", "0.002 s")), ({"t": EARLY}, ("0.0019979 s", "0.078 s", "0.002 s")),
     ({"channels": {"slip_speed": 0.0 * T + 3.0}}, ("slip_speed", "3 rad/s", "dead")),
     ({"channels": {"slip_speed": SLIP, "plate_angle": 1e-13 * SLIP}}, ("plate_angle", "0 rad", "dead")),

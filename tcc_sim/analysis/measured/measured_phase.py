@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +75,7 @@ def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int | None 
     """Return the phase of the excitation in a table, from the first of these columns.
 
     engine_speed : of the crankshaft, rad/s, with `order` periods of the excitation in a revolution
-    tacho : signal with `pulses` rising edges in a revolution (None: 1), see `pulses_of`
+    tacho : signal with `pulses` rising edges in a revolution (None: 1)
     engine_torque : its strongest line is the excitation
 
     Raises InputError: none of these columns; more than one of `pulses` for another column than tacho; one without
@@ -93,26 +92,14 @@ def measured_phase(table: MeasuredTable, order: float = 1.0, pulses: int | None 
     t, values = table.filled(references[0])
     if len(t) < 4:
         raise InputError(f"{source}: the column {references[0]} has {counted(len(t), 'value')}; 4 or more are needed")
-    holes: Spans = np.empty((0, 2))
-    notes: list[str] = []
     if references[0] == "engine_speed":
-        t, values, holes, notes = plausible_speed(t, values, source, order)
-        turns, times = integral(values, t) * order / (2.0 * math.pi), t
+        phase = _phase_of_speed(t, values, source, order)
     elif references[0] == "tacho":
-        pulse_phase = pulses_of(t, values, pulses or 1, source)
-        turns, times = pulse_phase.counts * order / pulse_phase.per_revolution, pulse_phase.times
-        holes, notes = pulse_phase.holes, pulse_phase.notes
+        phase = _phase_of_pulses(t, values, source, order, pulses or 1)
     else:
-        tracked = _tracked(t, values)
-        if len(tracked.starts) < 2:
-            raise InputError(f"{source}: the engine torque shows no excitation of which periods could be counted"
-                             + (f" ({tracked.why})" if tracked.why else "")
-                             + f"; add the column {' or '.join(REFERENCES)}")
-        turns, times = tracked.numbers.astype(np.float64), tracked.starts
-        lost = np.flatnonzero(np.diff(tracked.numbers) > 1)
-        holes = np.stack([times[lost], times[lost + 1]], axis=1)
-    holes = merged(np.concatenate([holes, long_holes(table.holes(references[0]), turns, times)]))
-    phase = MeasuredPhase(turns, times, holes, tuple(f"{source}: {note}" for note in notes))
+        phase = _phase_of_torque(t, values, source)
+    holes = merged(np.concatenate([phase.holes, long_holes(table.holes(references[0]), phase.turns, phase.times)]))
+    phase = replace(phase, holes=holes, notes=tuple(f"{source}: {note}" for note in phase.notes))
     return phase if references[0] == "engine_torque" else _agreeing(table, phase, references[0], order, pulses or 1)
 
 
@@ -130,9 +117,19 @@ def _tracked(t: Floats, torque: Floats) -> RunPhase:
     return tracker.runs()[0]
 
 
-def plausible_speed(t: Floats, speed: Floats, source: str, order: float) -> tuple[Floats, Floats, Spans, list[str]]:
-    """Return times and values of an engine speed in its plausible rows, the stretches across which the phase is not
-    certain, and sentences on rows left out.
+def _phase_of_torque(t: Floats, torque: Floats, source: str) -> MeasuredPhase:
+    """Return the phase of the strongest line of a torque; raise InputError without one."""
+    tracked = _tracked(t, torque)
+    if len(tracked.starts) < 2:
+        raise InputError(f"{source}: the engine torque shows no excitation of which periods could be counted"
+                         + (f" ({tracked.why})" if tracked.why else "") + f"; add the column {' or '.join(REFERENCES)}")
+    lost = np.flatnonzero(np.diff(tracked.numbers) > 1)
+    return MeasuredPhase(tracked.numbers.astype(np.float64), tracked.starts,
+                         np.stack([tracked.starts[lost], tracked.starts[lost + 1]], axis=1))
+
+
+def _phase_of_speed(t: Floats, speed: Floats, source: str, order: float) -> MeasuredPhase:
+    """Return the phase by the plausible rows of an engine speed.
 
     From the longest stretch without a jump, rows count in both directions as long as they go on from the last one that
     counts. A speed that stands still while it moved before and after is left out too.
@@ -143,8 +140,6 @@ def plausible_speed(t: Floats, speed: Floats, source: str, order: float) -> tupl
         raise InputError(f"{source}: engine_speed is at most {speed.max():g} rad/s; it must be above 0")
     good = _continuous(t, speed) & ~_stuck(t, speed, order)
     bad = ~good
-    if not bad.any():
-        return t, speed, np.empty((0, 2)), []
     if bad.mean() > LOST_SPEED:
         k = int(np.flatnonzero(bad)[0])
         raise InputError(f"{source}: engine_speed jumps or stands still in {100.0 * bad.mean():.0f} % of its rows, "
@@ -157,8 +152,8 @@ def plausible_speed(t: Floats, speed: Floats, source: str, order: float) -> tupl
     sure = turned * np.minimum(0.5 * np.abs(speed[after] - speed[before]), np.maximum(
         speed[after], speed[before])) < BRIDGED_PHASE
     notes = [f"engine_speed is implausible in {counted(int(bad.sum()), 'row')}, {in_words(_spans(t, bad))}"
-             + ("; straight lines replace them" if sure.any() else "")]
-    return t[good], speed[good], spans[~sure], notes
+             + ("; straight lines replace them" if sure.any() else "")] if bad.any() else []
+    return MeasuredPhase(integral(speed[good], t[good]) * order / (2.0 * math.pi), t[good], spans[~sure], tuple(notes))
 
 
 def _spans(t: Floats, bad: NDArray[np.bool_]) -> Spans:
@@ -217,7 +212,9 @@ def _agreeing(table: MeasuredTable, phase: MeasuredPhase, name: str, order: floa
         return phase
     line = _strongest_order(table, phase, by)
     if line is None:
-        return _drifting(table, phase, name) if by == "engine_torque" else phase
+        if by == "engine_torque":
+            _check_drift(table, phase, name)
+        return phase
     frequency, tolerance, fundamental = line
     whole = round(frequency)
     if whole >= 1 and abs(frequency - whole) <= tolerance and (fundamental or whole == 1):
@@ -237,7 +234,7 @@ def _agreeing(table: MeasuredTable, phase: MeasuredPhase, name: str, order: floa
         raise InputError(f"{table.source}: {what} contradicts the torque: {says}; {hint}")
     if by == "slip_speed" and unit is None and whole >= 1 and abs(frequency - whole) <= tolerance:
         return phase
-    return MeasuredPhase(phase.turns, phase.times, phase.holes, (*phase.notes, f"{table.source}: {says}; {hint}"))
+    return replace(phase, notes=(*phase.notes, f"{table.source}: {says}; {hint}"))
 
 
 def _strongest_order(table: MeasuredTable, phase: MeasuredPhase, by: str) -> tuple[float, float, bool] | None:
@@ -273,13 +270,13 @@ def _strongest_order(table: MeasuredTable, phase: MeasuredPhase, by: str) -> tup
     return strongest, max(AGREEMENT * strongest, 1.5 / span), fundamental
 
 
-def _drifting(table: MeasuredTable, phase: MeasuredPhase, name: str) -> MeasuredPhase:
-    """Return the phase; raise InputError where the torque has a line that drifts against it."""
+def _check_drift(table: MeasuredTable, phase: MeasuredPhase, name: str) -> None:
+    """Raise InputError where the torque has a line that drifts against the phase."""
     tracked = _tracked(*table.filled("engine_torque"))
     inside = (tracked.starts >= phase.times[0]) & (tracked.starts <= phase.times[-1])
     numbers, starts = tracked.numbers[inside], tracked.starts[inside]
     if len(starts) < 32:
-        return phase
+        return
     turns = np.interp(starts, phase.times, phase.turns)
     step = len(starts) // 16
     ratios = np.diff(turns[::step]) / np.diff(numbers[::step])
@@ -287,27 +284,10 @@ def _drifting(table: MeasuredTable, phase: MeasuredPhase, name: str) -> Measured
     if high - low > 0.05 * abs(high):
         raise InputError(f"{table.source}: the phase by {name} contradicts the torque: one period of the torque's "
                          f"strongest line is {low:.4g} to {high:.4g} periods by {name}; the phase is not known")
-    return phase
 
 
-class Pulses(NamedTuple):
-    """Teeth of a wheel that have passed.
-
-    counts, times : (m,) numbers of teeth, not whole between edges, and times, s
-    per_revolution : teeth in a revolution, those that the wheel lacks included
-    holes : (k, 2) stretches in which the number of teeth is not certain, s
-    notes : sentences on what was mended
-    """
-
-    counts: Floats
-    times: Floats
-    per_revolution: int
-    holes: Spans
-    notes: list[str]
-
-
-def pulses_of(t: Floats, signal: Floats, pulses: int, source: str) -> Pulses:
-    """Return the teeth in a tacho signal.
+def _phase_of_pulses(t: Floats, signal: Floats, source: str, order: float, pulses: int) -> MeasuredPhase:
+    """Return the phase by the teeth in a tacho signal.
 
     signal : (n,) in any unit, with `pulses` rising edges in a revolution; or, for a wheel with missing teeth, with one
         longer gap in a revolution
@@ -316,7 +296,7 @@ def pulses_of(t: Floats, signal: Floats, pulses: int, source: str) -> Pulses:
     Raises InputError: fewer than two edges, too few samples between edges, more than a few implausible intervals, or a
     wheel with missing teeth that `pulses` does not describe.
     """
-    edges = edges_in(t, signal)
+    edges = _edges_in(t, signal)
     if len(edges) < 2:
         raise InputError(f"{source}: the column tacho has {counted(len(edges), 'rising edge')} between "
                          f"{signal.min():.4g} and {signal.max():.4g}; it must have 2 or more")
@@ -341,7 +321,7 @@ def pulses_of(t: Floats, signal: Floats, pulses: int, source: str) -> Pulses:
     if len(holes):
         notes.append(f"the tacho has no plausible pulses from {in_words(holes)}")
     counts, times = _smooth(whole, kept, long, notes)
-    return Pulses(counts, times, per_revolution, holes, notes)
+    return MeasuredPhase(counts * order / per_revolution, times, holes, tuple(notes))
 
 
 def _at(times: Floats) -> str:
@@ -349,7 +329,7 @@ def _at(times: Floats) -> str:
     return ", ".join(f"{x:.6g} s" for x in times[:3].tolist()) + (" and later" if len(times) > 3 else "")
 
 
-def edges_in(t: Floats, signal: Floats) -> Floats:
+def _edges_in(t: Floats, signal: Floats) -> Floats:
     """Return the times of the rising edges, at the middle of the signal's local range, with hysteresis.
 
     Levels are those of the signal around an edge, so that offset and amplitude may drift; single spikes do not count.
