@@ -34,7 +34,6 @@ from tcc_sim.model.groups import TABLE
 from tcc_sim.model.parameters import DEFAULTS as SCENE_KEYS
 from tcc_sim.model.parameters import QUANTITIES, System, unknown_key
 from tcc_sim.model.parameters import replace as changed
-from tcc_sim.model.quantity import quantity
 from tcc_sim.solvers import key_derivatives as keyed
 from tcc_sim.solvers.fixed_step_sensitivity import advance_windows
 from tcc_sim.solvers.terms import Terms, holding, least_mean_load, substeps, terms_of
@@ -89,39 +88,37 @@ class FitSettings:
     stages: tuple[Stage, ...] = (Stage(0.01, 1e-4, 1e-2, 20, 4.0), Stage(0.01, 1e-2, 1e-2, 20, 4.0),
                                  Stage(0.01, 1.0, 1e-2, 20, 4.0), Stage(0.01, 1e3, 1e-3, 20, 4.0),
                                  Stage(0.1, 1e4, 1e-2, 12, 4.0), Stage(0.1, 1e4, 1e-8, 60))
-    layer: float = quantity(0.03, "slip speed within which a start in stick is held", "rad/s")
-    joined: float = quantity(1e3, "weight above which starts in stick are not held")
-    stuck: float = quantity(4.0, "standard deviations of the noise below which the slip speed of a window's start "
-                            "counts as stick")
-    largest_step: float = quantity(0.3, "largest step of a parameter's logarithm in one iteration")
-    least_gain: float = quantity(0.03, "gain of chi-square, over chi-square per residual, at which every stage ends")
-    far: float = quantity(10.0, "chi-square per residual above which the last stage ends at gains below 1 %")
-    angle_noise: float = quantity(1e-4, "scale of a plate angle that was not measured", "rad")
+    layer: float = 0.03  # Slip speed within which a start in stick is held, rad/s.
+    joined: float = 1e3  # Weight above which starts in stick are not held.
+    stuck: float = 4.0  # Standard deviations of noise below which the slip speed of a window's start counts as stick.
+    largest_step: float = 0.3  # Largest step of a parameter's logarithm in one iteration.
+    least_gain: float = 0.03  # Gain of chi-square, over chi-square per residual, at which every stage ends.
+    far: float = 10.0  # Chi-square per residual above which the last stage ends at gains below 1 %.
+    angle_noise: float = 1e-4  # Scale of a plate angle that was not measured, rad.
 
 
 @dataclass(frozen=True)
 class Gates:
     """Limits of an acceptable fit and of an identified parameter."""
 
-    beyond: float = quantity(4.0, "largest excess of chi-square per degree of freedom over 1, in standard deviations")
-    guessed: float = quantity(3.5, "relative standard deviation of a variance of noise that was estimated from a "
-                              "signal, by the root of the samples")
-    explained: float = quantity(4.0, "largest change of a held quantity that residuals suggest, in its standard errors")
-    white: float = quantity(1e-4, "least probability of the residuals as noise")
-    gap: float = quantity(4.0, "largest gap between windows, see `multiple_shooting.Fit`")
-    relative: float = quantity(0.15, "largest standard error of an identified parameter, relative to its value")
-    negligible: float = quantity(0.01, "size of a parameter that may be 0, relative to that of a full effect, up to "
-                                 "which it has no effect")
-    correlated: float = quantity(0.99, "largest correlation with another free parameter of an identified one")
-    starts: int = quantity(5, "number of starts, the first at the given values, the others in a Sobol set around "
-                           "them")
-    work: float = quantity(1.5e8, "sub-steps times derivatives after which no other start is tried: about 15 s")
-    spread: float = quantity(0.15, "spread of that set, relative")
-    louder: float = quantity(3.0, "largest ratio of residuals that are noise to the stated noise")
-    turned: float = quantity(0.25, "largest chi-square with the sign of a column turned, relative to that without, "
-                             "that shows a wrong sign")
-    drift: float = quantity(0.15, "largest change between the first and last quarter of the phase of the data, against "
-                            "that of the fitted motion", "rad")
+    beyond: float = 4.0  # Largest excess of chi-square per degree of freedom over 1, in standard deviations.
+    guessed: float = 3.5
+    """Relative standard deviation of a variance of noise estimated from a signal, by the root of the samples."""
+    explained: float = 4.0  # Largest change of a held quantity that residuals suggest, in its standard errors.
+    white: float = 1e-4  # Least probability of the residuals as noise.
+    gap: float = 4.0  # Largest gap between windows, see `multiple_shooting.Fit`.
+    relative: float = 0.15  # Largest standard error of an identified parameter, relative to its value.
+    negligible: float = 0.01
+    """Size of a parameter that may be 0, relative to that of a full effect, up to which it has no effect."""
+    correlated: float = 0.99  # Largest correlation with another free parameter of an identified one.
+    starts: int = 5  # Number of starts, the first at the given values, the others in a Sobol set around them.
+    work: float = 1.5e8  # Sub-steps times derivatives after which no other start is tried: about 15 s.
+    spread: float = 0.15  # Spread of that set, relative.
+    louder: float = 3.0  # Largest ratio of residuals that are noise to the stated noise.
+    turned: float = 0.25
+    """Largest chi-square with the sign of a column turned, relative to that without, that shows a wrong sign."""
+    drift: float = 0.15
+    """Largest change between the first and last quarter of the data's phase against that of the fitted motion, rad."""
 
 
 def on_its_side(value: float, other: float, falls: bool | None = None, ratio: float = LEAST_RATIO) -> float:
