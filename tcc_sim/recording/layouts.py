@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
 from tcc_sim.recording.records import HEAD, MESSAGE_HEAD, Messages, windows_of
-from tcc_sim.topics import FLOAT64, FLUID_PRESSURE, JOINT_STATE
 
 MOST_LAYOUTS = 100
 """Largest number of layouts of the messages of a topic; messages of further layouts are left out."""
@@ -82,27 +81,18 @@ class Layouts:
         for names, layout in self._known:
             left = self._of(data, messages, left, names, layout, groups)
         while len(left):
-            names_of = self._new(data[messages.offset[left[0]] + MESSAGE_HEAD:][:int(messages.length[left[0]])
-                                                                                 - MESSAGE_HEAD].tobytes())
-            before = len(left)
-            if names_of is not None:
-                left = self._of(data, messages, left, *names_of, groups)
-            if len(left) == before:  # It cannot be decoded; nor can those of the same length and start.
+            begin = messages.offset[left[0]]
+            body = data[begin + MESSAGE_HEAD:begin + messages.length[left[0]]].tobytes()
+            try:
+                if len(self._known) == MOST_LAYOUTS:
+                    raise ValueError(f"they have more than {MOST_LAYOUTS} layouts")
+                self._known.append(cdr.layout_of(body, self.type, self.fields, self.joints))
+                left = self._of(data, messages, left, *self._known[-1], groups)
+            except ValueError as error:
+                self.why = self.why or str(error)
                 self.refused += 1
                 left = left[1:]
         return groups
-
-    def _new(self, data: bytes) -> tuple[tuple[str, ...], cdr.Layout] | None:
-        """Return the layout of a message and keep it; None if there is none, or there are too many."""
-        if len(self._known) >= MOST_LAYOUTS or self.type not in (FLOAT64, FLUID_PRESSURE, JOINT_STATE):
-            return None
-        try:
-            made = cdr.layout_of(data, self.type, self.fields, self.joints)
-        except (ValueError, UnicodeError) as error:
-            self.why = self.why or str(error)
-            return None
-        self._known.append(made)
-        return made
 
     def _of(self, data: NDArray[np.uint8], messages: Messages, left: Positions, names: tuple[str, ...],
             layout: cdr.Layout, groups: list[Decoded]) -> Positions:
