@@ -132,9 +132,7 @@ def table_in(path: Path, needed: Sequence[str] = (), most: int = MOST_ROWS,
     stacked = np.stack([values for name, values in arrays.items() if name != TIME] or [arrays[TIME]])
     before, after = stacked[:, :-1], stacked[:, 1:]
     same = np.append(False, ((before == after) | (np.isnan(before) & np.isnan(after))).all(axis=0))
-    ordered = rows_in_order(arrays[TIME], same)
-    if isinstance(ordered, str):
-        raise InputError(f"{path}: column {TIME}: {ordered}")
+    ordered = rows_in_order(arrays[TIME], same, f"{path}: column {TIME}")
     arrays = {name: values[ordered.rows] for name, values in arrays.items()}
     arrays[TIME] = ordered.t
     arrays, flaws = without_flaws(arrays, ordered.t, str(path))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.errors import counted
+from tcc_sim.errors import InputError, counted
 from tcc_sim.trajectory import Floats
 
 Spans = Floats
@@ -103,16 +103,13 @@ def in_words(spans: Spans, most: int = 5) -> str:
     return shown + (f" and {len(spans) - most} more" if len(spans) > most else "")
 
 
-def rows_in_order(t: Floats, same: NDArray[np.bool_]) -> Ordered | str:
-    """Return the rows in the order of time, or a sentence why there is no such order, from finite times (n,), s, and
-    whether each row has the values of the row before (n,).
+def rows_in_order(t: Floats, same: NDArray[np.bool_], where: str) -> Ordered:
+    """Return the rows in the order of time, from finite times (n,), s, and whether each row has the values of the row
+    before (n,); InputError, which begins with `where`, if there is no such order.
     """
     rows, said = np.arange(len(t)), []
     if (np.diff(t) < 0.0).any():
-        ordered = _sorted(t)
-        if isinstance(ordered, str):
-            return ordered
-        rows, sentence = ordered
+        rows, sentence = _sorted(t, where)
         said.append(sentence)
         t, same = t[rows], same[rows] & (np.diff(rows, prepend=-2) == 1)
     repeated = np.concatenate([[False], np.diff(t) == 0.0])
@@ -122,16 +119,13 @@ def rows_in_order(t: Floats, same: NDArray[np.bool_]) -> Ordered | str:
         keep = ~(repeated & same)
         rows, t, repeated = rows[keep], t[keep], repeated[keep]
     if repeated.any():
-        spread = _spread(t, repeated)
-        if isinstance(spread, str):
-            return spread
-        t, sentence = spread
+        t, sentence = _spread(t, repeated, where)
         said.append(sentence)
     return Ordered(rows, t, said)
 
 
-def _sorted(t: Floats) -> tuple[NDArray[np.int64], str] | str:
-    """Return the numbers of the rows of one run in the order of time, with a sentence; or why there is none."""
+def _sorted(t: Floats, where: str) -> tuple[NDArray[np.int64], str]:
+    """Return the numbers of the rows of one run in the order of time, with a sentence."""
     cuts = np.flatnonzero(np.diff(t) < 0.0) + 1
     order = np.argsort(t, kind="stable")
     steps, forward = np.diff(t[order]), np.diff(t)
@@ -142,16 +136,17 @@ def _sorted(t: Floats) -> tuple[NDArray[np.int64], str] | str:
         return order, f"{counted(len(cuts), 'row')} came before an earlier one in time; the rows were sorted by time"
     starts, ends = np.concatenate([[0], cuts]), np.concatenate([cuts, [len(t)]])
     if len(starts) > _MOST_RUNS:
-        return f"the times go back {len(cuts)} times, and sorting them gives no single run; export one run"
+        raise InputError(f"{where}: the times go back {len(cuts)} times, and sorting them gives no single run; export "
+                         "one run")
     longest = int(np.argmax(ends - starts))
     a, b = int(starts[longest]), int(ends[longest])
-    where = f"the times start again {counted(len(cuts), 'time')} (first after row {cuts[0]})"
-    return np.arange(a, b), (f"{where}: only the longest of {len(starts)} runs is used, rows {a + 1} to {b}, "
-                             f"{t[a]:.6g} to {t[b - 1]:.6g} s")
+    return np.arange(a, b), (f"the times start again {counted(len(cuts), 'time')} (first after row {cuts[0]}): only "
+                             f"the longest of {len(starts)} runs is used, rows {a + 1} to {b}, {t[a]:.6g} to "
+                             f"{t[b - 1]:.6g} s")
 
 
-def _spread(t: Floats, repeated: NDArray[np.bool_]) -> tuple[Floats, str] | str:
-    """Return times that increase in place of repeated ones, with a sentence; or why they cannot be told."""
+def _spread(t: Floats, repeated: NDArray[np.bool_], where: str) -> tuple[Floats, str]:
+    """Return times that increase in place of repeated ones, with a sentence."""
     count, steps = int(repeated.sum()), np.diff(t)
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     if count <= _REPEATED * len(t):
@@ -160,8 +155,8 @@ def _spread(t: Floats, repeated: NDArray[np.bool_]) -> tuple[Floats, str] | str:
             after = out[k + 1] if k + 1 < len(t) else out[k] + 2.0 * usual
             before = out[k - 1]
             if abs(after - before - 2.0 * usual) > 0.5 * usual:
-                return (f"row {k + 1} repeats the time {t[k]:.9g} s of the row before with other values, and the row "
-                        f"after it is {after - before:.3g} s later; remove one of the two")
+                raise InputError(f"{where}: row {k + 1} repeats the time {t[k]:.9g} s of the row before with other "
+                                 f"values, and the row after it is {after - before:.3g} s later; remove one of the two")
             out[k] = 0.5 * (before + after)
         return out, (f"{counted(count, 'row')} repeated the time of the row before; each was placed between its "
                      "neighbours")
@@ -173,5 +168,5 @@ def _spread(t: Floats, repeated: NDArray[np.bool_]) -> tuple[Floats, str] | str:
     if usual and np.abs(t - even).max() <= 1.05 * usual:
         return even, (f"{count} of {len(t)} rows repeat the time of the row before, because it is written in steps of "
                       f"{usual:.3g} s; even steps of {slope:.6g} s replace them")
-    return (f"{count} of {len(t)} rows repeat the time of the row before, so that their times are not known; export "
-            "the time with more digits")
+    raise InputError(f"{where}: {count} of {len(t)} rows repeat the time of the row before, so that their times are "
+                     "not known; export the time with more digits")
