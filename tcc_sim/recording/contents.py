@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
@@ -166,87 +166,80 @@ class Contents:
             raise ValueError(name)
 
 
-Skip = Callable[[Iterable[int]], bool]
-"""Function of the channels of a chunk: whether no message of them is wanted."""
-
-
-class Packed(NamedTuple):
-    """A chunk with its index records; or messages outside chunks, joined into one (`loose`)."""
-
-    record: McapRecord
-    indexes: list[bytes]
-    loose: bytes | None = None
-
-
-def chunks(stream: RecordStream, skip: Skip, skipped: Counter[int]) -> Iterator[Packed]:
-    """Iterate over the chunks of which some messages are wanted; `skipped` counts those in others by channel."""
-    chunk: McapRecord | None = None
-    indexes: list[bytes] = []
-    loose = bytearray()
-
-    def ended() -> Iterator[Packed]:
-        counts = records.indexed(indexes)
-        if chunk is not None and counts and skip(counts):
-            skipped.update(counts)
-        elif chunk is not None:
-            yield Packed(chunk, indexes)
-
-    for record in stream:
-        if record.opcode == Opcode.MESSAGE_INDEX:
-            indexes.append(record.body)
-            continue
-        yield from ended()
-        chunk, indexes = None, []
-        if record.opcode == Opcode.CHUNK and record.body[16:24] != bytes(8):  # It has bytes.
-            chunk = record
-        elif record.opcode == Opcode.MESSAGE:
-            if skip([channel := int.from_bytes(record.body[:2], "little")]):
-                skipped[channel] += 1
-                continue
-            try:
-                body = stream.read(record)
-            except DamagedChunk as error:
-                stream.warnings.place(f"the message at byte {record.offset} is left out: {error}")
-                continue
-            loose += _MESSAGE.pack(record.opcode, len(body)) + body
-            if len(loose) > _UNCHUNKED:
-                yield Packed(record, [], bytes(loose))
-                loose.clear()
-    yield from ended()
-    if loose:
-        yield Packed(McapRecord(Opcode.MESSAGE, 0, 0, b""), [], bytes(loose))
-
-
 class Batch(NamedTuple):
-    """Messages of a chunk: its unpacked bytes, the positions of the messages, whether they have a checksum, and the
-    numbers of all messages of the chunk by channel.
-    """
+    """Messages of a chunk: its unpacked bytes, the positions of the messages, and whether they have a checksum."""
 
     data: bytes
     messages: records.Messages
     checked: bool
-    counts: dict[int, int]
 
 
-def unpack(stream: RecordStream, packed: Packed, contents: Contents, expansion: records.Expansion, skip: Skip) -> Batch:
-    """Return the messages of a chunk; put its schemas and channels into `contents`; DamagedChunk if it cannot be used.
+def batches(stream: RecordStream, contents: Contents, wants: Callable[[Channel], bool], seen: Counter[int]
+            ) -> Iterator[Batch]:
+    """Iterate over the chunks with messages of wanted channels, or of channels that are not described, and over such
+    messages outside chunks, joined; leave damaged ones out with a warning.
+
+    Schemas and channels in the chunks go into `contents`; `seen` receives the numbers of all messages by channel.
     """
-    checked = packed.loose is None
-    if packed.loose is not None:
-        data = packed.loose
-    else:
-        body = stream.read(packed.record)
-        checked = body[24:28] != bytes(4)
-        data = records.unpack_chunk(body, expansion)
-    messages = records.find_messages(data, packed.indexes)
-    for opcode, offset, length in messages.others:
-        if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            contents.add(opcode, data[offset:offset + length], checked=True)
-    numbers, inverse, counts = np.unique(messages.channel, return_inverse=True, return_counts=True)
-    mine = np.array([not skip([number]) for number in numbers.tolist()], np.bool_)[inverse]
-    expansion.take(int(messages.length[mine].sum()))
-    data, messages = records.uncompressed(data, messages, mine, expansion)
-    return Batch(data, messages, checked, dict(zip(numbers.tolist(), counts.tolist())))
+    good, bad, loose, expansion = 0, 0, bytearray(), records.Expansion(contents.size)
+
+    def wanted(channel: int) -> bool:
+        return channel not in contents.channels or wants(contents.channels[channel])
+
+    for record, indexes in _with_indexes(stream):
+        counts = (records.indexed(indexes) if record.opcode == Opcode.CHUNK
+                  else {int.from_bytes(record.body[:2], "little"): 1} if record.opcode == Opcode.MESSAGE else {})
+        if counts and not any(map(wanted, counts)):
+            seen.update(counts)
+            continue
+        packed = record.opcode == Opcode.CHUNK
+        try:
+            body = stream.read(record)
+            if record.opcode == Opcode.MESSAGE:
+                loose += _MESSAGE.pack(record.opcode, len(body)) + body
+                if len(loose) <= _UNCHUNKED:
+                    continue
+            if packed:
+                data = records.unpack_chunk(body, expansion)
+            else:
+                data, loose = bytes(loose), bytearray()
+            messages = records.find_messages(data, indexes)
+            for opcode, offset, length in messages.others:
+                if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    contents.add(opcode, data[offset:offset + length], checked=True)
+            numbers, inverse, found = np.unique(messages.channel, return_inverse=True, return_counts=True)
+            mine = np.array(list(map(wanted, numbers.tolist())), np.bool_)[inverse]
+            expansion.take(int(messages.length[mine].sum()))
+            checked = packed and body[24:28] != bytes(4)
+            batch = Batch(*records.uncompressed(data, messages, mine, expansion), checked)
+        except DamagedChunk as error:
+            bad += 1
+            if bad > good + MOST_DAMAGED:
+                stream.warnings.append(f"nothing is read from byte {record.offset} on: {bad} chunks are damaged")
+                return
+            what = "chunk" if packed else "message"
+            stream.warnings.place(f"the {what} at byte {record.offset} is left out: {error}")
+            continue
+        good += 1
+        seen.update(dict(zip(numbers.tolist(), found.tolist())))
+        if len(numbers):
+            yield batch
+
+
+def _with_indexes(stream: RecordStream) -> Iterator[tuple[McapRecord, list[bytes]]]:
+    """Iterate over chunks with bytes, each with its index records, messages outside chunks, and a last empty record."""
+    held: McapRecord | None = None
+    indexes: list[bytes] = []
+    for record in stream:
+        if record.opcode == Opcode.MESSAGE_INDEX:
+            indexes.append(record.body)
+            continue
+        if held is not None:
+            yield held, indexes
+        filled = record.opcode == Opcode.MESSAGE or (record.opcode == Opcode.CHUNK and record.body[16:24] != bytes(8))
+        held, indexes = record if filled else None, []
+    yield from [(held, indexes)] if held is not None else []
+    yield McapRecord(Opcode.DATA_END, 0, 0, b""), []
 
 
 def together(one: dict[str, Any] | None, other: dict[str, Any] | None) -> dict[str, Any] | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,11 @@ from tcc_sim.messages import held
 from tcc_sim.recording.announcements import SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.columns import Columns, JointStates
 from tcc_sim.recording.commands import COMMANDS, SIGNALS, SOURCE, Commands
-from tcc_sim.recording.contents import CDR, MOST_DAMAGED, Batch, Channel, Contents, chunks, together, unpack
+from tcc_sim.recording.contents import CDR, Batch, Channel, Contents, batches, together
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import Collected, Decoded, Layouts
 from tcc_sim.recording.parts import Parts, numbers_of, opened, parts_of
-from tcc_sim.recording.records import DamagedChunk, Expansion, Messages, RecordStream, Warnings
+from tcc_sim.recording.records import Messages, RecordStream, Warnings
 from tcc_sim.recording.runs import BEAT, commands_held, keyed_runs, received_of, unkeyed_runs
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.recording.window import Window
@@ -313,31 +313,12 @@ class Run:
     def _batches_of(self, path: Path, wants: Callable[[Channel], bool]) -> Iterator[tuple[Batch, dict[int, Channel]]]:
         known = self._contents[path]
         contents = Contents(channels=dict(known.channels), schemas=dict(known.schemas), damaged=known.damaged,
-                            passed_over=known.passed_over, recovered=known.recovered)
-        seen, unchecked, good, bad = Counter[int](), False, 0, 0
-
-        def skip(channels: Iterable[int]) -> bool:
-            return all(number in contents.channels and not wants(contents.channels[number]) for number in channels)
-
+                            passed_over=known.passed_over, recovered=known.recovered, size=known.size)
+        seen, unchecked = Counter[int](), False
         with opened(path) as file:
-            stream = RecordStream(file, warnings=self.warnings)
-            expansion = Expansion(file.seek(0, os.SEEK_END))
-            for packed in chunks(stream, skip, seen):
-                try:
-                    batch = unpack(stream, packed, contents, expansion, skip)
-                    good += 1
-                except DamagedChunk as error:
-                    bad += 1
-                    if bad > good + MOST_DAMAGED:
-                        self.warnings.append(f"nothing is read from byte {packed.record.offset} on: {bad} chunks are "
-                                             "damaged")
-                        break
-                    self.warnings.place(f"the chunk at byte {packed.record.offset} is left out: {error}")
-                    continue
-                if len(batch.messages.channel):
-                    unchecked = unchecked or not batch.checked
-                    seen.update(batch.counts)
-                    yield batch, contents.channels
+            for batch in batches(RecordStream(file, warnings=self.warnings), contents, wants, seen):
+                unchecked = unchecked or not batch.checked
+                yield batch, contents.channels
         known.channels = {**contents.channels, **known.channels}
         for channel, row in contents.channels.items():
             self.messages[row.topic] = self.messages.get(row.topic, 0) + seen[channel]
