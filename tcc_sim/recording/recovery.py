@@ -51,14 +51,18 @@ def recover(run: Run, directory: Path) -> Recovery:
     try:
         for scene in run.recorded_scenes:
             bag.describe(scene.text, scene.version, scene.log_ns)
-        channels, profiles = dict[tuple[str, str, str], int](), _Profiles()
+        channels, profiles = dict[tuple[str, str, str], int](), dict[str, list[dict[str, Any]]]()
 
         def channel_of(channel: Channel) -> int:
             key = (channel.topic, channel.type, channel.publisher)
             if key not in channels:
                 schema = Definition(channel.definition, channel.metadata.get("topic_type_hash", ""))
-                channels[key] = bag.channel(channel.topic, channel.type, profiles.of(channel), schema,
-                                            channel.publisher, channel.metadata.get(ROW_KEY, ""))
+                text = channel.metadata.get("offered_qos_profiles", "")[:_LONGEST_PROFILES]
+                if text not in profiles:
+                    known = sum(map(len, profiles)) + len(text) <= _LONGEST_ALL_PROFILES
+                    profiles[text] = _parsed(text if known else "")
+                channels[key] = bag.channel(channel.topic, channel.type, profiles[text], schema, channel.publisher,
+                                            channel.metadata.get(ROW_KEY, ""))
             return channels[key]
 
         copy_messages(run, bag, channel_of)
@@ -87,22 +91,6 @@ def copy_messages(run: Run, bag: BagWriter, channel_of: Callable[[Channel], int 
                 bag.write(number, log_ns, publish_ns, data[offset + MESSAGE_HEAD:offset + length], sequence)
 
     run.tapped(copy)
-
-
-class _Profiles:
-    """Quality of service of channels, of which only so much is parsed."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, list[dict[str, Any]]] = {}
-        self._parsed = 0
-
-    def of(self, channel: Channel) -> list[dict[str, Any]]:
-        """Return the quality of service of a channel."""
-        text = channel.metadata.get("offered_qos_profiles", "")[:_LONGEST_PROFILES]
-        if text not in self._known:
-            self._parsed += len(text)
-            self._known[text] = _parsed(text if self._parsed <= _LONGEST_ALL_PROFILES else "")
-        return self._known[text]
 
 
 def _parsed(text: str) -> list[dict[str, Any]]:
