@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -86,12 +87,17 @@ class Timeline(Columns):
         changes = []
         for index, number in self.places:
             if number:
-                try:
-                    changes.append((index, parse_scene(self.scenes[number].parameters, self.scene.name),
-                                    self.scenes[number].origin))
-                except InputError:  # The verification reports this error.
-                    continue
+                with suppress(InputError):  # The verification reports this error.
+                    changes.append((index, *self.scene_of(number)))
         return changes
+
+    def scene_of(self, number: int) -> tuple[Scene, Origin]:
+        """Return the scene with this number and the origin of its phases, the first one where there is none; InputError
+        if it cannot be read.
+        """
+        if number >= len(self.scenes):
+            return self.scene, START
+        return parse_scene(self.scenes[number].parameters, self.scene.name), self.scenes[number].origin
 
     def scene_at(self, index: int) -> Scene:
         """Return the scene that applies to a state."""
@@ -103,14 +109,6 @@ class Timeline(Columns):
         later = [number for index, number in self.places if states.index < index < states.index + len(states)]
         return {self.scenes[number].parameters for number in (*first, *later)}
 
-    def systems_of(self, states: JointStates) -> list[tuple[float, System, Origin]]:
-        """Return the time from which each system of a run holds, s, the system, and the origin of its phases."""
-        first = next((origin for at, _, origin in reversed(self.changes) if at <= states.index),
-                     self.scenes[0].origin if self.scenes else START)
-        return [(float(states.stamp_ns[0]) * 1e-9, self.scene_at(states.index).system, first),
-                *((float(states.stamp_ns[at - states.index]) * 1e-9, scene.system, origin)
-                  for at, scene, origin in self.changes if states.index < at < states.index + len(states))]
-
     def load_of(self, states: JointStates) -> Floats:
         """Return the saturation torque at the states of a run, (n,), N m, from the applied pressure or from the scenes;
         NaN if neither is known.
@@ -120,23 +118,27 @@ class Timeline(Columns):
             return per_pressure * (math.nan if states.applied_pressure is None else states.applied_pressure)
         t = states.stamp_ns.astype(np.float64) * 1e-9
         return np.concatenate([np.broadcast_to(torques_at(terms_from(system, origin), t[rows])[1], t[rows].shape)
-                               for rows, system, origin in self._parts(states)])
+                               for rows, system, origin in self.parts_of(states)])
 
     def along(self, states: JointStates, quantity: Callable[[System], float]) -> Floats:
         """Return a quantity of the system at each state of a run, (n,)."""
         return np.concatenate([np.full(rows.stop - rows.start, quantity(system))
-                               for rows, system, _ in self._parts(states)])
+                               for rows, system, _ in self.parts_of(states)])
 
     def feed(self, stream: CycleStream, states: JointStates) -> list[CyclePiece]:
         """Feed states to a stream with the systems that held at them, and return the completed cycles."""
-        return [piece for rows, system, _ in self._parts(states) for piece in stream.feed_states(states[rows], system)]
+        return [piece for rows, system, _ in self.parts_of(states)
+                for piece in stream.feed_states(states[rows], system)]
 
-    def _parts(self, states: JointStates) -> Iterator[tuple[slice, System, Origin]]:
-        """Iterate over the parts of a run with one system each."""
-        systems, stamps = self.systems_of(states), states.stamp_ns.astype(np.float64) * 1e-9
-        cuts = [0, *(int(np.searchsorted(stamps, since)) for since, *_ in systems[1:]), len(states)]
-        for (_, system, origin), begin, end in zip(systems, cuts, cuts[1:]):
-            yield slice(begin, end), system, origin
+    def parts_of(self, states: JointStates) -> list[tuple[slice, System, Origin]]:
+        """Return the parts of a run with one system each: rows, system, and origin of its phases."""
+        first = next((origin for at, _, origin in reversed(self.changes) if at <= states.index),
+                     self.scenes[0].origin if self.scenes else START)
+        parts = [(0, self.scene_at(states.index).system, first),
+                 *((at - states.index, scene.system, origin) for at, scene, origin in self.changes
+                   if states.index < at < states.index + len(states))]
+        return [(slice(begin, end), system, origin)
+                for (begin, system, origin), end in zip(parts, [*(at for at, *_ in parts[1:]), len(states)])]
 
     @property
     def longest(self) -> JointStates:
@@ -235,7 +237,8 @@ def slip_between_gaps(states: JointStates, tick: int) -> Iterator[tuple[bool, Fl
 def trajectory_of(line: Timeline, states: JointStates, system: System, clock: EngineClock, run: Run) -> Trajectory:
     """Return the states of one run with every value as a Trajectory without cycles; `system` holds at its begin."""
     load, stick_speed = line.load_of(states), line.along(states, lambda held: stick_speed_of(terms_of(held)))
-    systems = (float(states.stamp_ns[0]) * 1e-9, system), *(place[:2] for place in line.systems_of(states)[1:])
+    systems = (float(states.stamp_ns[0]) * 1e-9, system), *((float(states.stamp_ns[rows.start]) * 1e-9, later)
+                                                            for rows, later, _ in line.parts_of(states)[1:])
     states, load, stick_speed = states[states.known], load[states.known], stick_speed[states.known]
     far = far_columns(states)
     slip_speed = states.flywheel_speed - states.plate_speed

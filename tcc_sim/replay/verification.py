@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from tcc_sim.compiling.compiled import Kernel
 from tcc_sim.errors import InputError, counted
-from tcc_sim.model.profile import START, Origin
+from tcc_sim.model.profile import START
 from tcc_sim.recording.columns import BLOCK, JointStates
 from tcc_sim.recording.stamps import Break
 from tcc_sim.replay.applied import inputs_of_ticks
 from tcc_sim.replay.result import STEP_TOLERANCE, Verification
 from tcc_sim.replay.timeline import Timeline
-from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.fixed_step import Stepper, course, tick
 from tcc_sim.solvers.terms import Terms, for_ticks, holding, substeps, terms_from
 from tcc_sim.topics import INPUTS, topic
@@ -77,7 +76,6 @@ class _Verifier:
         self._absent = np.isin(COLUMNS, line.absent)
         self._work = self._work_limit = SMALLEST_WORK + WORK_PER_BYTE * size
         self._gap_work = self._work_limit // 2
-        self._scenes: dict[int, tuple[Scene, Origin]] = {}
         self._largest = np.zeros(len(COLUMNS))
         self._states_compared = self._exactly = self._leapt = 0
         self.solved = self.unknown = 0
@@ -114,16 +112,6 @@ class _Verifier:
             detail += f"; not recorded, so not compared: {', '.join(self.line.absent)}"
         verified = self._first is None and self.solved > 0 and not self.unknown and self.broken is None
         return Verification(verified, largest, self._states_compared, self.solved, self._exactly, self._first, detail)
-
-    def scene(self, number: int) -> tuple[Scene, Origin]:
-        """Return the scene with this number and the origin of its phases; the first one where there is none."""
-        if number >= len(self.line.scenes):
-            return self.line.scene, START
-        if number not in self._scenes:
-            record = self.line.scenes[number]
-            # Only the latest: a recording may hold many.
-            self._scenes = {number: (parse_scene(record.text, self.line.scene.name), record.origin)}
-        return self._scenes[number]
 
     def bridged(self, cost: int) -> bool:
         """Return whether the work that is left suffices for the ticks of a gap, and subtract it."""
@@ -166,13 +154,13 @@ class _Run:
         while later < len(places) and places[later][0] == states.index and (
                 scenes[places[later][1]].first_stamp_ns <= first):
             later += 1
-        scene, origin = verifier.scene(places[later - 1][1] if later else 0)
+        scene, origin = verifier.line.scene_of(places[later - 1][1] if later else 0)
         self._step, pressure = 1.0 / scene.operation.rate, scene.system.pressure
         self._stepper = Stepper(scene.system, self._step)
         self._ticks = self._numbers(scene.operation.rate)
         made = {-1: (scene, START if first == 0 else origin)}
         for begin, number in self._changed(places[later:], 1e9 / scene.operation.rate).items():
-            made[begin] = verifier.scene(number)
+            made[begin] = verifier.line.scene_of(number)
         self._changes = list(made)
         self._terms = [terms_from(scene.system, origin) for scene, origin in made.values()]
         self._per_pressure = [scene.system.torque_per_pressure for scene, _ in made.values()]
