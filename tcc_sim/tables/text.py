@@ -9,6 +9,7 @@ from array import array
 from codecs import getincrementaldecoder
 from collections.abc import Iterator, Sequence
 from datetime import date
+from functools import partial
 from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
@@ -123,10 +124,6 @@ def text_contents(path: Path, known: Sequence[str]) -> FileColumns:
     line is that of the names. Raise InputError if the columns cannot be recognised.
     """
     layout, hold = _layout_of(path, {name.lower() for name in known})
-
-    def numbers(chosen: Sequence[int], time: int | None, most: int) -> tuple[list[Floats], list[str]]:
-        return _numbers_of(path, layout, chosen, time, most)
-
     notes = []
     if layout.delimiter != ",":
         notes.append(DELIMITERS[layout.delimiter])
@@ -134,7 +131,7 @@ def text_contents(path: Path, known: Sequence[str]) -> FileColumns:
         notes.append(layout.encoding.upper())
     if layout.preamble:
         notes.append(f"{counted(layout.preamble, 'line')} before the names")
-    return FileColumns(layout.names, layout.units, numbers, notes, hold)
+    return FileColumns(layout.names, layout.units, partial(_numbers_of, path, layout), notes, hold)
 
 
 def encoding_of(path: Path) -> str:
