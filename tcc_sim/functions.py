@@ -244,7 +244,7 @@ def analysis(recording: str | Path | Recording, *, scene: str | None = None, run
     """
     from tcc_sim.analysis.measured.orders import orders_of, spectrum_of
     from tcc_sim.analysis.measured.signals import run_signals
-    from tcc_sim.recording.window import Window
+    from tcc_sim.recording.columns import Window
     from tcc_sim.replay.measured import analyse_table
     from tcc_sim.replay.recorded import Recording, read
     from tcc_sim.replay.replay import replay

@@ -132,7 +132,7 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
     """Replay the asked time of the recording into analysis.json, run.rrd and overview.png, and print the summary."""
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document
-    from tcc_sim.recording.window import Window
+    from tcc_sim.recording.columns import Window
     from tcc_sim.replay.replay import replay
 
     result = replay(recording, rrd=None if "rerun" in missing else directory / "run.rrd", progress=True,

@@ -16,7 +16,7 @@ from tcc_sim import topics
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import held
 from tcc_sim.recording.announcements import SceneRecord, simulation_ns, zeros_of
-from tcc_sim.recording.columns import Columns, JointStates
+from tcc_sim.recording.columns import Columns, JointStates, Window
 from tcc_sim.recording.commands import COMMANDS, SIGNALS, SOURCE, Commands
 from tcc_sim.recording.contents import CDR, Batch, Channel, Contents, batches, together
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
@@ -25,7 +25,6 @@ from tcc_sim.recording.parts import Parts, numbers_of, opened, parts_of
 from tcc_sim.recording.records import Messages, RecordStream, Warnings
 from tcc_sim.recording.runs import BEAT, commands_held, keyed_runs, received_of, unkeyed_runs
 from tcc_sim.recording.stamps import StampCounter
-from tcc_sim.recording.window import Window
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, INPUTS, JOINT_STATE, LIMITS, SHAFT, TARGET
 
 _TOPICS_OF_DRIVELINE = {*(row.name for row in topics.stamped()), SOURCE, SHAFT}

@@ -17,7 +17,7 @@ from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.model.profile import Inputs, lines_through, smooth_corners
 from tcc_sim.model.quantity import Quantity
-from tcc_sim.recording.window import Window
+from tcc_sim.recording.columns import Window
 from tcc_sim.replay.applied import applied_inputs
 from tcc_sim.replay.recorded import Recording, read
 from tcc_sim.replay.timeline import far_columns

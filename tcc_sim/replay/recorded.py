@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.loop.control import Control
 from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.errors import InputError, counted, require
+from tcc_sim.recording.columns import Window
 from tcc_sim.recording.commands import COMMANDS
 from tcc_sim.recording.drivelines import RecordedDriveline
 from tcc_sim.recording.reader import TooManyStates, open_run
-from tcc_sim.recording.window import Window
 from tcc_sim.replay.control import signals_of
 from tcc_sim.replay.segments import Segment, segments_of
 from tcc_sim.replay.timeline import Timeline, timeline_of, trajectory_of

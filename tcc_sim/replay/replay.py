@@ -22,9 +22,8 @@ from tcc_sim.errors import InputError, counted, printable
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
 from tcc_sim.recording.announcements import LATE_SHARE, MOST_SCENES
-from tcc_sim.recording.columns import JointStates
+from tcc_sim.recording.columns import JointStates, Window
 from tcc_sim.recording.commands import LATE
-from tcc_sim.recording.window import Window
 from tcc_sim.replay.control import signals_of
 from tcc_sim.replay.inputs import age_of, command_notes, held_input
 from tcc_sim.replay.recorded import Recording

@@ -20,10 +20,9 @@ from tcc_sim.model.equations import accelerations, linear_of
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import START, Origin
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord
-from tcc_sim.recording.columns import Columns, Commanded, JointStates
+from tcc_sim.recording.columns import Columns, Commanded, JointStates, Window
 from tcc_sim.recording.reader import Run
 from tcc_sim.recording.runs import placed, placed_by_run
-from tcc_sim.recording.window import Window
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_from, terms_of, torques_at
 from tcc_sim.topics import TARGET, topic

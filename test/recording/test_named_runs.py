@@ -25,8 +25,8 @@ from tcc_sim.messages.held import SIZE, held_message
 from tcc_sim.plant.driveline import Plant
 from tcc_sim.recording.announcements import holding_from
 from tcc_sim.recording.bag import BagWriter
+from tcc_sim.recording.columns import Window
 from tcc_sim.recording.reader import BYTES_A_STATE
-from tcc_sim.recording.window import Window
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import Scene, load_scene
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, JOINT_STATE, STRING

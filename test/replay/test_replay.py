@@ -11,8 +11,8 @@ from interpreter import python, rerun_rows
 
 from tcc_sim import plot
 from tcc_sim.errors import InputError
+from tcc_sim.recording.columns import Window
 from tcc_sim.recording.reader import BYTES_A_STATE
-from tcc_sim.recording.window import Window
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import TAIL_CYCLES, replay
 from tcc_sim.scene import load_scene
