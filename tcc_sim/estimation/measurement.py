@@ -160,7 +160,7 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     if scene is None:
         raise InputError(f"{path} holds no scene of the recorded driveline; name it with --scene")
     states, ticks, scene = measured_run(recorded, scene)
-    _check_still(path, states.output_speed)
+    _check_still(path, states.of("output_speed"))
     inputs = {name: np.concatenate([values, values[-1:]])[states.known] for name, values in ticks.items()}
     states = states[states.known]
     t, channels = states.stamp_ns.astype(np.float64) * 1e-9, {

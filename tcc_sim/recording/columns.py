@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,15 +28,14 @@ LATEST = 4294967296.0
 class JointStates:
     """Consecutive joint_states messages as (n,) arrays.
 
-    Stamps of simulation time, of receipt and of sending (ns), angles (rad), speeds (rad/s), torques (N m).
-    `applied_pressure` (Pa), `output_angle` (rad) and `output_speed` (rad/s) of the shaft's far end are None if they
-    were not recorded, and NaN where a message is missing. `run` counts the starts of simulation time within the
-    recording, `began` is the reason of this start, and `cut` whether it came before the recording, as far as is known.
-    `index` is the index of the first state in the whole recording, and `moved_ns` the stamp of the first state of the
-    run with a motion of the far end, which stands still before.
+    Stamps of simulation time, of receipt and of sending (ns), angles (rad), speeds (rad/s), torques (N m). `run` counts
+    the starts of simulation time within the recording, `began` is the reason of this start, and `cut` whether it came
+    before the recording, as far as is known. `index` is the index of the first state in the whole recording, and
+    `moved_ns` the stamp of the first state of the run with a motion of the far end, which stands still before.
     `held` has the messages on the inputs, (m, messages.held.SIZE), NaN for values that were not recorded; the one of
     number `held_row` holds at each state (-1: unknown). Both are None without such messages.
-    `further` has the fields of all other topics of `topics.stamped` that were recorded, NaN where a message is missing.
+    `further` has the fields of all other topics of `topics.stamped` that were recorded, NaN where a message is missing;
+    `applied_pressure` (Pa), `output_angle` (rad) and `output_speed` (rad/s) of the shaft's far end are among them.
     """
 
     stamp_ns: NDArray[np.int64]
@@ -48,9 +47,6 @@ class JointStates:
     plate_speed: Floats
     engine_torque: Floats
     friction_torque: Floats
-    applied_pressure: Floats | None = None
-    output_angle: Floats | None = None
-    output_speed: Floats | None = None
     run: int = 0
     began: Break = Break.START
     cut: bool = False
@@ -60,22 +56,18 @@ class JointStates:
     held_row: NDArray[np.int64] | None = None
     further: Mapping[str, Floats] = field(default_factory=dict)
 
-    @staticmethod
-    def of(columns: Mapping[str, Any]) -> JointStates:
-        """Return states from columns by name, of which those without an attribute are `further`."""
-        own = {one.name for one in fields(JointStates)}
-        return JointStates(**{name: column for name, column in columns.items() if name in own},
-                           further={name: column for name, column in columns.items() if name not in own})
-
     def __len__(self) -> int:
         return len(self.stamp_ns)
+
+    def of(self, name: str) -> Floats:
+        """Return a column of `further`, (n,), of NaN if it was not recorded."""
+        return self.further[name] if name in self.further else np.full(len(self), np.nan)
 
     def shown(self) -> dict[str, Floats]:
         """Return the values at each state, (n,), of those topics of `topics.shown` that state them and were recorded.
         """
-        columns = {"applied_pressure": self.applied_pressure, **self.further}
-        found = {row.name: columns.get(row.fields[0]) for row in shown() if row.fields}
-        return {name: values for name, values in found.items() if values is not None}
+        return {row.name: self.further[row.fields[0]] for row in shown()
+                if row.fields and row.fields[0] in self.further}
 
     def input(self, name: str, field: str) -> Floats:
         """Return a field of `messages.held.FIELDS` of an input at each state, (n,), NaN where it is not known, as the
@@ -107,10 +99,10 @@ class JointStates:
     @property
     def far_end(self) -> FarEnd:
         """Angle (rad) and speed (rad/s) of the shaft's far end, (n,), NaN where a message is missing."""
-        if self.output_angle is None or self.output_speed is None:
+        if self.moved_ns == NEVER:
             return STILL
         before = self.stamp_ns < self.moved_ns
-        return FarEnd(np.where(before, 0.0, self.output_angle), np.where(before, 0.0, self.output_speed))
+        return FarEnd(*(np.where(before, 0.0, self.of(name)) for name in ("output_angle", "output_speed")))
 
     @property
     def known(self) -> NDArray[np.bool_]:

@@ -213,7 +213,7 @@ def _write_run(bag: BagWriter, channels: Mapping[str, int], states: JointStates,
     tick = float(np.median(np.diff(states.stamp_ns))) if len(states) > 1 else 1e9 / _RATE
     stamps = (states.stamp_ns - zero).tolist()
     angle, speed = (np.broadcast_to(column, len(states)).tolist() for column in states.far_end[:2])
-    reports = dict(_reports(states, tick, zero))
+    reports, pressures = dict(_reports(states, tick, zero)), states.of("applied_pressure").tolist()
     rows = zip(stamps, states.log_ns.tolist(), states.sent_ns.tolist(), *(
         column.tolist() for column in (states.flywheel_angle, states.plate_angle, states.flywheel_speed,
                                        states.plate_speed, states.engine_torque, states.friction_torque)))
@@ -222,10 +222,9 @@ def _write_run(bag: BagWriter, channels: Mapping[str, int], states: JointStates,
             bag.write(channels["held"], log, sent, held.held_message(run, reports[k]), latched=True)
         bag.write(channels["joint_states"], log, sent, cdr.joint_state(
             stamp, flywheel, plate, flywheel_speed, plate_speed, engine, friction, run))
-        if states.applied_pressure is not None and np.isfinite(states.applied_pressure[k]):
-            bag.write(channels["applied_pressure"], log, sent,
-                      cdr.fluid_pressure(stamp, float(states.applied_pressure[k]), frame=run))
-        if states.output_angle is not None and states.stamp_ns[k] >= states.moved_ns and np.isfinite(angle[k]):
+        if np.isfinite(pressures[k]):
+            bag.write(channels["applied_pressure"], log, sent, cdr.fluid_pressure(stamp, pressures[k], frame=run))
+        if states.stamp_ns[k] >= states.moved_ns and np.isfinite(angle[k]):
             bag.write(channels["output_state"], log, sent,
                       cdr.ENCODERS["output_state"](stamp, angle[k], speed[k], np.nan, frame=run))
 

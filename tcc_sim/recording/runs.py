@@ -103,14 +103,14 @@ def _runs(states: StampedMessages, joined: Mapping[str, StampedMessages], parts:
         if not len(mine):
             continue
         stamps = states.stamp_ns[mine]
-        columns: dict[str, Any] = {
-            "stamp_ns": stamps, "log_ns": states.log_ns[mine], "sent_ns": states.sent_ns[mine], "run": number,
-            "index": index, **{name: column[states.kept[mine]] for name, column in states.columns.items()}, **facts}
+        further: dict[str, Floats] = {}
         for messages, order, origin in by_key:
-            _join(columns, messages, order[slice(*np.searchsorted(origin, [number, number + 1]))])
+            further |= _joined(messages, order[slice(*np.searchsorted(origin, [number, number + 1]))], stamps)
         if number in rows:
-            columns["held"], columns["held_row"] = rows[number], _rows_at(rows[number], stamps)
-        yield _filled(JointStates.of(columns))
+            facts |= {"held": rows[number], "held_row": _rows_at(rows[number], stamps)}
+        yield _filled(JointStates(
+            stamps, states.log_ns[mine], states.sent_ns[mine], run=number, index=index, further=further, **facts,
+            **{name: column[states.kept[mine]] for name, column in states.columns.items()}))
         index += len(mine)
 
 
@@ -171,16 +171,16 @@ def placed_by_run(scenes: Sequence[SceneRecord], runs: Iterable[JointStates], na
     return out
 
 
-def _join(columns: dict[str, Any], messages: StampedMessages, its: Positions) -> None:
-    """Add the columns of messages, sorted by stamp, to those of the states of equal stamps."""
+def _joined(messages: StampedMessages, its: Positions, stamps: NDArray[np.int64]) -> dict[str, Floats]:
+    """Return the columns of messages, sorted by stamp, at states of these stamps, (n,)."""
     its = its[messages.kept[its] >= 0]
-    recorded, stamps = messages.stamp_ns[its], columns["stamp_ns"]
-    for name, values in messages.columns.items():
-        columns[name] = np.full(len(stamps), np.nan)
-        if len(its):
-            nearest = np.searchsorted(recorded, stamps).clip(max=len(its) - 1)
-            same = recorded[nearest] == stamps
-            columns[name][same] = values[messages.kept[its]][nearest[same]]
+    columns = {name: np.full(len(stamps), np.nan) for name in messages.columns}
+    if len(its):
+        nearest = np.searchsorted(messages.stamp_ns[its], stamps).clip(max=len(its) - 1)
+        same = messages.stamp_ns[its[nearest]] == stamps
+        for name, values in messages.columns.items():
+            columns[name][same] = values[messages.kept[its[nearest[same]]]]
+    return columns
 
 
 def _count_differing(states: StampedMessages, order: Positions, fresh: NDArray[np.bool_]) -> int:
@@ -220,14 +220,14 @@ def _rows_at(rows: Floats, stamps: NDArray[np.int64]) -> Positions:
 
 def _filled(states: JointStates) -> JointStates:
     """Return states with the begin of the far end's motion, and with values that only `held` states."""
-    columns: dict[str, Any] = {}
     pressure, speed = states.input(_PRESSURE, "applied"), states.input(_FAR, "value")
-    if np.isfinite(pressure).any() or states.applied_pressure is not None:
-        before = np.full(len(states), np.nan) if states.applied_pressure is None else states.applied_pressure
-        columns["applied_pressure"] = np.where(np.isnan(before), pressure, before)
-    angle, output_speed = states.output_angle, states.output_speed
-    if angle is None or output_speed is None or not np.isfinite(angle).any():
-        return JointStates(**{**vars(states), **columns})
+    if np.isfinite(pressure).any() or "applied_pressure" in states.further:
+        recorded = states.of("applied_pressure")
+        filled = {"applied_pressure": np.where(np.isnan(recorded), pressure, recorded)}
+        states = replace(states, further={**states.further, **filled})
+    angle, output_speed = states.of("output_angle"), states.of("output_speed")
+    if not np.isfinite(angle).any():
+        return states
     moved, tick = int(np.isfinite(angle).argmax()), tick_of(states)
     absent = np.flatnonzero(np.isnan(angle[moved:])) + moved
     known = np.isin(states.input(_FAR, "source"), (held.COMMAND, held.FALLBACK, held.NOBODY))
@@ -235,8 +235,7 @@ def _filled(states: JointStates) -> JointStates:
         if known[k] and abs(states.stamp_ns[k] - states.stamp_ns[k - 1] - tick) <= 1.0:
             output_speed[k] = 0.0 if np.isnan(speed[k]) else speed[k]
             angle[k] = angle[k - 1] + tick * 1e-9 * output_speed[k]
-    return JointStates(**{**vars(states), **columns, "output_angle": angle, "output_speed": output_speed,
-                          "moved_ns": int(states.stamp_ns[moved])})
+    return replace(states, moved_ns=int(states.stamp_ns[moved]))
 
 
 def tick_of(states: JointStates) -> float:
@@ -260,7 +259,7 @@ def _with_sources(runs: Sequence[JointStates], sources: Sequence[InputSource]) -
     out = []
     for states in runs:
         last = np.searchsorted(at[:, 0], states.index + np.arange(len(states)), side="right") - 1
-        out.append(JointStates(**{**vars(states), "held": rows, "held_row": at[last, 1]}))
+        out.append(replace(states, held=rows, held_row=at[last, 1]))
     return tuple(out)
 
 

@@ -31,13 +31,13 @@ BEFORE = 4
 class TickInput(NamedTuple):
     """An input of a recorded driveline tick by tick: (n,) arrays, of the tick that ends at each of n states.
 
-    recorded : value at each state, N m or Pa, NaN where none was recorded; None without any
+    recorded : value at each state, N m or Pa, NaN where none was recorded
     commanded : whether it has the recorded value throughout the tick, or an actuator goes to it from the value before;
         otherwise it varies as the scene's sines and profiles do
     known : whether the recording states what acted
     """
 
-    recorded: Floats | None
+    recorded: Floats
     commanded: NDArray[np.bool_]
     known: NDArray[np.bool_]
 
@@ -48,15 +48,15 @@ def inputs_of_ticks(line: Timeline, states: JointStates) -> dict[str, TickInput]
     On the fallback to its mean an input counts as commanded, as it does where the recording does not state the source.
     """
     out, system = {}, line.scene_at(states.index).system
-    for name, recorded in zip(INPUTS, (states.engine_torque, states.applied_pressure)):
+    for name, recorded in zip(INPUTS, (states.engine_torque, states.of("applied_pressure"))):
         group, never = getattr(system, GROUPS[name]), np.zeros(len(states), np.bool_)
         if group.source != "topic":
-            out[name] = TickInput(recorded if name == INPUTS[0] else None, never, ~never)
+            out[name] = TickInput(recorded, never, ~never)
             continue
         source = states.input(name, "source")
         stated = np.isfinite(source) if states.held is not None or line.keyed else ~never
         commanded = (source == COMMAND) | np.isnan(source).all() | (not group.harmonic)
-        there = never if recorded is None else np.isfinite(recorded)
+        there = np.isfinite(recorded)
         if name == INPUTS[1]:
             there = there | ~commanded  # The engine torque of a fallback is recorded too.
         out[name] = TickInput(recorded, commanded, there & (stated | (not group.harmonic)))
@@ -76,8 +76,6 @@ def applied_inputs(line: Timeline, states: JointStates) -> dict[str, Floats]:
     for name, (values, commanded, _) in inputs_of_ticks(line, states).items():
         if name == INPUTS[1] and system.pressure.source != "topic":
             values = line.load_of(states) / line.along(states, lambda held: held.torque_per_pressure)
-        if values is None:
-            continue
         if name == INPUTS[1] and system.pressure.lagged:
             ticks = np.stack([values[:-1], values[1:]], axis=1)
         else:

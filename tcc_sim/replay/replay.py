@@ -200,12 +200,13 @@ def _warnings(recording: Recording, line: Timeline, timing: Timing) -> Iterator[
     if len({record.parameters for record in scenes}) > 1:
         yield (f"the recording holds {len(scenes)} scenes that differ; the figures above the segments are those of the "
                "longest run, whose cycles are the ones of the scene at its begin")
-    pressures = [states.applied_pressure for states in line.runs if states.applied_pressure is not None
+    pressures = [states.further["applied_pressure"] for states in line.runs if "applied_pressure" in states.further
                  and (line.scene_at(states.index).system.pressure.source == "topic"
-                      or np.isfinite(states.applied_pressure).any())]
+                      or np.isfinite(states.further["applied_pressure"]).any())]
     if missing := sum(int(np.isnan(pressure).sum()) for pressure in pressures):
         yield f"the applied pressure is missing at {counted(missing, 'tick')}"
-    if line.scene.system.pressure.source == "topic" and all(states.applied_pressure is None for states in line.runs):
+    if line.scene.system.pressure.source == "topic" and not any("applied_pressure" in states.further
+                                                                for states in line.runs):
         yield ("pressure.source is topic, and no pressure was recorded on applied_pressure, or on another topic that "
                "the recording names as such: the pressure at the plates is unknown")
     if len(scenes) > MOST_SCENES:
@@ -234,7 +235,7 @@ def _check_damping(line: Timeline, scene: Scene) -> None:
                          ("pressure.source", scene.system.pressure.source)):
         if source == "topic":
             raise InputError(f"{name} is topic; --damping is for recordings of harmonic torque and pressure")
-    if any(states.output_speed is not None and np.isfinite(states.output_speed).any() for states in line.runs):
+    if any(np.isfinite(states.of("output_speed")).any() for states in line.runs):
         raise InputError("the far end of the shaft moved; --damping is for recordings in which it stands still")
 
 

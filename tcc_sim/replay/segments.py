@@ -216,7 +216,7 @@ class _Judge:
             if after_gap:
                 reader.interrupt()
             reader.feed(t, slip, states.run)
-        pressure = states.applied_pressure
+        pressure = states.further.get("applied_pressure")
         bridged = [gap for run in stream.runs for gap in run.gaps
                    if gap[1] - gap[0] <= BRIDGED_TICKS * stream.continuity.tick_s]
         why = ("" if self._clock.identified

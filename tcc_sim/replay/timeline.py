@@ -114,7 +114,7 @@ class Timeline(Columns):
         """
         if self.scene_at(states.index).system.pressure.source == "topic":
             per_pressure = self.along(states, lambda system: system.torque_per_pressure)
-            return per_pressure * (math.nan if states.applied_pressure is None else states.applied_pressure)
+            return per_pressure * states.of("applied_pressure")
         t = states.stamp_ns.astype(np.float64) * 1e-9
         return np.concatenate([np.broadcast_to(torques_at(terms_from(system, origin), t[rows])[1], t[rows].shape)
                                for rows, system, origin in self.parts_of(states)])

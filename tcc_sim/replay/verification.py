@@ -168,9 +168,8 @@ class _Run:
         verifier.sources_matter |= states.held is None and any(
             group.source == "topic" and group.harmonic for group in (scene.system.engine, pressure))
         self._lag = (pressure.time_constant, pressure.rate_limit) if pressure.lagged else None
-        self._torque, self._pressure, self._angle, self._speed = (
-            np.full(len(states), math.nan) if column is None else column for column in (
-                states.engine_torque, states.applied_pressure, states.output_angle, states.output_speed))
+        self._torque = states.engine_torque
+        self._pressure, self._angle, self._speed = map(states.of, ("applied_pressure", "output_angle", "output_speed"))
         self._moved = np.append(False, states.stamp_ns[:-1] >= states.moved_ns)
         if states.began is Break.RESET and self._ticks[0] and verifier.broken is None and not verifier.line.keyed:
             verifier.broken = float(states.stamp_ns[0]) * 1e-9

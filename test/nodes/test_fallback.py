@@ -49,7 +49,7 @@ def test_without_arguments_it_subscribes_to_both_and_moves_as_its_scene_says(ben
     batches = list(open_run(tmp_path / "run").states())
     t = np.concatenate([b.stamp_ns for b in batches]) * 1e-9
     engine = np.concatenate([b.engine_torque for b in batches])
-    pressure = np.concatenate([b.applied_pressure for b in batches])
+    pressure = np.concatenate([b.of("applied_pressure") for b in batches])
     system = load_scene("commands").system
     assert np.abs(engine - (300.0 + 250.0 * np.sin(50.0 * np.pi * t))).max() < 1e-9
     assert np.abs(pressure - (system.pressure.mean + system.pressure.amplitude * np.sin(50.0 * np.pi * t))).max() < 1e-6

@@ -86,7 +86,7 @@ def test_a_command_acts_and_the_recording_gives_the_same_run(control: Control, d
     finally:
         assert recorder.stop() == 0
     (*_, last) = open_run(tmp_path / "run").states()
-    assert set(last.applied_pressure[-40:].tolist()) == {230000.0}
+    assert set(last.of("applied_pressure")[-40:].tolist()) == {230000.0}
     assert tcc_sim.analyse(tmp_path / "run", verify=True, discard=0).verification.verified
 
 

@@ -70,7 +70,7 @@ def test_a_driveline_ends_after_a_busy_recorder_has_received_everything(process_
     run = open_run(tmp_path / "run")
     (result,) = run.states()
     assert result.stamp_ns.tolist() == heard == [n * TICK for n in range(400)]
-    assert np.isfinite(result.applied_pressure).all()
+    assert np.isfinite(result.of("applied_pressure")).all()
     assert run.warnings == []
 
 

@@ -70,7 +70,7 @@ def test_a_complete_bag_comes_back_bit_for_bit(tmp_path):
         assert (result == stamps).all()
         assert (table == rows).all()
         assert (np.concatenate([batch.log_ns for batch in batches]) == 10**18 + np.array(stamps)).all()
-        assert all(batch.applied_pressure is None and batch.run == 0 for batch in batches)
+        assert all(not batch.further and batch.run == 0 for batch in batches)
         assert (run.complete, run.warnings, run.lost_messages) == (True, [], 0)
         assert run.messages == {"/joint_states": 333, "/slip_speed": 333}
         assert (run.scene_text, run.scenes[0].version, run.result) == (

@@ -59,7 +59,7 @@ def check(path, rows):
     assert (table == rows[stamps // TICK]).all()
     assert (np.diff(stamps) > 0).all()
     assert run.scene_text in (SCENE, None)
-    pressure = [b.applied_pressure for b in batches]
+    pressure = [b.of("applied_pressure") for b in batches]
     whole = len(stamps) == COUNT and run.scene_text == SCENE and run.complete and all(p is not None for p in pressure)
     if whole:
         values = np.concatenate(pressure)
