@@ -48,40 +48,18 @@ TAIL_SAMPLES = 200_000
 
 
 def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
-           discard: int | None = None, frequency: float | None = None, scene: str | None = None, verify: bool = False,
-           damping: bool = False, window: Window | None = None, joints: Mapping[str, str] | None = None,
-           topic: str | None = None, driveline: int | None = None, target: float | Mapping[float, float] | None = None,
-           band: float = BAND, limits: Limits | None = None, progress: bool = False) -> Replay:
-    """Analyse a recording and optionally send it to Rerun.
+           discard: int | None = None, frequency: float | None = None, verify: bool = False, damping: bool = False,
+           window: Window | None = None, target: float | Mapping[float, float] | None = None, band: float = BAND,
+           limits: Limits | None = None, progress: bool = False) -> Replay:
+    """Analyse a recording and optionally send it to Rerun; options and errors are those of `tcc_sim.analyse`.
 
     Parameters
     ----------
     path : bag directory or .mcap file, complete or cut short; or an opened Recording
-    rrd, spawn, connect : at most one of a new Rerun file, a viewer to start, and the URL of a running viewer
-    discard : number of engine cycles dropped; None for 50, or half of fewer than 100 cycles, or 0 for a scene with
-        profiles
-    frequency : frequency of the engine torque, rad/s; None for the scene's or, if the torque came from a topic, that of
-        the recorded torque
-    scene : name or file of the scene, for a recording without one
-    verify : whether to solve the whole recording again from its own data
-    damping : whether to compute the equivalent damping (21) of the last cycles
     window : a run and a part of its time; None for the whole recording
-    joints, topic, driveline : see `replay.recorded.Recording`
-    target : slip speed that a controller was to hold, rad/s, in place of the recorded one; or slip speeds by the
-        simulation time, s, from which each holds
-    band : least error from the target that counts, rad/s, and least jump of the target that begins a segment
-    limits : smallest and largest pressure that the controller commands, Pa; None if unknown
-    progress : whether to show a progress bar on a terminal or in a notebook; elsewhere a line a minute
-
-    Raises
-    ------
-    InputError
-        The recording cannot be read or has no whole engine cycle, an output exists, or an argument is wrong.
-    MissingPackage
-        Rerun is needed and is not installed.
     """
     began = time.perf_counter()
-    recording = path if isinstance(path, Recording) else Recording(path, scene, joints, topic, driveline)
+    recording = path if isinstance(path, Recording) else Recording(path)
     run, chosen = recording.file, window or Window()
     if not 0.0 < band <= LARGEST_BAND:
         raise InputError(f"band is {band:g} rad/s; it must be above 0 and at most {LARGEST_BAND:g} rad/s")

@@ -7,6 +7,7 @@ from re_encodings import read, save
 
 from tcc_sim.errors import RecordingError
 from tcc_sim.recording.reader import open_run
+from tcc_sim.replay.recorded import Recording
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 
@@ -39,7 +40,7 @@ def test_of_publishers_without_names_of_runs_the_one_with_the_most_states_is_rea
         other = 200 if who == "b" else 250
         assert any(f"not read: /joint_states of publisher {'ab'[who == 'a']}: {other} states" in sentence
                    for sentence in run.warnings)
-    result = replay(path, discard=0, driveline=numbers["a"])
+    result = replay(Recording(path, driveline=numbers["a"]), discard=0)
     assert (result.continuity.restarts, result.messages) == (0, 200)
 
 

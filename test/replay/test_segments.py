@@ -286,7 +286,7 @@ def test_without_a_recorded_scene_the_torque_decides_on_the_cycles_of_a_verdict(
 
     rows = by_hand(3.0, lambda t: 20.0 + 8.0 * np.cos(phase(t)), lambda t: LOAD / 3000.0, lambda t: 0.0 * t,
                    lambda t: 300.0 + 250.0 * np.sin(phase(t)), lambda t: LOAD + 0.0 * t)
-    result = replay(bag(tmp_path / "run", rows, None, targets=[(0, 20.0)]), scene="controlled")
+    result = replay(read(bag(tmp_path / "run", rows, None, targets=[(0, 20.0)]), "controlled"))
     (segment,) = result.segments
     assert result.frequency_source == source
     assert segment.tracking.verdict == "settled"
