@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -12,7 +11,7 @@ import numpy as np
 
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
-from tcc_sim.messages.held import PROCESS, RUN
+from tcc_sim.messages.held import PROCESS
 from tcc_sim.parameter_file import LARGEST_FILE, description_in
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.contents import Batch, Channel
@@ -24,7 +23,6 @@ _MOST_NAMED = 20
 _PARTICIPANT = 24
 """Hexadecimal digits of a publisher's identifier that it shares with all publishers of its process (RTPS)."""
 _TIMES = ("log_ns", "sent_ns")
-_RUN = re.compile(RUN)
 _SCENE, _SCENE_KEY = "scene", "ros__parameters"
 
 
@@ -142,11 +140,9 @@ class Inventory:
                     continue
                 able = set(self._joints) <= set(same.names)
                 for run in np.unique(same.frames[same.frames != b""]).tolist() if able else ():
-                    name = run.decode("ascii", "replace")
-                    if _RUN.fullmatch(name):
-                        sent = self._runs.setdefault(name, _Sent(channel.topic, channel.publisher, True, name))
-                        sent.add(same.part(same.frames == run), self._place)
-                        same = same.part(same.frames != run)
+                    sent = _Sent(channel.topic, channel.publisher, True, run.decode())
+                    self._runs.setdefault(sent.run, sent).add(same.part(same.frames == run), self._place)
+                    same = same.part(same.frames != run)
                 if not len(same.rows):
                     continue
                 key = channel.topic, channel.publisher, tuple(self._joints) if able else tuple(sorted(same.names))

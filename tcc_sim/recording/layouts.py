@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -10,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
+from tcc_sim.messages.held import RUN
 from tcc_sim.recording.records import HEAD, MESSAGE_HEAD, Messages, windows_of
 
 MOST_LAYOUTS = 100
 """Largest number of layouts of the messages of a topic; messages of further layouts are left out."""
+_RUN = re.compile(RUN.encode())
 _YEAR = 365 * 86_400 * 1_000_000_000
 Floats = NDArray[np.float64]
 Positions = NDArray[np.int64]
@@ -27,7 +30,7 @@ class Decoded(NamedTuple):
     rows : (n,) index of each message in the chunk
     heads : (n,) array of HEAD
     stamps : (n,) stamps, ns
-    frames : (n,) frames of the length of a run's name, empty for others
+    frames : (n,) frames that are names of runs, empty for others
     columns : (n,) values by field, NaN where a message has none
     """
 
@@ -110,6 +113,8 @@ class Layouts:
             if int.from_bytes(layout.example[cdr.FRAME - 4:cdr.FRAME].tobytes(), "little") == cdr.RUN_LENGTH + 1:
                 bodies = values.view(np.uint8).reshape(-1, size)[:, cdr.FRAME:cdr.FRAME + cdr.RUN_LENGTH]
                 frames = np.ascontiguousarray(bodies).view(frames.dtype)[:, 0]
+                for name in np.unique(frames).tolist():
+                    frames[frames == name] = name if _RUN.fullmatch(name) else b""
             columns = {name: values[name].astype(np.float64) if name in (values.dtype.names or ())
                        else np.full(len(values), np.nan) for name in self.fields}
             groups.append(Decoded(names, left[mine], heads, cdr.stamps(values), frames, columns))

@@ -390,10 +390,10 @@ def forgotten_without_pressure(source):
 
 
 def with_frames(source):
-    ways = [laid_out(["flywheel", "clutch_plate"], "x" * length) for length in range(9)]
-    source = source.changed(STATES, lambda k, data: ways[k % 9](k, data))
+    ways = [laid_out(["flywheel", "clutch_plate"], "x" * length) for length in range(17)]
+    source = source.changed(STATES, lambda k, data: ways[k % 17](k, data))
     for topic in ("/applied_pressure", "/actuation_pressure"):
-        source = source.changed(topic, lambda k, data: framed(data, "f" * (k % 9)))
+        source = source.changed(topic, lambda k, data: framed(data, "f" * (k % 17)))
     return source
 
 
