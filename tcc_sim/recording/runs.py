@@ -104,13 +104,13 @@ def _runs(states: StampedMessages, joined: Mapping[str, StampedMessages], parts:
             continue
         stamps = states.stamp_ns[mine]
         further: dict[str, Floats] = {}
+        facts |= {name: column[states.kept[mine]] for name, column in states.columns.items()}
         for messages, order, origin in by_key:
             further |= _joined(messages, order[slice(*np.searchsorted(origin, [number, number + 1]))], stamps)
         if number in rows:
             facts |= {"held": rows[number], "held_row": _rows_at(rows[number], stamps)}
         yield _filled(JointStates(
-            stamps, states.log_ns[mine], states.sent_ns[mine], run=number, index=index, further=further, **facts,
-            **{name: column[states.kept[mine]] for name, column in states.columns.items()}))
+            stamps, states.log_ns[mine], states.sent_ns[mine], run=number, index=index, further=further, **facts))
         index += len(mine)
 
 
