@@ -110,7 +110,7 @@ def joint_state(stamp_ns: int, flywheel_angle: float, plate_angle: float, flywhe
 
 def _joint_encoder(row: topics.Topic) -> Callable[..., bytes]:
     """Return the encoder of a topic's JointState by its joints and arrays."""
-    counts = _counts_of(row)
+    counts = tuple(len(row.joints) if there else 0 for there in row.arrays)
 
     def encode(stamp_ns: int, *values: float, frame: str = "") -> bytes:
         layout, head = _joints(row.joints, counts, frame)
@@ -120,11 +120,6 @@ def _joint_encoder(row: topics.Topic) -> Callable[..., bytes]:
         return layout.pack(HEADER, *divmod(stamp_ns, _NANOSECONDS), head, *parts)
 
     return encode
-
-
-def _counts_of(row: topics.Topic) -> tuple[int, ...]:
-    """Return the numbers of positions, velocities and efforts of a topic's JointState."""
-    return tuple(len(row.joints) if there else 0 for there in row.arrays)
 
 
 @lru_cache(maxsize=64)

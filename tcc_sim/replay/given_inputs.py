@@ -186,7 +186,9 @@ def of_table(table: MeasuredTable, hold: str | None = None) -> Inputs:
         raise InputError(f"{table.source}: the first line must name the column {', '.join(DRIVING[:-1])} or "
                          f"{DRIVING[-1]}, or --columns one of the file's columns as such"
                          + (f" ({table.notes[0].partition(': ')[2]})" if table.notes else ""))
-    holes, step = _missing(table)
+    step = table.usual_step(*names)
+    holes = table.holes(*names) if step else np.empty((0, 2))
+    holes = holes[np.diff(holes)[:, 0] > BRIDGED_ROWS * step]
     if len(holes):
         begin, end = longest_part(table.t, holes)
         raise InputError(f"{holes_in_words(table, holes, step)}; a simulation needs inputs without holes: take a part "
@@ -201,14 +203,6 @@ def of_table(table: MeasuredTable, hold: str | None = None) -> Inputs:
         lines.append(_lines(t, values, hold or table.hold.get(name, HOLDS[0]), meant))
     torque, pressure, speed = (dict(zip(names, lines)).get(name) for name in DRIVING)
     return Inputs(torque, pressure, float(table.t[-1]), speed)
-
-
-def _missing(table: MeasuredTable) -> tuple[Floats, float]:
-    """Return the holes of more than two rows in the inputs of a table, and the usual step, s."""
-    names = _inputs_of(table)
-    step = table.usual_step(*names)
-    holes = table.holes(*names)
-    return holes[np.diff(holes)[:, 0] > BRIDGED_ROWS * step] if step else np.empty((0, 2)), step
 
 
 def doubts_about(table: MeasuredTable) -> list[str]:

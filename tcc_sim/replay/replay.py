@@ -29,7 +29,7 @@ from tcc_sim.replay.inputs import age_of, command_notes, held_input
 from tcc_sim.replay.recorded import Recording
 from tcc_sim.replay.result import Replay
 from tcc_sim.replay.segments import MOST_SEGMENTS, segments_of
-from tcc_sim.replay.timeline import Timeline, trajectory_of
+from tcc_sim.replay.timeline import TORQUES, Timeline, trajectory_of
 from tcc_sim.replay.timing import Timing, default_of, frequency_changes, pace_of, timing_of
 from tcc_sim.replay.verification import verify as verification_of
 from tcc_sim.scene import Scene
@@ -78,7 +78,7 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         shown = line.scene_at(line.longest.index)
         if damping:
             _check_damping(line, shown)
-        note, line = line.torques_note(), line.with_torques()
+        estimated, line = [name for name in TORQUES if name in line.absent], line.with_torques()
         timing = timing_of(shown, frequency, line.runs, frequency_changes(run), run.scene_text is None)
         where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
         view = _view(stack, printable(recording.path.name), timing, shown, where,
@@ -87,15 +87,15 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
                      1e-9 * sum(int(np.ptp(states.stamp_ns)) for states in line.runs)) if where else None
         result = _analysed(recording, line, shown, timing, default_of(discard, timing, shown), damping, view, bar,
                            began, band, limits or line.limits)
+        notes = list(result.warnings)
         if verify:
-            versions = dict.fromkeys(scene.version for scene in run.scenes)
+            notes += filter(None, map(differences_from, dict.fromkeys(scene.version for scene in run.scenes)))
             with bar(desc="solving") as solving:
-                result = replace(result, verification=verification_of(whole, run.size, solving.update),
-                                 warnings=(*result.warnings, *filter(None, map(differences_from, versions))))
-        if note:
-            result = replace(result, warnings=(*result.warnings, note))
-        if chosen.sentence():
-            result = replace(result, warnings=(*result.warnings, chosen.sentence()))
+                result = replace(result, verification=verification_of(whole, run.size, solving.update))
+        if estimated:
+            notes.append(f"no state has a number for {' and '.join(estimated)} (efforts): estimated from the recorded "
+                         "speeds by (2a) and (2b)")
+        result = replace(result, warnings=(*notes, *filter(None, [chosen.sentence()])))
         if view is not None:
             view.text(result.markdown())
     return result

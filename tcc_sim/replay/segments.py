@@ -30,7 +30,6 @@ from tcc_sim.result import Described, reported, result_class
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
 from tcc_sim.topics import INPUTS, TARGET
-from tcc_sim.trajectory import Floats
 
 MOST_SEGMENTS = 1000
 """Largest number of segments that are analysed; the others are only counted."""
@@ -190,7 +189,10 @@ class _Judge:
         self._clock = clock or clock_of_scene(cuts[0].scene.system)
         # Without pulsation any slice of time gives the mean.
         sought = isinstance(self._clock, Tracked) or not self._clock.identified
-        self._slices = sought and len(self._states) > 1 and _steps_only(self._states.engine_torque)
+        torque = self._states.engine_torque[np.isfinite(self._states.engine_torque)]
+        # The torque is constant apart from a few steps.
+        self._slices = (sought and len(self._states) > 1 and len(torque) > 0
+                        and 100 * np.count_nonzero(np.diff(torque)) < len(torque))
         if self._slices:
             self._clock = Scheduled(max(SLICE, TICKS * 1e-9 * float(np.median(np.diff(self._states.stamp_ns)))))
         self._reference = line.target_in(self._states)
@@ -225,9 +227,3 @@ class _Judge:
         return Loop(reader.course(), self._reference, None if pressure is None else Signal(
             states.stamp_ns.astype(np.float64) * 1e-9, pressure), limits=self._limits, floor=self._band, why=why,
             note=note, bridged=np.array(bridged).reshape(-1, 2), slip=reader.slip)
-
-
-def _steps_only(torque: Floats) -> bool:
-    """Return whether a torque, (n,) in N m, is constant apart from a few steps."""
-    torque = torque[np.isfinite(torque)]
-    return len(torque) > 0 and 100 * np.count_nonzero(np.diff(torque)) < len(torque)

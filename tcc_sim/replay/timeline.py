@@ -28,7 +28,7 @@ from tcc_sim.solvers.terms import stick_speed_of, terms_from, terms_of, torques_
 from tcc_sim.topics import TARGET, topic
 from tcc_sim.trajectory import Floats, Trajectory, modes_of, no_cycles
 
-_TORQUES = ("engine_torque", "friction_torque")
+TORQUES = ("engine_torque", "friction_torque")
 
 
 @dataclass(frozen=True)
@@ -65,20 +65,14 @@ class Timeline(Columns):
         """Return the timeline with torques that were not recorded, as estimates: (2a) and (2b) with central differences
         of the recorded speeds; InputError if an angle of the plate or a speed was not recorded.
         """
-        missing = [name for name in self.absent if name not in (*_TORQUES, "flywheel_angle")]
+        missing = [name for name in self.absent if name not in (*TORQUES, "flywheel_angle")]
         if missing:
             raise InputError(f"{', '.join(missing)} of the joint states: no state holds a number; positions and "
                              "velocities of flywheel and clutch plate are needed")
-        if not set(self.absent) & set(_TORQUES):
+        if not set(self.absent) & set(TORQUES):
             return self
         return replace(self, runs=tuple(_with_torques(states, self.scene_at(states.index).system, self.absent)
                                         for states in self.runs))
-
-    def torques_note(self) -> str:
-        """Return a sentence about torques that were not recorded, or an empty text."""
-        names = [name for name in _TORQUES if name in self.absent]
-        return (f"no state has a number for {' and '.join(names)} (efforts): estimated from the recorded speeds by "
-                "(2a) and (2b)") if names else ""
 
     @cached_property
     def changes(self) -> list[tuple[int, Scene, Origin]]:

@@ -157,8 +157,13 @@ def mdf_contents(path: Path) -> FileColumns:
             values[np.asarray(invalid, dtype=bool)] = np.nan
         return np.asarray(found.timestamps, dtype=np.float64), values
 
-    return _of_signals(path, {name: _mdf_unit(file, *entries[0]) for name, entries in places.items()
-                              if entries and name not in (TIME, "time")}, signal, "MDF")
+    units = {}
+    for name, entries in places.items():
+        if entries and name not in (TIME, "time"):
+            channel = file.groups[entries[0][0]].channels[entries[0][1]]
+            unit = getattr(channel, "unit", "") or getattr(getattr(channel, "conversion", None), "unit", "")
+            units[name] = str(unit or "").strip("\0 ")
+    return _of_signals(path, units, signal, "MDF")
 
 
 def _floats(path: Path, name: str, samples: Any) -> Floats:
@@ -167,12 +172,6 @@ def _floats(path: Path, name: str, samples: Any) -> Floats:
         return np.array(samples, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{path}: channel {one_line(name)} holds no numbers") from None
-
-
-def _mdf_unit(file: Any, group: int, index: int) -> str:
-    channel = file.groups[group].channels[index]
-    unit = getattr(channel, "unit", "") or getattr(getattr(channel, "conversion", None), "unit", "")
-    return str(unit or "").strip("\0 ")
 
 
 def tdms_contents(path: Path) -> FileColumns:
