@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from functools import partial
@@ -19,7 +19,6 @@ from tcc_sim.analysis.measured.stream import CyclePiece, CycleStream
 from tcc_sim.analysis.steady.damping import damping_of_cycles
 from tcc_sim.code_version import differences_from
 from tcc_sim.errors import InputError, counted, printable
-from tcc_sim.model.parameters import System
 from tcc_sim.output.files import draft
 from tcc_sim.recording.announcements import LATE_SHARE, MOST_SCENES
 from tcc_sim.recording.columns import JointStates, Window
@@ -80,11 +79,17 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
             _check_damping(line, shown)
         estimated, line = [name for name in TORQUES if name in line.absent], line.with_torques()
         timing = timing_of(shown, frequency, line.runs, frequency_changes(run), run.scene_text is None)
-        where = (rrd, spawn, connect) if rrd is not None or spawn or connect is not None else None
-        view = _view(stack, printable(recording.path.name), timing, shown, where,
-                     run.controlled or aim is not None,
-                     [*line.commands, *[SHAFT] * (SHAFT in line.recorded), *line.runs[0].shown()],
-                     1e-9 * sum(int(np.ptp(states.stamp_ns)) for states in line.runs)) if where else None
+        view = None
+        if rrd is not None or spawn or connect is not None:
+            from tcc_sim.views.rerun_stream import RerunStream
+
+            commanded = "topic" in (shown.system.engine.source, shown.system.pressure.source)
+            view = stack.enter_context(RerunStream(
+                printable(recording.path.name), timing.clock.cycle, spawn=spawn, url=connect,
+                file=stack.enter_context(draft(rrd)) if rrd is not None else None,
+                controlled=run.controlled or aim is not None or commanded,
+                topics=[*line.commands, *[SHAFT] * (SHAFT in line.recorded), *line.runs[0].shown()],
+                length=1e-9 * sum(int(np.ptp(states.stamp_ns)) for states in line.runs)))
         result = _analysed(recording, line, shown, timing, default_of(discard, timing, shown), damping, view, bar,
                            began, band, limits or line.limits)
         notes = list(result.warnings)
@@ -114,7 +119,8 @@ def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing
             for block in states.blocks():
                 pieces = line.feed(stream, block)
                 if view is not None:
-                    _show(view, block, line.along(block, _stick_speed), pieces if clock.identified else [],
+                    stick_speed = line.along(block, lambda held: stick_speed_of(terms_of(held)))
+                    _show(view, block, stick_speed, pieces if clock.identified else [],
                           new_run=block.index == states.index, longest=stream.continuity.longest)
                 analysing.update(len(block))
             if view is not None:
@@ -191,10 +197,6 @@ def _warnings(recording: Recording, line: Timeline, timing: Timing) -> Iterator[
         yield f"only the first {MOST_SCENES} scenes are used"
 
 
-def _stick_speed(system: System) -> float:
-    return stick_speed_of(terms_of(system))
-
-
 def _show(view: RerunStream, states: JointStates, stick_speed: Floats, pieces: list[CyclePiece], *, new_run: bool,
           longest: int) -> None:
     """Send states and the engine cycles that they complete to Rerun; `longest` as for `RerunStream.samples`."""
@@ -215,18 +217,3 @@ def _check_damping(line: Timeline, scene: Scene) -> None:
             raise InputError(f"{name} is topic; --damping is for recordings of harmonic torque and pressure")
     if any(np.isfinite(states.of("output_speed")).any() for states in line.runs):
         raise InputError("the far end of the shaft moved; --damping is for recordings in which it stands still")
-
-
-def _view(stack: ExitStack, name: str, timing: Timing, scene: Scene, where: tuple[Path | None, bool, str | None],
-          controlled: bool, topics: Sequence[str], length: float) -> RerunStream:
-    """Return the stream to Rerun of `length` s: a new file, which appears when it is complete, a viewer to start, or a
-    URL.
-    """
-    from tcc_sim.views.rerun_stream import RerunStream
-
-    rrd, spawn, connect = where
-    file = stack.enter_context(draft(rrd)) if rrd is not None else None
-    system = scene.system
-    commanded = "topic" in (system.engine.source, system.pressure.source)
-    return stack.enter_context(RerunStream(name, timing.clock.cycle, file=file, spawn=spawn, url=connect,
-                                           controlled=controlled or commanded, topics=topics, length=length))
