@@ -62,41 +62,30 @@ class _Numbers:
         self.midnights, self.clock = 0, 0.0
 
     def read(self, text: str, line: int, name: str) -> float:
-        """Return the number in a cell, NaN for an empty one; raise InputError for any other text."""
+        """Return the number in a cell, NaN for an empty one; InputError for any other text, and for both decimal signs.
+        """
         text = text.strip()
         try:
             value = float(text)
         except ValueError:
-            return self._other(text, line, name)
+            if text.lower() in _EMPTY:
+                return math.nan
+            try:
+                value = float(text if "." in text else text.replace(",", ".", 1))
+            except ValueError:
+                thousands = "," in text and "." in text and not re.sub(r"[\d.,+-]", "", text)
+                raise InputError(
+                    f"{self.path}: line {line} has {text!r} in column {one_line(name)}; write numbers without "
+                    "separators of thousands" if thousands else
+                    f"{self.path}: line {line} has no number in column {one_line(name)}: {one_line(text[:40])!r}"
+                ) from None
+            self.commas = self.commas or line
         if not self.points and "." in text:
             self.points = line
-            self._check_signs()
-        return value if math.isfinite(value) else math.nan
-
-    def _other(self, text: str, line: int, name: str) -> float:
-        """Return the value of a cell that Python does not read as a number."""
-        if text.lower() in _EMPTY:
-            return math.nan
-        if "." not in text and text.count(",") == 1:
-            try:
-                value = float(text.replace(",", "."))
-            except ValueError:
-                pass
-            else:
-                if not self.commas:
-                    self.commas = line
-                    self._check_signs()
-                return value
-        if "," in text and "." in text and not re.sub(r"[\d.,+-]", "", text):
-            raise InputError(f"{self.path}: line {line} has {text!r} in column {one_line(name)}; write numbers without "
-                             "separators of thousands")
-        raise InputError(f"{self.path}: line {line} has no number in column {one_line(name)}: {one_line(text[:40])!r}")
-
-    def _check_signs(self) -> None:
-        """Raise InputError where both decimal signs are used."""
         if self.points and self.commas:
             raise InputError(f"{self.path}: line {self.points} has a decimal point and line {self.commas} a decimal "
                              "comma; a table must use one of them")
+        return value if math.isfinite(value) else math.nan
 
     def stamp(self, text: str, line: int, name: str) -> float:
         """Return a date-time in seconds from midnight of the first day, or a number."""
