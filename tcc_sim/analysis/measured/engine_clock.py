@@ -239,22 +239,22 @@ class _Fit(NamedTuple):
 
 
 class PhaseTracker:
-    """Phase of the torque in batches in the order of recording; memory is a few numbers per block."""
+    """Phase of the torque from batches in the order of recording."""
 
     def __init__(self) -> None:
         self._continuity = StampCounter()
-        self._runs: dict[int, _Run] = {}
+        self._runs: dict[int, list[list[tuple[Floats, Floats]]]] = {}
 
     def feed(self, stamp_ns: Stamps, engine_torque: Floats, run: int = 0) -> None:
         """Take the next batch of a run: stamps in ns, torques in N m."""
         finite = np.isfinite(engine_torque)
         stamp_ns, engine_torque = stamp_ns[finite], engine_torque[finite]
         for piece, preceded in self._continuity.pieces(stamp_ns, run):
-            t, now = stamp_ns[piece].astype(np.float64) * 1e-9, self._runs.setdefault(run, _Run())
-            bridged = preceded is Break.GAP and t[0] - now.last <= BRIDGED_TICKS * self.tick
+            t, parts = stamp_ns[piece].astype(np.float64) * 1e-9, self._runs.setdefault(run, [])
+            bridged = preceded is Break.GAP and parts and t[0] - parts[-1][-1][0][-1] <= BRIDGED_TICKS * self.tick
             if preceded is not Break.NOTHING and not bridged:
-                now.interrupt()
-            now.take(t, engine_torque[piece])
+                parts.append([])
+            parts[-1].append((t, engine_torque[piece]))
 
     @property
     def tick(self) -> float:
@@ -263,11 +263,12 @@ class PhaseTracker:
 
     def runs(self) -> dict[int, RunPhase]:
         """Return the phase of every run by its number."""
-        return {number: run.result() for number, run in self._runs.items()}
+        return {number: _phase_in([[np.concatenate(column) for column in zip(*part)] for part in parts])
+                for number, parts in self._runs.items()}
 
     def longest(self) -> int:
         """Return the number of the run with the most samples, the last of several."""
-        return max(self._runs, key=lambda number: (self._runs[number].samples, number))
+        return max(self._runs, key=lambda number: (sum(len(t) for part in self._runs[number] for t, _ in part), number))
 
 
 def clock_of(runs: dict[int, RunPhase]) -> Tracked | None:
@@ -279,79 +280,49 @@ def clock_of(runs: dict[int, RunPhase]) -> Tracked | None:
     return Tracked(float(np.median(every)), {number: (run.numbers, run.starts) for number, run in runs.items()})
 
 
-class _Run:
-    """One run: waiting samples, the current stretch, and finished stretches."""
+def _phase_in(parts: list[list[Floats]]) -> RunPhase:
+    """Return the cycles of a run from times, s, and torques, N m, in parts without a gap."""
+    t, torque = (np.concatenate(column) for column in zip(*parts))
+    none, low, high = (np.empty(0, np.int64), np.empty(0), math.nan, math.nan), float(torque.min()), float(torque.max())
+    if high - low <= 1e-9 * max(abs(low), abs(high)):
+        return RunPhase(*none, why="the engine torque is constant")
+    stretches = [stretch for part in parts for stretch in _Follower(*part).stretches]
+    shares = [block.share for stretch in stretches for block in stretch]
+    whole = _fitted(t, torque) if len(shares) < FEW_BLOCKS and len(t) <= LONGEST_OPENING else None
+    few = len(shares) < FEWEST_BLOCKS
+    if whole is not None and (few or whole[0].share >= float(np.mean(shares)) - AS_MUCH):
+        stretches = [whole]
+    elif few:
+        return RunPhase(*none, why="the engine torque does not oscillate with one frequency, or with one that changes "
+                        "by 10 % a second or less")
+    known = sum(stretch[-1].end - stretch[0].begin for stretch in stretches) / float(t[-1] - t[0])
+    if known < LEAST_KNOWN:
+        return RunPhase(*none, why="the oscillation of the engine torque can be followed for "
+                        f"{100.0 * known:.0f} % of the time only; {100.0 * LEAST_KNOWN:.0f} % or more are needed")
+    return cycles_between(stretches, known)
 
-    def __init__(self) -> None:
-        self.samples = 0
-        self._t = self._torque = np.empty(0)
-        self._opening: tuple[Floats, Floats] = self._t, self._torque
-        self._tried = 0
-        self._low, self._high, self._size = math.inf, -math.inf, 0.0
-        self._span: list[float] = []
+
+class _Follower:
+    """The stretches of samples without a gap in which the strongest line of a torque is followed."""
+
+    def __init__(self, t: Floats, torque: Floats) -> None:
+        self._t, self._torque, self._tried = t, torque, 0
         self._model: tuple[float, float, float, float] | None = None
         self._sure_until = -math.inf
         self._misses = 0
         self._stretch: Blocks | None = None
-        self._done: list[Blocks] = []
-
-    @property
-    def last(self) -> float:
-        """Time of the last sample, s."""
-        return self._span[1] if self._span else -math.inf
-
-    def take(self, t: Floats, torque: Floats) -> None:
-        """Add samples that follow the last without a gap, or after a single lost one."""
-        self.samples += len(t)
-        self._span = [self._span[0] if self._span else float(t[0]), float(t[-1])]
-        self._low, self._high = min(self._low, float(torque.min())), max(self._high, float(torque.max()))
-        if len(self._opening[0]) < LONGEST_OPENING:
-            self._opening = (np.concatenate([self._opening[0], t])[:LONGEST_OPENING],
-                             np.concatenate([self._opening[1], torque])[:LONGEST_OPENING])
-        self._t, self._torque = np.concatenate([self._t, t]), np.concatenate([self._torque, torque])
+        self.stretches: list[Blocks] = []
         while self._search() if self._model is None else self._follow():
             pass
-
-    def interrupt(self) -> None:
-        """End at a gap or at the end: nothing that waits may join later samples."""
-        if self._model is None and len(self._t) >= SHORTEST_OPENING // 2:
-            while self._search(last=True) if self._model is None else self._follow():
-                pass
         if self._stretch is not None and not self._misses and len(self._t):
             self._take_rest(self._stretch)
         self._release()
-        self._t = self._torque = np.empty(0)
-        self._tried = 0
 
-    def result(self) -> RunPhase:
-        """Return the cycles of this run."""
-        self.interrupt()
-        none = np.empty(0, np.int64), np.empty(0), math.nan, math.nan
-        if self._high - self._low <= 1e-9 * max(abs(self._low), abs(self._high)):
-            return RunPhase(*none, why="the engine torque is constant")
-        shares = [block.share for stretch in self._done for block in stretch]
-        short = len(shares) < FEW_BLOCKS and self.samples <= LONGEST_OPENING
-        whole = _fitted(*self._opening) if short else None
-        few = len(shares) < FEWEST_BLOCKS
-        if whole is not None and (few or whole[0].share >= float(np.mean(shares)) - AS_MUCH):
-            self._done = [whole]
-        elif few:
-            return RunPhase(*none, why="the engine torque does not oscillate with one frequency, or with one that "
-                            "changes by 10 % a second or less")
-        known = sum(stretch[-1].end - stretch[0].begin for stretch in self._done) / (self._span[1] - self._span[0])
-        if known < LEAST_KNOWN:
-            return RunPhase(*none, why="the oscillation of the engine torque can be followed for "
-                            f"{100.0 * known:.0f} % of the time only; {100.0 * LEAST_KNOWN:.0f} % or more are "
-                            "needed")
-        return cycles_between(self._done, known)
-
-    def _search(self, last: bool = False) -> bool:
-        """Look for the line in the first waiting samples; return whether more can be done with the waiting ones."""
-        size = max(2 * self._tried, SHORTEST_OPENING)
-        if len(self._t) < size:
-            if not last or len(self._t) == self._tried:
-                return False
-            size = len(self._t)
+    def _search(self) -> bool:
+        """Look for the line in the next samples; return whether there were more of them than before."""
+        size = min(max(2 * self._tried, SHORTEST_OPENING), len(self._t))
+        if size == self._tried or size < SHORTEST_OPENING // 2:
+            return False
         self._tried = size
         line = _strongest_line(self._t[:size], self._torque[:size])
         if line is not None:
@@ -398,7 +369,7 @@ class _Run:
         return True
 
     def _measured(self, count: int) -> _Fit | None:
-        """Fit the line to the first waiting samples; None if it is weak or differs from the prediction."""
+        """Fit the line to the next samples; None if it is weak or differs from the prediction."""
         # The first block sets the phase: an opening may begin before the oscillation. The halves of a block must
         # agree: a line of another frequency may have the predicted phase in the middle.
         expected = self._expected(self._t[:count])
@@ -446,7 +417,7 @@ class _Run:
     def _release(self) -> None:
         if self._stretch is not None and len(self._stretch) > MISSES:
             trim(self._stretch)
-            self._done.append(self._stretch)
+            self.stretches.append(self._stretch)
         self._stretch, self._model, self._misses = None, None, 0
 
 
