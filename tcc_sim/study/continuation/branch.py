@@ -26,7 +26,7 @@ from tcc_sim.study.continuation.bifurcations import (
     point_at,
     special_points_between,
 )
-from tcc_sim.study.continuation.orbits import Floats, Linearised, Orbit, ParameterMap, Settings, Shooting
+from tcc_sim.study.continuation.orbits import Floats, Orbit, ParameterMap, Settings, Shooting
 
 FAMILY = 1e-7  # distance of a multiplier from 1, and slope of the parameter, in a family at one value
 FAMILY_LENGTH = 1e-2  # length of a branch in a family before it ends
@@ -208,31 +208,21 @@ def _beyond_corner(track: BranchTrack) -> ContinuationPoint | None:
             events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
         except orbits.FAILURES:
             continue
-        new = None if events == here.orbit.seen.events else _beyond(track, linearised, along, distance)
-        if new is not None:
-            return new
-    return None
-
-
-def _beyond(track: BranchTrack, linearised: Linearised, along: Floats, distance: float) -> ContinuationPoint | None:
-    """The next point beyond a corner at the last one; None where none is found."""
-    # linearised : derivative at a distance from the corner; where it belongs to neither piece, the one along the
-    # other piece
-    here, shooting, z = track.here, track.here.shooting, track.here.solution.z
-    settings = replace(shooting.settings, first_step=distance, smallest_step=CORNER_STEP)
-    for known in (linearised, None):
-        try:
-            start = known or shooting.linearise(z + distance * along)
-            short: Continuation[CurvePoint, None] = Continuation(CurvePoint(
-                arclength.solution_at(z, start, arclength.tangent_of(start, along)),
-                replace(shooting, settings=settings)))
-            moved = short.step(by_amplitude=False)
-            new = None if moved is None else here.moved(moved, by_amplitude=False)
-        except orbits.FAILURES:
-            continue
-        if new is not None and new.orbit.seen.events != here.orbit.seen.events:
-            track.length = short.length
-            return new
+        # Where the derivative belongs to neither piece, the one along the other piece is taken.
+        for known in (linearised, None) if events != here.orbit.seen.events else ():
+            try:
+                start = known or shooting.linearise(z)
+                short: Continuation[CurvePoint, None] = Continuation(CurvePoint(
+                    arclength.solution_at(here.solution.z, start, arclength.tangent_of(start, along)),
+                    replace(shooting, settings=replace(shooting.settings, first_step=distance,
+                                                       smallest_step=CORNER_STEP))))
+                moved = short.step(by_amplitude=False)
+                new = None if moved is None else here.moved(moved, by_amplitude=False)
+            except orbits.FAILURES:
+                continue
+            if new is not None and new.orbit.seen.events != here.orbit.seen.events:
+                track.length = short.length
+                return new
     return None
 
 
@@ -241,13 +231,14 @@ BRANCH = Rules(_every_start, _unresolved, lambda track, new: special_points_betw
 """A branch of periodic orbits along one parameter."""
 
 
-def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, number: int = 0, *, both: bool = True,
-                   began: End | None = None, tick: Tick | None = None, keep: list[Branch] | None = None) -> Branch:
+def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep: list[Branch] | None = None, *,
+                   both: bool = True, began: End | None = None, tick: Tick | None = None) -> Branch:
     """The branch through `first`, both ways, or only along its tangent.
 
+    keep : branches to which it is added, also its part up to Ctrl-C; their number is that of the branch
     began : the end it starts at, where only one way is followed
-    keep : takes the branch, also its part up to Ctrl-C
     """
+    keep = [] if keep is None else keep
     tracks = [Continuation(start, BRANCH) for start in ((first, first.turned()) if both else (first,))]
     ahead, behind = tracks[0], tracks[-1]
     try:
@@ -267,14 +258,13 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, numbe
         closed = ahead.ended.reason is StopReason.CLOSED
         start_end = ahead.ended if closed else behind.ended if both else began or ahead.ended
         branch = Branch(first.orbit.period, origin, points, (start_end, ahead.ended), closed,
-                        [replace(f, branch=number, after=after) for after, f in special])
+                        [replace(f, branch=len(keep), after=after) for after, f in special])
         for k, (a, b) in enumerate(pairwise(points)):
             between = [n for n, f in enumerate(branch.bifurcations) if f.after == k]
             if between and a.orbit.stable != b.orbit.stable:  # The one next to the stable point is the change.
                 n = between[0] if a.orbit.stable else between[-1]
                 branch.bifurcations[n] = replace(branch.bifurcations[n], changes_stability=True)
-        if keep is not None:
-            keep.append(branch)
+        keep.append(branch)
     return branch
 
 
@@ -390,7 +380,7 @@ def bifurcation_diagram(of: ParameterMap, span: orbits.ParameterRange, seen: Seq
         run = max(runs, key=len)
         first = point_of(of, span, left.pop(run[len(run) // 2]), settings)
         if first is not None and not any(passes_through(branch, first) for branch in out):
-            branch_through(first, number=len(out), tick=tick, keep=out)
+            branch_through(first, keep=out, tick=tick)
     switch(out, 1, longest, settings.max_branches, tick)
     return out
 
@@ -558,7 +548,7 @@ def switch(branches: list[Branch], depth: int, longest: int | None = None, most:
                 if start is not None and not any(passes_through(branch, start) for branch in branches):
                     began = End(StopReason.BEGAN, start.shooting.ranges[0].name, bifurcation.value)
                     origin = BranchOrigin(bifurcation.kind, bifurcation.value, number)
-                    branch_through(start, origin, len(branches), both=False, began=began, tick=tick, keep=branches)
+                    branch_through(start, origin, branches, both=False, began=began, tick=tick)
 
 
 NEAR_END = 0.05  # distance of a bifurcation from a loss of stability, parts of range and largest size
@@ -763,20 +753,19 @@ def _walk(branch: Branch, after: int, goal: float) -> tuple[int, bool]:
     """
     points = branch.points
     a, b = points[after], points[after + 1]
-    toward = 1.0 if goal > min(a.value, b.value) and goal >= max(a.value, b.value) else -1.0
-    if min(a.value, b.value) <= goal <= max(a.value, b.value):
+    low, high = sorted((a.value, b.value))
+    if low <= goal <= high:
         return after, a.orbit.stable and b.orbit.stable
-    step = 1 if (b.value - a.value) * toward > 0.0 else -1
-    at = after + 1 if step > 0 else after
-    while True:
-        if not points[at].orbit.stable:
-            return at, False
+    toward = 1.0 if goal > high else -1.0
+    at, step = (after + 1, 1) if (b.value - a.value) * toward > 0.0 else (after, -1)
+    while points[at].orbit.stable:
         following = at + step
         if not 0 <= following < len(points) or (points[following].value - points[at].value) * toward <= 0.0:
-            return at, False
+            break
         if (points[following].value - goal) * toward >= 0.0:
             return min(at, following), points[following].orbit.stable
         at = following
+    return at, False
 
 
 def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -> Bifurcation | None:

@@ -74,25 +74,18 @@ class DrivelineMap:
         if self.forcing_period == 0:
             raise InputError(f"pressure.frequency_ratio is {system.pressure.frequency_ratio:g}; periodic motions need "
                              "a ratio of whole numbers up to 1000")
-        self._made: tuple[Values, System] | None = None
         self._prepared: tuple[Values, Prepared] | None = None
-        self._last: tuple[Any, Image] | None = None
         if self.piecewise:
             # A scene without derivatives is refused here.
             Prepared(system, self.keys, tolerance)
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""
-        if self._made is None or self._made[0] != values:
-            self._made = values, replace(self.system, dict(zip(self.keys, values)))
-        return self._made[1]
+        return replace(self.system, dict(zip(self.keys, values)))
 
     def evaluate(self, x: Floats, values: Values, first: float, cycles: float) -> Image:
         """The state `cycles` cycles on, with derivatives by the state and by the free keys."""
-        key = x.tobytes(), values, first, cycles
-        if self._last is None or self._last[0] != key:
-            self._last = key, self.evaluate_each(x[None], values, [first], [cycles])[0]
-        return self._last[1]
+        return self.evaluate_each(x[None], values, [first], [cycles])[0]
 
     def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
                       cycles: Sequence[float]) -> list[Image]:
@@ -463,13 +456,13 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
     span = ParameterRange(plan.low, plan.high, name=plan.over)
     if plan.seeds:
         for first, origin in seeded(map_, span, plan.seeds, plan.period, out.branches):
-            branch_through(first, origin, len(out.branches), tick=tick, keep=out.branches)
+            branch_through(first, origin, out.branches, tick=tick)
     else:
         start = min(max(_present(system, plan.over), plan.low), plan.high)
         shooting, z = start_orbit(map_, span, start, plan.period)
         first = first_point(shooting, z)
         refuse_family(first, map_.system_at((start,)))
-        branch_through(first, tick=tick, keep=out.branches)
+        branch_through(first, keep=out.branches, tick=tick)
     if plan.switch:
         switch(out.branches, plan.switch, tick=tick)
     for value in plan.at:
