@@ -406,48 +406,25 @@ def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
     cycles, first : (m,) length of an engine cycle of each run, s, and the number of its first cycle
     dropped : number of cycles dropped before
     """
-    section, high, low, stick = runs.section, runs.highest, runs.lowest, runs.stick_time
-    assert runs.loads is not None
+    section, high, low = runs.section, runs.highest, runs.lowest
     count = high.shape[1]
-    away = [maybe and steady.slip_grows(runs.cycles(k)) for k, maybe in enumerate(_slips_at_the_end(high, low, stick))]
     most = steady.longest_tried(count + 1)
-    points = section / _sizes_of(section, high, low)[:, None]
+    points = section / np.array([steady.sizes_of(*each) for each in zip(section, high, low)])[:, None]
     repeating = ([Periodicity(*each, most) for each in repetitions(points, most, steady.TOLERANCE)] if most else
                  [steady.of_points(each, most, steady.TOLERANCE) for each in points])
     without = np.array([not each.period for each in repeating])
     drifting = without.copy()
     drifting[without] = steady.drifts(np.maximum(np.abs(high), np.abs(low))[without])
-    loads = runs.loads
-    sums = zip(loads[:, 0].sum(axis=1).tolist(), loads[:, 1].max(axis=1).tolist(), loads[:, 2].max(axis=1).tolist(),
-               loads[:, 3].min(axis=1).tolist(), loads[:, 4].sum(axis=1).tolist(), loads[:, 5].sum(axis=1).tolist())
     out, sections = list[Summary](), list[Floats]()
-    for k, (top, bottom, stuck, each, seconds) in enumerate(zip(
-            high.max(axis=1).tolist(), low.min(axis=1).tolist(), stick.sum(axis=1).tolist(), sums,
-            runs.seconds.tolist())):
-        since = first[k] * cycles[k]
+    for k, seconds in enumerate(runs.seconds.tolist()):
+        each, since = runs.cycles(k), first[k] * cycles[k]
         span = Span(since, since + count * cycles[k])
         summary = steady.without_section(
-            repeating[k], away[k], bool(drifting[k]), span, steady.sums_from(top, bottom, stuck, span.seconds, each),
+            repeating[k], steady.slip_grows(each), bool(drifting[k]), span, steady.sums_of(each, span.seconds),
             cycles=count + dropped, dropped=dropped, solver=runs.solver, elapsed=seconds)
         out.append(summary)
         sections.append(steady.section_of(section[k, 1:], first[k], summary.period))
     return out, sections
-
-
-def _slips_at_the_end(high: Floats, low: Floats, stick: Floats) -> list[bool]:
-    """Return whether the last ninth of the cycles of each run slips in one direction, without which none runs away."""
-    last = max(high.shape[1] // 9, 1) * 3
-    slips = (high[:, -last:] * low[:, -last:] > 0.0) & (stick[:, -last:] == 0.0)
-    slipping: list[bool] = slips.all(axis=1).tolist()
-    return slipping
-
-
-def _sizes_of(section: Floats, high: Floats, low: Floats) -> Floats:
-    v, angle, w = np.abs(section).max(axis=1).T
-    speed = np.maximum.reduce([v, w, np.abs(high).max(axis=1), np.abs(low).max(axis=1)])
-    fast, far = np.maximum(speed, 1e-6 * angle), np.maximum(angle, 1e-6 * speed)
-    fast, far = np.where(fast == 0.0, 1.0, fast), np.where(far == 0.0, 1.0, far)
-    return np.stack([fast, far, fast], axis=1)
 
 
 __all__ = ["Curve", "Grid", "Plan", "Sweep", "curves_of", "sweep", "sweep_curves", "sweep_grid"]

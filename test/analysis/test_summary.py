@@ -21,7 +21,7 @@ from tcc_sim.analysis.steady.summary import (
     slip_grows,
     summarise,
     summarise_cycles,
-    sums_from,
+    sums_of,
     varying,
 )
 from tcc_sim.errors import InputError
@@ -86,7 +86,7 @@ def test_a_motion_without_period_lists_every_kept_cycle():
 def test_regimes_and_stick_fractions_end_at_their_bounds():
     assert [regime_of(x) for x in (0.0, 0.005, 0.00501, 0.5, 0.99499, 0.995, 1.0)] == [
         "slip", "slip", "stick-slip", "stick-slip", "stick-slip", "stick", "stick"]
-    assert [sums_from(1.0, 0.5, stuck, 2.0, None)["stick_fraction"] for stuck in (
+    assert [sums_of(Cycles(np.zeros((2, 3)), *np.array([[1.0], [0.5], [stuck]])), 2.0)["stick_fraction"] for stuck in (
         -0.1, 1e-12, 3e-12, 0.5, 2.0 - 3e-12, 2.0 - 1e-12, 2.1)] == [0.0, 0.0, 1.5e-12, 0.25, 1.0 - 1.5e-12, 1.0, 1.0]
     stuck = trajectory_of(lambda t: 0.0 * t, lambda t: 0.0 * t, 10)
     assert (summarise(stuck, 2).stick_fraction, summarise(stuck, 2).regime) == (1.0, "stick")

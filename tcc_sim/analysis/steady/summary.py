@@ -493,34 +493,23 @@ def _span_of(observed: NDArray[np.bool_], times: CycleTimes, partial: Sequence[C
 
 def sums_of(cycles: Cycles, seconds: float) -> dict[str, Any]:
     """Return the extremes and sums of `Summary` over cycles and parts of cycles that lie `seconds` long in time; NaN
-    marks those that were not observed.
+    marks those that were not observed, and breakaways that were not counted.
     """
     seen = np.isfinite(cycles.highest) & np.isfinite(cycles.lowest) & np.isfinite(cycles.stick_time)
     part: Any = slice(None) if seen.all() else seen
-    loads = None
-    if cycles.loads is not None:
-        energy, power, high, low, breakaways, fluid = (column[part] for column in cycles.loads.columns())
-        loads = (float(energy.sum()), float(power.max()), float(high.max()), float(low.min()), float(breakaways.sum()),
-                 float(fluid.sum()))
-    return sums_from(float(cycles.highest[part].max()), float(cycles.lowest[part].min()),
-                     float(cycles.stick_time[part].sum()), seconds, loads)
-
-
-def sums_from(highest: float, lowest: float, stick_time: float, seconds: float,
-              loads: tuple[float, float, float, float, float, float] | None) -> dict[str, Any]:
-    """Return them from the extremes of the slip speed, the time in stick and, of the loads, clutch energy, peak power,
-    largest and smallest shaft torque, breakaways, NaN if they were not counted, and the fluid's heat.
-    """
-    fraction = min(max(stick_time / seconds, 0.0), 1.0) if seconds > 0.0 else 0.0
+    highest, lowest = float(cycles.highest[part].max()), float(cycles.lowest[part].min())
+    fraction = min(max(float(cycles.stick_time[part].sum()) / seconds, 0.0), 1.0) if seconds > 0.0 else 0.0
     fraction = float(round(fraction)) if min(fraction, 1.0 - fraction) < ROUNDING else fraction
     sums: dict[str, Any] = {"max_slip_speed": max(abs(highest), abs(lowest)), "min_slip_speed": lowest,
                             "stick_fraction": fraction, "regime": regime_of(fraction)}
-    if loads is None:
+    if cycles.loads is None:
         return sums
-    energy, power, high, low, breakaways, fluid = loads
-    return {**sums, "clutch_energy": energy, "mean_power": energy / seconds if seconds > 0.0 else math.nan,
-            "peak_power": power, "max_shaft_torque": high, "min_shaft_torque": low,
-            "breakaways": int(breakaways) if math.isfinite(breakaways) else None, "coupling_energy": fluid}
+    energy, power, high, low, breakaways, fluid = (column[part] for column in cycles.loads.columns())
+    work, changes = float(energy.sum()), float(breakaways.sum())
+    return {**sums, "clutch_energy": work, "mean_power": work / seconds if seconds > 0.0 else math.nan,
+            "peak_power": float(power.max()), "max_shaft_torque": float(high.max()),
+            "min_shaft_torque": float(low.min()), "breakaways": int(changes) if math.isfinite(changes) else None,
+            "coupling_energy": float(fluid.sum())}
 
 
 def runs_away(cycles: Cycles, varied: int = 0, tolerance: float = TOLERANCE) -> bool:
