@@ -40,7 +40,7 @@ from tcc_sim.nodes.options import TEXT
 from tcc_sim.plant.driveline import doubt_of
 from tcc_sim.recording.announcements import LATE_SHARE
 from tcc_sim.scene import Scene
-from tcc_sim.topics import FAR_END, TARGET, topic
+from tcc_sim.topics import FAR_END, INPUTS, TARGET, topic
 
 SWITCH_INTERVAL = 1e-4
 """Time after which the real-time loop interrupts another thread in the interpreter, s."""
@@ -102,8 +102,8 @@ class DrivelineNode(Node):
         loop.outputs.tell_unsent()
         self._look_for_vehicle()
         started = loop.clock_started.is_set()
-        if started and loop.target is None and (target := joining(self, TARGET)) is not None:
-            loop.request(lambda: loop.follow(target))
+        if started and TARGET not in loop.inputs and (target := joining(self, TARGET)) is not None:
+            loop.request(lambda: loop.attach(target))
         if started and loop.clock.due:
             loop.request(lambda: loop.clock.begin(loop.plant.stamp_ns))
         if started and not self._announced:
@@ -131,15 +131,16 @@ class DrivelineNode(Node):
     def _look_for_vehicle(self) -> None:
         """Subscribe to output_speed once its first message is there, until its last publisher has gone."""
         loop = self.loop
-        if self._vehicle is None and loop.clock_started.is_set() and loop.far_end is None:
+        attached = loop.inputs.get(FAR_END)
+        if self._vehicle is None and loop.clock_started.is_set() and attached is None:
             self._vehicle = joining(self, FAR_END)
-        if (far_end := self._vehicle) is not None and loop.far_end is None:
+        if (far_end := self._vehicle) is not None and attached is None:
             far_end.poll(0, math.inf)
             if far_end.received + far_end.refused:
                 loop.request(lambda: self._attach(far_end), timeout=2.0 * LONGEST_QUIET)
-        elif (left := loop.far_end) is not None and not self.count_publishers(FAR_END) and loop.request(loop.detach):
+        elif attached is not None and not self.count_publishers(FAR_END) and loop.request(loop.detach):
             self._vehicle = None
-            self.destroy_subscription(left.subscription)
+            self.destroy_subscription(attached.subscription)
 
     def _attach(self, far_end: CommandedInput) -> None:
         """Take output_speed from now on; called in the loop."""
@@ -265,7 +266,7 @@ class Waiting:
         for command in loop.commands:
             names = set(nodes_of(self._node.get_publishers_info_by_topic(command.topic)))
             command.timed = bool(names) and names <= followers
-            if command.unstamped and not command.timed and command is not loop.far_end:
+            if command.unstamped and not command.timed and command.name != FAR_END:
                 sentences[command.name] = (
                     f"commands on {command.name} have no stamp, so each counts as the answer to the newest state, and "
                     "a timer of the wall clock acts more often than it says; stamp them with the state, or give their "
@@ -289,7 +290,7 @@ class Waiting:
         return f"{counted(len(sentences), 'publisher')} on {command.topic}{colon}{', '.join(sentences)}{refused}"
 
     def _fallback(self, command: CommandedInput) -> str:
-        if command is self._loop.far_end:
+        if command.name == FAR_END:
             return "the shaft's far end stands still"
         return str(self._loop.scene.value(f"{topic(command.name).key.partition('.')[0]}.fallback"))
 
@@ -362,7 +363,7 @@ class Diagnostics:
                        f"{command.name} last refusal": command.refusal,
                        f"{command.name} time-outs": str(command.timeouts),
                        f"{command.name} source": "fallback" if command.value is None else "topic"}
-        if loop.pressure_command is not None:
+        if INPUTS[1] in loop.inputs:
             commanded, applied = loop.plant.pressures
             values |= {"commanded pressure (Pa)": f"{commanded:.6g}", "applied pressure (Pa)": f"{applied:.6g}"}
         waiting = [c.name for c in loop.commands if c.value is None]

@@ -62,14 +62,13 @@ class RealTimeLoop:
         self._requests: queue.SimpleQueue[tuple[Future[Outcome], Callable[[], object]]] = queue.SimpleQueue()
         self._stopping, self._wake = False, threading.Event()
         self._thread = threading.Thread(target=self._run, name="real_time_loop", daemon=True)
-        engine, pressure = topic("engine_torque"), topic("actuation_pressure")
-        self.engine_command = CommandedInput(node, engine) if engine.wanted(scene.value) else None
-        self.pressure_command = (CommandedInput(node, pressure, self.plant.check_pressure)
-                                 if pressure.wanted(scene.value) else None)
-        self.commands: list[CommandedInput] = [c for c in (self.engine_command, self.pressure_command) if c is not None]
-        self._inputs = tuple(self.commands)  # Without output_speed, which may join later.
-        self._joints = JointCommands(node, self._inputs) if self._inputs else None
-        self.far_end: CommandedInput | None = None
+        self.inputs = {name: CommandedInput(node, topic(name), admit)
+                       for name, admit in zip(INPUTS, (lambda _: None, self.plant.check_pressure))
+                       if topic(name).wanted(scene.value)}
+        """Inputs by topic; output_speed, and target_slip_speed, which acts on nothing, may join later."""
+        self.commands = list(self.inputs.values())
+        """Inputs that act."""
+        self._joints = JointCommands(node, self.commands) if self.inputs else None
         self.outputs = Outputs(node, scene)
         self.clock = SimulationClock(node, self.outputs, scene.operation)
         self._answer_ticks = scene.operation.answer_ticks
@@ -77,7 +76,6 @@ class RealTimeLoop:
             command.period_ns = self.plant.stamp_of(self._answer_ticks)
         self._unanswered: list[CommandedInput] | None = None
         self._waits_since = 0.0
-        self.target: CommandedInput | None = None
         self._beat = max(1, math.floor(held.BEAT * scene.operation.rate + 1e-9))
         self._number, self._told = 0, -self._beat
         self._seen: tuple[int, float | None, tuple[bool, ...]] = 0, None, ()
@@ -118,16 +116,15 @@ class RealTimeLoop:
             if self.scene.operation.thread_priority:
                 attend(0)
 
-    def follow(self, target: CommandedInput) -> None:
-        """Report the target slip speed on `held` from the next tick on."""
-        self.target = target
+    def attach(self, joined: CommandedInput) -> None:
+        """Report target_slip_speed or output_speed on `held` from the next tick on; apply the latter and publish
+        output_state.
+        """
+        self.inputs[joined.name] = joined
         self.outputs.report_inputs()
-
-    def attach(self, far_end: CommandedInput) -> None:
-        """Apply output_speed from the next tick on, and publish output_state."""
-        self.far_end = far_end
-        self.commands.append(far_end)
-        self.outputs.report_inputs()
+        if joined.name == TARGET:
+            return
+        self.commands.append(joined)
         self.plant.stepper.move_far_end(0.0)
         if self.outputs.add("output_state") and (
                 self.outputs.patient or not self.clock_started.is_set()):
@@ -135,19 +132,17 @@ class RealTimeLoop:
 
     def detach(self) -> None:
         """Let the shaft's far end stand still from the next tick on; output_state continues."""
-        self.commands = [command for command in self.commands if command is not self.far_end]
-        self._unanswered = self._unanswered and [c for c in self._unanswered if c is not self.far_end]
-        self.far_end = None
+        left = self.inputs.pop(FAR_END)
+        self.commands = [command for command in self.commands if command is not left]
+        self._unanswered = self._unanswered and [command for command in self._unanswered if command is not left]
         self.plant.move_far_end(None)
 
     def meet(self) -> None:
         """Take target_slip_speed and output_speed if they have publishers, after connecting; publish /clock if due."""
-        if self.target is None and (target := joining(self._node, TARGET)) is not None:
-            wait_until(target.subscription.get_publisher_count)
-            self.follow(target)
-        if self.far_end is None and (far_end := joining(self._node, FAR_END)) is not None:
-            wait_until(far_end.subscription.get_publisher_count)
-            self.attach(far_end)
+        for name in TARGET, FAR_END:
+            if name not in self.inputs and (joined := joining(self._node, name)) is not None:
+                wait_until(joined.subscription.get_publisher_count)
+                self.attach(joined)
         if self.clock.due:
             self.clock.begin()
 
@@ -174,7 +169,7 @@ class RealTimeLoop:
         running = self.clock_started.is_set()
         if running:
             self._report_inputs(held.ENDED)
-        for command in self._reported:
+        for command in self.inputs.values():
             command.reset()
         self.plant.reset()
         self._unanswered = None
@@ -309,8 +304,9 @@ class RealTimeLoop:
         """Return whether lock-step has every command that answers this state, or has waited for command_timeout."""
         now = time.monotonic()
         if self._unanswered is None:
-            due = self._inputs if tick % self._answer_ticks == 0 else ()  # The far end answers every state.
-            self._unanswered = [c for c in self.commands if tick >= c.since and (c is self.far_end or c in due)]
+            due = tick % self._answer_ticks == 0
+            self._unanswered = [command for command in self.commands if tick >= command.since
+                                and (due or command.name == FAR_END)]  # The far end answers every state.
             self._waits_since = now
         stamp = self.plant.stamp_of(tick) + self.outputs.zero_ns
         joined = self._joints.poll(tick, stamp) if self._joints is not None and self._unanswered else []
@@ -326,11 +322,11 @@ class RealTimeLoop:
         return True
 
     def _tick(self) -> None:
-        if self.target is not None:
-            self.target.poll(self.plant.stepper.tick, math.inf)
+        if TARGET in self.inputs:
+            self.inputs[TARGET].poll(self.plant.stepper.tick, math.inf)
         if self.commands:
-            torque, pressure, speed = (None if command is None else command.value for command in (
-                self.engine_command, self.pressure_command, self.far_end))
+            torque, pressure, speed = (self.inputs[name].value if name in self.inputs else None
+                                       for name in (*INPUTS, FAR_END))
             self.plant.hold(torque, pressure)
             self.plant.move_far_end(speed)
             for command in self.commands:
@@ -353,24 +349,18 @@ class RealTimeLoop:
                             self.outputs.run, self._node.get_fully_qualified_name())
         self.outputs.say("scene", cdr.string(text))
 
-    @property
-    def _reported(self) -> list[CommandedInput]:
-        """Inputs on the topic `held`."""
-        return self.commands if self.target is None else [*self.commands, self.target]
-
     def _report_inputs(self, after: int = held.GOES_ON) -> None:
         """Publish the inputs of the tick that ended, if something has changed, they are due, or the run stops."""
-        plant, tick, inputs = self.plant, self.plant.stepper.tick, self._reported
+        plant, tick, inputs = self.plant, self.plant.stepper.tick, self.inputs.values()
         applied = plant.pressures[1] if plant.actuated else None
         seen = sum(one.events for one in inputs), applied, tuple(one.value is None for one in inputs)
         if seen == self._seen and not after and tick - self._told < self._beat:
             return
         self._seen, self._told, self._number = seen, tick, self._number + 1
         values: list[float] = [tick, plant.stamp_ns, self._number, after]
-        reports = {one.name: one.report(self.outputs.zero_ns) for one in inputs}
         for name in HELD_INPUTS:
             absent = (held.SCENE if name in INPUTS else held.NOBODY, *[math.nan] * 4, *[0] * 5)
-            report: tuple[float, ...] = reports.get(name, absent)
+            report = self.inputs[name].report(self.outputs.zero_ns) if name in self.inputs else absent
             values += report if applied is None or name != INPUTS[1] else (*report[:2], applied, *report[3:])
         self.outputs.say("held", held.held_message(self.outputs.run, values))
 

@@ -505,7 +505,7 @@ class Rig:
 
     def _add(self, samples: Samples) -> None:
         """Add the current state with the commands held in the tick before it."""
-        held = {command.name: command for command in self._loop.commands}
+        held = self._loop.inputs
         received = held[INPUTS[1]].received if INPUTS[1] in held else 0
         samples.add(self._plant, self._plant.reading(), {name: one.value for name, one in held.items()}, received)
 

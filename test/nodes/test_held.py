@@ -57,7 +57,7 @@ class Chain:
     def rows(self) -> list[dict[str, Any]]:
         """The messages on held: run, tick, ns, number, last, and a dictionary for each input."""
         self.loop.stop()
-        pressed = self.loop.pressure_command is not None
+        pressed = "actuation_pressure" in self.loop.inputs
         self.bench.until(lambda: len(self.heard["joint_states"]) == self.states
                          and len(self.heard["applied_pressure"]) == pressed * self.states)
         out = []
@@ -82,7 +82,7 @@ def test_a_message_holds_until_the_next_and_tells_whose_command_acts_since_which
                   pressure__time_constant=0.02)
     one, other = Commander(bench), Commander(bench)
     chain.run(250)
-    torque, pressure = chain.loop.engine_command, chain.loop.pressure_command
+    torque, pressure = chain.loop.commands
     for k, sender in enumerate((one, other, one)):
         sender.torques.publish(Float64(data=100.0 + k))
         chain.until(lambda k=k: torque.received == k + 1)
@@ -128,7 +128,7 @@ def test_a_reset_begins_another_run_whose_counts_begin_and_the_name_is_in_every_
     sender = Commander(bench)
     for k in range(2):
         sender.torques.publish(Float64(data=50.0))
-        chain.until(lambda k=k: chain.loop.engine_command.received == k + 1)
+        chain.until(lambda k=k: chain.loop.inputs["engine_torque"].received == k + 1)
         if not k:
             ended = chain.loop.plant.stepper.tick
             chain.reset()
@@ -174,10 +174,11 @@ def test_inputs_that_join_are_reported_from_then_on(bench: Any) -> None:
         speed.publish(Float64(data=3.0))
         chain.node.housekeeping()
         chain.step()
-        return bool(chain.loop.target is not None and chain.loop.far_end is not None and chain.loop.far_end.value)
+        inputs = chain.loop.inputs
+        return bool("target_slip_speed" in inputs and "output_speed" in inputs and inputs["output_speed"].value)
 
     chain.bench.until(joined)
-    chain.until(lambda: chain.loop.target.received)
+    chain.until(lambda: chain.loop.inputs["target_slip_speed"].received)
     chain.run(150)
     rows = chain.rows()
     end = rows[-1]

@@ -103,7 +103,7 @@ def test_a_flood_from_two_publishers_is_taken_without_a_missing_tick(bench: Any)
     assert attacker.stamps == [k * 1_000_000 for k in range(len(attacker.stamps))]
     assert np.all(np.isfinite(attacker.values))
     assert {value[4] for value in attacker.values} <= {300.0, 100.0, 200.0, -100.0, 77.0}
-    torque = node.loop.engine_command
+    torque = node.loop.inputs["engine_torque"]
     assert torque is not None
     assert 0 < torque.refused + torque.received <= 10_001
     assert refusals(bench, node)["engine_torque"] == torque.refused > 0
@@ -125,7 +125,7 @@ def test_another_message_type_on_the_same_name_is_not_taken(bench: Any, monkeypa
             wrong.publish(String(data="as much as you can"))
         attacker.torques.publish(cdr.float64(55.0))
         matching.until(lambda: attacker.hear() and attacker.values[-1][4] == 55.0)
-        torque = node.loop.engine_command
+        torque = node.loop.inputs["engine_torque"]
         assert torque is not None
         assert (torque.received, torque.refused) == (1, 0)
     finally:
@@ -143,7 +143,7 @@ def test_in_lockstep_a_stamp_of_no_waiting_state_is_refused_and_counted(bench: A
     bench.until(lambda: poll(subscription))
     for stamp in (-10**9, 1, 1_000_000, (2**31 - 1) * 10**9):
         pressures.publish(cdr.fluid_pressure(stamp, 1e5))
-    command = node.loop.pressure_command
+    command = node.loop.inputs["actuation_pressure"]
     assert command is not None
     bench.until(lambda: command.refused == 4)
     assert (node.loop.plant.stepper.tick, command.received) == (0, 0)

@@ -111,22 +111,20 @@ def test_a_step_of_the_mean_torque_beside_commanded_pressure(bench: Any, tmp_pat
     chain = Recorded(bench, tmp_path / "run", scene="commands", command_timeout=0.0, engine__fallback="mean",
                      pressure__fallback="mean")
     chain.change(pressure__mean=2e5)
-    assert chain.loop.pressure_command is not None
-    assert chain.loop.pressure_command.value is None
+    assert chain.loop.inputs["actuation_pressure"].value is None
     assert chain.loop.request(lambda: chain.loop.plant.reading().applied_pressure == 2e5)
     chain.run(60)
     torques = bench.node("commander").create_publisher(
         Float64, "engine_torque", COMMANDS)
     bench.until(torques.get_subscription_count)
     torques.publish(cdr.float64(250.0))
-    bench.until(lambda: chain.loop.engine_command is not None and chain.loop.engine_command.value == 250.0)
+    bench.until(lambda: chain.loop.inputs["engine_torque"].value == 250.0)
     chain.change(engine__mean_torque=400.0, friction__static_coefficient=0.4)
-    assert chain.loop.engine_command is not None
-    assert chain.loop.engine_command.value == 250.0
+    assert chain.loop.inputs["engine_torque"].value == 250.0
     chain.run(100)
     chain.reset()
     chain.run(60)
-    assert chain.loop.engine_command.value is None
+    assert chain.loop.inputs["engine_torque"].value is None
     assert chain.loop.request(lambda: chain.loop.plant.reading().engine_torque == 400.0)
     exactly(chain.close(), runs=2)
 

@@ -134,7 +134,7 @@ def test_an_input_of_the_scene_takes_no_command_and_lock_step_takes_one_as_the_a
     loop.begin()
     with pytest.raises(InputError, match=r"engine_torque.*actuation_pressure"):
         loop.command({"engine_torque": 1.0, "actuation_pressure": 2e5})
-    assert loop.pressure_command.received == 0
+    assert loop.inputs["actuation_pressure"].received == 0
     loop.command({"actuation_pressure": 2e5})
     assert loop.waits_for == []
     loop.step()
@@ -249,5 +249,5 @@ def test_in_lock_step_a_command_of_joints_answers_the_state_of_its_stamp(bench: 
     bench.until(lambda: len(heard) > 60)
     node.loop.stop()
     assert {state.effort[0] for state in heard[1:]} == {100.0}
-    assert node.loop.pressure_command.received >= 60
-    assert node.loop.pressure_command.refused == 0
+    assert node.loop.inputs["actuation_pressure"].received >= 60
+    assert node.loop.inputs["actuation_pressure"].refused == 0

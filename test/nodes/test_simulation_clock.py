@@ -57,7 +57,8 @@ def lockstep_run(bench: Any, seconds: float) -> tuple[Timed, list[JointState]]:
     bench.until(lambda: len(heard) > 1000 * seconds)
     node.loop.stop()
     assert node.loop.clock.published
-    assert node.loop.pressure_command.timeouts == node.loop.pressure_command.refused == 0
+    pressure = node.loop.inputs["actuation_pressure"]
+    assert pressure.timeouts == pressure.refused == 0
     for one in (timed, node):
         bench.remove(one)
     return timed, heard[:round(1000 * seconds) + 1]
@@ -98,8 +99,8 @@ def test_a_timer_whose_command_has_the_stamp_of_an_older_state_takes_part_too(be
     node.loop.stop()
     assert times[:4] == [k * PERIOD_NS for k in range(1, 5)]
     assert [m.fluid_pressure for m in heard[11:41]] == [1e5 + 1 + k // 10 for k in range(30)]
-    assert node.loop.pressure_command.refused == 0
-    assert node.loop.pressure_command.unstamped == 0
+    assert node.loop.inputs["actuation_pressure"].refused == 0
+    assert node.loop.inputs["actuation_pressure"].unstamped == 0
 
 
 def test_a_recorder_with_use_sim_time_logs_simulation_time(bench: Any, tmp_path: Path) -> None:

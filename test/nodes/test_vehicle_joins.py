@@ -43,7 +43,7 @@ def test_a_vehicle_joins_and_leaves_lock_step_while_the_clock_runs_and_verifies_
         return slow.states > states
 
     bench.until(lambda: heard(100))
-    assert node.loop.far_end is None
+    assert "output_speed" not in node.loop.inputs
     vehicle, apart, done = Vehicle(bench.context), SingleThreadedExecutor(context=bench.context), threading.Event()
     bench.nodes.append(vehicle)
     apart.add_node(vehicle)
@@ -55,16 +55,16 @@ def test_a_vehicle_joins_and_leaves_lock_step_while_the_clock_runs_and_verifies_
     driving = threading.Thread(target=drive)
     driving.start()
     request.addfinalizer(lambda: (done.set(), driving.join()))
-    bench.until(lambda: heard(0) and node.loop.far_end is not None)
+    bench.until(lambda: heard(0) and "output_speed" in node.loop.inputs)
     joined = slow.states
     bench.until(lambda: heard(joined + 120))
-    far_end, pressure = node.loop.far_end, node.loop.pressure_command
+    far_end, pressure = (node.loop.inputs[name] for name in ("output_speed", "actuation_pressure"))
     done.set()
     driving.join()
     apart.remove_node(vehicle)
     bench.nodes.remove(vehicle)
     vehicle.destroy_node()
-    bench.until(lambda: heard(0) and node.loop.far_end is None)
+    bench.until(lambda: heard(0) and "output_speed" not in node.loop.inputs)
     left = node.loop.plant.stepper.tick
     bench.until(lambda: heard(left + 100))
     node.loop.stop()

@@ -58,8 +58,7 @@ def test_an_input_on_its_fallback_names_its_topic_and_who_publishes_there(bench:
 def test_refused_commands_are_the_reason_and_a_command_ends_it(bench: Any) -> None:
     judged = begun(bench, command_timeout=0.0)
     sender = publisher(bench, "sender")
-    command = judged.node.loop.pressure_command
-    assert command is not None
+    command = judged.node.loop.inputs["actuation_pressure"]
     bench.until(sender.get_subscription_count)
     for _ in range(3):
         sender.publish(FluidPressure(fluid_pressure=math.nan))
