@@ -26,7 +26,7 @@ from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import executables
-from tcc_sim.nodes.executables import Spinner, log, run_node, warn
+from tcc_sim.nodes.executables import Spinner, Throttle, log, run_node, warn
 from tcc_sim.nodes.middleware import MOST_PUBLISHERS, publisher_of, qos_fields
 from tcc_sim.nodes.options import RecorderOptions
 from tcc_sim.nodes.parameters import declared
@@ -78,7 +78,7 @@ class Recorder:
         for topic, row in sorted(self._rows.items(), key=lambda item: (item[0] == states, not item[1].latched)):
             if topic in wanted:
                 self._add(topic, row.type, row.latched)
-        self._spinner = Spinner(node)
+        self._spinner, self._throttle = Spinner(node), Throttle(node)
         self._reported: dict[str, dict[str, int]] = {}
         self._zeros = zeros_of(())
         self.bag = BagWriter(Path(options.output), max_duration=options.max_bag_duration,
@@ -190,20 +190,16 @@ class Recorder:
             if track.latched:
                 for who in track.channels.keys() - now:
                     self.bag.unlatch(track.channels[who])
-            if track.topic == self._clock and self._simulated is not None and not track.messages:
-                self._report_missing_clock(track)
+            if track.topic == self._clock and self._simulated is not None and not track.messages and (
+                    time.monotonic() - track.arrived > SILENCE):
+                self._throttle.once("clock", "nothing is recorded yet: use_sim_time waits for a message on "
+                                    f"{track.topic}")
             if track.type == JOINT_STATE:
                 self._report_silence(track)
                 if track.publishers - now:
                     left = f"; {len(now)} left" if now else ""
                     warn(self.node, f"the publisher of {track.topic} is gone{left}; the recording continues")
                 track.publishers = now
-
-    def _report_missing_clock(self, track: Track) -> None:
-        """Log once that the recording waits for simulation time."""
-        if not track.silence_reported and time.monotonic() - track.arrived > SILENCE:
-            track.silence_reported = True
-            warn(self.node, f"nothing is recorded yet: use_sim_time waits for a message on {track.topic}")
 
     def _report_silence(self, track: Track) -> None:
         """Log once that messages stopped arriving, and once that they arrive again."""
@@ -230,7 +226,7 @@ class Recorder:
         figures = {"messages": {track.topic: track.messages for track in seen},
                    "lost": {track.topic: track.lost for track in seen},
                    "missing_stamps": {track.topic: track.stamps.lost for track in seen if track.stamps is not None}}
-        unsent = self.unsent.by_topic()
+        unsent = dict(self.unsent.by_topic)
         return figures | ({"unsent": unsent} if any(unsent.values()) else {})
 
     def _part_result(self) -> dict[str, dict[str, int]]:

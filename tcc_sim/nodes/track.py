@@ -167,8 +167,8 @@ class UnsentCount:
     """Sum of the unsent messages of all drivelines of a recording; at most MOST_PUBLISHERS are distinguished."""
 
     def __init__(self) -> None:
-        self._by_publisher: dict[bytes, dict[str, int]] = {}
-        self._earlier: Counter[str] = Counter()
+        self.by_topic: Counter[str] = Counter()
+        self._last: dict[bytes, Counter[str]] = {}
 
     def add(self, publisher: bytes, data: bytes) -> None:
         """Add a message; ignore bytes that are not a valid message."""
@@ -177,15 +177,10 @@ class UnsentCount:
         except Exception:
             # rclpy raises various exceptions on invalid bytes.
             return
-        counts = {item.key: int(item.value) for item in values[:MOST_TOPICS]
-                  if item.value.isdecimal() and len(item.value) < 19}
-        if publisher not in self._by_publisher and len(self._by_publisher) >= MOST_PUBLISHERS:
-            self._earlier.update(self._by_publisher.pop(next(iter(self._by_publisher))))
-        self._by_publisher[publisher] = counts
-
-    def by_topic(self) -> dict[str, int]:
-        """Return the numbers of unsent messages of all drivelines by topic."""
-        total = Counter(self._earlier)
-        for counts in self._by_publisher.values():
-            total.update(counts)
-        return dict(total)
+        counts = Counter({item.key: int(item.value) for item in values[:MOST_TOPICS]
+                          if item.value.isdecimal() and len(item.value) < 19})
+        self.by_topic.update(counts)
+        self.by_topic.subtract(self._last.get(publisher, {}))
+        if publisher not in self._last and len(self._last) >= MOST_PUBLISHERS:
+            del self._last[next(iter(self._last))]
+        self._last[publisher] = counts

@@ -39,10 +39,10 @@ class Sender(Commander):
         self.bench, self.node = bench, node
 
     def torque(self, value: float) -> CommandedInput:
-        return self._sent(self.torques, cdr.float64(value), self.node.loop.engine_command)
+        return self._sent(self.torques, cdr.float64(value), self.node.loop.inputs["engine_torque"])
 
     def pressure(self, value: float) -> CommandedInput:
-        return self._sent(self.pressures, cdr.fluid_pressure(0, value), self.node.loop.pressure_command)
+        return self._sent(self.pressures, cdr.fluid_pressure(0, value), self.node.loop.inputs["actuation_pressure"])
 
     def _sent(self, publisher: Any, data: bytes, command: CommandedInput | None) -> CommandedInput:
         assert command is not None
@@ -230,7 +230,7 @@ def test_in_real_time_what_was_not_sent_is_counted_and_the_count_is_recorded(ben
 
     def known() -> bool:
         recorder.drain()
-        return recorder.unsent.by_topic() == {"/joint_states": publisher.refused}
+        return recorder.unsent.by_topic == {"/joint_states": publisher.refused}
 
     bench.until(known)
     assert f"0 lost, {publisher.refused} never sent" in recorder.close()
