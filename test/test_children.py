@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess, PrivateEnvironment
+from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess, private_environment
 from tcc_sim.sweeps.executors import each_in_a_process
 
 
@@ -24,16 +24,16 @@ def namesakes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("namesakes")
 def test_a_node_runs_this_package_whatever_the_working_directory_holds(node: str) -> None:
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    private = PrivateEnvironment()
+    environment, release = private_environment()
     running = {"driveline": CLOCK_STARTED, "recorder": "recording"}
-    process = NodeProcess(node, {"scene": "minimal"} if node == "driveline" else {}, private.values)
+    process = NodeProcess(node, {"scene": "minimal"} if node == "driveline" else {}, environment)
     try:
         process.await_line(running[node])
         assert process.stop() == 0, process.lines
         assert not any("working directory" in line for line in process.lines)
     finally:
         process.kill()
-        private.close()
+        release()
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="Python 3.10 has no safe path")

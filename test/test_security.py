@@ -13,7 +13,7 @@ import pytest
 from tcc_sim.cli import main
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import Definition
-from tcc_sim.nodes.children import PrivateEnvironment
+from tcc_sim.nodes.children import private_environment
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import JOINT_STATE
@@ -77,11 +77,11 @@ def test_commands_that_start_nodes_keep_discovery_on_this_machine_unless_told_ot
         monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
     monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    environment = PrivateEnvironment()
-    assert environment.values["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
-    assert 1 <= int(environment.values["ROS_DOMAIN_ID"]) <= 101
-    environment.close()
+    environment, release = private_environment()
+    assert environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
+    assert 1 <= int(environment["ROS_DOMAIN_ID"]) <= 101
+    release()
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
-    result = PrivateEnvironment().values
+    result, _ = private_environment()
     assert (result["ROS_AUTOMATIC_DISCOVERY_RANGE"], result["ROS_DOMAIN_ID"]) == ("SUBNET", "7")

@@ -85,20 +85,15 @@ class Domain:
         self._guard.close()
 
 
-class PrivateEnvironment:
-    """Environment for child processes: discovery limited to this machine, and an unused domain unless the user set one.
-
-    Attributes
-    ----------
-    values : environment variables, valid until `close`
+def private_environment() -> tuple[dict[str, str], Callable[[], None]]:
+    """Return environment variables for child processes, and a function that releases them: discovery is limited to this
+    machine, and the domain is unused unless the user set one.
     """
-
-    def __init__(self) -> None:
-        self.values = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **os.environ}
-        self.close: Callable[[], None] = lambda: None
-        if "ROS_DOMAIN_ID" not in self.values:
-            domain = Domain()
-            self.values["ROS_DOMAIN_ID"], self.close = str(domain.number), domain.close
+    values = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **os.environ}
+    if "ROS_DOMAIN_ID" in values:
+        return values, lambda: None
+    domain = Domain()
+    return {**values, "ROS_DOMAIN_ID": str(domain.number)}, domain.close
 
 
 class ChildProcess(subprocess.Popen[str]):
@@ -202,8 +197,7 @@ class Session:
     def __init__(self, recording: Path, driveline: dict[str, object],
                  controller: tuple[str, dict[str, object]] | list[str] | None = None, real_time: bool = False) -> None:
         require_ros()
-        self._private = PrivateEnvironment()
-        self.environment = self._private.values
+        self.environment, self._release = private_environment()
         self.controllers: list[ChildProcess] = []
         priorities = PRIORITIES if real_time and grants_priority() else (0, 0, 0)
         if isinstance(controller, tuple):
@@ -227,7 +221,7 @@ class Session:
         """End the driveline, then the controller, then the recorder, so that the recording is complete."""
         for process in (self.driveline, *self.controllers, self.recorder):
             process.stop()
-        self._private.close()
+        self._release()
 
     def watch(self, seconds: float) -> None:
         """Sleep, then raise TccError with the last line of a node that has ended."""

@@ -17,7 +17,7 @@ import rclpy
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 
-from tcc_sim.nodes.children import NodeProcess, PrivateEnvironment
+from tcc_sim.nodes.children import NodeProcess, private_environment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
 from tcc_sim.nodes.executables import created
 from tcc_sim.nodes.pacing import LEAD, TIMER_SLACK_NS, Pacer, prepare_thread, release_memory
@@ -114,12 +114,12 @@ def measure(wished: Operation, duration: float, progress: Callable[[float], Any]
     progress : function called with the finished fraction, 0 to 1
     recorder : whether to publish to a recorder in a separate process, which is idle while the bare loop runs
     """
-    private = PrivateEnvironment()
-    os.environ.update(private.values)
+    environment, release = private_environment()
+    os.environ.update(environment)
     sys.setswitchinterval(SWITCH_INTERVAL)
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
-                               private.values) if recorder else None
+                               environment) if recorder else None
         trials = [_trial(wished.rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration), *trial) for trial in _trials()]
         chosen = {"scene": "fig02", "rate": wished.rate, "wait_for_subscribers": int(recorder),
                   "thread_priority": wished.thread_priority, "lock_memory": wished.lock_memory}
@@ -138,7 +138,7 @@ def measure(wished: Operation, duration: float, progress: Callable[[float], Any]
             node.destroy_node()
             if listener is not None:
                 listener.stop()
-            private.close()
+            release()
     pacers, bare = [part.pacer for part in node_side], vars(figures_of(bare_side))
     return PacingFigures(wished.rate, sum(p.ticks for p in pacers), sum(p.missed_ticks for p in pacers),
                          max((p.drift for p in pacers), key=abs), **vars(figures_of(node_side)),
