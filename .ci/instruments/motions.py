@@ -24,9 +24,9 @@ from tcc_sim.output.terminal import say
 from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED
 from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.basins.results import Axis, Basins
-from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, FigureOptions, paper_system
+from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, STATIC, FigureOptions, paper_system, series_system
 from tcc_sim.study.paper.drawings import UNNAMED, UNSEEN, draw_figure
-from tcc_sim.study.paper.figures import Figure, figure_data, figure_system
+from tcc_sim.study.paper.figures import Figure, figure_data
 from tcc_sim.views.plots import plot
 from tcc_sim.views.stored import Record
 
@@ -90,7 +90,7 @@ def _write(folder: Any, branches: Figure, result: Any, words: list[str]) -> None
     """Pictures and JSON."""
     pictures = folder / "pictures"
     pictures.mkdir(parents=True)
-    values = document("figure", branches, figure_system(FIGURES[6], FigureOptions()), words)
+    values = document("figure", branches, series_system(FIGURES[6].series[0], FigureOptions()), words)
     write_json(folder / f"{BRANCHES}.json", values)
     draw_figure(pictures / BRANCHES, Record.of(values))
     plot(result, pictures / f"{BASINS}.png")

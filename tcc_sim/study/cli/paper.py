@@ -92,13 +92,13 @@ def _write(number: int, stem: Path, options: FigureOptions, draw: Callable[[Path
            arguments: argparse.Namespace) -> Any:
     """Compute one figure, write its numbers, and draw it with `draw`."""
     from tcc_sim.output.provenance import document
-    from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, plain
-    from tcc_sim.study.paper.figures import figure_data, figure_system
+    from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, plain, series_system
+    from tcc_sim.study.paper.figures import figure_data
     from tcc_sim.views.stored import Record
 
     row = FIGURES[number]
     data = figure_data(row, options)
-    values = document("figure", data, figure_system(row, options), arguments.words, arguments.title or "")
+    values = document("figure", data, series_system(row.series[0], options), arguments.words, arguments.title or "")
     write_json(stem.with_suffix(".json"), values)
     drawn = draw(stem, Record.of(values))
     say(f"{stem.with_suffix('.png')}  {data.seconds:.1f} s", flush=True)

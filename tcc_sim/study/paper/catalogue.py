@@ -13,7 +13,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
@@ -83,6 +85,14 @@ NORMALISED: dict[str, tuple[str, float]] = {
     "engine.frequency": ("omega/omega_n", OMEGA_N), "friction.kinetic_coefficient": ("mu_k/mu_s", STATIC),
     "friction.smoothing": ("sigma", 1.0)}
 """Name of the normalised axis, and value at 1 on it, by scene key."""
+
+
+def values_at(over: str, places: NDArray[np.float64]) -> tuple[float, ...]:
+    """Return the values of a scene key at places (n,) on its normalised axis; mu_k is at most mu_s."""
+    scaled = places * NORMALISED[over][1]
+    return tuple((np.minimum(scaled, STATIC) if over == "friction.kinetic_coefficient" else scaled).tolist())
+
+
 RATIOS: dict[str, tuple[str, float]] = {
     "mu_k": ("friction.kinetic_coefficient", STATIC), "omega": ("engine.frequency", OMEGA_N),
     "Tsp": ("pressure.amplitude", PRESSURE), "omega_f": ("pressure.frequency_ratio", 1.0),
@@ -112,14 +122,9 @@ FIGURES: dict[int, PaperFigure] = {number: _figure(number, row) for number, row 
 
 @dataclass(frozen=True)
 class FigureOptions:
-    """Options of the figures.
+    """Options of the figures, as of the verb `figure`; `quick` also halves the cycles.
 
-    quick : whether to compute a quarter of the values and half of the cycles
-    direction : direction of the sweeps; None for the figure's own
-    law : smoothed, as in the paper, or set_valued
-    jobs : number of threads; None for all cores
     progress : whether to show a bar on a terminal or in a notebook, elsewhere a line a minute
-    branches : whether to follow the branches behind the points and determine the causes of jumps
     kept : finished sweeps, which several figures share
     """
 

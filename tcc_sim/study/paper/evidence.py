@@ -27,7 +27,7 @@ from tcc_sim.study.continuation.branch import SWEPT, StableSegment, point_of, se
 from tcc_sim.study.continuation.motions import DrivelineMap
 from tcc_sim.study.continuation.orbits import ParameterRange
 from tcc_sim.study.paper.branches_behind import JUMP, LATER, RUNS, later, seen_in, surveyed
-from tcc_sim.study.paper.catalogue import NORMALISED, OMEGA_N, PRESSURE, STATIC, paper_system
+from tcc_sim.study.paper.catalogue import NORMALISED, OMEGA_N, PRESSURE, STATIC, paper_system, values_at
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Point
@@ -147,9 +147,7 @@ class Evidence:
     def curves(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY, direction: str = "cold",
                damping: bool = False) -> list[Sweep]:
         """Return a sweep for every row, over omega/omega_n, mu_k/mu_s, or the values of another key."""
-        scaled = axis * NORMALISED[over][1]
-        values = tuple(float(x) for x in (np.minimum(scaled, STATIC) if over == KINETIC else scaled))
-        wanted = [Curve(self.system(row), over, values) for row in rows]
+        wanted = [Curve(self.system(row), over, values_at(over, axis)) for row in rows]
         return swept(wanted, self.plan(rows[0], direction=direction, damping=damping), self._sweeps, self.jobs,
                      self.progress) if rows else []
 

@@ -161,23 +161,17 @@ def figure_data(row: PaperFigure, options: FigureOptions) -> Figure:
     began = time.perf_counter()
     varied = {key for series in row.series for key in series.values} if len(row.series) > 1 else set()
     varied |= {row.over} if row.kind in SWEPT else set()
-    common = {key: value for key, value in values_of(figure_system(row, options)) if key not in varied}
+    common = {key: value for key, value in values_of(series_system(row.series[0], options)) if key not in varied}
     return Figure(figure=row.number, kind=row.kind, title=row.title, caption=row.caption, law=options.law,
                   quick=options.quick, parameters=common, marks=row.marks, **KINDS[row.kind](row, options),
                   seconds=time.perf_counter() - began)
-
-
-def figure_system(row: PaperFigure, options: FigureOptions) -> System:
-    """Return the system of a figure's first curve, of which the other systems are changes."""
-    return series_system(row.series[0], options)
 
 
 def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     """Compute a map, Fig. 5, or Fig. 6, which is also continued up and down if the options have no direction."""
     count = (row.count - 1) // catalogue.QUICK_SHARE + 1 if options.quick else row.count
     (name, unit), ratios = catalogue.NORMALISED[row.over], np.linspace(*row.span, count)
-    values = np.minimum(ratios * unit, catalogue.STATIC) if unit == catalogue.STATIC else ratios * unit
-    wanted = [Curve(series_system(s, options), row.over, tuple(values.tolist())) for s in row.series]
+    wanted = [Curve(series_system(s, options), row.over, catalogue.values_at(row.over, ratios)) for s in row.series]
     directions = ("cold", "up", "down") if row.kind == "orbit" else ("cold",)
     plans = [Plan(cycles=100 if options.quick else 150, discard=50, direction=direction, section_points=SECTION_POINTS,
                   damping=row.kind == "damping") for direction in ((options.direction,) if options.direction

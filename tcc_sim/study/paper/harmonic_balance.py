@@ -66,16 +66,11 @@ def mean_friction_torque(system: System, coefficient: Floats, period: int, *, pr
 
     printed : take the form of the print, without c0 and with the load Tm + Tp sin(omega t/N)
     """
-    count, load = len(coefficient) // 2, load_series(system)
+    count, base = len(coefficient) // 2, system.engine.frequency / period
     if printed:
         return 0.5 * system.engine.torque_amplitude * float(coefficient[count + 1])
-    mean = float(coefficient[0]) * load.mean
-    for frequency, amplitude, phase in zip(load.frequency, load.amplitude, load.phase):
-        order = round(float(frequency) / (system.engine.frequency / period))
-        if 1 <= order <= count:
-            mean += 0.5 * float(amplitude) * (float(coefficient[order]) * math.sin(phase)
-                                              + float(coefficient[count + order]) * math.cos(phase))
-    return mean
+    t = 2.0 * math.pi / base * np.arange(OVERSAMPLING * count) / (OVERSAMPLING * count)
+    return float(np.mean(load_series(system)(t) * series(coefficient, base, t)))
 
 
 def harmonic_balance(system: System, period: int, harmonics: int, iterations: int = ITERATIONS) -> Balance:
