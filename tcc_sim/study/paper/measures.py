@@ -87,8 +87,6 @@ NAMED = {f"{m:.3f}": m for m in FIGURES[4].marks}
 """omega/omega_n of the super-harmonic peaks that the paper names (0.167, 0.20, 0.25, 0.33)."""
 HIGHER_JUMPS = {"0.25": 0.25, "0.35": 0.35}
 """Frequency ratios near which the text of Fig. 18 states jumps and aperiodic motions."""
-LINKED, LOOSE = 0.5, 0.25
-"""Rank correlation that chance exceeds in about 5 % of samples of fifteen jumps, and half of it."""
 APERIODIC = 17.0
 """Rank of a motion without a period up to 16."""
 MISMATCHED = {"1/2": 0.5, "2/1": 2.0, "2/3": 2.0 / 3.0, "4/3": 4.0 / 3.0}
@@ -101,17 +99,11 @@ FALLS = np.round(np.arange(0.56, 0.8301, 0.01), 6)
 RATIOS = np.round(np.arange(0.55, 1.0001, 0.005), 6)
 """mu_k/mu_s of the sweeps beside a jump and of Fig. 6."""
 AT_036 = {FREQUENCY: 0.36 * OMEGA_N}
-APART = 0.02
-"""Root mean square difference, relative to the largest slip speed, of two different curves."""
-SLOW = 10.0
-"""Ratio of run times above which the time of the discontinuous solution is called enormous."""
 HARMONICS = 40
 """Harmonics of omega in the series."""
 FIG02: Values = FIGURES[2].series[0].values
 SHARPER = np.round(np.geomspace(50.0, 1000.0, 12), 3)
 """Smoothing factors, s/rad, over which the motions of Fig. 2 are followed."""
-WATCHED = (50, 150, 250, 390, 450)
-"""Cycles of Fig. 2 with maxima that are compared with the next cycle's, to detect a doubled period."""
 OF_FIG_2: dict[str, dict[str, Any]] = {
     "smoothed, sigma = 50": {}, "smoothed, sigma = 1000": {SMOOTHING: 1000.0},
     "set-valued (6)": {"friction.law": "set_valued"}}
@@ -340,7 +332,7 @@ def _laws_of_fig_3() -> dict[float, tuple[Any, ...]]:
             for system in map(paper_system, rows(3))}
 
 
-def solvers_agree(e: Evidence) -> Measured:
+def solvers_agree(e: Evidence, watched: Sequence[int]) -> Measured:
     differences = cycle_differences((("rk45", "smoothed", None), ("bdf", "smoothed", None),
                                      ("event_driven", "set_valued", None)))
     paper, doubled = {}, {}
@@ -348,7 +340,7 @@ def solvers_agree(e: Evidence) -> Measured:
         highest = e.run(e.system({**FIG02, **OF_FIG_2[name]}), 1000).solved_cycles.largest
         kept = highest[DISCARD:CYCLES]
         paper[name] = [float(kept.min()), float(kept.mean()), float(kept.max())]
-        doubled[name] = [float(abs(highest[n] - highest[n + 1])) for n in WATCHED]
+        doubled[name] = [float(abs(highest[n] - highest[n + 1])) for n in watched]
     motions = {name: e.attractors({**FIG02, **row}) for name, row in OF_FIG_2.items()}
     limit = e.limit("alike")
     alike = len(set(map(len, motions.values()))) == 1 and not attractors_differ(*motions.values(), limit=limit)
@@ -373,16 +365,16 @@ def smoothing_is_uncertain(e: Evidence) -> Measured:
     return Measured((any(apart) and not apart[-1],), {"found": {name: list(m) for name, m in errors.items()}})
 
 
-def discontinuous_is_slow(e: Evidence) -> Measured:
+def discontinuous_is_slow(e: Evidence, times: float) -> Measured:
     exact, smoothed = (min(e.run(e.system({**FIG02, "friction.law": law}), CYCLES).statistics.seconds
                            for _ in range(5)) for law in ("set_valued", "smoothed"))
-    slow = exact > SLOW * smoothed
+    slow = exact > times * smoothed
     return Measured((slow,), {"slow": slow}, not slow)
 
 
-def classical_differs(e: Evidence) -> Measured:
+def classical_differs(e: Evidence, least: float) -> Measured:
     differences = cycle_differences(tuple((f"rk4, step {h:g} s", "smoothed", h) for h in (1e-6, 2e-5, 5e-5, 1e-4)))
-    apart = [d > APART for d in differences.values()]
+    apart = [d > least for d in differences.values()]
     return Measured((all(apart), any(apart)), {name: float(f"{d:.0e}") for name, d in differences.items()},
                     f"the step is not printed: within the stability limit, "
                     f"{rk4_limit(paper_system(FIG02)) * 1e6:.2g} us, RK4 agrees, beyond it stick rings")
@@ -554,7 +546,7 @@ def peaks_move(e: Evidence) -> Measured:
                     "" if all(rising) else f"{sum(rising)} of {counted(len(chains), 'peak')} shift up")
 
 
-def lost_at_peaks(e: Evidence) -> Measured:
+def lost_at_peaks(e: Evidence, most: float) -> Measured:
     peaks, close = peaks_of(e), e.limit("close")
     near, covered = list[bool](), list[float]()
     for r in FALLING:
@@ -562,8 +554,8 @@ def lost_at_peaks(e: Evidence) -> Measured:
         near += [bool((np.abs(row - x) <= close).any()) for x in jump_places(e, r)]
         covered.append(float((np.abs(FINER[FINER > 0.12, None] - row) <= close).any(axis=1).mean()))
     share = float(np.mean(near)) if near else 0.0
-    return Measured((share >= 0.75, share > max(covered)), {"jumps": len(near), "share": share, "covered": covered},
-                    0.75 > share > max(covered))
+    return Measured((share >= most, share > max(covered)), {"jumps": len(near), "share": share, "covered": covered},
+                    most > share > max(covered))
 
 
 def jump_doubles_period(e: Evidence) -> Measured:
@@ -597,15 +589,15 @@ def jump_to_chaos(e: Evidence) -> Measured:
     return Measured((whole, part), values, not ends, e.motions({"psi = 0": row}, near))
 
 
-def severity_follows_abruptness(e: Evidence) -> Measured:
+def severity_follows_abruptness(e: Evidence, linked: float, loose: float) -> Measured:
     jumps = [(abs(size), e.motions_near(row, x, -PARTED, PARTED))
              for _, row, x, size in figure_curves(e, 14).jumps()]
     severity = [max(APERIODIC if m.period == 0 else float(m.period) for m in motions) for _, motions in jumps]
     sizes, largest = [size for size, _ in jumps], [max(m.largest for m in motions) for _, motions in jumps]
     abrupt, large = (float(spearmanr(severity, x).statistic) if len(set(severity)) > 1 and len(set(x)) > 1 else 0.0
                      for x in (sizes, largest))
-    return Measured((abrupt > LINKED and abrupt > large, abrupt > LOOSE),
-                    {"jumps": len(severity), "abrupt": abrupt, "large": large}, abrupt <= LINKED)
+    return Measured((abrupt > linked and abrupt > large, abrupt > loose),
+                    {"jumps": len(severity), "abrupt": abrupt, "large": large}, abrupt <= linked)
 
 
 def phase_pi_is_smooth(e: Evidence) -> Measured:
@@ -741,22 +733,22 @@ def period_one_near_unity(e: Evidence) -> Measured:
     return Measured((bool((near == 1).all()),), {"periods": np.unique(near).tolist()})
 
 
-def period_two_from(e: Evidence) -> Measured:
+def period_two_from(e: Evidence, place: float) -> Measured:
     ends = _highest(e, 2, 1.0)
     born = [s.high.value for s in e.stretches([AT_036], RATIOS, over=KINETIC)[0] if s.period == 2 and s.high.jumps]
     limit, falling = e.limit("near"), ends[WAYS.index("down")]
-    near = any(abs(x - 0.92) <= limit for x in born)
-    return Measured((falling is not None and abs(falling - 0.92) <= limit, near), {"born": born, "ends": ends},
+    near = any(abs(x - place) <= limit for x in born)
+    return Measured((falling is not None and abs(falling - place) <= limit, near), {"born": born, "ends": ends},
                     near, e.motions({"": AT_036}, RATIOS, over=KINETIC))
 
 
-def aperiodic_from(e: Evidence) -> Measured:
+def aperiodic_from(e: Evidence, place: float, within: float) -> Measured:
     highest = _highest(e, 0, 0.78)
     none = {float(x) for way in WAYS for x in RATIOS[_periods_of_6(e, way) == 0]}
     end = covered_down_to(e.stretches([AT_036], RATIOS, over=KINETIC)[0], 1.0)
-    below = any(end - 0.05 <= x <= end for x in none)
-    near = any(x is not None and abs(x - 0.7) <= 0.05 for x in highest)
-    return Measured((abs(end - 0.7) <= 0.05 and below, near), {"end": end, "highest": highest}, True)
+    below = any(end - within <= x <= end for x in none)
+    near = any(x is not None and abs(x - place) <= within for x in highest)
+    return Measured((abs(end - place) <= within and below, near), {"end": end, "highest": highest}, True)
 
 
 def three_motions(e: Evidence) -> Measured:
@@ -828,9 +820,9 @@ def last_slips(e: Evidence, law: str) -> dict[str, float]:
     return {r: float((s.values[~sticks(s)] / OMEGA_N).max(initial=0.0)) for r, s in zip(MAPS, sweeps)}
 
 
-def stick_transition(e: Evidence) -> Measured:
+def stick_transition(e: Evidence, place: float) -> Measured:
     slips = last_slips(e, "smoothed")
-    return Measured((abs(slips["1"] - 0.4) <= e.limit("near") and len(set(slips.values())) == len(slips),),
+    return Measured((abs(slips["1"] - place) <= e.limit("near") and len(set(slips.values())) == len(slips),),
                     {"last": slips})
 
 
@@ -911,19 +903,19 @@ def slope_exaggerates(e: Evidence) -> Measured:
     return Measured((grow(mean),), {"mean": mean, "largest": curves.maxima.max(axis=1).tolist()})
 
 
-def slope_exaggerates_varying(e: Evidence) -> Measured:
-    means = [figure_curves(e, n).means(LOW) for n in (8, 14)]
+def slope_exaggerates_varying(e: Evidence, numbers: Sequence[int], band: str) -> Measured:
+    means = [figure_curves(e, n).means(BANDS[band]) for n in numbers]
     return Measured((all(map(grow, zip(*means))),), {"mean": means})
 
 
-def phase_pi_is_worst(e: Evidence) -> Measured:
-    means = {str(n): figure_curves(e, n).means(LOW) for n in (14, 15)}
+def phase_pi_is_worst(e: Evidence, numbers: Sequence[int], band: str) -> Measured:
+    means = {str(n): figure_curves(e, n).means(BANDS[band]) for n in numbers}
     worst = [row[2] == max(row) for row in means.values()]
     return Measured((all(worst), any(worst)), {"mean": means})
 
 
-def amplitude_enlarges_slip(e: Evidence) -> Measured:
-    means = figure_curves(e, 18).means(HIGH)
+def amplitude_enlarges_slip(e: Evidence, number: int, band: str) -> Measured:
+    means = figure_curves(e, number).means(BANDS[band])
     return Measured((grow(means), means[-1] > means[0]), {"mean": means})
 
 
