@@ -63,21 +63,16 @@ def definition(type_name: str) -> Definition:
     """Return the definition of `type_name` (package/msg/Name) with its dependencies in the order of their first use;
     InputError for a name that is no message type, or whose definition is not available.
     """
-    text = _text_of_type(type_name)
-    parts, needed, seen = [text], list(_dependencies(type_name, text)), {type_name}
-    while needed:
-        name = needed.pop(0)
-        if name in seen:
-            continue
-        seen.add(name)
-        text = _text_of_type(name)
+    text, names = "", [type_name]
+    for name in names:  # The list grows.
+        own = _text_of_type(name)
         package, _, short = name.split("/")
-        parts.append(f"\n{'=' * 80}\nMSG: {package}/{short}\n{text}")
-        needed.extend(_dependencies(name, text))
+        text += own if name == type_name else f"\n{'=' * 80}\nMSG: {package}/{short}\n{own}"
+        names += [one for one in dict.fromkeys(_dependencies(name, own)) if one not in names]
     for entry in json.loads(installed_text(type_name, ".json") or "{}").get("type_hashes", []):
         if entry.get("type_name") == type_name:
-            return Definition("".join(parts), str(entry["hash_string"]))
-    return Definition("".join(parts), CARRIED.get(type_name, ("", ""))[1])
+            return Definition(text, str(entry["hash_string"]))
+    return Definition(text, CARRIED.get(type_name, ("", ""))[1])
 
 
 def type_parts(type_name: str) -> tuple[str, str]:
