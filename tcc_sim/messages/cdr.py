@@ -329,25 +329,16 @@ def read_fluid_pressure(data: bytes) -> tuple[int, float]:
     return stamp, float(reader.take(_DOUBLES, 8)[0])
 
 
-def read_float64_array(data: bytes) -> tuple[str, NDArray[np.float64]]:
-    """Return the label of the dimension and the values of a Float64MultiArray of one dimension."""
-    reader = _Reader(data, topics.FLOAT64_ARRAY)
-    dimensions, label, _ = reader.count(), reader.text(), reader.take(_LENGTHS)
-    count = reader.count()
-    begin = reader.align(8)
-    if dimensions != 1 or len(data) != begin + 8 * count:
-        raise ValueError(f"not a little-endian {topics.FLOAT64_ARRAY} of one dimension")
-    return label, np.frombuffer(data, "<f8", count, begin)
-
-
 def read_pressure_limits(data: bytes) -> tuple[float, float]:
     """Return the smallest and the largest pressure, Pa, of a message of pressure_limits; ValueError also unless they
     are 0 or more and ascending.
     """
-    _, values = read_float64_array(data)
-    if len(values) != 2 or not 0.0 <= values[0] < values[1] < math.inf:
+    reader = _Reader(data, topics.FLOAT64_ARRAY)
+    dimensions, _, _, count = reader.count(), reader.text(), reader.take(_LENGTHS), reader.count()
+    low, high = reader.take(_DOUBLES, 8)
+    if (dimensions, count) != (1, 2) or reader.at != len(data) or not 0.0 <= low < high < math.inf:
         raise ValueError("not two ascending pressures")
-    return float(values[0]), float(values[1])
+    return low, high
 
 
 class DiagnosticsStatus(NamedTuple):

@@ -185,31 +185,25 @@ def left_to_the_system(create: Callable[[], Made]) -> Made:
 
     `create` runs in another thread, so that threads of the middleware start with the node's signals blocked.
     """
+    from tcc_sim.background import begun
+
     if threading.current_thread() is not threading.main_thread():
         return create()
-    handlers: list[Any] = []
     unblocked = threading.Event()
 
-    def work() -> None:
+    def work() -> Made:
         unblocked.wait()
-        try:
-            handlers.append(create())
-        except BaseException as error:
-            handlers.extend((None, error))
+        return create()
 
-    thread = threading.Thread(target=work, name="creation", daemon=True)
     with _handled(signal.SIG_DFL):
-        thread.start()
+        outcome, thread = begun(work, "creation")
         mask = signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
         try:
             unblocked.set()
             thread.join()
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-    if len(handlers) > 1:
-        raise handlers[1]
-    made: Made = handlers[0]
-    return made
+    return outcome.result()
 
 
 @contextmanager

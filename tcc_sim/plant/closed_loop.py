@@ -176,7 +176,6 @@ class Samples:
         self._readings: list[Reading] = []
         self._systems: list[tuple[int, System, Origin]] = []
         self._rest: list[tuple[float | None, ...]] = []
-        self._received: list[int] = []
 
     def __len__(self) -> int:
         return len(self._readings)
@@ -192,13 +191,12 @@ class Samples:
         if not self._systems or self._systems[-1][1] is not system:
             self._systems.append((len(self._readings), system, plant.origin))
         self._readings.append(reading)
-        self._rest.append((system.torque_per_pressure, *map(held.get, INPUTS)))
-        self._received.append(received)
+        self._rest.append((system.torque_per_pressure, received, *map(held.get, INPUTS)))
 
     def columns(self, plant: Plant) -> dict[str, object]:
         """Return the fields of a ControlledRun that come from the samples."""
         columns = {name: np.array(column) for name, column in zip(Reading._fields, zip(*self._readings))}
-        per_pressure, *held = np.array(self._rest, dtype=np.float64).T
+        per_pressure, received, *held = np.array(self._rest, dtype=np.float64).T
         system = plant.scene.system
         far = {name: columns[name] for name in ("output_angle", "output_speed") if plant.stepper.far_end is not None}
         return {
@@ -206,11 +204,10 @@ class Samples:
             **{name: columns[name] for name in SAME}, "t": columns["stamp_ns"] / 1e9,
             "saturation_torque": per_pressure * columns["applied_pressure"],
             "state": columns["stick_slip_state"].astype(np.int8), "cycle": system.cycle, "solver": "fixed_step",
-            "received": np.array(self._received), "turns": self._turns(columns["stamp_ns"] / 1e9),
+            "received": received.astype(np.int64), "turns": self._turns(columns["stamp_ns"] / 1e9),
             "system": system,
             "systems": tuple((columns["stamp_ns"][first] / 1e9, held) for first, held, _ in self._systems),
             "commands": {name: values for name, values in zip(INPUTS, held) if name in self._names}}
-
 
     def _turns(self, t: Floats) -> Floats | None:
         """Return the phase of the excitation at each sample, periods; None if its frequency was not changed."""
