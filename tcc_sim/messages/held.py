@@ -8,12 +8,10 @@ frame of every stamped message of the driveline, so that run and stamp identify 
 from __future__ import annotations
 
 import os
-import re
 import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tcc_sim.messages import cdr
 from tcc_sim.topics import HELD_INPUTS, INPUTS
@@ -38,7 +36,6 @@ stamp of the command (ns since the run's zero; NaN without), first tick that the
 publisher in the run (0: unknown), and counts of commands since the run's begin.
 """
 SIZE = HEAD + len(FIELDS) * len(HELD_INPUTS)
-_LABEL = re.compile(rf"held 1 ({RUN})")
 _MOST = 999
 
 
@@ -67,15 +64,6 @@ LAYOUT = cdr.Layout(
               "offsets": [_RUN_AT, len(_EXAMPLE) - 8 * SIZE], "itemsize": len(_EXAMPLE)}),
     np.frombuffer(_EXAMPLE, np.uint8), np.isin(np.arange(len(_EXAMPLE)), [0, 1, *range(4, _RUN_AT)]))
 """Layout of the messages of `held`."""
-
-
-def read_held(data: bytes) -> tuple[str, NDArray[np.float64]]:
-    """Return run and (SIZE,) values of a serialised message of `held`; ValueError if it is none."""
-    label, values = cdr.read_float64_array(data)
-    match = _LABEL.fullmatch(label)
-    if match is None or len(values) != SIZE or not np.isfinite(values[:HEAD]).all():
-        raise ValueError("not a message of the topic held")
-    return match[1], values
 
 
 def sources_in_words(values: Sequence[float]) -> str:

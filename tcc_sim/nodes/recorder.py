@@ -30,7 +30,7 @@ from tcc_sim.nodes.executables import Spinner, Throttle, log, run_node, warn
 from tcc_sim.nodes.middleware import MOST_PUBLISHERS, publisher_of, qos_fields
 from tcc_sim.nodes.options import RecorderOptions
 from tcc_sim.nodes.parameters import declared
-from tcc_sim.nodes.track import SimulatedTime, Taken, Track, UnsentCount
+from tcc_sim.nodes.track import SILENCE, SimulatedTime, Taken, Track, UnsentCount
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.recording.bag import BagWriter
 from tcc_sim.recording.mcap_file import RELIABLE
@@ -38,8 +38,6 @@ from tcc_sim.topics import CLOCK_TOPIC, JOINT_STATE, TOPICS, Topic
 
 _DRAIN_PERIOD = 0.1
 _LOOK_PERIOD = 0.25
-SILENCE = 3.0
-"""Real time without states after which the recorder warns, s; the middleware needs 20 s to detect a dead publisher."""
 
 
 class Recorder:
@@ -158,7 +156,6 @@ class Recorder:
         if track.type == JOINT_STATE and not track.messages:
             self.next_look = 0.0  # Subscribe to a missing scene again.
         track.messages += len(taken)
-        track.arrived = time.monotonic()
         if track.stamps is not None:
             stamps = np.array([cdr.read_stamp(data) for data, _ in taken], dtype=np.int64)
             track.stamps.pieces(simulation_ns(stamps, self._zeros), np.array(sources, dtype=np.int64))
@@ -195,21 +192,16 @@ class Recorder:
                 self._throttle.once("clock", "nothing is recorded yet: use_sim_time waits for a message on "
                                     f"{track.topic}")
             if track.type == JOINT_STATE:
-                self._report_silence(track)
+                silent = track.fell_silent() if track.messages else None
+                if silent:
+                    warn(self.node, f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording "
+                                    "continues")
+                elif silent is not None:
+                    log(self.node, f"{track.topic} arrives again")
                 if track.publishers - now:
                     left = f"; {len(now)} left" if now else ""
                     warn(self.node, f"the publisher of {track.topic} is gone{left}; the recording continues")
                 track.publishers = now
-
-    def _report_silence(self, track: Track) -> None:
-        """Log once that messages stopped arriving, and once that they arrive again."""
-        silent = track.messages > 0 and time.monotonic() - track.arrived > SILENCE
-        if silent and not track.silence_reported:
-            warn(self.node,
-                 f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording continues")
-        elif track.silence_reported and not silent:
-            log(self.node, f"{track.topic} arrives again")
-        track.silence_reported = silent
 
     def close(self, drain: bool = True) -> str:
         """Write waiting messages, close the bag, and return a summary; this needs no valid context."""

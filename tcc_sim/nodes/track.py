@@ -25,6 +25,8 @@ DEPTH = 20_000
 """Depth of the queue of each topic. Fast DDS stores 5000 messages, 1 s at 5 kHz, and refuses more until some are taken;
 with a depth below that it would drop the oldest instead, even where the driveline waits.
 """
+SILENCE = 3.0
+"""Real time without messages that is reported, s; the middleware needs 20 s to detect a dead publisher."""
 MOST_TOPICS = 100
 """Largest number of topics of one driveline whose unsent messages are counted; it has a dozen."""
 _MOST_REQUESTS = 20
@@ -82,7 +84,7 @@ class Track(SequenceNumbers):
         self.channels: dict[bytes, int] = {}
         self.messages = 0
         self.arrived = time.monotonic()
-        self.silence_reported = False
+        self._silent = False
         self.stamps = StampCounter() if type_name == JOINT_STATE else None
         self._requests: Counter[bytes] = Counter()
         self._offered: set[bytes] = set()
@@ -105,7 +107,15 @@ class Track(SequenceNumbers):
             for _, info in others:
                 self.count(info)
             taken += others
+        if taken:
+            self.arrived = time.monotonic()
         return taken
+
+    def fell_silent(self) -> bool | None:
+        """Return True once when no message has arrived for SILENCE seconds, and False once when they arrive again."""
+        silent = time.monotonic() - self.arrived > SILENCE
+        changed, self._silent = silent != self._silent, silent
+        return silent if changed else None
 
     def follow(self, offered: Sequence[TopicEndpointInfo], again: bool = False) -> Taken:
         """Adapt to the publishers: keep the second subscription while one offers best effort, and subscribe to latched

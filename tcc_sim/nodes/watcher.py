@@ -6,7 +6,6 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from tcc_sim.errors import InputError, TccError, counted
 from tcc_sim.messages import cdr, held
 from tcc_sim.nodes.executables import deferred, node_of_command
 from tcc_sim.nodes.middleware import wait_until
-from tcc_sim.nodes.track import Track
+from tcc_sim.nodes.track import SILENCE, Track
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
@@ -45,8 +44,6 @@ SUMMARY_PERIOD = 1.0
 """Real time between two summaries, s."""
 RECENT_CYCLES = 100
 """Largest number of engine cycles that a summary covers."""
-SILENCE = 3.0
-"""Real time without states after which the watcher reports it, s."""
 Signal = tuple[NDArray[np.int64], Floats]
 WATCHED = "scene", "joint_states", "held", *(row.name for row in stamped())
 """Topics from which everything is shown: what the inputs held, and since when, is on `held`."""
@@ -68,7 +65,6 @@ class Watcher:
         self.states = 0
         self._reported, self._reported_at = 0, 0.0
         self._last_stamp = -1
-        self._heard, self._silent = time.monotonic(), False
         self._recent: deque[tuple[float, float]] = deque(maxlen=RECENT_CYCLES)
         self._summarised = -math.inf
         self._zeros = zeros_of(())
@@ -80,7 +76,7 @@ class Watcher:
         self._stick_speed = stick_speed_of(terms_of(self.scene.system))
         self._cycles = CycleStream(self.scene.system)
         self._last: dict[str, float] = {}
-        self._run = self._sources = ""
+        self._run, self._sources = b"", ""
         self._means = CycleMeans(Scheduled(self.scene.system.cycle))
 
     @property
@@ -90,7 +86,7 @@ class Watcher:
 
     def _scene(self) -> Scene | None:
         scene = None
-        for data in self._taken("scene"):
+        for data, _ in self._tracks["scene"].take():
             try:
                 text = cdr.read_string(data)
                 scene = parse_scene(text, "driveline")
@@ -119,7 +115,7 @@ class Watcher:
                 offered = self._node.get_publishers_info_by_topic(track.topic)
                 self._waiting.get(name, []).extend(data for data, _ in track.follow(offered))
         for name, waiting in self._waiting.items():
-            waiting += self._taken(name)
+            waiting += [data for data, _ in self._tracks[name].take()]
         if self._waiting["joint_states"] and (everything or now - self._shown >= self._period):
             self._shown, taken = now, self._waiting
             self._waiting = {name: [] for name in taken}
@@ -148,12 +144,6 @@ class Watcher:
         lines += [f"{system.friction.law} friction, engine torque {torque}, pressure {pressure}",
                   scene.description or scene.name]
         return "  \n".join(lines)
-
-    def _taken(self, name: str) -> list[bytes]:
-        taken = self._tracks[name].take()
-        if taken and name == "joint_states":
-            self._heard = time.monotonic()
-        return [data for data, _ in taken]
 
     def _show(self, view: RerunStream, stamps: NDArray[np.int64], rows: NDArray[np.void]) -> None:
         fresh = np.diff(stamps, prepend=np.int64(self._last_stamp)) != 0
@@ -187,19 +177,16 @@ class Watcher:
         """Return the changes of the signals of `topics.shown` (name -> stamps in ns, values), and the changes of the
         sources of inputs, in serialised messages that state their simulation times.
         """
-        reports, events, signals = [], list[Event](), dict[str, Signal]()
-        read = []
-        for data in taken["held"]:
-            with suppress(ValueError):
-                read.append(held.read_held(data))
-        for run, values in read:
-            if run in (self._run, read[-1][0]):  # At first the latched ones of earlier runs come too.
-                reports.append(values)
-                text = held.sources_in_words(values.tolist())
-                events += [Event(values[held.TIME] * 1e-9, text)] * (text not in ("", self._sources))
+        events, signals = list[Event](), dict[str, Signal]()
+        reports, _ = held.LAYOUT.records(taken["held"])
+        reports = reports[np.isfinite(reports["values"][:, :held.HEAD]).all(axis=1)]
+        if len(reports):
+            known, self._run = self._run, reports["run"][-1]
+            table = reports["values"][np.isin(reports["run"], (known, self._run))]  # Latched ones of earlier runs come.
+            for report in table.tolist():
+                text = held.sources_in_words(report)
+                events += [Event(report[held.TIME] * 1e-9, text)] * (text not in ("", self._sources))
                 self._sources = text
-        if reports:
-            self._run, table = read[-1][0], np.array(reports)
             for name in HELD_INPUTS:
                 commanded = table[:, held.index_in_held(name, "source")] == held.COMMAND
                 values = np.where(commanded, table[:, held.index_in_held(name, "value")], math.nan)
@@ -224,10 +211,8 @@ class Watcher:
         if missed > self._reported and now - self._reported_at >= 1.0:
             self._say(f"missed {counted(missed - self._reported, 'state')}, {missed} in all")
             self._reported, self._reported_at = missed, now
-        silent = now - self._heard > SILENCE
-        if silent and not self._silent:
+        if self._tracks["joint_states"].fell_silent():
             self._say(f"no states for {SILENCE:g} s: paused, stopped, or waiting for subscribers")
-        self._silent = silent
 
 
 def watch(namespace: str, say: Callable[[str], Any], web: bool = False, **where: Any) -> str:
