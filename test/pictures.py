@@ -37,9 +37,9 @@ def curves(axis: Any) -> dict[str, Curve]:
 
 
 def shaded(axis: Any) -> list[tuple[float, float]]:
-    """Return the ranges that are shaded along x; older versions of matplotlib draw polygons."""
-    places = [patch.get_patch_transform().transform_path(patch.get_path()).get_extents() for patch in axis.patches]
-    return [(float(place.x0), float(place.x1)) for place in places]
+    """Return the ranges that are shaded along x as stick."""
+    return [(float(path.vertices[:, 0].min()), float(path.vertices[:, 0].max())) for area in axis.collections
+            if area.get_label() == "stick" for path in area.get_paths()]
 
 
 def legends_in(drawn: Any) -> list[Any]:

@@ -30,13 +30,13 @@ ORBIT_CYCLES = 12
 """Engine cycles drawn in the phase portrait of a motion without period."""
 FLAT = 0.02
 """Fraction of the largest slip speed below which a section point counts as stick."""
-MOST_INTERVALS, COLUMNS = 80, 480
-"""Largest number of intervals in stick that are shaded one by one, and number of columns that are shaded otherwise."""
 SAMPLED = ("t", "slip_speed", "plate_angle", "plate_speed", "engine_torque", "saturation_torque", "friction_torque",
            "state")
 """Columns of a run that pictures draw."""
 MOST_LABELS, LONGEST_LABEL = 6, 42
 """Largest number of events that are drawn with their texts, and longest text."""
+MOST_TURNS = 160
+"""Largest number of turns of a pressure that is drawn as a line."""
 FEW = 150
 """Largest number of samples that are drawn as dots too."""
 SHARP = 20_000
@@ -242,35 +242,9 @@ def _slip(axis: Any, run: Trajectory, control: Control | None) -> None:
 
 
 def shade_stick(axis: Any, t: Floats, stuck: NDArray[np.bool_]) -> None:
-    """Shade the intervals in stick, between successive samples that stick.
-
-    Where there are more of them than a picture can resolve, each of COLUMNS columns is shaded by its share of stick.
-    """
-    edges = np.diff(np.concatenate([[0], stuck.astype(np.int8), [0]]))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    if len(starts) > MOST_INTERVALS:
-        _shade_shares(axis, np.linspace(t[0], t[-1], COLUMNS + 1), t, stuck)
-        return
-    for number, (start, end) in enumerate(zip(starts.tolist(), ends.tolist())):
-        axis.axvspan(t[start], t[end], facecolor=style.STICK, edgecolor="none", zorder=0,
-                     label="stick" if number == 0 else None)
-
-
-def _shade_shares(axis: Any, edges: Floats, t: Floats, stuck: NDArray[np.bool_]) -> None:
-    """Shade the columns between edges, s, by the share of the samples' intervals in stick."""
-    from matplotlib.collections import QuadMesh
-    from matplotlib.colors import LinearSegmentedColormap
-
-    since = np.concatenate([[0.0], np.cumsum(np.diff(t) * (stuck[:-1] & stuck[1:]))])
-    share = np.diff(np.interp(edges, t, since)) / np.diff(edges)
-    corners = np.stack(np.meshgrid(edges, [0.0, 1.0]), axis=-1)
-    shades = LinearSegmentedColormap.from_list("stick", ["white", style.STICK_SHARE])
-    mesh = QuadMesh(corners, array=share[None, :], cmap=shades, rasterized=True, zorder=0,
-                    transform=axis.get_xaxis_transform())
-    mesh.set_clim(0.0, 1.0)
-    axis.add_collection(mesh, autolim=False)
-    style.key(axis, "stick (shade: share)", linestyle="none", marker="s", markersize=6.0, markeredgewidth=0.0,
-              color=style.STICK_SHARE)
+    """Shade the intervals between successive samples that stick."""
+    axis.fill_between(t, 0.0, 1.0, where=stuck, transform=axis.get_xaxis_transform(), facecolor=style.STICK,
+                      edgecolor="none", linewidth=0.0, zorder=0, label="stick", rasterized=len(t) > SHARP)
 
 
 def _target(axis: Any, control: Control, end: float) -> None:
@@ -296,7 +270,7 @@ def mark_events(axis: Any, events: Sequence[Event], end: float, unit: float = 1.
 def _held(axis: Any, pressure: Steps, cycles: Floats, **look: Any) -> None:
     """Draw a pressure that is held; where it turns more often than a picture can resolve, its range in each cycle."""
     t, values = pressure.t, 1e-3 * pressure.values
-    if np.count_nonzero(np.diff(np.sign(np.diff(values)))) <= 2 * MOST_INTERVALS or not len(cycles):
+    if np.count_nonzero(np.diff(np.sign(np.diff(values)))) <= MOST_TURNS or not len(cycles):
         axis.step(t, values, where="post", **look)
         return
     edges = np.unique([t[0], *cycles[(cycles > t[0]) & (cycles < t[-1])], t[-1]])

@@ -31,8 +31,6 @@ DOTS = 200
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 PURPLE, SKY, YELLOW = "#CC79A7", "#56B4E9", "#F0E442"
 INK, GREY, STICK = "#222222", "#8C8C8C", "#DDE7EE"
-STICK_SHARE = "#AFC4D4"
-"""Shade of a column that is wholly in stick, where shares of stick are shaded."""
 RUNAWAY = "#8B0000"
 """Colour of slip that grows."""
 CYCLE = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, INK)
