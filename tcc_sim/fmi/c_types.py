@@ -18,21 +18,16 @@ class Refused(Exception):
     """A kernel's source has a construct without a form in C."""
 
 
-class Unprintable(Exception):
-    """A rule of the printer meets an expression without a form in C, which `Refused` then names."""
-
-
 def check(true: bool) -> None:
-    """Raise Unprintable unless a condition of a rule holds."""
+    """Raise Refused unless a condition of a rule holds."""
     if not true:
-        raise Unprintable
+        raise Refused
 
 
 def only(value: object, kind: type[Wanted]) -> Wanted:
-    """Return a value of a class; raise Unprintable for any other."""
-    if not isinstance(value, kind):
-        raise Unprintable
-    return value
+    """Return a value of a class; raise Refused for any other."""
+    check(isinstance(value, kind))
+    return value  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
@@ -68,20 +63,26 @@ class Tuple:
         return f"typedef struct {{ {flag}{fields} }} {self.name};"
 
 
-@dataclass(frozen=True)
-class Table:
-    """Pointer to an (n, columns) array of doubles of at most `most` rows, and a flag `has`."""
+class Pointed:
+    """Structure that functions take by a pointer."""
 
-    columns: int
-    most: int
+    title: str
 
     @property
     def name(self) -> str:
         """Pointer type."""
         return f"const {self.title} *"
 
+
+@dataclass(frozen=True)
+class Table(Pointed):
+    """Pointer to an (n, columns) array of doubles of at most `most` rows, and a flag `has`."""
+
+    columns: int
+    most: int
+
     @property
-    def title(self) -> str:
+    def title(self) -> str:  # type: ignore[override]
         """Name of the structure."""
         return f"table_{self.most}x{self.columns}"
 
@@ -138,16 +139,11 @@ class Keys:
 
 
 @dataclass(frozen=True)
-class Struct:
+class Struct(Pointed):
     """Pointer to the structure of a NamedTuple, with the types of its fields; one that is known is none in C."""
 
     title: str
     fields: tuple[tuple[str, Kind], ...] = field(hash=False)
-
-    @property
-    def name(self) -> str:
-        """Pointer type."""
-        return f"const {self.title} *"
 
     def declaration(self) -> str:
         """Return the declaration of the structure."""
@@ -158,7 +154,7 @@ class Struct:
 
 def stored_name(kind: Kind) -> str:
     """Return the type of a variable or field, which holds structures and tables themselves."""
-    return kind.title if isinstance(kind, (Table, Struct)) else kind_name(kind)
+    return kind.title if isinstance(kind, Pointed) else kind_name(kind)
 
 
 Kind = Static | Scalar | Tuple | Table | Row | Column | Items | Keys | Struct
@@ -212,11 +208,11 @@ def _kind_of(name: str, hint: Any, tables: dict[str, Table], lengths: dict[str, 
     raise Refused(f"{name}: {hint}")
 
 
-def common_kind(one: Kind, other: Kind) -> Kind | None:
-    """Return the type that holds values of both, or None: a tuple or table that may be absent has a flag."""
+def common_kind(one: Kind, other: Kind) -> Kind:
+    """Return the type that holds values of both: a tuple or table that may be absent has a flag."""
     if one == other:
         return one
     for absent, kind in ((one, other), (other, one)):
         if absent == Static(None) and isinstance(kind, (Tuple, Table)):
             return Tuple(kind.parts, True) if isinstance(kind, Tuple) else kind
-    return None
+    raise Refused

@@ -17,13 +17,13 @@ import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, reduce
 from typing import Any, ClassVar
 
 import numpy as np
 
 from tcc_sim.fmi import c_types
-from tcc_sim.fmi.c_types import DOUBLE, INT, Column, Items, Kind, Static, Struct, Table, Tuple, check, only
+from tcc_sim.fmi.c_types import DOUBLE, INT, Column, Items, Kind, Pointed, Static, Struct, Table, Tuple, check, only
 from tcc_sim.model.friction import portable_exp
 
 Text = tuple[str, Kind]
@@ -34,15 +34,12 @@ FUNCTIONS: dict[Any, str] = {
     math.cos: "cos", math.floor: "floor", math.ceil: "ceil", math.exp: "exp", math.copysign: "copysign",
     math.log: "log", math.log1p: "log1p", math.expm1: "expm1", math.atanh: "atanh", portable_exp: "exp"}
 """C function of doubles by Python function; arrays are taken element by element."""
-OPERATORS: dict[type[ast.AST], str] = {
-    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Gt: ">", ast.GtE: ">=", ast.Lt: "<", ast.LtE: "<=",
-    ast.Eq: "==", ast.NotEq: "!="}
-WHOLE: dict[type[ast.AST], Callable[[int, int], int]] = {ast.Add: operator.add, ast.Sub: operator.sub,
-                                                         ast.Mult: operator.mul}
-"""Arithmetic of whole numbers that are known."""
-COMPARISONS: dict[type[ast.AST], Callable[[int, int], bool]] = {
-    ast.Gt: operator.gt, ast.GtE: operator.ge, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Eq: operator.eq,
-    ast.NotEq: operator.ne}
+OPERATORS: dict[type[ast.AST], tuple[str, Callable[[Any, Any], Any]]] = {
+    ast.Add: ("+", operator.add), ast.Sub: ("-", operator.sub), ast.Mult: ("*", operator.mul),
+    ast.Div: ("/", operator.truediv), ast.Gt: (">", operator.gt), ast.GtE: (">=", operator.ge),
+    ast.Lt: ("<", operator.lt), ast.LtE: ("<=", operator.le), ast.Eq: ("==", operator.eq),
+    ast.NotEq: ("!=", operator.ne)}
+"""Operator in C, and its function, for whole numbers that are known."""
 TAKEN = {*FUNCTIONS.values(), "free", "double", "int", "float", "long", "short", "char", "void", "struct", "union",
          "auto", "static", "const", "register", "signed", "unsigned", "switch", "case", "default", "do", "goto",
          "enum", "extern", "inline", "restrict", "sizeof", "typedef", "volatile"}
@@ -113,8 +110,7 @@ class Library:
     def entry(self, name: str, source: Any, *kinds: Kind) -> Kind:
         """Print a function that other C calls by a name of its own, and return the type of its result."""
         printed, result = self.function(source, kinds)
-        if isinstance(result, (Static, Items)):
-            raise c_types.Refused(f"{name} has no result at run time")
+        check(not isinstance(result, (Static, Items)))
         if printed != name:
             self.texts.append(f"#define {name} {printed}")
         return result
@@ -167,9 +163,7 @@ class Function:
         self._locals: dict[str, Kind] = {}
         self._written: list[str] = []
         self._depth, self._fresh = 0, 0
-        tree = _parsed(source)
-        if not isinstance(tree, ast.FunctionDef):
-            raise c_types.Refused(f"{source.__name__} is no plain function")
+        tree = only(_parsed(source), ast.FunctionDef)
         parameters = [argument.arg for argument in tree.args.args]
         more = range(len(kinds) - len(parameters)) if tree.args.vararg else ()
         further = [f"{tree.args.vararg.arg}_{k}" for k in more]  # type: ignore[union-attr]
@@ -185,20 +179,13 @@ class Function:
         self._stores = Counter(part.id for part in ast.walk(tree) if isinstance(part, ast.Name)
                                and isinstance(part.ctx, ast.Store))
         self._block(tree.body)
-        if not self._returned:
-            raise c_types.Refused(f"{name} returns nothing")
-        whole: Kind | None = self._returned[0]
-        for kind in self._returned[1:]:
-            whole = c_types.common_kind(whole, kind) if whole is not None else None
-        if whole is None:
-            raise c_types.Refused(f"{source.__name__}: its results are of several types")
-        self.result: Kind = whole
+        self.result = whole = reduce(c_types.common_kind, self._returned)
         if isinstance(whole, (Static, Items)):
             return
         library.declared(whole)
         head = [f"{library.declared(kind)} {word(parameter)}".replace("* ", "*") for parameter, kind in given
                 if not isinstance(kind, Static)]
-        pointed = isinstance(whole, (Table, Struct))
+        pointed = isinstance(whole, Pointed)
         head += [f"{c_types.stored_name(whole)} *made"] if pointed else []
         used = set(re.findall(r"\w+", " ".join(self._written)))
         unused = [f"    (void){word(parameter)};" for parameter, kind in given
@@ -222,7 +209,7 @@ class Function:
             try:
                 if self._statement(node):
                     return True
-            except c_types.Unprintable as error:
+            except (c_types.Refused, KeyError) as error:
                 raise c_types.Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
         return False
 
@@ -260,7 +247,7 @@ class Function:
             self._return(node)
             return True
         else:
-            raise c_types.Unprintable
+            raise c_types.Refused
         return False
 
     def _return(self, node: ast.Return) -> None:
@@ -270,7 +257,7 @@ class Function:
         self.text = text
         if isinstance(wanted, (Static, Items, Column)) or (self._wanted is None and isinstance(kind, Static)):
             return
-        if not isinstance(wanted, (Table, Struct)):
+        if not isinstance(wanted, Pointed):
             text = self._as((text, kind), wanted)
         else:
             check(kind == wanted)
@@ -372,7 +359,7 @@ class Function:
         if isinstance(kind, (Static, Items, c_types.Keys, c_types.Row, Column)):
             return text, kind
         name = self._variable(kind)
-        pointed = isinstance(kind, (Table, Struct))
+        pointed = isinstance(kind, Pointed)
         self._put(f"{name} = {target_of(text) if pointed else text};")
         return f"&{name}" if pointed else name, kind
 
@@ -397,11 +384,7 @@ class Function:
         self._put("}")
 
     def _expression(self, node: ast.expr) -> Text:
-        """Print an expression; what the rules do not expect has no form in C."""
-        try:
-            return self._nodes[type(node)](self, node)
-        except (c_types.Unprintable, KeyError) as error:
-            raise c_types.Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
+        return self._nodes[type(node)](self, node)
 
     def _number(self, node: ast.expr) -> Text:
         text, kind = self._expression(node)
@@ -443,7 +426,7 @@ class Function:
             return self._names[node.id]
         if node.id in self._kinds:
             kind = self._kinds[node.id]
-            stored = isinstance(kind, (Table, Struct)) and node.id in self._locals
+            stored = isinstance(kind, Pointed) and node.id in self._locals
             return f"{'&' if stored else ''}{word(node.id)}", kind
         return self._value(self._resolved(node))
 
@@ -463,8 +446,8 @@ class Function:
                     return self._value(field.value)
                 if name == node.attr:
                     place = f"{text[1:]}.{name}" if text.startswith("&") else f"{text}->{name}"
-                    return f"&{place}" if isinstance(field, (Table, Struct)) else place, field
-        raise c_types.Unprintable
+                    return f"&{place}" if isinstance(field, Pointed) else place, field
+        raise c_types.Refused
 
     def _key(self, text: str, kind: c_types.Keys, node: ast.Attribute) -> Text:
         """Print a scene key of a group, one of its groups, or what a property of it computes."""
@@ -487,7 +470,7 @@ class Function:
 
     def _result(self, text: str, kind: Kind) -> Text:
         """Return a call's text; a structure that it makes is stored in a new variable, its last argument."""
-        if not isinstance(kind, (Table, Struct)):
+        if not isinstance(kind, Pointed):
             return text, kind
         name = self._variable(kind)
         self._put(f"{text[:-1]}{'' if text.endswith('()') else ', '}&{name});")
@@ -555,12 +538,12 @@ class Function:
 
     def _binop(self, node: ast.BinOp) -> Text:
         def combined(one: Text, other: Text) -> Text:
-            (left, first), (right, second) = one, other
+            (left, first), (right, second), (sign, computed) = one, other, OPERATORS[type(node.op)]
             kind = INT if only(first, c_types.Scalar) == only(second, c_types.Scalar) == INT else DOUBLE
             check(not (isinstance(node.op, ast.Div) and kind == INT))
             if kind == INT and left.isdigit() and right.isdigit():
-                return literal(WHOLE[type(node.op)](int(left), int(right)))
-            return f"({left} {OPERATORS[type(node.op)]} {right})", kind
+                return literal(computed(int(left), int(right)))
+            return f"({left} {sign} {right})", kind
         return self._each(combined, self._expression(node.left), self._expression(node.right))
 
     def _unaryop(self, node: ast.UnaryOp) -> Text:
@@ -590,7 +573,7 @@ class Function:
     def _namedexpr(self, node: ast.NamedExpr) -> Text:
         text, kind = self._number(node.value)
         self._declare(node.target.id, kind)
-        return f"({word(node.target.id)} = {text[1:-1] if enclosed(text) else text})", kind
+        return f"({word(node.target.id)} = {_bare(text)})", kind
 
     def _declare(self, name: str, kind: Kind) -> None:
         self._names.pop(name, None)
@@ -621,9 +604,9 @@ class Function:
             left = f"({left})" if left.startswith("&") else left
             return f"({' && '.join(f'{left}->{name} == ({right})->{name}' for name, _ in first.fields)})", INT
         if first == second == INT and left.isdigit() and right.isdigit():
-            return self._value(COMPARISONS[type(sign)](int(left), int(right)))
+            return self._value(OPERATORS[type(sign)][1](int(left), int(right)))
         check(isinstance(first, (c_types.Scalar, Column)) and isinstance(second, c_types.Scalar))
-        return self._each(lambda each: (f"({each[0]} {OPERATORS[type(sign)]} {right})", INT), one)
+        return self._each(lambda each: (f"({each[0]} {OPERATORS[type(sign)][0]} {right})", INT), one)
 
     def _absent(self, node: ast.expr, absent: bool) -> Text:
         text, kind = self._expression(node)
@@ -642,9 +625,7 @@ class Function:
         with self._apart() as others:
             other = self._stored(*self._expression(node.orelse))
         kind = c_types.common_kind(one[1], other[1])
-        if kind is None:
-            raise c_types.Unprintable
-        if not (lines or others or isinstance(kind, (Table, Struct))):
+        if not (lines or others or isinstance(kind, Pointed)):
             return f"({test} ? {self._as(one, kind)} : {self._as(other, kind)})", kind
         name = self._variable(kind)
         for head, branch, part in ((f"if ({test}) {{", lines, one), ("} else {", others, other)):
@@ -654,7 +635,7 @@ class Function:
             self._assign_to(name, part, kind)
             self._depth -= 1
         self._put("}")
-        return f"&{name}" if isinstance(kind, (Table, Struct)) else name, kind
+        return f"&{name}" if isinstance(kind, Pointed) else name, kind
 
     def _as(self, part: Text, wanted: Kind) -> str:
         """Print a number or a tuple as a value of another type."""
@@ -671,12 +652,12 @@ class Function:
                 return f"({name}){{1, {text.partition('{')[2]}"
             if isinstance(kind, Tuple) and kind.parts == wanted.parts:
                 return f"({name}){{1, {', '.join(f'{text}._{place}' for place in range(len(kind.parts)))}}}"
-        raise c_types.Unprintable
+        raise c_types.Refused
 
     def _assign_to(self, place: str, part: Text, wanted: Kind) -> None:
         """Print the assignment of a value of a type, or of one that it holds, to a variable or field."""
         text, kind = self._stored(*part)
-        if not isinstance(wanted, (Table, Struct)):
+        if not isinstance(wanted, Pointed):
             self._put(f"{place} = {self._as((text, kind), wanted)};")
         elif kind == Static(None) and isinstance(wanted, Table):
             self._put(f"memset(&{place}, 0, sizeof {place});")
@@ -725,7 +706,7 @@ class Function:
         if called is math.isfinite:
             return f"isfinite({self._number(node.args[0])[0]})", INT
         if not inspect.isfunction(plain):
-            raise c_types.Unprintable
+            raise c_types.Refused
         given = list[Text]()
         for argument in node.args:
             given += self._items(argument.value) if isinstance(argument, ast.Starred) else [
@@ -846,11 +827,6 @@ class Function:
         np.arange: _np_arange, np.argmax: _np_argmax}
 
 
-def _bare(text: str) -> str:
-    """Return a text without parentheses around it."""
-    return text[1:-1] if enclosed(text) else text
-
-
 def word(name: str) -> str:
     """Return a local name in C."""
     return f"{name}_" if name in TAKEN else name
@@ -861,14 +837,14 @@ def target_of(text: str) -> str:
     return text[1:] if text[0] in "&*" else f"*{text}"
 
 
-def enclosed(text: str) -> bool:
-    """Return whether one pair of parentheses encloses a text."""
+def _bare(text: str) -> str:
+    """Return a text without the one pair of parentheses that encloses it."""
     depth = 0
     for place, letter in enumerate(text):
         depth += (letter == "(") - (letter == ")")
         if depth == 0:
-            return letter == ")" and place == len(text) - 1
-    return False
+            return text[1:-1] if letter == ")" and place == len(text) - 1 else text
+    return text
 
 
 def literal(value: float) -> Text:
