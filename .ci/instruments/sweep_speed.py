@@ -247,8 +247,8 @@ def _round(value: float) -> str:
 
 def main() -> int:
     """Measure and print the section of Markdown."""
-    with counted_bar("scene") as running:
-        say("\n".join(speed_section(sweep_speed(SpeedEffort(), running.done))))
+    with counted_bar("scene") as done:
+        say("\n".join(speed_section(sweep_speed(SpeedEffort(), done))))
     return 0
 
 

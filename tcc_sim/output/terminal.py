@@ -10,7 +10,6 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 NARROWEST = 40
 """Smallest width used, even if the terminal is narrower, columns."""
@@ -59,36 +58,20 @@ def open_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-class CountedBar:
-    """Progress bar of a task with a known number of parts.
-
-    complete : whether the task was finished
-    """
-
-    def __init__(self, bar: Any) -> None:
-        self.complete = False
-        self.name = bar.set_description_str
-        self._bar = bar
-
-    def done(self, count: int, total: int, following: str) -> None:
-        """Show the number of parts done and the name of the next one."""
-        self._bar.total = total
-        self._bar.set_description_str(following, refresh=False)
-        self._bar.update(count - self._bar.n)
-
-
 @contextmanager
-def counted_bar(unit: str) -> Iterator[CountedBar]:
-    """Show progress; on Ctrl-C, print that the task was interrupted, and leave `complete` False."""
+def counted_bar(unit: str) -> Iterator[Callable[[int, int, str], None]]:
+    """Show progress of a task; call the yielded function with the number of parts done, of all parts, and the name of
+    the next one.
+    """
     from tcc_sim.sweeps.progress import progress_bar
 
     with progress_bar(unit, leave=False) as bar:
-        counted = CountedBar(bar)
-        try:
-            yield counted
-            counted.complete = True
-        except KeyboardInterrupt:
-            print("tcc-sim: interrupted", file=sys.stderr)
+        def done(count: int, total: int, following: str) -> None:
+            bar.total = total
+            bar.set_description_str(following, refresh=False)
+            bar.update(count - bar.n)
+
+        yield done
 
 
 @contextmanager

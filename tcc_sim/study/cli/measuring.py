@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -95,14 +96,19 @@ def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()
         "precision": (precision, precision.precision_tables, report_drawings.draw_precision, load_scene("fig02")),
         "stability": (stability, stability.stability_tables, report_drawings.draw_stability, System())}
     of, tables_of, draw, scene = reports[verb]
-    with counted_bar("run") as running:
-        effort = replace(precision.QUICK if arguments.quick else precision.FULL, scenes=tuple(scenes))
-        for row in (precision.precision_study(effort, running.done) if of is precision else
-                    stability.grid(arguments.quick, running.done)):
-            rows.append(row)
+    complete = False
+    try:
+        with counted_bar("run") as done:
+            effort = replace(precision.QUICK if arguments.quick else precision.FULL, scenes=tuple(scenes))
+            for row in (precision.precision_study(effort, done) if of is precision else
+                        stability.grid(arguments.quick, done)):
+                rows.append(row)
+        complete = True
+    except KeyboardInterrupt:
+        print("tcc-sim: interrupted", file=sys.stderr)
     if not rows:
         return 130
-    report = of.report_of(rows, arguments.quick, running.complete)
+    report = of.report_of(rows, arguments.quick, complete)
     tables, units = tables_of(report), {name: unit for name, (_, unit) in of.FIELDS.items() if unit}
     folder.mkdir()
     write_json(folder / f"{verb}.json", {
@@ -111,7 +117,7 @@ def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()
     draw(folder / verb, report, title=printable(arguments.title or ""), width=width_of(arguments.width))
     print(next(block for block in tables.split("\n\n") if block.startswith("|")))
     say(f"{folder}/{verb}.png, .svg, .json, .md")
-    return 0 if running.complete else 130
+    return 0 if complete else 130
 
 
 def _say_pacing(shown: dict[str, Any]) -> None:
