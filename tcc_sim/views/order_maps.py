@@ -11,7 +11,7 @@ from tcc_sim.analysis.measured.orders import OrderComparison, Orders, Spectrum, 
 from tcc_sim.shown_units import UNITS, frequency
 from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
-from tcc_sim.views.panels import Panel, nothing
+from tcc_sim.views.panels import Panel
 from tcc_sim.views.style import AxisQuantity, quantities
 
 SHOWN = 60.0
@@ -40,7 +40,7 @@ def order_panels(orders: Orders) -> list[Panel]:
     ends, judder = (along.min(), along.max()), orders.judder
 
     def unmeasured(axis: Any) -> None:
-        nothing(axis)
+        axis.text(0.5, 0.5, "not measured", transform=axis.transAxes, ha="center", va="center")
         quantities(axis, over)
 
     def judders(axis: Any) -> None:
@@ -58,7 +58,7 @@ def order_panels(orders: Orders) -> list[Panel]:
         if np.isfinite(orders.heat).any():
             axis.plot(along, orders.heat * 1e-3, color=style.ORANGE)
         else:
-            nothing(axis)
+            unmeasured(axis)
         axis.set(ylim=(0.0, None), xlim=ends)
         quantities(axis, over, style.HEAT)
 
@@ -186,8 +186,11 @@ def _map(axis: Any, orders: Orders, of: str, top: float | None = None, named: bo
         order = orders.per_revolution * omega / orders.frequency
         axis.plot(along, np.where((order <= highest) & (order >= lowest), order, np.nan), color="white", lw=0.9,
                   ls=(0, (4, 2)))
-        if named:
-            _name_mode(axis, along, order, f"{name}, {frequency(omega, 4)}", (lowest, highest), orders.per_revolution)
+        inside = np.flatnonzero((order >= lowest) & (order <= 0.95 * highest) & (along < along.mean()))
+        if named and len(inside):
+            at = inside[np.argmax(np.abs((order[inside] / orders.per_revolution + 0.5) % 1.0 - 0.5))]  # Between orders.
+            axis.annotate(f"{name}, {frequency(omega, 4)}", (along[at], order[at]), xytext=(4, 0), color="white",
+                          textcoords="offset points", fontsize=6.5, va="center", bbox=BOX)
     axis.set(ylim=(lowest, highest), xlim=(along.min(), along.max()))
     quantities(axis, over, ORDER)
 
@@ -222,18 +225,3 @@ def _campbell(axis: Any, orders: Orders, of: str) -> None:
                       color="white", fontsize=6.5, va="center", ha="right", bbox=BOX)
     axis.set(xlim=(rpm.min(), rpm.max()), ylim=(0.0, highest))
     quantities(axis, AxisQuantity("engine speed", "rpm"), AxisQuantity("frequency", "Hz"))
-
-
-def _name_mode(axis: Any, along: Floats, order: Floats, text: str, within: tuple[float, float], each: float) -> None:
-    """Name a mode beside its line, inside the map and between the lines of the orders."""
-    low, high = within
-    place = (along - along.min()) / max(float(np.ptp(along)), 1e-300)
-    inside = (order > low + 0.03 * (high - low)) & (order < high - 0.1 * (high - low)) & (place > 0.02) & (place < 0.6)
-    if not inside.any():
-        inside = (order >= low) & (order <= high)
-    if not inside.any():
-        return
-    between = np.abs((order / each + 0.5) % 1.0 - 0.5)  # Distance to the nearest order line, in multiples.
-    at = int(np.argmax(np.where(inside, between - 0.05 * place, -1.0)))
-    axis.annotate(text, (along[at], order[at]), xytext=(4, 0), color="white", textcoords="offset points",
-                  fontsize=6.5, va="center", bbox=BOX)

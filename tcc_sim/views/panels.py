@@ -98,8 +98,3 @@ def draw_into(axis: Any, panel: Panel, title: str = "") -> Any:
     if axis.get_legend() is legend and len(named) > before and (len(named) > 1 or named[0].get_gid() == style.KEY):
         style.legend_above(axis)
     return axis
-
-
-def nothing(axis: Any, words: str = "not measured") -> None:
-    """Write into an axis that nothing is drawn."""
-    axis.text(0.5, 0.5, words, transform=axis.transAxes, ha="center", va="center")
