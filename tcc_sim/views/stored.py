@@ -23,8 +23,7 @@ from tcc_sim.trajectory import SAMPLED, UNITS, Trajectory
 DRAWN = "figure", "precision", "stability"
 """Kinds of JSON that a function of a later room draws, from the file of the picture, a `Record`, title and width, inch.
 """
-CYCLE_ARRAYS = ("cycle_highest", "cycle_lowest", "cycle_stick_time")
-ARRAYS = (*UNITS, "section_states", *CYCLE_ARRAYS, "cycle_starts", "labels")
+ARRAYS = (*UNITS, "section_states", "cycle_highest", "cycle_lowest", "cycle_stick_time", "cycle_starts", "labels")
 """Arrays of a .npz that pictures use."""
 DAMAGE = LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError
 """Errors of drawing a stored result whose values have wrong types or are missing."""
@@ -61,14 +60,7 @@ def read_stored(path: Path) -> dict[str, Any]:
     if path.suffix == ".json":
         return read_json(path)
     arrays = read_arrays(path, ("document", *ARRAYS))
-    document = document_in(path, arrays)
-    samples, cycles = arrays.get("t", ()), arrays.get("cycle_highest", ())
-    shapes = {**dict.fromkeys(UNITS, (len(samples),)), **dict.fromkeys(CYCLE_ARRAYS, (len(cycles),)),
-              "section_states": (len(cycles) + 1, 3)}
-    for name, shape in shapes.items():
-        if name in arrays and arrays[name].shape != shape:
-            raise InputError(f"{path}: array {name} has the shape {arrays[name].shape}; it must be {shape}")
-    return {**document, "arrays": arrays}
+    return {**document_in(path, arrays), "arrays": arrays}
 
 
 def kind_of(values: Mapping[str, Any]) -> str:
