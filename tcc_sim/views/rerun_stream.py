@@ -342,8 +342,6 @@ class RerunStream:
         """Send new axes of the portrait if its cycles exceed the present ones or use only a small part of one."""
         low, high = np.min([e[0] for e in self._extents], axis=0), np.max([e[1] for e in self._extents], axis=0)
         least, most = np.array([low[0], -high[1]]), np.array([high[0], -low[1]])
-        if not (np.isfinite(least).all() and np.isfinite(most).all()):
-            return
         if self._axes is not None and self._axes.hold(least, most):
             return
         axes = layout.PhaseAxes.around(least, most)

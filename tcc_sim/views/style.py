@@ -200,14 +200,9 @@ def _rescale(axis: Any, factor: float) -> None:
             few = np.count_nonzero((powers >= low) & (powers <= high)) < 2
             return np.outer([1.0, 2.0, 3.0, 5.0] if few else [1.0], powers).ravel() / factor
 
-    def text(x: float, _: int | None = None) -> str:
-        shown, power = x * factor, math.log10(max(x * factor, 1e-300))
-        log = axis.get_scale() == "log" and abs(power - round(power)) < 1e-9
-        return f"$10^{{{round(power)}}}$" if log else f"{shown:.6g}"
-
     axis.set_major_locator(Round(nbins=6, steps=[1, 2, 2.5, 5, 10]))
     axis.set_minor_locator(NullLocator())
-    axis.set_major_formatter(FuncFormatter(text))
+    axis.set_major_formatter(FuncFormatter(lambda x, _=None: f"{x * factor:.6g}"))
 
 
 def widened(limits: tuple[float, float]) -> tuple[float, float]:
@@ -238,7 +233,7 @@ def lay_out(drawn: Any) -> None:
     """Place the axes of a figure for good, once; with a layout engine, every file would be drawn twice. The positions
     are rounded, since the engine leaves their last digits different every time.
 
-    Legends above axes, titles and labels then get the lines that the axes have room for; if needed, axes move again.
+    Legends above axes, titles and labels then get the lines that the axes have room for, and the axes move again.
     """
     from matplotlib.ticker import ScalarFormatter
 
@@ -258,7 +253,6 @@ def lay_out(drawn: Any) -> None:
         if type(axis.get_major_formatter()) is ScalarFormatter:
             axis.set_major_formatter(Plain())
     engine.execute(drawn)
-    wrapped = False
     for axis in drawn.axes:
         box, titles = axis.get_window_extent(), (axis.title, axis._left_title)
         for text, size, room in ((axis.yaxis.label, axis.yaxis.label.get_window_extent().height, box.height),
@@ -266,20 +260,9 @@ def lay_out(drawn: Any) -> None:
             words = text.get_text()
             if size > room and "\n" not in words:
                 text.set_text(textwrap.fill(words, max(int(0.88 * len(words) * room / size), 8)))
-                wrapped = True
-    if wrapped:
-        engine.execute(drawn)
-    above = [axis for axis in drawn.axes if axis.get_legend() is not None and axis.get_legend().get_gid() == ABOVE]
-
-    def sizes() -> list[list[float]]:
-        return [[*each.get_legend().get_window_extent().size.round(), round(each.titleOffsetTrans.get_matrix()[1, 2])]
-                for each in above]
-
-    before = sizes()
-    for axis in above:
-        legend_above(axis)
-    if sizes() != before:
-        engine.execute(drawn)
+        if (named := axis.get_legend()) is not None and named.get_gid() == ABOVE:
+            legend_above(axis)
+    engine.execute(drawn)
     drawn.set_layout_engine(None)
     for axis in drawn.axes:
         axis.set_position([round(x, 5) for x in axis.get_position(original=True).bounds])
@@ -303,11 +286,7 @@ def entries(axis: Any) -> tuple[list[Any], list[str]]:
     def points(artist: Any) -> list[Any]:
         if hasattr(artist, "get_xydata"):
             return [artist.get_xydata()]
-        if hasattr(artist, "get_paths"):
-            return [path.vertices for path in artist.get_paths()]
-        if hasattr(artist, "get_patch_transform"):
-            return [artist.get_patch_transform().transform(artist.get_path().vertices)]
-        return [np.zeros((1, 2))]  # Error bars.
+        return [path.vertices for path in artist.get_paths()] if hasattr(artist, "get_paths") else [np.zeros((1, 2))]
 
     shown = [(handle, name) for handle, name in zip(*axis.get_legend_handles_labels())
              if handle.get_gid() == KEY or any(np.isfinite(np.ma.filled(xy, np.nan)).all(axis=1).any()
