@@ -191,8 +191,7 @@ def struct_of(source: type[Any], tables: dict[str, Table], lengths: dict[str, in
 
 def _kind_of(name: str, hint: Any, tables: dict[str, Table], lengths: dict[str, int]) -> Kind:
     """Return the type of a field from its annotation; a number that may be None exists in the real-time solver."""
-    choices = typing.get_args(hint) if isinstance(hint, types.UnionType) or typing.get_origin(
-        hint) is typing.Union else (hint,)
+    choices = typing.get_args(hint) if typing.get_origin(hint) in (types.UnionType, typing.Union) else (hint,)
     optional = type(None) in choices
     inner, = (choice for choice in choices if choice is not type(None))
     if inner is float or inner is int:

@@ -21,7 +21,7 @@ from xml.etree import ElementTree as ET
 
 from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError, TccError
-from tcc_sim.fmi.c_types import DOUBLE, INT, Keys, Kind, Row, Static, Struct, Table, struct_of
+from tcc_sim.fmi.c_types import DOUBLE, INT, Keys, Kind, Row, Static, Table, struct_of
 from tcc_sim.fmi.printer import Library
 from tcc_sim.model import actuator, equations
 from tcc_sim.model.actuator import delay_ticks
@@ -47,12 +47,11 @@ PLATFORMS = {("linux", "x86_64"): ("linux64", "x86_64-linux"), ("linux", "aarch6
 
 @dataclass(frozen=True)
 class Fmu:
-    """Content of an FMU: version of FMI, model identifier, texts by their path in the FMU, and variables."""
+    """Content of an FMU: version of FMI, model identifier, and texts by their path in the FMU."""
 
     version: int
     identifier: str
     files: dict[str, str]
-    variables: list[Variable]
 
 
 def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
@@ -80,7 +79,7 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     files |= {f"sources/{name}": text for name, text in sorted(texts.items())}
     files["documentation/licenses/license.txt" if version == 3 else "documentation/license.txt"] = (
         "Apache-2.0, see https://www.apache.org/licenses/LICENSE-2.0\n")
-    return Fmu(version, identifier, files, rows)
+    return Fmu(version, identifier, files)
 
 
 def compiler() -> str | None:
@@ -142,6 +141,8 @@ def _kernel(scene: Scene, rows: list[Variable]) -> str:
     system = scene.system
     known = {row.name.partition("[")[0]: row.word for row in reversed(rows)}
     keys, pressure = Keys(system, "", known.get), Keys(system.pressure, "pressure", known.get)
+    shaft, absent = Keys(system.driveline, "driveline", known.get), Static(None)
+    torque_commanded, pressure_commanded = (topic(name).wanted(scene.value) for name in INPUTS)
     profile, its_text = _profile_part(system)
     without: frozenset[str] = frozenset()
     for printed in range(2):  # The first time finds the terms that the scene lacks, and a parameter cannot bring.
@@ -156,10 +157,25 @@ def _kernel(scene: Scene, rows: list[Variable]) -> str:
         library.texts[:0] = [_linear_part(), its_text]
         if not printed:
             library.function(terms_from, (keys, origin))
-            filled = {"far", "approach"} if topic(INPUTS[1]).wanted(scene.value) else {"far"}
+            filled = {"far", "approach"} if pressure_commanded else {"far"}
             without = frozenset(library.absent[Terms] - filled)
-    for name, function, kinds in _entries(scene, terms, origin, keys, pressure,
-                                          Keys(system.driveline, "driveline", known.get)):
+    of_torque = [("hold_torque", holding, (terms, DOUBLE, absent))] * torque_commanded
+    commanded: list[tuple[str, Any, tuple[Kind, ...]]] = [
+        ("hold_pressure", driveline.with_commands, (keys, terms, absent, DOUBLE)),
+        ("torque_per_pressure", _getter(System, "torque_per_pressure"), (keys,)),
+        ("lagged", _getter(Pressure, "lagged"), (pressure,)),
+        ("largest", driveline.largest, (pressure, DOUBLE, DOUBLE)),
+        ("pressure_after", actuator.pressure_after, (DOUBLE,) * 5), ("course", fixed_step.course, (DOUBLE,) * 7)]
+    of_scene = [("pressure_at", driveline.pressure_at, (DOUBLE, keys, terms, DOUBLE))]
+    for name, function, kinds in [
+            ("terms_of", terms_from, (keys, origin)), *of_torque, *(commanded if pressure_commanded else of_scene),
+            ("substeps", substeps_needed, (terms, DOUBLE, DOUBLE)), ("stick_speed", stick_speed_of, (terms,)),
+            ("origin_after", driveline.origin_after, (keys, keys, origin, DOUBLE)),
+            ("initial_state", fixed_step.initial_state, (keys,)),
+            ("advance", fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), absent)),
+            ("engine_and_friction", fixed_step.engine_and_friction, (DOUBLE, DOUBLE, terms)),
+            ("shaft_torque", driveline.shaft_torque, (shaft, DOUBLE, DOUBLE)),
+            ("side_of_slip", driveline.side_of_slip, (DOUBLE, DOUBLE))]:
         library.entry(f"tcc_{name}", function, *kinds)
     return library.text()
 
@@ -192,30 +208,6 @@ static void py_profile_of(const double *x, const double *pressure, const Origin 
     made->has = 1;
     made->rows = tcc_profile(x, lines, {len(lines)}, {time}, {phase_then}, &made->at[0][0], {kind.columns});
 }}"""
-
-
-def _entries(scene: Scene, terms: Struct, origin: Struct, keys: Keys, pressure: Keys,
-             shaft: Keys) -> list[tuple[str, Any, tuple[Kind, ...]]]:
-    """Return the functions that tcc_model.h calls: name there, the Python, and types of its arguments."""
-    absent = Static(None)
-    of_torque = [("hold_torque", holding, (terms, DOUBLE, absent))] * topic(INPUTS[0]).wanted(scene.value)
-    commanded = [
-        ("hold_pressure", driveline.with_commands, (keys, terms, absent, DOUBLE)),
-        ("torque_per_pressure", _getter(System, "torque_per_pressure"), (keys,)),
-        ("lagged", _getter(Pressure, "lagged"), (pressure,)),
-        ("largest", driveline.largest, (pressure, DOUBLE, DOUBLE)),
-        ("pressure_after", actuator.pressure_after, (DOUBLE,) * 5), ("course", fixed_step.course, (DOUBLE,) * 7)]
-    of_scene = [("pressure_at", driveline.pressure_at, (DOUBLE, keys, terms, DOUBLE))]
-    return [
-        ("terms_of", terms_from, (keys, origin)), *of_torque,
-        *(commanded if topic(INPUTS[1]).wanted(scene.value) else of_scene),
-        ("substeps", substeps_needed, (terms, DOUBLE, DOUBLE)), ("stick_speed", stick_speed_of, (terms,)),
-        ("origin_after", driveline.origin_after, (keys, keys, origin, DOUBLE)),
-        ("initial_state", fixed_step.initial_state, (keys,)),
-        ("advance", fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), absent)),
-        ("engine_and_friction", fixed_step.engine_and_friction, (DOUBLE, DOUBLE, terms)),
-        ("shaft_torque", driveline.shaft_torque, (shaft, DOUBLE, DOUBLE)),
-        ("side_of_slip", driveline.side_of_slip, (DOUBLE, DOUBLE))]
 
 
 def _getter(owner: type[Any], name: str) -> Any:

@@ -168,7 +168,7 @@ class Function:
         more = range(len(kinds) - len(parameters)) if tree.args.vararg else ()
         further = [f"{tree.args.vararg.arg}_{k}" for k in more]  # type: ignore[union-attr]
         given = list(zip([*parameters, *further], kinds))
-        self._kinds: dict[str, Kind] = {parameter: kind for parameter, kind in given if kind}
+        self._kinds: dict[str, Kind] = dict(given)
         """Types of parameters and, later, of assigned names."""
         for parameter, kind in given:
             if isinstance(kind, Static):
@@ -432,8 +432,7 @@ class Function:
 
     def _attribute(self, node: ast.Attribute) -> Text:
         """Print a field of a NamedTuple, a scene key, data that are known, or an object of another module."""
-        if isinstance(node.value, ast.Name) and node.value.id not in {*self._kinds, *self._names} \
-                and not isinstance(self._resolved(node.value), tuple):
+        if not self._of_value(node) and not isinstance(self._resolved(node.value), tuple):
             return self._value(self._resolved(node))
         text, kind = self._expression(node.value)
         if isinstance(kind, c_types.Keys):
