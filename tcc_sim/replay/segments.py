@@ -13,7 +13,7 @@ import numpy as np
 from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.control import handovers
 from tcc_sim.analysis.loop.loop_verdict import SETTLED_CYCLES, Signal
-from tcc_sim.analysis.loop.tracking import Limits, Loop, LoopReader, Tracking, target_jumps
+from tcc_sim.analysis.loop.tracking import Limits, Loop, Tracking, loop_cycles, target_jumps
 from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.analysis.measured.stream import CycleStream
@@ -211,19 +211,15 @@ class _Judge:
     @cached_property
     def _loop(self) -> Loop:
         states = self._states
-        reader, stream = LoopReader(self._clock), CycleStream(self._cuts[0].scene.system, self._clock)
-        for block in states.blocks():
-            reader.extremes(stream.feed_states(block))
-        for after_gap, t, slip in slip_between_gaps(states, stream.continuity.tick):
-            if after_gap:
-                reader.interrupt()
-            reader.feed(t, slip, states.run)
+        stream = CycleStream(self._cuts[0].scene.system, self._clock)
+        pieces = [piece for block in states.blocks() for piece in stream.feed_states(block)]
+        course, slip = loop_cycles(self._clock, slip_between_gaps(states, stream.continuity.tick), pieces, states.run)
         pressure = states.further.get("applied_pressure")
         bridged = [gap for run in stream.runs for gap in run.gaps
                    if gap[1] - gap[0] <= BRIDGED_TICKS * stream.continuity.tick_s]
         why = ("" if self._clock.identified
                else "periods of excitation could not be identified, so there is no cycle mean")
         note = f"; means over {self._clock.cycle:.3g} s, as the engine torque does not pulsate" if self._slices else ""
-        return Loop(reader.course(), self._reference, None if pressure is None else Signal(
+        return Loop(course, self._reference, None if pressure is None else Signal(
             states.stamp_ns.astype(np.float64) * 1e-9, pressure), limits=self._limits, floor=self._band, why=why,
-            note=note, bridged=np.array(bridged).reshape(-1, 2), slip=reader.slip)
+            note=note, bridged=np.array(bridged).reshape(-1, 2), slip=slip)

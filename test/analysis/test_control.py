@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tcc_sim.analysis.loop.control import CycleMeans, joined_means
-from tcc_sim.analysis.loop.tracking import LoopReader
+from tcc_sim.analysis.loop.tracking import loop_cycles
 from tcc_sim.analysis.measured.engine_clock import Scheduled, Tracked
 
 CYCLE = 0.05
@@ -30,12 +30,8 @@ def test_the_mean_of_straight_lines_between_samples_is_exact(size):
 
 def test_a_gap_leaves_out_the_cycles_that_it_touches():
     for interrupted in (True, False):   # By the reader, or since it is longer than 2.5 ticks.
-        reader = LoopReader(Scheduled(0.1))
-        reader.feed(np.arange(0, 255) * 1e-3, np.full(255, 2.0))
-        if interrupted:
-            reader.interrupt()
-        reader.feed(np.arange(430, 701) * 1e-3, np.full(271, 4.0))
-        course = reader.course()
+        course, _ = loop_cycles(Scheduled(0.1), [(False, np.arange(0, 255) * 1e-3, np.full(255, 2.0)),
+                                                 (interrupted, np.arange(430, 701) * 1e-3, np.full(271, 4.0))])
         assert course.mean == pytest.approx([2.0, 2.0, 4.0, 4.0])
         assert course.starts == pytest.approx([0.0, 0.1, 0.5, 0.6])
 
@@ -69,6 +65,5 @@ def test_a_leap_of_time_costs_no_memory_and_gives_no_mean():
 
 
 def test_slices_of_time_have_no_means():
-    reader = LoopReader(Scheduled(0.1, identified=False))
-    reader.feed(np.arange(1000) * 1e-3, np.full(1000, 2.0))
-    assert len(reader.course().mean) == 0
+    part = False, np.arange(1000) * 1e-3, np.full(1000, 2.0)
+    assert len(loop_cycles(Scheduled(0.1, identified=False), [part])[0].mean) == 0

@@ -128,58 +128,39 @@ class Tracking:
         return True
 
 
-class LoopReader:
-    """Collector of the cycles of a run from batches of samples and from cycles of a CycleStream with the same clock."""
+def loop_cycles(clock: EngineClock, parts: Iterable[tuple[bool, Floats, Floats]], pieces: Iterable[CyclePiece] = (),
+                run: int = 0) -> tuple[LoopCycles, Signal]:
+    """Return the cycles of a run in order of time, and all samples of its slip speed.
 
-    def __init__(self, clock: EngineClock) -> None:
-        self._means, self._squares = CycleMeans(clock), CycleMeans(clock)
-        self._samples: list[tuple[Floats, Floats]] = []
-        self._rows: dict[int, tuple[float, ...]] = {}
-        self._extremes: list[CyclePiece] = []
-
-    def interrupt(self) -> None:
-        """Begin after a gap."""
-        self._means.restart()
-        self._squares.restart()
-
-    def feed(self, t: Floats, v: Floats, run: int = 0) -> None:
-        """Take the next samples of a run, (n,) arrays: time, s, and slip speed, rad/s."""
-        self._samples.append((t, v))
-        fed = self._means.feed(t, v, run), self._squares.feed(t, v * v, run)
-        for (first, ends, means), (_, _, squares) in zip(*fed):
-            self._rows |= zip(range(first, first + len(ends)), zip(ends.tolist(), means.tolist(), squares.tolist()))
-
-    def extremes(self, pieces: Iterable[CyclePiece]) -> None:
-        """Take the extremes of cycles."""
-        self._extremes += pieces
-
-    @property
-    def slip(self) -> Signal:
-        """All samples."""
-        columns = zip(*self._samples)
-        return Signal(*map(np.concatenate, columns)) if self._samples else verdicts.NO_SIGNAL
-
-    def course(self) -> LoopCycles:
-        """Return the cycles in order of time."""
-        numbers = np.array(sorted(self._rows), dtype=np.int64)
-        ends, mean, square = np.array([self._rows[k] for k in numbers.tolist()]).reshape(-1, 3).T
-        columns = np.full((4, len(numbers)), math.nan)
-        for piece in self._extremes:
-            cycles = piece.cycles
-            assert cycles.starts is not None
-            at = np.searchsorted(numbers, piece.first + np.arange(len(cycles)))
-            known = (at < len(numbers)) & (numbers[np.minimum(at, len(numbers) - 1)]
-                                           == piece.first + np.arange(len(cycles))) if len(numbers) else at < 0
-            columns[:, at[known]] = np.stack([cycles.starts[:-1], cycles.highest, cycles.lowest,
-                                              cycles.stick_time])[:, known]
-        starts = columns[0]
-        follows = np.diff(numbers, prepend=-1) == 1
-        starts = np.where(np.isfinite(starts) | ~follows, starts, np.append(0.0, ends)[:len(ends)])
-        if len(ends) and not np.isfinite(starts).all():  # After a gap, without extremes.
-            lengths = ends - starts
-            usual = float(np.nanmedian(lengths)) if np.isfinite(lengths).any() else 0.0
-            starts = np.where(np.isfinite(starts), starts, ends - usual)
-        return LoopCycles(starts, ends, mean, square, *columns[1:])
+    parts : whether a gap precedes, times, s, and slip speeds, rad/s
+    pieces : cycles of a CycleStream with the same clock, for the extremes; unknown without
+    """
+    means, squares = CycleMeans(clock), CycleMeans(clock)
+    rows: dict[int, tuple[float, ...]] = {}
+    samples = [np.empty((2, 0))]
+    for after_gap, t, v in parts:
+        if after_gap:
+            means.restart()
+            squares.restart()
+        samples.append(np.stack([t, v]))
+        for (first, ends, mean), (_, _, square) in zip(means.feed(t, v, run), squares.feed(t, v * v, run)):
+            rows |= zip(range(first, first + len(ends)), zip(ends.tolist(), mean.tolist(), square.tolist()))
+    numbers = np.array(sorted(rows), dtype=np.int64)
+    ends, mean, square = np.array([rows[k] for k in numbers.tolist()]).reshape(-1, 3).T
+    columns = np.full((4, len(numbers)), math.nan)
+    for piece in pieces:
+        cycles = piece.cycles
+        assert cycles.starts is not None
+        _, at, known = np.intersect1d(numbers, piece.first + np.arange(len(cycles)), True, True)
+        columns[:, at] = np.stack([cycles.starts[:-1], cycles.highest, cycles.lowest, cycles.stick_time])[:, known]
+    starts = columns[0]
+    follows = np.diff(numbers, prepend=-1) == 1
+    starts = np.where(np.isfinite(starts) | ~follows, starts, np.append(0.0, ends)[:len(ends)])
+    if len(ends) and not np.isfinite(starts).all():  # After a gap, without extremes.
+        lengths = ends - starts
+        usual = float(np.nanmedian(lengths)) if np.isfinite(lengths).any() else 0.0
+        starts = np.where(np.isfinite(starts), starts, ends - usual)
+    return LoopCycles(starts, ends, mean, square, *columns[1:]), Signal(*np.concatenate(samples, axis=1))
 
 
 class Counts(NamedTuple):
@@ -557,16 +538,14 @@ def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Flo
     floor : least band that counts as settled, rad/s
     before : mean slip speed of the last cycle before the run, rad/s; NaN if unknown
     """
-    reader = LoopReader(clock)
-    for part in Signal(run.t, run.slip_speed).stretches() or [Signal(run.t, run.slip_speed)]:
-        reader.interrupt()
-        reader.feed(part.t, part.values)
+    slip, pieces = Signal(run.t, run.slip_speed), list[CyclePiece]()
     if run.system is not None and len(run.t) > 1:
-        stream = CycleStream(run.system, clock)
-        reader.extremes(stream.feed(np.rint(run.t * 1e9).astype(np.int64), run.slip_speed, run.plate_angle,
-                                    run.plate_speed, run.engine_torque, run.friction_torque, far=run.far_end))
-    return Loop(reader.course(), reference, None if pressure is None else Signal(run.t, pressure), limits, floor,
-                before=before, slip=reader.slip)
+        pieces = CycleStream(run.system, clock).feed(
+            np.rint(run.t * 1e9).astype(np.int64), run.slip_speed, run.plate_angle, run.plate_speed, run.engine_torque,
+            run.friction_torque, far=run.far_end)
+    course, slip = loop_cycles(clock, ((True, *part) for part in slip.stretches() or [slip]), pieces)
+    return Loop(course, reference, None if pressure is None else Signal(run.t, pressure), limits, floor, before=before,
+                slip=slip)
 
 
 def _at_level(pressure: Floats, level: float, side: int) -> NDArray[np.bool_]:
