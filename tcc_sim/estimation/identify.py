@@ -180,11 +180,15 @@ def identify(measured: Measurement | str | Path, free: Mapping[str, float | None
         curve = curve_of(model.keys, best.values, covariance, slip, model.system.friction)
     if likelihood is not None and not why:
         profile = _profile_likelihood(model, levels, settings, best, likelihood, errors)
+    if not why:
+        estimates = {key: value for key, value in zip(model.keys, best.values.tolist())
+                     if key not in OFFSETS and not key.startswith(CURVE)}
+        scene = scene.with_values({**estimates, **({} if curve is None else curve.table())})
     return Identification(
         tuple(judged(model, i, float(begin[i]), best, errors, correlations, not why, gates,
                      white.hidden.get(model.keys[i])) for i in shown),
         correlations[np.ix_(shown, shown)], chi2, not why, why, levels, len(best.starts), tried,
-        time.perf_counter() - began, scene if why else _with_estimates(scene, model, best, curve), model.measured,
+        time.perf_counter() - began, scene, model.measured,
         best.residuals, white, model.measured.hold, profile, curve, measured.notes)
 
 
@@ -306,12 +310,6 @@ def _noise_of_residuals(measured: Measurement, best: Fit) -> tuple[dict[str, flo
     least = {name: EXACT * float(np.abs(column).max()) for name, column in measured.channels.items()}
     left = {name: float(np.sqrt(np.mean(column**2))) for name, column in best.residuals.items()}
     return {name: max(left[name], least[name]) for name in left}, all(left[name] <= least[name] for name in left)
-
-
-def _with_estimates(scene: Scene, model: Model, best: Fit, curve: IdentifiedCurve | None) -> Scene:
-    estimates = {key: value for key, value in zip(model.keys, best.values.tolist())
-                 if key not in OFFSETS and not key.startswith(CURVE)}
-    return scene.with_values({**estimates, **({} if curve is None else curve.table())})
 
 
 def given(measured: Measurement | str | Path, scene: Scene | None = None,

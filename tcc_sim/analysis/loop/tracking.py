@@ -45,6 +45,7 @@ STICKS = 0.02  # Part of the end of a run in stick that counts as sticking.
 
 Limits = tuple[float, float]
 UNKNOWN: Limits = (math.nan, math.nan)
+LEAST_LIMIT: Limits = (0.0, math.nan)  # Limits where nobody stated them: no pressure is below 0.
 LARGEST_BAND = 1e4  # Largest band, rad/s.
 SPEEDS = (-1e5, 1e5)  # Smallest and largest target, rad/s.
 
@@ -456,16 +457,10 @@ class Loop:
         of_peak = 0.0 if moving else SETTLED * abs(float(error[peak]))
         return replace(errors, band=max(band, fine, of_peak), floor=max(self.floor, fine)), peak
 
-    @property
-    def _used_limits(self) -> Limits:
-        """The stated limits of the pressure; no pressure is below 0."""
-        return self.limits or (0.0, math.nan)
-
     def _pressure_figures(self, pressed: Signal | None) -> dict[str, Any]:
-        limits = self._used_limits
         if pressed is None:
-            return {"limits": limits if self.limits is not None else UNKNOWN}
-        t, p = pressed
+            return {"limits": self.limits or UNKNOWN}
+        (t, p), limits = pressed, self.limits or LEAST_LIMIT
         step = np.diff(t, prepend=t[0] - (t[1] - t[0] if len(t) > 1 else 0.0))
         total = float(step.sum())
         at_limit = _at_level(p, limits[0], -1) | _at_level(p, limits[1], 1)
@@ -495,7 +490,7 @@ class Loop:
         A higher pressure brings the slip speed towards 0, so that the upper limit explains a slip speed on the far side
         of the target, and the lower one a slip speed on the near side of it, or none.
         """
-        error, limits = errors.error, self._used_limits
+        error, limits = errors.error, self.limits or LEAST_LIMIT
         slips = np.abs(errors.mean) > errors.floor
         side = np.where(slips & (errors.mean * error > 0.0), 1, -1) * (np.abs(error) > errors.band)
         if not (errors.moving or np.abs(side[tail].sum()) == np.count_nonzero(tail)):

@@ -151,15 +151,11 @@ def _phase_of_speed(t: Floats, speed: Floats, source: str, order: float) -> Meas
     turned = (spans[:, 1] - spans[:, 0]) * order / (2.0 * math.pi)
     sure = turned * np.minimum(0.5 * np.abs(speed[after] - speed[before]), np.maximum(
         speed[after], speed[before])) < BRIDGED_PHASE
-    notes = [f"engine_speed is implausible in {counted(int(bad.sum()), 'row')}, {in_words(_spans(t, bad))}"
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(np.int8)))
+    left_out = in_words(np.stack([t[edges[::2]], t[edges[1::2] - 1]], axis=1))
+    notes = [f"engine_speed is implausible in {counted(int(bad.sum()), 'row')}, {left_out}"
              + ("; straight lines replace them" if sure.any() else "")] if bad.any() else []
     return MeasuredPhase(integral(speed[good], t[good]) * order / (2.0 * math.pi), t[good], spans[~sure], tuple(notes))
-
-
-def _spans(t: Floats, bad: NDArray[np.bool_]) -> Spans:
-    """Return begin and end of the stretches of marked rows."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], bad, [False]]).astype(np.int8)))
-    return np.stack([t[edges[::2]], t[edges[1::2] - 1]], axis=1)
 
 
 def _continuous(t: Floats, speed: Floats) -> NDArray[np.bool_]:

@@ -142,7 +142,8 @@ def orders_of(run: Trajectory | Signals) -> Orders:
     v, shaft, torque = signals.at(at)
     length = WINDOW * PER_CYCLE
     starts = np.arange(0, count - length, HOP * PER_CYCLE)
-    hidden = _with_hole(signals, (begin + starts) / PER_CYCLE)
+    first, (hole, end) = (begin + starts) / PER_CYCLE, signals.holes.T
+    hidden = ((hole < signals.when(first + WINDOW)[:, None]) & (end > signals.when(first)[:, None])).any(axis=1)
     starts = starts[~hidden]
     if not len(starts):
         raise InputError(f"every window of {WINDOW} periods of the excitation has a gap between samples: "
@@ -214,13 +215,6 @@ def compared(measured: Signals, run: Trajectory) -> OrderComparison:
     return OrderComparison(measured_orders.part(both[0], orders), simulated_orders.part(both[1], orders))
 
 
-def _with_hole(signals: Signals, begins: Floats) -> NDArray[np.bool_]:
-    """Return whether each window, from its first period of the excitation on, touches a hole."""
-    low, high = signals.when(begins), signals.when(begins + WINDOW)
-    begin, end = signals.holes.T
-    return np.asarray(((begin < high[:, None]) & (end > low[:, None])).any(axis=1))
-
-
 def level(amplitude: Floats) -> Floats:
     """Return 20 log10 of an amplitude, dB re 1 of its unit."""
     return 20.0 * np.log10(np.maximum(amplitude, LEAST))
@@ -282,12 +276,14 @@ class Spectrum(Result):
     period: int = reported("period of the motion in cycles, 0 for none")
     subharmonics: Floats = reported(
         "crank orders between multiples of the excitation's, with a line above a thousandth of the largest")
-    slip_speed: Floats | None = reported("amplitudes, (N,); of order 0 the mean", "rad/s", optional=True)
-    shaft_torque: Floats | None = reported("amplitudes, (N,); of order 0 the mean", "N m", optional=True)
+    slip_speed: Floats | None = reported(
+        "amplitudes, (N,); of order 0 the mean", "rad/s", optional=True, default=None)
+    shaft_torque: Floats | None = reported(
+        "amplitudes, (N,); of order 0 the mean", "N m", optional=True, default=None)
     slip_speed_density: Floats | None = reported(
-        "one-sided power density of a motion without a period, (N,)", "(rad/s)^2/Hz", optional=True)
+        "one-sided power density of a motion without a period, (N,)", "(rad/s)^2/Hz", optional=True, default=None)
     shaft_torque_density: Floats | None = reported(
-        "one-sided power density of a motion without a period, (N,)", "(N m)^2/Hz", optional=True)
+        "one-sided power density of a motion without a period, (N,)", "(N m)^2/Hz", optional=True, default=None)
 
     def _text(self) -> str:
         return (f"Spectrum: {len(self.order)} {'lines' if self.period else 'densities'} up to order "

@@ -95,8 +95,10 @@ def run_signals(run: Trajectory, phase: Phase | None = None) -> Signals:
     if system.engine.source == "topic" and cycles is not None and cycles.starts is not None:
         unknown = np.isnan(cycles.highest)
         holes = np.concatenate([holes, np.stack([cycles.starts[:-1], cycles.starts[1:]], axis=1)[unknown]])
+    changes, modes = run.transitions, run.state
+    broke = changes.time[changes.before == 0] if len(changes.time) else run.t[1:][(modes[:-1] == 0) & (modes[1:] != 0)]
     given = system.engine.source == "topic" or (system.inputs is not None and system.inputs.torque is not None)
-    return Signals(system, turns, when, at, None if given else driven_orders(system), _breakaways(run), run.t,
+    return Signals(system, turns, when, at, None if given else driven_orders(system), broke, run.t,
                    integral(run.friction_torque * run.slip_speed, run.t), holes)
 
 
@@ -133,12 +135,3 @@ def driven_orders(system: System) -> Floats:
     driven += [] if terms.harmonics is None else np.round(terms.harmonics[:, 0] / rate).tolist()
     driven += [] if terms.profile is None else [n for n in terms.profile[0, SWELLS::SWELL].tolist() if n > 0.0]
     return np.array(sorted(driven), dtype=np.float64)
-
-
-def _breakaways(run: Trajectory) -> Floats:
-    """Return the times at which the clutch changes from stick to slip, s, ascending."""
-    if len(run.transitions.time):
-        transitions = run.transitions
-        return np.asarray(transitions.time[transitions.before == 0])
-    out: Floats = run.t[1:][(run.state[:-1] == 0) & (run.state[1:] != 0)]
-    return out

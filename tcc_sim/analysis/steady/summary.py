@@ -74,7 +74,12 @@ def periodicity(cycles: Cycles, tolerance: float = TOLERANCE, maximum: int = LON
     maximum : longest period, engine cycles
     """
     first = _after_gap(cycles)
-    points = _scaled(cycles, first)
+    points = cycles.section[first:]
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        points = points[int(np.flatnonzero(~finite)[-1]) + 1:]
+    if len(points):
+        points = points / sizes_of(points, cycles.highest[first:], cycles.lowest[first:])
     return of_points(points, longest_tried(len(points), maximum) if not first or enough_after_a_gap(cycles) else 0,
                      tolerance)
 
@@ -140,17 +145,6 @@ def repeats_finely(cycles: Cycles, period: int, count: int) -> bool:
         return False
     apart = np.abs(points[period:] - points[:-period]).max(axis=0)
     return bool((apart <= FINE * np.abs(points).max(axis=0)).all())
-
-
-def _scaled(cycles: Cycles, first: int) -> Floats:
-    """Return the section points from cycle `first` on, (n, 3), in units of the motion's size."""
-    points = cycles.section[first:]
-    finite = np.isfinite(points)
-    if not finite.all():
-        points = points[int(np.flatnonzero(~finite.all(axis=1))[-1]) + 1:]
-    if not len(points):
-        return points
-    return points / sizes_of(points, cycles.highest[first:], cycles.lowest[first:])
 
 
 def sizes_of(points: Floats, *speeds: Floats) -> Floats:
@@ -261,11 +255,11 @@ class Laws:
         first, interval = np.flatnonzero(whole)[:-1], np.searchsorted(t, ends[:-1], side="right")
         energy, power, high, low, breakaways, fluid = parts.loads.columns()
         breakaways = np.where(np.diff(interval, append=-1) == 0, 0.0, breakaways)  # They belong to the later part.
-        return Cycles(parts.section[whole], np.fmax.reduceat(parts.highest, first),
-                      np.fmin.reduceat(parts.lowest, first), np.add.reduceat(parts.stick_time, first),
-                      Loads(np.add.reduceat(energy, first), np.fmax.reduceat(power, first),
-                            np.fmax.reduceat(high, first), np.fmin.reduceat(low, first),
-                            np.add.reduceat(breakaways, first), np.add.reduceat(fluid, first)))
+        add, most, least = np.add.reduceat, np.fmax.reduceat, np.fmin.reduceat
+        return Cycles(parts.section[whole], most(parts.highest, first), least(parts.lowest, first),
+                      add(parts.stick_time, first), Loads(
+                          add(energy, first), most(power, first), most(high, first), least(low, first),
+                          add(breakaways, first), add(fluid, first)))
 
 
 def first_cycle_of(trajectory: Trajectory) -> int:
