@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from operator import attrgetter
 from pathlib import Path
@@ -577,10 +578,8 @@ def _turned(found: Fit, model: Model, start: Floats, noise: dict[str, float], ga
         channels, inputs = ({each: -values if each == name else values for each, values in columns.items()}
                             for columns in (measured.channels, measured.inputs))
         turned = replace(model, measured=replace(measured, channels=channels, inputs=inputs))
-        try:
+        with suppress(*FAILED):
             best = min(best, (fit(turned, noise, start, settings).chi2, name))
-        except (NumericalFailure, RuntimeError):
-            continue
     return f" With the sign of {best[1]} turned it is {best[0]:.3g}: turn it." if best[1] else ""
 
 

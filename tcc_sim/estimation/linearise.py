@@ -37,7 +37,6 @@ from tcc_sim.estimation.operating_point import (
     STATES,
     Constant,
     Periodic,
-    closed,
     cut,
     halved,
     matrices_of,
@@ -457,7 +456,7 @@ def _smallest_slip(loop: _Loop, progress: bool) -> float:
             if slip not in known:
                 bar.update()
                 try:
-                    point = _with_slip(near, slip)
+                    point = operating_point(near.system, slip, near)
                     known[slip] = _Loop(point, loop.ticks, loop.gains).growth()
                     near = point if known[slip] < 0.0 else near
                 except (OutOfRange, NumericalFailure):   # No motion of this slip speed repeats.
@@ -470,13 +469,3 @@ def _smallest_slip(loop: _Loop, progress: bool) -> float:
                 return float(brentq(growth, low, high, xtol=0.5 * WITHIN * low, rtol=0.5 * WITHIN))
             high, power = low, power + 1
         return 0.0
-
-
-def _with_slip(motion: Constant | Periodic, slip: float) -> Constant | Periodic:
-    """Return the motion of another mean slip speed, near this one if there is one."""
-    if isinstance(motion, Periodic):
-        try:
-            return closed(motion.system, motion.period, motion.states[0], slip)
-        except NumericalFailure:
-            pass
-    return operating_point(motion.system, slip)

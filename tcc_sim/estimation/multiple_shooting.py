@@ -284,7 +284,8 @@ def fit(model: Model, noise: dict[str, float], values: Floats, settings: FitSett
         if starts is None:
             starts = problem.first_starts(values)
         elif width and width != problem.width:
-            starts = problem.regrouped(starts, width, values)
+            states = states_of(model, starts, width, values, model.substeps(values))[:, :-1].reshape(-1, 3)
+            starts = states[np.minimum(np.arange(problem.count) * problem.width, len(states) - 1)]
         width = problem.width
         values, starts = problem.descend(values, starts, stage, tick)
         work += problem.work
@@ -380,11 +381,6 @@ class MultipleShooting:
         starts: Floats = whole[::self.width].copy()
         starts[self.stuck, 0] = 0.0
         return starts
-
-    def regrouped(self, starts: Floats, width: int, values: Floats) -> Floats:
-        """Return starts of these windows from those of windows of another `width`."""
-        states = states_of(self.model, starts, width, values, self.model.substeps(values))[:, :-1].reshape(-1, 3)
-        return np.array([states[min(k * self.width, len(states) - 1)] for k in range(self.count)])
 
     def descend(self, values: Floats, starts: Floats, stage: Stage,
                 tick: Callable[[], None] | None) -> tuple[Floats, Floats]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -99,8 +100,9 @@ class Periodic:
         return float(simpson(len(self.by_state)) @ np.array(self.states[:, 0]))
 
 
-def operating_point(system: System, slip: float | None) -> Constant | Periodic:
-    """Return the motion in which the scene settles, or the one with the mean slip speed `slip`, rad/s.
+def operating_point(system: System, slip: float | None, near: Constant | Periodic | None = None) -> Constant | Periodic:
+    """Return the motion in which the scene settles, or the one with the mean slip speed `slip`, rad/s, near another one
+    if there is one.
 
     For `slip` Newton's method finds the mean pressure; None keeps the scene's pressure. Raise InputError if the
     excitation does not repeat, the slip runs away, or no pressure gives this slip speed, and NumericalFailure if the
@@ -111,6 +113,9 @@ def operating_point(system: System, slip: float | None) -> Constant | Periodic:
                          "needs a ratio of whole numbers up to 1000")
     if slip is not None and (not math.isfinite(slip) or slip == 0.0):
         raise InputError(f"the mean slip speed is {slip:g} rad/s; it must be a number that is not 0")
+    if isinstance(near, Periodic):
+        with suppress(NumericalFailure):
+            return closed(system, near.period, near.states[0], slip)
     if excitation_frequency(terms_of(system)) == 0.0:
         return _constant(system, slip)
     if slip is None:
@@ -133,16 +138,12 @@ def _from_settled(system: System, pressure: float, slip: float, failed: Numerica
     """
     motions = []
     for factor in np.geomspace(*PRESSURE_FACTORS):
-        try:
+        with suppress(OutOfRange, NumericalFailure):
             load = replace(system, {PRESSURE: min(float(factor) * pressure, 1e7)})
             motions.append(closed(load, *_settled(load), None))
-        except (OutOfRange, NumericalFailure):
-            continue
     for near in sorted(motions, key=lambda motion: abs(motion.mean_slip - slip)):
-        try:
+        with suppress(NumericalFailure):
             return closed(near.system, near.period, near.states[0], slip)
-        except NumericalFailure:
-            continue
     raise failed
 
 

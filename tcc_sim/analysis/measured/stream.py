@@ -88,12 +88,6 @@ class RunCycles:
         assert partial.starts is not None
         self.parts += [(*ends, partial[k:k + 1]) for k, ends in enumerate(pairwise(partial.starts.tolist()))]
 
-    def _join(self) -> None:
-        """Join consecutive pieces."""
-        breaks = [k for k, (a, b) in enumerate(pairwise(self.pieces), 1) if b.first != a.first + len(a.cycles)]
-        self.pieces = [replace(self.pieces[a], cycles=concatenated([p.cycles for p in self.pieces[a:b]]))
-                       for a, b in pairwise([0, *breaks, len(self.pieces)])]
-
     def observed(self) -> int:
         """Return the number of whole engine cycles."""
         return sum(len(p.cycles) for p in self.pieces)
@@ -106,7 +100,9 @@ class RunCycles:
         if not self.pieces:
             raise OutOfRange("the recording holds no whole period of excitation: its states go from "
                              f"{self.begin:.6g} to {self.end:.6g} s")
-        self._join()
+        breaks = [k for k, (a, b) in enumerate(pairwise(self.pieces), 1) if b.first != a.first + len(a.cycles)]
+        self.pieces = [replace(self.pieces[a], cycles=concatenated([p.cycles for p in self.pieces[a:b]]))
+                       for a, b in pairwise([0, *breaks, len(self.pieces)])]
         first, last = self._numbers()
         dropped = dropped_of(last - first, discard)
         whole = [p.cycles[max(first + dropped - p.first, 0):] for p in self.pieces
