@@ -93,14 +93,6 @@ class _Sent:
             setattr(self, what, (min(low, int(values.min())), max(high, int(values.max()))))
 
 
-class _Announced(NamedTuple):
-    """A scene on a topic."""
-
-    space: str
-    publisher: str
-    record: SceneRecord
-
-
 class Inventory:
     """Collector of everything in a recording that tells its drivelines apart, chunk by chunk; `joints` are the names of
     flywheel and clutch plate.
@@ -111,7 +103,8 @@ class Inventory:
         self._layouts: dict[tuple[str, str], Layouts] = {}
         self._sent: dict[tuple[str, str, tuple[str, ...]], _Sent] = {}
         self._runs: dict[str, _Sent] = {}
-        self._scenes: dict[_Announced, None] = {}
+        self._scenes: dict[tuple[str, str, SceneRecord], None] = {}
+        """Namespace, publisher and text of each scene on a topic."""
         self._place = 0
 
     @staticmethod
@@ -160,13 +153,13 @@ class Inventory:
             if _SCENE_KEY in text and len(text) <= LARGEST_FILE:
                 when = int(head["sent_ns"]) or int(head["log_ns"])
                 space = channel.topic.rpartition("/")[0]
-                self._scenes.setdefault(_Announced(space, channel.publisher, SceneRecord(text, "", when)))
+                self._scenes.setdefault((space, channel.publisher, SceneRecord(text, "", when)))
 
     def drivelines(self, recorded: Sequence[SceneRecord], choice: Choice) -> list[RecordedDriveline]:
         """Return the drivelines, those that can be read first, with the chosen one marked; InputError if the choice
         does not exist or lacks the joints. `recorded` are the scenes in metadata records.
         """
-        scenes = list(dict.fromkeys([*recorded, *(one.record for one in self._scenes)]))
+        scenes = list(dict.fromkeys([*recorded, *(record for *_, record in self._scenes)]))
         drivelines = [self._unnamed(sent, recorded) for sent in self._sent.values()]
         drivelines += [self._named(chain, [one for one in scenes if one.run]) for chain in self._named_chains(scenes)]
         drivelines.sort(key=lambda one: (not one.able, len(one.topic), one.topic))
@@ -213,15 +206,14 @@ class Inventory:
 
         A metadata record has no publisher; one whose scene only other drivelines announced on a topic is theirs.
         """
-        here = [one for one in self._scenes if one.space == space]
         senders = [sent.publisher for sent in self._sent.values()]
-        comparable = any(same_process(one.publisher, senders) for one in self._scenes)
-        published = [one for one in here if same_process(one.publisher, (publisher,)) or not comparable]
-        texts = {one.record.text for one in published}
-        others = {one.record.text for one in self._scenes} - texts
+        comparable = any(same_process(who, senders) for _, who, _ in self._scenes)
+        published = [record for of, who, record in self._scenes
+                     if of == space and (same_process(who, (publisher,)) or not comparable)]
+        others = {record.text for *_, record in self._scenes} - {record.text for record in published}
         scenes = {(record.text, record.log_ns): record for record in recorded if record.text not in others}
         known = {record.text for record in scenes.values()}
-        more = {(one.record.text, one.record.log_ns): one.record for one in published if one.record.text not in known}
+        more = {(record.text, record.log_ns): record for record in published if record.text not in known}
         every = [*scenes.values(), *more.values()]
         return tuple(sorted(every, key=lambda record: record.log_ns) if more else every)
 
