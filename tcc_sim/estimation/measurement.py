@@ -11,8 +11,8 @@ import numpy as np
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.profile import smooth_corners
-from tcc_sim.replay.applied import measured_run
 from tcc_sim.replay.given_inputs import BRIDGED_ROWS
+from tcc_sim.replay.timeline import measured_run
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.tables.file_columns import TIME
@@ -149,7 +149,7 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     (see `recording.drivelines.Choice`).
 
     Inputs from topics count as measured, with their values at both ends of the tick after each sample
-    (`replay.applied`). Raise InputError if there is no scene, or if the scene changed or the far end moved during the
+    (`replay.timeline`). Raise InputError if there is no scene, or if the scene changed or the far end moved during the
     run, and RecordingError if nothing can be read.
     """
     from tcc_sim.recording.reader import open_run

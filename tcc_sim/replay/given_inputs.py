@@ -18,9 +18,8 @@ from tcc_sim.model.parameters import QUANTITIES
 from tcc_sim.model.profile import Inputs, lines_through, smooth_corners
 from tcc_sim.model.quantity import Quantity
 from tcc_sim.recording.columns import Window
-from tcc_sim.replay.applied import applied_inputs
 from tcc_sim.replay.recorded import Recording, read
-from tcc_sim.replay.timeline import far_columns
+from tcc_sim.replay.timeline import applied_inputs, far_columns
 from tcc_sim.scene import Scene
 from tcc_sim.shown_units import speed
 from tcc_sim.tables.chosen_columns import DRIVING, is_table

@@ -15,12 +15,10 @@ from tcc_sim.errors import counted
 from tcc_sim.messages import held
 from tcc_sim.plant.driveline import doubt_of
 from tcc_sim.recording.columns import Commanded, JointStates
-from tcc_sim.replay.timeline import Timeline
+from tcc_sim.replay.timeline import GROUPS, Timeline
 from tcc_sim.result import reported, result_class
 from tcc_sim.topics import INPUTS
 
-GROUPS = dict(zip(INPUTS, ("engine", "pressure")))
-"""Group of the scene's keys that gives the source of each input."""
 A_YEAR = 365 * 86_400 * 1_000_000_000
 """Time by which a stamp of the wall clock is ahead of simulation time at least, ns."""
 UNNAMED = "the recording does not state which commands acted, as the topic held does"

@@ -17,9 +17,8 @@ from tcc_sim.errors import InputError, counted
 from tcc_sim.model.profile import START
 from tcc_sim.recording.columns import BLOCK, JointStates
 from tcc_sim.recording.stamps import Break
-from tcc_sim.replay.applied import inputs_of_ticks
 from tcc_sim.replay.result import STEP_TOLERANCE, Verification
-from tcc_sim.replay.timeline import Timeline
+from tcc_sim.replay.timeline import Timeline, inputs_of_ticks
 from tcc_sim.solvers.fixed_step import Stepper, course, tick
 from tcc_sim.solvers.terms import Terms, for_ticks, holding, substeps, terms_from
 from tcc_sim.topics import INPUTS, topic
@@ -46,7 +45,7 @@ def verify(line: Timeline, size: int, progress: Callable[[int], Any] | None = No
     After a change of parameters, the driveline published its scene with the stamp of the first state that the change
     affects and the kernel used; the change is applied at that tick, also within a gap. A pause leaves no trace.
 
-    The inputs of each tick are those of `applied.inputs_of_ticks`. For an actuator with a lag, two successive recorded
+    The inputs of each tick are those of `timeline.inputs_of_ticks`. For an actuator with a lag, two successive recorded
     pressures define the pressure within the tick (`model.actuator`). The far end of the shaft continues from its
     recorded angle at the recorded speed.
 
