@@ -278,7 +278,7 @@ def commands_held(runs: Iterable[JointStates]) -> dict[str, Commanded]:
             acting = acting[first]
             begin = np.rint(since[acting] * tick).astype(np.int64)
             row = np.searchsorted(states.stamp_ns, begin)
-            early = int(np.count_nonzero(begin < states.stamp_ns[0]))  # Of these the last one holds at the first state.
+            early = int(np.count_nonzero(begin <= states.stamp_ns[0]))  # The last of them holds at the first state.
             inside = (row < len(states)) & (np.arange(len(row)) >= early - 1)
             answers = np.where(np.isfinite(stamp[acting]), stamp[acting], -1.0).astype(np.int64)
             parts[name].append(Commanded((states.index + row)[inside], value[acting][inside], answers[inside]))

@@ -29,7 +29,7 @@ from tcc_sim.model.profile import START, Origin, smooth_corners
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord
 from tcc_sim.recording.columns import Columns, Commanded, JointStates, Window
 from tcc_sim.recording.reader import Run
-from tcc_sim.recording.runs import placed, placed_by_run
+from tcc_sim.recording.runs import commands_held, placed, placed_by_run
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_from, terms_of, torques_at
 from tcc_sim.topics import INPUTS, TARGET, topic
@@ -62,9 +62,7 @@ class Timeline(Columns):
         if window.all:
             return self
         runs = tuple(states[rows] for states in self.runs for rows in [window.rows(states)] if rows.stop > rows.start)
-        begins = [next(every.index for every in self.runs if every.run == states.run) for states in runs]
-        commands = {name: _within(runs, begins, every) for name, every in self.commands.items()}
-        return replace(self, runs=runs, commands=commands, whole=False)
+        return replace(self, runs=runs, commands=commands_held(runs), whole=False)
 
     @cached_property
     def absent(self) -> tuple[str, ...]:
@@ -196,19 +194,6 @@ def _with_torques(states: JointStates, system: System, absent: Sequence[str]) ->
         engine = (np.gradient(slip, t) - slip_free) * linear.flywheel
         engine += friction * (1.0 + linear.flywheel / linear.plate)
     return replace(states, friction_torque=friction, engine_torque=engine)
-
-
-def _within(runs: Sequence[JointStates], begins: Sequence[int], every: Commanded) -> Commanded:
-    """Return the commands within parts of runs, and at the first state of each the last command before it in its run,
-    which begins at the state of the index in `begins`.
-    """
-    taken, rows = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
-    for states, first in zip(runs, begins):
-        before, begin, end = np.searchsorted(every.rows, [first, states.index + 1, states.index + len(states)]).tolist()
-        taken.append(np.arange(begin - (begin > before), end))
-        rows.append(np.maximum(every.rows[taken[-1]], states.index))
-    at = np.concatenate(taken)
-    return Commanded(np.concatenate(rows), every.values[at], every.answers[at])
 
 
 def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timeline:
