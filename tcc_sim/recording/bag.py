@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import shutil
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -72,11 +71,6 @@ class BagWriter:
                 with suppress(OSError):
                     folder.rmdir()
             raise
-
-    @property
-    def counts(self) -> Counter[int]:
-        """Number of messages by channel, summed over all parts."""
-        return sum((Counter(part.counts) for part in [*self._done, self.file.summary]), Counter())
 
     @property
     def scene_text(self) -> str | None:
@@ -189,7 +183,7 @@ class BagWriter:
         if self._scene is not None:
             after.describe(*self._scene)
         for topic in before.summary.topics.values():
-            after.announce(topic)
+            after.channel(*topic)
         if self._sync:
             os.fsync(self._folder)
         return after

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
@@ -68,18 +68,15 @@ class _Output:
         return self._position
 
 
-@dataclass(frozen=True)
-class TopicMetadata:
-    """An announced channel: fully resolved name, message type, quality of service, publisher (or empty), and name in
-    `topics.TOPICS` (or empty).
-    """
+class TopicMetadata(NamedTuple):
+    """An announced channel: the arguments of `McapFile.channel`."""
 
     name: str
     type: str
-    profiles: tuple[Mapping[str, Any], ...]
+    profiles: Sequence[Mapping[str, Any]]
     definition: Definition
     publisher: str
-    row: str = ""
+    row: str
 
 
 class McapFile:
@@ -142,23 +139,19 @@ class McapFile:
 
         `row` is the topic's name in `topics.TOPICS`, which says what the topic is if it was remapped.
         """
-        return self.announce(TopicMetadata(topic, type_name, tuple(qos), schema or definition(type_name), publisher,
-                                           row))
-
-    def announce(self, topic: TopicMetadata) -> int:
-        """Announce a topic and return its channel."""
-        key = (topic.type, topic.definition.text)
+        schema = schema or definition(type_name)
+        key = (type_name, schema.text)
         if key not in self._schemas:
-            self._schemas[key] = self._writer.register_schema(topic.type, "ros2msg", topic.definition.text.encode())
-        profiles = [dict(profile) for profile in topic.profiles]
-        metadata = {"offered_qos_profiles": dumped(profiles) if profiles else "",
-                    "topic_type_hash": topic.definition.type_hash}
-        if topic.publisher:
-            metadata[PUBLISHER_KEY] = topic.publisher
-        if topic.row:
-            metadata[ROW_KEY] = topic.row
-        channel: int = self._writer.register_channel(topic.name, "cdr", self._schemas[key], metadata)
-        self.summary.topics[channel], self.summary.counts[channel] = topic, 0
+            self._schemas[key] = self._writer.register_schema(type_name, "ros2msg", schema.text.encode())
+        profiles = [dict(profile) for profile in qos]
+        metadata = {"offered_qos_profiles": dumped(profiles) if profiles else "", "topic_type_hash": schema.type_hash}
+        if publisher:
+            metadata[PUBLISHER_KEY] = publisher
+        if row:
+            metadata[ROW_KEY] = row
+        channel: int = self._writer.register_channel(topic, "cdr", self._schemas[key], metadata)
+        self.summary.topics[channel] = TopicMetadata(topic, type_name, profiles, schema, publisher, row)
+        self.summary.counts[channel] = 0
         return channel
 
     def write(self, channel: int, log_ns: int, publish_ns: int, data: bytes, sequence: int = 0) -> None:
@@ -252,7 +245,7 @@ def information(files: Sequence[FileSummary]) -> dict[str, Any]:
         "message_count": sum(file.count for file in files),
         "topics_with_message_count": [{"topic_metadata": {
             "name": topic.name, "type": topic.type, "serialization_format": "cdr",
-            "offered_qos_profiles": [dict(profile) for profile in topic.profiles],
+            "offered_qos_profiles": topic.profiles,
             "type_description_hash": topic.definition.type_hash}, "message_count": counts[key]}
             for key, topic in topics.items()],
         "compression_format": "", "compression_mode": "", "relative_file_paths": [file.name for file in files],

@@ -74,9 +74,7 @@ def recover(run: Run, directory: Path) -> Recovery:
     except BaseException as error:
         bag.discard(error)
         raise
-    saved, counts = bag.counts, dict[str, int]()
-    for (topic, _, _), number in channels.items():
-        counts[topic] = counts.get(topic, 0) + saved[number]
+    counts = {topic: count for topic, count in run.messages.items() if count}
     return Recovery(directory, counts, run.complete, list(run.warnings))
 
 
