@@ -89,14 +89,6 @@ class JointStates:
         return float(known[-1] - (known[0] if self.stamp_ns[0] > 0 else 0.0))
 
     @property
-    def pauses(self) -> Floats:
-        """Stamps after which the driveline was paused, ns."""
-        if self.held is None:
-            return np.empty(0)
-        stamps: Floats = self.held[self.held[:, held.LAST] == held.PAUSED, held.TIME]
-        return stamps
-
-    @property
     def far_end(self) -> FarEnd:
         """Angle (rad) and speed (rad/s) of the shaft's far end, (n,), NaN where a message is missing."""
         if self.moved_ns == NEVER:

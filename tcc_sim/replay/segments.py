@@ -19,7 +19,7 @@ from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
 from tcc_sim.analysis.measured.stream import CycleStream
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import OutOfRange, counted
-from tcc_sim.messages.held import COMMAND
+from tcc_sim.messages import held
 from tcc_sim.model.parameters import values_of
 from tcc_sim.output.tables import tracking_lines
 from tcc_sim.recording.columns import JointStates
@@ -129,10 +129,11 @@ def _handed_over(line: Timeline, states: JointStates, cycle: float) -> dict[int,
     step = float(np.median(np.diff(states.stamp_ns))) * 1e-9 if len(states) > 1 else cycle
     source = states.input(INPUTS[1], "source")
     known = np.flatnonzero(np.isfinite(source))
-    edges = handovers(source[known] == COMMAND, max(round(cycle / step), 1))
+    edges = handovers(source[known] == held.COMMAND, max(round(cycle / step), 1))
     publishers = states.input(INPUTS[1], "publisher")
     latest = np.maximum.accumulate(np.nan_to_num(publishers))
-    rows = dict.fromkeys(np.searchsorted(states.stamp_ns, states.pauses, side="right").tolist(), "pause")
+    paused = [] if states.held is None else states.held[states.held[:, held.LAST] == held.PAUSED, held.TIME]
+    rows = dict.fromkeys(np.searchsorted(states.stamp_ns, paused, side="right").tolist(), "pause")
     rows |= dict.fromkeys((1 + np.flatnonzero((np.diff(latest) > 0) & (latest[:-1] > 0))).tolist(), "controller")
     rows |= {int(known[row]): "controller" if commanded else "fallback" for row, commanded in edges}
     return {states.index + row: what for row, what in rows.items()}
