@@ -132,19 +132,18 @@ def table_in(path: Path, needed: Sequence[str] = (), most: int = MOST_ROWS,
     stacked = np.stack([values for name, values in arrays.items() if name != TIME] or [arrays[TIME]])
     before, after = stacked[:, :-1], stacked[:, 1:]
     same = np.append(False, ((before == after) | (np.isnan(before) & np.isnan(after))).all(axis=0))
-    ordered = rows_in_order(arrays[TIME], same, f"{path}: column {TIME}")
-    arrays = {name: values[ordered.rows] for name, values in arrays.items()}
-    arrays[TIME] = ordered.t
-    arrays, flaws = without_flaws(arrays, ordered.t, str(path))
+    rows, t, said = rows_in_order(arrays[TIME], same, f"{path}: column {TIME}")
+    arrays = {name: t if name == TIME else values[rows] for name, values in arrays.items()}
+    arrays, flaws = without_flaws(arrays, t, str(path))
     notes += flaws
     counts = {name: int(np.count_nonzero(~np.isfinite(values))) for name, values in arrays.items()}
     if any(counts.values()):
-        notes.append("empty cells: " + ", ".join(f"{count} of {len(ordered.t)} in {name}"
+        notes.append("empty cells: " + ", ".join(f"{count} of {len(t)} in {name}"
                                                  for name, count in counts.items() if count))
-    if (varying := jitter_of(ordered.t)) > LEAST_JITTER:
+    if (varying := jitter_of(t)) > LEAST_JITTER:
         notes.append(f"steps between rows vary by {100.0 * varying:.0f} %; each row is used at its own time")
     return MeasuredTable(arrays, {name: how for name, how in hold.items() if name in DRIVING and how in HOLDS},
-                         str(path), tuple(f"{path.name}: {note}" for note in (*notes, *ordered.said)))
+                         str(path), tuple(f"{path.name}: {note}" for note in (*notes, *said)))
 
 
 def _from_epoch(t: Floats, notes: list[str]) -> Floats:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,19 +27,6 @@ _FEWEST = 16
 _MOST_RUNS = 50
 _REPEATED = 0.01
 """Share of repeated times up to which single rows are at fault, and not the digits of all."""
-
-
-class Ordered(NamedTuple):
-    """Rows of a table in the order of time.
-
-    rows : numbers of the rows that are used, in that order
-    t : (n,) their times, strictly increasing, s
-    said : sentences on what was changed
-    """
-
-    rows: NDArray[np.int64]
-    t: Floats
-    said: list[str]
 
 
 def usual_steps(t: Floats) -> Floats | None:
@@ -103,9 +88,10 @@ def in_words(spans: Spans, most: int = 5) -> str:
     return shown + (f" and {len(spans) - most} more" if len(spans) > most else "")
 
 
-def rows_in_order(t: Floats, same: NDArray[np.bool_], where: str) -> Ordered:
-    """Return the rows in the order of time, from finite times (n,), s, and whether each row has the values of the row
-    before (n,); InputError, which begins with `where`, if there is no such order.
+def rows_in_order(t: Floats, same: NDArray[np.bool_], where: str) -> tuple[NDArray[np.int64], Floats, list[str]]:
+    """Return the numbers of the rows in the order of time, their times, strictly increasing, s, and sentences on what
+    was changed, from finite times (n,), s, and whether each row has the values of the row before (n,); InputError,
+    which begins with `where`, if there is no such order.
     """
     rows, said = np.arange(len(t)), []
     if (np.diff(t) < 0.0).any():
@@ -121,7 +107,7 @@ def rows_in_order(t: Floats, same: NDArray[np.bool_], where: str) -> Ordered:
     if repeated.any():
         t, sentence = _spread(t, repeated, where)
         said.append(sentence)
-    return Ordered(rows, t, said)
+    return rows, t, said
 
 
 def _sorted(t: Floats, where: str) -> tuple[NDArray[np.int64], str]:
