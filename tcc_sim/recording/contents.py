@@ -7,7 +7,7 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -166,18 +166,11 @@ class Contents:
             raise ValueError(name)
 
 
-class Batch(NamedTuple):
-    """Messages of a chunk: its unpacked bytes, the positions of the messages, and whether they have a checksum."""
-
-    data: bytes
-    messages: records.Messages
-    checked: bool
-
-
 def batches(stream: RecordStream, contents: Contents, wants: Callable[[Channel], bool], seen: Counter[int]
-            ) -> Iterator[Batch]:
+            ) -> Iterator[tuple[bytes, records.Messages, bool]]:
     """Iterate over the chunks with messages of wanted channels, or of channels that are not described, and over such
-    messages outside chunks, joined; leave damaged ones out with a warning.
+    messages outside chunks, joined: unpacked bytes, the positions of the messages, and whether these have a checksum.
+    Damaged ones are left out with a warning.
 
     Schemas and channels in the chunks go into `contents`; `seen` receives the numbers of all messages by channel.
     """
@@ -211,7 +204,7 @@ def batches(stream: RecordStream, contents: Contents, wants: Callable[[Channel],
             mine = np.array(list(map(wanted, numbers.tolist())), np.bool_)[inverse]
             expansion.take(int(messages.length[mine].sum()))
             checked = packed and body[24:28] != bytes(4)
-            batch = Batch(*records.uncompressed(data, messages, mine, expansion), checked)
+            batch = *records.uncompressed(data, messages, mine, expansion), checked
         except DamagedChunk as error:
             bad += 1
             if bad > good + MOST_DAMAGED:

@@ -14,8 +14,9 @@ from tcc_sim.messages import cdr
 from tcc_sim.messages.held import PROCESS
 from tcc_sim.parameter_file import LARGEST_FILE, description_in
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord, simulation_ns, zeros_of
-from tcc_sim.recording.contents import Batch, Channel
+from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.layouts import Decoded, Layouts
+from tcc_sim.recording.records import Messages
 from tcc_sim.result import reported, result_class
 from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
 
@@ -117,18 +118,18 @@ class Inventory:
         here = [layouts for (name, _), layouts in self._layouts.items() if name == topic]
         return sum(layouts.refused for layouts in here), next((layouts.why for layouts in here if layouts.why), "")
 
-    def take(self, batch: Batch, channels: Mapping[int, Channel]) -> None:
+    def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
         """Take one chunk."""
-        array = np.frombuffer(batch.data, dtype=np.uint8)
-        for number in np.flatnonzero(np.bincount(batch.messages.channel)).tolist():
+        array = np.frombuffer(data, dtype=np.uint8)
+        for number in np.flatnonzero(np.bincount(messages.channel)).tolist():
             channel = channels.get(number)
             if channel is None or not self.wants(channel):
                 continue
             if channel.type == STRING:
-                self._announced(batch, number, channel)
+                self._announced(data, messages, number, channel)
                 continue
             layouts = self._layouts.setdefault((channel.topic, channel.publisher), Layouts(JOINT_STATE))
-            for same in layouts.groups(array, batch.messages, [number]):
+            for same in layouts.groups(array, messages, [number]):
                 if same.names in ((OUTPUT_JOINT,), (CLUTCH_JOINT,)):
                     continue
                 able = set(self._joints) <= set(same.names)
@@ -140,10 +141,10 @@ class Inventory:
                     continue
                 key = channel.topic, channel.publisher, tuple(self._joints) if able else tuple(sorted(same.names))
                 self._sent.setdefault(key, _Sent(channel.topic, channel.publisher, able)).add(same, self._place)
-        self._place += len(batch.messages.channel)
+        self._place += len(messages.channel)
 
-    def _announced(self, batch: Batch, number: int, channel: Channel) -> None:
-        for head, body in batch.messages.of(batch.data, number):
+    def _announced(self, data: bytes, messages: Messages, number: int, channel: Channel) -> None:
+        for head, body in messages.of(data, number):
             if len(body) > LARGEST_FILE * 4 or len(self._scenes) >= MOST_SCENES:
                 continue
             try:

@@ -18,7 +18,7 @@ from tcc_sim.messages import held
 from tcc_sim.recording.announcements import SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.columns import Columns, JointStates, Window
 from tcc_sim.recording.commands import COMMANDS, SOURCE, Commands
-from tcc_sim.recording.contents import CDR, Batch, Channel, Contents, batches, together
+from tcc_sim.recording.contents import CDR, Channel, Contents, batches, together
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import Collected, Decoded, Layouts
 from tcc_sim.recording.parts import Parts, numbers_of, opened, parts_of
@@ -38,8 +38,8 @@ MOST_DIFFERING = 0.2
 """Largest share of states with the stamp of another one and other values, if states do not name their run."""
 _MOST_NAMED, _LARGEST_COUNT = 50, 10**18
 
-Tap = Callable[[bytes, Messages, Mapping[int, Channel]], None]
-"""Function of the bytes of an unpacked chunk, the positions of its messages, and the channels described so far."""
+Chunk = tuple[bytes, Messages, Mapping[int, Channel]]
+"""Bytes of an unpacked chunk, the positions of its messages, and the channels described so far."""
 
 
 class TooManyStates(InputError):
@@ -87,8 +87,8 @@ class Run:
         # Each part of a split recording repeats the scene.
         self.recorded_scenes = list(dict.fromkeys(scene for contents in every for scene in contents.scenes))
         inventory, self.topics = Inventory(choice.names), dict[str, str]()
-        for batch, channels in self._batches(inventory.wants):
-            inventory.take(batch, channels)
+        for data, messages, channels in self._chunks(inventory.wants):
+            inventory.take(data, messages, channels)
             self.topics.update({channel.topic: channel.type for channel in channels.values()})
         self.topics.update({channel.topic: channel.type for channel in self._every_channel()})
         self._damage, self.warnings = next(iter(self.warnings), ""), Warnings()
@@ -184,11 +184,11 @@ class Run:
                                  "cannot be separated")
         return columns
 
-    def tapped(self, tap: Tap) -> None:
-        """Call a function with every readable chunk of all files, in their order."""
+    def chunks(self) -> Iterator[Chunk]:
+        """Iterate over every readable chunk of all files, in their order; then `warnings` and `messages` are complete.
+        """
         self.warnings, self.messages = Warnings(), dict.fromkeys(self.topics, 0)
-        for batch, channels in self._batches(lambda _: True):
-            tap(batch.data, batch.messages, channels)
+        yield from self._chunks(lambda _: True)
         self.warnings.extend(self._left_out)
         for what in ("attachments", "foreign"):
             if count := sum(getattr(contents, what) for contents in self._contents.values()):
@@ -211,7 +211,7 @@ class Run:
         kinds |= {row.name: Collected(Layouts(row.type, row.joints, row.joint_fields or row.fields), origins.of)
                   for row in topics.stamped()}
         commands, rows = Commands(space, zeros[:0] if keyed else zeros), dict[int, list[NDArray[np.float64]]]()
-        for (data, messages, *_), channels in self._batches(lambda channel: channel.type in _READ):
+        for data, messages, channels in self._chunks(lambda channel: channel.type in _READ):
             array = np.frombuffer(data, dtype=np.uint8)
             here = [(number, channels[number]) for number in np.flatnonzero(np.bincount(messages.channel)).tolist()
                     if number in channels] if len(messages.channel) else []
@@ -298,34 +298,30 @@ class Run:
                                 f"more than half of the {memory / 1e9:.3g} GB of this machine; ask for a window: "
                                 "--from and --to (simulation time, s), or start and end in Python")
 
-    def _batches(self, wants: Callable[[Channel], bool]) -> Iterator[tuple[Batch, dict[int, Channel]]]:
+    def _chunks(self, wants: Callable[[Channel], bool]) -> Iterator[Chunk]:
         """Iterate over the chunks of all files with wanted messages; skip damaged ones with a warning."""
-        for path in self.paths:
-            yield from self._batches_of(path, wants)
-
-    def _batches_of(self, path: Path, wants: Callable[[Channel], bool]) -> Iterator[tuple[Batch, dict[int, Channel]]]:
-        known = self._contents[path]
-        contents = Contents(channels=dict(known.channels), schemas=dict(known.schemas), damaged=known.damaged,
-                            passed_over=known.passed_over, recovered=known.recovered, size=known.size)
-        seen, unchecked = Counter[int](), False
-        with opened(path) as file:
-            for batch in batches(RecordStream(file, warnings=self.warnings), contents, wants, seen):
-                unchecked = unchecked or not batch.checked
-                yield batch, contents.channels
-        known.channels = {**contents.channels, **known.channels}
-        for channel, row in contents.channels.items():
-            self.messages[row.topic] = self.messages.get(row.topic, 0) + seen[channel]
-        self.warnings.conclude()
-        self.warnings.extend(contents.warnings())
-        if unchecked:
-            self.warnings.append("some messages have no checksum: damage in them would go unnoticed")
-        if nameless := set(seen) - set(contents.channels):
-            count = sum(seen[channel] for channel in nameless)
-            self.warnings.append(f"{counted(count, 'message')} left out: the description of the channel is lost")
-        short = (sum(max(0, count - seen[channel]) for channel, count in known.expected.items())
-                 if known.complete else 0)
-        if short:
-            self.warnings.append(f"{short} of {counted(sum(known.expected.values()), 'message')} could not be read")
+        for path, known in self._contents.items():
+            contents = replace(known, channels=dict(known.channels), schemas=dict(known.schemas))
+            seen, unchecked = Counter[int](), False
+            with opened(path) as file:
+                stream = RecordStream(file, warnings=self.warnings)
+                for data, messages, checked in batches(stream, contents, wants, seen):
+                    unchecked = unchecked or not checked
+                    yield data, messages, contents.channels
+            known.channels = {**contents.channels, **known.channels}
+            for channel, row in contents.channels.items():
+                self.messages[row.topic] = self.messages.get(row.topic, 0) + seen[channel]
+            self.warnings.conclude()
+            self.warnings.extend(contents.warnings())
+            if unchecked:
+                self.warnings.append("some messages have no checksum: damage in them would go unnoticed")
+            if nameless := set(seen) - set(contents.channels):
+                count = sum(seen[channel] for channel in nameless)
+                self.warnings.append(f"{counted(count, 'message')} left out: the description of the channel is lost")
+            short = (sum(max(0, count - seen[channel]) for channel, count in known.expected.items())
+                     if known.complete else 0)
+            if short:
+                self.warnings.append(f"{short} of {counted(sum(known.expected.values()), 'message')} could not be read")
 
     def _pass_over(self, kinds: Mapping[str, Collected]) -> None:
         """Add warnings for messages and drivelines that were passed over."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.mcap_file import RECOVERY_RECORD, RELIABLE, ROW_KEY
 from tcc_sim.recording.parts import LOADER
 from tcc_sim.recording.reader import Run
-from tcc_sim.recording.records import MESSAGE_HEAD, Messages
+from tcc_sim.recording.records import MESSAGE_HEAD
 
 _LONGEST_PROFILES, _LONGEST_ALL_PROFILES = 20_000, 400_000
 """Characters of quality of service to parse, of one channel and of all: the YAML reader takes 1 s for 0.2 MB."""
@@ -80,15 +80,13 @@ def recover(run: Run, directory: Path) -> Recovery:
 
 def copy_messages(run: Run, bag: BagWriter, channel_of: Callable[[Channel], int | None]) -> None:
     """Write the readable messages of a recording, as they are, into the channels of a bag; None leaves them out."""
-    def copy(data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
+    for data, messages, channels in run.chunks():
         numbers = {number: channel_of(channels[number]) for number in dict.fromkeys(messages.channel.tolist())
                    if number in channels}
         for offset, length in zip(messages.offset.tolist(), messages.length.tolist()):
             source, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(data, offset)
             if (number := numbers.get(source)) is not None:
                 bag.write(number, log_ns, publish_ns, data[offset + MESSAGE_HEAD:offset + length], sequence)
-
-    run.tapped(copy)
 
 
 def _parsed(text: str) -> list[dict[str, Any]]:
