@@ -116,8 +116,6 @@ class StampCounter:
     resets: int = 0
     restarts: int = 0
     repeated: int = 0
-    late: int = 0
-    """Number of messages left out because another publisher had taken over."""
     returns: int = 0
     """Number of times that a run of unidentified publishers continued at the end of the run before it."""
     last: int | None = None
@@ -134,10 +132,7 @@ class StampCounter:
         Ticks before the first state are lost, and those between the last one and `end`, the stamp of the last state
         that was sent (None if it is unknown).
         """
-        self._settle()
-        self.runs += 1
-        self.resets += kind is Break.RESET
-        self.restarts += kind is Break.RESTART
+        self._begin(kind)
         self._cut(stamps, kind, 0, [])
         self.last = int(stamps[-1])
         if self._run.tick:
@@ -162,30 +157,28 @@ class StampCounter:
         for begin, end in pairwise([0, *cuts, len(stamps)] if len(stamps) else []):
             now = int(who[begin])
             if now in self._gone:
-                self.late += end - begin
                 continue
-            taken_over = self.last is not None and now != self._publisher
-            if taken_over:
-                self._gone.add(self._publisher)
             kind = Break.NOTHING
-            if taken_over or self.last is None or stamps[begin] < self.last:
-                kind = self._begin(now, taken_over)
+            if self.last is None:
+                kind = Break.START
+            elif now != self._publisher:
+                kind = Break.RESTART
+                self._gone.add(self._publisher)
+            elif stamps[begin] < self.last:
+                kind = Break.RESET
+                self._former = self.last if now == 0 else self._former
+            self._begin(kind)
             self._cut(stamps[begin:end], kind, begin, pieces)
             self._publisher, self.last = now, int(stamps[end - 1])
         return pieces
 
-    def _begin(self, publisher: int, taken_over: bool) -> Break:
-        self._settle()
-        self.runs += 1
-        if self.last is None:
-            return Break.START
-        if taken_over:
-            self.restarts += 1
-            return Break.RESTART
-        if publisher == 0:
-            self._former = self.last
-        self.resets += 1
-        return Break.RESET
+    def _begin(self, kind: Break) -> None:
+        """Count the begin of a run."""
+        if kind.begins_a_run:
+            self._settle()
+            self.runs += 1
+            self.resets += kind is Break.RESET
+            self.restarts += kind is Break.RESTART
 
     def _cut(self, stamps: Stamps, kind: Break, offset: int, pieces: list[tuple[slice, Break]]) -> None:
         """Split stamps of one run at gaps, and leave repeated stamps out."""
