@@ -80,14 +80,6 @@ class JointStates:
         out: Floats = np.where((self.held_row >= 0) & ~unknown, values, np.nan)
         return out
 
-    def grown(self, name: str, count: str) -> float:
-        """Return the growth of a count of an input over these states; from the begin of the run if they begin there."""
-        values = self.input(name, count)
-        known = values[np.isfinite(values)]
-        if not len(known):
-            return np.nan
-        return float(known[-1] - (known[0] if self.stamp_ns[0] > 0 else 0.0))
-
     @property
     def far_end(self) -> FarEnd:
         """Angle (rad) and speed (rad/s) of the shaft's far end, (n,), NaN where a message is missing."""

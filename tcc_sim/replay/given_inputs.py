@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tcc_sim.errors import InputError, counted, printable
+from tcc_sim.errors import InputError, counted, given_in, printable
 from tcc_sim.model.actuator import pressure_after
 from tcc_sim.model.groups import Pressure
 from tcc_sim.model.parameters import QUANTITIES
@@ -57,10 +57,9 @@ def input_table(path: Path, columns: str | Mapping[str, str] | None = None, star
     start, end : part of the table, s; its first row is then the start of the simulation
     """
     if not is_table(path):
-        options = {"columns": columns, "from": start, "to": end}
-        given = [f"--{name}" for name, value in options.items() if value is not None]
+        given = given_in({"columns": columns, "from": start, "to": end})
         if given:
-            raise InputError(f"{', '.join(given)}: only for tables, and {path} is a recording")
+            raise InputError(f"{', '.join(f'--{name}' for name in given)}: only for tables, and {path} is a recording")
         return None
     table = table_in(path, columns=columns).part(start, end)
     t = table.t

@@ -104,7 +104,12 @@ def held_input(line: Timeline, name: str) -> HeldInput:
         for one in seconds:
             seconds[one] += float(steps[source == one].sum())
         unknown += float(steps[np.isnan(source)].sum())
-        counts += [states.grown(name, what) for what in ("received", "superseded", "refused", "lost")]
+        for number, what in enumerate(("received", "superseded", "refused", "lost")):
+            values = states.input(name, what)
+            values = values[np.isfinite(values)]
+            # From the begin of the run if the states begin there.
+            before = values[0] if len(values) and states.stamp_ns[0] > 0 else 0.0
+            counts[number] += values[-1] - before if len(values) else np.nan
     recorded, ignored, commands, why = line.recorded.get(name, 0), None, None, ""
     result = HeldInput(seconds[held.COMMAND], seconds[held.FALLBACK], seconds[held.SCENE],
                        line.counts.get(f"{name} refused"), line.publishers.get(name, 0),
