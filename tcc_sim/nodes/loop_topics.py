@@ -273,7 +273,7 @@ class Outputs:
         self._context = node.context
         self._waiting: deque[tuple[Any, bytes]] = deque()
         qos = middleware.states(0 if self.patient else max(10, math.ceil(HISTORY * operation.rate)))
-        self._every_tick: list[tuple[Any, Callable[..., bytes], Callable[[Reading], Any]]] = []
+        self._every_tick: list[tuple[str, Any, Callable[..., bytes], Callable[[Reading], Any]]] = []
         self._publishers: dict[str, Any] = {}
         self._states = qos
         for row in topics.TOPICS:
@@ -305,7 +305,7 @@ class Outputs:
             return False
         row = topics.topic(name)
         values = itemgetter(*map(Reading._fields.index, ("stamp_ns", *row.fields)))
-        self._every_tick.append((self._publisher(name, self._states), cdr.ENCODERS[name], values))
+        self._every_tick.append((name, self._publisher(name, self._states), cdr.ENCODERS[name], values))
         return True
 
     def state(self, reading: Reading) -> None:
@@ -315,8 +315,8 @@ class Outputs:
         if self.zero_ns:
             self._last_ns = reading.stamp_ns + self.zero_ns
             reading = reading._replace(stamp_ns=self._last_ns)
-        for publisher, encode, values in self._every_tick:
-            if self.sensors is None or _signal(publisher.topic_name) not in self.sensors.lost:
+        for name, publisher, encode, values in self._every_tick:
+            if self.sensors is None or name.removesuffix("_stamped") not in self.sensors.lost:
                 self._send(publisher, encode(*values(reading), frame=self.run))
 
     def say(self, name: str, data: bytes) -> None:
@@ -345,7 +345,7 @@ class Outputs:
     def subscriptions(self) -> tuple[int, int]:
         """Return the numbers of subscriptions of joint_states and of all topics with a message for every tick."""
         return (int(self._publishers["joint_states"].get_subscription_count()),
-                sum(publisher.get_subscription_count() for publisher, *_ in self._every_tick))
+                sum(publisher.get_subscription_count() for _, publisher, *_ in self._every_tick))
 
     def meet(self, name: str) -> None:
         """Wait until the known subscribers of a new topic are connected, so that they receive its first message."""
@@ -381,10 +381,6 @@ class Outputs:
                 raise
             return False
         return True
-
-
-def _signal(topic_name: str) -> str:
-    return topic_name.rpartition("/")[2].removesuffix("_stamped")
 
 
 class SimulationClock:

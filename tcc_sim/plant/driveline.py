@@ -134,7 +134,7 @@ class Plant:
         if (scene.system.friction.curve is None) != (self.scene.system.friction.curve is None):
             raise InputError("friction.slip_speeds: a running driveline can change a friction table, but cannot add or "
                              "remove one; restart the driveline")
-        terms = self._terms_of(scene)
+        terms, _ = self._after(scene)
         highest = {self._actuator.highest} if self._actuator is not None else set[float]()
         for pressure in {self._pressure, None} | highest:
             self._afford(scene, with_commands(scene.system, terms, self._torque, pressure))
@@ -149,7 +149,7 @@ class Plant:
         Raises InputError: `check` refuses the scene; nothing changes.
         """
         self.check(scene)
-        self._terms, self.origin = self._terms_of(scene), self._origin_of(scene)
+        self._terms, self.origin = self._after(scene)
         self._follow(scene)
         self._hold(self._torque, self._pressure)
         if self._actuator is not None:
@@ -223,10 +223,13 @@ class Plant:
     @property
     def pressures(self) -> tuple[float, float]:
         """Commanded pressure, and pressure at the plates at the end of the tick, Pa."""
-        if self._actuator is None:
-            applied = self._applied_pressure()
-            return applied, applied
-        return self._commanded_pressure(), self._actuator.pressure
+        if self._actuator is not None:
+            return self._commanded_pressure(), self._actuator.pressure
+        applied = self._pressure
+        if applied is None:
+            t = self.stepper.tick * self.stepper.step
+            applied = pressure_at(t, self.scene.system, self._terms, self.origin.lead)
+        return applied, applied
 
     def _read(self, reached: Reached) -> Reading:
         v, plate_angle, plate_speed, flywheel_angle, engine, friction, _ = reached
@@ -237,24 +240,16 @@ class Plant:
                        engine, friction, v, side_of_slip(v, self._stick_speed), applied, commanded, shaft, output_angle,
                        output_speed)
 
-    def _applied_pressure(self) -> float:
-        """Return the pressure at the end of the tick without an actuator, Pa."""
-        if self._pressure is not None:
-            return self._pressure
-        return pressure_at(self.stepper.tick * self.stepper.step, self.scene.system, self._terms, self.origin.lead)
-
     def _follow(self, scene: Scene) -> None:
         """Store the values of `scene` that every tick needs."""
         self.scene = scene
         self._stick_speed = stick_speed_of(terms_of(scene.system))
 
-    def _origin_of(self, scene: Scene) -> Origin:
-        """Return the origin with which the phases stay continuous if `scene` applies from the next tick on."""
-        return origin_after(self.scene.system, scene.system, self.origin, self.stepper.tick * self.stepper.step)
-
-    def _terms_of(self, scene: Scene) -> Terms:
-        """Return the terms of `scene` from the next tick on."""
-        return terms_from(scene.system, self._origin_of(scene))
+    def _after(self, scene: Scene) -> tuple[Terms, Origin]:
+        """Return the terms of `scene` from the next tick on, and the origin with which the phases stay continuous."""
+        t = self.stepper.tick * self.stepper.step
+        origin = origin_after(self.scene.system, scene.system, self.origin, t)
+        return terms_from(scene.system, origin), origin
 
     def _afford(self, scene: Scene, terms: Terms) -> None:
         """Raise InputError if a tick needs more sub-steps than the solver or the tick's real time allows."""

@@ -62,13 +62,7 @@ class ControllerFailed(TccError, AssertionError):
 
 @dataclass(frozen=True)
 class Faults(Options):
-    """Rates of faults: each kind with number n hits one random command of every n on each topic; 0 for none.
-
-    Raises
-    ------
-    InputError
-        A value is not an integer or is below its lowest value.
-    """
+    """Rates of faults: each kind with number n hits one random command of every n on each topic; 0 for none."""
 
     drop: int = quantity(0, "the command never arrives", low=0)
     delay: int = quantity(0, "the command arrives `delay_ticks` later, after commands sent meanwhile", low=0)
@@ -76,17 +70,6 @@ class Faults(Options):
     corrupt: int = quantity(0, "the command is NaN, infinite, out of range, or truncated", low=0)
     delay_ticks: int = quantity(3, "length of a delay, ticks", low=1)
     seed: int = quantity(0, "seed; runs with equal seeds are identical", low=0)
-
-    @staticmethod
-    def of(given: Faults | Mapping[str, int] | None) -> Faults:
-        """Return Faults from a mapping, from Faults, or from None (no faults)."""
-        if given is None or isinstance(given, Faults):
-            return given or Faults()
-        names = Faults.quantities()
-        for name in given:
-            if name not in names:
-                raise InputError(f"{name} is not a fault; the faults are {', '.join(names)}")
-        return Faults(**given)
 
 
 class Line:
@@ -220,14 +203,19 @@ class Rig:
     """
 
     def __init__(self, scene: SceneLike, changes: Mapping[str, object] | None = None, rate: float = 1000.0,
-                 faults: Faults | Mapping[str, int] | None = None, patience: float = PATIENCE) -> None:
+                 faults: Mapping[str, int] | None = None, patience: float = PATIENCE) -> None:
         wanted = as_scene(scene).with_values({"publish_clock": True, **(changes or {}), "rate": rate,
                                               "pacing": "lockstep"})
         if wanted.operation.stamp != "simulation":
             raise InputError(f"stamp is {wanted.operation.stamp}; the test kit counts simulated time: set stamp to "
                              "simulation in the changes")
         self._patience = patience
-        self._lines = {**{name: Line(name, Faults.of(faults)) for name in INPUTS}, FAR_END: Line(FAR_END, Faults())}
+        names = Faults.quantities()
+        for name in faults or {}:
+            if name not in names:
+                raise InputError(f"{name} is not a fault; the faults are {', '.join(names)}")
+        spoilt = Faults(**(faults or {}))
+        self._lines = {**{name: Line(name, spoilt) for name in INPUTS}, FAR_END: Line(FAR_END, Faults())}
         try:
             self._node = DrivelineNode(wanted)
         except RuntimeError as error:
