@@ -64,11 +64,11 @@ class DrivelineMap:
 
     dimension, scales, amplitude_scale, divisible = 3, SCALES, 10.0, True
 
-    def __init__(self, system: System, keys: Sequence[str], tolerance: float = SOLVER_TOLERANCE) -> None:
+    def __init__(self, system: System, keys: Sequence[str]) -> None:
         system.check_repeats("a map of the section")
         for key in keys:
             _check_key(system, key, keys)
-        self.system, self.keys, self.tolerance = system, tuple(keys), tolerance
+        self.system, self.keys = system, tuple(keys)
         self.piecewise = system.friction.law == "set_valued"
         self.forcing_period = common_cycles(system)
         if self.forcing_period == 0:
@@ -77,7 +77,7 @@ class DrivelineMap:
         self._prepared: tuple[Values, Prepared] | None = None
         if self.piecewise:
             # A scene without derivatives is refused here.
-            Prepared(system, self.keys, tolerance)
+            Prepared(system, self.keys, SOLVER_TOLERANCE)
 
     def system_at(self, values: Values) -> System:
         """The scene's system with the free keys at `values`."""
@@ -105,13 +105,13 @@ class DrivelineMap:
     def _prepare(self, values: Values) -> Prepared:
         """The system at these values, ready to be evaluated at many states."""
         if self._prepared is None or self._prepared[0] != values:
-            self._prepared = values, Prepared(self.system_at(values), self.keys, self.tolerance)
+            self._prepared = values, Prepared(self.system_at(values), self.keys, SOLVER_TOLERANCE)
         return self._prepared[1]
 
     def settled(self, values: Values, most: int) -> tuple[Cycles, int]:
         """`settled_from_start` of the scene."""
         # The set-valued law needs the map's tolerance: a border close to the motion decides which branch is followed.
-        rtol = self.tolerance if self.piecewise else None
+        rtol = SOLVER_TOLERANCE if self.piecewise else None
         return settled_from_start(self.system_at(values), most, rtol=rtol)
 
     def margins(self, x: Floats, values: Values, first: float, cycles: float) -> Margins:
