@@ -10,7 +10,7 @@ import os
 import re
 import signal
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent import futures
 from concurrent.futures import Executor, Future
 from contextlib import contextmanager
@@ -70,6 +70,8 @@ def each_done(attendance: Attendance, take: Callable[[], Task | None],
     Few tasks are submitted ahead, so that memory does not grow and Ctrl-C takes effect soon.
 
     take : function that returns the next task; None if there is none now
+
+    Raises WorkersLost: no workers are left.
     """
     running: dict[Future[Done], Task] = {}
     try:
@@ -78,20 +80,15 @@ def each_done(attendance: Attendance, take: Callable[[], Task | None],
                 running[submit(task)] = task
             if not running:
                 return
-            for future in sorted(first_done(running, attendance), key=lambda future: future.exception() is not None):
+            while not (done := futures.wait(running, attendance.look, futures.FIRST_COMPLETED).done):
+                attendance.check()
+            if any(future.cancelled() or isinstance(future.exception(), futures.CancelledError) for future in done):
+                raise WorkersLost("the workers gave it up")
+            for future in sorted(done, key=lambda future: future.exception() is not None):
                 yield running.pop(future), future.result()
     finally:
         for future in running:
             future.cancel()
-
-
-def first_done(running: Collection[Future[Any]], attendance: Attendance) -> set[Future[Any]]:
-    """Return the completed tasks of some, at least one; raise WorkersLost if no workers are left."""
-    while not (done := futures.wait(running, attendance.look, futures.FIRST_COMPLETED).done):
-        attendance.check()
-    if any(future.cancelled() or isinstance(future.exception(), futures.CancelledError) for future in done):
-        raise WorkersLost("the workers gave it up")
-    return done
 
 
 def cores() -> int:

@@ -21,8 +21,6 @@ from tcc_sim.result import Result, as_lists, json_of, names_in, reported, report
 from tcc_sim.sweeps.simulation import CONFIRMED, Plan, Start
 from tcc_sim.trajectory import Floats, State
 
-SUMMARY_KEYS = tuple(item.name for item in fields(Summary) if item.name != "section_states")
-"""Keys of `simulate --json` that a sweep has per value."""
 MAY_BE_NAN = ("section_change", *(item.name for item in fields(Summary)
                                   if item.type == "float" and item.default is not MISSING))
 SCALED = "friction.coefficients"
@@ -79,7 +77,7 @@ class Point:
         """Return the point of a record by `as_record`; raise KeyError, TypeError or ValueError for any other record."""
         summary = None
         if record["max_slip_speed"] is not None:
-            numbers = {name: record[name] for name in SUMMARY_KEYS}
+            numbers = {name: record[name] for name in names_in(Summary)}
             unknown = {name: math.nan for name in MAY_BE_NAN if numbers[name] is None}
             summary = Summary(**{**numbers, "section": [], "covers": tuple(numbers["covers"]), **unknown})
             if not all(isinstance(getattr(summary, name), (int, float)) for name in (

@@ -222,27 +222,19 @@ def _tasks(curves: Sequence[Curve], plan: Plan, batch: int, points: Points) -> I
     Without a direction a task has points of several curves of a law, since a curve of a scatter may have one value.
     """
     if plan.direction == "cold":
-        missing = ((c, i) for c, curve in enumerate(curves) for i in _order(curve, plan) if points[c][i] is None)
+        missing = ((c, i) for c, curve in enumerate(curves) for i in range(len(curve.values)) if points[c][i] is None)
         for _, alike in itertools.groupby(missing, lambda place: curves[place[0]].system.friction.law):
             while places := list(itertools.islice(alike, batch)):
                 yield places, None
         return
     for c, curve in enumerate(curves):
-        order = _order(curve, plan)
-        lacking = [i for i in order if points[c][i] is None]
-        if lacking:
-            # A file is written in the order of solving, so what is missing is the end of the curve.
-            place = order.index(lacking[0])
-            neighbour = points[c][order[place - 1]] if place else None
-            yield [(c, i) for i in order[place:]], None if neighbour is None else _passed_on(
-                curve, order[place - 1], neighbour, lacking[0])
-
-
-def _order(curve: Curve, plan: Plan) -> list[int]:
-    if plan.direction == "cold":
-        return list(range(len(curve.values)))
-    rising = [int(i) for i in np.argsort(curve.values, kind="stable")]
-    return rising if plan.direction == "up" else rising[::-1]
+        order = np.argsort(curve.values, kind="stable").tolist()[::1 if plan.direction == "up" else -1]
+        # A file is written in the order of solving, so what is missing is the end of the curve.
+        done = next((k for k, i in enumerate(order) if points[c][i] is None), len(order))
+        neighbour = points[c][order[done - 1]] if done else None
+        if done < len(order):
+            yield [(c, i) for i in order[done:]], None if neighbour is None else _passed_on(
+                curve, order[done - 1], neighbour, order[done])
 
 
 def solve_point(system: System, value: float, plan: Plan, start: Start | None = None) -> Point:
