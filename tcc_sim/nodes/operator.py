@@ -22,6 +22,7 @@ from std_srvs.srv import SetBool, Trigger
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.model.parameters import QUANTITIES, coerce, index_of, list_of, with_whole_lists
 from tcc_sim.nodes.executables import Spinner, node_of_command
+from tcc_sim.nodes.middleware import wait_until
 from tcc_sim.nodes.parameters import without_arrays
 from tcc_sim.scene import Operation, meaning_of
 from tcc_sim.topics import topic
@@ -116,12 +117,12 @@ class Operator:
                 break
             if not number:
                 tell(f"sending {text} {rate:g} times a second; Ctrl-C ends it")
-            self._until(lambda: False, 1.0 / rate)
+            time.sleep(1.0 / rate)
         return f"{text}, {result.reason}{self._namesakes()}"
 
     def _namesakes(self) -> str:
         """Return a note that names the driveline, if there are others or several with the same name."""
-        self._until(lambda: len(self._drivelines()) > 1, NAMED_WITHIN)
+        wait_until(lambda: len(self._drivelines()) > 1, NAMED_WITHIN)
         names = self._drivelines()
         namesakes, others = names.count(self._driveline), sorted(set(names) - {self._driveline})
         notes = [f"; {namesakes} nodes have the name {self._driveline} and received this: give them namespaces"]
@@ -140,24 +141,17 @@ class Operator:
         if name not in self._clients:
             self._clients[name] = self._node.create_client(kind, f"{self._driveline}/{name}")
         client = self._clients[name]
-        if not self._until(client.service_is_ready, DISCOVERY_LIMIT):
+        if not wait_until(client.service_is_ready, DISCOVERY_LIMIT):
             others = " and ".join(sorted(set(self._drivelines()) - {self._driveline}))
             raise TccError(f"no driveline answers at {self._driveline} within {DISCOVERY_LIMIT:g} s "
                            f"(ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0')})"
                            f"{f'; there is {others}: use --namespace' if others else ''}")
-        future = client.call_async(request)
-        if not self._until(future.done, DISCOVERY_LIMIT):
-            raise TccError(f"{self._driveline} does not answer within {DISCOVERY_LIMIT:g} s")
-        return future.result()
-
-    def _until(self, predicate: Callable[[], object], limit: float) -> object:
-        """Run callbacks until the predicate is true and return its value; return False after `limit` seconds."""
-        end = time.monotonic() + limit
-        while not (outcome := predicate()):
+        future, end = client.call_async(request), time.monotonic() + DISCOVERY_LIMIT
+        while not future.done():
             if time.monotonic() >= end:
-                return False
-            self._spinner.once(min(0.05, max(0.0, end - time.monotonic())))
-        return outcome
+                raise TccError(f"{self._driveline} does not answer within {DISCOVERY_LIMIT:g} s")
+            self._spinner.once(0.05)
+        return future.result()
 
 
 def _parameter(key: str, value: object) -> Parameter[Any]:
