@@ -309,9 +309,9 @@ def deliver(node: Node, flush: Callable[[], bool] = lambda: True) -> None:
             if sent and not late:
                 return
             if limit == SOON:
-                log(node, f"waits until subscribers have received the last messages of {', '.join(late)}")
-        warn(node, f"subscribers have not received the last messages of {', '.join(late)} within "
-                   f"{ACKNOWLEDGED_WITHIN:g} s")
+                node.get_logger().info(f"waits until subscribers have received the last messages of {', '.join(late)}")
+        node.get_logger().warning(f"subscribers have not received the last messages of {', '.join(late)} within "
+                                  f"{ACKNOWLEDGED_WITHIN:g} s")
 
 
 @contextmanager
@@ -341,16 +341,6 @@ def _interrupt(number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def log(node: Node, sentence: str) -> None:
-    """Log a message."""
-    node.get_logger().info(sentence)
-
-
-def warn(node: Node, sentence: str) -> None:
-    """Log a warning."""
-    node.get_logger().warning(sentence)
-
-
 class Throttle:
     """Logger of warnings at most once a second for each subject.
 
@@ -367,7 +357,7 @@ class Throttle:
         now = self._clock()
         if (count is None or count > before) and now - when >= 1.0:
             self._logged[what] = count or 0, now
-            warn(self._node, sentence if count is None else f"{sentence} ({count} so far)")
+            self._node.get_logger().warning(sentence if count is None else f"{sentence} ({count} so far)")
 
     def once(self, what: str, sentence: str) -> None:
         """Log a warning about `what` the first time."""
@@ -430,7 +420,7 @@ class Spinner:
 def answer(node: Node, sentence: str) -> NoReturn:
     """Log a sentence, and run the callbacks of a node that answers every state until a signal comes."""
     end_in_order()
-    log(node, sentence)
+    node.get_logger().info(sentence)
     spinner = Spinner(node, busy=True)
     while True:
         spinner.once()

@@ -13,7 +13,6 @@ from rclpy.parameter import Parameter
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DERIVED, list_of, unknown_key
 from tcc_sim.model.quantity import Options, Quantity
-from tcc_sim.nodes.executables import warn
 from tcc_sim.nodes.options import SCENE, TEXT
 from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, MEANINGS, NODE_SCENE, Scene, load_scene
 
@@ -67,7 +66,7 @@ def warn_of_unknown(node: Node, known: Iterable[str]) -> None:
     """Log a warning for each unknown parameter, with the nearest known name."""
     names = list(known)
     for name in sorted(set(overrides(node)) - {*names, *BUILT_IN}):
-        warn(node, f"parameter ignored: {unknown_key(name, names, 'one of this node')}")
+        node.get_logger().warning(f"parameter ignored: {unknown_key(name, names, 'one of this node')}")
 
 
 def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:

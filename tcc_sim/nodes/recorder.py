@@ -26,7 +26,7 @@ from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import executables
-from tcc_sim.nodes.executables import Spinner, Throttle, log, run_node, warn
+from tcc_sim.nodes.executables import Spinner, Throttle, run_node
 from tcc_sim.nodes.middleware import MOST_PUBLISHERS, publisher_of, qos_fields
 from tcc_sim.nodes.options import RecorderOptions
 from tcc_sim.nodes.parameters import declared
@@ -167,10 +167,11 @@ class Recorder:
             self.bag.describe(text, log_ns=sent_ns)
             self._zeros = np.union1d(self._zeros, zeros_of([text]))
         except ValueError as error:
-            warn(self.node, f"a scene could not be read: {one_line(str(error))}")
+            self.node.get_logger().warning(f"a scene could not be read: {one_line(str(error))}")
 
     def look(self) -> None:
         """Check the publishers: adapt to their quality of service, add topics by type, warn of ended publishers."""
+        logger = self.node.get_logger()
         if self._unknown:
             types = dict(self.node.get_topic_names_and_types())
             for topic in [topic for topic in self._unknown if topic in types]:
@@ -178,7 +179,7 @@ class Recorder:
                 try:
                     self._add(topic, types[topic][0])
                 except InputError as error:
-                    warn(self.node, f"{topic} is not recorded: {error}")
+                    logger.warning(f"{topic} is not recorded: {error}")
         running = any(track.messages for track in self.tracks.values() if track.type == JOINT_STATE)
         for track in self.tracks.values():
             offered = self.node.get_publishers_info_by_topic(track.topic)
@@ -194,13 +195,13 @@ class Recorder:
             if track.type == JOINT_STATE:
                 silent = track.fell_silent() if track.messages else None
                 if silent:
-                    warn(self.node, f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording "
-                                    "continues")
+                    logger.warning(f"no {track.topic} for {SILENCE:g} s: paused, stopped or killed; the recording "
+                                   "continues")
                 elif silent is not None:
-                    log(self.node, f"{track.topic} arrives again")
+                    logger.info(f"{track.topic} arrives again")
                 if track.publishers - now:
                     left = f"; {len(now)} left" if now else ""
-                    warn(self.node, f"the publisher of {track.topic} is gone{left}; the recording continues")
+                    logger.warning(f"the publisher of {track.topic} is gone{left}; the recording continues")
                 track.publishers = now
 
     def close(self, drain: bool = True) -> str:
@@ -260,7 +261,7 @@ def _record(node: Node) -> int:
     recorder = Recorder(node)
     failure: OSError | RecordingError | None = None
     try:
-        log(node, f"recording to {recorder.bag.directory}")
+        node.get_logger().info(f"recording to {recorder.bag.directory}")
         recorder.spin()
     except (OSError, RecordingError) as error:
         failure = error
