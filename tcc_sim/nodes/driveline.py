@@ -32,10 +32,10 @@ from std_srvs.srv import SetBool, Trigger
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.nodes import executables, parameters
 from tcc_sim.nodes.children import CLOCK_STARTED
-from tcc_sim.nodes.executables import Spinner, Throttle, deliver, log, run_node, warn
+from tcc_sim.nodes.executables import Spinner, Throttle, deliver, run_node
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput, joining
-from tcc_sim.nodes.middleware import DIAGNOSTICS, nodes_of, time_of
+from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
 from tcc_sim.nodes.options import TEXT
 from tcc_sim.plant.driveline import doubt_of
 from tcc_sim.recording.announcements import LATE_SHARE
@@ -62,7 +62,7 @@ class DrivelineNode(Node):
         super().__init__("driveline", **options)
         scene = parameters.declare(self, scene)
         for sentence in scene.warnings():
-            warn(self, sentence)
+            self.get_logger().warning(sentence)
         self.loop = RealTimeLoop(self, scene)
         self.add_on_set_parameters_callback(self._on_set_parameters)
         self.add_post_set_parameters_callback(self._after_set_parameters)
@@ -91,8 +91,8 @@ class DrivelineNode(Node):
         Raises InputError: the scene cannot be computed in real time on this machine.
         """
         self.loop.start()
-        log(self, f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
-                  f"{counted(self.loop.plant.stepper.substeps, 'sub-step')} a tick")
+        self.get_logger().info(f"scene {self.scene.name}, {self.scene.operation.rate:g} Hz, "
+                               f"{counted(self.loop.plant.stepper.substeps, 'sub-step')} a tick")
 
     def housekeeping(self) -> None:
         """Publish diagnostics when due, log throttled warnings, and raise the failure of the loop if there was one."""
@@ -108,9 +108,9 @@ class DrivelineNode(Node):
             loop.request(lambda: loop.clock.begin(loop.plant.stamp_ns))
         if started and not self._announced:
             self._announced = True
-            log(self, CLOCK_STARTED)
+            self.get_logger().info(CLOCK_STARTED)
             for sentence in loop.refused_wishes:
-                warn(self, sentence)
+                self.get_logger().warning(sentence)
         for command in loop.commands:
             if doubt := command.doubt(loop.plant.stepper.tick, DOUBTED_AFTER * self.scene.operation.rate):
                 self._throttle.once(f"{command.name} unit", doubt)
@@ -168,7 +168,7 @@ class DrivelineNode(Node):
         outcome = self.loop.request(lambda: self.loop.use(after, text))
         for sentence in after.warnings():
             if outcome.done and sentence not in before:
-                warn(self, sentence)
+                self.get_logger().warning(sentence)
         return SetParametersResult(successful=outcome.done, reason=one_line(outcome.why))
 
     def _after_set_parameters(self, changes: list[Parameter]) -> None:
@@ -262,10 +262,8 @@ class Waiting:
         loop, sentences = self._loop, dict[str, str]()
         if loop.scene.operation.pacing != "lockstep":
             return sentences
-        followers = set(loop.clock.followers)
+        loop.clock.note_timed(loop.commands)
         for command in loop.commands:
-            names = set(nodes_of(self._node.get_publishers_info_by_topic(command.topic)))
-            command.timed = bool(names) and names <= followers
             if command.unstamped and not command.timed and command.name != FAR_END:
                 sentences[command.name] = (
                     f"commands on {command.name} have no stamp, so each counts as the answer to the newest state, and "

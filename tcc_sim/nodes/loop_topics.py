@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import islice
 from operator import itemgetter
 from typing import Any
@@ -408,6 +408,13 @@ class SimulationClock:
         listeners = self._node.get_subscriptions_info_by_topic(self._topic)
         return [name for name in middleware.nodes_of(
             one for one in listeners if one.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT) if name != me]
+
+    def note_timed(self, commands: Iterable[CommandedInput]) -> None:
+        """Note for each input whether all of its publishers follow /clock."""
+        followers = set(self.followers)
+        for command in commands:
+            names = set(middleware.nodes_of(self._node.get_publishers_info_by_topic(command.topic)))
+            command.timed = bool(names) and names <= followers
 
     @property
     def rivals(self) -> list[str]:

@@ -227,12 +227,12 @@ class Rig:
         self._target_topic = subscribe(self._node, Float64, "target_slip_speed", LATCHED)
         self._limits_topic = subscribe(self._node, Float64MultiArray, LIMITS, LATCHED)
         self._limits: Limits | None = None
-        self._timed: set[str] = set()
         self._target: float | None = None
         self._last_mean = math.nan
         self._worker = Worker()
         self._changes = TimedChanges(rate)
         self._commands: list[CommandedInput] = []
+        self._followers = 0
         self._arrived: dict[str, list[bytes]] = {}
         self._tested: dict[Node, str] = {}
         """Names of the nodes under test, which a destroyed node no longer tells."""
@@ -422,9 +422,8 @@ class Rig:
             raise ControllerFailed(f"no node under test publishes {names}, which the scene {self._node.scene.name} "
                                    "takes as a topic")
         self._commands = commands
-        timed = self._followers()
-        self._timed = {command.name for command in commands if timed and timed >= {
-            info.node_name for info in self._node.get_publishers_info_by_topic(command.name)}}
+        self._loop.clock.note_timed(commands)
+        self._followers = len(self._loop.clock.followers)
         if not self._loop.clock_started.is_set():
             self._loop.begin()
         return commands
@@ -438,8 +437,7 @@ class Rig:
         sensors = self._loop.outputs.sensors
         due = self._plant.stepper.tick % self._node.scene.operation.answer_ticks == 0 and not (
             sensors and sensors.lost)
-        return [command for command in commands
-                if command.name not in self._timed and (due or command.name == FAR_END)]
+        return [command for command in commands if not command.timed and (due or command.name == FAR_END)]
 
     def _await_answers(self, commands: list[CommandedInput], awaited: list[CommandedInput]) -> None:
         """Execute callbacks of the nodes under test until all awaited commands have arrived; take others too."""
@@ -539,11 +537,11 @@ class Rig:
 
     def _settle(self) -> None:
         """Execute callbacks until none is ready."""
-        idle, most = 0, len(self._followers())
+        idle = 0
         for _ in range(MOST_CALLBACKS):
             # A message on /clock makes timers ready only at the next call.
             idle = 0 if self._spin(0.0) else idle + 1
-            if idle > most:
+            if idle > self._followers:
                 break
 
     def _check_alive(self) -> None:
@@ -559,10 +557,6 @@ class Rig:
     @property
     def _names(self) -> str:
         return " or ".join(self._tested.values()) or "no node"
-
-    def _followers(self) -> set[str]:
-        """Return the names of the nodes that follow /clock: their timers decide when they send."""
-        return {name for node, name in self._tested.items() if node.get_parameter("use_sim_time").value}
 
     def _now(self) -> str:
         return f"{self._plant.stamp_ns * 1e-9:.9g} s of simulated time"
