@@ -35,14 +35,12 @@ OVERSAMPLING = 8
 class Balance:
     """Periodic motion as Fourier series.
 
-    period : engine cycles
     base : w, rad/s
     slip : (2 n + 1,) a0, a_1 ... a_n, b_1 ... b_n of (30), rad/s
     coefficient : (2 n + 1,) c0, c_n, d_n of (31)
     residual : largest remainder of any harmonic of (32), N m
     """
 
-    period: int
     base: float
     slip: Floats
     coefficient: Floats
@@ -111,7 +109,7 @@ def harmonic_balance(system: System, period: int, harmonics: int, iterations: in
         slip, rest = _newton(slip, basis, project, linear, drive, load, part * system.friction.smoothing, stribeck,
                              iterations)
     coefficient = project @ friction.smoothed_coefficient(basis @ slip, system.friction.smoothing, stribeck)
-    return Balance(period, base, slip, coefficient, rest)
+    return Balance(base, slip, coefficient, rest)
 
 
 def _real_form(factor: NDArray[np.complex128]) -> Floats:

@@ -63,18 +63,10 @@ PARTED = 1e-3
 """Distance from a jump for comparing the motions on both sides."""
 WIDE = 2.0 * T.near
 LAWS = ("smoothed", "set_valued")
-STICKING = np.round(np.arange(0.05, 0.2501, 0.001), 6)
-"""Frequency ratios in the search for the end of pure stick, psi = 0."""
 STICKY = {"constant load": {}, **{f"Tsp/Tsm = 0.25, {plain(s.label)}": s.values for s in FIGURES[8].series}}
 """Loads for the comparison of stick with (10)."""
 SLIPS = 1e-3
 """Largest slip speed, rad/s, of a motion that starts in stick and counts as stick."""
-PURE_SLIP: Values = {"pressure.mean": 125e3, FREQUENCY: 150.0}
-"""Table 1 with Tsm = Tm, for (17) and (18)."""
-GROWING: Values = {"pressure.mean": 123.75e3, FREQUENCY: 0.36 * OMEGA_N}
-"""mu_k = mu_s with Tsm = 297 N m, 3 N m below Tm."""
-HIGHER = AXIS[(AXIS >= 0.305) & (AXIS <= 0.455)]
-"""Frequency ratios of the branches for claims on higher frequencies."""
 INERTIAS: dict[str, Values] = {
     "Table 1": {}, "I1 = 0.1": {"driveline.flywheel_inertia": 0.1}, "I1 = 0.4": {"driveline.flywheel_inertia": 0.4},
     "I2 = 0.04": {"driveline.plate_inertia": 0.04}}
@@ -87,23 +79,16 @@ NAMED = {f"{m:.3f}": m for m in FIGURES[4].marks}
 """omega/omega_n of the super-harmonic peaks that the paper names (0.167, 0.20, 0.25, 0.33)."""
 HIGHER_JUMPS = {"0.25": 0.25, "0.35": 0.35}
 """Frequency ratios near which the text of Fig. 18 states jumps and aperiodic motions."""
-APERIODIC = 17.0
-"""Rank of a motion without a period up to 16."""
 MISMATCHED = {"1/2": 0.5, "2/1": 2.0, "2/3": 2.0 / 3.0, "4/3": 4.0 / 3.0}
 """M/N = omega_f/omega of Figs. 10 to 12, except 1."""
 COPRIME = [(m, n) for n in range(1, 6) for m in range(1, 6) if math.gcd(m, n) == 1]
 """Pairs M, N in lowest terms."""
-LONG = 20000
-"""Number of cycles of an exponent that fewer cycles do not distinguish from 0."""
-FALLS = np.round(np.arange(0.56, 0.8301, 0.01), 6)
 RATIOS = np.round(np.arange(0.55, 1.0001, 0.005), 6)
-"""mu_k/mu_s of the sweeps beside a jump and of Fig. 6."""
+"""mu_k/mu_s of Fig. 6."""
 AT_036 = {FREQUENCY: 0.36 * OMEGA_N}
 HARMONICS = 40
 """Harmonics of omega in the series."""
 FIG02: Values = FIGURES[2].series[0].values
-SHARPER = np.round(np.geomspace(50.0, 1000.0, 12), 3)
-"""Smoothing factors, s/rad, over which the motions of Fig. 2 are followed."""
 OF_FIG_2: dict[str, dict[str, Any]] = {
     "smoothed, sigma = 50": {}, "smoothed, sigma = 1000": {SMOOTHING: 1000.0},
     "set-valued (6)": {"friction.law": "set_valued"}}
@@ -345,13 +330,14 @@ def solvers_agree(e: Evidence, watched: Sequence[int]) -> Measured:
     limit = e.limit("alike")
     alike = len(set(map(len, motions.values()))) == 1 and not attractors_differ(*motions.values(), limit=limit)
     means = [mean for _, mean, _ in paper.values()]
+    followed = e.motions({"": FIG02}, np.round(np.geomspace(50.0, 1000.0, 12), 3), over=SMOOTHING)
     close = max(differences.values()) < limit and max(means) - min(means) < limit * max(means)
     return Measured(
         (close and alike, close), {"differences": differences, "paper": paper, "doubled": doubled, "attractors": {
             n: [list(a) for a in m] for n, m in motions.items()}},
         "over the paper's cycles they agree; the discontinuous solution doubles its period later, and " +
         ("the laws have the same motions" if alike else "at sigma = 50 s/rad a motion of period one is stable that "
-         "is unstable at larger sigma"), e.motions({"": FIG02}, SHARPER, over=SMOOTHING))
+         "is unstable at larger sigma"), followed)
 
 
 def smoothing_is_uncertain(e: Evidence) -> Measured:
@@ -592,7 +578,7 @@ def jump_to_chaos(e: Evidence) -> Measured:
 def severity_follows_abruptness(e: Evidence, linked: float, loose: float) -> Measured:
     jumps = [(abs(size), e.motions_near(row, x, -PARTED, PARTED))
              for _, row, x, size in figure_curves(e, 14).jumps()]
-    severity = [max(APERIODIC if m.period == 0 else float(m.period) for m in motions) for _, motions in jumps]
+    severity = [max(float(m.period) or 17.0 for m in motions) for _, motions in jumps]
     sizes, largest = [size for size, _ in jumps], [max(m.largest for m in motions) for _, motions in jumps]
     abrupt, large = (float(spearmanr(severity, x).statistic) if len(set(severity)) > 1 and len(set(x)) > 1 else 0.0
                      for x in (sizes, largest))
@@ -702,15 +688,15 @@ def section_varies_less(e: Evidence) -> Measured:
 def doubling_to_chaos(e: Evidence) -> Measured:
     places = [x for x in jump_places(e, "0.83") if abs(x - 0.20) <= e.limit("near")]
     place = (places[0] if places else 0.20) + 2e-3
-    row = {FREQUENCY: place * OMEGA_N}
-    periods = e.periods(e.curves([row], FALLS, over=KINETIC)[0])
-    none = FALLS[periods == 0]
+    row, falls = {FREQUENCY: place * OMEGA_N}, np.round(np.arange(0.56, 0.8301, 0.01), 6)
+    periods = e.periods(e.curves([row], falls, over=KINETIC)[0])
+    none = falls[periods == 0]
     diagnoses = dict[str, list[Any]]()
     for r in none[::-1][:6]:
         at = with_kinetic(float(r), row)
         exponent = e.motion(at, lyapunov=True).lyapunov
         if exponent is not None and exponent.diagnosis == "unresolved":
-            exponent = e.exponent(at, 650, LONG)
+            exponent = e.exponent(at, 650, 20000)  # Fewer cycles do not distinguish it from 0.
         diagnoses[f"{r:g}"] = ["not solved"] if exponent is None else [exponent.diagnosis, exponent.low, exponent.high]
     wild = any(name in ("chaotic", "quasi-periodic") for name, *_ in diagnoses.values())
     return Measured((int(periods[-1]) == 2 and wild, len(none) > 0),
@@ -787,8 +773,9 @@ def amplitude_aperiodic(e: Evidence) -> Measured:
 
 def stick_interval(e: Evidence, number: int, law: str) -> list[float]:
     """Return the lowest ratio with lasting slip from (13) for psi = 0, and the highest ratio with pure stick."""
-    slips = e.slips(e.curves([{**rows(number)[0], "friction.law": law}], STICKING)[0])
-    return [float(STICKING[slips].min(initial=math.inf)), float(STICKING[~slips].max(initial=-math.inf))]
+    axis = np.round(np.arange(0.05, 0.2501, 0.001), 6)
+    slips = e.slips(e.curves([{**rows(number)[0], "friction.law": law}], axis)[0])
+    return [float(axis[slips].min(initial=math.inf)), float(axis[~slips].max(initial=-math.inf))]
 
 
 def stick_below(e: Evidence, number: int, place: float) -> Measured:
@@ -876,14 +863,15 @@ def smoothed_stick_creeps(e: Evidence) -> Measured:
 def positive_trend_slips(e: Evidence) -> Measured:
     values, slipping = dict[str, Any](), []
     for name, speed in (("from (13)", 150.0), ("from rest", 0.0)):
-        last = e.run(e.system({**GROWING, "initial.slip_speed": speed}), 2000).solved_cycles[-50:]
+        row = {"pressure.mean": 123.75e3, FREQUENCY: 0.36 * OMEGA_N, "initial.slip_speed": speed}  # Tsm = 297 N m.
+        last = e.run(e.system(row), 2000).solved_cycles[-50:]
         slipping.append(float(last.stick_time.sum()) == 0.0)
         values[name] = [float(last.lowest.min()), float(last.highest.max())]
     return Measured((all(slipping),), values, True)
 
 
 def pure_slip_guaranteed(e: Evidence) -> Measured:
-    system = paper_system(PURE_SLIP)
+    system = paper_system({"pressure.mean": 125e3, FREQUENCY: 150.0})  # Table 1 with Tsm = Tm.
     motion = closed_forms.pure_slip(system)
     run = e.run(system, 60, samples=200)
     off = float(np.abs(run.slip_speed - motion.slip_speed(run.t)).max()) / float(np.abs(run.slip_speed).max())
@@ -921,11 +909,11 @@ def amplitude_enlarges_slip(e: Evidence, number: int, band: str) -> Measured:
 
 def phase_reversed(e: Evidence) -> Measured:
     parts, motions = dict[str, Sequence[float]](), list[Motion]()
-    figures = {str(n): figure_curves(e, n) for n in (14, 15)}
+    figures, axis = {str(n): figure_curves(e, n) for n in (14, 15)}, AXIS[(AXIS >= 0.305) & (AXIS <= 0.455)]
     for n, curves in figures.items():
-        motions += e.motions({f"Fig. {n}, {name}": row for name, row in curves.rows.items()}, HIGHER)
-        parts[n] = highest_shares([e.amplitudes(row, HIGHER) for row in curves.rows.values()],
-                                  (HIGHER >= 0.31) & (HIGHER <= 0.45), e.limit("shows"), e.limit("slipping"))
+        motions += e.motions({f"Fig. {n}, {name}": row for name, row in curves.rows.items()}, axis)
+        parts[n] = highest_shares([e.amplitudes(row, axis) for row in curves.rows.values()],
+                                  (axis >= 0.31) & (axis <= 0.45), e.limit("shows"), e.limit("slipping"))
     always = min(every for every, _ in parts.values()) >= e.most
     cold = {n: curves.best(0, HIGH, -1.0) for n, curves in figures.items()}
     return Measured((always, max(some for _, some in parts.values()) >= 0.5), {"worst": parts, "from (13)": cold},
