@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.control import Control, CycleMeans, Steps, handovers, joined_means
-from tcc_sim.analysis.loop.tracking import Counts, Limits, Loop, Tracking, checked_limits, loop_of, target_steps
+from tcc_sim.analysis.loop.tracking import Limits, Loop, Tracking, checked_limits, loop_of, target_steps
 from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.errors import InputError, counted
 from tcc_sim.model.parameters import System
@@ -77,7 +77,7 @@ class ControlledRun(Trajectory):
         if "actuation_pressure" in self.commands and len(self.received):
             new = np.diff(self.received[since:])
             applied = int(np.count_nonzero(new))
-            commands = Counts(applied, int(new.sum()) - applied)
+            commands = applied, int(new.sum()) - applied
         return self._loop(reference, limits, band).tracking(
             float(self.t[since]), float(self.t[-1]), stepped=None if since else True, commands=commands)
 

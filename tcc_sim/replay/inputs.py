@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tcc_sim.analysis.loop.tracking import Counts
 from tcc_sim.errors import counted
 from tcc_sim.messages import held
 from tcc_sim.plant.driveline import doubt_of
@@ -71,7 +70,7 @@ class CommandAge:
         return f"median {self.median:.4g} s, 95 % within {self.p95:.4g} s, largest {self.largest:.4g} s"
 
 
-def counts_between(states: JointStates, begin: float, end: float) -> Counts | None:
+def counts_between(states: JointStates, begin: float, end: float) -> tuple[int, int] | None:
     """Return the numbers of pressure commands that acted or were superseded after `begin` and up to `end`, s; None if
     the recording does not state them.
     """
@@ -84,7 +83,7 @@ def counts_between(states: JointStates, begin: float, end: float) -> Counts | No
     received, superseded = np.diff(np.array(counts), axis=0)[0]
     if not np.isfinite(received + superseded):
         return None
-    return Counts(int(received - superseded), int(superseded))
+    return int(received - superseded), int(superseded)
 
 
 def held_input(line: Timeline, name: str) -> HeldInput:

@@ -18,7 +18,6 @@ import tcc_sim
 from tcc_sim.analysis.loop.control import Steps
 from tcc_sim.analysis.loop.loop_verdict import LoopVerdict, Signal
 from tcc_sim.analysis.loop.tracking import (
-    Counts,
     Loop,
     LoopCycles,
     Tracking,
@@ -399,7 +398,7 @@ def test_every_figure_of_a_segment_is_that_of_its_cycles(sign):
                      before=(sign * 20.1, sign * 20.5), pressure=PRESSED, limits=(1e5, 3e5), note="; noted")
     made.course.stick_time[2:] = [0.01, math.nan, *[0.0] * 10]
     error = np.array(APPROACH) - 30.0
-    segment = made.tracking(1.0, 2.2, stepped=True, discard=2, commands=Counts(40, 3))
+    segment = made.tracking(1.0, 2.2, stepped=True, discard=2, commands=(40, 3))
     pressure = PRESSED.values[20:44]
     rises = np.diff(pressure)
     expected = {

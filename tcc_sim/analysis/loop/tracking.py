@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,13 +164,6 @@ def loop_cycles(clock: EngineClock, parts: Iterable[tuple[bool, Floats, Floats]]
     return LoopCycles(starts, ends, mean, square, *columns[1:]), Signal(*np.concatenate(samples, axis=1))
 
 
-class Counts(NamedTuple):
-    """Numbers of applied and superseded pressure commands."""
-
-    applied: int
-    superseded: int
-
-
 def checked_limits(limits: Limits | None) -> Limits | None:
     """Return stated limits of the pressure, Pa; raise InputError unless 0 <= low < high."""
     if limits is not None:
@@ -281,19 +274,19 @@ class Loop:
         return target_jumps(self.reference, self.floor, verdicts.SETTLED_CYCLES * cycle)
 
     def tracking(self, begin: float, end: float, *, stepped: bool | None = None, discard: int = 0,
-                 commands: Counts | None = None) -> Tracking:
+                 commands: tuple[int, int] | None = None) -> Tracking:
         """Judge the time from `begin` to `end`, s.
 
         stepped : whether the segment begins with a step of the target or a start of the driveline; None if it may.
             Without a recorded step, one counts that is larger than a quarter of what follows
         discard : cycles left out of mean and errors
-        commands : numbers of commands in this time
+        commands : numbers of applied and of superseded pressure commands in this time
         """
         course = self.course.within(begin, end)
         target = value_at(self.reference, end)
         counts: dict[str, Any] = {} if commands is None else {
-            "command_rate": commands.applied / (end - begin) if end > begin else math.nan,
-            "commands_applied": commands.applied, "commands_superseded": commands.superseded}
+            "command_rate": commands[0] / (end - begin) if end > begin else math.nan,
+            "commands_applied": commands[0], "commands_superseded": commands[1]}
         pressed = None if self.pressure is None else self.pressure.within(begin, end)
         if pressed is not None and not len(pressed.t):
             pressed = None
@@ -525,13 +518,9 @@ def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Flo
             limits: Limits | None = None, floor: float = BAND, before: float = math.nan) -> Loop:
     """Return a run as a Loop; without its system the extremes and the time in stick of the cycles are unknown.
 
-    run : samples
     clock : start times of the engine cycles
-    reference : target slip speed, rad/s
     pressure : (n,) applied pressure before each sample, Pa
-    limits : of the pressure as stated, Pa; None if nobody stated them
-    floor : least band that counts as settled, rad/s
-    before : mean slip speed of the last cycle before the run, rad/s; NaN if unknown
+    reference, limits, floor, before : as in `Loop`
     """
     slip, pieces = Signal(run.t, run.slip_speed), list[CyclePiece]()
     if run.system is not None and len(run.t) > 1:

@@ -41,7 +41,6 @@ PART = -1  # Number of a part of a cycle.
 class CyclePiece:
     """Consecutive whole engine cycles of one run, with their start times."""
 
-    run: int
     first: int
     cycles: Cycles
 
@@ -275,8 +274,8 @@ class CycleStream:
             if numbers[a] == PART:
                 self.runs[-1].add_parts(cycles[a:b])
             else:
-                pieces.append(CyclePiece(len(self.runs) - 1, int(numbers[a]), cycles[a:b]))
-                self.runs[-1].pieces.append(pieces[-1])
+                pieces.append(CyclePiece(int(numbers[a]), cycles[a:b]))
+        self.runs[-1].pieces += pieces
         rows = np.concatenate(self._waiting, axis=1)
         start = int(np.searchsorted(rows[0], self._from + SLACK * self.clock.cycle, side="right")) - 1
         self._waiting = [rows[:, start:].copy()]
