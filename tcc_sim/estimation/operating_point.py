@@ -160,22 +160,18 @@ def _constant(system: System, slip: float | None) -> Constant:
                              f"engine.mean_torque is {torque:g} N m{others}")
         return _at(replace(system, {PRESSURE: carried / (coefficient * system.torque_per_pressure)}), slip)
 
-    def runaway(coefficient: float) -> OutOfRange:
-        """Return the error for slip at which friction carries too little."""
-        return OutOfRange(f"slip runs away: the mean torque of {torque:g} N m exceeds what the clutch carries, "
-                          f"{abs(coefficient) * terms.mean_load:g} N m; give --slip or another pressure")
-
     if by_slip == 0.0 and abs(torque) > system.largest_friction_ratio * terms.mean_load:
-        raise runaway(system.largest_friction_ratio)
+        raise _runaway(torque, system.largest_friction_ratio * terms.mean_load)
     run = solve(system, cycles=LONGEST_RUN, rtol=ENGINE_RTOL, samples_per_cycle=0).raise_for_status()
     v = run.final.slip_speed
     coefficient, slope = _law(terms, v)
     if by_slip == 0.0 and abs(v) > stick_speed_of(terms) and slope <= 0.0:   # Friction that does not rise with slip.
-        left = abs(torque) - abs(coefficient) * terms.mean_load
+        carried = abs(coefficient) * terms.mean_load
+        left = abs(torque) - carried
         if abs(left) <= BALANCED * abs(torque):
             return _at(system, v)
         if left > 0.0:
-            raise runaway(coefficient)
+            raise _runaway(torque, carried)
         v = 0.0   # The slip still decays, to stick.
     if terms.smoothing is None and v == 0.0:
         return Constant(system, 0.0, math.inf, 0.0)
@@ -186,6 +182,12 @@ def _constant(system: System, slip: float | None) -> Constant:
         if abs(step) <= 1e-15 * max(abs(v), 1e-12):
             break
     return _at(system, v)
+
+
+def _runaway(torque: float, carried: float, when: str = "") -> OutOfRange:
+    """Return the error for slip at which friction carries less than the mean torque, N m."""
+    return OutOfRange(f"slip runs away: the mean torque of {torque:g} N m exceeds what the clutch carries{when}, "
+                      f"{carried:g} N m; give --slip or another pressure")
 
 
 def _at(system: System, v: float) -> Constant:
@@ -235,9 +237,7 @@ def _settled(system: System) -> tuple[int, Floats]:
     cycles, period = settled_from_start(system, LONGEST_RUN, rtol=1e-9)
     if period == 0:
         if not cycles.stick_time[len(cycles) // 2:].any() and abs(system.engine.mean_torque) > system.saturation_mean:
-            raise OutOfRange(f"slip runs away: the mean torque of {system.engine.mean_torque:g} N m exceeds what the "
-                             f"clutch carries while it slips, {system.saturation_mean:g} N m; give --slip or another "
-                             "pressure")
+            raise _runaway(system.engine.mean_torque, system.saturation_mean, " while it slips")
         raise OutOfRange(f"the scene settles in no motion of a period up to {LONGEST} periods of excitation within "
                          f"{LONGEST_RUN}; there is nothing to linearise about")
     return period, cycles.section[-1]

@@ -119,13 +119,6 @@ Blocks = list[Block]
 """Consecutive blocks."""
 
 
-def trim(stretch: Blocks) -> None:
-    """Remove a block at either end that the oscillation fills only in part."""
-    for end, neighbour in ((0, 1), (-1, -2)):
-        if len(stretch) > 2 and stretch[end].amplitude < FULL_SIZE * stretch[neighbour].amplitude:
-            del stretch[end]
-
-
 @dataclass(frozen=True)
 class RunPhase:
     """Start times of a run's cycles, or the reason why they are unknown.
@@ -415,9 +408,13 @@ class _Follower:
         self._model = at, now, frequency, min(max(change, -limit), limit)
 
     def _release(self) -> None:
-        if self._stretch is not None and len(self._stretch) > MISSES:
-            trim(self._stretch)
-            self.stretches.append(self._stretch)
+        """End the stretch, without a block at either end that the oscillation fills only in part."""
+        stretch = self._stretch
+        if stretch is not None and len(stretch) > MISSES:
+            for end, neighbour in ((0, 1), (-1, -2)):
+                if len(stretch) > 2 and stretch[end].amplitude < FULL_SIZE * stretch[neighbour].amplitude:
+                    del stretch[end]
+            self.stretches.append(stretch)
         self._stretch, self._model, self._misses = None, None, 0
 
 

@@ -11,7 +11,7 @@ the motion's frequency. Otherwise the result is a power density by Welch's metho
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -74,13 +74,16 @@ class Orders(Result):
         """Crank orders of the first multiples of the excitation, as far as they exist."""
         return [self.per_revolution * order for order in CUTS if self.per_revolution * order <= self.order[-1]]
 
+    def _changed(self, change: Callable[[Floats], Floats]) -> Orders:
+        """Return the orders with every array over the windows changed by a function."""
+        names = ("time", "frequency", "slip_speed", "shaft_torque", "transmissibility", "heat")
+        changed: dict[str, Any] = {name: change(getattr(self, name)) for name in names}
+        return replace(self, judder=Judder(*map(change, vars(self.judder).values())), **changed)
+
     def part(self, w: NDArray[np.int64], orders: int) -> Orders:
         """Return the windows of these numbers, and the first orders."""
-        n = slice(orders)
-        judder = Judder(self.judder.rms[w], self.judder.peak[w], self.judder.breakaways[w])
-        return replace(self, time=self.time[w], frequency=self.frequency[w], order=self.order[n], heat=self.heat[w],
-                       slip_speed=self.slip_speed[w, n], shaft_torque=self.shaft_torque[w, n], judder=judder,
-                       transmissibility=self.transmissibility[w])
+        out, n = self._changed(lambda values: values[w]), slice(orders)
+        return replace(out, order=self.order[n], slip_speed=out.slip_speed[:, n], shaft_torque=out.shaft_torque[:, n])
 
     def with_blanks(self) -> Orders:
         """Return the orders with blank windows, NaN, in place of those that a hole left out, for pictures over time."""
@@ -92,15 +95,10 @@ class Orders(Result):
         places = np.concatenate([np.arange(n + 1.0) / (n + 1.0) + k for k, n in enumerate(missing.tolist())]
                                 + [[float(len(steps))]])
         at_window, first = places == np.floor(places), np.floor(places).astype(np.int64)
-        out = self.part(first, len(self.order))
-        judder = replace(out.judder, **{name: np.where(at_window, values, np.nan)
-                                        for name, values in vars(out.judder).items()})
+        out = self._changed(lambda values: np.where(at_window, values[first].T, np.nan).T)
         numbers = np.arange(len(self.time))
-        values: dict[str, Any] = {"time": np.interp(places, numbers, self.time),
-                                  "frequency": np.interp(places, numbers, self.frequency)}
-        for name in ("slip_speed", "shaft_torque", "transmissibility"):
-            values[name] = np.where(at_window[:, None], getattr(out, name), np.nan)
-        return replace(out, judder=judder, heat=np.where(at_window, out.heat, np.nan), **values)
+        return replace(out, time=np.interp(places, numbers, self.time),
+                       frequency=np.interp(places, numbers, self.frequency))
 
     def cut(self, order: float, of: str = "shaft_torque") -> Floats:
         """Return the amplitude of one order along the run, (W,)."""
