@@ -294,20 +294,14 @@ def entries(axis: Any) -> tuple[list[Any], list[str]]:
     return [handle for handle, _ in shown], [name for _, name in shown]
 
 
-def legend(axis: Any, **look: Any) -> Any:
-    """Draw a legend of what the axes show, and return it; None if there is nothing to name."""
-    handles, labels = entries(axis)
-    return axis.legend(handles, labels, **look) if handles else None
-
-
 def legend_above(axis: Any) -> None:
     """Place the legend above the axes, in as many columns as they have room for, beside the title or below it."""
     narrow = not wide(axis.figure.get_figwidth())
     small = {"fontsize": 6.5, "handlelength": 1.1, "columnspacing": 0.8, "handletextpad": 0.4} if narrow else {}
     whole, room = axis.get_window_extent(), axis.get_window_extent().width
     top = max([whole.y1, *(each.get_tightbbox().y1 for each in axis.child_axes)])  # Above an axis along the upper side.
-    where = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0 + (top - whole.y1) / whole.height)}
-    drawn = _fitted(lambda columns: legend(axis, ncols=columns, **where, **small), len(entries(axis)[0]), room)
+    drawn = _fitted(axis, *entries(axis), room, loc="lower right",
+                    bbox_to_anchor=(1.0, 1.0 + (top - whole.y1) / whole.height), **small)
     if drawn is None:
         return
     drawn.set_gid(ABOVE)
@@ -321,24 +315,20 @@ def legend_above(axis: Any) -> None:
 
 def legend_below(drawn: Any, axes: Sequence[Any]) -> None:
     """Place one legend of all axes below the picture, whose height grows by that of the legend."""
-    handles = {name: handle for axis in axes for handle, name in zip(*entries(axis))}
-    placed: list[Any] = []
-
-    def place(columns: int) -> Any:
-        for former in placed:
-            former.remove()
-        placed[:] = [drawn.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=columns)]
-        return placed[0]
-
-    if fitted := _fitted(place, len(handles), 0.98 * drawn.bbox.width):
+    named = {name: handle for axis in axes for handle, name in zip(*entries(axis))}
+    if fitted := _fitted(drawn, named.values(), named, 0.98 * drawn.bbox.width, loc="outside lower center"):
         drawn.set_figheight(drawn.get_figheight() + fitted.get_window_extent().height / drawn.dpi)
 
 
-def _fitted(place: Any, count: int, room: float) -> Any:
-    """Return a legend of `count` entries with the largest number of columns that fit into a width, pixels, or one."""
+def _fitted(holder: Any, handles: Any, names: Any, room: float, **look: Any) -> Any:
+    """Return a legend of axes or of a figure with the largest number of columns that fit into a width, pixels, or one;
+    None if there is nothing to name.
+    """
     drawn = None
-    for columns in range(count, 0, -1):
-        drawn = place(columns)
-        if drawn is None or drawn.get_window_extent().width <= room:
+    for columns in range(len(names), 0, -1):
+        if drawn is not None:
+            drawn.remove()
+        drawn = holder.legend(handles, names, ncols=columns, **look)
+        if drawn.get_window_extent().width <= room:
             break
     return drawn

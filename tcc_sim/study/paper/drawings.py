@@ -398,7 +398,8 @@ def law_panels(data: Record) -> list[Panel]:
         draw(axis)
         axis.set(xlabel=SLIP, ylabel=label)
         axis.margins(x=0.0)
-        style.legend(axis, loc="lower right", fontsize=6.5)
+        if (named := style.entries(axis))[0]:
+            axis.legend(*named, loc="lower right", fontsize=6.5)
 
     return [Panel(title, partial(named, draw=draw, label=label), 2.5, beside=draw is not wide, named=False)
             for title, draw, label in (("smoothed law (7)", wide, r"$\bar\mu$"), ("zoom", near, r"$\bar\mu$"),
