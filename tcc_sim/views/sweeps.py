@@ -134,7 +134,7 @@ def grid_panels(values: Mapping[str, Any]) -> list[Panel]:
         _name_two_keys(axis, values)
 
     def largest(axis: Any) -> None:
-        speeds = np.array([numbers(row) for row in values["max_slip_speed"]])
+        speeds = numbers(values["max_slip_speed"])
         shade = axis.pcolormesh(edges(x), edges(y), np.ma.masked_where(away | ~np.isfinite(speeds), speeds),
                                 cmap="viridis", vmin=0.0, rasterized=True)
         quantities(axis.figure.colorbar(shade, ax=axis).ax, None, style.MAX_SLIP)
@@ -151,7 +151,7 @@ def grid_panels(values: Mapping[str, Any]) -> list[Panel]:
 
     def periods(axis: Any) -> None:
         """Draw a colour for each period, dark without a period, light for pure stick."""
-        period = np.array([numbers(row) for row in values["period"]])
+        period = numbers(values["period"])
         period[np.array([[regime == "stick" for regime in row] for row in values["regime"]])] = PURE_STICK
         period[away] = RUNAWAY
         found = sorted({int(p) for p in period[np.isfinite(period)].ravel()}) or [0]
@@ -182,7 +182,7 @@ def scatter_panels(values: Mapping[str, Any]) -> list[Panel]:
 
     def band(axis: Any, name: str, key: str, scale: float) -> None:
         x, percentiles = numbers(values["values"]), [100.0 * p for p in shares]
-        rows = scale * np.array([numbers(row) for row in values["quantiles"][name]]).T
+        rows = scale * numbers(values["quantiles"][name]).T
         if len(percentiles) > 1:
             axis.fill_between(x, rows[0], rows[-1], color=style.SKY, alpha=0.45, linewidth=0.0,
                               label=f"{percentiles[0]:g} to {percentiles[-1]:g} %")
@@ -222,8 +222,7 @@ def gain_panels(values: Mapping[str, Any]) -> list[Panel]:
 
     def figures(name: str) -> Floats:
         """Return the size of a figure per loop, (n,) or (second, first); NaN for an unknown one."""
-        found: Floats = np.abs(np.array([numbers(row) for row in values[name]]) if over_two else numbers(values[name]))
-        return found
+        return np.abs(numbers(values[name]))
 
     def curve(axis: Any, name: str, quantity: AxisQuantity) -> None:
         y, settled = figures(name), np.array([verdict == "settled" for verdict in values["verdict"]])
@@ -277,8 +276,8 @@ def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def numbers(values: Sequence[Any]) -> Floats:
-    """Return values with NaN for missing ones."""
-    return np.array([np.nan if v is None else float(v) for v in values], dtype=np.float64)
+    """Return values, or rows of them, with NaN for missing ones."""
+    return np.array(values, dtype=np.float64)
 
 
 def draw_cells(axis: Any, x: Floats, y: Floats, classes: Floats, colours: Sequence[Any]) -> Any:
