@@ -7,7 +7,7 @@ import weakref
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any, Protocol
+from typing import Any
 
 from tcc_sim.errors import InputError, TccError, one_line, require
 from tcc_sim.plant.driveline import Reading
@@ -15,14 +15,6 @@ from tcc_sim.topics import FAR_END, INPUTS
 
 ANSWERS = (*INPUTS, FAR_END)
 """Names of an FMU's outputs that are commands."""
-
-
-class Stamped(Protocol):
-    """State of the driveline: at least its stamp, and the fields of a Reading that the FMU's inputs take."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """Simulation time, ns."""
 
 
 class FmuController:
@@ -73,7 +65,7 @@ class FmuController:
             raise InputError(f"{path} does not run on this machine: {one_line(str(error))}") from None
         weakref.finalize(self, self._slave.freeInstance)
 
-    def __call__(self, state: Stamped) -> tuple[float | None, float | None, float | None]:
+    def __call__(self, state: Reading) -> tuple[float | None, float | None, float | None]:
         """Return engine torque (N m), pressure (Pa) and speed of the far end (rad/s) for a state; None without output.
 
         Raises TccError: the FMU refuses a call.
@@ -84,8 +76,14 @@ class FmuController:
         now = state.stamp_ns
         try:
             if self._now is None or now <= self._now:
-                self._begin(now * 1e-9, lambda: put([*self._parameters, *self._inputs.values()],
-                                                    [*self._parameters.values(), *values]))
+                if self._now is not None:
+                    self._slave.reset()
+                start = {"startTime": now * 1e-9}
+                if self._two:
+                    self._slave.setupExperiment(**start)
+                put([*self._parameters, *self._inputs.values()], [*self._parameters.values(), *values])
+                self._slave.enterInitializationMode(**({} if self._two else start))
+                self._slave.exitInitializationMode()
             else:
                 put(list(self._inputs.values()), values)
                 self._slave.doStep(currentCommunicationPoint=self._now * 1e-9,
@@ -96,19 +94,6 @@ class FmuController:
         self._now = now
         torque, pressure, speed = map(answers.get, ANSWERS)
         return torque, pressure, speed
-
-    def _begin(self, start: float, put: Any) -> None:
-        """Initialise the FMU at a time, s, with the values of the first state."""
-        if self._now is not None:
-            self._slave.reset()
-        if self._two:
-            self._slave.setupExperiment(startTime=start)
-            put()
-            self._slave.enterInitializationMode()
-        else:
-            put()
-            self._slave.enterInitializationMode(startTime=start)
-        self._slave.exitInitializationMode()
 
 
 def fmu_controller(path: str | Path, names: Mapping[str, str] | None = None,
