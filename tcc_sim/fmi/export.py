@@ -38,6 +38,8 @@ from tcc_sim.topics import FAR_END, INPUTS, topic
 
 COMPILERS = "cc", "gcc", "clang"
 OPTIONS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
+TOKEN = "@token@"
+"""Place of the token for instantiation, a digest of all texts."""
 DATE = 2020, 1, 1, 0, 0, 0
 """Date of every file in an FMU, so that the same scene gives the same FMU."""
 PLATFORMS = {("linux", "x86_64"): ("linux64", "x86_64-linux"), ("linux", "aarch64"): ("", "aarch64-linux"),
@@ -69,13 +71,14 @@ def fmu_of(scene: Scene, version: int = 2, step: float | None = None) -> Fmu:
     texts = {name: resources.files(__package__).joinpath(f"c/{name}").read_text(encoding="utf-8")
              for name in ("tcc_model.h", "tcc_profile.h", "fmi_shared.h", SOURCES[version])}
     texts["tcc_kernel.h"] = f"/* Terms and tick of tcc_sim, printed from its Python source. */\n{_kernel(scene, rows)}"
-    parts = "".join([*texts.values(), variables_header(scene, rows, identifier, "", step),
-                     model_description(version, scene, rows, identifier, "", step)])
+    header = variables_header(scene, rows, identifier, step)
+    description = model_description(version, scene, rows, identifier, step)
+    parts = "".join([*texts.values(), header, description]).replace(TOKEN, "")
     token = f"{{{uuid.UUID(hashlib.sha256(parts.encode()).hexdigest()[:32])}}}"
-    texts["tcc_variables.h"] = variables_header(scene, rows, identifier, token, step)
+    texts["tcc_variables.h"] = header.replace(TOKEN, token)
     if version == 3:
         texts["buildDescription.xml"] = build_description(identifier)
-    files = {"modelDescription.xml": model_description(version, scene, rows, identifier, token, step)}
+    files = {"modelDescription.xml": description.replace(TOKEN, token)}
     files |= {f"sources/{name}": text for name, text in sorted(texts.items())}
     files["documentation/licenses/license.txt" if version == 3 else "documentation/license.txt"] = (
         "Apache-2.0, see https://www.apache.org/licenses/LICENSE-2.0\n")
@@ -324,7 +327,7 @@ def _replaced(system: System, key: str) -> bool:
             or key == "pressure.delay" or (key in ACTUATOR and not commanded))
 
 
-def variables_header(scene: Scene, rows: list[Variable], identifier: str, token: str, step: float) -> str:
+def variables_header(scene: Scene, rows: list[Variable], identifier: str, step: float) -> str:
     """Return the text of tcc_variables.h: settings of the scene, and the table of variables."""
     system = scene.system
     roles = {"input": "TCC_INPUT", "fixed": "TCC_FIXED", "tunable": "TCC_TUNABLE"}
@@ -350,7 +353,7 @@ def variables_header(scene: Scene, rows: list[Variable], identifier: str, token:
     body = ",\n    ".join(places)
     return f"""\
 /* {identifier}: the scene's variables and settings, written by tcc_sim. */
-#define TCC_TOKEN "{token}"
+#define TCC_TOKEN "{TOKEN}"
 #define TCC_STEP {step!r}
 {defined}
 #define TCC_VARIABLES {len(rows)}
@@ -388,19 +391,12 @@ def base_units(unit: str) -> dict[str, int]:
     return {base: exponent for base, exponent in exponents.items() if exponent}
 
 
-def model_description(version: int, scene: Scene, rows: list[Variable], identifier: str, token: str,
-                      step: float) -> str:
-    """Return the text of modelDescription.xml.
-
-    version : version of FMI, 2 or 3
-    rows : variables in the order of their value references
-    identifier, token : model identifier, and token for instantiation
-    step : length of a tick, s
-    """
+def model_description(version: int, scene: Scene, rows: list[Variable], identifier: str, step: float) -> str:
+    """Return the text of modelDescription.xml, with the rows in the order of their value references."""
     text = UNPRINTABLE.sub("\ufffd", TEXT.format(name=scene.name, step=step, law=scene.system.friction.law,
                                                  description=scene.description or scene.name))
     root = ET.Element("fmiModelDescription", {
-        "fmiVersion": f"{version}.0", "modelName": identifier, "guid" if version == 2 else "instantiationToken": token,
+        "fmiVersion": f"{version}.0", "modelName": identifier, "guid" if version == 2 else "instantiationToken": TOKEN,
         "description": text, "generationTool": f"tcc_sim {code_version()}", "license": "Apache-2.0",
         "variableNamingConvention": "structured"})
     can = {"modelIdentifier": identifier, "canHandleVariableCommunicationStepSize": "true"}
