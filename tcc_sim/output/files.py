@@ -25,8 +25,8 @@ _NAME, _PATH = 255, 4096
 """Longest name and path on Linux, bytes, if the file system gives no limit."""
 
 
-def check_name(path: Path, reserve: int = 0) -> None:
-    """Raise InputError if a name, extended by `reserve` bytes, is longer than its file system allows."""
+def check_name(path: Path) -> None:
+    """Raise InputError if a name is longer than its file system allows."""
     whole = os.fsencode(path)
     if b"\0" in whole:
         raise InputError(f"the name {path} contains a NUL character, which no file name can contain")
@@ -34,11 +34,9 @@ def check_name(path: Path, reserve: int = 0) -> None:
         longest = os.pathconf(path.parent, "PC_NAME_MAX")
     except (OSError, ValueError):
         longest = _NAME
-    name = max(os.fsencode(path.name), *map(os.fsencode, path.parts), b"", key=len)
-    if len(name) > longest or len(os.fsencode(path.name)) + reserve > longest:
-        kept = f", and this command adds {reserve} bytes" if reserve else ""
-        raise InputError(f"the name {path.name} is too long: {longest} bytes are allowed{kept}")
-    if len(whole) + reserve >= _PATH:
+    if max(map(len, map(os.fsencode, path.parts)), default=0) > longest:
+        raise InputError(f"the name {path.name} is too long: {longest} bytes are allowed")
+    if len(whole) >= _PATH:
         raise InputError(f"{path} is too long: {_PATH - 1} bytes are allowed")
 
 
