@@ -213,45 +213,44 @@ class Function:
                 raise c_types.Refused(f"{self._title}: {ast.unparse(node)[:200]}") from error
         return False
 
-    def _nested(self, head: str, body: list[ast.stmt]) -> None:
-        self._put(head)
+    @contextmanager
+    def _nested(self, head: str) -> Iterator[None]:
+        self._put(f"{head} {{")
         self._depth += 1
-        self._block(body)
+        yield
         self._depth -= 1
+        self._put("}")
 
     def _statement(self, node: ast.stmt) -> bool:
         """Print a statement of any kind; return whether it is a return."""
-        if isinstance(node, (ast.Assert, ast.Pass)) or (
-                isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
-            return False
-        if isinstance(node, ast.Assign) and len(node.targets) == 1:
-            self._assign(node.targets[0], node.value)
-        elif isinstance(node, ast.AnnAssign) and node.value is not None:
-            self._assign(node.target, node.value)
-        elif isinstance(node, ast.AugAssign):
-            target = ast.parse(ast.unparse(node.target), mode="eval").body
-            self._assign(node.target, ast.BinOp(target, node.op, node.value))
-        elif isinstance(node, ast.If):
-            return self._if(node)
-        elif isinstance(node, ast.While) and not node.orelse:
-            self._nested(f"while ({_bare(self._number(node.test)[0])}) {{", node.body)
-            self._put("}")
-        elif isinstance(node, ast.For):
-            self._for(node)
-        elif isinstance(node, ast.Break):
-            self._put("break;")
-        elif isinstance(node, ast.ImportFrom):
-            module = importlib.import_module(str(node.module))
-            self._globals |= {alias.asname or alias.name: getattr(module, alias.name) for alias in node.names}
-        elif isinstance(node, ast.Return) and node.value is not None:
-            self._return(node)
-            return True
-        else:
-            raise c_types.Refused
+        match node:
+            case ast.Assert() | ast.Pass() | ast.Expr(value=ast.Constant()):
+                return False
+            case ast.Assign(targets=[target], value=value) | ast.AnnAssign(target=target, value=ast.expr() as value):
+                self._assign(target, value)
+            case ast.AugAssign(target=target, op=sign, value=value):
+                self._assign(target, ast.BinOp(ast.parse(ast.unparse(target), mode="eval").body, sign, value))
+            case ast.If():
+                return self._if(node)
+            case ast.While(orelse=[]):
+                with self._nested(f"while ({_bare(self._number(node.test)[0])})"):
+                    self._block(node.body)
+            case ast.For():
+                self._for(node)
+            case ast.Break():
+                self._put("break;")
+            case ast.ImportFrom():
+                module = importlib.import_module(str(node.module))
+                self._globals |= {alias.asname or alias.name: getattr(module, alias.name) for alias in node.names}
+            case ast.Return(value=ast.expr() as value):
+                self._return(value)
+                return True
+            case _:
+                raise c_types.Refused
         return False
 
-    def _return(self, node: ast.Return) -> None:
-        text, kind = self._stored(*self._expression(only(node.value, ast.expr)))
+    def _return(self, value: ast.expr) -> None:
+        text, kind = self._stored(*self._expression(value))
         self._returned.append(kind)
         wanted = self._wanted if self._wanted is not None else kind
         self.text = text
@@ -278,8 +277,8 @@ class Function:
         check(self._resolved(only(node.iter, ast.Call).func) is range and len(ends) == 1)
         end, name = self._place(ends[0]), word(item)
         self._declare(item, INT)
-        self._nested(f"for ({name} = 0; {name} < {end}; {name}++) {{", node.body)
-        self._put("}")
+        with self._nested(f"for ({name} = 0; {name} < {end}; {name}++)"):
+            self._block(node.body)
 
     def _if(self, node: ast.If) -> bool:
         """Print a condition; only one branch if it is known. Return whether that one ends the function."""
@@ -377,11 +376,8 @@ class Function:
     @contextmanager
     def _loop(self, length: str) -> Iterator[str]:
         k = self._variable(INT)
-        self._put(f"for ({k} = 0; {k} < {length}; {k}++) {{")
-        self._depth += 1
-        yield k
-        self._depth -= 1
-        self._put("}")
+        with self._nested(f"for ({k} = 0; {k} < {length}; {k}++)"):
+            yield k
 
     def _expression(self, node: ast.expr) -> Text:
         return self._nodes[type(node)](self, node)
