@@ -14,7 +14,7 @@ from tcc_sim.analysis.steady.summary import AFTER_A_GAP, Summary, runaway_cause
 from tcc_sim.errors import counted
 from tcc_sim.result import units_of_columns
 from tcc_sim.shown_units import engine_speed, frequency, key_unit, key_value, shown_unit, speed
-from tcc_sim.trajectory import Floats, Status
+from tcc_sim.trajectory import Status
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.loop.tracking import Tracking
@@ -341,24 +341,19 @@ def quantile_lines(scattered: Scattered) -> list[str]:
     starts = [f"  {key_value(scattered.over, value, 8)}" for value in values] or [" "]
     names = [*QUANTILES, *(MANOEUVRE if scattered.sampled else ())]
     units = units_of_columns(Summary, QUANTILES) | units_of_columns(JudderFigures, MANOEUVRE)
-    for name in names:
-        unit, factor = shown_unit(units.get(name, ""))
-        lines.append(f"{name}{unit and f' ({unit})'}{shares}")
-        lines += [start + _row_of_quantiles(row) for start, row in zip(starts, factor * scattered.quantiles(name))]
+    tables = [(name, units.get(name, ""), scattered.quantiles(name)) for name in names]
     orders, quantiles = scattered.orders, scattered.order_quantiles
     if orders is not None and quantiles is not None:
         for name, unit in (("slip_speed", "rad/s"), ("shaft_torque", "N m")):
-            shown, factor = shown_unit(unit)
-            rows = quantiles[name] if scattered.over else quantiles[name][None]
-            for i, omega in enumerate(orders.speeds):
-                for k, order in enumerate(orders.order):
-                    lines.append(f"{name} of order {order:g} at {engine_speed(omega)} ({shown}){shares}")
-                    lines += [start + _row_of_quantiles(factor * row[i, k]) for start, row in zip(starts, rows)]
+            of_values = quantiles[name] if scattered.over else quantiles[name][None]
+            tables += [(f"{name} of order {order:g} at {engine_speed(omega)}", unit, of_values[:, i, k])
+                       for i, omega in enumerate(orders.speeds) for k, order in enumerate(orders.order)]
+    for name, unit, rows in tables:
+        shown, factor = shown_unit(unit)
+        lines.append(f"{name}{shown and f' ({shown})'}{shares}")
+        lines += [start + ("  none: no sample is left" if np.isnan(row).all() else
+                           "".join(f"  {x:.6g}" for x in row)) for start, row in zip(starts, factor * rows)]
     return lines
-
-
-def _row_of_quantiles(row: Floats) -> str:
-    return "  none: no sample is left" if np.isnan(row).all() else "".join(f"  {x:.6g}" for x in row)
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]], align: str = "---",
