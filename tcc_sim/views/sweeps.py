@@ -107,7 +107,8 @@ def draw_open(axis: Any, x: Floats, y: Floats, which: Bools, size: float, name: 
     """Draw transients as open circles, because they are no steady states."""
     if which.any():
         axis.plot(x[which], y[which], linestyle="none", marker="o", markersize=size, markerfacecolor="white",
-                  markeredgecolor=style.INK, markeredgewidth=0.6, label=name or f"not settled ({which.sum()})")
+                  markeredgecolor=style.INK, markeredgewidth=0.6, label=name or f"not settled ({which.sum()})",
+                  clip_on=False)
 
 
 def flags(values: Any, shape: tuple[int, ...]) -> Bools:
@@ -227,12 +228,9 @@ def gain_panels(values: Mapping[str, Any]) -> list[Panel]:
     def curve(axis: Any, name: str, quantity: AxisQuantity) -> None:
         y, settled = figures(name), np.array([verdict == "settled" for verdict in values["verdict"]])
         axis.plot(x, y, color=style.GREY, linewidth=0.8, zorder=1)
-        axis.plot(x[settled], y[settled], linestyle="none", marker="o", markersize=3.0, color=style.BLUE,
-                  label="settled")
+        axis.plot(x[settled], y[settled], **DOTS, markersize=3.0, color=style.BLUE, label="settled")
         others = ~settled & (np.isfinite(y) | (name == SETTLING))
-        if others.any():
-            axis.plot(x[others], np.where(np.isfinite(y), y, 0.0)[others], linestyle="none", marker="o", markersize=3.0,
-                      markerfacecolor="white", markeredgecolor=style.INK, label="not settled", clip_on=False)
+        draw_open(axis, x, np.where(np.isfinite(y), y, 0.0), others, 3.0, "not settled")
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
         quantities(axis, style.quantity_of(values["over"]), quantity)
 
@@ -267,9 +265,8 @@ def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Return a curve with NaN inserted at its jumps."""
     change = np.abs(np.diff(y))
     padded = np.pad(change, 2, constant_values=np.nan)
-    neighbours = np.stack([padded[k:k + len(change)] for k in (0, 1, 3, 4)])
-    around = np.array([np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else np.nan
-                       for column in neighbours.T])
+    neighbours = np.ma.masked_invalid([padded[k:k + len(change)] for k in (0, 1, 3, 4)])
+    around = np.ma.median(neighbours, axis=0).filled(np.nan)
     span = float(np.nanmax(y) - np.nanmin(y)) if np.isfinite(y).any() else 0.0
     jumps = np.flatnonzero((change > JUMP * span) & (change > SHARPER * around)) + 1
     return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
