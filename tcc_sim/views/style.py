@@ -159,12 +159,11 @@ def colour_of(period: int) -> str:
     return MANY[(period - 1) % len(MANY)] if period else INK
 
 
-def tint(colour: Any, share: float = 0.35) -> tuple[float, float, float]:
-    """Return a light version of a colour, of which it has this share."""
+def tint(colour: Any) -> tuple[float, ...]:
+    """Return a light version of a colour."""
     from matplotlib.colors import to_rgb
 
-    red, green, blue = (1.0 - share * (1.0 - part) for part in to_rgb(colour))
-    return red, green, blue
+    return tuple(1.0 - 0.35 * (1.0 - part) for part in to_rgb(colour))
 
 
 def quantity_of(key: str) -> AxisQuantity:
