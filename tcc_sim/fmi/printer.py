@@ -111,8 +111,7 @@ class Library:
         """Print a function that other C calls by a name of its own, and return the type of its result."""
         printed, result = self.function(source, kinds)
         check(not isinstance(result, (Static, Items)))
-        if printed != name:
-            self.texts.append(f"#define {name} {printed}")
+        self.texts.append(f"#define {name} {printed}")
         return result
 
     def structure(self, source: type[Any]) -> Struct:
