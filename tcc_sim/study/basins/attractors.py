@@ -225,9 +225,7 @@ def _settle(of: DynamicalSystem, seed: Floats, transients: list[Attractor], sett
             return orbit
         length = min(2 * length, settings.longest)
     cloud = _cloud(of, x, cycle, settings)
-    if cloud is None:
-        return None
-    if any(_same(cloud, other, of.map.scales) for other in transients):
+    if cloud is None or any(_same(cloud, other, of.map.scales) for other in transients):
         return None
     left, orbit = _left(of, cloud, settings)
     if left:

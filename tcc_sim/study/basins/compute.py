@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import closing
@@ -252,15 +251,11 @@ def _one(system: System, plane: tuple[Axis, Axis], most: int, stored: Sequence[t
 
     def solved(rows: set[int]) -> Iterator[int]:
         """Yield rows as they are finished."""
-        left = deque(sorted(rows))
         # Short rows share the cost of a task, and every thread has several tasks.
         size = max(1, min(CELLS_TOGETHER // shape[1], len(rows) // (AHEAD * max(attendance.threads, 1))))
-
-        def following() -> list[int] | None:
-            return [left.popleft() for _ in range(min(size, len(left)))] or None
-
-        for together, labelled_rows in each_done(attendance, following, lambda together: executor.submit(
-                solve_rows, system, plane, together, attractors, most)):
+        tasks = iter([sorted(rows)[k:k + size] for k in range(0, len(rows), size)])
+        for together, labelled_rows in each_done(attendance, lambda: next(tasks, None), lambda task: executor.submit(
+                solve_rows, system, plane, task, attractors, most)):
             for row, row_labels in zip(together, labelled_rows):
                 labels[row], cycles[row] = row_labels
                 yield row

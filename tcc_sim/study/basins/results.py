@@ -146,23 +146,41 @@ class Planes(Described):
     """One plane, or planes at the values of a key; `bounded` adds the uncertainty of their boundaries."""
 
     planes: Sequence[Basins]
-    along: Axis | None = None
     bounded: bool = False
 
     @reporting("key that has a plane at each of its values", optional=True)
     def over(self) -> str | None:
-        return None if self.along is None else self.along.key
+        return None if self.planes[0].over is None else self.planes[0].over[0]
 
     @reporting("its values", "{over}", optional=True)
-    def values(self) -> Sequence[float] | None:
-        return None if self.along is None else self.along.values
+    def values(self) -> list[float] | None:
+        return [one.over[1] for one in self.planes if one.over is not None] or None
 
     @reporting("the plane; with over, everything but the axes in lists", spread=True, of=(Bounded,))
     def figures(self) -> Any:
         planes = [Bounded(one, one.boundary()) if self.bounded else one for one in self.planes]
-        if self.along is None:
+        if self.over is None:
             return planes[0]
         return {**as_lists(planes, Bounded if self.bounded else Basins), "plane": self.planes[0].plane}
+
+    def write(self, path: Path, document: Mapping[str, Any]) -> None:
+        """Write .npz or .mat: `labels` and `cycles`, (second, first) arrays, the values of both axes, and `document`;
+        or .csv or .parquet: the columns of `Basins`, a row per cell.
+
+        `over` adds a first axis, or a first column. Labels: -1 undecided, -2 runaway, else an index into the attractors
+        in `document`.
+        """
+        labels, cycles = np.stack([one.labels for one in self.planes]), np.stack([one.cycles for one in self.planes])
+        first, second = self.planes[0].plane
+        arrays: dict[str, Any] = {"first_values": np.array(first.values), "second_values": np.array(second.values)}
+        tables = [one.columns() for one in self.planes]
+        columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+        if self.over is None:
+            labels, cycles = labels[0], cycles[0]
+        else:
+            arrays["over_values"] = np.array(self.values)
+            columns = {self.over: np.repeat(arrays["over_values"], labels[0].size), **columns}
+        write_result(path, Basins, columns, document, {"labels": labels, "cycles": cycles, **arrays})
 
 
 def boundary_of(labels: Labels) -> Boundary | None:
@@ -183,23 +201,3 @@ def boundary_of(labels: Labels) -> Boundary | None:
     (slope, _), covariance = np.polyfit(sizes, parts, 1, cov="unscaled")
     rest = np.array(parts) - np.polyval(np.polyfit(sizes, parts, 1), sizes)
     return Boundary(float(slope), float(np.sqrt(covariance[0, 0] * (rest @ rest) / max(len(sizes) - 2, 1))))
-
-
-def write_basins(path: Path, planes: Sequence[Basins], over: Axis | None, document: Mapping[str, Any]) -> None:
-    """Write basins as .npz or .mat: `labels` and `cycles`, (second, first) arrays, the values of both axes, and
-    `document`; or as .csv or .parquet: the columns of `Basins`, a row per cell.
-
-    `over` adds a first axis, or a first column. Labels: -1 undecided, -2 runaway, else an index into the attractors in
-    `document`.
-    """
-    labels, cycles = np.stack([one.labels for one in planes]), np.stack([one.cycles for one in planes])
-    first, second = planes[0].plane
-    arrays: dict[str, Any] = {"first_values": np.array(first.values), "second_values": np.array(second.values)}
-    tables = [one.columns() for one in planes]
-    columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-    if over is None:
-        labels, cycles = labels[0], cycles[0]
-    else:
-        arrays["over_values"] = np.array(over.values)
-        columns = {over.key: np.repeat(over.values, planes[0].labels.size), **columns}
-    write_result(path, Basins, columns, document, {"labels": labels, "cycles": cycles, **arrays})

@@ -17,7 +17,7 @@ from tcc_sim.shown_units import key_value, speed
 PLAN, BASINS = "tcc_sim.study.continuation.motions:ContinuationPlan", "tcc_sim.study.basins.compute:basins"
 
 if TYPE_CHECKING:
-    from tcc_sim.study.basins.results import Axis, Basins
+    from tcc_sim.study.basins.results import Planes
     from tcc_sim.study.continuation.motions import Motions
 
 
@@ -97,20 +97,20 @@ def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
     from tcc_sim.output.provenance import head_of
     from tcc_sim.output.samples import TABLES
     from tcc_sim.study.basins.compute import basins as compute
-    from tcc_sim.study.basins.results import Planes, write_basins
+    from tcc_sim.study.basins.results import Planes
 
     scene = common.scene_of(arguments)
-    plane = [_axis("--plane", text) for text in arguments.plane]
-    over = _axis("--over", arguments.over) if arguments.over is not None else None
-    common.refuse_swept(arguments.set, [axis.key for axis in (*plane, *([] if over is None else [over]))])
+    plane = [values_of_range(text, "--plane", even=True) for text in arguments.plane]
+    over = None if arguments.over is None else values_of_range(arguments.over, even=True)
+    common.refuse_swept(arguments.set, [key for key, _ in (*plane, *([] if over is None else [over]))])
     common.check_outputs(arguments, TABLES)
     part = None if arguments.out is None else arguments.out.with_name(arguments.out.name + ".part")
     try:
         result = compute(scene, plane, over=over, **keywords_of(arguments, options_in(BASINS, "over")), part=part,
                          progress=True, head=head_of("basin_rows", scene, arguments.words))
-        values = Planes(result, over, boundary)
-        common.deliver(arguments, scene, values, _basin_lines(result, over, boundary), shown=result,
-                       write=lambda document: write_basins(arguments.out, result, over, document))
+        planes = Planes(result, boundary)
+        common.deliver(arguments, scene, planes, _basin_lines(planes), shown=result,
+                       write=lambda document: planes.write(arguments.out, document))
     except KeyboardInterrupt:
         resume = f"; the same command resumes from {part}" if part is not None else ""
         print(f"tcc-sim: interrupted{resume}", file=sys.stderr)
@@ -120,23 +120,16 @@ def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
     return 0
 
 
-def _axis(option: str, text: str) -> Axis:
-    from tcc_sim.study.basins.results import Axis
-
-    key, values = values_of_range(text, option, even=True)
-    return Axis(key, tuple(values))
-
-
-def _basin_lines(planes: list[Basins], over: Axis | None, boundary: bool) -> Iterator[str]:
-    for k, one in enumerate(planes):
-        if over is not None:
-            yield key_value(over.key, over.values[k])
+def _basin_lines(planes: Planes) -> Iterator[str]:
+    for one in planes.planes:
+        if one.over is not None:
+            yield key_value(*one.over)
         yield from one.lines()
-        uncertain = one.boundary() if boundary else None
+        uncertain = one.boundary() if planes.bounded else None
         if uncertain is not None:
             yield (f"  boundary: uncertainty exponent {uncertain.exponent:.3f} (standard error {uncertain.error:.3f}), "
                    f"dimension {uncertain.dimension:.3f}")
-        elif boundary:
+        elif planes.bounded:
             yield "  boundary: no uncertainty exponent, too few neighbouring cells have different labels"
         yield (f"  {counted(one.labels.size, 'cell')} in {one.seconds:.3g} s, "
                f"{float(one.cycles.mean()):.1f} periods of excitation per cell")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.stats import linregress
 
 from tcc_sim.model.parameters import System
 from tcc_sim.study.basins.attractors import Attractor
-from tcc_sim.study.basins.results import Axis, Basins, Boundary, Planes, boundary_of, write_basins
+from tcc_sim.study.basins.results import Axis, Basins, Boundary, Planes, boundary_of
 
 PLANE = Axis("initial.slip_speed", np.array([0, 10, 20])), Axis("initial.plate_angle", [-0.1, 0.1])
 ORBIT = Attractor(2, np.array([[1.0, 0.1, 5.0], [2.0, 0.2, 6.0]]), np.array([0, 0]),
@@ -57,15 +58,14 @@ def test_the_lines_of_a_plane_have_its_figures() -> None:
 
 
 def test_planes_along_a_key_are_lists_of_their_figures() -> None:
-    along = Axis("engine.frequency", (80.0, 90.0))
     planes = [basins(("engine.frequency", 80.0)), basins(("engine.frequency", 90.0))]
     one = planes[0].as_json()
-    assert Planes(planes, along).as_json() == {
+    assert Planes(planes).as_json() == {
         "over": "engine.frequency", "values": [80.0, 90.0], "plane": one.pop("plane"),
         **{name: [value, value] for name, value in one.items()}}
-    assert Planes(planes[:1]).as_json() == planes[0].as_json()
+    assert Planes([basins()]).as_json() == basins().as_json()
     # A plane of two rows has too few distances for an exponent; one of eight equal rows has those of its columns.
-    assert Planes(planes[:1], bounded=True).as_json() == planes[0].as_json()
+    assert Planes([basins()], bounded=True).as_json() == basins().as_json()
     wide = Basins((Axis("initial.slip_speed", range(8)), Axis("initial.plate_angle", range(8))), (ORBIT,),
                   np.tile([0, 0, 0, 0, 0, -2, -2, -2], (8, 1)), np.ones((8, 8), int), 0.0, System())
     bound = boundary_of(wide.labels)
@@ -74,30 +74,30 @@ def test_planes_along_a_key_are_lists_of_their_figures() -> None:
     shown = Planes([wide], bounded=True).as_json()
     assert shown["boundary"] == {"uncertainty_exponent": bound.exponent, "standard_error": bound.error,
                                  "dimension": 2.0 - bound.exponent}
-    assert Planes([wide, wide], along, True).as_json()["boundary"] == [shown["boundary"]] * 2
+    several = Planes([replace(wide, over=one.over) for one in planes], True)
+    assert several.as_json()["boundary"] == [shown["boundary"]] * 2
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".csv"])
 def test_the_files_of_planes(suffix: str, tmp_path: Path) -> None:
     single, several = tmp_path / f"one{suffix}", tmp_path / f"two{suffix}"
-    along, planes = Axis("engine.frequency", (80.0, 90.0)), [basins(), basins()]
-    write_basins(single, planes[:1], None, {"format": "a"})
-    write_basins(several, planes, along, {"format": "b"})
+    Planes([basins()]).write(single, {"format": "a"})
+    Planes([basins(("engine.frequency", value)) for value in (80.0, 90.0)]).write(several, {"format": "b"})
     if suffix == ".csv":
         head, units, *rows = single.read_text().splitlines()
         assert (head, units) == ("initial.slip_speed,initial.plate_angle,label,cycles", "rad/s,rad,,")
         assert rows == ["0.0,-0.1,0,4", "10.0,-0.1,0,8", "20.0,-0.1,1,12", "0.0,0.1,-1,600", "10.0,0.1,-2,3",
                         "20.0,0.1,0,1"]
         assert several.read_text().splitlines() == [f"engine.frequency,{head}", f"rad/s,{units}", *(
-            f"{value},{row}" for value in along.values for row in rows)]
+            f"{value},{row}" for value in (80.0, 90.0) for row in rows)]
         return
-    for path, over, stack in ((single, None, lambda x: x), (several, along, lambda x: np.array([x, x]))):
+    for path, along, stack in ((single, False, lambda x: x), (several, True, lambda x: np.array([x, x]))):
         with np.load(path) as stored:
             arrays = {name: stored[name].tolist() for name in stored if name != "document"}
-            assert json.loads(str(stored["document"])) == {"format": "a" if over is None else "b"}
+            assert json.loads(str(stored["document"])) == {"format": "b" if along else "a"}
         assert arrays == {"labels": stack(LABELS).tolist(), "cycles": stack(CYCLES).tolist(),
                           "first_values": [0.0, 10.0, 20.0], "second_values": [-0.1, 0.1],
-                          **({} if over is None else {"over_values": [80.0, 90.0]})}
+                          **({"over_values": [80.0, 90.0]} if along else {})}
 
 
 def exponent_by_pairs(labels: np.ndarray) -> tuple[float, float] | None:
