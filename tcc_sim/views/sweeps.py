@@ -266,7 +266,7 @@ def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     change = np.abs(np.diff(y))
     padded = np.pad(change, 2, constant_values=np.nan)
     neighbours = np.ma.masked_invalid([padded[k:k + len(change)] for k in (0, 1, 3, 4)])
-    around = np.ma.median(neighbours, axis=0).filled(np.nan)
+    around = np.ma.median(neighbours, axis=0).filled(np.nan)  # type: ignore[no-untyped-call]
     span = float(np.nanmax(y) - np.nanmin(y)) if np.isfinite(y).any() else 0.0
     jumps = np.flatnonzero((change > JUMP * span) & (change > SHARPER * around)) + 1
     return np.insert(x, jumps, np.nan), np.insert(y, jumps, np.nan)
