@@ -16,7 +16,7 @@ import pytest
 from tcc_sim.cli import GROUPS, VERBS, build_parser, main
 from tcc_sim.model.parameters import DEFAULTS, QUANTITIES
 from tcc_sim.model.quantity import Options, Quantity
-from tcc_sim.nodes.options import OPTIONS
+from tcc_sim.nodes.parameters import OPTIONS
 from tcc_sim.scene import bundled_scenes, load_scene
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.topics import TOPICS

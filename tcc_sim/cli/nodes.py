@@ -233,12 +233,12 @@ def control(arguments: argparse.Namespace) -> int:
     """
     from tcc_sim.model.parameters import list_of
     from tcc_sim.nodes.children import require_ros
-    from tcc_sim.nodes.options import SCENE, TEXT
+    from tcc_sim.nodes.parameters import BESIDE
     from tcc_sim.scene import meaning_of, parse_assignments
 
     values = parse_assignments(arguments.assignments) if arguments.action == "set" else {}
     keys = arguments.keys if arguments.action == "get" else []
-    units = {key: "" if key in (SCENE, TEXT) else meaning_of(key).unit for key in (*keys, *map(list_of, keys))}
+    units = {key: "" if key in BESIDE else meaning_of(key).unit for key in (*keys, *map(list_of, keys))}
     require_ros()
     from tcc_sim.nodes.operator import operator
 

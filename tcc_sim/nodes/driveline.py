@@ -36,7 +36,7 @@ from tcc_sim.nodes.executables import Spinner, Throttle, deliver, run_node
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput, joining
 from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
-from tcc_sim.nodes.options import TEXT
+from tcc_sim.nodes.parameters import TEXT
 from tcc_sim.plant.driveline import doubt_of
 from tcc_sim.recording.announcements import LATE_SHARE
 from tcc_sim.scene import Scene

@@ -120,7 +120,7 @@ def _help(name: str) -> str:
 
 
 def _parameters(name: str) -> Iterator[tuple[str, str]]:
-    from tcc_sim.nodes.options import OPTIONS
+    from tcc_sim.nodes.parameters import OPTIONS
     from tcc_sim.scene import NODE_SCENE
 
     if name == "driveline":

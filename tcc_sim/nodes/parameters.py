@@ -1,23 +1,56 @@
-"""Convert between ROS 2 parameters and a Scene: declare parameters, check overrides, warn of unknown ones."""
+"""Parameters of every node: their rows (name, unit, range, default), which `--help` and the page on nodes show too, and
+their declaration, which checks overrides and warns of unknown ones; changes of a scene by parameters.
+
+Only `_declare` imports ROS 2.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any, TypeVar
-
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import DERIVED, list_of, unknown_key
-from tcc_sim.model.quantity import Options, Quantity
-from tcc_sim.nodes.options import SCENE, TEXT
-from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, MEANINGS, NODE_SCENE, Scene, load_scene
+from tcc_sim.model.quantity import Options, Quantity, quantity
+from tcc_sim.plant.slip_control import Tuning
+from tcc_sim.scene import DEFAULT_SCENE, KNOWN_KEYS, MEANINGS, NODE_SCENE, Operation, Scene, load_scene
+from tcc_sim.topics import TOPICS
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
 
 Given = TypeVar("Given", bound=Options)
 BUILT_IN = ("use_sim_time", "start_type_description_service")
+SCENE, TEXT = "scene", "scene_text"
+BESIDE = {SCENE: Quantity("the bundled scene or file that this node started from"),
+          TEXT: Quantity("the scene with every override and change, as a parameter file; it cannot be set", live=True)}
+"""Parameters of the driveline beside the scene's keys. The node updates the text after every change, so ROS 2 must not
+take it for read-only.
+"""
+
+
+@dataclass(frozen=True)
+class RecorderOptions(Options):
+    """Parameters of the recorder."""
+
+    output: str = quantity("", "directory to create for the recording; tcc_sim_ and the local time by default")
+    topics: tuple[str, ...] = quantity(tuple(row.name for row in TOPICS), "topics to record")
+    flush_period: float = quantity(0.25, "time between writes to the operating system, the most that a kill loses "
+                                   "(plus 0.1 s)", "s", 0.0, 10.0, above=True)
+    fsync_period: float = quantity(0.0, "time between writes to the disk, the most that a power cut loses (plus "
+                                   "0.1 s); 0 leaves it to the operating system", "s", 0.0, 3600.0)
+    max_bag_duration: float = quantity(3600.0, "longest duration of one file of the bag; 0 for no limit", "s", 1.0, 1e9,
+                                       zero=True)
+    max_bag_size: int = quantity(0, "largest size of one file of the bag; 0 for no limit", "bytes", 10_000, 1e18,
+                                 zero=True)
+
+
+OPTIONS: dict[str, type[Options]] = {"driveline": Operation, "recorder": RecorderOptions, "slip_controller": Tuning,
+                                     "commander": Options}
+"""Options of every node; the driveline also has the keys of a scene."""
 
 
 def declare(node: Node, scene: Scene | None = None) -> Scene:
@@ -33,7 +66,8 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
         raise InputError("friction.table works only in a scene file, with -p scene:=FILE; in a parameter file set "
                          "friction.slip_speeds and friction.coefficients")
     otherwise = DEFAULT_SCENE if {"engine.source", "pressure.source"} & given.keys() else NODE_SCENE
-    base = scene or load_scene(str(given.pop(SCENE, otherwise)))
+    named = given.pop(SCENE, None)
+    base = scene or load_scene(str(otherwise if named is None else named))
     values = {name: without_arrays(value) for name, value in given.items()
               if name in DERIVED or list_of(name) in MEANINGS}
     warn_of_unknown(node, (SCENE, *KNOWN_KEYS, *DERIVED, *values))
@@ -41,13 +75,9 @@ def declare(node: Node, scene: Scene | None = None) -> Scene:
     if scene.system != base.system:
         scene = dataclasses.replace(scene, name=f"{base.name} with overrides",
                                     description=f"{base.description}, with overrides")
-    text = ParameterDescriptor(read_only=True, description="the bundled scene or file that this node started from")
-    node.declare_parameter(SCENE, base.name, text)
-    for name, value in scene.values().items():
-        _declare(node, name, value, MEANINGS[name])
-    text = ParameterDescriptor(description="the scene with every override and change, as a parameter file; it cannot "
-                                           "be set")
-    node.declare_parameter(TEXT, scene.text(), text, ignore_override=True)
+    beside = {SCENE: base.name if named is None else str(named), TEXT: scene.text()}
+    for name, value in {**beside, **scene.values()}.items():
+        _declare(node, name, value, BESIDE.get(name) or MEANINGS[name])
     return scene
 
 
@@ -85,6 +115,8 @@ def declared(node: Node, kind: type[Given], **otherwise: object) -> Given:
 
 def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
     """Declare a parameter with a value that is checked already."""
+    from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+
     low = min(meaning.low, 0.0) if meaning.zero else meaning.low
     descriptor = ParameterDescriptor(
         description=meaning.described, read_only=not meaning.live,

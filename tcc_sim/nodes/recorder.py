@@ -28,8 +28,7 @@ from tcc_sim.messages.definitions import definition
 from tcc_sim.nodes import executables
 from tcc_sim.nodes.executables import Spinner, Throttle, run_node
 from tcc_sim.nodes.middleware import MOST_PUBLISHERS, publisher_of, qos_fields
-from tcc_sim.nodes.options import RecorderOptions
-from tcc_sim.nodes.parameters import declared
+from tcc_sim.nodes.parameters import RecorderOptions, declared
 from tcc_sim.nodes.track import SILENCE, SimulatedTime, Taken, Track, UnsentCount
 from tcc_sim.recording.announcements import simulation_ns, zeros_of
 from tcc_sim.recording.bag import BagWriter

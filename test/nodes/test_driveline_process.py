@@ -16,8 +16,7 @@ from rclpy.parameter import Parameter
 from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError
 from tcc_sim.nodes.driveline import DrivelineNode
-from tcc_sim.nodes.options import OPTIONS, RecorderOptions
-from tcc_sim.nodes.parameters import declared
+from tcc_sim.nodes.parameters import OPTIONS, RecorderOptions, declared
 from tcc_sim.scene import DEFAULT_SCENE, MEANINGS, NODE_SCENE, bundled_scenes, load_scene
 
 

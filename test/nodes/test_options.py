@@ -20,7 +20,7 @@ from ranges import check_options, of_page
 
 from tcc_sim.errors import InputError, TccError
 from tcc_sim.nodes.children import DOMAINS, Domain
-from tcc_sim.nodes.options import OPTIONS
+from tcc_sim.nodes.parameters import OPTIONS
 
 FIELDS = [(kind, item) for kind in OPTIONS.values() for item in dataclasses.fields(kind)]
 
