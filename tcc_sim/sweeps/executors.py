@@ -99,8 +99,7 @@ def cores() -> int:
 class Scheduler(Attendance):
     """Attendance of a Dask cluster, by asking its scheduler.
 
-    client : client of the scheduler
-    address : its address, for messages
+    address : of the scheduler, for messages
     connect : time for an answer, s
     patience : time without an answer or without workers before work is given up, s
     """

@@ -83,7 +83,6 @@ class Tolerances:
 class Scattered(Result):
     """Results for scattered keys: one Sweep for each sample, over another key or at one value.
 
-    tolerances : scattered keys
     over : key over which every sample is swept; empty for none
     sweeps : one for each sample, in order
     every : whether quantiles include samples that ran away or have not settled

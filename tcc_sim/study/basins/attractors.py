@@ -75,7 +75,6 @@ class Attractor(Described):
     section : (period, n) points at the starts of the cycles from 0 on; without a period a cloud of points (m, n)
     phases : (period or m,) cycle of each point modulo the map's forcing period
     multipliers : (n,) Floquet multipliers, largest modulus first; None without a period
-    largest : largest size of the motion
     radius : capture radius, in the map's scales
     validated : whether motions that start at that radius return
     number : number of the attractor along a key
@@ -109,13 +108,9 @@ class ProximityMapper:
             np.array([a.radius**2 for _, a in orbits for _ in range(a.period)]), cycle,
             np.array([starts[j] + (i + 1) % a.period for j, (_, a) in enumerate(orbits) for i in range(a.period)],
                      dtype=np.int64), forcing_period)
-        self._clouds = [(k, a.radius, [cKDTree(a.section[a.phases == phase] / scales)
-                                       for phase in range(forcing_period)])
-                        for k, a in enumerate(attractors) if not a.period]
-
-    def patience(self, cycle: int, settings: Settings) -> int:
-        """Return the number of cycles to solve after `cycle`; motions that reach an orbit end earlier."""
-        return settings.chunk if self._clouds else max(settings.chunk, cycle)
+        self.clouds = [(k, a.radius, [cKDTree(a.section[a.phases == phase] / scales)
+                                      for phase in range(forcing_period)])
+                       for k, a in enumerate(attractors) if not a.period]
 
     def find(self, points: Floats, first: int) -> tuple[Labels, Counts]:
         """Return the attractors (k,) that section points (k, m + 1, n) reach, and the cycles until then (k,).
@@ -135,7 +130,7 @@ class ProximityMapper:
         if len(at):
             after[at] = reached[at].argmax(axis=1)
             labels[at] = self._owner[both[at, after[at]].argmax(axis=1)]
-        for k, radius, trees in self._clouds:
+        for k, radius, trees in self.clouds:
             near = np.zeros(scaled.shape[:2], dtype=bool)
             for i, phase in enumerate(phases):
                 known = np.isfinite(scaled[:, i]).all(axis=1)
@@ -156,7 +151,8 @@ def labelled(of: DynamicalSystem, mapper: ProximityMapper, starts: Floats, most:
     labels, cycles = np.full(len(starts), UNDECIDED), np.full(len(starts), most)
     going, x, cycle = np.arange(len(starts)), np.asarray(starts, dtype=np.float64), 0
     while cycle < most and len(going):
-        length = min(mapper.patience(cycle, settings), most - cycle)
+        # Motions that reach an orbit end earlier; those that reach a cloud do not.
+        length = min(settings.chunk if mapper.clouds else max(settings.chunk, cycle), most - cycle)
         points = of.sections(x, cycle, length, mapper.orbits)
         solved = np.isfinite(points).all(axis=2).sum(axis=1) - 1
         last = points[np.arange(len(going)), solved]

@@ -70,7 +70,6 @@ class Basins(Result):
 
     labels : (len(second), len(first)) index into `attractors`, -1 undecided, -2 runaway
     cycles : (len(second), len(first)) cycles until the cell was decided
-    system : the system of the plane
     over : scene key and its value, if there are planes at several values
     """
 

@@ -480,13 +480,11 @@ class Continuation(Generic[P, S]):
     """One direction of a curve; lengths are in natural sizes.
 
     rules : what belongs to its kind
-    points : all so far
     special : special points so far, each with the number of the point before it
     stop : why the curve ended; None until then
     before : solutions behind the last point, from which the next one is predicted
     length : of the next step
     longest : longest next step, after one that has left the range or skipped a piece of the curve
-    tried : number of steps tried
     cut : number of points, and growth over a segment, at which failed steps last cut the orbit anew
     tests : points and values of each test function since the last change of its sign
     """

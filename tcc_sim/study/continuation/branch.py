@@ -362,7 +362,6 @@ def bifurcation_diagram(of: ParameterMap, span: orbits.ParameterRange, seen: Seq
 
     of, span : the map with one free parameter, and its range
     seen : motions along the sweep, in order; the longest run of one period that lies on no branch is followed first
-    tick : called with every point
     """
     out: list[Branch] = []
     size, longest = amplitude_of(seen), settings.longest_period * of.forcing_period
