@@ -101,11 +101,8 @@ class Polled(CallbackGroup):
 
 def subscribe(node: Node, message_class: type, topic: str, qos: QoSProfile) -> Subscription[Any]:
     """Create a raw subscription that only `poll` reads."""
-    return node.create_subscription(message_class, topic, _unused, qos, callback_group=Polled(), raw=True)
-
-
-def _unused(message: bytes) -> None:
-    """Do nothing: rclpy needs a callback, which is never called."""
+    # rclpy needs a callback, which is never called.
+    return node.create_subscription(message_class, topic, lambda _: None, qos, callback_group=Polled(), raw=True)
 
 
 def taker(subscription: Subscription[Any]) -> Callable[[], tuple[bytes, dict[str, Any]] | None]:
