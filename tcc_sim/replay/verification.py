@@ -6,7 +6,7 @@ import ctypes
 import itertools
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 import numpy as np
@@ -27,7 +27,7 @@ from tcc_sim.trajectory import Floats
 COLUMNS = topic("joint_states").fields
 """Columns of a row: angles (rad) and speeds (rad/s) of flywheel and plate, engine and friction torque (N m)."""
 TICKS_AT_ONCE, WITH_PROFILES = 1 << 14, 1 << 8
-"""Ticks of `solve_ticks` in one compiled call, without and with a profile for each."""
+"""Largest number of ticks in one compiled call, without and with a profile for each."""
 RESULTS = 7
 """Numbers in `fixed_step.Reached`, of which the last counts iterations."""
 SMALLEST_WORK, WORK_PER_BYTE = 30_000_000, 1000
@@ -226,8 +226,11 @@ class _Run:
                                 before.flywheel_angle], axis=1))
         first = max(begin, 1)
         ends = np.cumsum(self._gaps[first:end])
-        for at in range(0, int(ends[-1]) if len(ends) else 0, TICKS_AT_ONCE):
-            place = np.arange(at, min(at + TICKS_AT_ONCE, int(ends[-1])))
+        varies = any(one.profile is not None for one in self._terms) and any(
+            one.commanded.any() for one in self._inputs.values())
+        at_once = WITH_PROFILES if varies else TICKS_AT_ONCE
+        for at in range(0, int(ends[-1]) if len(ends) else 0, at_once):
+            place = np.arange(at, min(at + at_once, int(ends[-1])))
             row = np.searchsorted(ends, place, side="right")
             rows = first + row
             ticks = self._ticks[rows] - (ends[row] - place)
@@ -303,7 +306,7 @@ def substeps_of_ticks(terms: Terms, step: float, torque: Floats | None, load: Fl
 def solve_ticks(terms: Terms, step: float, first: NDArray[np.int64], states: Sequence[Floats], count: NDArray[np.int64],
                 torque: Floats | None = None, load: Floats | None = None, approach: Floats | None = None,
                 far: Floats | None = None) -> Floats:
-    """Make n ticks one after the other, to the last bit as a Stepper makes them, in a few compiled calls.
+    """Make n ticks one after the other, to the last bit as a Stepper makes them, in one compiled call.
 
     Parameters
     ----------
@@ -320,36 +323,22 @@ def solve_ticks(terms: Terms, step: float, first: NDArray[np.int64], states: Seq
     (n, 6) v, theta2, omega2, theta1, engine and friction torque after each tick
     """
     varies = terms.profile is not None and not (torque is None and load is None)
-    size, out = WITH_PROFILES if varies else TICKS_AT_ONCE, np.empty((len(first), 6))
-    for begin in range(0, len(first), size):
-        part = slice(begin, begin + size)
-        held = [itertools.repeat(None) if values is None else values[part].tolist() for values in (torque, load)]
-        own = [for_ticks(holding(terms, *inputs)) for inputs, _ in zip(zip(*held), first[part] if varies else range(1))]
-        arrays = {"profile": [one.profile for one in own] if varies else None,
-                  "approach": None if approach is None else list(approach[part, None]),
-                  "far": [own[0].far] * len(first[part]) if far is None else list(far[part, None])}
-        means = [np.full(len(first[part]), mean) if values is None else values[part]
-                 for values, mean in ((torque, own[0].mean_torque), (load, own[0].mean_load))]
-        out[part] = _solve_part(own[0], step, first[part], states[part], count[part], means,
-                                {name: rows for name, rows in arrays.items() if rows is not None})
-    return out
-
-
-def _solve_part(terms: Terms, step: float, first: NDArray[np.int64], states: Sequence[Floats], count: NDArray[np.int64],
-                means: Sequence[Floats], arrays: Mapping[str, Sequence[Any]]) -> Floats:
-    """Make ticks by one call of machine code, which takes the arguments of each call of `tick` one after the other:
-    mean torques and loads, (n,), and the last fields of `terms`, of which each tick has its own.
-    """
-    numbers = first * step, (first + 1) * step, count, step / count, *means
-
-    def arguments(k: int) -> tuple[Any, ...]:
-        own = terms._replace(**{name: rows[k] for name, rows in arrays.items()})
-        return (states[k], *(column[k].item() for column in numbers), own)
+    held = [itertools.repeat(None) if values is None else values.tolist() for values in (torque, load)]
+    own = [for_ticks(holding(terms, *inputs)) for inputs, _ in zip(zip(*held), first if varies else range(1))]
+    # The last fields of the terms, of which each tick has its own.
+    arrays: dict[str, Sequence[Any]] = {"profile": [one.profile for one in own]} if varies else {}
+    arrays |= {} if approach is None else {"approach": list(approach[:, None])}
+    arrays |= {"far": [own[0].far] * len(first) if far is None else list(far[:, None])}
+    numbers = first * step, (first + 1) * step, count, step / count, *(
+        np.full(len(first), mean) if values is None else values
+        for values, mean in ((torque, own[0].mean_torque), (load, own[0].mean_load)))
 
     def addresses(rows: Sequence[Any]) -> NDArray[np.int64]:
         return np.fromiter(map(id, rows), np.int64, len(rows))
 
-    entry, block = cast(Kernel, tick).laid_out(arguments(0))
+    first_terms = own[0]._replace(**{name: rows[0] for name, rows in arrays.items()})
+    entry, block = cast(Kernel, tick).laid_out((states[0], *(column[0].item() for column in numbers), first_terms))
+    # Machine code takes the arguments of each call of `tick` one after the other.
     one = np.frombuffer(block, np.float64)[1:]
     laid = np.empty(1 + len(first) * len(one))
     laid[:1].view(np.int64)[0] = len(first)
