@@ -37,7 +37,6 @@ def holding_from(text: str, stamp_ns: int, origin: Origin = START, zero_ns: int 
 
     Parameters
     ----------
-    text : the scene (YAML)
     stamp_ns : simulation time (ns) of the first state computed with it: the tick after the change, or 0 after a reset
     origin : time and phase from which the phases are counted
     zero_ns : stamp of simulation time 0, ns; 0 where stamps are simulation time

@@ -28,7 +28,6 @@ class BagWriter:
 
     Parameters
     ----------
-    directory : directory to create, with its parents
     scene_text, version : the scene (YAML), and the code version that runs it (default: this one)
     max_duration : duration of a part by times of receipt, which may go back, s; 0 for no limit
     max_size : size in bytes above which a part that has messages ends; 0 for no limit

@@ -51,7 +51,6 @@ class RecordedDriveline:
 
     publishers : identifiers of its publishers in the middleware, in the order of their first messages
     runs : names of its runs, in their order; empty if its states do not name them
-    scenes : its scenes
     able : whether it has the joints flywheel and clutch plate
     """
 

@@ -60,7 +60,6 @@ def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = N
     Parameters
     ----------
     path : a bag in SQLite (directory or .db3), a .bag of ROS 1, or MCAP, also in files compressed by zstd
-    directory : directory to create
     joints : names of flywheel and clutch_plate, if they differ
     topic : topic of the joint_states to read, if there are several
     driveline : number of the driveline to read, counted from 0; None for one with a scene, on the shortest topic

@@ -85,7 +85,6 @@ class McapFile:
 
     Parameters
     ----------
-    path : path of the file
     scene_text, version : the scene (YAML), and the code version that runs it (default: this one)
     folder : descriptor of the directory of `path`, which stays valid if the directory is renamed
     """

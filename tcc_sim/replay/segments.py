@@ -149,7 +149,6 @@ def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, 
     clock : start times of engine cycles in every segment; None for each scene's own frequency
     discard : number of engine cycles dropped from each segment; None for the default, which drops none from its
         tracking
-    solver, elapsed_s : values for the summaries
     stream : cycles of the whole recording, used if every segment is a run
     band : least error of a controlled run that counts, rad/s
     limits : of the pressure as stated, Pa; None if nobody stated them

@@ -47,7 +47,6 @@ class Timeline(Columns):
     """Data of a recording, or its part in a window, with the scenes; indices count over the whole recording.
 
     scene : the first scene
-    scenes : all scenes of the recording
     places : (index of the first state, number of the scene that applies from it on), not descending
     whole : whether it is the whole recording
     """

@@ -110,8 +110,6 @@ def table_in(path: Path, needed: Sequence[str] = (), most: int = MOST_ROWS,
              columns: str | Mapping[str, str] | None = None) -> MeasuredTable:
     """Read a table of measurements.
 
-    needed : names of required columns
-    most : largest number of rows
     columns : column of the file, with its unit, by name, as `named_columns` takes them
 
     Raise InputError and MissingPackage as `contents_of` and `named_columns`, and InputError if a needed column is
