@@ -231,7 +231,8 @@ class Inventory:
                                  "counted from 0")
             if topic is not None and drivelines[number].topic != topic:
                 raise InputError(f"driveline {number} is on {drivelines[number].topic}, not on {topic}")
-            _check_joints([drivelines[number]], self._joints)
+            if not drivelines[number].able:
+                raise RecordingError(joints_sentence([drivelines[number]]))
             return number
         on = [one for one in drivelines if topic in (None, one.topic)]
         if topic is not None and not on:
@@ -239,7 +240,7 @@ class Inventory:
             raise InputError(f"no joint_states were recorded on {topic}; the topics with joint_states are {topics}")
         able = [number for number, one in enumerate(drivelines) if one in on and one.able]
         if topic is not None and not able:
-            _check_joints(on, self._joints)
+            raise RecordingError(joints_sentence(on))
         return min(able, key=lambda number: (not drivelines[number].scenes, len(drivelines[number].topic),
                                              drivelines[number].topic,
                                              [-int(run[:8], 16) for run in drivelines[number].runs[-1:]] or [0],
@@ -267,11 +268,6 @@ def _beside(one: Sequence[_Sent], other: Sequence[_Sent]) -> bool:
         if begin > high or low > end:
             return False
     return True
-
-
-def _check_joints(drivelines: Sequence[RecordedDriveline], joints: Sequence[str]) -> None:
-    if not any(one.able for one in drivelines):
-        raise RecordingError(joints_sentence(drivelines))
 
 
 def joints_sentence(drivelines: Iterable[RecordedDriveline]) -> str:

@@ -97,7 +97,7 @@ def cuts_of(line: Timeline, band: float = BAND, clock: EngineClock | None = None
         if len(reference.t) and reference.t[0] * 1e9 <= states.stamp_ns[0] + 0.5:
             targets.setdefault(states.index, float(reference.values[0]))
         cuts: list[Cut] = []
-        handed = _handed_over(line, states, cycle)
+        handed = _handed_over(states, cycle)
         inside = {index for index in (*(index for index, *_ in changes), *targets, *handed)
                   if states.index < index < end}
         for index in [states.index, *sorted(inside)]:
@@ -122,7 +122,7 @@ def cuts_of(line: Timeline, band: float = BAND, clock: EngineClock | None = None
     return cuts_of_runs
 
 
-def _handed_over(line: Timeline, states: JointStates, cycle: float) -> dict[int, str]:
+def _handed_over(states: JointStates, cycle: float) -> dict[int, str]:
     """Return the first states under a fallback of the pressure that lasts for a cycle, s, under a controller or a new
     publisher of commands, and after a pause.
     """

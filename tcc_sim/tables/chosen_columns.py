@@ -101,7 +101,7 @@ def columns_in(path: Path, known: Mapping[str, str | None], needed: Sequence[str
     values, read_as = contents.numbers([places[name][0] for name in order], time, most)
     arrays = {name: column if factor == 1.0 else column * factor
               for name, column, factor in zip(order, values, factors)}
-    return arrays, _notes_on(contents, read_as, places, dict(zip(order, factors)), known), dict(contents.hold)
+    return arrays, _notes_on(contents, read_as, places, dict(zip(order, factors))), dict(contents.hold)
 
 
 def _columns_by_name(path: Path, contents: FileColumns, known: Mapping[str, str | None],
@@ -168,7 +168,7 @@ def _lacking(path: Path, contents: FileColumns, name: str, places: Mapping[str, 
 
 
 def _notes_on(contents: FileColumns, read_as: Sequence[str], places: Mapping[str, tuple[int, str]],
-              factors: Mapping[str, float], known: Mapping[str, str | None]) -> list[str]:
+              factors: Mapping[str, float]) -> list[str]:
     """Return the sentence on how a file was read, if it is not plain CSV with known columns in SI."""
     used = {place for place, _ in places.values()}
     others = [name for j, name in enumerate(contents.names) if j not in used and name not in UNITS]
