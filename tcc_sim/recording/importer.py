@@ -35,7 +35,6 @@ from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, HELD
 
 _WANTED = {*CARRIED, DIAGNOSTIC_ARRAY}
 """Message types that are copied."""
-_RATE = 1000.0
 
 
 @dataclass(frozen=True)
@@ -209,7 +208,7 @@ def _written(run: Run, directory: Path) -> Imported:
 
 def _write_run(bag: BagWriter, channels: Mapping[str, int], states: JointStates, run: str, zero: int) -> None:
     """Write the messages of a run, whose stamps count from `zero`, ns."""
-    tick = float(np.median(np.diff(states.stamp_ns))) if len(states) > 1 else 1e9 / _RATE
+    tick = float(np.median(np.diff(states.stamp_ns))) if len(states) > 1 else 1e6
     stamps = (states.stamp_ns - zero).tolist()
     angle, speed = (np.broadcast_to(column, len(states)).tolist() for column in states.far_end[:2])
     reports, pressures = dict(_reports(states, tick, zero)), states.of("applied_pressure").tolist()

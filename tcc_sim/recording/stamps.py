@@ -187,7 +187,12 @@ class StampCounter:
         self.messages += len(stamps)
         self._run.messages += len(stamps)
         self._run.add(steps[steps > 0])
-        self._look_back(stamps[first:], steps)
+        later = stamps[first:]
+        if self._former is not None and len(later) and later[-1] > self._former:
+            # A jump to just after the end of the run before, as two alternating publishers make.
+            k = int(np.argmax(later > self._former))
+            self.returns += int(later[k] - self._former < steps[k])
+            self._former = None
         self._run.settle(len(stamps))
         start = 0
         for k in (first + np.flatnonzero((steps == 0) | self._run.gaps_in(steps))).tolist():
@@ -202,13 +207,6 @@ class StampCounter:
                 kind = Break.GAP
         if start < len(stamps):
             pieces.append((slice(offset + start, offset + len(stamps)), kind))
-
-    def _look_back(self, stamps: Stamps, steps: Stamps) -> None:
-        """Count a jump to just after the end of the run before, as two alternating publishers make."""
-        if self._former is not None and len(stamps) and stamps[-1] > self._former:
-            k = int(np.argmax(stamps > self._former))
-            self.returns += int(stamps[k] - self._former < steps[k])
-            self._former = None
 
     def _settle(self) -> None:
         """Add the counts of the run that ends to those of the recording."""
