@@ -74,7 +74,7 @@ def recover(run: Run, directory: Path) -> Recovery:
     except BaseException as error:
         bag.discard(error)
         raise
-    counts = {topic: count for topic, count in run.messages.items() if count}
+    counts = {topic: run.messages[topic] for topic, _, _ in channels}
     return Recovery(directory, counts, run.complete, list(run.warnings))
 
 
