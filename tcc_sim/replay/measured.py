@@ -51,20 +51,13 @@ def analyse_table(table: MeasuredTable, system: System, *, orders: bool, spectru
         raise InputError(f"{table.source}: at least 4 rows are needed; {counted(len(t), 'row')} selected")
     signals = signals_in(table, system, pulses)
     orders_of_run, notes = orders_of(signals) if orders else None, (*table.notes, *signals.notes)
-    part, where = unbroken(signals)
-    if spectrum and where is not None:
-        notes = (*notes, f"{table.source}: the spectrum is that of {where[0]:.6g} to {where[1]:.6g} s, the longest "
-                 "part without a hole")
-    return MeasuredRun(len(t), float(t[-1] - t[0]), orders_of_run, _spectrum(part) if spectrum else None, notes)
-
-
-def unbroken(signals: Signals) -> tuple[Signals, tuple[float, float] | None]:
-    """Return the signals in the longest stretch without a hole, and begin and end of that stretch (None for all)."""
-    if not len(signals.holes):
-        return signals, None
-    begin, end = longest_part(signals.t, signals.holes)
-    inside = (signals.t >= begin) & (signals.t <= end)
-    return replace(signals, turns=signals.turns[inside], t=signals.t[inside], heat=signals.heat[inside]), (begin, end)
+    if spectrum and len(signals.holes):
+        begin, end = longest_part(signals.t, signals.holes)
+        inside = (signals.t >= begin) & (signals.t <= end)
+        signals = replace(signals, turns=signals.turns[inside], t=signals.t[inside], heat=signals.heat[inside])
+        notes = (*notes, f"{table.source}: the spectrum is that of {begin:.6g} to {end:.6g} s, the longest part "
+                 "without a hole")
+    return MeasuredRun(len(t), float(t[-1] - t[0]), orders_of_run, _spectrum(signals) if spectrum else None, notes)
 
 
 def _spectrum(signals: Signals) -> Spectrum:

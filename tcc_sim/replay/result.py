@@ -51,11 +51,6 @@ class Verification:
     first_difference_ns: int | None
     detail: str
 
-    @property
-    def undecided(self) -> bool:
-        """Whether no value differs but some states could not be checked."""
-        return self.compared > 0 and not self.verified and self.first_difference_ns is None
-
     @reporting("the result in a sentence", name="verification")
     def sentence(self) -> str:
         if self.verified:
