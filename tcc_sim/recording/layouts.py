@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -143,6 +143,10 @@ class StampedMessages:
 
     def __len__(self) -> int:
         return len(self.origin)
+
+    def at(self, order: Positions) -> StampedMessages:
+        """Return the messages in another order."""
+        return StampedMessages(*(getattr(self, one.name)[order] for one in fields(self)[:-1]), self.columns)
 
 
 class Collected:

@@ -23,7 +23,7 @@ from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, j
 from tcc_sim.recording.layouts import Collected, Decoded, Layouts
 from tcc_sim.recording.parts import Parts, numbers_of, opened, parts_of
 from tcc_sim.recording.records import Messages, RecordStream, Warnings
-from tcc_sim.recording.runs import BEAT, commands_held, keyed_runs, received_of, unkeyed_runs
+from tcc_sim.recording.runs import BEAT, commands_held, received_of, runs_of
 from tcc_sim.recording.stamps import StampCounter
 from tcc_sim.topics import FLOAT64_ARRAY, INPUTS, JOINT_STATE, SHAFT, TARGET
 
@@ -231,13 +231,11 @@ class Run:
         states, held_rows = found["joint_states"], {run: np.concatenate(of) for run, of in rows.items()}
         for run, of_run in held_rows.items():  # In the order of their numbers, each once.
             held_rows[run] = of_run[np.unique(of_run[:, held.NUMBER], return_index=True)[1]]
-        if keyed:
-            runs, self._differing = keyed_runs(states, joined, held_rows, driveline.runs, self.stamps)
-        else:
-            runs, self._differing, unplaced = unkeyed_runs(states, joined, commands.sources, self.stamps)
-            if unplaced:
-                self.warnings.append(f"{', '.join(unplaced)}: left out, as the recording does not state to which "
-                                     "runs they belong")
+        runs, self._differing, unplaced = runs_of(states, joined, held_rows, driveline.runs, commands.sources,
+                                                  self.stamps)
+        if unplaced:
+            self.warnings.append(f"{', '.join(unplaced)}: left out, as the recording does not state to which runs they "
+                                 "belong")
         if self._differing:
             self.warnings.append(f"{counted(self._differing, 'message')} left out: their {'run and ' * keyed}stamp "
                                  "came before with other values")

@@ -4,7 +4,7 @@ sequence number and stamp.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,104 +23,90 @@ BEAT = round(held.BEAT * 1e9)
 BEGIN_TICKS = 2.5
 """Latest first state of a run whose begin was recorded, in ticks: two may be lost."""
 _PRESSURE, _FAR = INPUTS[1], "output_speed"
-_Part = tuple[int, dict[str, Any], Positions]
-"""Number of a run, further attributes of its states, and these by their index among all messages."""
 
 
-def keyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], rows: Mapping[int, Floats],
-               names: Sequence[str], counter: StampCounter) -> tuple[tuple[JointStates, ...], int]:
-    """Return the runs of states that name them, and the number of repeated states that differ from the first one.
+def runs_of(states: StampedMessages, joined: Mapping[str, StampedMessages], rows: Mapping[int, Floats],
+            names: Sequence[str], sources: Sequence[InputSource], counter: StampCounter
+            ) -> tuple[tuple[JointStates, ...], int, list[str]]:
+    """Return the runs of states in the window, each with the other messages of its number at equal stamps; the number
+    of repeated states with other values than before; and the names of the other messages, `joined` by column, that
+    cannot be placed. The counter receives the stamps.
 
-    Messages, and those `joined` by column, have the number of the run as origin, to which `rows` maps messages of
-    `held`; `names` are the names of the runs. The counter receives the stamps.
+    Parameters
+    ----------
+    rows : messages of `held` by the number of the run, which is the origin of messages that name it
+    names : names of the runs; none if messages do not name them, which `_numbered` then numbers
+    sources : announced sources of the inputs of states without names
     """
+    unplaced: list[str] = []
+    if not names:
+        publisher = states.origin
+        states, joined, unplaced = _numbered(states, joined)
+        counter.pieces(states.stamp_ns, publisher)
     order = np.lexsort((states.stamp_ns, states.origin))
     origin, stamp = states.origin[order], states.stamp_ns[order]
     fresh = np.append(True, (np.diff(origin) != 0) | (np.diff(stamp) != 0))[:len(order)]
-    counter.repeated = int(np.count_nonzero(~fresh))
     differing = _count_differing(states, order, fresh)
     order, origin = order[fresh], origin[fresh]
-    parts: list[_Part] = []
-    process = ""
+    orders = [np.lexsort((messages.stamp_ns, messages.origin)) for messages in joined.values()]
+    by_key = [(messages, by, messages.origin[by]) for messages, by in zip(joined.values(), orders)]
+    runs, index, process = list[JointStates](), 0, ""
     for number in np.unique(origin).tolist():
         mine = order[slice(*np.searchsorted(origin, [number, number + 1]))]
-        kind = (Break.START if not process else
-                Break.RESET if names[number][:held.PROCESS] == process else Break.RESTART)
-        process, of_run, began = names[number][:held.PROCESS], rows.get(number), kind
-        if kind is Break.START and not names[number].endswith(held.FIRST):
-            began = Break.RESET  # The runs before it are not in the recording.
-        stamps = states.stamp_ns[mine]
-        cut = float(stamps[0]) > BEGIN_TICKS * (float(np.median(np.diff(stamps))) if len(mine) > 1 else 0.0)
-        ended = of_run is not None and of_run[-1, held.LAST] == held.ENDED
-        counter.feed_run(stamps, kind, int(of_run[-1, held.TIME]) if ended else None)  # type: ignore[index]
-        parts.append((number, {"began": began, "cut": cut}, mine))
-    counter.messages += counter.repeated
-    return tuple(_runs(states, joined, parts, rows)), differing
-
-
-def unkeyed_runs(states: StampedMessages, joined: Mapping[str, StampedMessages], sources: Sequence[InputSource],
-                 counter: StampCounter) -> tuple[tuple[JointStates, ...], int, list[str]]:
-    """Return the runs of states that do not name them, the number of repeated states with other values than before, and
-    the names of the other messages, `joined` by column, that cannot be placed.
-
-    Messages of an identified publisher, with 1 as origin, are in the order of its sequence numbers, others, with 0, in
-    that of the recording. A run begins where the stamp goes back, for other messages too, which belong to the states'
-    runs as `_matched` says. The counter receives the stamps.
-    """
-    order, starts = _order_of(states), list[tuple[int, Break]]()
-    kept = np.zeros(len(order), np.bool_)
-    for piece, preceded in counter.pieces(states.stamp_ns[order], states.origin[order]):
-        kept[piece] = True
-        if preceded.begins_a_run:
-            starts.append((piece.start, preceded))
-    ends = [*(start for start, _ in starts[1:]), len(order)]
-    parts: list[_Part] = [(number, {"began": kind}, order[start:end][kept[start:end]])
-                          for number, ((start, kind), end) in enumerate(zip(starts, ends))]
-    of_runs, unplaced = dict[str, StampedMessages](), list[str]()
-    for name, messages in joined.items():
-        its_order = _order_of(messages)
-        its, origin = messages.stamp_ns[its_order], np.full(len(messages), -1)
-        back = 1 + np.flatnonzero(np.diff(its) < 0)
-        matched = _matched(its[np.append(back, len(its)) - 1], [int(states.stamp_ns[mine].max()) for *_, mine in parts])
-        if matched:
-            origin[its_order] = np.repeat(matched, np.diff(back, prepend=0, append=len(its)))
-        else:
-            unplaced.append(name)
-        of_runs[name] = replace(messages, origin=origin)
-    fresh = np.append(True, np.diff(states.stamp_ns[order]) != 0)[:len(order)]
-    runs = _with_sources(list(_runs(states, of_runs, parts, {})), sources)
-    return runs, _count_differing(states, order, fresh), unplaced
-
-
-def _runs(states: StampedMessages, joined: Mapping[str, StampedMessages], parts: Iterable[_Part],
-          rows: Mapping[int, Floats]) -> Iterator[JointStates]:
-    """Iterate over the runs of states in the window, each with the other messages of its number at equal stamps."""
-    orders = [np.lexsort((messages.stamp_ns, messages.origin)) for messages in joined.values()]
-    by_key = [(messages, order, messages.origin[order]) for messages, order in zip(joined.values(), orders)]
-    index = 0
-    for number, facts, mine in parts:
+        facts: dict[str, Any] = {"began": Break.RESET if number else Break.START}
+        if names:
+            kind = (Break.START if not process else
+                    Break.RESET if names[number][:held.PROCESS] == process else Break.RESTART)
+            process, of_run = names[number][:held.PROCESS], rows.get(number)
+            stamps = states.stamp_ns[mine]
+            # The runs before the first one may not be in the recording.
+            joined_late = kind is Break.START and not names[number].endswith(held.FIRST)
+            facts = {"began": Break.RESET if joined_late else kind, "cut": float(stamps[0]) > BEGIN_TICKS * (
+                float(np.median(np.diff(stamps))) if len(mine) > 1 else 0.0)}
+            ended = of_run is not None and of_run[-1, held.LAST] == held.ENDED
+            counter.feed_run(stamps, kind, int(of_run[-1, held.TIME]) if ended else None)  # type: ignore[index]
         mine = mine[states.kept[mine] >= 0]
         if not len(mine):
             continue
-        stamps = states.stamp_ns[mine]
-        further: dict[str, Floats] = {}
+        stamps, further = states.stamp_ns[mine], dict[str, Floats]()
+        for messages, by, of in by_key:
+            further |= _joined(messages, by[slice(*np.searchsorted(of, [number, number + 1]))], stamps)
         facts |= {name: column[states.kept[mine]] for name, column in states.columns.items()}
-        for messages, order, origin in by_key:
-            further |= _joined(messages, order[slice(*np.searchsorted(origin, [number, number + 1]))], stamps)
         if number in rows:
             facts |= {"held": rows[number], "held_row": _rows_at(rows[number], stamps)}
-        yield _filled(JointStates(
-            stamps, states.log_ns[mine], states.sent_ns[mine], run=number, index=index, further=further, **facts))
+        runs.append(_filled(JointStates(
+            stamps, states.log_ns[mine], states.sent_ns[mine], run=number, index=index, further=further, **facts)))
         index += len(mine)
+    if names:
+        counter.repeated = int(np.count_nonzero(~fresh))
+        counter.messages += counter.repeated
+    return _with_sources(runs, () if names else sources), differing, unplaced
 
 
-def _order_of(messages: StampedMessages) -> Positions:
-    """Return the order of messages by the sequence numbers of an identified publisher, else that of the recording."""
-    identified = len(messages) > 0 and bool((messages.origin > 0).all())
-    return np.argsort(messages.number, kind="stable") if identified else np.arange(len(messages))
+def _numbered(states: StampedMessages, joined: Mapping[str, StampedMessages]
+              ) -> tuple[StampedMessages, dict[str, StampedMessages], list[str]]:
+    """Return messages that do not name their run in their order, with its number as origin, and the names of those that
+    cannot be placed, which have -1.
+
+    Messages of an identified publisher, with 1 as origin, are in the order of its sequence numbers, others, with 0, in
+    that of the recording. A run begins where the stamp goes back, for other messages too, which belong to the states'
+    runs as `_matched` says.
+    """
+    numbered, unplaced, of_states = dict[str, StampedMessages](), list[str](), list[int]()
+    for name, messages in (("", states), *joined.items()):
+        if len(messages) and (messages.origin > 0).all():
+            messages = messages.at(np.argsort(messages.number, kind="stable"))
+        back = np.diff(messages.stamp_ns, prepend=messages.stamp_ns[:1]) < 0
+        last = messages.stamp_ns[np.append(np.flatnonzero(back), len(messages))[:len(messages)] - 1].tolist()
+        of_states = of_states if name else last
+        matched = _matched(last, of_states)
+        unplaced += [name] if last and not matched else []
+        origin = np.array(matched or [-1] * len(last), np.int64)[np.cumsum(back)]
+        numbered[name] = replace(messages, origin=origin)
+    return numbered.pop(""), numbered, unplaced
 
 
-def _matched(last: NDArray[np.int64], of_states: Sequence[int]) -> list[int]:
+def _matched(last: Sequence[int], of_states: Sequence[int]) -> list[int]:
     """Return the runs of states to which runs of other messages belong; none if their last stamps, ns, leave a choice.
 
     There are as many of both, or each one has no stamp behind the last state of its run.
@@ -137,8 +123,8 @@ def _matched(last: NDArray[np.int64], of_states: Sequence[int]) -> list[int]:
             k += 1
         return out
 
-    first = earliest(last.tolist(), of_states)
-    late = [len(of_states) - 1 - k for k in earliest(last.tolist()[::-1], of_states[::-1])][::-1]
+    first = earliest(last, of_states)
+    late = [len(of_states) - 1 - k for k in earliest(last[::-1], of_states[::-1])][::-1]
     return first if first == late else []
 
 
