@@ -153,10 +153,14 @@ class BagWriter:
         self.file.abandon()
         self._release()
 
-    def discard(self, error: BaseException) -> None:
-        """Delete the bag because of an error, which is raised with the name of the directory if it names no file."""
-        self.abandon()
-        shutil.rmtree(self.directory, ignore_errors=True)
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        """Delete the bag after an error, which is raised with the name of the directory if it names no file."""
+        if error is not None:
+            self.abandon()
+            shutil.rmtree(self.directory, ignore_errors=True)
         if isinstance(error, OSError) and error.filename is None:
             raise OSError(error.errno, error.strerror, str(self.directory)) from None
 

@@ -30,7 +30,6 @@ from tcc_sim.recording.reader import Run, open_run
 from tcc_sim.recording.records import PASSED_OVER, Expansion
 from tcc_sim.recording.recovery import copy_messages, recover
 from tcc_sim.recording.runs import placed
-from tcc_sim.recording.stamps import Break
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, HELD_INPUTS, INPUTS, JOINT_STATE
 
 _WANTED = {*CARRIED, DIAGNOSTIC_ARRAY}
@@ -166,17 +165,12 @@ def _converter(connections: Sequence[Any]) -> Callable[[bytes, str], bytes]:
 def _written(run: Run, directory: Path) -> Imported:
     """Write the states of a run without names into a new recording."""
     columns = run.columns()
-    names, name = held.runs(), ""
-    bag = BagWriter(directory)
-    try:
+    with BagWriter(directory) as bag:
         scenes = placed(run.scenes, columns.runs)
         channels = {row: bag.channel(f"/{row}", kind, row=row) for row, kind in (
             ("joint_states", JOINT_STATE), ("held", FLOAT64_ARRAY), ("applied_pressure", FLUID_PRESSURE),
             ("output_state", JOINT_STATE))}
-        for states in columns.runs:
-            if states.began is Break.RESTART:
-                names = held.runs()
-            name = next(names)
+        for states, name in zip(columns.runs, held.runs()):
             for index, number in scenes:
                 if states.index <= index < states.index + len(states):
                     scene = run.scenes[number]
@@ -195,9 +189,6 @@ def _written(run: Run, directory: Path) -> Imported:
 
         copy_messages(run, bag, channel_of)
         bag.close(run.result)
-    except BaseException as error:
-        bag.discard(error)
-        raise
     notes = [text for text in run.warnings if "of other programs" not in text]
     if not run.scenes:
         notes.append("the bag holds no scene: give --scene to analyse; time begins at the first state of each run")

@@ -47,8 +47,7 @@ def recover(run: Run, directory: Path) -> Recovery:
     A recovery that fails or is interrupted deletes its bag, so that the same command can be run again. RecordingError
     if the directory exists or nothing can be read; OSError, which names the directory, if the disk is full.
     """
-    bag = BagWriter(directory)
-    try:
+    with BagWriter(directory) as bag:
         for scene in run.recorded_scenes:
             bag.describe(scene.text, scene.version, scene.log_ns)
         channels, profiles = dict[tuple[str, str, str], int](), dict[str, list[dict[str, Any]]]()
@@ -71,9 +70,6 @@ def recover(run: Run, directory: Path) -> Recovery:
             raise RecordingError(f"{run.paths[0]}: nothing in it can be recovered{reason}")
         bag.file.note(RECOVERY_RECORD, run.warnings)
         bag.close(run.result)
-    except BaseException as error:
-        bag.discard(error)
-        raise
     counts = {topic: run.messages[topic] for topic, _, _ in channels}
     return Recovery(directory, counts, run.complete, list(run.warnings))
 
