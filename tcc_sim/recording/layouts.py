@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -146,7 +146,8 @@ class StampedMessages:
 
     def at(self, order: Positions) -> StampedMessages:
         """Return the messages in another order."""
-        return StampedMessages(*(getattr(self, one.name)[order] for one in fields(self)[:-1]), self.columns)
+        return StampedMessages(self.origin[order], self.stamp_ns[order], self.number[order], self.log_ns[order],
+                               self.sent_ns[order], self.kept[order], self.columns)
 
 
 class Collected:
