@@ -38,8 +38,8 @@ from tcc_sim.topics import FAR_END, INPUTS, topic
 
 COMPILERS = "cc", "gcc", "clang"
 OPTIONS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden")
-TOKEN = "@token@"
-"""Place of the token for instantiation, a digest of all texts."""
+TOKEN = "\0"
+"""Place of the token for instantiation, a digest of all texts; a scene's texts come without this character."""
 DATE = 2020, 1, 1, 0, 0, 0
 """Date of every file in an FMU, so that the same scene gives the same FMU."""
 PLATFORMS = {("linux", "x86_64"): ("linux64", "x86_64-linux"), ("linux", "aarch64"): ("", "aarch64-linux"),
@@ -111,9 +111,7 @@ def export(scene: Scene, path: Path, version: int = 2, step: float | None = None
            sources_only: bool = False, options: Sequence[str] = ()) -> None:
     """Write a scene's FMU to a new file.
 
-    version : version of FMI, 2 or 3
     step : length of a tick, s; None for the scene's rate
-    sources_only : whether to omit the binary
     options : further options of the compiler
 
     Raises InputError: the real-time solver cannot run the scene, or the version or step is not allowed; TccError: the
