@@ -692,7 +692,10 @@ class Function:
         if called in (max, min, np.maximum) and len(node.args) > 1:
             printed, *others = map(self._number, node.args)
             for other in others:
-                printed = self._larger(called, printed, other)
+                check(printed[1] == other[1])
+                name = "maximum" if called is np.maximum and printed[1] == DOUBLE else (
+                    f"{'min' if called is min else 'max'}_{c_types.kind_name(printed[1])}")
+                printed = f"{name}({printed[0]}, {other[0]})", printed[1]
             return printed
         if called in FUNCTIONS:
             return self._each(lambda *parts: (f"{FUNCTIONS[called]}({', '.join(text for text, _ in parts)})", DOUBLE),
@@ -717,12 +720,6 @@ class Function:
             return name, result
         return self._result(f"{name}({', '.join(text for text, kind in given if not isinstance(kind, Static))})",
                             result)
-
-    def _larger(self, called: Any, one: Text, other: Text) -> Text:
-        check(one[1] == other[1])
-        name = "maximum" if called is np.maximum and one[1] == DOUBLE else (
-            f"{'min' if called is min else 'max'}_{c_types.kind_name(one[1])}")
-        return f"{name}({one[0]}, {other[0]})", one[1]
 
     def _of_value(self, node: ast.expr) -> bool:
         """Return whether an expression is a value of the function, and no module or class."""

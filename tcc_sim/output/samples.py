@@ -138,15 +138,6 @@ def cycles_in(arrays: Mapping[str, Any]) -> Cycles | None:
                   arrays["cycle_stick_time"], starts=arrays.get("cycle_starts"))
 
 
-def _cycle_columns(cycles: Cycles | None) -> dict[str, Any]:
-    """Return the engine cycles of a solver as the arrays that `cycles_in` reads."""
-    if cycles is None:
-        return {}
-    return {"section_states": cycles.section[:, [1, 0, 2]], "cycle_highest": cycles.highest,
-            "cycle_lowest": cycles.lowest, "cycle_stick_time": cycles.stick_time,
-            **({} if cycles.starts is None else {"cycle_starts": cycles.starts})}
-
-
 def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, recorded: bool = False,
                   document: Mapping[str, Any] | None = None) -> None:
     """Write every sample of `trajectory` to a .npz, .csv, .parquet, .mat or .mcap file.
@@ -171,7 +162,12 @@ def write_samples(path: Path, trajectory: Trajectory, scene_text: str, *, record
         if path.suffix == ".mcap":
             write_trajectory(part, trajectory, scene_text)
         elif path.suffix == ".npz":
-            more = {**_cycle_columns(trajectory.cycles), **({} if document is None else documented(document))}
+            cycles, more = trajectory.cycles, dict[str, Any]()
+            if cycles is not None:
+                more = {"section_states": cycles.section[:, [1, 0, 2]], "cycle_highest": cycles.highest,
+                        "cycle_lowest": cycles.lowest, "cycle_stick_time": cycles.stick_time,
+                        **({} if cycles.starts is None else {"cycle_starts": cycles.starts})}
+            more |= {} if document is None else documented(document)
             np.savez(part, **columns, **more, units=np.array(list(units.values())), scene=np.array(scene_text))
         else:
             hold = _holds(trajectory) if recorded else {}

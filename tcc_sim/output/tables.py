@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from tcc_sim.analysis.loop.tracking import Tracking
     from tcc_sim.analysis.measured.orders import OrderComparison, Orders, Spectrum
     from tcc_sim.analysis.steady.damping import Damping
-    from tcc_sim.analysis.steady.exponents import Lyapunov
     from tcc_sim.sweeps.gains import GainMap
     from tcc_sim.sweeps.results import Grid, Sweep
     from tcc_sim.sweeps.scatter import Scattered
@@ -68,7 +67,9 @@ def simulation_lines(name: str, result: Simulation) -> list[str]:
     if result.damping is not None:
         pairs.append(damping_row(result.damping))
     if result.lyapunov is not None:
-        pairs.append(lyapunov_row(result.lyapunov))
+        found = result.lyapunov
+        pairs.append(("largest Lyapunov exponent", f"{found.exponent:.4g} 1/s, {found.low:.4g} to {found.high:.4g} at "
+                      f"{100.0 * found.confidence:g} % confidence: {found.diagnosis}"))
     return [*lines, *aligned(pairs)]
 
 
@@ -223,12 +224,6 @@ def damping_row(damping: Damping) -> tuple[str, str]:
     return ("equivalent damping (21)",
             f"{damping.weighted:.4g} N m s/rad, mean of the negative slope {damping.negative_mean:.4g}; "
             f"-C23 is {damping.threshold:.4g}")
-
-
-def lyapunov_row(lyapunov: Lyapunov) -> tuple[str, str]:
-    """Return the largest Lyapunov exponent with its confidence interval."""
-    return ("largest Lyapunov exponent", f"{lyapunov.exponent:.4g} 1/s, {lyapunov.low:.4g} to {lyapunov.high:.4g} at "
-            f"{100.0 * lyapunov.confidence:g} % confidence: {lyapunov.diagnosis}")
 
 
 def sweep_lines(sweep: Sweep | Grid, width: int | None = None) -> list[str]:

@@ -29,16 +29,14 @@ def wrapped(text: str, width: int | None) -> str:
     """
     if width is None:
         return text
-    return "\n".join(part for line in text.split("\n") for part in (
-        [line] if len(line) <= width else textwrap.wrap(
-            line, width, subsequent_indent=" " * _indent(line, width), break_long_words=False, break_on_hyphens=False,
-            expand_tabs=False, replace_whitespace=False)))
-
-
-def _indent(line: str, width: int) -> int:
-    """Return the indent of the continuation lines of a line."""
-    columns = [match.end() for match in re.finditer(r"\S {2,}(?=\S)", line) if match.end() <= width // 2]
-    return columns[-1] if columns else len(line) - len(line.lstrip()) + 2
+    lines = []
+    for line in text.split("\n"):
+        columns = [match.end() for match in re.finditer(r"\S {2,}(?=\S)", line) if match.end() <= width // 2]
+        indent = columns[-1] if columns else len(line) - len(line.lstrip()) + 2
+        lines += [line] if len(line) <= width else textwrap.wrap(
+            line, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False,
+            expand_tabs=False, replace_whitespace=False)
+    return "\n".join(lines)
 
 
 def say(text: str, *, flush: bool = False) -> None:

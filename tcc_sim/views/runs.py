@@ -234,17 +234,13 @@ def _torques(axis: Any, run: Trajectory) -> None:
 
 def _slip(axis: Any, run: Trajectory, control: Control | None) -> None:
     _draw_line(axis, run, run.slip_speed, style.BLUE, "slip speed", **_dots(run))
-    shade_stick(axis, run.t, np.asarray((run.state == 0) & np.isfinite(run.slip_speed)))
+    axis.fill_between(run.t, 0.0, 1.0, where=(run.state == 0) & np.isfinite(run.slip_speed), label="stick", zorder=0,
+                      transform=axis.get_xaxis_transform(), facecolor=style.STICK, edgecolor="none", linewidth=0.0,
+                      rasterized=len(run.t) > SHARP)
     if control is not None:
         _target(axis, control, float(run.t[-1]))
     quantities(axis, style.TIME, style.SLIP)
     axis.set_xlim(run.t[0], run.t[-1])
-
-
-def shade_stick(axis: Any, t: Floats, stuck: NDArray[np.bool_]) -> None:
-    """Shade the intervals between successive samples that stick."""
-    axis.fill_between(t, 0.0, 1.0, where=stuck, transform=axis.get_xaxis_transform(), facecolor=style.STICK,
-                      edgecolor="none", linewidth=0.0, zorder=0, label="stick", rasterized=len(t) > SHARP)
 
 
 def _target(axis: Any, control: Control, end: float) -> None:
