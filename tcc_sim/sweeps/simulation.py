@@ -328,7 +328,7 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
     system = system_of(scene)
     plan = Plan.of(plan, settings)
     plan.check(system)
-    start = start or start_of(system)
+    start = start or Start(replace(State.at_start(system), flywheel_angle=system.initial.plate_angle), 0)
     if plan.orders is not None:
         samples_per_cycle = samples_per_cycle or ORDER_SAMPLES
     run, cycles, discarded = _run(system, plan, start, {
@@ -337,12 +337,6 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
     if plan.orders is None or result.summary is None:
         return result
     return replace(result, orders_at_speeds=measured.orders_at_speeds(run, plan.orders, result.summary.covers[0]))
-
-
-def start_of(system: System) -> Start:
-    """Return the system's initial state at cycle 0."""
-    i = system.initial
-    return Start(State(i.slip_speed, i.plate_angle, i.plate_speed, i.plate_angle), 0)
 
 
 def _run(system: System, plan: Plan, start: Start, kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:

@@ -316,7 +316,7 @@ def solve_block(systems: Sequence[System], values: Sequence[float], plan: Plan) 
     """Return the points of systems, for which `in_blocks` holds; None where the solver stopped early."""
     plan.check(systems[0])
     out: list[Point | None] = [None] * len(systems)
-    for at, kept, discarded in (_settled_runs if plan.discard == "auto" else _whole_runs)(systems, plan):
+    for at, kept, discarded in _kept_runs(systems, plan):
         chosen, count = [systems[k] for k in at], discarded + kept.highest.shape[1]
         summaries, sections = summaries_of(kept, [system.cycle for system in chosen], [discarded] * len(at), discarded)
         if plan.discard == "auto":
@@ -336,30 +336,23 @@ Kept = tuple[list[int], Runs, int]
 """Numbers of systems, their runs without the dropped cycles, all of one length, and the number of these."""
 
 
-def _whole_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
-    discarded = plan.dropped(plan.most, steady.default_discard(plan.most))
-    runs = solve_runs(systems, [simulation.start_of(system).state for system in systems], [0] * len(systems), plan.most,
-                      plan.rtol, discarded)
-    at = np.flatnonzero(runs.done).tolist()
-    if at:
-        yield at, runs.chosen(at, discarded), discarded
-
-
-def _settled_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
-    """Yield the runs until their sections repeat, as `simulation.solve_to_steady_state` solves them."""
-    going, states, done = list(range(len(systems))), [simulation.start_of(system).state for system in systems], 0
+def _kept_runs(systems: Sequence[System], plan: Plan) -> Iterator[Kept]:
+    """Yield the runs; with discard auto each as soon as its section repeats, as `simulation.solve_to_steady_state`."""
+    auto = plan.discard == "auto"
+    dropped = 0 if auto else plan.dropped(plan.most, steady.default_discard(plan.most))
+    going, states, done = list(range(len(systems))), [State.at_start(system) for system in systems], 0
     runs: Runs | None = None
     while going:
-        count = min(simulation.BLOCK, plan.most - done)
-        latest = solve_runs([systems[k] for k in going], states, [done] * len(going), count, plan.rtol, 0)
+        count = min(simulation.BLOCK, plan.most - done) if auto else plan.most
+        latest = solve_runs([systems[k] for k in going], states, [done] * len(going), count, plan.rtol, dropped)
         solved, done = np.flatnonzero(latest.done).tolist(), done + count
         if not solved:
             return
         parts = [latest] if runs is None else [runs, latest]
         going, runs = [going[i] for i in solved], joined_runs([part.chosen(solved) for part in parts])
-        after = [simulation.repeats_after(runs.cycles(i)) if done >= simulation.WINDOW else None
+        after = [simulation.repeats_after(runs.cycles(i)) if auto and done >= simulation.WINDOW else None
                  for i in range(len(going))]
-        unsettled = min(max(steady.DISCARD, (done + 1) // 2), done - 1)
+        unsettled = min(max(steady.DISCARD, (done + 1) // 2), done - 1) if auto else dropped
         drops = [unsettled if cycles is None else cycles for cycles in after]
         ended = [i for i, cycles in enumerate(after) if cycles is not None or done >= plan.most]
         for discarded in sorted({drops[i] for i in ended}):
