@@ -176,6 +176,12 @@ def solution_at(z: Floats, linearised: Linearised, tangent: Floats) -> Solution:
     return Solution(z, tangent, linearised, float(np.sign(np.linalg.det(matrix))))
 
 
+def solution_of(equations: Equations, z: Floats) -> Solution:
+    """The solution at a point, with one of its two tangents."""
+    linearised = equations.linearise(z)
+    return solution_at(z, linearised, null_direction(linearised))
+
+
 def cosine_between(here: Solution, new: Solution, by_amplitude: bool) -> float:
     """Cosine between the chord from one point to the next and the tangent there."""
     # Along a curve that bends little the chord lies between both tangents; else the corrector has left the curve.

@@ -270,11 +270,8 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep:
 
 def first_point(shooting: Shooting, z: Floats) -> ContinuationPoint:
     """The first point of a branch at a solution; its tangent points to growing parameters."""
-    linearised = shooting.linearise(z)
-    tangent = arclength.null_direction(linearised)
-    if tangent[shooting.size] < 0.0:
-        tangent = -tangent
-    return point_at(shooting, arclength.solution_at(z, linearised, tangent))
+    point = point_at(shooting, arclength.solution_of(shooting, z))
+    return point.turned() if point.slope < 0.0 else point
 
 
 def orbits_at(branch: Branch, value: float) -> list[Orbit]:

@@ -491,9 +491,8 @@ def bifurcation_curve(bifurcation: Bifurcation, of: ParameterMap, ranges: Ranges
     def begun(forward: bool) -> CurveTrack:
         finer, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], second)))
         system = MinimallyAugmented(bifurcation.kind, finer, z)
-        linearised = system.linearise(system.start)
-        solution = arclength.solution_at(system.start, linearised, arclength.null_direction(linearised))
-        track = Continuation(facing(AugmentedPoint(solution, system), forward), CURVE)
+        first = AugmentedPoint(arclength.solution_of(system, system.start), system)
+        track = Continuation(facing(first, forward), CURVE)
         _test(track, track.here)
         return track
 
@@ -508,9 +507,7 @@ def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value:
     border, at = Border(margin, ranges), np.array([ranges[0].scaled(value), ranges[1].scaled(second)])
 
     def begun(forward: bool) -> Continuation[CurvePoint, Special]:
-        linearised = border.linearise(at)
-        solution = arclength.solution_at(at, linearised, arclength.null_direction(linearised))
-        return Continuation(facing(CurvePoint(solution, border), forward))
+        return Continuation(facing(CurvePoint(arclength.solution_of(border, at), border), forward))
 
     lost = End(StopReason.STEP, ranges[0].name, value, orbits.DEFAULTS.residual)
     return _both_ways("stick_border", begun, lost, second)
