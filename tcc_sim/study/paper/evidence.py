@@ -31,6 +31,7 @@ from tcc_sim.study.paper.catalogue import NORMALISED, OMEGA_N, PRESSURE, STATIC,
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Point
+from tcc_sim.sweeps.simulation import DIRECTIONS
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, solve_point, sweep_curves
 from tcc_sim.trajectory import Floats, State, Trajectory
 
@@ -58,8 +59,6 @@ FAILED, RUNAWAY = -1, -2
 """Values in place of a period: for a failed point, and for runaway slip."""
 FEW = replace(SWEPT, longest_period=2, max_points=60, max_branches=5)
 """Branches over one part of an axis."""
-WAYS = ("cold", "up", "down")
-"""Starts of the values of a sweep: from (13), or from the neighbour below or above."""
 SEEDS = 24
 LOWEST, HIGHEST = np.array([-50.0, -0.1, -20.0]), np.array([200.0, 0.3, 20.0])
 """Initial states in the search for attractors: number, and ranges of slip speed, plate angle and plate speed."""
@@ -243,7 +242,7 @@ class Evidence:
         return jumps
 
     def stretches(self, rows: Sequence[Values], axis: Floats, *, over: str = FREQUENCY) -> list[list[StableSegment]]:
-        """Return for every row the stable stretches of the branches through the motions of sweeps in all WAYS.
+        """Return for every row the stable stretches of the branches through the motions of sweeps in all DIRECTIONS.
 
         Their parameter is that of `curves`. Orbits are solved at 1e-12 for any tolerance of the sweeps.
         """
@@ -254,7 +253,7 @@ class Evidence:
 
         names = [json.dumps(["stretches", sorted(row.items()), axis.tolist(), over]) for row in rows]
         missing = {name: row for name, row in zip(names, rows) if name not in self.known}
-        ways = [self.curves(list(missing.values()), axis, over=over, direction=way) for way in WAYS]
+        ways = [self.curves(list(missing.values()), axis, over=over, direction=way) for way in DIRECTIONS]
         with workers(self.jobs, None) as (pool, _), progress_bar("branches", len(missing), shown=self.progress) as bar:
             for name, stretches in zip(missing, pool.map(followed, zip(*ways))):
                 self.known[name] = stretches
@@ -292,7 +291,7 @@ class Evidence:
         name = json.dumps(["periodic", sorted(row.items()), axis.tolist()])
         if name not in self.known:
             periodic = np.zeros(len(axis), dtype=bool)
-            for way in WAYS:
+            for way in DIRECTIONS:
                 curve = (sweep := self.curves([row], axis, direction=way)[0]).curve
                 of, span = DrivelineMap(curve.system, (curve.key,)), ParameterRange(curve.values[0], curve.values[-1])
                 for seen in seen_in(sweep):

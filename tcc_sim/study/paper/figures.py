@@ -25,9 +25,10 @@ from tcc_sim.study.continuation.orbits import OrbitFigures
 from tcc_sim.study.paper import catalogue
 from tcc_sim.study.paper.branches_behind import JUMP, MotionsBehind, motions_behind, motions_behind_each, orbit_behind
 from tcc_sim.study.paper.catalogue import SWEPT, FigureOptions, PaperFigure, paper_system, series_system
-from tcc_sim.study.paper.evidence import first_half, rms_apart, steep, swept
+from tcc_sim.study.paper.evidence import CYCLES, DISCARD, first_half, rms_apart, steep, swept
 from tcc_sim.sweeps.executors import workers
 from tcc_sim.sweeps.results import Point
+from tcc_sim.sweeps.simulation import DIRECTIONS
 from tcc_sim.sweeps.sweep import Curve, Plan, Sweep, handed_over, solve_point
 from tcc_sim.trajectory import State, Trajectory
 
@@ -35,8 +36,6 @@ SECTION_POINTS = 40
 """Number of section points at every value of an orbit diagram."""
 SAMPLES = 1000
 """Samples per cycle in a time history."""
-RUN_IN = 150
-"""Number of cycles before a time history."""
 SOLVER_CURVES: dict[str, tuple[str, str, Mapping[str, Any]]] = {
     "smoothed": ("smoothed law, this package", "smoothed", {}),
     "rk45": ("RK45", "smoothed", {"rtol": 1e-6}), "bdf": ("Gear (BDF)", "smoothed", {"rtol": 1e-6}),
@@ -172,10 +171,9 @@ def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     count = (row.count - 1) // catalogue.QUICK_SHARE + 1 if options.quick else row.count
     (name, unit), ratios = catalogue.NORMALISED[row.over], np.linspace(*row.span, count)
     wanted = [Curve(series_system(s, options), row.over, catalogue.values_at(row.over, ratios)) for s in row.series]
-    directions = ("cold", "up", "down") if row.kind == "orbit" else ("cold",)
-    plans = [Plan(cycles=100 if options.quick else 150, discard=50, direction=direction, section_points=SECTION_POINTS,
-                  damping=row.kind == "damping") for direction in ((options.direction,) if options.direction
-                                                                   else directions)]
+    directions = (options.direction,) if options.direction else DIRECTIONS if row.kind == "orbit" else ("cold",)
+    plans = [Plan(cycles=100 if options.quick else CYCLES, discard=DISCARD, direction=direction,
+                  section_points=SECTION_POINTS, damping=row.kind == "damping") for direction in directions]
     sweeps = [s for plan in plans for s in swept(wanted, plan, options.kept, options.jobs, options.progress)]
     others = [coexisting(sweep, options.jobs) if row.kind == "map" and sweep.plan.direction == "cold" else None
               for sweep in sweeps]
@@ -188,7 +186,7 @@ def _over_axis(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
                        **{name: column for name, column in sweep.lists.items() if name in COLUMNS})
               for series, sweep, other, motions in zip(row.series * len(plans), sweeps, others, behind)]
     return {"over": row.over, "axis": name, "x": ratios.tolist(), "unit": unit, "cycles": plans[0].most,
-            "discarded": 50, "threshold": -paper_system().driveline.damping if row.kind == "damping" else None,
+            "discarded": DISCARD, "threshold": -paper_system().driveline.damping if row.kind == "damping" else None,
             "curves": curves}
 
 
@@ -239,7 +237,7 @@ def _law(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     return {"slip_speed": v, "near_slip_speed": near, "curves": curves}
 
 
-def _run_in(system: System, more: int, cycles: int = RUN_IN, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
+def _run_in(system: System, more: int, cycles: int = CYCLES, samples: int = SAMPLES) -> tuple[Trajectory, Trajectory]:
     """Solve some cycles with the transient, and then more cycles with samples."""
     before = solve(system, cycles=cycles).raise_for_status()
     return before, solve(system, cycles=more, samples_per_cycle=samples, start_cycle=cycles,
@@ -260,7 +258,7 @@ def _panels(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
             more = {"period": summary.period, **_section(system, before, summary.period, options)}
         else:
             more = {"period": summary.period, "orbit": orbit_behind(
-                system, before.final, RUN_IN, summary.period, summary.max_slip_speed) if options.branches else None}
+                system, before.final, CYCLES, summary.period, summary.max_slip_speed) if options.branches else None}
         shown = {name: getattr(after, name) for name in columns}
         panels.append(Labelled(label=series.label, values=series.values,
                                t=(after.t - after.t[0]) / after.cycle, **shown, **more))
@@ -272,9 +270,9 @@ def _section(system: System, before: Trajectory, period: int, options: FigureOpt
     if period:
         return {"section": before.solved_cycles.section[-period:, 1:]}
     many = catalogue.SECTION_CYCLES // (catalogue.QUICK_SHARE if options.quick else 1)
-    further = solve(system, cycles=many, start_cycle=RUN_IN, state=before.final).raise_for_status()
+    further = solve(system, cycles=many, start_cycle=CYCLES, state=before.final).raise_for_status()
     return {"section": further.solved_cycles.section[1:, 1:],
-            "lyapunov": largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=RUN_IN)
+            "lyapunov": largest_lyapunov_exponent(system, before.final, cycles=many, start_cycle=CYCLES)
             if options.law == "smoothed" else None}
 
 

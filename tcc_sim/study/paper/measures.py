@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
@@ -18,6 +17,7 @@ from tcc_sim.analysis.steady.damping import slope_of_friction
 from tcc_sim.analysis.steady.summary import periodicity
 from tcc_sim.errors import NumericalFailure, counted
 from tcc_sim.model import closed_forms, friction
+from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison import rk4_limit
@@ -31,7 +31,6 @@ from tcc_sim.study.paper.evidence import (
     FREQUENCY,
     KINETIC,
     SMOOTHING,
-    WAYS,
     Evidence,
     Motion,
     T,
@@ -42,6 +41,7 @@ from tcc_sim.study.paper.evidence import (
     two_digits,
     with_kinetic,
 )
+from tcc_sim.sweeps.simulation import DIRECTIONS
 from tcc_sim.sweeps.sweep import Sweep
 from tcc_sim.trajectory import Floats
 
@@ -169,7 +169,7 @@ def grow(numbers: Sequence[float]) -> bool:
 
 def denominator(row: Values) -> int:
     """Return N of omega_f = (M/N) omega in lowest terms, the period by (35)."""
-    return Fraction(float(row.get("pressure.frequency_ratio", 1.0))).limit_denominator(12).denominator  # type: ignore[arg-type]
+    return common_cycles(paper_system(row))
 
 
 def more_than_anywhere(count: Callable[[float], float], marks: Mapping[str, float], name: str,
@@ -456,10 +456,8 @@ def series_balance(e: Evidence) -> Measured:
 
 
 def fifty_suffice(e: Evidence) -> Measured:
-    def settled(sweep: Sweep) -> float:
-        return float(np.mean([p is not None and p.summary is not None and p.summary.settled for p in sweep.points]))
-
-    settled_by = {str(n): list(map(settled, e.curves(rows(n), AXIS))) for n in (4, 8, 10, 11, *range(13, 19))}
+    settled_by = {str(n): [float((sweep.column("settled") == 1.0).mean()) for sweep in e.curves(rows(n), AXIS)]
+                  for n in (4, 8, 10, 11, *range(13, 19))}
     parts = [x for row in settled_by.values() for x in row]
     return Measured(parts, {"settled part, by figure and curve": settled_by},
                     f"{100.0 * (1.0 - max(parts)):.0f} to "
@@ -496,7 +494,7 @@ def peaks_of(e: Evidence, way: str = "cold") -> dict[str, list[float]]:
 
 
 def super_harmonic_peaks(e: Evidence) -> Measured:
-    peaks = [peaks_of(e, way) for way in WAYS]
+    peaks = [peaks_of(e, way) for way in DIRECTIONS]
     return curves_near_named(e, [peak[r] for peak in peaks for r in FALLING], {"peaks": peaks})
 
 
@@ -506,7 +504,7 @@ def super_harmonic_jumps(e: Evidence) -> Measured:
     axes = [about(mark, WIDE, 21) for mark in NAMED.values()]
     for r, row in FALLING.items():
         ends = [end for axis in axes for end in e.jump_ends(row, axis)]
-        for way in WAYS:
+        for way in DIRECTIONS:
             values = e.maxima([row], FINER, direction=way)[0]
             steps = [0.5 * (FINER[k] + FINER[k + 1]) for k in steep(values, e.limit("jump"))]
             met = [x for x in ends if any(abs(x - step) <= e.limit("ends") for step in steps)]
@@ -709,9 +707,9 @@ def _periods_of_6(e: Evidence, way: str) -> Any:
 
 
 def _highest(e: Evidence, period: int, below: float) -> list[float | None]:
-    """Return the highest mu_k/mu_s up to `below` with a period in Fig. 6, for each of WAYS."""
+    """Return the highest mu_k/mu_s up to `below` with a period in Fig. 6, for each of DIRECTIONS."""
     return [max((float(x) for x in RATIOS[(_periods_of_6(e, way) == period) & (below >= RATIOS)]),
-                default=None) for way in WAYS]
+                default=None) for way in DIRECTIONS]
 
 
 def period_one_near_unity(e: Evidence) -> Measured:
@@ -722,7 +720,7 @@ def period_one_near_unity(e: Evidence) -> Measured:
 def period_two_from(e: Evidence, place: float) -> Measured:
     ends = _highest(e, 2, 1.0)
     born = [s.high.value for s in e.stretches([AT_036], RATIOS, over=KINETIC)[0] if s.period == 2 and s.high.jumps]
-    limit, falling = e.limit("near"), ends[WAYS.index("down")]
+    limit, falling = e.limit("near"), ends[DIRECTIONS.index("down")]
     near = any(abs(x - place) <= limit for x in born)
     return Measured((falling is not None and abs(falling - place) <= limit, near), {"born": born, "ends": ends},
                     near, e.motions({"": AT_036}, RATIOS, over=KINETIC))
@@ -730,7 +728,7 @@ def period_two_from(e: Evidence, place: float) -> Measured:
 
 def aperiodic_from(e: Evidence, place: float, within: float) -> Measured:
     highest = _highest(e, 0, 0.78)
-    none = {float(x) for way in WAYS for x in RATIOS[_periods_of_6(e, way) == 0]}
+    none = {float(x) for way in DIRECTIONS for x in RATIOS[_periods_of_6(e, way) == 0]}
     end = covered_down_to(e.stretches([AT_036], RATIOS, over=KINETIC)[0], 1.0)
     below = any(end - within <= x <= end for x in none)
     near = any(x is not None and abs(x - place) <= within for x in highest)
@@ -755,7 +753,7 @@ def more_with_steeper_law(e: Evidence) -> Measured:
 
 
 def half_frequency_aperiodic(e: Evidence) -> Measured:
-    cold, *others = (figure_curves(e, 16, [0], way) for way in WAYS)
+    cold, *others = (figure_curves(e, 16, [0], way) for way in DIRECTIONS)
     (row,), (slipping,) = cold.rows.values(), cold.slips
     none = [curve.periods[0] == 0 for curve in (cold, *others)]
     parts = [share_where(n, slipping) for n in none]
@@ -824,10 +822,8 @@ def _slip_from_stick(e: Evidence, row: Values, ratio: float, law: str) -> float:
     """Return the largest slip speed of 20 cycles from the state (8a) of stick at t = 0, rad/s."""
     system = e.system({**row, FREQUENCY: ratio * OMEGA_N, "friction.law": "set_valued"})
     angle = closed_forms.plate_angle(system)
-    step = 1e-7 / system.engine.frequency
-    early, start, late = (float(angle(np.array([t]))[0]) for t in (-step, 0.0, step))
-    stuck: System = replace(system, {"initial.slip_speed": 0.0, "initial.plate_angle": start,
-                                     "initial.plate_speed": (late - early) / (2.0 * step), "friction.law": law})
+    stuck: System = replace(system, {"initial.slip_speed": 0.0, "initial.plate_angle": float(angle(0.0)),
+                                     "initial.plate_speed": float(angle.rate()(0.0)), "friction.law": law})
     return float(solve(stuck, cycles=20).solved_cycles.largest.max())
 
 
