@@ -40,7 +40,7 @@ def test_the_phase_is_that_of_the_first_reference():
     assert np.interp(10.0, by_tacho.turns, by_tacho.times) - np.interp(4.0, by_tacho.turns, by_tacho.times) == (
         pytest.approx(6.0 * TURN / OMEGA, rel=1e-4))
     doubted = measured_phase(table(tacho=np.sin(OMEGA * FAST), engine_torque=TORQUE), 1.0, 2)
-    assert "2 times the excitation by tacho and --pulses 2" in doubted.notes[0]
+    assert "2 times the excitation by tacho with --pulses 2" in doubted.notes[0]
     two = measured_phase(table(tacho=np.sin(OMEGA * FAST)), 3.0, 2)
     assert np.ptp(two.turns) == pytest.approx(1.5 * np.ptp(by_tacho.turns))
 

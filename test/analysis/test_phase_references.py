@@ -76,7 +76,7 @@ def test_a_tacho_gives_the_orders(name):
 
 @pytest.mark.parametrize(("signal", "pulses", "why"), [
     (np.sin(60.0 * np.pi * 2.0 * ANGLE / (2.0 * np.pi))[::5], 60, "sampled too slowly for its pulses"),
-    (square(TURNS), 2, "the strongest line of engine_torque is at 2 times the excitation by tacho and --pulses 2"),
+    (square(TURNS), 2, "the strongest line of engine_torque is at 2 times the excitation by tacho with --pulses 2"),
     (square(2.0 * TURNS), 1, "contradicts the torque: .* at 0.5 times the excitation"),
     (wheel(24, 2, TURNS), 1, "shows a wheel of 24 teeth of which 2 are missing, and --pulses is 1; give --pulses 24"),
     (0.0 * T + 2.0, 1, "has 0 rising edges between 2 and 2"), (0.1 * NOISE, 1, "sampled too slowly|as if pulses were"),

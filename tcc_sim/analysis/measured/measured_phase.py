@@ -215,9 +215,8 @@ def _agreeing(table: MeasuredTable, phase: MeasuredPhase, name: str, order: floa
     whole = round(frequency)
     if whole >= 1 and abs(frequency - whole) <= tolerance and (fundamental or whole == 1):
         return phase
-    what = f"the phase by {name}" + (f" with --pulses {pulses}" if name == "tacho" else "")
-    says = (f"the strongest line of {by} is at {frequency:.4g} times the excitation by {name}"
-            + (f" and --pulses {pulses}" if name == "tacho" else ""))
+    reference = f"{name} with --pulses {pulses}" if name == "tacho" else name
+    says = f"the strongest line of {by} is at {frequency:.4g} times the excitation by {reference}"
     unit = next((unit for ratio, unit in UNITS_BY_RATIO.items() for k in (1, 2, 3, 4)
                  if name == "engine_speed" and abs(frequency * ratio / k - 1.0) < 0.01), None)
     if unit is not None and (by == "engine_torque" or abs(frequency - whole) > tolerance):
@@ -227,7 +226,7 @@ def _agreeing(table: MeasuredTable, phase: MeasuredPhase, name: str, order: floa
     else:
         hint = f"check {'--pulses' if name == 'tacho' else 'its unit'} and engine.order, which is {order:g}"
     if by == "engine_torque" and (abs(frequency - whole) > tolerance or whole < 1 or order != 1.0):
-        raise InputError(f"{table.source}: {what} contradicts the torque: {says}; {hint}")
+        raise InputError(f"{table.source}: the phase by {reference} contradicts the torque: {says}; {hint}")
     if by == "slip_speed" and unit is None and whole >= 1 and abs(frequency - whole) <= tolerance:
         return phase
     return replace(phase, notes=(*phase.notes, f"{table.source}: {says}; {hint}"))
