@@ -115,10 +115,9 @@ def measurement_in(table: MeasuredTable) -> Measurement:
         table = table.noting(f"{table.source}: {', '.join(slower)} joined by straight lines where cells are empty, "
                              "between its regular samples")
     held = {table.hold[name] for name in INPUTS if name in columns and name in table.hold}
-    n, notes = _evenly_spaced(columns[TIME], table.source)
-    return Measurement(columns[TIME][:n], {name: columns[name][:n] for name in CHANNELS if name in columns},
-                       {name: columns[name][:n] for name in INPUTS if name in columns}, table.source,
-                       held.pop() if len(held) == 1 else None, (*table.notes, *notes))
+    return _evenly_spaced(columns[TIME], {name: columns[name] for name in CHANNELS if name in columns},
+                          {name: columns[name] for name in INPUTS if name in columns}, table.source,
+                          held.pop() if len(held) == 1 else None, table.notes)
 
 
 def _without_holes(table: MeasuredTable) -> MeasuredTable:
@@ -165,12 +164,9 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     states = states[states.known]
     t, channels = states.stamp_ns.astype(np.float64) * 1e-9, {
         "slip_speed": states.flywheel_speed - states.plate_speed, "plate_speed": states.plate_speed}
-    whole, losses = _without_gaps(t, str(path))
-    n, notes = _evenly_spaced(t[whole], str(path))
-    part = slice(whole.start, whole.start + n)
-    return Measurement(t[part], {name: column[part] for name, column in channels.items()},
-                       {name: ends[part] for name, ends in inputs.items()}, str(path), HOLDS[0],
-                       (*losses, *notes)), scene
+    part, losses = _without_gaps(t, str(path))
+    return _evenly_spaced(t[part], {name: column[part] for name, column in channels.items()},
+                          {name: ends[part] for name, ends in inputs.items()}, str(path), HOLDS[0], losses), scene
 
 
 def _without_gaps(t: Floats, source: str) -> tuple[slice, tuple[str, ...]]:
@@ -185,16 +181,18 @@ def _without_gaps(t: Floats, source: str) -> tuple[slice, tuple[str, ...]]:
                                     "lost state",)
 
 
-def _evenly_spaced(t: Floats, source: str) -> tuple[int, tuple[str, ...]]:
-    """Return the number of samples without the last one after a shorter step, and a sentence about it.
+def _evenly_spaced(t: Floats, channels: dict[str, Floats], inputs: dict[str, Floats], source: str, hold: str | None,
+                   notes: tuple[str, ...]) -> Measurement:
+    """Return a Measurement without the last sample after a shorter step, and with a sentence about it.
 
     A simulation whose duration is no multiple of its output step ends with such a step.
     """
     usual, last = (float(np.median(np.diff(t))), float(t[-1] - t[-2])) if len(t) > 1 else (0.0, 0.0)
-    if last >= (1.0 - UNEVEN) * usual:
-        return len(t), ()
-    return len(t) - 1, (f"{source}: the last sample is left out; its step of {last:.6g} s is shorter than the others, "
-                        f"{usual:.6g} s",)
+    if last < (1.0 - UNEVEN) * usual:
+        t, notes = t[:-1], (*notes, f"{source}: the last sample is left out; its step of {last:.6g} s is shorter than "
+                            f"the others, {usual:.6g} s")
+    return Measurement(t, {name: column[:len(t)] for name, column in channels.items()},
+                       {name: column[:len(t)] for name, column in inputs.items()}, source, hold, notes)
 
 
 def _check_still(path: Path, speed: Floats | None) -> None:
