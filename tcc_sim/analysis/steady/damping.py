@@ -17,7 +17,7 @@ from tcc_sim.model.parameters import System
 from tcc_sim.result import Described, reported, result_class
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import Terms, peak_load, terms_of
-from tcc_sim.trajectory import FREE, STICK, Cycles, Floats, State, Status, Trajectory
+from tcc_sim.trajectory import FREE, STICK, Cycles, Floats, State, Trajectory
 
 AVERAGED = 16  # Length that the averages are taken over, periods of excitation.
 RTOL = 1e-9  # Relative tolerance of the motion and its integrals with the smoothed law.
@@ -65,7 +65,9 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
     for n in range(max(len(cycles) - count, 0), len(cycles)):
         if not math.isfinite(cycles.highest[n]):
             continue
-        if not _integrated(system, cycles.section[n], first + n, integrals):
+        try:
+            integrals += _integrals(system, cycles.section[n], first + n)
+        except NumericalFailure:
             return Damping(math.nan, math.nan, threshold_of(system))
         time += system.cycle
     weighted, energy, negative = integrals.tolist()
@@ -73,24 +75,18 @@ def damping_of_cycles(system: System, cycles: Cycles, first: int, period: int) -
                    threshold_of(system))
 
 
-def _integrated(system: System, section: Floats, number: int, integrals: Floats) -> bool:
-    """Add the integrals of dT/dv v^2, v^2 and min(dT/dv, 0) over one cycle; return False if it cannot be solved."""
+def _integrals(system: System, section: Floats, number: int) -> Floats:
+    """Return the integrals of dT/dv v^2, v^2 and min(dT/dv, 0) over one cycle, (3,), or raise NumericalFailure."""
     if system.friction.law == "smoothed":
         from tcc_sim.solvers.stroboscopic import slope_integrals
-        try:
-            integrals += slope_integrals(system, section, number, RTOL)
-        except NumericalFailure:
-            return False
-        return True
+
+        return slope_integrals(system, section, number, RTOL)
     terms = terms_of(system)
     falling = friction.steepest_fall(terms.stribeck)
     samples = math.ceil(system.cycle * system.inverse_inertia * peak_load(terms) * falling / GROWTH_BETWEEN)
     samples = min(max(samples, FEWEST_SAMPLES), MOST_SAMPLES)
     run = solve(system, cycles=1, samples_per_cycle=samples, start_cycle=number, state=State.of(section))
-    if run.status is not Status.DONE:
-        return False
-    integrals += integrals_of_arcs(run)
-    return True
+    return integrals_of_arcs(run.raise_for_status())
 
 
 def integrals_of_arcs(run: Trajectory) -> Floats:

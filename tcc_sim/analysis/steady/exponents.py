@@ -29,7 +29,7 @@ from tcc_sim.result import Described, reported, result_class
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.stroboscopic import Prepared
 from tcc_sim.solvers.terms import Terms, natural_frequency, terms_of
-from tcc_sim.trajectory import Cycles, Floats, State, Status, concatenated
+from tcc_sim.trajectory import Cycles, Floats, State, concatenated
 
 LOST = 1e-8
 """Reciprocal of a multiplier below which the pencil of several segments has lost half its digits (its error is some
@@ -141,18 +141,21 @@ def largest_lyapunov_exponent(system: System, state: State, *, cycles: int = 200
     """
     if not 2 * BATCHES <= cycles <= 10_000_000:
         raise InputError(f"cycles is {cycles}; a Lyapunov exponent needs {2 * BATCHES} to 10000000")
+    unresolved = Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
     start = np.array(state.numbers)
     if not np.isfinite(start).all():
-        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
+        return unresolved
     excitation = common_cycles(system, LONGEST_PERIOD)
     together = math.lcm(period, excitation)
     if 0 < together <= LONGEST_PERIOD:
         return _periodic(system, start, start_cycle, together)
-    first = ALIGNING
-    growth, difference, run = tangent_growth(system, start, start_cycle, cycles + first)
-    growth, difference = growth[first:], difference[first // COMPARED:]
-    if run is None or not (np.isfinite(growth).all() and np.isfinite(difference).all()):
-        return Lyapunov(math.nan, math.nan, math.nan, CONFIDENCE, cycles, "unresolved")
+    try:
+        growth, difference, run = tangent_growth(system, start, start_cycle, cycles + ALIGNING)
+    except NumericalFailure:
+        return unresolved
+    growth, difference = growth[ALIGNING:], difference[ALIGNING // COMPARED:]
+    if not (np.isfinite(growth).all() and np.isfinite(difference).all()):
+        return unresolved
     mean, half = batch_means(growth)
     half += abs(float(difference.mean())) + 2.0 * float(difference.std()) / math.sqrt(len(difference))
     rate = 1.0 / system.cycle
@@ -270,8 +273,8 @@ def _exponent(matrix: Floats, system: System, period: int) -> float:
     return math.log(max(largest, 1e-300)) / (period * system.cycle)
 
 
-def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tuple[Floats, Floats, Cycles | None]:
-    """Return the growth of a tangent vector along a motion; NaN and None if a step fails.
+def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tuple[Floats, Floats, Cycles]:
+    """Return the growth of a tangent vector along a motion; raise NumericalFailure if a step fails.
 
     returns : logarithm of the growth in every engine cycle, (cycles,); its difference from a coarser tolerance in one
         of `COMPARED` cycles; and the cycles
@@ -285,18 +288,14 @@ def tangent_growth(system: System, state: Floats, first: int, cycles: int) -> tu
     vector = FIRST  # The caller drops its growth.
     for begin in range(0, cycles, TOGETHER):
         count = min(TOGETHER, cycles - begin)
-        run = solve(system, cycles=count, state=State.of(state), start_cycle=first + begin)
-        if run.status is not Status.DONE or run.cycles is None:
-            return growth, difference, None
+        run = solve(system, cycles=count, state=State.of(state), start_cycle=first + begin).raise_for_status()
+        assert run.cycles is not None
         runs.append(run.cycles)
         section, numbers = run.cycles.section, range(first + begin, first + begin + count)
         compared = range(every - 1 - begin % every, count, every)
         ends = [n + 1.0 for n in numbers]
-        try:
-            maps = [m.derivative for m in fine.each(section[:-1], list(numbers), ends)]
-            rough = {c: coarse.over(section[c], numbers[c], ends[c]).derivative for c in compared}
-        except NumericalFailure:
-            return growth, difference, None
+        maps = [m.derivative for m in fine.each(section[:-1], list(numbers), ends)]
+        rough = {c: coarse.over(section[c], numbers[c], ends[c]).derivative for c in compared}
         for c, matrix in enumerate(maps):
             following = matrix @ vector
             size = float(np.linalg.norm(energy @ following))
