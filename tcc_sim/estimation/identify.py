@@ -233,12 +233,10 @@ class _Search:
         first, tried = self._from_starts(models[0])
         best, of = first, models[0]
         for model in models[1:]:
-            try:
+            with suppress(*FAILED):
                 fit = self.again(model, first) if self.joins(first) else self._fit(model, self.begin)
-            except FAILED:
-                continue
-            if self._rank(fit) < self._rank(best):
-                best, of = fit, model
+                if self._rank(fit) < self._rank(best):
+                    best, of = fit, model
         return best, of, tried
 
     def _from_starts(self, model: Model) -> tuple[Fit, int]:
@@ -287,22 +285,20 @@ def _profile_likelihood(model: Model, noise: dict[str, float], settings: FitSett
     held = [k for k in model.keys if k != key]
     values = best.values[at] + errors[at] * np.linspace(-3.0, 3.0, 13)
     excess: NDArray[np.float64] = np.full(len(values), np.nan)
-    samples = sum(len(r) for r in best.residuals.values())
+    samples, inputs = sum(len(r) for r in best.residuals.values()), model.measured.inputs
     least = best.chi2 * max(samples - len(model.keys) - 3, 1)
     for i, value in enumerate(values):
-        try:
-            if key in OFFSETS:
-                name, inputs = OFFSETS[key], model.measured.inputs
-                if name not in inputs:
-                    continue
-                inputs = {**inputs, name: inputs[name] - value}
-                other = Model(model.system, tuple(held), replace(model.measured, inputs=inputs))
+        with suppress(*FAILED, OutOfRange):
+            other = replace(model, keys=tuple(held))
+            if key not in OFFSETS:
+                other = replace(other, system=changed(model.system, {key: float(value)}))
+            elif (name := OFFSETS[key]) in inputs:
+                other = replace(other, measured=replace(
+                    model.measured, inputs={**inputs, name: inputs[name] - value}))
             else:
-                other = Model(changed(model.system, {key: float(value)}), tuple(held), model.measured)
+                continue
             again = fit(other, noise, np.delete(best.values, at), settings, settings.stages[-1:], best.starts)
-        except (*FAILED, OutOfRange):
-            continue
-        excess[i] = again.chi2 * max(samples - len(held) - 3, 1) - least
+            excess[i] = again.chi2 * max(samples - len(held) - 3, 1) - least
     return Likelihood(key, values, excess)
 
 

@@ -213,10 +213,9 @@ def batch_means(growth: Floats) -> tuple[float, float]:
     """Return the mean and the half width of its confidence interval, from batch means and Student's t."""
     from scipy.stats import t
 
-    count, confidence = BATCHES, CONFIDENCE
-    width = len(growth) // count
-    means = growth[len(growth) - count * width:].reshape(count, width).mean(axis=1)
-    half = float(t.ppf(0.5 + 0.5 * confidence, count - 1)) * float(means.std(ddof=1)) / math.sqrt(count)
+    width = len(growth) // BATCHES
+    means = growth[len(growth) - BATCHES * width:].reshape(BATCHES, width).mean(axis=1)
+    half = float(t.ppf(0.5 + 0.5 * CONFIDENCE, BATCHES - 1)) * float(means.std(ddof=1)) / math.sqrt(BATCHES)
     return float(means.mean()), half
 
 
