@@ -365,17 +365,6 @@ class Throttle:
             self.warn(what, sentence)
 
 
-def _executor_for(busy: bool) -> Any:
-    if busy:
-        with suppress(ImportError):  # The rclpy of Jazzy has none.
-            from rclpy.experimental import EventsExecutor
-
-            return EventsExecutor
-    from rclpy.executors import SingleThreadedExecutor
-
-    return SingleThreadedExecutor
-
-
 class Spinner:
     """Executor of a node's callbacks; it logs exceptions of callbacks, and the node continues.
 
@@ -385,14 +374,19 @@ class Spinner:
     """
 
     def __init__(self, node: Node, busy: bool = False) -> None:
-        from rclpy.executors import ExternalShutdownException
+        from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
-        self._node, self._throttle = node, Throttle(node)
-        self._failed = 0
+        self._throttle, self._failed = Throttle(node), 0
+        kind: Any = SingleThreadedExecutor
+        if busy:
+            with suppress(ImportError):  # The rclpy of Jazzy has none.
+                from rclpy.experimental import EventsExecutor
+
+                kind = EventsExecutor
         with deferred():  # A partly built executor prints a traceback when it is destroyed.
             if not node.context.ok():
                 raise ExternalShutdownException
-            self._executor = _executor_for(busy)(context=node.context)
+            self._executor = kind(context=node.context)
             self._executor.add_node(node)
 
     def once(self, seconds: float = LOOK) -> None:
