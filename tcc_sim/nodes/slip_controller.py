@@ -107,7 +107,10 @@ class SlipControllerNode(Node):
             raise InputError(f"{self._states.topic_name} without finite speeds of two joints and a torque")
 
     def _update(self, state: JointState) -> float:
-        time = self._simulation_time(state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec)
+        for data, _ in poll(self._scenes):  # The scene names the stamp of simulation time 0.
+            self._zeros = np.union1d(self._zeros, zeros_of([cdr.read_string(data)]))
+        stamp = state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec
+        time = int(simulation_ns(np.array([stamp]), self._zeros)[0])
         if time <= self._last_time:
             # Simulation time started again: the driveline was reset or restarted.
             self.controller.reset()
@@ -118,12 +121,6 @@ class SlipControllerNode(Node):
             self.controller.target = target
             self._publish_target()
         return self.controller.update(state.velocity[FLYWHEEL] - state.velocity[PLATE], state.effort[FLYWHEEL])
-
-    def _simulation_time(self, stamp: int) -> int:
-        """Return the simulation time of a stamp, ns, counted from the time that the scene of the driveline names."""
-        for data, _ in poll(self._scenes):
-            self._zeros = np.union1d(self._zeros, zeros_of([cdr.read_string(data)]))
-        return int(simulation_ns(np.array([stamp]), self._zeros)[0])
 
 
 def main() -> int:
