@@ -35,7 +35,7 @@ from tcc_sim.nodes.children import CLOCK_STARTED
 from tcc_sim.nodes.executables import Spinner, Throttle, deliver, run_node
 from tcc_sim.nodes.loop import Outcome, RealTimeLoop
 from tcc_sim.nodes.loop_topics import LONGEST_QUIET, CommandedInput, joining
-from tcc_sim.nodes.middleware import DIAGNOSTICS, time_of
+from tcc_sim.nodes.middleware import DIAGNOSTICS
 from tcc_sim.nodes.parameters import TEXT
 from tcc_sim.plant.driveline import doubt_of
 from tcc_sim.recording.announcements import LATE_SHARE
@@ -319,7 +319,7 @@ class Diagnostics:
             return
         self._due += DIAGNOSTICS_PERIOD * (math.floor((now - self._due) / DIAGNOSTICS_PERIOD) + 1)
         message = DiagnosticArray(status=[self._status(now)])
-        message.header.stamp = time_of(self._node.get_clock().now().nanoseconds)
+        message.header.stamp = self._node.get_clock().now().to_msg()
         with suppress(RuntimeError):
             self._publisher.publish(message)
 

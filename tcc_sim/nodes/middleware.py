@@ -12,7 +12,6 @@ from importlib import import_module
 from itertools import islice
 from typing import Any, TypeVar
 
-from builtin_interfaces.msg import Time
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
@@ -65,12 +64,6 @@ def message_class(type_name: str) -> type:
     except (ImportError, AttributeError):
         raise InputError(f"message type {type_name} is not installed") from None
     return kind
-
-
-def time_of(nanoseconds: int) -> Time:
-    """Return a Time message; seconds beyond 32 bits (from 2038 on) are clipped."""
-    sec, nanosec = divmod(nanoseconds, _NANOSECONDS)
-    return Time(sec=min(sec, 2**31 - 1), nanosec=nanosec)
 
 
 def qos_fields(profile: QoSProfile) -> dict[str, Any]:
