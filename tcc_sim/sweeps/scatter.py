@@ -105,7 +105,8 @@ class Scattered(Result):
     def _unsteady(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which results, (samples, values), are those of a runaway and of a transient; a manoeuvre is none."""
         away, transient = self.result("runaway") == 1.0, self.result("transient") == 1.0
-        return away, np.zeros_like(transient) if self.manoeuvre else transient
+        manoeuvre = self.sweeps[0].curve.system.profile is not None
+        return away, np.zeros_like(transient) if manoeuvre else transient
 
     @property
     def orders(self) -> OrdersAtSpeeds | None:
@@ -116,11 +117,6 @@ class Scattered(Result):
     def sampled(self) -> bool:
         """Whether judder was computed."""
         return any(p is not None and p.judder is not None for s in self.sweeps for p in s.points)
-
-    @property
-    def manoeuvre(self) -> bool:
-        """Whether the excitation varies in time, so that the motion is no steady state."""
-        return self.sweeps[0].curve.system.profile is not None
 
     def quantiles(self, name: str) -> NDArray[np.float64]:
         """Return the quantiles of one result over the samples, (values, probabilities); NaN without a sample.

@@ -342,26 +342,22 @@ def simulate(scene: Scene | System | str | Path, plan: Plan | None = None, *, sa
 def _run(system: System, plan: Plan, start: Start, kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
     """Solve by the plan: the run, its cycles, and how many of them to drop."""
     if (duration := plan.seconds(system)) is not None:
-        return _timed_run(system, plan, start, duration, kept)
-    if plan.discard == "auto":
+        check_duration(system, duration, start.cycle)
+        whole = system.whole_cycles(start.cycle, duration)
+        span, default = {"duration": duration}, min(steady.DISCARD, whole // 3)
+    elif plan.discard == "auto":
         return _settled_run(system, plan, start, kept)
-    discarded = plan.dropped(plan.most, steady.default_discard(plan.most) if system.profile is None else 0)
-    run = _solve(system, plan, start, cycles=plan.most, loads_from=discarded, **kept)
+    else:
+        whole = plan.most
+        span, default = {"cycles": whole}, steady.default_discard(whole)
+    discarded = plan.dropped(whole, default if system.profile is None else 0)
+    run = _solve(system, plan, start, loads_from=discarded, **span, **kept)
     return run, run.cycles, discarded
 
 
 def _solve(system: System, plan: Plan, start: Start, **span: Any) -> Trajectory:
     return solve(system, solver=plan.solver, rtol=plan.rtol, step=plan.step, start_cycle=start.cycle, state=start.state,
                  **span)
-
-
-def _timed_run(system: System, plan: Plan, start: Start, duration: float,
-               kept: dict[str, Any]) -> tuple[Trajectory, Cycles | None, int]:
-    check_duration(system, duration, start.cycle)
-    whole = system.whole_cycles(start.cycle, duration)
-    discarded = plan.dropped(whole, min(steady.DISCARD, whole // 3) if system.profile is None else 0)
-    run = _solve(system, plan, start, duration=duration, loads_from=discarded, **kept)
-    return run, run.cycles, discarded
 
 
 def _settled_run(system: System, plan: Plan, start: Start,
