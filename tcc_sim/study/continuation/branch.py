@@ -586,7 +586,6 @@ class StableSegment:
     high: SegmentEnd = reported("upper end")
     values: tuple[float, ...]
     amplitudes: tuple[float, ...]
-    branch: int = 0
 
     def amplitude(self, value: float) -> float:
         """The largest size of the motion at a value; NaN beyond the ends."""
@@ -603,7 +602,7 @@ def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: f
     """The stable segments of branches over a range from `low` to `high`, in values of the parameter over `unit`."""
     span = low, high
     out = []
-    for number, branch in enumerate(branches):
+    for branch in branches:
         for first, last in _runs(branch.points):
             ends = [_end_of_segment(branches, branch, point, beyond, span, unit)
                     for point, beyond in ((first, -1), (last, 1))]
@@ -612,7 +611,7 @@ def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: f
             if values[-1] < values[0]:
                 values, amplitudes, ends = values[::-1], amplitudes[::-1], ends[::-1]
             if values[-1] - values[0] > NARROWEST * (high - low) / unit:
-                out.append(StableSegment(branch.period, ends[0], ends[1], tuple(values), tuple(amplitudes), number))
+                out.append(StableSegment(branch.period, ends[0], ends[1], tuple(values), tuple(amplitudes)))
     kept: list[StableSegment] = []  # Those that are not part of another one.
     for segment in sorted(out, key=lambda s: s.low.value - s.high.value):
         middle = 0.5 * (segment.low.value + segment.high.value)
