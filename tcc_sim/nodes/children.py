@@ -30,6 +30,8 @@ CLOCK_STARTED = "clock started"
 """Log line of the driveline node when its first tick is due."""
 START_LIMIT = 120.0
 """Largest real time of a start, s, mostly for the first compilation of the kernels on a busy machine."""
+LOOK = 0.05
+"""Real time between two looks at the lines of a process that starts, s."""
 END_LIMIT = 60.0
 """Largest real time for a process to end before it is killed, s."""
 DOMAINS = range(1, 102)
@@ -106,23 +108,19 @@ class ChildProcess(subprocess.Popen[str]):
                          stderr=subprocess.PIPE, text=True, errors="replace", start_new_session=True,
                          preexec_fn=end_with_parent())
         self.lines: list[str] = []
-        self._changed = threading.Condition()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def _read(self) -> None:
         assert self.stderr is not None
         for line in self.stderr:
-            with self._changed:
-                self.lines.append(line.rstrip("\n"))
-                self._changed.notify_all()
-        with self._changed:
-            self._changed.notify_all()
+            self.lines.append(line.rstrip("\n"))
 
     def await_line(self, text: str) -> None:
         """Wait until a line contains `text`; raise TccError if the process ends or START_LIMIT passes first."""
-        with self._changed:
-            self._changed.wait_for(lambda: self.has_said(text) or not self._reader.is_alive(), timeout=START_LIMIT)
+        end = time.monotonic() + START_LIMIT
+        while not self.has_said(text) and self._reader.is_alive() and time.monotonic() < end:
+            self._reader.join(LOOK)
         if not self.has_said(text):
             self.check()
             raise TccError(f"{self.name} did not start within {START_LIMIT:g} s")
@@ -233,7 +231,7 @@ class Session:
         """Wait for the first tick, and pass on that kernels are compiled; raise TccError if a node ends first."""
         end, compiling = time.monotonic() + START_LIMIT, ""
         while not self.driveline.has_said(CLOCK_STARTED):
-            self.watch(0.05)
+            self.watch(LOOK)
             if not compiling:
                 compiling = next((line for line in self.driveline.lines if line.startswith("tcc-sim: ")), "")
                 sys.stderr.write(f"{compiling}\n" if compiling else "")
@@ -307,10 +305,7 @@ def _program() -> str:
 
 def _free_port(wanted: int) -> int:
     for port in (wanted, 0):
-        with socket.socket() as probe:
-            try:
-                probe.bind((ADDRESS, port))
-            except OSError:
-                continue
+        with socket.socket() as probe, suppress(OSError):
+            probe.bind((ADDRESS, port))
             return int(probe.getsockname()[1])
     raise TccError(f"no port of {ADDRESS} is free")
