@@ -5,7 +5,9 @@ terms, kernel, modules and topics in use and left out, and the cost of a step.
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from types import FunctionType, SimpleNamespace
 from typing import Any
 
@@ -227,20 +229,17 @@ def count_calls(system: System) -> dict[str, dict[str, float]]:
 
     calls: dict[str, dict[str, float]] = {}
     for which, terms in (("own_calls", terms_of(system)), ("general_calls", with_all_terms(system))):
-        counts = dict.fromkeys(FUNCTIONS.values(), 0.0)
-
-        def counted(name: str, counts: dict[str, float] = counts) -> Callable[[Any], Any]:
-            def call(x: Any) -> Any:
-                counts[FUNCTIONS[name]] += 1.0
-                return getattr(np, name)(x)
-            return call
-
-        stepper = Stepper(system, TICK)
-        n = stepper.substeps
-        run = _interpreted(advance, SimpleNamespace(**{**vars(np), **{name: counted(name) for name in FUNCTIONS}}), {})
+        stepper, counts = Stepper(system, TICK), Counter[str]()
+        n, counted = stepper.substeps, {name: partial(_counted, name, counts) for name in FUNCTIONS}
+        run = _interpreted(advance, SimpleNamespace(**{**vars(np), **counted}), {})
         run(stepper.state, 0.0, TICK / n, n, for_ticks(terms), True, None)
-        calls[which] = {name: count / n for name, count in counts.items()}
+        calls[which] = {words: counts[name] / n for name, words in FUNCTIONS.items()}
     return calls
+
+
+def _counted(name: str, counts: Counter[str], x: Any) -> Any:
+    counts[name] += 1
+    return getattr(np, name)(x)
 
 
 def _interpreted(kernel: Any, numpy: Any, known: dict[Any, Any]) -> Callable[..., Any]:

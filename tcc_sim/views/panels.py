@@ -12,8 +12,6 @@ from tcc_sim.views import style
 class Panel(NamedTuple):
     """A panel of a picture.
 
-    title : above it
-    draw : function that draws into an axis
     height : inch
     beside : whether it stands beside the panel before it where the picture covers a page
     over : whether it shares the horizontal axis of the panel above it

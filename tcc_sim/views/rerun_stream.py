@@ -48,10 +48,8 @@ class RerunStream:
     The phase portrait shows the slip speed over the plate angle. It has one strip for each engine cycle, and shows the
     last 100 cycles before the cursor with their section points, stretched so that they fill their box.
 
-    name : name of the run in the viewer
     cycle : duration of an engine cycle, s
     file : new .rrd file
-    spawn : whether to start a viewer
     url : URL of a running viewer, rerun+http://HOST:PORT/proxy
     controlled : whether to show target and pressures, which `control` sends
     topics : names of further topics that `control` sends, which may have panels of their own
