@@ -163,8 +163,8 @@ def _kernel(scene: Scene, rows: list[Variable]) -> str:
     of_torque = [("hold_torque", holding, (terms, DOUBLE, absent))] * torque_commanded
     commanded: list[tuple[str, Any, tuple[Kind, ...]]] = [
         ("hold_pressure", driveline.with_commands, (keys, terms, absent, DOUBLE)),
-        ("torque_per_pressure", _getter(System, "torque_per_pressure"), (keys,)),
-        ("lagged", _getter(Pressure, "lagged"), (pressure,)),
+        ("torque_per_pressure", vars(System)["torque_per_pressure"].fget, (keys,)),
+        ("lagged", vars(Pressure)["lagged"].fget, (pressure,)),
         ("largest", driveline.largest, (pressure, DOUBLE, DOUBLE)),
         ("pressure_after", actuator.pressure_after, (DOUBLE,) * 5), ("course", fixed_step.course, (DOUBLE,) * 7)]
     of_scene = [("pressure_at", driveline.pressure_at, (DOUBLE, keys, terms, DOUBLE))]
@@ -209,10 +209,6 @@ static void py_profile_of(const double *x, const double *pressure, const Origin 
     made->has = 1;
     made->rows = tcc_profile(x, lines, {len(lines)}, {time}, {phase_then}, &made->at[0][0], {kind.columns});
 }}"""
-
-
-def _getter(owner: type[Any], name: str) -> Any:
-    return vars(owner)[name].fget
 
 
 def _linear_part() -> str:
@@ -369,11 +365,6 @@ static const int tcc_times[][2] = {{{times or "{0, 0}"}}};
 """
 
 
-def unit_name(unit: str) -> str:
-    """Return a unit as importers write it, with dots for products: kg.m^2."""
-    return unit.replace(" ", ".")
-
-
 def _declared(unit: str) -> str:
     return TYPES.get(unit) or "".join(re.findall(r"\w+", unit.replace("/", " per ")))
 
@@ -437,9 +428,9 @@ def _units_and_types(version: int, root: ET.Element, rows: list[Variable]) -> No
     for unit in units:
         quantity = {"quantity": _declared(unit)}
         if unit:
-            one = ET.SubElement(definitions, "Unit", {"name": unit_name(unit)})
+            quantity["unit"] = unit.replace(" ", ".")  # Importers write products with dots: kg.m^2.
+            one = ET.SubElement(definitions, "Unit", {"name": quantity["unit"]})
             ET.SubElement(one, "BaseUnit", {base: str(power) for base, power in base_units(unit).items()})
-            quantity["unit"] = unit_name(unit)
         if version == 2:
             ET.SubElement(ET.SubElement(types, "SimpleType", {"name": _declared(unit)}), "Real", quantity)
         else:

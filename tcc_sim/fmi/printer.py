@@ -58,7 +58,6 @@ return low; }"""
 LARGE = 16384
 """Size of a variable, bytes, beyond which it is not on the stack, which TCC_LARGE says in C. No function calls itself.
 """
-Signature = tuple[Any, tuple[Kind, ...]]
 
 
 class Library:
@@ -76,7 +75,7 @@ class Library:
         self.absent: dict[type[Any], set[str]] = {}
         self.data, self._given = data, given or {}
         self._declarations: dict[str, str] = {}
-        self._done: dict[Signature, Text] = {}
+        self._done: dict[tuple[Any, tuple[Kind, ...]], Text] = {}
         self._names: set[str] = set()
 
     def function(self, source: Any, kinds: tuple[Kind, ...]) -> Text:
