@@ -114,20 +114,17 @@ def _of(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:
                    for item in fields(kind)})  # type: ignore[arg-type]
 
 
-def _systems_in(values: Mapping[str, Any], scene: Scene) -> Iterator[tuple[float, System]]:
-    """Yield the time from which each system of the drawn run held, s, and the system."""
+def _run(values: Mapping[str, Any]) -> Any:
+    """Return the run in the samples of `simulate` or `analyse`, with its summary and spectrum."""
+    first, arrays = Scene("", System(), Operation()).with_values(values["scene"]), values["arrays"]
+    scene, systems = first, list[tuple[float, System]]()
     for segment in values.get("segments", ()):
         scene = scene.with_values({key: value for key, value in segment["changes"].items() if key in QUANTITIES})
         if segment["run"] == values["run"]:
-            yield segment["start"], scene.system
-
-
-def _run(values: Mapping[str, Any]) -> Any:
-    """Return the run in the samples of `simulate` or `analyse`, with its summary and spectrum."""
-    scene, arrays = Scene("", System(), Operation()).with_values(values["scene"]), values["arrays"]
-    run = Trajectory(**{name: arrays[name] for name in SAMPLED if name in arrays}, cycle=scene.system.cycle,
-                     solver=values["solver"], system=scene.system, cycles=cycles_in(arrays),
+            systems.append((segment["start"], scene.system))
+    run = Trajectory(**{name: arrays[name] for name in SAMPLED if name in arrays}, cycle=first.system.cycle,
+                     solver=values["solver"], system=first.system, cycles=cycles_in(arrays),
                      largest_step=1.5 * values["tick_s"] if values.get("tick_s") else math.inf,
-                     systems=tuple(_systems_in(values, scene)))
+                     systems=tuple(systems))
     spectrum = _of(Spectrum, values["spectrum"]) if "spectrum" in values else None
     return SimpleNamespace(trajectory=run, summary=Record(**values), spectrum=spectrum)
