@@ -217,9 +217,8 @@ def _campbell(axis: Any, orders: Orders, of: str) -> None:
             axis.axhline(0.5 / np.pi * omega, color="white", lw=0.9, ls=(0, (4, 2)))
             axis.annotate(f"{name}, {0.5 / np.pi * omega:.4g} Hz", (rpm.min(), 0.5 / np.pi * omega), xytext=(4, 2),
                           textcoords="offset points", color="white", fontsize=6.5, bbox=BOX)
-    last = int(np.argmax(rpm))
     for order in orders.cuts:
-        at = min(float(rpm[last]), 0.94 * 60.0 * highest / order)
+        at = min(float(rpm.max()), 0.94 * 60.0 * highest / order)
         axis.plot([0.0, at], [0.0, order * at / 60.0], color="white", lw=0.5, alpha=0.45, ls=(0, (1, 2)))
         axis.annotate(f"order {order:g}", (at, order * at / 60.0), xytext=(-6, 0), textcoords="offset points",
                       color="white", fontsize=6.5, va="center", ha="right", bbox=BOX)

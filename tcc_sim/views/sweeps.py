@@ -158,12 +158,11 @@ def grid_panels(values: Mapping[str, Any]) -> list[Panel]:
         found = sorted({int(p) for p in period[np.isfinite(period)].ravel()}) or [0]
         looks = {PURE_STICK: ("stick", style.STICK), RUNAWAY: ("runaway", style.RUNAWAY),
                  0: ("none", style.colour_of(0))}
-        place = np.full(period.shape, np.nan)
-        for number, p in enumerate(found):
-            place[period == p] = number
-        shade = draw_cells(axis, x, y, place, [looks[p][1] if p in looks else style.colour_of(p) for p in found])
+        names, colours = zip(*(looks.get(p, (str(p), style.colour_of(p))) for p in found))
+        place = np.where(np.isfinite(period), np.searchsorted(found, period), np.nan)
+        shade = draw_cells(axis, x, y, place, colours)
         bar = axis.figure.colorbar(shade, ax=axis, ticks=range(len(found)), label="period (periods of excitation)")
-        bar.ax.set_yticklabels([looks[p][0] if p in looks else str(p) for p in found])
+        bar.ax.set_yticklabels(names)
         bar.ax.minorticks_off()
         hatch(axis)
 
