@@ -166,8 +166,7 @@ class Engine(Excitation):
     torque_amplitude: float = quantity(250.0, "amplitude Tp of the first harmonic", "N m", 0.0, TORQUE_MAXIMUM,
                                        live=True, label="engine torque amplitude $T_p$")
     frequency: float = quantity(150.0, "angular frequency omega of the first harmonic; a period of excitation is 2 "
-                                       "pi/omega",
-                                "rad/s", 1e-3, 1e5, live=True, label=r"engine frequency $\omega$")
+                                "pi/omega", "rad/s", 1e-3, 1e5, live=True, label=r"engine frequency $\omega$")
     order: float = quantity(1.0, "periods of the excitation in a crank revolution, which makes orders crank orders: 2 "
                             "for a four-cylinder four-stroke engine", "", 0.1, 100.0)
     harmonic_amplitudes: tuple[float, ...] = quantity((), "amplitudes of harmonics 2, 3, ... of omega", "N m",

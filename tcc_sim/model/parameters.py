@@ -224,19 +224,13 @@ class System:
     @property
     def varying(self) -> list[str]:
         """Keys that vary in time."""
-        return [f"{key}_times" for key in PROFILES if self._times(key)] + (["inputs"] if self.inputs else [])
-
-    def _times(self, key: str) -> tuple[float, ...]:
-        """Return the times of a key's profile; empty without one."""
-        group, name = key.split(".")
-        times: tuple[float, ...] = getattr(getattr(self, group), f"{name}_times")
-        return times
+        return [times for key in PROFILES if self.value(times := f"{key}_times")] + (["inputs"] if self.inputs else [])
 
     @property
     def span(self) -> float:
         """Last time of the profiles or the inputs, s; 0 without any."""
-        end = self.inputs.end if self.inputs else 0.0
-        return max(t[-1] for t in (*map(self._times, PROFILES), (end,)) if t)
+        ends = [times[-1] for key in PROFILES if (times := self.value(f"{key}_times"))]
+        return float(max([*ends, self.inputs.end if self.inputs else 0.0]))
 
     def value(self, key: str) -> Any:
         """Return the value of a scene key of the model."""
@@ -302,9 +296,8 @@ class System:
 GROUPS: dict[str, type[Group]] = {"driveline": Driveline, "converter": Converter, "friction": Friction,
                                   "clutch": Clutch, "engine": Engine, "pressure": Pressure, "initial": Initial}
 
-QUANTITIES: dict[str, Quantity] = {
-    f"{name}.{item.name}": item.metadata["quantity"] for name,
-    group in GROUPS.items() for item in dataclasses.fields(group)}
+QUANTITIES: dict[str, Quantity] = {f"{group}.{name}": meaning for group, kind in GROUPS.items()
+                                   for name, meaning in kind.quantities().items()}
 """Scene keys of the model, with their meanings."""
 
 KEY_UNITS.update({key: meaning.unit for key, meaning in QUANTITIES.items()})

@@ -102,12 +102,9 @@ def apart(value: float, *others: float) -> str:
     return repr(value)
 
 
-def quantity(default: Value | tuple[str, ...], description: str, unit: str = "", low: float = -math.inf,
-             high: float = math.inf, *, above: bool = False, choices: tuple[str, ...] = (), live: bool = False,
-             zero: bool = False, otherwise: str = "", label: str = "") -> Any:
-    """Return a dataclass field with its Quantity as metadata."""
-    meta = Quantity(description, unit, low, high, above, choices, live, zero, otherwise, label)
-    return field(default=default, metadata={"quantity": meta})
+def quantity(default: Value | tuple[str, ...], *meaning: Any, **further: Any) -> Any:
+    """Return a dataclass field with a Quantity of the other arguments as metadata."""
+    return field(default=default, metadata={"quantity": Quantity(*meaning, **further)})
 
 
 def times_of(key: str) -> Any:
@@ -141,14 +138,24 @@ def check_rising(key: str, values: tuple[float, ...], name: str, unit: str) -> N
             raise InputError(f"{key} has {after:g} {unit} after {before:g} {unit}; the {name}s must increase")
 
 
+class Described:
+    """A dataclass whose fields have quantities."""
+
+    @classmethod
+    @cache
+    def quantities(cls) -> dict[str, Quantity]:
+        """Return every field with its meaning."""
+        return {item.name: item.metadata["quantity"] for item in dataclasses.fields(cls)}  # type: ignore[arg-type]
+
+
 @dataclass(frozen=True)
-class Group:
+class Group(Described):
     """Checked group of parameters; subclasses list the fields."""
 
     def __post_init__(self) -> None:
-        for name, key, meaning in self.quantities():
+        for name, meaning in self.quantities().items():
             value = getattr(self, name)
-            meaning.check(key, value)
+            meaning.check(f"{type(self).__name__.lower()}.{name}", value)
             if isinstance(value, int) and not isinstance(value, bool):
                 object.__setattr__(self, name, float(value))
         self.check_together()
@@ -168,16 +175,9 @@ class Group:
         out.check_together()
         return out
 
-    @classmethod
-    @cache
-    def quantities(cls) -> list[tuple[str, str, Quantity]]:
-        """Return name, key and meaning of every field."""
-        return [(item.name, f"{cls.__name__.lower()}.{item.name}", item.metadata["quantity"])
-                for item in dataclasses.fields(cls)]
-
 
 @dataclass(frozen=True)
-class Options:
+class Options(Described):
     """Options of a node, checked by the types and quantities of the fields; subclasses list the fields.
 
     Raises InputError: a value has another type or is out of range.
@@ -187,12 +187,6 @@ class Options:
         for name, meaning in self.quantities().items():
             kind = str(type(self).__dataclass_fields__[name].type)
             object.__setattr__(self, name, _option(name, getattr(self, name), kind, meaning))
-
-    @classmethod
-    @cache
-    def quantities(cls) -> dict[str, Quantity]:
-        """Return every option with its meaning."""
-        return {item.name: item.metadata["quantity"] for item in dataclasses.fields(cls)}
 
 
 def _option(name: str, value: Any, kind: str, meaning: Quantity) -> Any:
