@@ -120,15 +120,10 @@ def bundled_scenes(module: str = __file__, prefix: str = sys.prefix) -> dict[str
 
     module, prefix : this file, and the prefix of the Python installation
     """
-    for folder in _config_folders(Path(module).resolve(), Path(prefix)):
+    above = Path(module).resolve().parents
+    source = [above[1] / "config"] if (above[1] / "setup.py").is_file() else []
+    for folder in (*source, *(parent / "share" / "tcc_sim" / "config" for parent in (*above, Path(prefix)))):
         scenes = {p.stem: p for p in sorted(folder.glob("*.yaml"))}
         if scenes:
             return scenes
     return {}
-
-
-def _config_folders(module: Path, prefix: Path) -> list[Path]:
-    """Return the possible folders of the bundled scenes, best first."""
-    source = module.parent.parent / "config"
-    folders = [source] if (source.parent / "setup.py").is_file() else []
-    return [*folders, *(parent / "share" / "tcc_sim" / "config" for parent in (*module.parents, prefix))]

@@ -107,8 +107,7 @@ class Operation(Options):
     real_time_factor: float = quantity(1.0, "simulated seconds per second of real time; 0 is as fast as possible", "",
                                        0.0, 1000.0, live=True)
     pacing: str = quantity("real_time", "condition for the next tick: its deadline, or the command that answers the "
-                                        "last tick",
-                           choices=("real_time", "lockstep"))
+                           "last tick", choices=("real_time", "lockstep"))
     command_timeout: float = quantity(0.5,
                                       "without a command for this long in simulated time the input falls back (see "
                                       "engine.fallback and pressure.fallback); 0 never falls back", "s", 0.0, 1e6,
@@ -252,14 +251,6 @@ class Scene:
         return f"<p>{escape(self.name)}: {escape(self.description)}</p>{html_of(table, most=len(values))}"
 
 
-def _is_file(path: Path) -> bool:
-    """Return whether a file exists; InputError for an impossible name, such as one that is too long."""
-    try:
-        return path.is_file()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from None
-
-
 def load_scene(name_or_file: str | Path) -> Scene:
     """Load a bundled scene by its name, or a scene file.
 
@@ -278,7 +269,11 @@ def load_scene(name_or_file: str | Path) -> Scene:
     bundled = bundled_scenes()
     text = str(name_or_file)
     path = bundled.get(text, Path(text))
-    if text not in bundled and not _is_file(path):
+    try:
+        exists = text in bundled or path.is_file()
+    except OSError as error:  # An impossible name, such as one that is too long.
+        raise InputError(f"{path}: {error.strerror}") from None
+    if not exists:
         looks_like_file = path.suffix in (".yaml", ".yml") or "/" in text
         near = difflib.get_close_matches(text, list(bundled), n=1, cutoff=0.4)
         hint = f"; did you mean {near[0]}?" if near and not looks_like_file else ""
