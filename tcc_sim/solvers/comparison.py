@@ -303,11 +303,15 @@ def _solve(problem: Problem, name: str) -> Trajectory:
     begin, end = problem.breaks()[:2]
 
     def solver_of(begin: float, end: float, y: Floats) -> Any:
-        """Return SciPy's solver; for rk4 the length of the fewest equal steps to the end, as such a solver has it."""
-        if not fixed:
-            return _solver(name, piece_of(terms, begin, end), begin, end, y, options)
-        count = max(math.ceil((end - begin) / step * (1.0 - 1e-12)), 1)
-        return SimpleNamespace(h_abs=(end - begin) / count, rtol=0.0, atol=np.ones(4))
+        """Return SciPy's solver for a time within which the excitation has no corner; for rk4 the length of the fewest
+        equal steps to the end, as such a solver has it.
+        """
+        if fixed:
+            count = max(math.ceil((end - begin) / step * (1.0 - 1e-12)), 1)
+            return SimpleNamespace(h_abs=(end - begin) / count, rtol=0.0, atol=np.ones(4))
+        piece = piece_of(terms, begin, end)
+        implicit = {"jac": jacobian_of(piece, len(y))} if name in ("radau", "bdf", "lsoda") else {}
+        return METHODS[name](rates_of(piece, len(y)), begin, y, end, **options, **implicit)
 
     solver_of(begin, end, y0)  # Compile what it calls.
     with warnings.catch_warnings(), np.errstate(all="ignore"):
@@ -333,13 +337,6 @@ def _solve(problem: Problem, name: str) -> Trajectory:
 
 
 rk4, rk45, dop853, radau, bdf, lsoda = (partial(_solve, name=name) for name in METHODS)
-
-
-def _solver(name: str, terms: Terms, begin: float, end: float, y: Floats, options: dict[str, Any]) -> Any:
-    """Return SciPy's solver for a time within which the excitation has no corner."""
-    if name in ("radau", "bdf", "lsoda"):
-        options = {**options, "jac": jacobian_of(terms, len(y))}
-    return METHODS[name](rates_of(terms, len(y)), begin, y, end, **options)
 
 
 def _compiled_through(name: str, solver_of: Any, problem: Problem, y: Floats, marks: Floats, samples: Floats,
@@ -378,7 +375,7 @@ def _solve_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats, s
     """
     began, breaks = time.perf_counter(), problem.breaks()
     times, states, sampled = [breaks[:1]], [np.array(y)[None, :]], [np.array(y)[None, :]]
-    following, further, steps, status, detail = 1, 1, 0, Status.DONE, ""
+    steps, status, detail = 0, Status.DONE, ""
     for begin, end in itertools.pairwise(breaks.tolist()):
         solver = solver_of(begin, end, states[-1][-1])
         while solver.status == "running":
@@ -390,9 +387,8 @@ def _solve_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats, s
                 status = Status.STEP_TOO_SMALL if np.all(np.isfinite(solver.y)) else Status.NOT_FINITE
                 break
             steps += 1
-            last = int(np.searchsorted(marks, solver.t, side="right"))
-            inner = marks[following:last]
-            following = last
+            inner, due = (those[slice(*np.searchsorted(those, [solver.t_old, solver.t], side="right"))]
+                          for those in (marks, samples))
             pieces = int(min(np.ceil((solver.t - solver.t_old) / spacing), 64))
             if len(inner) or pieces > 1:
                 points = solver.t_old + (solver.t - solver.t_old) * np.arange(1, pieces) / pieces
@@ -401,11 +397,8 @@ def _solve_through(solver_of: Any, problem: Problem, y: Floats, marks: Floats, s
                 if len(points):
                     times.append(points)
                     states.append(solver.dense_output()(points).T)
-            last = int(np.searchsorted(samples, solver.t, side="right"))
-            if last > further:
-                inner = samples[further:last]
-                sampled.append(np.where(inner == solver.t, solver.y[:, None], solver.dense_output()(inner)).T)
-                further = last
+            if len(due):
+                sampled.append(np.where(due == solver.t, solver.y[:, None], solver.dense_output()(due)).T)
             times.append(np.array([solver.t]))
             states.append(np.array(solver.y)[None, :])
         if status is not Status.DONE:

@@ -23,16 +23,11 @@ BENT = 4.0
 """Largest ratio of second differences of power at neighbouring samples of a smooth top."""
 
 
-def _pieces(t: Floats) -> NDArray[np.int64]:
-    """Return the first sample of each piece between jumps and the number of samples, (k + 1,)."""
-    return np.concatenate([[0], np.flatnonzero(np.diff(t) <= 2.0 * np.spacing(t[1:])) + 1, [len(t)]])
-
-
 def slopes_between_jumps(t: Floats, y: Floats) -> Floats:
     """Return derivatives of samples, of second order within each piece between jumps; 0 for a single sample."""
     out: Floats = np.zeros(len(t))
-    pieces = _pieces(t)
-    for a, b in pairwise(pieces.tolist()):
+    jumps = np.flatnonzero(np.diff(t) <= 2.0 * np.spacing(t[1:])) + 1
+    for a, b in pairwise([0, *jumps.tolist(), len(t)]):
         if b - a > 1:
             out[a:b] = np.gradient(y[a:b], t[a:b], edge_order=2 if b - a > 2 else 1)
     return out
