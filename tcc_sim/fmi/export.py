@@ -173,7 +173,7 @@ def _kernel(scene: Scene, rows: list[Variable]) -> str:
             ("substeps", substeps_needed, (terms, DOUBLE, DOUBLE)), ("stick_speed", stick_speed_of, (terms,)),
             ("origin_after", driveline.origin_after, (keys, keys, origin, DOUBLE)),
             ("initial_state", fixed_step.initial_state, (keys,)),
-            ("advance", fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, Static(True), absent)),
+            ("advance", fixed_step.advance, (Row(writable=True), DOUBLE, DOUBLE, INT, terms, absent)),
             ("engine_and_friction", fixed_step.engine_and_friction, (DOUBLE, DOUBLE, terms)),
             ("shaft_torque", driveline.shaft_torque, (shaft, DOUBLE, DOUBLE)),
             ("side_of_slip", driveline.side_of_slip, (DOUBLE, DOUBLE))]:

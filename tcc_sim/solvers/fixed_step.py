@@ -33,30 +33,10 @@ from tcc_sim.model.equations import Linear, check_supported
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import FAR_ANGLE, FAR_RATE, FAR_SPEED
-from tcc_sim.solvers.model_kernels import (
-    engine_torque,
-    largest_ratio,
-    lost_torque,
-    saturation_torque,
-    smoothed_and_slope,
-    smoothed_coefficient,
-    step_after,
-    step_at,
-    swelling,
-)
-from tcc_sim.solvers.model_kernels import reached as reached_unfused
+from tcc_sim.solvers import model_kernels as model
+from tcc_sim.solvers.model_kernels import largest_ratio, lost_torque, smoothed_and_slope, step_after, step_at
 from tcc_sim.solvers.per_cycle import STAMP, cycles_of_states, hermite
-from tcc_sim.solvers.terms import (
-    Problem,
-    Terms,
-    assemble,
-    for_ticks,
-    holding,
-    rates_along,
-    same_but_means,
-    substeps,
-    terms_of,
-)
+from tcc_sim.solvers.terms import Problem, Terms, assemble, for_ticks, holding, rates_along, substeps, terms_of
 from tcc_sim.trajectory import Floats, Statistics, Status, Trajectory, concatenated, split_cycles
 
 START, BEFORE, RISE, RATE = range(4)
@@ -68,14 +48,12 @@ or BEFORE + RISE t where RATE, 1/s, is 0.
 @compiled
 def torques_now(t: float, piece: int, profile: Floats | None, terms: Terms) -> tuple[float, float]:
     """Return Te and Ts at time t; with a profile, by its piece of this number."""
-    if profile is None:
-        return (engine_torque(t, terms.mean_torque, terms.torque, terms.harmonics),
-                load_on_approach(t, saturation_torque(t, terms.mean_load, terms.pulsation), terms.approach))
-    else:
-        angle, mean_torque, mean_load = reached_unfused(t, profile[piece])
-        mean_torque = mean_torque + swelling(t, angle, profile[piece])
-        return (engine_torque(angle, mean_torque, terms.torque, terms.harmonics),
-                load_on_approach(t, saturation_torque(angle, mean_load, terms.pulsation), terms.approach))
+    angle, mean_torque, mean_load = t, terms.mean_torque, terms.mean_load
+    if profile is not None:
+        angle, mean_torque, mean_load = model.reached(t, profile[piece])
+        mean_torque = mean_torque + model.swelling(t, angle, profile[piece])
+    return (model.engine_torque(angle, mean_torque, terms.torque, terms.harmonics),
+            load_on_approach(t, model.saturation_torque(angle, mean_load, terms.pulsation), terms.approach))
 
 
 @compiled
@@ -266,46 +244,36 @@ def _sub_step(v: float, theta: float, omega: float, turn: float, start: float, h
 
 
 @compiled
-def advance(state: Floats, t: float, h: float, n: int, terms: Terms, flywheel: bool | None,
-            out: Floats | None) -> tuple[int, int]:
+def advance(state: Floats, t: float, h: float, n: int, terms: Terms, out: Floats | None) -> tuple[int, int]:
     """Advance `state` in place by n sub-steps of h seconds from time t, in parts where the profile has a corner.
 
-    state : (3,) or (4,) array: slip speed, plate angle, plate speed, and theta1 where `flywheel` is not None
+    state : (4,) array: slip speed, plate angle, plate speed, theta1
     t, h : s
-    out : (n, 3 or 4) array that receives the state after every sub-step, or None
+    out : (n, 4) array that receives the state after every sub-step, or None
     returns : (iterations in all, most iterations in one stage)
     """
     whole = plate_of(h * GAMMA, terms.linear)
     total, most = 0, 0
-    v, theta, omega, turn = state[0], state[1], state[2], 0.0
-    if flywheel is not None:
-        turn = state[3]
+    v, theta, omega, turn = state[0], state[1], state[2], state[3]
     for k in range(n):
-        start = t + k * h
-        part = break_after(terms.profile, start, h)
-        if part < h:
-            left = h
-            while part < left:
-                v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, part,
-                                                                plate_of(part * GAMMA, terms.linear), terms)
-                total += count
-                most = max(most, worst)
-                start += part
-                left -= part
-                part = break_after(terms.profile, start, left)
-            v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, left,
-                                                            plate_of(left * GAMMA, terms.linear), terms)
-        else:
-            v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, h, whole, terms)
+        start, left, plate = t + k * h, h, whole
+        part = break_after(terms.profile, start, left)
+        while part < left:
+            v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, part,
+                                                            plate_of(part * GAMMA, terms.linear), terms)
+            total += count
+            most = max(most, worst)
+            start += part
+            left -= part
+            part = break_after(terms.profile, start, left)
+        if left < h:
+            plate = plate_of(left * GAMMA, terms.linear)
+        v, theta, omega, turn, count, worst = _sub_step(v, theta, omega, turn, start, left, plate, terms)
         total += count
         most = max(most, worst)
         if out is not None:
-            out[k, 0], out[k, 1], out[k, 2] = v, theta, omega
-            if flywheel is not None:
-                out[k, 3] = turn
-    state[0], state[1], state[2] = v, theta, omega
-    if flywheel is not None:
-        state[3] = turn
+            out[k, 0], out[k, 1], out[k, 2], out[k, 3] = v, theta, omega, turn
+    state[0], state[1], state[2], state[3] = v, theta, omega, turn
     return total, most
 
 
@@ -455,7 +423,7 @@ class Stepper:
         """Call `tick` for n sub-steps from now; lay the terms out again if more than their means has changed."""
         terms = self.terms
         if terms is not self._laid_out:
-            if self._laid_out is None or not same_but_means(terms, self._laid_out):
+            if self._laid_out is None or not terms.same_but_means(self._laid_out):
                 self._tick.use(self.state, 0.0, 0.0, 0, 0.0, 0.0, 0.0, terms)
             self._laid_out = terms
         reached: Reached = self._tick(self.tick * self.step, end, n, self.step / self.substeps, terms.mean_torque,
@@ -467,7 +435,7 @@ class Stepper:
 def engine_and_friction(t: float, v: float, terms: Terms) -> tuple[float, float]:
     """Return engine and friction torque at time t and slip speed v, N m."""
     engine, load = torques_now(t, piece_at(terms.profile, t), terms.profile, terms)
-    return engine, load * smoothed_coefficient(v, terms.smoothing, terms.stribeck)
+    return engine, load * model.smoothed_coefficient(v, terms.smoothing, terms.stribeck)
 
 
 @compiled
@@ -480,22 +448,22 @@ def with_means(terms: Terms, mean_torque: float, mean_load: float, profile: Floa
 @compiled
 def tick(state: Floats, t: float, end: float, n: int, h: float, mean_torque: float, mean_load: float,
          terms: Terms) -> Reached:
-    """Call `advance` with theta1 and other means than those of `terms`; return the torques at time `end`, as the next
-    tick counts it.
+    """Call `advance` with other means than those of `terms`; return the torques at time `end`, as the next tick counts
+    it.
     """
     held = with_means(terms, mean_torque, mean_load, terms.profile)
-    _, most = advance(state, t, h, n, held, True, None)
+    _, most = advance(state, t, h, n, held, None)
     engine, friction_torque = engine_and_friction(end, state[0], held)
     return state[0], state[1], state[2], state[3], engine, friction_torque, most
 
 
 @compiled
 def advance_ticks(state: Floats, start: float, step: float, first: int, ticks: int, n: int, terms: Terms,
-                  flywheel: bool | None, out: Floats) -> tuple[int, int]:
-    """Make ticks first, first + 1, ... of n sub-steps each, as a Stepper does; `out` is (ticks * n, 3 or 4)."""
+                  out: Floats) -> tuple[int, int]:
+    """Make ticks first, first + 1, ... of n sub-steps each, as a Stepper does; `out` is (ticks * n, 4)."""
     total, most = 0, 0
     for k in range(ticks):
-        count, worst = advance(state, start + (first + k) * step, step / n, n, terms, flywheel, out[k * n:(k + 1) * n])
+        count, worst = advance(state, start + (first + k) * step, step / n, n, terms, out[k * n:(k + 1) * n])
         total += count
         most = max(most, worst)
     return total, most
@@ -513,21 +481,20 @@ def solve(problem: Problem) -> Trajectory:
     step = problem.step or 1e-3
     terms = terms_of(problem.system)
     kernel_terms = for_ticks(terms)
-    state, flywheel = np.array(problem.first), True if problem.flywheel_angle else None
+    state, wanted = np.array([*problem.state.numbers, problem.state.flywheel_angle]), len(problem.first)
     t, states = np.array([problem.start]), state[None, :].copy()
     try:
         n = substeps(terms, step)
     except OutOfRange as error:
-        return assemble(problem, "fixed_step", t, states, status=Status.REFUSED, detail=str(error))
+        return assemble(problem, "fixed_step", t, states[:, :wanted], status=Status.REFUSED, detail=str(error))
     ticks = math.ceil((problem.end - problem.start) / step * (1.0 - 1e-13))
     times = problem.sample_times()
-    samples, cycles, ends = [states[:0]], [], problem.cycle_starts()
+    samples, cycles, ends = [states[:0, :wanted]], [], problem.cycle_starts()
     kept, first, done, total, most, status, seconds = 0, 0, 0, 0, 0, Status.DONE, 0.0
     while done < ticks:
         block = min(ticks - done, max(1, BATCH // n))
         out = np.empty((block * n, len(state)))
-        (count, worst), spent = timed(advance_ticks, state, problem.start, step, done, block, n, kernel_terms,
-                                       flywheel, out)
+        (count, worst), spent = timed(advance_ticks, state, problem.start, step, done, block, n, kernel_terms, out)
         seconds += spent
         total, most = total + count, max(most, worst)
         fresh = problem.start + np.arange(done, done + block)[:, None] * step + np.arange(1, n + 1) * (step / n)
@@ -538,7 +505,7 @@ def solve(problem: Problem) -> Trajectory:
             break
         rates = rates_along(t, states, terms)
         due = len(times) if done == ticks else int(np.searchsorted(times, t[-1], side="right"))
-        samples.append(np.stack([hermite(times[kept:due], t, states[:, i], rates[:, i]) for i in range(len(state))],
+        samples.append(np.stack([hermite(times[kept:due], t, states[:, i], rates[:, i]) for i in range(wanted)],
                                 axis=1))
         kept = due
         starts = ends[first:] if done == ticks else ends[first:np.searchsorted(ends, t[-1] + STAMP, side="right")]

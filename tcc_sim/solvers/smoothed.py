@@ -25,16 +25,7 @@ from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers import collocation, series
 from tcc_sim.solvers.collocation import Place
 from tcc_sim.solvers.model_kernels import exponentials_at, lost_torque, step_and_rest, with_slope
-from tcc_sim.solvers.terms import (
-    Terms,
-    excitation_frequency,
-    largest_mean_torque,
-    load_frequency,
-    peak_load,
-    steps_allowed,
-    stick_speed_of,
-    torque_swing,
-)
+from tcc_sim.solvers.terms import Terms, excitation_frequency, largest_torque, load_frequency, peak_load, steps_allowed
 
 LOCAL = 0.1
 """Tolerance of one step per relative tolerance of a solve: leaving stick amplifies the errors of steps before."""
@@ -155,7 +146,7 @@ def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, exce
     assert sigma is not None
     i1, i2, damping, stiffness, _, _ = coefficients_of(terms.linear)
     local = max(LOCAL * rtol, 1e-14)
-    stick_speed = stick_speed_of(scene_terms)
+    stick_speed = friction.stick_speed(sigma, scene_terms.stribeck)
     creep_speed, peak = friction.peak(sigma, scene_terms.stribeck)
     if not math.isfinite(creep_speed):
         creep_speed = math.atanh(1.0 - FLAT_PEAK) / sigma
@@ -164,8 +155,7 @@ def limits_of(terms: Terms, scene_terms: Terms, period: float, rtol: float, exce
     pairs = friction.exponentials(stribeck)
     far = max([layer, *(far_of(max(abs(share), excess), rate, rtol, layer) for share, rate in pairs)])
     steepest = max([rate for _, rate in pairs], default=0.0)
-    torques = largest_mean_torque(terms) + torque_swing(terms) + peak_load(terms)
-    speed = torques / math.sqrt(stiffness * i2)
+    speed = largest_torque(terms) / math.sqrt(stiffness * i2)
     beta = 1.0 / i1 + 1.0 / i2
     strength = beta * peak_load(terms)
     slip_decay = decay_of_slip(terms.linear)
@@ -199,8 +189,8 @@ def order_of(wished: float, most: int) -> int:
     return min(max(2 * round(0.5 * wished), 8), most)
 
 
-ACCEPTED, REFUSED, FAILED = range(3)
-"""Results of a step: taken; to be tried again with the method and length in `control`; no step is possible."""
+ACCEPTED, REFUSED = range(2)
+"""Results of a step: taken, if its length is above 0; to be tried again with the method and length in `control`."""
 
 SERIES, CREEP, STIFF = range(3)
 """Methods: Taylor series; collocation in stick, on the slow manifold; collocation where the linear part is stiff."""
@@ -382,9 +372,7 @@ def series_step(place: Place, friction: LocalFriction, remaining: float, loaded:
     expand_region(order, rows, unit, terms, limits.sigma, place, friction, terms.pulsation, terms.stribeck)
     x = series_length(rows, order, place.slip_tolerance, place.speed_tolerance)
     x = min(x, min(remaining, 0.5 * limits.period) / unit)
-    if not x > 0.0:
-        return Step(FAILED, unit, x, order, 0.0)
-    if place.region != collocation.SLIDING:
+    if x > 0.0 and place.region != collocation.SLIDING:
         x = exponential_length(rows, order, x, place, state.slip_speed, limits.rates.strength * unit, limits.sigma,
                                terms.stribeck)
     return Step(ACCEPTED, unit, x, order, 0.0)
@@ -642,8 +630,8 @@ def distance_to_creep(friction: LocalFriction, rho: float, state: Any, limits: L
 
 
 @fast
-def enter_creep(place: Place, friction: LocalFriction, remaining: float, state: Any, control: Any, limits: Limits,
-                terms: Terms, drive: Any, tables: collocation.Tables) -> bool:
+def enter_creep(friction: LocalFriction, remaining: float, state: Any, control: Any, limits: Limits, terms: Terms,
+                drive: Any, tables: collocation.Tables) -> bool:
     """Change to collocation in stick if the state is on the slow manifold, or project it if it is near.
 
     The projection keeps w = theta2' + kappa v, and corrects theta2 by its change during the decay of delta.
@@ -692,7 +680,7 @@ def choose_method(place: Place, friction: LocalFriction, remaining: float, state
         control.released = 0.0
         control.calm = CALM
         control.waited = 0
-    elif enter_creep(place, friction, remaining, state, control, limits, terms, drive, tables):
+    elif enter_creep(friction, remaining, state, control, limits, terms, drive, tables):
         return True
     if control.streak > control.patience and not near:
         control.streak = 0

@@ -27,19 +27,7 @@ from tcc_sim.model.friction_curve import MOST_TERMS
 from tcc_sim.model.groups import Engine
 from tcc_sim.model.parameters import System
 from tcc_sim.model.profile import START, TIME, Floats, Origin, far_end_at
-from tcc_sim.trajectory import (
-    FREE,
-    STICK,
-    Cycles,
-    FarEnd,
-    Modes,
-    State,
-    Statistics,
-    Status,
-    Trajectory,
-    Transitions,
-    modes_of,
-)
+from tcc_sim.trajectory import FREE, STICK, Cycles, FarEnd, State, Statistics, Status, Trajectory, Transitions, modes_of
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 SWINGS = 40.0
@@ -74,6 +62,13 @@ class Terms(NamedTuple):
     profile: Floats | None = None
     approach: Floats | None = None
     far: Floats | None = None
+
+    def same_but_means(self, other: Terms) -> bool:
+        """Return whether these terms differ from others in the mean torque and the mean load only."""
+        return (self.harmonics is other.harmonics and self.profile is other.profile
+                and self.approach is other.approach and self.far is other.far
+                and (self.linear, self.torque, self.pulsation, self.smoothing, self.stribeck)
+                == (other.linear, other.torque, other.pulsation, other.smoothing, other.stribeck))
 
 
 def per_system(function: Function) -> Function:
@@ -175,14 +170,6 @@ def holding(terms: Terms, torque: float | None, load: float | None) -> Terms:
             pulsation=None if terms.pulsation is None else (0.0, terms.pulsation[1], terms.pulsation[2]),
             profile=None if terms.profile is None else _held_in(terms.profile, of.LOAD, load))
     return terms
-
-
-def same_but_means(one: Terms, other: Terms) -> bool:
-    """Return whether terms differ in the mean torque and the mean load only."""
-    return (one.harmonics is other.harmonics and one.profile is other.profile
-            and one.approach is other.approach and one.far is other.far
-            and (one.linear, one.torque, one.pulsation, one.smoothing, one.stribeck)
-            == (other.linear, other.torque, other.pulsation, other.smoothing, other.stribeck))
 
 
 def _silent(harmonics: Floats) -> Floats:
@@ -298,9 +285,10 @@ def load_frequency(terms: Terms) -> float:
     return (0.0 if terms.pulsation is None else terms.pulsation[1]) * _range(terms, of.FREQUENCY, 1.0)[1]
 
 
-def largest_mean_torque(terms: Terms) -> float:
-    """Return the largest size of the mean engine torque, N m."""
-    return max(map(abs, _range(terms, of.TORQUE, terms.mean_torque)))
+def largest_torque(terms: Terms, ratio: float = 1.0) -> float:
+    """Return the largest sum of the sizes of the engine torque and of `ratio` times the saturation torque, N m."""
+    mean = max(map(abs, _range(terms, of.TORQUE, terms.mean_torque)))
+    return mean + torque_swing(terms) + ratio * peak_load(terms)
 
 
 def torque_swing(terms: Terms) -> float:
@@ -458,7 +446,7 @@ def far_end_along(t: Floats, terms: Terms) -> FarEnd:
     return FarEnd() if terms.far is None else FarEnd(*far_end_at(terms.far, t))
 
 
-def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, modes: Modes | None = None,
+def assemble(problem: Problem, solver: str, t: Floats, states: Floats, *, modes: NDArray[np.int8] | None = None,
              cycles: Cycles | None = None, rest: Cycles | None = None, transitions: Transitions | None = None,
              status: Status = Status.DONE, detail: str = "", statistics: Statistics = NOTHING_SPENT) -> Trajectory:
     """Return the Trajectory of times (n,) and states (n, 3 or 4): slip speed, plate angle, plate speed, maybe theta1.
