@@ -212,6 +212,25 @@ def latest(times: Floats | Sequence[float], t: Any) -> Any:
     return np.maximum(np.searchsorted(times, t, side="right") - 1, 0)
 
 
+def profile_rows(profile: Floats, times: Floats, edges: Floats, shift: float) -> Floats:
+    """Return the kernel's rows between successive times `edges`, s, of an engine cycle, which starts at the first of
+    them; the load's angle is `shift` there, rad. `times` are those of the profile.
+    """
+    begins, ends = edges[:-1], edges[1:]
+    k = latest(times, 0.5 * (begins + ends))
+    piece: Floats = profile[k]
+    past = begins - piece[:, TIME]
+    rows: Floats = piece.copy()
+    for column in (*range(FREQUENCY, LOAD_RATE, 2), *range(SWELLS + 2, piece.shape[1], SWELL)):
+        rows[:, column] = piece[:, column] + piece[:, column + 1] * past
+    after = ends - begins
+    angles = np.cumsum(after * (rows[:, FREQUENCY] + 0.5 * rows[:, FREQUENCY_RATE] * after))
+    rows[:, TIME], rows[0, PHASE], rows[1:, PHASE] = begins - edges[0], 0.0, angles[:-1]
+    until = np.where(k + 1 < len(times), times[np.minimum(k + 1, len(times) - 1)], np.inf)
+    rows[:, UNTIL], rows[:, STARTED], rows[:, SHIFT] = np.maximum(until, ends) - edges[0], edges[0], shift
+    return rows
+
+
 def phase_at(profile: Floats, t: Any) -> Any:
     """Return phi at times t, rad."""
     return along(profile, t)[0]

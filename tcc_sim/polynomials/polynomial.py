@@ -72,7 +72,7 @@ def staged_form(lanes: int) -> Any:
     return staged
 
 
-form_16, form_24, form_32 = (unrolled(staged_form(lanes)) for lanes in (16, 24, 32))
+form_24, form_32 = (unrolled(staged_form(lanes)) for lanes in (24, 32))
 
 
 @fast
@@ -82,9 +82,7 @@ def to_bernstein(c: Any, row: int, degree: int, x_end: float, workspace: Any) ->
     b_i = sum_k C(i, k)/C(n, k) c_k x_end^k. The weights lie in [0, 1], so n products and sums of rounded terms
     are wrong by at most about 2 n units of rounding of sum |c_k| x_end^k.
     """
-    if degree < 16:
-        form_16(0, c[row], x_end, PER_BINOMIAL[degree], workspace[BERNSTEIN])
-    elif degree < 24:
+    if degree < 24:
         form_24(0, c[row], x_end, PER_BINOMIAL[degree], workspace[BERNSTEIN])
     else:
         form_32(0, c[row], x_end, PER_BINOMIAL[degree], workspace[BERNSTEIN])
@@ -270,9 +268,9 @@ def fall_within(c: Any, row: int, degree: int, low: float, high: float, x: float
 
 
 @fast
-def fall_from(c: Any, row: int, degree: int, x_start: float, x_end: float, sign: float, level: float, accuracy: float,
+def fall_from(c: Any, row: int, degree: int, x_start: float, sign: float, level: float, accuracy: float,
               workspace: Any) -> float:
-    """Return `first_crossing` over [x_start, x_end] for the polynomial whose Bernstein coefficients are in row 1."""
+    """Return `first_crossing` from x_start on, for the polynomial whose Bernstein coefficients are in row 1."""
     noise = workspace[1, NOISE] + 2.0 * ROUNDING * abs(level)
     for i in range(degree + 1):
         workspace[1, i] = sign * workspace[1, i] - level
@@ -295,16 +293,15 @@ def fall_from(c: Any, row: int, degree: int, x_start: float, x_end: float, sign:
 
 
 @fast
-def crossing_of(c: Any, row: int, degree: int, x_end: float, sign: float, level: float, accuracy: float,
-                workspace: Any) -> float:
-    """Return `first_crossing` of the polynomial whose Bernstein coefficients over [0, x_end] are in the workspace."""
+def crossing_of(c: Any, row: int, degree: int, sign: float, level: float, accuracy: float, workspace: Any) -> float:
+    """Return `first_crossing` of the polynomial whose Bernstein coefficients are in the workspace."""
     tiny = max(workspace[BERNSTEIN, NOISE] + 2.0 * ROUNDING * abs(level), 0.5 * accuracy)
     least = workspace[BERNSTEIN, LOW] if sign > 0.0 else -workspace[BERNSTEIN, HIGH]
     if not least - level < -tiny:
         return math.inf
     for i in range(WORKSPACE[1]):
         workspace[1, i] = workspace[BERNSTEIN, i]
-    return float(fall_from(c, row, degree, 0.0, x_end, sign, level, accuracy, workspace))
+    return float(fall_from(c, row, degree, 0.0, sign, level, accuracy, workspace))
 
 
 @fast
@@ -320,7 +317,7 @@ def first_crossing(c: Any, row: int, degree: int, x_end: float, sign: float, lev
     workspace : array of shape WORKSPACE; its first row is left with the Bernstein coefficients over [0, x_end]
     """
     to_bernstein(c, row, degree, x_end, workspace)
-    return float(crossing_of(c, row, degree, x_end, sign, level, accuracy, workspace))
+    return float(crossing_of(c, row, degree, sign, level, accuracy, workspace))
 
 
 @fast
@@ -339,21 +336,15 @@ def stick_crossing(c: Any, row: int, degree: int, x_start: float, x_end: float, 
         if x_start > 0.0:
             later_part(workspace, 1, degree, x_start / x_end)
         sign, limit = (float(side), level) if mode != 0 else (-float(side), -level)
-        crossing = min(crossing, fall_from(c, row, degree, x_start, x_end, sign, limit, 1e-11 * level, workspace))
+        crossing = min(crossing, fall_from(c, row, degree, x_start, sign, limit, 1e-11 * level, workspace))
     return crossing
 
 
 @fast
-def newton_within(low: float, high: float, x: float, f: float, slope: float) -> float:
-    """Return Newton's next x for a root of f between low and high, or their middle."""
-    following = x - f / slope if slope != 0.0 else math.inf
-    return following if low <= following <= high else 0.5 * (low + high)
-
-
-@fast
-def turning(c: Any, row: int, degree: int, low: float, high: float, x: float, rising: bool, noise: float) -> float:
-    """Return the polynomial's value at the one root of its slope between low, where it is `rising` or not, and high,
-    from a guess x.
+def turning(c: Any, row: int, degree: int, low: float, high: float, x: float, rising: bool, small: float,
+            near: float) -> float:
+    """Return the one root of the polynomial's slope between low, where it is `rising` or not, and high, from a guess x,
+    by Newton's method; its last step changes the polynomial by `small` or x by `near` times `high` at most.
     """
     for _ in range(80):
         slope, curvature = slope_and_curvature(c, row, degree, x)
@@ -361,11 +352,13 @@ def turning(c: Any, row: int, degree: int, low: float, high: float, x: float, ri
             low = x
         else:
             high = x
-        following = newton_within(low, high, x, slope, curvature)
-        if abs(slope * (following - x)) <= 0.1 * noise or abs(following - x) <= 4e-16 * high:
-            return float(value(c, row, degree, following))
+        following = x - slope / curvature if curvature != 0.0 else math.inf
+        if not low <= following <= high:
+            following = 0.5 * (low + high)
+        if abs(slope * (following - x)) <= small or abs(following - x) <= near * high:
+            return float(following)
         x = following
-    return float(value(c, row, degree, x))
+    return x
 
 
 @fast
@@ -407,7 +400,8 @@ def extremes_of(c: Any, row: int, degree: int, x_end: float, highest: float, low
             changes, place, last = slope_changes(workspace, top, degree)
         if changes == 1:
             left, width = workspace[top, LEFT], workspace[top, WIDTH]
-            v = turning(c, row, degree, left, left + width, left + width * place, last < 0.0, noise)
+            at = turning(c, row, degree, left, left + width, left + width * place, last < 0.0, 0.1 * noise, 4e-16)
+            v = value(c, row, degree, at)
             highest, lowest = max(highest, v), min(lowest, v)
         top = search_on(workspace, top, degree, changes, shortest)
     return highest, lowest

@@ -99,8 +99,8 @@ def changing(number: Any, by: Any, which: int) -> Changing:
 
 
 def changing_linear(linear: Linear, by: Any) -> Any:
-    """Return the linear part, its coefficients with their derivatives, and None where there is none."""
-    numbers: Any = [None if number is None else changing(number, by, i) for i, number in enumerate(linear)]
+    """Return the linear part, complete, with the derivatives of its coefficients."""
+    numbers: Any = [changing(number, by, i) for i, number in enumerate(linear)]
     return Linear(*numbers)
 
 
@@ -184,9 +184,9 @@ def expand_sines(sines: Any, count: int, unit: float, waves: Any, pulsation: ser
     for k in range(series.COLUMNS):
         sines[OF_ENGINE, k], sines[OF_LOAD, k] = 0.0, 0.0
     if waves.shape[0] > 0:
-        series.expand_sine(count - 1, sines[OF_ENGINE], waves[0].sine, waves[0].cosine, waves[0].rate * unit)
+        series.expand_sine(count - 1, sines[OF_ENGINE], None, waves[0].sine, waves[0].cosine, waves[0].rate * unit)
     if pulsation is not None:
-        series.expand_sine(count, sines[OF_LOAD], drive.load_sine, drive.load_cosine, pulsation[1] * unit)
+        series.expand_sine(count, sines[OF_LOAD], None, drive.load_sine, drive.load_cosine, pulsation[1] * unit)
 
 
 @fast

@@ -34,9 +34,9 @@ from numpy.typing import NDArray
 from tcc_sim.compiling.compiled import fast
 from tcc_sim.compiling.unrolled import folded, largest_size, lesser, limited, row_of, unrolled
 from tcc_sim.model.equations import Linear, coefficients_of, decay_of_slip
-from tcc_sim.model.friction import Stribeck
+from tcc_sim.model.friction import Stribeck, with_slope
 from tcc_sim.polynomials.polynomial import WORKSPACE
-from tcc_sim.solvers.law import STAGED, law_on
+from tcc_sim.solvers.law import exponentials_at, law_on, step_and_rest
 from tcc_sim.solvers.series import COLUMNS, ROWS, added
 from tcc_sim.trajectory import Floats
 
@@ -221,7 +221,8 @@ def response(linear: Linear, top: int, levels: int) -> Response:
     inertia, kappa = i1 + i2, i1 / (i1 + i2)
     # M w' = Te - K23 theta2 - C23 theta2' - (f_v + p_v) v, with theta2' = w - kappa v.
     slipping = kappa * damping - (by_slip + plate_by_slip)
-    lengths = ladder_lengths(top, levels)
+    roots = 1.0, math.sqrt(2.0)
+    lengths = np.array([math.ldexp(roots[k % 2], -((k + 1) // 2)) for k in range(top, top + levels)])
     nodal, series = np.empty((levels, 2, NODES, SIDES)), np.empty((levels, 2, TERMS, SIDES))
     _respond(lengths, stiffness / inertia, damping / inertia, slipping / inertia, kappa, 1.0 / inertia, A, SQUARE,
              TO_CHEBYSHEV, np.empty((NODES, NODES)), nodal, series)
@@ -261,24 +262,12 @@ def tables(linear: Linear, rates: tuple[float, ...] | None, load_rate: float, to
         sources = np.zeros((levels, 2 * len(rates), linear_response.fixed.shape[2]))
         _add_waves(linear_response.step_sizes["length"].copy(), np.array(rates), linear_response.torque, C, sources)
     named = np.ascontiguousarray(np.concatenate([linear_response.fixed, sources], axis=1)).view(SOURCE)[..., 0]
-    named.setflags(write=False)
-    return Tables(linear_response.step_sizes, named, turns_of(load_rate, top, levels))
-
-
-@lru_cache(maxsize=16)
-def turns_of(load_rate: float, top: int, levels: int) -> NDArray[Any]:
-    """Return cosine and sine of the load's angle at the nodes of every step size, from its start."""
-    angles = (load_rate * ladder_lengths(top, levels)[:, None] * C).ravel().tolist()
+    angles = (load_rate * linear_response.step_sizes["length"][:, None] * C).ravel().tolist()
     waves = np.array([[*map(math.cos, angles)], [*map(math.sin, angles)]]).reshape(2, levels, NODES)
-    turns: NDArray[Any] = waves.transpose(1, 0, 2).reshape(levels, -1).view(TURN)[:, 0]
+    turns = waves.transpose(1, 0, 2).reshape(levels, -1).view(TURN)[:, 0]
+    named.setflags(write=False)
     turns.setflags(write=False)
-    return turns
-
-
-def ladder_lengths(top: int, levels: int) -> Floats:
-    """Return the step sizes of a ladder, s."""
-    roots = 1.0, math.sqrt(2.0)
-    return np.array([math.ldexp(roots[k % 2], -((k + 1) // 2)) for k in range(top, top + levels)])
+    return Tables(linear_response.step_sizes, named, turns)
 
 
 ITERATIONS_MAXIMUM = 20
@@ -330,16 +319,11 @@ class Place(NamedTuple):
 
 @unrolled
 def evaluate_law(slip: Any, law: Any, slope: Any, sign: Any, sigma: Any, stribeck: Any) -> None:
-    """Fill mubar of (7), or of (6) where sigma is None, and its slope at the nodes, with |v| continued as sign * v
-    through v = 0, where a step ends.
-    """
+    """Fill mubar of (7) and its slope at the nodes, with |v| continued as sign * v through v = 0, where a step ends."""
     v, total, fall = slip.row(), 0.0, 0.0
     if stribeck is not None:
-        _, total, fall = STAGED.exponentials_at(v * sign, stribeck)
-    elif sigma is None:
-        return  # mubar is constant in slip.
-    step, rest = (sign, 0.0) if sigma is None else STAGED.step_and_rest(v * sigma)
-    values, falls = STAGED.with_slope(total, fall, sign, 0.0 if sigma is None else sigma, step, rest)
+        _, total, fall = exponentials_at(v * sign, stribeck)
+    values, falls = with_slope(total, fall, sign, sigma, *step_and_rest(v * sigma))
     law.set_row(values)
     slope.set_row(falls)
 
@@ -496,7 +480,7 @@ def follow_manifold(step_size: Any, v: float, sign: float, sigma: float, stribec
 
 
 @fast
-def law_at_nodes(place: Place, sigma: float | None, stribeck: Stribeck, work: Any) -> None:
+def law_at_nodes(place: Place, sigma: float, stribeck: Stribeck, work: Any) -> None:
     """Fill mubar and its slope at the nodes; mubar stays constant past the region's edge, where the step is cut."""
     if place.region == SLIDING:
         for i in range(NODES):
@@ -506,7 +490,7 @@ def law_at_nodes(place: Place, sigma: float | None, stribeck: Stribeck, work: An
 
 
 @fast
-def solve_stages(step_size: Any, v: float, place: Place, sharpness: float, sigma: float | None, stribeck: Stribeck,
+def solve_stages(step_size: Any, v: float, place: Place, sharpness: float, sigma: float, stribeck: Stribeck,
                  accuracy: float, work: Any) -> int:
     """Solve by Newton's method from the guess in work.slip; mubar changes with v as fast as `sharpness`, s/rad.
 

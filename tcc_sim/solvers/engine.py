@@ -67,18 +67,9 @@ def begin_loads(records: NDArray[Any], first: int | None) -> None:
         records["wanted"][..., first:] = 1.0
 
 
-def loads_of(records: NDArray[Any], problem: Problem, first: int, end: int) -> Loads | None:
-    """Return the loads of the cycles `first` to `end` of a run, from their records; None if none are wanted."""
-    if problem.loads_from is None:
-        return None
-    columns = records[first:end].view(np.float64).reshape(end - first, LOADS.itemsize // 8)[:, :-1].T.copy()
-    columns[:, :max(problem.loads_from - first, 0)] = math.nan
-    return Loads(*columns)
-
-
 def staged_loads(lanes: int) -> Any:
     """Return the staged function of `evaluate_loads` for degrees below `lanes`."""
-    def staged(rows: Any, per_binomial: Any, unit: Any, linear: Linear, places: Any, power: Any, shaft: Any,
+    def staged(rows: Any, per_binomial: Any, unit: Any, linear: Any, places: Any, power: Any, shaft: Any,
                square: Any) -> None:
         x = places.row(0, count=COUNT)
         v, angle, speed, rise = 0.0, 0.0, 0.0, 0.0
@@ -90,10 +81,8 @@ def staged_loads(lanes: int) -> Any:
                 v, angle, speed = x * v + a[k], x * angle + b[k], x * speed + c[k]
         torque = speed * linear.damping + angle * linear.stiffness
         shaft.set_row(torque, 0)
-        friction = rise * (linear.plate / unit) + torque
-        if linear.plate_by_slip is not None:
-            friction = friction + v * linear.plate_by_slip
-            square.set_row(v * v, 0)
+        friction = rise * (linear.plate / unit) + torque + v * linear.plate_by_slip
+        square.set_row(v * v, 0)
         power.set_row(friction * v, 0)
 
     return staged
@@ -180,17 +169,7 @@ def keep_breakaway(loads: Any, cycle: int) -> None:
 
 
 @fast
-def add_coupling(load: Any, seconds: float, by_slip: float | None, workspace: Any) -> None:
-    """Add the heat of the torque that passes from flywheel to plate beside friction, -p_v v."""
-    if by_slip is not None:
-        square = 0.0
-        for i in range(COUNT):
-            square += WEIGHTS[i] * workspace[SQUARE, i]
-        load.coupling_energy -= seconds * by_slip * square
-
-
-@fast
-def add_part(rows: Any, degree: int, unit: float, start: float, end: float, linear: Linear, load: Any,
+def add_part(rows: Any, degree: int, unit: float, start: float, end: float, linear: Any, load: Any,
              workspace: Any) -> None:
     """Add the part [start, end] of a step to a cycle's record of LOADS."""
     width = end - start
@@ -199,12 +178,13 @@ def add_part(rows: Any, degree: int, unit: float, start: float, end: float, line
     for i in range(COUNT):
         workspace[PLACE, i] = start + POINTS[i] * width
     evaluate_loads(rows, degree, unit, linear, 0, workspace)
-    energy, least = 0.0, math.inf
+    energy, square, least = 0.0, 0.0, math.inf
     most_at, high_at, low_at = 0, 0, 0
     most, high, low = workspace[POWER, 0], workspace[SHAFT, 0], workspace[SHAFT, 0]
     for i in range(COUNT):
         power, shaft = workspace[POWER, i], workspace[SHAFT, i]
         energy += WEIGHTS[i] * power
+        square += WEIGHTS[i] * workspace[SQUARE, i]
         least = min(least, power)
         if power > most:
             most, most_at = power, i
@@ -213,7 +193,7 @@ def add_part(rows: Any, degree: int, unit: float, start: float, end: float, line
         if shaft < low:
             low, low_at = shaft, i
     load.energy += width * unit * energy
-    add_coupling(load, width * unit, linear.plate_by_slip, workspace)
+    load.coupling_energy -= width * unit * linear.plate_by_slip * square  # Of the torque -p_v v beside friction.
     margin = MARGIN * (high - low)
     if most + MARGIN * (most - least) > load.peak_power:
         load.peak_power = max(load.peak_power, largest_near(rows, degree, unit, POWER, 1.0, most_at, linear, workspace))
@@ -253,7 +233,7 @@ TRANSITIONS_MAXIMUM = 65536
 
 class Store(NamedTuple):
     """Arrays that receive a run: of CYCLE, of states (rows of samples), of TRANSITION, and of LOADS or None; and the
-    samples per cycle. Without an array of TRANSITION only the state at the start of each cycle is stored.
+    samples per cycle.
     """
 
     cycles: Any
@@ -296,12 +276,6 @@ def begin_output(output: Any, slip_speed: float, mode: int) -> None:
 
 
 @fast
-def full(transitions: Any, needed: int) -> bool:
-    """Return whether so many transitions do not fit; False if none are stored."""
-    return transitions is not None and needed > transitions.shape[0]
-
-
-@fast
 def keep_samples(rows: Any, degree: int, unit: float, x: float, tau: float, period: float, per_cycle: int, output: Any,
                  samples: Any, angle: bool) -> None:
     """Store the samples, uniform in time, before the end of the step: rows of v, theta2, theta2' (and theta1)."""
@@ -335,7 +309,7 @@ def end_of_cycle(tau: float, after: float, period: float, unit: float, x: float)
 @fast
 def store_transition(time: float, before: int, after: int, output: Any, transitions: Any) -> None:
     """Store a transition if there is room for it."""
-    if transitions is not None and output.transitions < transitions.shape[0]:
+    if output.transitions < transitions.shape[0]:
         transitions[output.transitions].time = time
         transitions[output.transitions].before = before
         transitions[output.transitions].after = after
@@ -354,7 +328,9 @@ def keeps_mode(mode: int, stick_speed: float, workspace: Any) -> bool:
 @fast
 def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
                transitions: Any, loads: Any, workspace: Any) -> float:
-    """Store transitions, breakaways and time in stick; return the time in stick behind `cut`, the end of the cycle."""
+    """Store transitions, breakaways and time in stick of a step over [0, x] from `time` on, s since cycle 0 began;
+    return the time in stick behind `cut`, the end of the cycle.
+    """
     behind = 0.0
     mode = output.mode
     start = 0.0
@@ -382,9 +358,9 @@ def keep_modes(rows: Any, degree: int, unit: float, x: float, cut: float, time: 
 
 
 @fast
-def end_cycle(output: Any, cycles: Any, slip_speed: float, plate_angle: float, plate_speed: float,
-              stick_time: float) -> None:
-    """Store the results of the cycle and begin the next one in the given state."""
+def end_cycle(rows: Any, degree: int, cut: float, stick_time: float, output: Any, cycles: Any) -> None:
+    """Store the results of the cycle, which ends at `cut` of a step, and begin the next one, with a time in stick."""
+    slip_speed, plate_angle, plate_speed = polynomial.values(rows, degree, cut)
     done = cycles[output.cycle]
     done.highest = max(output.highest, slip_speed)
     done.lowest = min(output.lowest, slip_speed)
@@ -413,32 +389,12 @@ def keep_cycle(rows: Any, degree: int, x: float, cut: float, behind: float, outp
             to_bernstein(rows, SLIP, degree, cut, workspace)
         output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, cut, output.highest, output.lowest,
                                                                workspace)
-        keep_section(rows, degree, cut, behind, output, cycles)
+        end_cycle(rows, degree, cut, behind, output, cycles)
         if cut < x:
             to_bernstein(rows, SLIP, degree, x, workspace)
             later_part(workspace, BERNSTEIN, degree, cut / x)
             output.highest, output.lowest = polynomial.extremes_of(rows, SLIP, degree, x, output.highest,
                                                                    output.lowest, workspace)
-
-
-@fast
-def keep_section(rows: Any, degree: int, cut: float, stick_time: float, output: Any, cycles: Any) -> None:
-    """End the cycle at `cut` of a step."""
-    slip_speed, plate_angle, plate_speed = polynomial.values(rows, degree, cut)
-    end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, stick_time)
-
-
-@fast
-def keep_motion(rows: Any, degree: int, unit: float, x: float, cut: float, time: float, stick_speed: float, output: Any,
-                cycles: Any, transitions: Any, loads: Any, workspace: Any) -> None:
-    """Store transitions, breakaways, time in stick, extremes and section of a step over [0, x]; only the section where
-    `transitions` is None. `cut` is the end of the engine cycle in [0, x], or beyond; `time` that since cycle 0 began.
-    """
-    if transitions is not None:
-        behind = keep_modes(rows, degree, unit, x, cut, time, stick_speed, output, transitions, loads, workspace)
-        keep_cycle(rows, degree, x, cut, behind, output, cycles, workspace)
-    elif cut <= x:
-        keep_section(rows, degree, cut, 0.0, output, cycles)
 
 
 class RunOutput:
@@ -478,7 +434,12 @@ class RunOutput:
         begun = float(problem.system.cycle_start(problem.start_cycle + whole))
         reached = begun + tau
         end = problem.end if status is Status.DONE else reached
-        t, samples = self._sampled(first, last, status, end)
+        t, samples = np.array([problem.start, end]), np.array([first, last])
+        if problem.samples_per_cycle:
+            times = problem.sample_times()
+            filled = len(times) - 1 if status is Status.DONE else min(
+                int(self.output["samples"]), len(times) - 1, int(np.searchsorted(times, end)))
+            t, samples = np.append(times[:filled], end), np.vstack([self.samples[:filled], last])
         rows = np.concatenate(self.transitions) if self.transitions else np.empty(0, TRANSITION)
         transitions = Transitions(rows["time"].copy(), rows["before"].astype(np.int8), rows["after"].astype(np.int8))
         cycles, rest = self._cycles(0, whole, self.cycles[:whole + 1, :3].copy()), None
@@ -493,19 +454,12 @@ class RunOutput:
 
     def _cycles(self, first: int, end: int, section: Floats) -> Cycles:
         highest, lowest, stick_time = self.cycles[first:end, 3:].T.copy()
-        return Cycles(section, highest, lowest, stick_time, loads_of(self.loads, self.problem, first, end))
-
-    def _sampled(self, first: tuple[float, ...], last: tuple[float, ...], status: Status,
-                 end: float) -> tuple[Floats, Floats]:
-        """Return times, s, and samples of a run up to its end at the time `end`."""
-        problem = self.problem
-        if not problem.samples_per_cycle:
-            return np.array([problem.start, end]), np.array([first, last])
-        times = problem.sample_times()
-        filled = len(times) - 1
-        if status is not Status.DONE:
-            filled = min(int(self.output["samples"]), filled, int(np.searchsorted(times, end)))
-        return np.append(times[:filled], end), np.vstack([self.samples[:filled], last])
+        loads, wanted_from = None, self.problem.loads_from
+        if wanted_from is not None:
+            columns = self.loads[first:end].view(np.float64).reshape(end - first, LOADS.itemsize // 8)[:, :-1].T.copy()
+            columns[:, :max(wanted_from - first, 0)] = math.nan
+            loads = Loads(*columns)
+        return Cycles(section, highest, lowest, stick_time, loads)
 
 
 SCALES = np.array([10.0, 0.1, 10.0])
@@ -623,7 +577,7 @@ def loop_by(start: Callable[..., None], take_step: Callable[..., int], name: str
         while output.cycle < count or state.tau < tail:
             if counters.limited >= step_limit:
                 return STEP_LIMIT
-            if tangent is None and full(store.transitions, output.transitions + TRANSITIONS_OF_STEP):
+            if tangent is None and output.transitions + TRANSITIONS_OF_STEP > store.transitions.shape[0]:
                 return FULL
             counters.limited += 1
             status = take_step(first, count, tail, setup, memory, tangent, store, angle)

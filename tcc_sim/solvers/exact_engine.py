@@ -30,52 +30,16 @@ from tcc_sim.model.equations import Linear, coefficients_of, completed, decay_of
 from tcc_sim.model.friction import Stribeck, exponentials, largest_ratio, sliding
 from tcc_sim.model.parameters import System
 from tcc_sim.polynomials import polynomial
+from tcc_sim.solvers import changes, series
 from tcc_sim.solvers import engine as shell
 from tcc_sim.solvers import key_derivatives as of
-from tcc_sim.solvers import series
-from tcc_sim.solvers.changes import (
-    LANES,
-    OF_ENGINE,
-    OF_LOAD,
-    Rows,
-    carry_slip,
-    changed_at,
-    changing,
-    changing_linear,
-    end_changes,
-    expand_sines,
-    hold_phase,
-)
+from tcc_sim.solvers.changes import LANES, Rows, changed_at, changing, changing_linear, end_changes, hold_phase
 from tcc_sim.solvers.collocation import WORK
 from tcc_sim.solvers.engine import EngineShell, Memory, Setup, Store, Tangent
 from tcc_sim.solvers.law import NARROW, Changing
 from tcc_sim.solvers.model_kernels import exponentials_at, lost_torque, steepness
-from tcc_sim.solvers.series import (
-    ANGLE,
-    DRIVE,
-    FLYWHEEL,
-    INVERSE,
-    LOAD,
-    ROWS,
-    SLIP,
-    SPEED,
-    Pulsation,
-    add_integral,
-    clamp_edge,
-    excite,
-    expand_decayed,
-    expand_excitation,
-    waves_of,
-)
-from tcc_sim.solvers.terms import (
-    Terms,
-    excitation_frequency,
-    peak_load,
-    per_system,
-    steps_allowed,
-    terms_of,
-    torque_swing,
-)
+from tcc_sim.solvers.series import ANGLE, FLYWHEEL, INVERSE, LOAD, SLIP, SPEED, Pulsation, excite, expand_excitation
+from tcc_sim.solvers.terms import Terms, excitation_frequency, largest_torque, per_system, steps_allowed, terms_of
 from tcc_sim.trajectory import FREE, NEGATIVE, POSITIVE, STICK, Floats
 
 EXACT = 1e-16
@@ -133,8 +97,7 @@ def bounds_of(terms: Terms, period: float, rtol: float) -> Bounds:
     slip_decay = decay_of_slip(terms.linear)
     pairs = exponentials(terms.stribeck)
     ratio = float(sliding(0.0, 1.0, terms.stribeck))
-    friction = largest_ratio(terms.stribeck) * peak_load(terms)
-    torque = max(abs(terms.mean_torque) + torque_swing(terms) + friction, 1e-300)
+    torque = max(largest_torque(terms, largest_ratio(terms.stribeck)), 1e-300)
     tolerance = 1e-12 * torque
     scale = torque / math.sqrt(stiffness * plate)
     excitation = excitation_frequency(terms)
@@ -160,7 +123,7 @@ when the clamp next switches, s into the cycle; whether slip has just begun at v
 """
 
 
-UPWARD, DOWNWARD = ROWS, ROWS + 1
+UPWARD, DOWNWARD = series.ROWS, series.ROWS + 1
 """Rows of the margins to breakaway, N m: r Ts - lambda and r Ts + lambda."""
 
 LINEAR_ORDER = 28
@@ -242,12 +205,8 @@ def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, me
 def stick_event(bounds: Bounds, unit: float, x: float, order: int, rows: Any, workspace: Any) -> Step:
     """Return a step in stick up to x, or to the first zero of a margin to breakaway."""
     tolerance = bounds.torque_tolerance
-    power, upward, downward = x, 0.0, 0.0
-    for k in range(1, order + 1):
-        upward += abs(rows[UPWARD, k]) * power
-        downward += abs(rows[DOWNWARD, k]) * power
-        power *= x
-    if rows[UPWARD, 0] > upward + tolerance and rows[DOWNWARD, 0] > downward + tolerance:
+    if (rows[UPWARD, 0] > polynomial.variation(rows, UPWARD, order, x) + tolerance
+            and rows[DOWNWARD, 0] > polynomial.variation(rows, DOWNWARD, order, x) + tolerance):
         return Step(unit, x, order, NO_EVENT, 0, 0.0)
     up = polynomial.first_crossing(rows, UPWARD, order, x, 1.0, 0.0, tolerance, workspace)
     down = polynomial.first_crossing(rows, DOWNWARD, order, x, 1.0, 0.0, tolerance, workspace)
@@ -311,10 +270,10 @@ def accelerations_at(linear: Linear, v: float, state: Any, engine: float, fricti
 
 
 @fast
-def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
-             pulsation: tuple[float, float, float] | None, stribeck: Stribeck, state: Any, drive: Any,
-             remaining: float, rows: Any, workspace: Any) -> Step:
+def slip_arc(setup: Setup, memory: Memory, stribeck: Stribeck, remaining: float) -> Step:
     """Return a step in slip, or without load, of at most `remaining` s, to v = 0, or to the speed `far`."""
+    bounds, terms, _, waves, _ = setup
+    state, drive, rows, linear = memory.state, memory.drive, memory.work.rows, terms.linear
     mode, v = state.mode, state.slip_speed
     sign = 0.0 if mode == FREE else float(mode)
     rows[SLIP, 0] = v
@@ -335,12 +294,13 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
             acceleration = abs(accelerations_at(linear, v, state, drive.torque, friction)[0])
             slope = (1.0 / linear.flywheel + 1.0 / linear.plate) * drive.load * steepness(sign * v, stribeck)
             unit = 1.0 / (bounds.slip_rate + series.fastest_at(stribeck, sign * v) * acceleration + slope)
-            expand_excitation(rows, order, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None, drive)
-            series.expand(order, rows, unit, linear, sign, pulsation, stribeck, excess, None, None, None)
+            expand_excitation(rows, order, unit, state.tau, True, terms.mean_torque, waves, terms.mean_load,
+                              terms.pulsation, None, drive)
+            series.expand(order, rows, unit, linear, sign, terms.pulsation, stribeck, excess, None, None, None)
     if not falling:
-        expand_excitation(rows, order, unit, state.tau, mode != FREE, mean_torque, waves, mean_load, pulsation, None,
-                          drive)
-        series.expand(order, rows, unit, linear, sign, pulsation, None, None, None, None, None)
+        expand_excitation(rows, order, unit, state.tau, mode != FREE, terms.mean_torque, waves, terms.mean_load,
+                          terms.pulsation, None, drive)
+        series.expand(order, rows, unit, linear, sign, terms.pulsation, None, None, None, None, None)
     longest = remaining / unit
     x = series_length(rows, order, longest, bounds.truncation, bounds.speed_scale)
     if stribeck is not None and falling:
@@ -348,7 +308,7 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
         fastest = series.fastest_at(stribeck, sign * v)
         while fastest * (abs(rows[SLIP, 1]) * x + abs(rows[SLIP, 2]) * x * x) > 0.4 * order:
             x *= 0.8
-    return slip_event(bounds, unit, x, order, level, state, rows, workspace)
+    return slip_event(bounds, unit, x, order, level, state, rows, memory.work.bernstein)
 
 
 @fast
@@ -394,47 +354,46 @@ def mode_at_rest(plate_angle: float, plate_speed: float, drive: Any, ratio: floa
 
 
 @fast
-def mode_of(slip_speed: float, loaded: bool, plate_angle: float, plate_speed: float, drive: Any, ratio: float,
-            tolerance: float, linear: Linear) -> int:
-    """Return the mode of a state at the start of a run, or where the load begins or ends."""
-    if not loaded:
-        return FREE
-    if slip_speed != 0.0:
-        return POSITIVE if slip_speed > 0.0 else NEGATIVE
-    return int(mode_at_rest(plate_angle, plate_speed, drive, ratio, tolerance, linear))
-
-
-@fast
-def begin(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any) -> None:
-    """Set the mode of a state from the torques and their rates there, and the time at which the clamp next switches."""
+def begin(setup: Setup, state: Any, drive: Any) -> None:
+    """Set the mode of a state, at the start of a run or where the load begins or ends, from the torques and their rates
+    there, and the time at which the clamp next switches.
+    """
+    bounds, terms, _, waves, _ = setup
     state.load_edge = math.inf
     loaded = terms.mean_load > 0.0
     if bounds.clamped:
-        state.load_edge, loaded = clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation, None)
+        state.load_edge, loaded = series.clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation,
+                                                    None)
     excite(state.tau, state.shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, None, drive)
-    state.mode = mode_of(state.slip_speed, loaded, state.plate_angle, state.plate_speed, drive, bounds.ratio,
-                         bounds.torque_tolerance, terms.linear)
+    if not loaded:
+        state.mode = FREE
+    elif state.slip_speed != 0.0:
+        state.mode = POSITIVE if state.slip_speed > 0.0 else NEGATIVE
+    else:
+        state.mode = mode_at_rest(state.plate_angle, state.plate_speed, drive, bounds.ratio, bounds.torque_tolerance,
+                                  terms.linear)
     state.at_rest = 1 if state.slip_speed == 0.0 and state.mode != FREE else 0
 
 
 @fast
-def step_on(bounds: Bounds, terms: Terms, waves: Any, state: Any, drive: Any, goal: float, work: Any) -> Step:
+def step_on(setup: Setup, memory: Memory, goal: float) -> Step:
     """Return the next step, at most to `goal`, s into the cycle, or to the clamp's next switching."""
+    bounds, terms, _, waves, _ = setup
+    state, _, drive, work, _, _ = memory
     remaining = min(goal, state.load_edge) - state.tau
     excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
            None, drive)
-    rows, workspace = work.rows, work.bernstein
     if state.mode == STICK:
         return stick_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, state, drive,
-                         remaining, rows, workspace)
-    return slip_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.stribeck,
-                    state, drive, remaining, rows, workspace)
+                         remaining, work.rows, work.bernstein)
+    return slip_arc(setup, memory, terms.stribeck, remaining)
 
 
 @fast
-def finish(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, state: Any, drive: Any, rows: Any,
-           angle: bool) -> bool:
+def finish(setup: Setup, memory: Memory, step: Step, goal: float, angle: bool) -> bool:
     """Bring the state to the end of a step and set the mode that follows; return whether there may be a new one."""
+    bounds, terms, _, waves, _ = setup
+    state, drive, rows = memory.state, memory.drive, memory.work.rows
     until = min(goal, state.load_edge)
     full = step.event == NO_EVENT and step.x * step.unit >= (until - state.tau) * (1.0 - 1e-13)
     if step.x > 0.0:
@@ -455,7 +414,7 @@ def finish(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, st
     if state.load_edge <= state.tau:
         if abs(state.slip_speed) <= bounds.slip_tolerance:
             state.slip_speed = 0.0
-        begin(bounds, terms, waves, state, drive)
+        begin(setup, state, drive)
         return True
     stopped = (state.mode == POSITIVE and state.slip_speed <= 0.0) or (state.mode == NEGATIVE
                                                                        and state.slip_speed >= 0.0)
@@ -472,23 +431,6 @@ def finish(bounds: Bounds, terms: Terms, waves: Any, step: Step, goal: float, st
 GRAZING, ARRIVAL, STUCK = range(3)
 """Rows of margins: |v| at its smallest extremum in slip, rad/s; r Ts + sgn(v) lambda at the end of slip, N m (negative
 where slip goes on the other way), the one nearest to 0; r Ts - |lambda| at its smallest minimum in stick, N m."""
-
-
-@fast
-def root_of_slope(c: Any, row: int, degree: int, low: float, high: float, sign: float) -> float:
-    """Return the place between low and high at which the slope of sign * polynomial rises through 0."""
-    x = 0.5 * (low + high)
-    for _ in range(80):
-        slope, curvature = polynomial.slope_and_curvature(c, row, degree, x)
-        if sign * slope < 0.0:
-            low = x
-        else:
-            high = x
-        following = polynomial.newton_within(low, high, x, slope, curvature)
-        if abs(following - x) <= 1e-15 * high:
-            return float(following)
-        x = following
-    return x
 
 
 @fast
@@ -509,8 +451,9 @@ def smallest_dip(c: Any, row: int, degree: int, x_end: float, sign: float, below
         if least < below:
             changes, _, last = polynomial.slope_changes(workspace, top, degree)
         if changes == 1 and sign * last > 0.0:
-            left, width = workspace[top, polynomial.LEFT], workspace[top, polynomial.WIDTH]
-            x = root_of_slope(c, row, degree, left, left + width, sign)
+            left = workspace[top, polynomial.LEFT]
+            right = left + workspace[top, polynomial.WIDTH]
+            x = polynomial.turning(c, row, degree, left, right, 0.5 * (left + right), sign < 0.0, -1.0, 1e-15)
             value = sign * polynomial.value(c, row, degree, x)
             if value < below and 0.0 < x < x_end:
                 below, place = value, x
@@ -590,8 +533,8 @@ def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, 
     resisted = flywheel * damping
     least[ARRIVAL, shell.GROWS] = 1.0 if still + mode * resisted * stuck_rate / both > 0.0 else 0.0
     rate = still + mode * resisted * speed_rate / both
-    sine = polynomial.value(sines, OF_ENGINE, step.degree, step.x)
-    load_sine, slope = polynomial.value_and_slope(sines, OF_LOAD, step.degree, step.x)
+    sine = polynomial.value(sines, changes.OF_ENGINE, step.degree, step.x)
+    load_sine, slope = polynomial.value_and_slope(sines, changes.OF_LOAD, step.degree, step.x)
     now = sine, load_sine, slope / (pulsation[1] * step.unit)
     for b in range(groups.shape[0]):
         group = groups[b]
@@ -637,7 +580,7 @@ def unresolved(step: Step, mode: int, later: bool, stribeck: Stribeck, rows: Any
     for i in range(0, len(stribeck), 2):
         gone = len(stribeck) > 2 and stribeck[i + 1] * abs(rows[SLIP, 0]) > GONE
         if abs(stribeck[i]) <= SMALL and not gone:
-            expand_decayed(step.degree - 1, workspace, rows, -stribeck[i + 1] * mode)
+            series.expand_decayed(step.degree - 1, workspace, rows, -stribeck[i + 1] * mode)
             power = step.x ** (step.degree - 1)
             if max(abs(workspace[step.degree - 2]) / step.x, abs(workspace[step.degree - 1])) * power > CONVERGED:
                 return True
@@ -645,8 +588,8 @@ def unresolved(step: Step, mode: int, later: bool, stribeck: Stribeck, rows: Any
 
 
 @fast
-def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, groups: Any, along: Any, rows: Any,
-          pulsation: Pulsation, stribeck: Stribeck, margins: bool) -> None:
+def carry(mode: int, step: Step, ratio: float, linear: Linear, groups: Any, along: Any, rows: Any, pulsation: Pulsation,
+          stribeck: Stribeck, margins: bool) -> None:
     """Fill the coefficients of all derivatives over a step, with the sines of `along` (ALONG); in stick those of the
     margins to breakaway too, if `margins`.
     """
@@ -658,15 +601,15 @@ def carry(mode: int, falls: bool, step: Step, ratio: float, terms: Terms, groups
                 for lane in range(LANES):
                     group.rows[SLIP, k, lane] = 0.0
             if margins:
-                expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, terms.linear,
-                                     ratio, pulsation, True)
+                expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, linear, ratio,
+                                     pulsation, True)
             else:
-                expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, terms.linear,
-                                     ratio, pulsation, None)
-    elif stribeck is None or not falls:
-        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, None, None)
+                expand_stick_changes(order, rows, group.rows, group.now, group.by, along.sines, unit, linear, ratio,
+                                     pulsation, None)
+    elif stribeck is None or order != FALLING_ORDER:
+        changes.carry_slip(order, unit, sign, groups, along, rows, linear, pulsation, None, None)
     else:
-        carry_slip(order, unit, sign, groups, along, rows, terms.linear, pulsation, stribeck, None)
+        changes.carry_slip(order, unit, sign, groups, along, rows, linear, pulsation, stribeck, None)
 
 
 @fast
@@ -757,29 +700,20 @@ def end_changes_of_cycle(state: Any, output: Any, tangent: Tangent, cycles: Any)
     start_height(state, output, groups)
 
 
-@fast
-def falls_along(step: Step, mode: int, stribeck: Stribeck) -> bool:
-    """Return whether the friction coefficient varies in a step."""
-    if stribeck is None:
-        return False
-    return step.degree == FALLING_ORDER and mode != STICK and mode != FREE
-
-
 @compiled
 def resolved_step(until: float, setup: Setup, memory: Memory, tangent: Tangent) -> tuple[Step, float]:
     """Return the next step, no longer than the series of derivatives hold, and the time that it aimed at, at most
     `until`, s into the cycle.
     """
-    bounds, terms, _, waves, _ = setup
-    state, drive, work, sines = memory.state, memory.drive, memory.work, tangent.along.sines
-    later = tangent.along.law.shape[1] > NARROW
+    state, terms, along = memory.state, setup.terms, tangent.along
+    later = along.law.shape[1] > NARROW
     amplitude: float = terms.pulsation[0]  # type: ignore[index]
-    goal = min(until, state.tau + longest_step(bounds, terms.linear, terms.mean_load + amplitude, terms.stribeck,
+    goal = min(until, state.tau + longest_step(setup.limits, terms.linear, terms.mean_load + amplitude, terms.stribeck,
                                                tangent.shared.fastest, state))
     while True:
-        step = step_on(bounds, terms, waves, state, drive, goal, work)
-        falls = falls_along(step, state.mode, terms.stribeck)
-        if not (falls and step.x > 0.0 and unresolved(step, state.mode, later, terms.stribeck, work.rows, sines[0])):
+        step = step_on(setup, memory, goal)
+        if not (step.degree == FALLING_ORDER and step.x > 0.0 and unresolved(
+                step, state.mode, later, terms.stribeck, memory.work.rows, along.sines[0])):
             return step, goal
         goal = state.tau + SHORTER * step.x * step.unit
 
@@ -795,9 +729,8 @@ def carry_step(step: Step, setup: Setup, memory: Memory, tangent: Tangent) -> No
     output.highest, peak, side = note_height(mode, step, rows, output.highest, work.bernstein)
     if mode == STICK:
         output.stick_time += step.x * step.unit
-    expand_sines(along.sines, degree + 1, step.unit, waves, terms.pulsation, drive)
-    carry(mode, falls_along(step, mode, terms.stribeck), step, bounds.ratio, terms, groups, along, rows,
-          terms.pulsation, terms.stribeck, noted)
+    changes.expand_sines(along.sines, degree + 1, step.unit, waves, terms.pulsation, drive)
+    carry(mode, step, bounds.ratio, terms.linear, groups, along, rows, terms.pulsation, terms.stribeck, noted)
     for block in range(groups.shape[0]):
         group = groups[block]
         if peak > 0.0:
@@ -846,10 +779,9 @@ def keep(step: Step, mode: int, tau: float, setup: Setup, memory: Memory, store:
         behind = shell.keep_stick(output, 0.0, step.x, cut, step.unit)
         output.highest, output.lowest = highest, lowest
         if cut <= step.x:
-            _, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
-            shell.end_cycle(output, store.cycles, 0.0, plate_angle, plate_speed, behind)
+            shell.end_cycle(rows, step.degree, cut, behind, output, store.cycles)
     else:
-        keep_slip(step, cut, rows, output, store.cycles, store.transitions, work.bernstein)
+        keep_slip(step, cut, rows, output, store.cycles, work.bernstein)
         # Where slip ends the polynomial leaves a rounding of either sign.
         if mode == 1:
             output.lowest = max(output.lowest, lowest if cut > step.x else 0.0)
@@ -858,23 +790,17 @@ def keep(step: Step, mode: int, tau: float, setup: Setup, memory: Memory, store:
 
 
 @fast
-def keep_slip(step: Step, cut: float, rows: Any, output: Any, cycles: Any, transitions: Any, workspace: Any) -> None:
-    """Store extremes and section of a step in slip; only the section where `transitions` is None."""
-    if transitions is None:
+def keep_slip(step: Step, cut: float, rows: Any, output: Any, cycles: Any, workspace: Any) -> None:
+    """Store extremes and section of a step in slip."""
+    v = rows[SLIP, 0]
+    if cut > step.x and v + step.reach <= output.highest and v - step.reach >= output.lowest:
+        return
+    if monotone(rows, step.degree, step.x, step.reach):
         if cut <= step.x:
-            shell.keep_section(rows, step.degree, cut, 0.0, output, cycles)
+            shell.end_cycle(rows, step.degree, cut, 0.0, output, cycles)
+        v = polynomial.value(rows, SLIP, step.degree, step.x)
+        output.highest, output.lowest = max(output.highest, v), min(output.lowest, v)
     else:
-        v = rows[SLIP, 0]
-        if cut > step.x and v + step.reach <= output.highest and v - step.reach >= output.lowest:
-            return
-        if monotone(rows, step.degree, step.x, step.reach):
-            if cut <= step.x:
-                slip_speed, plate_angle, plate_speed = polynomial.values(rows, step.degree, cut)
-                output.highest, output.lowest = max(output.highest, slip_speed), min(output.lowest, slip_speed)
-                shell.end_cycle(output, cycles, slip_speed, plate_angle, plate_speed, 0.0)
-            v = polynomial.value(rows, SLIP, step.degree, step.x)
-            output.highest, output.lowest = max(output.highest, v), min(output.lowest, v)
-            return
         polynomial.to_bernstein(rows, SLIP, step.degree, step.x, workspace)
         shell.keep_cycle(rows, step.degree, step.x, cut, 0.0, output, cycles, workspace)
 
@@ -882,8 +808,8 @@ def keep_slip(step: Step, cut: float, rows: Any, output: Any, cycles: Any, trans
 @fast
 def start(setup: Setup, memory: Memory, tangent: Any) -> None:
     """Set up all but the state, where a motion starts."""
-    state, _, drive, _, _, output = memory
-    begin(setup.limits, setup.terms, setup.waves, state, drive)
+    state, output = memory.state, memory.output
+    begin(setup, state, memory.drive)
     state.first_mode = state.mode
     shell.begin_output(output, state.slip_speed, state.mode)
     if tangent is not None:
@@ -894,22 +820,21 @@ def start(setup: Setup, memory: Memory, tangent: Any) -> None:
 def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory, tangent: Any, store: Store,
               angle: bool) -> int:
     """Take a step up to the next event at most; with derivatives it ends at the end of its cycle at the latest."""
-    bounds, terms, _, waves, _ = setup
-    state, _, drive, work, counters, output = memory
-    rows, period, n, mode, tau = work.rows, bounds.period, output.cycle, state.mode, state.tau
+    state, _, _, work, counters, output = memory
+    period, n, mode, tau = setup.limits.period, output.cycle, state.mode, state.tau
     goal = tail if n == count else period if n == count - 1 else tau + AHEAD * period
     if tangent is None:
-        step = step_on(bounds, terms, waves, state, drive, goal, work)
+        step = step_on(setup, memory, goal)
     else:
         step, goal = resolved_step(tail if n == count else period, setup, memory, tangent)
     if not step.x >= 0.0:
         return shell.NOT_FINITE
     if angle:
-        rows[FLYWHEEL, 0] = state.flywheel_angle
-        add_integral(rows, step.degree, step.unit)
+        work.rows[FLYWHEEL, 0] = state.flywheel_angle
+        series.add_integral(work.rows, step.degree, step.unit)
     if tangent is not None and step.x > 0.0:
         carry_step(step, setup, memory, tangent)
-    event = finish(bounds, terms, waves, step, goal, state, drive, rows, angle)
+    event = finish(setup, memory, step, goal, angle)
     if not abs(state.slip_speed) + abs(state.plate_angle) + abs(state.plate_speed) < math.inf:
         return shell.NOT_FINITE
     if tangent is not None:
@@ -926,7 +851,7 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     counters.steps += 1
     if event:
         counters.events += 1
-        if counters.events >= bounds.events:
+        if counters.events >= setup.limits.events:
             return shell.EVENT_LIMIT
     if state.tau >= period:
         state.load_edge -= period
@@ -955,7 +880,7 @@ def setup_of(system: System, rtol: float) -> Setup:
         ratio, load = 1.0 + terms.stribeck[0], terms.pulsation
         terms = terms._replace(stribeck=None, mean_load=ratio * terms.mean_load,
                                pulsation=None if load is None else (ratio * load[0], *load[1:]))
-    waves = waves_of(terms)
+    waves = series.waves_of(terms)
     waves.setflags(write=False)
     return Setup(bounds_of(terms, system.cycle, rtol), without_torque(terms), system.pressure.frequency_ratio, waves,
                  None)
@@ -972,7 +897,7 @@ def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float)
     """Return the setup of motions with derivatives; raise OutOfRange if a damper's decay takes too many steps."""
     if terms.stribeck is not None:
         terms = terms._replace(stribeck=(terms.stribeck[0], max(terms.stribeck[1], SLOWEST), *terms.stribeck[2:]))
-    waves = waves_of(terms)
+    waves = series.waves_of(terms)
     if terms.stribeck is not None and changes[of.EXCESSES + of.DECAYS].any():  # Their derivatives decay later.
         pairs = exponentials(terms.stribeck)
         wide = tuple(number for share, rate in pairs for number in (max(abs(share), 1.0), rate))
@@ -1008,7 +933,7 @@ def why(ended: int, steps: int, setup: Setup) -> str:
             }.get(ended, "")
 
 
-ENGINE = EngineShell("event_driven", integrate, Memory(STATE, None, DRIVE, WORK, shell.COUNTERS, shell.OUTPUT), SHARED,
-                     setup_of, setup_of_changes, lambda _, cycles: STEP_MAXIMUM,
-                     lambda setup, cycles: setup.limits.steps, why, transitions_per_cycle=EVENTS, columns=5, stride=2)
+MEMORY = Memory(STATE, None, series.DRIVE, WORK, shell.COUNTERS, shell.OUTPUT)
+ENGINE = EngineShell("event_driven", integrate, MEMORY, SHARED, setup_of, setup_of_changes, lambda *_: STEP_MAXIMUM,
+                     lambda setup, _: setup.limits.steps, why, transitions_per_cycle=EVENTS, columns=5, stride=2)
 solve = ENGINE.solve

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import chain
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from typing import Any
 
 from tcc_sim.compiling.compiled import rebound
 from tcc_sim.compiling.unrolled import exp, is_constant, limited, magnitude, row_of, with_sign
 from tcc_sim.model import friction
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.solvers.key_derivatives import DECAY, EXCESS_RATIO, LATER, SMOOTHING
-from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, LOAD, SLIP, exponential, hyperbolic, product
+from tcc_sim.solvers.series import FRICTION_ORDER_MAXIMUM, LOAD, SLIP, driven, product, square
 
 
 class Causes(dict[int, Any]):
@@ -85,24 +86,16 @@ def _both(one: Any, other: Any) -> Any:
     return one + other
 
 
-class LawText(NamedTuple):
-    """The functions of `model.friction` of these names, on other numbers than floats and arrays."""
-
-    exponentials_at: Callable[..., Any]
-    step_and_rest: Callable[..., Any]
-    with_slope: Callable[..., Any]
-    smoothed_coefficient: Callable[..., Any]
-    sliding: Callable[..., Any]
-
-
 def law_on(decaying: Callable[[Any], Any], size: Callable[[Any], Any] = magnitude,
-           tanh: Callable[[Any], Any] | None = None) -> LawText:
-    """Return the law with other functions for the exponential of -a |v|, for |v| and for tanh."""
+           tanh: Callable[[Any], Any] | None = None) -> Any:
+    """Return the functions of `model.friction`, by name, with others for the exponential of -a |v|, for |v| and for
+    tanh.
+    """
     exponentials_at = rebound(friction.exponentials_at, decayed=rebound(friction.decayed, exp=decaying))
-    return LawText(exponentials_at, rebound(friction.step_and_rest, exp=exp, magnitude=magnitude, with_sign=with_sign),
-               friction.with_slope,
-               rebound(friction.smoothed_coefficient, exponentials_at=exponentials_at, magnitude=size, tanh=tanh),
-               rebound(friction.sliding, exponentials_at=exponentials_at))
+    return SimpleNamespace(
+        exponentials_at=exponentials_at, sliding=rebound(friction.sliding, exponentials_at=exponentials_at),
+        smoothed_coefficient=rebound(friction.smoothed_coefficient, exponentials_at=exponentials_at, magnitude=size,
+                                     tanh=tanh))
 
 
 def continued(x: Any) -> Any:
@@ -110,10 +103,9 @@ def continued(x: Any) -> Any:
     return exp(limited(x, -700.0, 1.0))
 
 
-STAGED = law_on(continued)
+exponentials_at = law_on(continued).exponentials_at
+step_and_rest = rebound(friction.step_and_rest, exp=exp, magnitude=magnitude, with_sign=with_sign)
 """The law on names of staged functions (`compiling.unrolled`), single or in rows, or on plain numbers."""
-
-
 FRICTION, OF_SLIP, OF_EXCESS, OF_DECAY, OF_SMOOTHING, OF_LATER = range(6)
 """Columns of `law`: Ts mubar, and its derivatives by v, c_1, a_1, sigma; the first of those by c_2, a_2, c_3, a_3."""
 NUMBERS_OF_ALL = {OF_EXCESS: EXCESS_RATIO, OF_DECAY: DECAY, OF_SMOOTHING: SMOOTHING,
@@ -164,7 +156,7 @@ def _exp_of(x: Changing) -> Changing:
 
 def _tanh_of(x: Changing) -> Changing:
     """Return tanh x with its derivatives, dT = (1 - T^2) dx."""
-    value, rest = STAGED.step_and_rest(x.value)
+    value, rest = step_and_rest(x.value)
     return Changing(value, x.change * rest)
 
 
@@ -217,7 +209,7 @@ def _exp_along(x: Along) -> Along:
             values.append(exp(x[0].value))
         else:
             weighted.append(float(k) * x[k].value)
-            exponential(1.0, weighted, values, k)
+            values.append(driven(1.0, weighted, values, k))
         return Changing(values[k], product([x[j].change for j in range(k + 1)], values, k))
 
     return Along(following)
@@ -229,11 +221,12 @@ def _tanh_along(x: Along) -> Along:
 
     def following(k: int) -> Changing:
         if k == 0:
-            for series, start in zip((values, rests), STAGED.step_and_rest(x[0].value)):
+            for series, start in zip((values, rests), step_and_rest(x[0].value)):
                 series.append(start)
         else:
             weighted.append(float(k) * x[k].value)
-            hyperbolic(1.0, weighted, values, rests, k)
+            values.append(driven(1.0, weighted, rests, k))
+            rests.append(-square(values, k))
         return Changing(values[k], product([x[j].change for j in range(k + 1)], rests, k))
 
     return Along(following)

@@ -3,7 +3,7 @@
 The recurrences are those of automatic differentiation (Hairer, Norsett and Wanner, Solving Ordinary Differential
 Equations I, Sec. I.8; A. Jorba and M. Zou, Experimental Mathematics 14, 2005): E = exp(-alpha |v|) from E' = -alpha
 sgn(v) v' E, T = tanh(sigma v) from T' = sigma (1 - T^2) v', a sine from its cosine. Coefficients are in scaled time x =
-t/unit, so that none of them overflows. `product`, `exponential` and `motion` are staged functions
+t/unit, so that none of them overflows. `product`, `driven` and `motion` are staged functions
 (`unrolled.unrolled`), and take plain numbers as well.
 
 Excitation of a kernel: engine torque and saturation torque, their Taylor coefficients, and the times at which the clamp
@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from tcc_sim.compiling.compiled import fast, rebound
 from tcc_sim.compiling.unrolled import exp, row_of, unrolled
 from tcc_sim.model import profile as of
-from tcc_sim.model.equations import Linear, lost_torque
 from tcc_sim.model.friction import decayed
 from tcc_sim.polynomials.polynomial import powers_of
 from tcc_sim.solvers.terms import Terms
@@ -102,15 +101,8 @@ def side_by_side(pairs: Sequence[Any], rows: list[Any], k: int) -> list[Any]:
 
 
 def driven(rate: Any, weighted: Sequence[Any], other: Sequence[Any], k: int) -> Any:
-    """Return coefficient k >= 1 of the series with derivative rate v' `other`, without the share rate `other`_0 v_k;
-    `weighted` holds j v_j.
-    """
-    return rate * (1.0 / k) * inner(weighted, other, k)
-
-
-def exponential(rate: Any, weighted: Sequence[Any], e: list[Any], k: int) -> None:
-    """Append coefficient k >= 1 of E = exp(rate v): E' = rate v' E."""
-    e.append(driven(rate, weighted, e, k) + rate * (1.0 / k) * weighted[k] * e[0])
+    """Return coefficient k >= 1 of the series with derivative rate v' `other`; `weighted` holds j v_j."""
+    return rate * (1.0 / k) * inner(weighted, other, k) + rate * (1.0 / k) * weighted[k] * other[0]
 
 
 def decayed_along(out: Any, rows: Any, rate: Any) -> Iterator[int]:
@@ -119,7 +111,7 @@ def decayed_along(out: Any, rows: Any, rate: Any) -> Iterator[int]:
     out[0,] = 1.0
     for k in range(1, FRICTION_ORDER_MAXIMUM):
         weighted.append(float(k) * rows[SLIP, k])
-        exponential(rate, weighted, e, k)
+        e.append(driven(rate, weighted, e, k))
         out[k,] = e[k]
         if k % 2 == 1 and k >= 7:
             yield k
@@ -128,13 +120,7 @@ def decayed_along(out: Any, rows: Any, rate: Any) -> Iterator[int]:
 expand_decayed = unrolled(decayed_along)
 
 
-def hyperbolic(rate: Any, weighted: Sequence[Any], tanh: list[Any], sech: list[Any], k: int) -> None:
-    """Append coefficient k >= 1 of T = tanh(rate v) and of S = 1 - T^2: T' = rate v' S."""
-    tanh.append(driven(rate, weighted, sech, k) + rate * (1.0 / k) * weighted[k] * sech[0])
-    sech.append(-square(tanh, k))
-
-
-def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stribeck: Any, excess: Any, sigma: Any,
+def motion(rows: Any, unit: Any, linear: Any, sign: Any, pulsation: Any, stribeck: Any, excess: Any, sigma: Any,
            tanh: Any, sech: Any) -> Iterator[int]:
     """Fill the coefficients of slip speed, plate angle and plate speed by equations (2), mubar by recurrence.
 
@@ -151,22 +137,18 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
     """
     flywheel, plate = unit / linear.flywheel, unit / linear.plate
     both, damping, stiffness = flywheel + plate, plate * linear.damping, plate * linear.stiffness
-    on_flywheel, on_plate = (None if loss is None else share * loss for share, loss in (
-        (flywheel, linear.flywheel_by_slip), (plate, linear.plate_by_slip)))
+    on_flywheel, on_plate = flywheel * linear.flywheel_by_slip, plate * linear.plate_by_slip
     v, x, u = [rows[SLIP, 0]], [rows[ANGLE, 0]], [rows[SPEED, 0]]
     rates = [] if stribeck is None else [-rate * sign for rate in stribeck[1::2]]
-    each = [[share] for share in excesses(stribeck, excess, sign * v[0])]
+    faded, later = rebound(decayed, exp=exp), [] if stribeck is None else zip(stribeck[2::2], stribeck[3::2])
+    each = [] if stribeck is None else [[excess], *([c * faded(a, sign * v[0])] for c, a in later)]
     e, t, s = [added([one[0] for one in each])], [sign if tanh is None else tanh], [sech]
     drops = [rate * one[0] for rate, one in zip(rates, each)]
     fallen = added(drops)
     rising = 0.0 if tanh is None else sigma * sech
     slope = rising + (rising * e[0] + fallen * t[0])
     law, load, weighted = [t[0] + e[0] * t[0]], [rows[LOAD, 0]], [0.0]
-    stiff = both * load[0] * slope
-    if on_flywheel is not None:
-        stiff = stiff + on_flywheel
-    if on_plate is not None:
-        stiff = stiff - on_plate
+    stiff = both * load[0] * slope + on_flywheel - on_plate
     pairs = [*((weighted, one) for one in each), None if tanh is None else (weighted, s),
              None if stribeck is None or tanh is None else (e, t), None if pulsation is None else (law, load)]
     packed: list[Any] = []
@@ -175,8 +157,8 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
         push = flywheel * rows[ENGINE, k] + spring
         if k == 0:
             friction = load[0] * law[0]
-            push = push - lost_torque(v[0], on_flywheel)
-            speed = push - both * friction + lost_torque(v[0], on_plate)
+            push = push - on_flywheel * v[0]
+            speed = push - both * friction + on_plate * v[0]
         else:
             load.append(0.0 if pulsation is None else rows[LOAD, k])
             *by_each, by_t, by_both, by_load = side_by_side(pairs, packed, k)
@@ -197,7 +179,7 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
         part = 1.0 / (k + 1)
         weighted.append(speed)
         v.append(part * speed)
-        u.append(part * (plate * friction - spring - lost_torque(v[k], on_plate)))
+        u.append(part * (plate * friction - spring - on_plate * v[k]))
         x.append(part * unit * u[k])
         rows[SLIP, k + 1], rows[SPEED, k + 1], rows[ANGLE, k + 1] = v[k + 1], u[k + 1], x[k + 1]
         if k % 2 == 1 and k >= 7:
@@ -207,14 +189,6 @@ def motion(rows: Any, unit: Any, linear: Linear, sign: Any, pulsation: Any, stri
 def added(numbers: Sequence[Any]) -> Any:
     """Return the sum of a few numbers, 0 of none."""
     return functools.reduce(operator.add, numbers) if numbers else 0.0
-
-
-def excesses(stribeck: Any, first: Any, size: Any) -> list[Any]:
-    """Return the values c exp(-a |v|) of the exponentials at a size |v|; the first one is given."""
-    if stribeck is None:
-        return []
-    faded = rebound(decayed, exp=exp)
-    return [first, *(stribeck[j] * faded(stribeck[j + 1], size) for j in range(2, len(stribeck), 2))]
 
 
 expand = unrolled(motion)
@@ -275,31 +249,21 @@ def sine_and_cosine(angle: float) -> tuple[float, float]:
     return (-s if quadrant & 2 else s), (-c if quadrant in (1, 2) else c)
 
 
-def sine_coefficients(now: Any, quadrature: Any, rate: Any) -> Iterator[tuple[int, Any]]:
-    """Yield coefficients of a sine, eight at a time, with the number of the first one."""
-    for i, powers in zip(range(0, COLUMNS, 8), powers_of(rate)):
-        yield i, powers * (now * OF_SINE[i:i + 8] + quadrature * OF_COSINE[i:i + 8])
-
-
-def sine(out: Any, now: Any, quadrature: Any, rate: Any) -> Iterator[int]:
-    """Add the coefficients of a sine; staged function."""
-    for i, coefficients in sine_coefficients(now, quadrature, rate):
-        out.set_row(out.row(i, count=8) + coefficients, i)
-        yield i + 7
-
-
-def sine_about(out: Any, mean: Any, now: Any, quadrature: Any, rate: Any) -> Iterator[int]:
-    """Set the coefficients of a sine about a mean; staged function.
+@unrolled
+def expand_sine(out: Any, mean: Any, now: Any, quadrature: Any, rate: Any) -> Iterator[int]:
+    """Set the coefficients up to an order, or up to seven more, of a sine about a mean, by sine and cosine at the
+    start; add them if the mean is None.
 
     A row of lanes that is read just after its numbers were written one by one would stall the processor.
     """
-    for i, coefficients in sine_coefficients(now, quadrature, rate):
-        out.set_row(coefficients + row_of([mean] + 7 * [0.0]) if i == 0 else coefficients, i)
+    for i, powers in zip(range(0, COLUMNS, 8), powers_of(rate)):
+        coefficients = powers * (now * OF_SINE[i:i + 8] + quadrature * OF_COSINE[i:i + 8])
+        if mean is None:
+            coefficients = out.row(i, count=8) + coefficients
+        elif i == 0:
+            coefficients = coefficients + row_of([mean] + 7 * [0.0])
+        out.set_row(coefficients, i)
         yield i + 7
-
-
-expand_sine, expand_sine_about = unrolled(sine), unrolled(sine_about)
-"""They fill coefficients up to an order, or up to seven more, by sine and cosine at the start."""
 
 
 @fast
@@ -404,14 +368,14 @@ def expand_excitation(rows: Any, count: int, unit: float, tau: float, loaded: bo
         for i in range(waves.shape[0]):
             sine, cosine = waves[i].amplitude * waves[i].sine, waves[i].amplitude * waves[i].cosine
             if i == 0:
-                expand_sine_about(count - 1, rows[ENGINE], mean_torque, sine, cosine, waves[i].rate * unit)
+                expand_sine(count - 1, rows[ENGINE], mean_torque, sine, cosine, waves[i].rate * unit)
             else:
-                expand_sine(count - 1, rows[ENGINE], sine, cosine, waves[i].rate * unit)
+                expand_sine(count - 1, rows[ENGINE], None, sine, cosine, waves[i].rate * unit)
         if pulsation is None:
             rows[LOAD, 0] = mean_load if loaded else 0.0
         elif loaded:
-            expand_sine_about(count - 1, rows[LOAD], mean_load, pulsation[0] * drive.load_sine,
-                              pulsation[0] * drive.load_cosine, pulsation[1] * unit)
+            expand_sine(count - 1, rows[LOAD], mean_load, pulsation[0] * drive.load_sine,
+                        pulsation[0] * drive.load_cosine, pulsation[1] * unit)
         else:
             for k in range(COLUMNS):
                 rows[LOAD, k] = 0.0

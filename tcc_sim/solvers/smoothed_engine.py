@@ -25,58 +25,17 @@ from tcc_sim.compiling.unrolled import unrolled
 from tcc_sim.model.equations import completed
 from tcc_sim.model.friction import Stribeck
 from tcc_sim.model.parameters import System
-from tcc_sim.model.profile import (
-    FREQUENCY,
-    FREQUENCY_RATE,
-    LOAD_RATE,
-    SHIFT,
-    STARTED,
-    SWELL,
-    SWELLS,
-    TIME,
-    UNTIL,
-    latest,
-)
+from tcc_sim.model.profile import FREQUENCY, STARTED, TIME, profile_rows
 from tcc_sim.polynomials import polynomial
 from tcc_sim.polynomials.polynomial import BERNSTEIN, to_bernstein
-from tcc_sim.solvers import collocation, smoothed
+from tcc_sim.solvers import collocation, series, smoothed
 from tcc_sim.solvers import engine as shell
 from tcc_sim.solvers import key_derivatives as of
 from tcc_sim.solvers.changes import LANES, carry_slip, changed_at, end_changes, expand_sines, hold_phase
-from tcc_sim.solvers.collocation import (
-    DEGREE,
-    FALLING,
-    FROM_ANGLE,
-    FROM_SPEED,
-    ITERATIONS_MAXIMUM,
-    LAYER,
-    NODES,
-    SLIDING,
-    TERMS,
-    TO_CHEBYSHEV,
-    WORK,
-    C,
-    Place,
-    eliminate_rows,
-    law_at_nodes,
-)
+from tcc_sim.solvers.collocation import DEGREE, FALLING, FROM_ANGLE, FROM_SPEED, LAYER, NODES, SLIDING, TERMS, C, Place
 from tcc_sim.solvers.engine import EngineShell, Memory, Setup, Store, Stretch
 from tcc_sim.solvers.law import mubar_at, numbers_of
-from tcc_sim.solvers.series import (
-    ANGLE,
-    DRIVE,
-    FLYWHEEL,
-    SLIP,
-    SPEED,
-    Pulsation,
-    add_integral,
-    added,
-    clamp_edge,
-    excite,
-    fastest_at,
-    load_phase,
-    waves_of,
-)
+from tcc_sim.solvers.series import ANGLE, FLYWHEEL, SLIP, SPEED, Pulsation, added, clamp_edge, excite, fastest_at
 from tcc_sim.solvers.smoothed import Limits, Step, begin
 from tcc_sim.solvers.terms import Problem, Terms, load_frequency, per_system, steps_allowed, terms_of
 from tcc_sim.trajectory import Floats
@@ -129,8 +88,8 @@ def resolved(step: Step, place: Place, friction: smoothed.LocalFriction, rows: A
 
 
 @fast
-def carry_series(tangent: Any, place: Place, friction: smoothed.LocalFriction, step: Step, loaded: bool, limits: Limits,
-                 terms: Terms, waves: Any, drive: Any, rows: Any, pulsation: Pulsation, stribeck: Stribeck) -> None:
+def carry_series(tangent: Any, place: Place, step: Step, loaded: bool, limits: Limits, terms: Terms, waves: Any,
+                 drive: Any, rows: Any, pulsation: Pulsation, stribeck: Stribeck) -> None:
     """Fill the coefficients of all derivatives over a series step; the law varies as in `series_step.expand_region`."""
     order, unit, sign, groups, along = step.degree, step.unit, place.sign, tangent.groups, tangent.along
     expand_sines(along.sines, order, unit, waves, pulsation, drive)
@@ -210,7 +169,7 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
                       drive: Any, work: Any, pulsation: tuple[float, float, float] | None, stribeck: Stribeck) -> None:
     """Fill the derivatives of the slip speed at the nodes of a collocation step."""
     step_size, law = tables.step_sizes[level], tangent.along.at_nodes
-    law_at_nodes(place, limits.sigma, stribeck, work)
+    collocation.law_at_nodes(place, limits.sigma, stribeck, work)
     if tangent.groups[0].forced != 0:  # Keys fill the lanes from the fourth of the first group on.
         law_by_numbers(0, law, work.slip, place.sign, limits.sigma, stribeck)
     from_angle, from_speed = tables.sources[level, FROM_ANGLE].balance, tables.sources[level, FROM_SPEED].balance
@@ -228,7 +187,7 @@ def carry_collocation(tangent: Any, place: Place, level: int, loaded: bool, limi
                         nodes[lane, m] += tables.torque[level, m, n] * group.applied[lane, n]
         if group.forced != 0:
             change_law(0, nodes, group.by, law, work.friction_rate, stribeck)
-        eliminate_rows(0, nodes, step_size.coupling, work.friction_rate, work.slope)
+        collocation.eliminate_rows(0, nodes, step_size.coupling, work.friction_rate, work.slope)
 
 
 @fast
@@ -241,7 +200,7 @@ def look_at(x: float, step_size: Any, shared: Any) -> None:
     for j in range(NODES + 1):
         shared.slip[j] = 0.0
         for i in range(DEGREE + 1):
-            shared.slip[j] += TO_CHEBYSHEV[j, i] * basis[i]
+            shared.slip[j] += collocation.TO_CHEBYSHEV[j, i] * basis[i]
     for j in range(NODES):
         shared.angle[j], shared.speed[j] = 0.0, 0.0
         for i in range(DEGREE + 1):
@@ -292,15 +251,6 @@ def end_collocation(tangent: Any, level: int, x: float, whole: bool, limits: Lim
 
 
 @fast
-def slip_change(group: Any, lane: int, shared: Any) -> float:
-    """Return the derivative of the slip speed at the x of `look_at`, at constant time."""
-    out = shared.slip[0] * group.now[0, lane]
-    for n in range(NODES):
-        out += shared.slip[n + 1] * group.nodes[lane, n]
-    return float(out)
-
-
-@fast
 def peak_between(rows: Any, degree: int, low: float, high: float) -> float:
     """Return the place of the largest |slip speed| in [low, high]."""
     part, best, at = (high - low) / SAMPLES, -1.0, low
@@ -319,7 +269,7 @@ def peak_between(rows: Any, degree: int, low: float, high: float) -> float:
 
 
 @fast
-def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, series: bool, step_size: Any, rows: Any,
+def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, taylor: bool, step_size: Any, rows: Any,
                work: Any) -> None:
     """Keep the largest |slip speed| of a part of a step, with its derivatives, if it is the cycle's largest so far;
     work.bernstein holds the Bernstein coefficients of the slip speed over the step.
@@ -335,16 +285,18 @@ def carry_peak(tangent: Any, order: int, degree: int, low: float, high: float, s
         return
     shared.peak = abs(v)
     sign = 1.0 if v > 0.0 else -1.0
-    if not series:
+    if not taylor:
         look_at(at, step_size, shared)
     for i in range(tangent.groups.shape[0]):
         group = tangent.groups[i]
         for lane in range(LANES):
-            if series:
+            if taylor:
                 group.peak[lane] = sign * changed_at(group, SLIP, lane, order, degree, at, rows)
             else:
-                group.peak[lane] = sign * (slip_change(group, lane, shared)
-                                           - group.by[of.LOG_FREQUENCY, lane] * at * slope)
+                change = shared.slip[0] * group.now[0, lane]
+                for n in range(NODES):
+                    change += shared.slip[n + 1] * group.nodes[lane, n]
+                group.peak[lane] = sign * (change - group.by[of.LOG_FREQUENCY, lane] * at * slope)
 
 
 @fast
@@ -399,8 +351,8 @@ def keep_peak(tangent: Any, cycle: int) -> None:
 
 
 @fast
-def carry(tangent: Any, method: int, place: Place, friction: smoothed.LocalFriction, step: Step, degree: int, x: float,
-          whole: bool, cut: float, loaded: bool, setup: Setup, memory: Memory) -> None:
+def carry(tangent: Any, method: int, place: Place, step: Step, degree: int, x: float, whole: bool, cut: float,
+          loaded: bool, setup: Setup, memory: Memory) -> None:
     """Carry the tangent over [0, x] of a step that starts where the state is now; the rest as `integrate.integrate`.
 
     degree : of the polynomial of the slip speed
@@ -408,25 +360,24 @@ def carry(tangent: Any, method: int, place: Place, friction: smoothed.LocalFrict
     """
     limits, terms, _, waves, tables = setup
     drive, work, level, order = memory.drive, memory.work, memory.control.level, step.degree
-    rows, series = work.rows, method == smoothed.SERIES
+    rows, taylor = work.rows, method == smoothed.SERIES
     step_size = tables.step_sizes[level]
-    if series:
-        carry_series(tangent, place, friction, step, loaded, limits, terms, waves, drive, rows, terms.pulsation,
-                     terms.stribeck)
+    if taylor:
+        carry_series(tangent, place, step, loaded, limits, terms, waves, drive, rows, terms.pulsation, terms.stribeck)
     else:
         smoothed.fill_plate(step_size, tables.sources, level, limits.kappa, work)
         carry_collocation(tangent, place, level, loaded, limits, waves, tables, drive, work, terms.pulsation,
                           terms.stribeck)
     if tangent.shared.extended:
         average_slopes(tangent.shared.slopes, x, step.unit, degree, loaded, limits, terms, drive, rows)
-    carry_peak(tangent, order, degree, 0.0, min(cut, x), series, step_size, rows, work)
+    carry_peak(tangent, order, degree, 0.0, min(cut, x), taylor, step_size, rows, work)
     if cut <= x:
         keep_peak(tangent, memory.output.cycle)
-        carry_peak(tangent, order, degree, cut, x, series, step_size, rows, work)
-    if not series:
+        carry_peak(tangent, order, degree, cut, x, taylor, step_size, rows, work)
+    if not taylor:
         end_collocation(tangent, level, x, whole, limits, tables)
     for i in range(tangent.groups.shape[0]):
-        if series:
+        if taylor:
             end_changes(order, tangent.groups[i].now, tangent.groups[i].rows, x)
         if tangent.groups[i].forced != 0:
             hold_phase(tangent.groups[i], degree, x, rows)
@@ -495,7 +446,7 @@ def first_boundary(place: Place, degree: int, x: float, method: int, loaded: boo
     else:
         level = edge_of(place, limits)
         accuracy = 0.1 * EDGE * level
-    return float(polynomial.crossing_of(work.rows, SLIP, degree, x, place.sign, level, accuracy, work.bernstein))
+    return float(polynomial.crossing_of(work.rows, SLIP, degree, place.sign, level, accuracy, work.bernstein))
 
 
 @fast
@@ -533,7 +484,7 @@ def complete(step: Step, degree: int, whole: bool, cut: float, setup: Setup, mem
         smoothed.fill_plate(tables.step_sizes[control.level], tables.sources, control.level, limits.kappa, work)
     if angle:
         work.rows[FLYWHEEL, 0] = state.flywheel_angle
-        add_integral(work.rows, degree, step.unit)
+        series.add_integral(work.rows, degree, step.unit)
 
 
 @fast
@@ -549,8 +500,9 @@ def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limi
     if store.per_cycle > 0:
         shell.keep_samples(work.rows, degree, step.unit, x, state.tau, limits.period, store.per_cycle, output,
                            store.samples, angle)
-    shell.keep_motion(work.rows, degree, step.unit, x, cut, begun + state.tau, limits.speeds.stick, output,
-                      store.cycles, store.transitions, store.loads, work.bernstein)
+    behind = shell.keep_modes(work.rows, degree, step.unit, x, cut, begun + state.tau, limits.speeds.stick, output,
+                              store.transitions, store.loads, work.bernstein)
+    shell.keep_cycle(work.rows, degree, x, cut, behind, output, store.cycles, work.bernstein)
 
 
 @fast
@@ -611,7 +563,7 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     cut = shell.end_of_cycle(tau, after, period, step.unit, x)
     complete(step, degree, whole, cut, setup, memory, store, angle)
     if tangent is not None:
-        carry(tangent, method, place, friction, step, degree, x, whole, cut, loaded, setup, memory)
+        carry(tangent, method, place, step, degree, x, whole, cut, loaded, setup, memory)
     keep(step, degree, x, cut, first, limits, terms, memory, store, angle, terms.profile)
     finish(degree, x, whole, setup, memory, angle)
     state.tau = after
@@ -655,7 +607,7 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
         frequency = terms.profile[:, FREQUENCY]
         longest, period = 2.0 * math.pi / float(frequency.min()), 2.0 * math.pi / float(frequency.max())
     limits = smoothed.limits_of(terms, terms_of(system), period, rtol, excess)
-    waves = waves_of(terms)
+    waves = series.waves_of(terms)
     top, levels = collocation.ladder_of(limits.rates.fastest, longest)
     if terms.profile is None:
         tables = collocation.tables(terms.linear, tuple(waves["rate"].tolist()), load_frequency(terms), top, levels)
@@ -663,7 +615,6 @@ def setup_of(system: System, terms: Terms, rtol: float, excess: float = 0.0) -> 
         limits = limits._replace(steps=steps_allowed(terms, longest))
         levels += math.ceil(2.0 * math.log2(longest / period))
         tables = collocation.tables(terms.linear, None, 0.0, top, levels)
-        terms = terms._replace(pulsation=terms.pulsation or (0.0, 1.0, 0.0))
     terms = terms._replace(linear=completed(terms.linear), torque=None, harmonics=None)  # The sines are the waves.
     return Setup(limits, terms, system.pressure.frequency_ratio, waves, tables)
 
@@ -682,29 +633,10 @@ def _varying(problem: Problem, setup: Setup, profile: Floats) -> Iterator[Stretc
         inner = times[np.searchsorted(times, start + near, "right"):np.searchsorted(times, end - near)]
         edges = np.concatenate([[start], inner, [end]])
         whole = (n < count) & (edges[1:] == following)
-        rows = profile_rows(profile, times, edges, load_phase(setup.ratio, terms.pulsation, first + n))
+        rows = profile_rows(profile, times, edges, series.load_phase(setup.ratio, terms.pulsation, first + n))
         varied = setup._replace(limits=setup.limits._replace(period=period), terms=terms._replace(profile=row))
         tails = np.where(whole, 0.0, edges[1:] - start)
         yield through, (n + whole.astype(np.int64), tails, rows, np.zeros(1, np.int64)), varied
-
-
-def profile_rows(profile: Floats, times: Floats, edges: Floats, shift: float) -> Floats:
-    """Return the kernel's rows between successive times `edges`, s, of an engine cycle, which starts at the first of
-    them; the load's angle is `shift` there, rad. `times` are those of the profile.
-    """
-    begins, ends = edges[:-1], edges[1:]
-    k = latest(times, 0.5 * (begins + ends))
-    piece: Floats = profile[k]
-    past = begins - piece[:, TIME]
-    rows: Floats = piece.copy()
-    for column in (*range(FREQUENCY, LOAD_RATE, 2), *range(SWELLS + 2, piece.shape[1], SWELL)):
-        rows[:, column] = piece[:, column] + piece[:, column + 1] * past
-    after = ends - begins
-    angles = np.cumsum(after * (rows[:, FREQUENCY] + 0.5 * rows[:, FREQUENCY_RATE] * after))
-    rows[:, TIME], rows[0, 1], rows[1:, 1] = begins - edges[0], 0.0, angles[:-1]
-    until = np.where(k + 1 < len(times), times[np.minimum(k + 1, len(times) - 1)], math.inf)
-    rows[:, UNTIL], rows[:, STARTED], rows[:, SHIFT] = np.maximum(until, ends) - edges[0], edges[0], shift
-    return rows
 
 
 def setup_of_changes(system: System, terms: Terms, changes: Floats, rtol: float) -> Setup:
@@ -732,9 +664,9 @@ def stretches(problem: Problem, setup: Setup) -> Iterator[Stretch]:
     yield integrate, (problem.whole_cycles, problem.rest), setup
 
 
-MEMORY = Memory(smoothed.STATE, smoothed.CONTROL, DRIVE, WORK, shell.COUNTERS, shell.OUTPUT)
+MEMORY = Memory(smoothed.STATE, smoothed.CONTROL, series.DRIVE, collocation.WORK, shell.COUNTERS, shell.OUTPUT)
 ENGINE = EngineShell("smoothed", integrate, MEMORY, SHARED, prepared, setup_of_changes, most_steps,
                      lambda setup, cycles: MORE_STEPS * setup.limits.steps * cycles,
                      lambda ended, *_: "the state grew without bound" if ended == shell.NOT_FINITE else "",
-                     transitions_per_cycle=256, stretches=stretches, bound=ITERATIONS_MAXIMUM)
+                     transitions_per_cycle=256, stretches=stretches, bound=collocation.ITERATIONS_MAXIMUM)
 solve = ENGINE.solve

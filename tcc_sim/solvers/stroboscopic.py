@@ -67,9 +67,7 @@ class Stroboscopic(NamedTuple):
 class Prepared:
     """A system with keys, ready to be evaluated at many states by the engine of its friction law.
 
-    changes : (len(NUMBERS), P) `key_derivatives`
-    terms : the scene's, and at zero amplitude those by which there are derivatives
-    by : (groups, len(NUMBERS), LANES) `changes`, columns in lanes behind those of the state
+    by : (groups, len(NUMBERS), LANES) `key_derivatives`, columns in lanes behind those of the state
     forced : (groups,) a bit for every lane of a key
     later : whether a number of several exponentials changes with a key
     shaped : the same, or whether a_1 or sigma does
@@ -79,27 +77,27 @@ class Prepared:
 
     def __init__(self, system: System, keys: tuple[str, ...], rtol: float) -> None:
         check_mapped(system)
-        self.engine, self.changes = engine_of(system), of.key_derivatives(system, keys)
+        self.engine, changes = engine_of(system), of.key_derivatives(system, keys)
         self.period, self.count = system.cycle, 3 + len(keys)
         terms, omega, self.fastest = terms_of(system), system.engine.frequency, 0.0
-        if self.changes[of.TORQUE_AMPLITUDE].any():
+        if changes[of.TORQUE_AMPLITUDE].any():
             terms, self.fastest = terms._replace(torque=terms.torque or (0.0, omega)), omega
-        if self.changes[of.LOAD_AMPLITUDE].any():
+        if changes[of.LOAD_AMPLITUDE].any():
             pulsation = terms.pulsation or (0.0, system.pressure.frequency_ratio * omega, system.pressure.phase)
             terms, self.fastest = terms._replace(pulsation=pulsation), max(self.fastest, pulsation[1])
-        if terms.stribeck is None and self.changes[of.EXCESS_RATIO].any():
+        if terms.stribeck is None and changes[of.EXCESS_RATIO].any():
             terms = terms._replace(stribeck=(0.0, system.friction.decay))
-        absent = {name: 0.0 for name, by in zip(Linear._fields, self.changes) if by.any() and getattr(
+        absent = {name: 0.0 for name, by in zip(Linear._fields, changes) if by.any() and getattr(
             terms.linear, name) is None}
         terms = terms._replace(linear=terms.linear._replace(**absent))
         self.by = np.zeros((-(-self.count // LANES), len(of.NUMBERS), LANES))
         for k in range(3, self.count):
-            self.by[k // LANES, :, k % LANES] = self.changes[:, k - 3]
+            self.by[k // LANES, :, k % LANES] = changes[:, k - 3]
         self.forced = [(1 << self.count) - 8 >> LANES * k & (1 << LANES) - 1 for k in range(len(self.by))]
         curve = terms.stribeck is not None and len(terms.stribeck) > 2
-        self.later = curve and bool(self.changes[of.EXCESSES + of.DECAYS].any())
-        self.shaped = self.later or bool(self.changes[[of.DECAY, of.SMOOTHING]].any())
-        self.setup = self.engine.setup_of_changes(system, terms, self.changes, rtol)
+        self.later = curve and bool(changes[of.EXCESSES + of.DECAYS].any())
+        self.shaped = self.later or bool(changes[[of.DECAY, of.SMOOTHING]].any())
+        self.setup = self.engine.setup_of_changes(system, terms, changes, rtol)
 
     def over(self, state: Floats, start: float, end: float, margins: bool = False) -> Stroboscopic:
         """Map a state at the phase `start` to the phase `end`, in engine cycles; see `stroboscopic_map`."""
@@ -259,11 +257,6 @@ class Slots:
             self.memory["state"][name][:many] = self.results[name][:many, 0] = states[:, k]
         shell.begin_loads(self.loads[:many], loads_from)
 
-    def points(self, many: int, cycles: int) -> Floats:
-        """Return the section points of runs, (many, cycles + 1, 3), in the memory of the slots."""
-        out: Floats = self.raw[:many, :cycles + 1, :3]
-        return out
-
 
 def solve_runs(systems: Sequence[System], states: Sequence[State], first: Sequence[int], cycles: int,
                rtol: float | None, loads_from: int) -> Runs:
@@ -283,7 +276,7 @@ def solve_runs(systems: Sequence[System], states: Sequence[State], first: Sequen
     ended = slots.calls([(start, cycles, 0.0, engine.steps(setup, cycles + 1)) for start, setup in zip(first, setups)],
                         [(setup._replace(waves=setup.waves.copy()),) for setup in setups])
     spent = time.perf_counter() - began
-    section = slots.points(many, cycles).copy()
+    section = slots.raw[:many, :cycles + 1, :3].copy()
     highest, lowest, stick_time = np.ascontiguousarray(slots.raw[:many, :cycles, 3:].transpose(2, 0, 1))
     records = slots.loads.view(np.float64).reshape(slots.count, -1, shell.LOADS.itemsize // 8)[:many, :cycles, :-1]
     loads = np.ascontiguousarray(records.transpose(0, 2, 1))
@@ -323,7 +316,7 @@ def _fill(out: Floats, engine: EngineShell, setup: Setup, first: int, orbits: Or
     for last in slots.last[:many]:
         calls.append(Call(engine.integrate, 1, "q"))
         calls[-1].use(first, 0, 0.0, limit, setup._replace(waves=setup.waves.copy()), *last)
-    output, points, going = slots.memory["output"], slots.points(many, cycles), np.arange(many)
+    output, points, going = slots.memory["output"], slots.raw[:many, :cycles + 1, :3], np.arange(many)
     # The end of a call costs the exact engine a step, so it tests every `stride` cycles whether a motion ends.
     stride = engine.stride if len(orbits.reach) else min(cycles, LONGEST)
     for since in range(0, cycles, stride):
