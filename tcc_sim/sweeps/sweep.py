@@ -318,7 +318,7 @@ def solve_block(systems: Sequence[System], values: Sequence[float], plan: Plan) 
     out: list[Point | None] = [None] * len(systems)
     for at, kept, discarded in _kept_runs(systems, plan):
         chosen, count = [systems[k] for k in at], discarded + kept.highest.shape[1]
-        summaries, sections = summaries_of(kept, [system.cycle for system in chosen], [discarded] * len(at), discarded)
+        summaries, sections = summaries_of(kept, [system.cycle for system in chosen], discarded)
         if plan.discard == "auto":
             summaries = [summary if summary.settled or summary.runaway else dataclasses.replace(summary, transient=True)
                          for summary in summaries]
@@ -383,13 +383,12 @@ def _confirmed(systems: Sequence[System], plan: Plan, runs: Runs, summaries: Seq
     return confirmed
 
 
-def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
-                 dropped: int) -> tuple[list[Summary], list[Floats]]:
+def summaries_of(runs: Runs, cycles: Sequence[float], dropped: int) -> tuple[list[Summary], list[Floats]]:
     """Return the summaries that `summarise_cycles` gives of runs, all of them done and with loads, without their
     section; and the section, (n, 3) arrays of slip speed, plate angle and plate speed.
 
-    cycles, first : (m,) length of an engine cycle of each run, s, and the number of its first cycle
-    dropped : number of cycles dropped before
+    cycles : (m,) length of an engine cycle of each run, s
+    dropped : number of cycles dropped before, from cycle 0 on
     """
     section, high, low = runs.section, runs.highest, runs.lowest
     count = high.shape[1]
@@ -397,18 +396,16 @@ def summaries_of(runs: Runs, cycles: Sequence[float], first: Sequence[int],
     points = section / np.array([steady.sizes_of(*each) for each in zip(section, high, low)])[:, None]
     repeating = ([Periodicity(*each, most) for each in repetitions(points, most, steady.TOLERANCE)] if most else
                  [steady.of_points(each, most, steady.TOLERANCE) for each in points])
-    without = np.array([not each.period for each in repeating])
-    drifting = without.copy()
-    drifting[without] = steady.drifts(np.maximum(np.abs(high), np.abs(low))[without])
     out, sections = list[Summary](), list[Floats]()
     for k, seconds in enumerate(runs.seconds.tolist()):
-        each, since = runs.cycles(k), first[k] * cycles[k]
+        each, since = runs.cycles(k), dropped * cycles[k]
         span = Span(since, since + count * cycles[k])
         summary = steady.without_section(
-            repeating[k], steady.slip_grows(each), bool(drifting[k]), span, steady.sums_of(each, span.seconds),
-            cycles=count + dropped, dropped=dropped, solver=runs.solver, elapsed=seconds)
+            repeating[k], steady.slip_grows(each), not repeating[k].period and steady.cycles_drift(each), span,
+            steady.sums_of(each, span.seconds), cycles=count + dropped, dropped=dropped, solver=runs.solver,
+            elapsed=seconds)
         out.append(summary)
-        sections.append(steady.section_of(section[k, 1:], first[k], summary.period))
+        sections.append(steady.section_of(section[k, 1:], dropped, summary.period))
     return out, sections
 
 

@@ -58,7 +58,7 @@ def stacked(runs):
 
 def test_every_kind_of_run_is_judged_as_alone():
     alone = [summarise_cycles(each, CycleTimes(0.05, 50, 2.5), dropped=50) for each in RUNS]
-    together, sections = summaries_of(stacked(RUNS), [0.05] * len(RUNS), [50] * len(RUNS), 50)
+    together, sections = summaries_of(stacked(RUNS), [0.05] * len(RUNS), 50)
     assert [dataclasses.replace(each, section=[], section_states=None) for each in alone] == together
     assert [each.section_states for each in alone] == [[(x, v, w) for v, x, w in each.tolist()] for each in sections]
     kinds = Counter((each.period, each.settled, each.runaway) for each in alone)

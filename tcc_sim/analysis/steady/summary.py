@@ -93,26 +93,20 @@ def of_points(points: Floats, most: int, tolerance: float) -> Periodicity:
 
 
 def cycles_drift(cycles: Cycles) -> bool:
-    """Return whether the largest slip speeds of cycles without a period still grow or decay (`drifts`)."""
-    return bool(drifts(cycles.largest[np.isfinite(cycles.largest)][None])[0])
-
-
-def drifts(largest: Floats) -> NDArray[np.bool_]:
-    """Return whether the largest slip speeds of each run, (m, N), still grow or decay.
+    """Return whether the largest slip speeds of cycles without a period still grow or decay.
 
     The means over their quarters change in one direction, in all by more than `DRIFT` standard errors, which
     is rare for a torus or chaos, and by more than the tolerance. Too few cycles for quarters count as a drift.
     """
-    runs, width = len(largest), largest.shape[1] // 4
+    largest = cycles.largest[np.isfinite(cycles.largest)]
+    width = len(largest) // 4
     if width < 2:
-        return np.ones(runs, np.bool_)
-    quarters = largest[:, largest.shape[1] - 4 * width:].reshape(runs, 4, width)
-    means, error = quarters.mean(axis=2), np.sqrt(quarters.var(axis=2).mean(axis=1) * 2.0 / width)
-    change: Any = np.diff(means, axis=1)
-    least = np.maximum(DRIFT * error, TOLERANCE * largest.max(axis=1))
-    out: NDArray[np.bool_] = (np.abs(change.sum(axis=1)) > least) & (
-        (change > 0.0).all(axis=1) | (change < 0.0).all(axis=1))
-    return out
+        return True
+    quarters = largest[len(largest) - 4 * width:].reshape(4, width)
+    error = np.sqrt(quarters.var(axis=1).mean() * 2.0 / width)
+    change: Any = np.diff(quarters.mean(axis=1))
+    return bool(abs(change.sum()) > max(DRIFT * error, TOLERANCE * largest.max())
+                and ((change > 0.0).all() or (change < 0.0).all()))
 
 
 def enough_after_a_gap(cycles: Cycles) -> bool:
