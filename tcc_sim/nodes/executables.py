@@ -110,25 +110,18 @@ def _command_of(name: str) -> str:
 
 
 def _help(name: str) -> str:
-    from tcc_sim.output.terminal import terminal_width, wrapped
-
-    command = _command_of(name)
-    lines = [f"usage: {command} [--help] [--version] [--ros-args WORD ...]", "", _PURPOSES[name], "",
-             "words after --ros-args: -p NAME:=VALUE, --params-file FILE, -r __ns:=/NAME", "", "parameters:"]
-    lines += [f"  {key}: {meaning}" for key, meaning in _parameters(name)]
-    return wrapped("\n".join(lines) + "\n", terminal_width() or 80)
-
-
-def _parameters(name: str) -> Iterator[tuple[str, str]]:
     from tcc_sim.nodes.parameters import OPTIONS
+    from tcc_sim.output.terminal import terminal_width, wrapped
     from tcc_sim.scene import NODE_SCENE
 
+    meanings = {key: quantity.described for key, quantity in OPTIONS[name].quantities().items()}
     if name == "driveline":
-        yield "scene", f"bundled name or file ({NODE_SCENE})"
-    for key, quantity in OPTIONS[name].quantities().items():
-        yield key, quantity.described
-    if name == "driveline":
-        yield "driveline.*, friction.*, clutch.*, engine.*, pressure.*, initial.*", "the keys of a scene"
+        meanings = {"scene": f"bundled name or file ({NODE_SCENE})", **meanings,
+                    "driveline.*, friction.*, clutch.*, engine.*, pressure.*, initial.*": "the keys of a scene"}
+    lines = [f"usage: {_command_of(name)} [--help] [--version] [--ros-args WORD ...]", "", _PURPOSES[name], "",
+             "words after --ros-args: -p NAME:=VALUE, --params-file FILE, -r __ns:=/NAME", "", "parameters:",
+             *(f"  {key}: {meaning}" for key, meaning in meanings.items())]
+    return wrapped("\n".join(lines) + "\n", terminal_width() or 80)
 
 
 def take() -> None:
