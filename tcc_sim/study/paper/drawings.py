@@ -255,16 +255,15 @@ def history_panels(data: Record) -> list[Panel]:
     """Return Fig. 7: slip speed, plate angle and section (plate speed over plate angle) of every value, in equal
     ranges. The sections lie in stick, where the slip speed is 0.
     """
-    sections = {id(panel): np.array(panel.section).reshape(-1, 2) for panel in data.panels}
     speeds, angles = ([getattr(panel, name) for panel in data.panels] for name in ("slip_speed", "plate_angle"))
-    places = [span_of([rows[:, k] for rows in sections.values()]) for k in range(2)]
+    places = [span_of([np.array(panel.section)[:, k] for panel in data.panels]) for k in range(2)]
 
     def line(axis: Any, panel: Record, name: str, label: str, colour: str, rows: Sequence[Any]) -> None:
         axis.plot(panel.t, getattr(panel, name), color=colour, linewidth=0.9)
         axis.set(xlabel=CYCLES, ylabel=label, xlim=(panel.t[0], panel.t[-1]), ylim=span_of(rows))
 
     def section(axis: Any, panel: Record) -> None:
-        axis.plot(*sections[id(panel)].T, **DOTS, color=style.RED, markersize=5.0 if panel.period else 1.6)
+        axis.plot(*zip(*panel.section), **DOTS, color=style.RED, markersize=5.0 if panel.period else 1.6)
         axis.set(xlabel=ANGLE, ylabel=r"$\dot\delta_2$ (rad/s)", xlim=places[0], ylim=places[1])
         axis.locator_params(axis="x", nbins=4)
         words = f"period {panel.period}" if panel.period else "no period up to 16"

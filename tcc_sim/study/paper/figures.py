@@ -20,7 +20,6 @@ from tcc_sim.model.parameters import System, replace, values_of
 from tcc_sim.model.quantity import Value
 from tcc_sim.result import Described, as_in, reported, result_class
 from tcc_sim.solvers import solve
-from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.continuation.orbits import OrbitFigures
 from tcc_sim.study.paper import catalogue
 from tcc_sim.study.paper.branches_behind import JUMP, MotionsBehind, motions_behind, motions_behind_each, orbit_behind
@@ -227,7 +226,7 @@ def _law(row: PaperFigure, options: FigureOptions) -> dict[str, Any]:
     near = np.linspace(0.0, 0.2, 801)
     for series in row.series:
         system = paper_system(series.values)
-        law = system.friction.smoothing, terms_of(system).stribeck
+        law = system.friction.smoothing, system.friction.stribeck
         wide, close = (friction.smoothed_and_slope(x, *law) for x in (v, near))
         peak, height = friction.peak(*law)
         curves.append(Labelled(

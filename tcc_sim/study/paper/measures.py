@@ -21,7 +21,6 @@ from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.comparison import rk4_limit
-from tcc_sim.solvers.terms import terms_of
 from tcc_sim.study.continuation.branch import StableSegment
 from tcc_sim.study.paper import harmonic_balance
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, PRESSURE, SECTION_CYCLES, STATIC, paper_system, plain
@@ -313,7 +312,7 @@ def attractors_differ(first: list[tuple[int, float]], *others: list[tuple[int, f
 
 def _laws_of_fig_3() -> dict[float, tuple[Any, ...]]:
     """Return the smoothing and the exponentials of the law for every mu_s/mu_k of Fig. 3."""
-    return {system.friction_ratio: (system.friction.smoothing, terms_of(system).stribeck)
+    return {system.friction_ratio: (system.friction.smoothing, system.friction.stribeck)
             for system in map(paper_system, rows(3))}
 
 
