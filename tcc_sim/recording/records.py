@@ -83,20 +83,17 @@ class Expansion:
     """Bytes to which the chunks of a file may still unpack, and bytes of messages that may still be used."""
 
     def __init__(self, file_size: int) -> None:
-        self.limit = self.left = SMALLEST_EXPANSION + LARGEST_EXPANSION * file_size
-        self._passing = PASSED_OVER * self.limit
+        self.limit = SMALLEST_EXPANSION + LARGEST_EXPANSION * file_size
+        self._left = {True: self.limit, False: PASSED_OVER * self.limit}
 
     def take(self, count: int, used: bool = True) -> None:
         """Subtract `count` bytes, of messages that are used or of everything unpacked; DamagedChunk if fewer are left.
         """
-        left, limit = (self.left, self.limit) if used else (self._passing, PASSED_OVER * self.limit)
-        if count > left:
+        if count > self._left[used]:
+            limit = self.limit if used else PASSED_OVER * self.limit
             raise DamagedChunk(f"with it the recording would unpack to more than {limit} bytes, the most allowed "
                                "for a file of its size")
-        if used:
-            self.left -= count
-        else:
-            self._passing -= count
+        self._left[used] -= count
 
 
 class McapRecord(NamedTuple):
