@@ -15,6 +15,8 @@ from itertools import islice
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
+import numpy as np
+
 from tcc_sim.errors import InputError, counted, one_line
 from tcc_sim.tables.file_columns import FileColumns, is_unit
 from tcc_sim.trajectory import Floats
@@ -268,8 +270,6 @@ def _parted(text: str) -> tuple[str, str]:
 def _numbers_of(path: Path, layout: _Layout, chosen: Sequence[int], time: int | None,
                 most: int) -> tuple[list[Floats], list[str]]:
     """Return the columns of these numbers, NaN for empty cells, and sentences on how they were read."""
-    import numpy as np
-
     columns, reader = _parsed(path, layout, chosen, time, most) or _read(path, layout, chosen, time, most)
     notes = ["decimal comma"] if reader.commas else []
     if reader.first_day is not None and time is not None:
@@ -288,7 +288,6 @@ def _parsed(path: Path, layout: _Layout, chosen: Sequence[int], time: int | None
     """
     if path.stat().st_size < _LARGE or find_spec("pyarrow") is None:
         return None
-    import numpy as np
     import pyarrow
     from pyarrow import csv as arrow
 
@@ -325,8 +324,6 @@ def _parsed(path: Path, layout: _Layout, chosen: Sequence[int], time: int | None
 def _read(path: Path, layout: _Layout, chosen: Sequence[int], time: int | None,
           most: int) -> tuple[list[Floats], _Numbers]:
     """Return the columns of these numbers, read cell by cell, and the reader; raise InputError for a wrong line."""
-    import numpy as np
-
     numbers = [array("d") for _ in chosen]
     reader, count, width = _Numbers(path), 0, len(layout.names)
     reads = [(j, column, reader.stamp if j == time else reader.read, layout.names[j])
