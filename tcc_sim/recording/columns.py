@@ -100,7 +100,7 @@ class JointStates:
         for begin in range(0, len(self), rows):
             yield self[begin:begin + rows]
 
-    def __getitem__(self, rows: slice | NDArray[np.bool_]) -> JointStates:
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> JointStates:
         """Return the selected rows."""
         columns: dict[str, Any] = {name: column[rows] for name, column in vars(self).items()
                                    if isinstance(column, np.ndarray) and name != "held"}

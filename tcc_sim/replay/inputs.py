@@ -74,13 +74,9 @@ def counts_between(states: JointStates, begin: float, end: float) -> tuple[int, 
     """Return the numbers of pressure commands that acted or were superseded after `begin` and up to `end`, s; None if
     the recording does not state them.
     """
-    counts = []
-    stamps = states.stamp_ns * 1e-9
-    for t in (begin, end):
-        row = min(max(int(np.searchsorted(stamps, t + 1e-9, side="right")) - 1, 0), len(states) - 1)
-        at = states[row:row + 1]
-        counts.append([at.input(INPUTS[1], name)[0] for name in ("received", "superseded")])
-    received, superseded = np.diff(np.array(counts), axis=0)[0]
+    rows = np.searchsorted(states.stamp_ns * 1e-9, np.array([begin, end]) + 1e-9, side="right") - 1
+    ends = states[np.clip(rows, 0, len(states) - 1)]
+    received, superseded = (np.diff(ends.input(INPUTS[1], name))[0] for name in ("received", "superseded"))
     if not np.isfinite(received + superseded):
         return None
     return int(received - superseded), int(superseded)
