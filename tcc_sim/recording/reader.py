@@ -135,11 +135,6 @@ class Run:
         return self.scenes[0].text if self.scenes else None
 
     @property
-    def controlled(self) -> bool:
-        """Whether a target slip speed was recorded."""
-        return f"{self.joint_states_topic.rpartition('/')[0]}/{TARGET}" in self.topics
-
-    @property
     def solver(self) -> str:
         """Name of the solver in the result record; `fixed_step`, the driveline's, by default."""
         name = (self.result or {}).get("solver")

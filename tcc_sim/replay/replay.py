@@ -34,7 +34,7 @@ from tcc_sim.replay.verification import verify as verification_of
 from tcc_sim.scene import Scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.sweeps.progress import progress_bar
-from tcc_sim.topics import INPUTS, SHAFT
+from tcc_sim.topics import INPUTS, SHAFT, TARGET
 from tcc_sim.trajectory import Floats, modes_of
 
 if TYPE_CHECKING:
@@ -83,11 +83,12 @@ def replay(path: Path | str | Recording, *, rrd: Path | None = None, spawn: bool
         if rrd is not None or spawn or connect is not None:
             from tcc_sim.views.rerun_stream import RerunStream
 
-            commanded = "topic" in (shown.system.engine.source, shown.system.pressure.source)
+            sources = shown.system.engine.source, shown.system.pressure.source
+            topic = f"{run.joint_states_topic.rpartition('/')[0]}/{TARGET}"
             view = stack.enter_context(RerunStream(
                 printable(recording.path.name), timing.clock.cycle, spawn=spawn, url=connect,
                 file=stack.enter_context(draft(rrd)) if rrd is not None else None,
-                controlled=run.controlled or aim is not None or commanded,
+                controlled=topic in run.topics or aim is not None or "topic" in sources,
                 topics=[*line.commands, *[SHAFT] * (SHAFT in line.recorded), *line.runs[0].shown()],
                 length=1e-9 * sum(int(np.ptp(states.stamp_ns)) for states in line.runs)))
         result = _analysed(recording, line, shown, timing, default_of(discard, timing, shown), damping, view, bar,

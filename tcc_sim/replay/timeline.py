@@ -104,12 +104,6 @@ class Timeline(Columns):
         """Return the scene that applies to a state."""
         return next((scene for at, scene, _ in reversed(self.changes) if at <= index), self.scene)
 
-    def scenes_in(self, states: JointStates) -> set[str]:
-        """Return the texts of the scenes, readable or not, that apply in a run."""
-        first = [number for index, number in self.places if index <= states.index][-1:]
-        later = [number for index, number in self.places if states.index < index < states.index + len(states)]
-        return {self.scenes[number].parameters for number in (*first, *later)}
-
     def load_of(self, states: JointStates) -> Floats:
         """Return the saturation torque at the states of a run, (n,), N m, from the applied pressure or from the scenes;
         NaN if neither is known.
@@ -315,7 +309,9 @@ def measured_run(run: Run, scene: Scene) -> tuple[JointStates, dict[str, Floats]
     """
     line = timeline_of(run, scene)
     states = line.longest
-    texts = line.scenes_in(states)
+    first = [number for index, number in line.places if index <= states.index][-1:]
+    later = [number for index, number in line.places if states.index < index < states.index + len(states)]
+    texts = {line.scenes[number].parameters for number in (*first, *later)}  # Readable or not.
     if len(texts) > 1:
         raise InputError(f"{run.path}: the scene changed while it ran; identification needs one scene")
     for text in texts:
