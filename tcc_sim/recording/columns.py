@@ -95,10 +95,10 @@ class JointStates:
         return np.isfinite(self.flywheel_speed + self.plate_speed + self.plate_angle + self.engine_torque
                            + self.friction_torque + far.angle + far.speed)
 
-    def blocks(self, rows: int = BLOCK) -> Iterator[JointStates]:
-        """Iterate over blocks of at most `rows` states, for work that needs memory for each state."""
-        for begin in range(0, len(self), rows):
-            yield self[begin:begin + rows]
+    def blocks(self) -> Iterator[JointStates]:
+        """Iterate over blocks of states, for work that needs memory for each state."""
+        for begin in range(0, len(self), BLOCK):
+            yield self[begin:begin + BLOCK]
 
     def __getitem__(self, rows: slice | NDArray[np.bool_] | NDArray[np.int64]) -> JointStates:
         """Return the selected rows."""

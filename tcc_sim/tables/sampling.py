@@ -24,7 +24,7 @@ _REGULAR = 0.8
 """Least share of steps within half of the usual one in a table that was sampled."""
 _FEWEST = 16
 """Rows from which a table counts as sampled."""
-_MOST_RUNS = 50
+_MOST_RUNS, _SHOWN = 50, 5
 _REPEATED = 0.01
 """Share of repeated times up to which single rows are at fault, and not the digits of all."""
 
@@ -50,11 +50,11 @@ def usual_steps(t: Floats) -> Floats | None:
     return np.asarray(usual) if regular >= _REGULAR else None
 
 
-def holes_in(t: Floats, usual: Floats | None = None) -> Spans:
+def holes_in(t: Floats) -> Spans:
     """Return the stretches without rows, (k, 2): steps above HOLE times the usual one, or above IRREGULAR times the
     median where rows are irregular.
     """
-    usual, steps = usual_steps(t) if usual is None else usual, np.diff(t)
+    usual, steps = usual_steps(t), np.diff(t)
     if not len(steps):
         return np.empty((0, 2))
     if usual is None:
@@ -82,10 +82,10 @@ def merged(spans: Spans) -> Spans:
     return np.stack([spans[first, 0], ends[last]], axis=1)
 
 
-def in_words(spans: Spans, most: int = 5) -> str:
+def in_words(spans: Spans) -> str:
     """Return stretches of time in words."""
-    shown = ", ".join(f"{a:.6g} to {b:.6g} s" for a, b in spans[:most].tolist())
-    return shown + (f" and {len(spans) - most} more" if len(spans) > most else "")
+    shown = ", ".join(f"{a:.6g} to {b:.6g} s" for a, b in spans[:_SHOWN].tolist())
+    return shown + (f" and {len(spans) - _SHOWN} more" if len(spans) > _SHOWN else "")
 
 
 def rows_in_order(t: Floats, same: NDArray[np.bool_], where: str) -> tuple[NDArray[np.int64], Floats, list[str]]:

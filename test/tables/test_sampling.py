@@ -38,9 +38,6 @@ def test_the_usual_step_is_the_median_of_a_block_or_of_three(steps, usual):
 def test_a_hole_is_longer_than_the_usual_step_allows(steps, holes):
     t = rows_after(*steps)
     assert holes_in(t).tolist() == holes
-    if holes and len(t) >= 16:
-        assert holes_in(t, usual_steps(t)).tolist() == holes
-        assert holes_in(t, np.full(len(t) - 1, 100.0)).tolist() == []
 
 
 def test_jitter_is_the_95_percent_quantile_of_deviations():
