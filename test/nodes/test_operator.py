@@ -240,8 +240,8 @@ def test_in_lock_step_a_command_of_joints_answers_the_state_of_its_stamp(bench: 
     def answer(state: JointState) -> None:
         heard.append(state)
         message = JointState(name=["flywheel", "clutch"], effort=[100.0, 1e5 + state.header.stamp.nanosec / 1e6])
-        message.header.stamp = state.header.stamp
-        publisher.publish(message)
+        for message.header.stamp.sec, message.header.stamp.nanosec in ((9, 0), (0, state.header.stamp.nanosec)):
+            publisher.publish(message)
 
     heard: list[JointState] = []
     bench.probe.create_subscription(JointState, "joint_states", answer, 1000)
@@ -250,4 +250,4 @@ def test_in_lock_step_a_command_of_joints_answers_the_state_of_its_stamp(bench: 
     node.loop.stop()
     assert {state.effort[0] for state in heard[1:]} == {100.0}
     assert node.loop.inputs["actuation_pressure"].received >= 60
-    assert node.loop.inputs["actuation_pressure"].refused == 0
+    assert node.loop.inputs["actuation_pressure"].refused >= 60  # Those of another state.
