@@ -232,7 +232,7 @@ def count_calls(system: System) -> dict[str, dict[str, float]]:
         stepper, counts = Stepper(system, TICK), Counter[str]()
         n, counted = stepper.substeps, {name: partial(_counted, name, counts) for name in FUNCTIONS}
         run = _interpreted(advance, SimpleNamespace(**{**vars(np), **counted}), {})
-        run(stepper.state, 0.0, TICK / n, n, for_ticks(terms), True, None)
+        run(stepper.state, 0.0, TICK / n, n, for_ticks(terms), None)
         calls[which] = {words: counts[name] / n for name, words in FUNCTIONS.items()}
     return calls
 
