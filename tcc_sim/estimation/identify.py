@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
-from tcc_sim.errors import InputError, NumericalFailure, OutOfRange
+from tcc_sim.errors import InputError
 from tcc_sim.estimation.curve import CURVE, SHARES, IdentifiedCurve, curve_of, curve_starts, keys_of, refuse_parts
 from tcc_sim.estimation.measurement import EXACT, MOST_SAMPLES, Measurement, measurement_in, noise_of, read_recording
 from tcc_sim.estimation.multiple_shooting import (
+    FAILED,
     FREE,
     KINETIC,
     OFFSETS,
@@ -47,9 +48,6 @@ from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.tables.chosen_columns import CHANNELS, is_table
 from tcc_sim.tables.measured_table import HOLDS, looks_smooth, table_in
 from tcc_sim.trajectory import Floats
-
-FAILED = NumericalFailure, RuntimeError
-"""Errors of a fit that leads nowhere; SciPy raises RuntimeError for a singular matrix."""
 
 
 @result_class
@@ -288,7 +286,7 @@ def _profile_likelihood(model: Model, noise: dict[str, float], settings: FitSett
     samples, inputs = sum(len(r) for r in best.residuals.values()), model.measured.inputs
     least = best.chi2 * max(samples - len(model.keys) - 3, 1)
     for i, value in enumerate(values):
-        with suppress(*FAILED, OutOfRange):
+        with suppress(*FAILED):
             other = replace(model, keys=tuple(held))
             if key not in OFFSETS:
                 other = replace(other, system=changed(model.system, {key: float(value)}))

@@ -53,6 +53,8 @@ LINEAR = {*OFFSETS, *SHARES}  # Free parameters of either sign, whose logarithms
 CURVE_ROWS = dict(zip((*SHARES, *RATES), (*keyed.EXCESSES, *keyed.DECAYS)))
 """Rows of the derivatives for the numbers of a curve."""
 UNKNOWN = 100.0  # Standard error of a parameter's logarithm above which a measurement holds nothing about it.
+FAILED = NumericalFailure, OutOfRange, RuntimeError
+"""Errors of a fit that leads nowhere; SciPy raises RuntimeError for a singular matrix."""
 STATIC, KINETIC = "friction.static_coefficient", "friction.kinetic_coefficient"
 NUDGE = 1e-4  # Relative change of an input for its derivatives.
 INDEX = {"slip_speed": 0, "plate_angle": 1, "plate_speed": 2}  # Index of a channel in the state.
@@ -157,7 +159,7 @@ class Model:
     measured: Measurement
 
     def drive(self, values: Floats) -> tuple[Terms, Floats | None, Floats]:
-        """Return its input for values of the keys; raise NumericalFailure if one is out of its range.
+        """Return its input for values of the keys; raise OutOfRange if one is out of its range.
 
         These are the terms of the scene, where measured inputs are 0; engine torque and saturation torque, N m, at the
         start and end of each sample's step, (n, 2, 2), that are added to them, or None; and derivatives of the numbers
@@ -166,12 +168,9 @@ class Model:
         named = {k: float(v) for k, v in zip(self.keys, values) if k in SCENE_KEYS}
         curve = {k: float(v) for k, v in zip(self.keys, values) if k.startswith(CURVE)}
         offsets = {OFFSETS[k]: float(v) for k, v in zip(self.keys, values) if k in OFFSETS}
-        try:
-            # Friction of a curve is its constant times a shape, which `terms` have.
-            alone = {STATIC: curve[CONSTANT], KINETIC: curve[CONSTANT], **dict.fromkeys(TABLE, ())} if curve else {}
-            system = changed(self.system, named | alone)
-        except OutOfRange as error:
-            raise NumericalFailure(str(error)) from None
+        # Friction of a curve is its constant times a shape, which `terms` have.
+        alone = {STATIC: curve[CONSTANT], KINETIC: curve[CONSTANT], **dict.fromkeys(TABLE, ())} if curve else {}
+        system = changed(self.system, named | alone)
         inputs, by = self.measured.inputs, np.zeros((len(keyed.NUMBERS), len(self.keys)))
         per_pressure, terms = system.torque_per_pressure, terms_of(system)
         if curve:
@@ -216,15 +215,11 @@ class Model:
                 "converter.coupling": abs(engine.mean_torque) / fastest, "friction.decay": 1.0 / fastest}.get(key, 0.0)
 
     def substeps(self, values: Floats) -> int:
-        """Return the sub-steps per sample, with a reserve for slightly different values; raise NumericalFailure for too
-        many.
+        """Return the sub-steps per sample, with a reserve for slightly different values; raise OutOfRange for too many.
         """
         terms, held, _ = self.drive(values)
         most = 0.0 if held is None else float(held[..., 1].max())
-        try:
-            return math.ceil(SPARE * substeps(terms, self.measured.step, most))
-        except OutOfRange as error:
-            raise NumericalFailure(str(error)) from None
+        return math.ceil(SPARE * substeps(terms, self.measured.step, most))
 
 
 def states_of(model: Model, starts: Floats, width: int, values: Floats, n: int) -> Floats:
@@ -270,7 +265,7 @@ class Fit:
 
 def fit(model: Model, noise: dict[str, float], values: Floats, settings: FitSettings, stages: tuple[Stage, ...] = (),
         starts: Floats | None = None, tick: Callable[[], None] | None = None) -> Fit:
-    """Fit a measurement, starting from `values`; raise NumericalFailure if the solution there cannot be computed.
+    """Fit a measurement, starting from `values`; raise one of FAILED if the solution there cannot be computed.
 
     noise : standard deviation of every measured channel
     values : (P,) of the model's keys
@@ -399,7 +394,7 @@ class MultipleShooting:
                     self.work += n * self.count * self.width * (3.0 + len(values))
                     trial = sensitivities(self.model, moved, self.width, tried, n)
                     now = self._cost(self._rows(trial[0], moved, stage.weight), limit)
-                except (NumericalFailure, np.linalg.LinAlgError):
+                except (NumericalFailure, OutOfRange, np.linalg.LinAlgError):
                     now = math.inf
                 if now < cost:
                     gain, values, starts, linear = cost - now, tried, moved, trial
