@@ -328,7 +328,6 @@ def slip_loop(motion: Constant | Periodic, gains: tuple[float, float], rate: flo
 
     gains : proportional, N m per rad/s of the mean slip speed, and integral, N m per rad of its integral
     rate : ticks per second of the controller, Hz
-    progress : show the tried slip speeds on a terminal or in a notebook, elsewhere a line a minute
     """
     for name, gain in zip(("proportional", "integral"), gains):
         if not 0.0 < gain < math.inf:

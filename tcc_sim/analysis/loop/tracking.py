@@ -243,7 +243,6 @@ def mean_between(reference: Steps, starts: Floats, ends: Floats) -> Floats:
 class Loop:
     """A run of a controlled driveline, of which segments are judged.
 
-    course : its engine cycles
     reference : target slip speed, rad/s
     pressure : applied through the time from each sample before, Pa; None if it was not recorded
     limits : of the pressure as stated, Pa; None if nobody stated them
@@ -518,7 +517,6 @@ def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Flo
             limits: Limits | None = None, floor: float = BAND, before: float = math.nan) -> Loop:
     """Return a run as a Loop; without its system the extremes and the time in stick of the cycles are unknown.
 
-    clock : start times of the engine cycles
     pressure : (n,) applied pressure before each sample, Pa
     reference, limits, floor, before : as in `Loop`
     """

@@ -286,7 +286,6 @@ def _phase_of_pulses(t: Floats, signal: Floats, source: str, order: float, pulse
 
     signal : (n,) in any unit, with `pulses` rising edges in a revolution; or, for a wheel with missing teeth, with one
         longer gap in a revolution
-    source : name of the table, for errors
 
     Raises InputError: fewer than two edges, too few samples between edges, more than a few implausible intervals, or a
     wheel with missing teeth that `pulses` does not describe.

@@ -390,7 +390,6 @@ def orders_at_speeds(run: Trajectory, speeds: Sequence[float], since: float) -> 
     They are interpolated between the windows before and after the frequency passes a speed; at a constant frequency
     they are the largest of all windows.
 
-    run : sampled run
     speeds : frequencies of the excitation, rad/s; without any, five within the range of the run, or its constant one
     since : start of the first window, s
 

@@ -68,7 +68,6 @@ class Kept(NamedTuple):
 class RunCycles:
     """Engine cycles of one run, from a start or a reset of the driveline to the next.
 
-    clock : start times of the engine cycles
     begin, end : times of its first and last state, s
     pieces : whole engine cycles
     parts : beside them, with their start and end, s

@@ -222,7 +222,6 @@ class Laws:
         """Return the cycles of samples between `cuts`, (m + 1,) s, with the law that held in each interval.
 
         t, slip_speed, plate_angle, plate_speed, engine, friction : (n,) samples, s, rad/s, rad, rad/s, N m, N m
-        far : motion of the shaft's far end
         held : (n,) number of the law at each sample and in the interval before it
         bridged : (n - 1,) intervals in which a sample is missing; None for none
         """
@@ -404,7 +403,6 @@ def summarise_cycles(cycles: Cycles, times: CycleTimes, *, tolerance: float = TO
     """Summarise consecutive cycles; NaN marks those that were not observed.
 
     cycles : the whole cycles that were kept
-    times : of these cycles
     tolerance : of the period, relative to the size of the motion
     dropped : number of observed cycles before them
     broken : number of cycles among them that a gap interrupts or hides, where NaN marks the gap
