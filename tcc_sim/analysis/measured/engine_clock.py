@@ -244,8 +244,8 @@ class PhaseTracker:
         stamp_ns, engine_torque = stamp_ns[finite], engine_torque[finite]
         for piece, preceded in self._continuity.pieces(stamp_ns, run):
             t, parts = stamp_ns[piece].astype(np.float64) * 1e-9, self._runs.setdefault(run, [])
-            bridged = preceded is Break.GAP and parts and t[0] - parts[-1][-1][0][-1] <= BRIDGED_TICKS * self.tick
-            if preceded is not Break.NOTHING and not bridged:
+            if not parts or not (preceded is Break.NOTHING or (
+                    preceded is Break.GAP and t[0] - parts[-1][-1][0][-1] <= BRIDGED_TICKS * self.tick)):
                 parts.append([])
             parts[-1].append((t, engine_torque[piece]))
 
