@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from types import FunctionType, SimpleNamespace
+from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -247,8 +247,13 @@ def _interpreted(kernel: Any, numpy: Any, known: dict[Any, Any]) -> Callable[...
     if kernel not in known:
         names = {**kernel.py_func.__globals__, "np": numpy}
         known[kernel] = FunctionType(kernel.py_func.__code__, names)
-        for name in kernel.py_func.__code__.co_names:
-            if hasattr(names.get(name), "py_func"):
+        used = kernel.py_func.__code__.co_names
+        for name in used:
+            if isinstance(names.get(name), ModuleType):  # A module of kernels.
+                names[name] = SimpleNamespace(**{
+                    key: _interpreted(each, numpy, known) if hasattr(each, "py_func") else each
+                    for key, each in vars(names[name]).items() if key in used})
+            elif hasattr(names.get(name), "py_func"):
                 names[name] = _interpreted(names[name], numpy, known)
             elif isinstance(names.get(name), np.ufunc):  # A kernel's own name for a function of NumPy.
                 names[name] = getattr(numpy, names[name].__name__)

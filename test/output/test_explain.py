@@ -26,6 +26,7 @@ def test_a_scene_leaves_out_what_it_does_not_have() -> None:
     assert {"rclpy", "mcap", "matplotlib", "rerun"} <= set(result["modules"]["left_out"])
     assert {"engine_torque", "actuation_pressure", "/clock"} <= set(result["topics"]["left_out"])
     assert not set(result["terms"]["held"]) & set(result["terms"]["left_out"])
+    assert result["step"]["own_calls"]["sines"] >= 3.0  # One in each of three stages.
     assert "smoothing tanh" in exact["terms"]["left_out"]
     assert (exact["solver"], exact["step"]) == ("event_driven", None)
 
