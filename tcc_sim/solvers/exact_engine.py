@@ -270,10 +270,10 @@ def accelerations_at(linear: Linear, v: float, state: Any, engine: float, fricti
 
 
 @fast
-def slip_arc(setup: Setup, memory: Memory, stribeck: Stribeck, remaining: float) -> Step:
+def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
+             pulsation: tuple[float, float, float] | None, stribeck: Stribeck, state: Any, drive: Any,
+             remaining: float, rows: Any, workspace: Any) -> Step:
     """Return a step in slip, or without load, of at most `remaining` s, to v = 0, or to the speed `far`."""
-    bounds, terms, _, waves, _ = setup
-    state, drive, rows, linear = memory.state, memory.drive, memory.work.rows, terms.linear
     mode, v = state.mode, state.slip_speed
     sign = 0.0 if mode == FREE else float(mode)
     rows[SLIP, 0] = v
@@ -294,13 +294,12 @@ def slip_arc(setup: Setup, memory: Memory, stribeck: Stribeck, remaining: float)
             acceleration = abs(accelerations_at(linear, v, state, drive.torque, friction)[0])
             slope = (1.0 / linear.flywheel + 1.0 / linear.plate) * drive.load * steepness(sign * v, stribeck)
             unit = 1.0 / (bounds.slip_rate + series.fastest_at(stribeck, sign * v) * acceleration + slope)
-            expand_excitation(rows, order, unit, state.tau, True, terms.mean_torque, waves, terms.mean_load,
-                              terms.pulsation, None, drive)
-            series.expand(order, rows, unit, linear, sign, terms.pulsation, stribeck, excess, None, None, None)
+            expand_excitation(rows, order, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None, drive)
+            series.expand(order, rows, unit, linear, sign, pulsation, stribeck, excess, None, None, None)
     if not falling:
-        expand_excitation(rows, order, unit, state.tau, mode != FREE, terms.mean_torque, waves, terms.mean_load,
-                          terms.pulsation, None, drive)
-        series.expand(order, rows, unit, linear, sign, terms.pulsation, None, None, None, None, None)
+        expand_excitation(rows, order, unit, state.tau, mode != FREE, mean_torque, waves, mean_load, pulsation, None,
+                          drive)
+        series.expand(order, rows, unit, linear, sign, pulsation, None, None, None, None, None)
     longest = remaining / unit
     x = series_length(rows, order, longest, bounds.truncation, bounds.speed_scale)
     if stribeck is not None and falling:
@@ -308,7 +307,7 @@ def slip_arc(setup: Setup, memory: Memory, stribeck: Stribeck, remaining: float)
         fastest = series.fastest_at(stribeck, sign * v)
         while fastest * (abs(rows[SLIP, 1]) * x + abs(rows[SLIP, 2]) * x * x) > 0.4 * order:
             x *= 0.8
-    return slip_event(bounds, unit, x, order, level, state, rows, memory.work.bernstein)
+    return slip_event(bounds, unit, x, order, level, state, rows, workspace)
 
 
 @fast
@@ -386,7 +385,8 @@ def step_on(setup: Setup, memory: Memory, goal: float) -> Step:
     if state.mode == STICK:
         return stick_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, state, drive,
                          remaining, work.rows, work.bernstein)
-    return slip_arc(setup, memory, terms.stribeck, remaining)
+    return slip_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.stribeck,
+                    state, drive, remaining, work.rows, work.bernstein)
 
 
 @fast
