@@ -204,6 +204,9 @@ def test_figure_2_shows_where_each_law_settles(tmp_path: Path, laid_out: list[An
     close = {c["solver"]: c["rms_difference"] for c in data["curves"]}
     assert max(close["rk45"], close["bdf"]) < 1e-3
     check(laid_out[0])
+    data["curves"][-1]["rms_difference"] = None  # As of a solver that stopped.
+    (tmp_path / "stopped.json").write_text(json.dumps(data))
+    assert main(["plot", str(tmp_path / "stopped.json"), "--plot", str(tmp_path / "stopped.png")]) == 0
 
 
 def test_a_spike_of_a_cold_start_is_apart_from_the_coexisting_motion() -> None:

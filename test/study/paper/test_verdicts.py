@@ -65,13 +65,9 @@ def period_at(periods: Callable[[Any, float], int]) -> Callable[..., Any]:
     return lambda row, x, direction: record(period=periods(row, x))
 
 
-def coprime(row: Any) -> int:
+def coprime(row: Any, x: float = 0.0) -> int:
     from fractions import Fraction
     return Fraction(row["pressure.frequency_ratio"]).limit_denominator(12).denominator
-
-
-def denominators(row: Any, x: float) -> int:
-    return coprime(row)
 
 
 NAMED = [0.167, 0.20, 0.25, 0.333]
@@ -301,11 +297,11 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
         (Given(slips_from(lambda row: 0.18 if law_of(row) == "smoothed" else 0.10)), PART,
          [[0.18, 0.179], [0.1, 0.099]]),
         (Given(slips_from(lambda row: 0.21)), NO)],
-    "actuation_periods": [(Given(period_at(denominators)), YES),
+    "actuation_periods": [(Given(period_at(coprime)), YES),
         (Given(period_at(lambda row, x: coprime(row) if abs(x * OMEGA_N - 150.0) < 1e-6 else 5)), PART,
          [[2, 1, 3, 3], [5] * 6]),
         (Given(period_at(lambda row, x: 7)), NO)],
-    "actuation_bifurcations": [(Given(period_at(denominators)), YES),
+    "actuation_bifurcations": [(Given(period_at(coprime)), YES),
         (Given(period_at(lambda row, x: coprime(row) * (1 + (x > 0.49)))), NO)],
     "actuation_attenuates": [(Given(next_to(lowest("pressure.frequency_ratio", 1.0))), YES),
         (Given(next_to(lowest("pressure.frequency_ratio", 1.0), 8.0)), PART),
@@ -321,11 +317,11 @@ CASES: dict[str, list[tuple[Any, ...]]] = {
         (Given(by_amplitude((1.0, 1.0))), YES, [[1.0], [10.0, 10.125, 10.25, 10.5]]),
         (Given(by_amplitude((-1.0, -1.0))), NO)],
     "amplitude_bifurcations": [(Given(), YES), (Given(period_at(lambda row, x: 0 if x > 0.49 else 1)), NO)],
-    "period_is_denominator": [(Given(period_at(denominators)), YES), (Given(), PART, [[1] * 19]),
+    "period_is_denominator": [(Given(period_at(coprime)), YES), (Given(), PART, [[1] * 19]),
         (Given(period_at(lambda row, x: 7)), NO)],
-    "period_for_any": [(Given(period_at(denominators)), YES),
+    "period_for_any": [(Given(period_at(coprime)), YES),
         (Given(period_at(lambda row, x: coprime(row) * (1 + (x > 0.4)))), NO)],
-    "proof_is_whole": [(Given(period_at(denominators)), YES),
+    "proof_is_whole": [(Given(period_at(coprime)), YES),
         (Given(period_at(lambda row, x: coprime(row) * (1 + (x > 0.4 and ratio_of(row) < 1.0)))), PART,
          [[4, 2, 2, 6, 2, 6]]),
         (Given(period_at(lambda row, x: coprime(row) * (1 + 3 * (x > 0.4)))), NO)],
