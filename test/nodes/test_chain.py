@@ -144,12 +144,13 @@ def test_a_killed_command_leaves_no_node_of_its_real_time_session_behind(tmp_pat
 
 
 def test_realtime_gives_every_figure(tmp_path: Path) -> None:
+    core = min(os.sched_getaffinity(0))
     ended = python("-m", "tcc_sim", "realtime", "--rate", "500", "--duration", "0.5", "--json", "pacing.json",
-                   cwd=tmp_path)
+                   "--cpu-affinity", str(core), cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
     document = valid("realtime", json.loads((tmp_path / "pacing.json").read_text()))
     assert [trial["name"].split()[0] for trial in document["settings"]] == ["nothing", "timer", *["slack,"] * 4, "all"]
     assert document["settings"][0]["refused"] == document["settings"][1]["refused"] == []
-    assert document["rate"] == 500.0
+    assert (document["rate"], document["scene"]["cpu_affinity"]) == (500.0, [core])
     assert 0.0 <= document["late_share"] <= 1.0
     assert document["ticks"] > 0
