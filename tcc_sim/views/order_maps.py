@@ -190,7 +190,7 @@ def _map(axis: Any, orders: Orders, of: str, top: float | None = None, named: bo
         if named and len(inside):
             at = inside[np.argmax(np.abs((order[inside] / orders.per_revolution + 0.5) % 1.0 - 0.5))]  # Between orders.
             axis.annotate(f"{name}, {frequency(omega, 4)}", (along[at], order[at]), xytext=(4, 0), color="white",
-                          textcoords="offset points", fontsize=6.5, va="center", bbox=BOX)
+                          textcoords="offset points", fontsize=6.5, va="center", bbox=BOX, clip_on=True)
     axis.set(ylim=(lowest, highest), xlim=(along.min(), along.max()))
     quantities(axis, over, ORDER)
 
