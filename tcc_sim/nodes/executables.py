@@ -320,6 +320,8 @@ def node_of_command(name: str, namespace: str) -> Iterator[Node]:
         try:
             node = stack.enter_context(_running([], lambda: rclpy.create_node(
                 name, namespace=namespace, enable_rosout=False, start_parameter_services=False)))
+        except InputError:
+            raise
         except (ValueError, NameValidationException) as error:
             raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
         before = signal.getsignal(signal.SIGINT)

@@ -127,6 +127,12 @@ def test_a_refusal_is_one_line_with_name_value_and_range(control: Control, drive
     assert [part for part in parts if part not in errors] == []
 
 
+def test_a_domain_that_is_no_number_is_refused_as_such(control: Control, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
+    status, _, errors = control("reset")
+    assert (status, "ROS_DOMAIN_ID" in errors, "namespace" in errors, errors.count("\n")) == (2, True, False, 1)
+
+
 def test_an_input_of_the_scene_takes_no_command_and_lock_step_takes_one_as_the_answer(bench) -> None:
     from tcc_sim.errors import InputError
 
