@@ -269,12 +269,12 @@ def layout_of(data: bytes, kind: str, fields: Sequence[str], joints: Sequence[st
         reader.align(8)
         for name in (*fields, "variance") if kind == topics.FLUID_PRESSURE else fields:
             offsets[name], reader.at = reader.at, reader.at + 8
-    if reader.at != len(data):
+    if reader.at != len(data) or data[:2] != HEADER[:2]:
         raise reader.wrong
     same[:2] = True
     record = np.dtype({"names": ["sec", "nanosec", *offsets], "formats": ["<i4", "<u4"] + ["<f8"] * len(offsets),
                        "offsets": [4, 8, *offsets.values()], "itemsize": len(data)})
-    return names, Layout(record, np.frombuffer(HEADER[:2] + data[2:], np.uint8), same)
+    return names, Layout(record, np.frombuffer(data, np.uint8), same)
 
 
 _OWN = {row.name: [layout_of(ENCODERS[row.name](0, *[0.0] * len(row.fields), frame="x" * length), row.type,

@@ -139,7 +139,7 @@ def test_joints_are_refused_beyond_their_largest_number_and_with_an_array_of_ano
     whole = joints_by_hand("x", ["a", "b"], [1.0, 2.0], [3.0, 4.0], [])
     wrong = [joints_by_hand("", (*most, ""), [], [], []), joints_by_hand("", ["a", "b"], [1.0], [], []),
              joints_by_hand("", ["a"], [], [1.0, 2.0], []), joints_by_hand("", [], [], [], [1.0]), whole + b"\0",
-             *(whole[:length] for length in range(len(whole))), b"\0\0" + whole[2:]]
+             *(whole[:length] for length in range(len(whole))), b"\0\0" + whole[2:], b"\7\1" + whole[2:]]
     for data in wrong:
         with pytest.raises(ValueError, match=r"not a little-endian sensor_msgs/msg/JointState|has . values? for"):
             cdr.layout_of(data, topics.JOINT_STATE, ())
