@@ -112,9 +112,8 @@ class Layouts:
             frames = np.zeros(len(values), f"S{cdr.RUN_LENGTH}")
             if int.from_bytes(layout.example[cdr.FRAME - 4:cdr.FRAME].tobytes(), "little") == cdr.RUN_LENGTH + 1:
                 bodies = values.view(np.uint8).reshape(-1, size)[:, cdr.FRAME:cdr.FRAME + cdr.RUN_LENGTH]
-                frames = np.ascontiguousarray(bodies).view(frames.dtype)[:, 0]
-                for name in np.unique(frames).tolist():
-                    frames[frames == name] = name if _RUN.fullmatch(name) else b""
+                found, at = np.unique(np.ascontiguousarray(bodies).view(frames.dtype)[:, 0], return_inverse=True)
+                frames = np.array([name if _RUN.fullmatch(name) else b"" for name in found.tolist()], frames.dtype)[at]
             columns = {name: values[name].astype(np.float64) if name in (values.dtype.names or ())
                        else np.full(len(values), np.nan) for name in self.fields}
             groups.append(Decoded(names, left[mine], heads, cdr.stamps(values), frames, columns))
