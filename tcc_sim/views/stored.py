@@ -23,7 +23,8 @@ from tcc_sim.trajectory import SAMPLED, UNITS, Trajectory
 DRAWN = "figure", "precision", "stability"
 """Kinds of JSON that a function of a later room draws, from the file of the picture, a `Record`, title and width, inch.
 """
-ARRAYS = (*UNITS, "section_states", "cycle_highest", "cycle_lowest", "cycle_stick_time", "cycle_starts", "labels")
+CYCLE_ARRAYS = "cycle_highest", "cycle_lowest", "cycle_stick_time"
+ARRAYS = (*UNITS, "section_states", *CYCLE_ARRAYS, "cycle_starts", "labels")
 """Arrays of a .npz that pictures use."""
 DAMAGE = LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError
 """Errors of drawing a stored result whose values have wrong types or are missing."""
@@ -117,6 +118,12 @@ def _of(kind: Callable[..., Any], values: Mapping[str, Any]) -> Any:
 def _run(values: Mapping[str, Any]) -> Any:
     """Return the run in the samples of `simulate` or `analyse`, with its summary and spectrum."""
     first, arrays = Scene("", System(), Operation()).with_values(values["scene"]), values["arrays"]
+    cycles = len(arrays.get("cycle_highest", ()))
+    shapes = {**dict.fromkeys(UNITS, (len(arrays["t"]),)), **dict.fromkeys(CYCLE_ARRAYS, (cycles,)),
+              "section_states": (cycles + 1, 3)}
+    for name, shape in shapes.items():
+        if name in arrays and arrays[name].shape != shape:
+            raise ValueError(f"array {name} has the shape {arrays[name].shape}; it must be {shape}")
     scene, systems = first, list[tuple[float, System]]()
     for segment in values.get("segments", ()):
         scene = scene.with_values({key: value for key, value in segment["changes"].items() if key in QUANTITIES})

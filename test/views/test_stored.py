@@ -234,7 +234,7 @@ def test_damaged_arrays_are_drawn_or_refused_in_a_line(tmp_path: Path, pictures:
 @pytest.mark.parametrize("changes", [
     {"slip_speed": np.zeros(5)}, {"slip_speed": np.zeros((5, 2))}, {"cycle_lowest": np.zeros(2)},
     {"section_states": np.zeros((9, 2))}, {"document": np.array("[1]")}, {"document": np.array(1)},
-    {"cycle_highest": np.zeros(10_000_000)}, {"t": np.array([{}], dtype=object)}])
+    {"cycle_highest": np.zeros(10_000_000)}, {"t": np.array([{}], dtype=object)}, {"t": np.linspace(0.0, 0.1, 9)}])
 def test_arrays_that_do_not_belong_together_are_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
     with pytest.raises(InputError) as caught:
         tcc_sim.plot(samples(tmp_path, **changes), tmp_path / "b.png")
