@@ -7,6 +7,7 @@ Only `_declare` imports ROS 2.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -123,7 +124,7 @@ def _declare(node: Node, name: str, value: Any, meaning: Quantity) -> None:
         additional_constraints="" if isinstance(value, bool) else meaning.interval(),
         # A live number also accepts an integer, as in scene files; ROS 2 gives an empty list another type.
         dynamic_typing=meaning.live)
-    if isinstance(value, float):
+    if isinstance(value, float) and meaning.high < math.inf:  # A tool's slider would have no end.
         descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=meaning.high, step=0.0)]
     elif isinstance(value, int) and not isinstance(value, bool):
         descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(meaning.high), step=1)]
