@@ -17,7 +17,7 @@ from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import held
 from tcc_sim.recording.announcements import SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.columns import Columns, JointStates, Window
-from tcc_sim.recording.commands import COMMANDS, SOURCE, Commands
+from tcc_sim.recording.commands import COMMANDS, SIGNALS, SOURCE, Commands
 from tcc_sim.recording.contents import CDR, Channel, Contents, batches, together
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import Collected, Decoded, Layouts
@@ -25,12 +25,10 @@ from tcc_sim.recording.parts import Parts, numbers_of, opened, parts_of
 from tcc_sim.recording.records import Messages, RecordStream, Warnings
 from tcc_sim.recording.runs import BEAT, commands_held, received_of, runs_of
 from tcc_sim.recording.stamps import StampCounter
-from tcc_sim.topics import FLOAT64_ARRAY, INPUTS, JOINT_STATE, SHAFT, TARGET
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, INPUTS, JOINT_STATE, LIMITS, SHAFT, TARGET
 
 _TOPICS_OF_DRIVELINE = {*(row.name for row in topics.stamped()), SOURCE, SHAFT}
 """Topics that the driveline itself publishes."""
-_READ = {JOINT_STATE, FLOAT64_ARRAY, topics.FLUID_PRESSURE, topics.FLOAT64, topics.DIAGNOSTIC_ARRAY, topics.HEADER}
-"""Message types of the columns."""
 _MOST_TOPICS = 20
 BYTES_A_STATE = 230
 """Memory for one state and its derived quantities, bytes, with a message of `held` at one state of three."""
@@ -206,7 +204,7 @@ class Run:
         kinds |= {row.name: Collected(Layouts(row.type, row.joints, row.joint_fields or row.fields), origins.of)
                   for row in topics.stamped()}
         commands, rows = Commands(space, zeros[:0] if keyed else zeros), dict[int, list[NDArray[np.float64]]]()
-        for data, messages, channels in self._chunks(lambda channel: channel.type in _READ):
+        for data, messages, channels in self._chunks(self._wants):
             array = np.frombuffer(data, dtype=np.uint8)
             here = [(number, channels[number]) for number in np.flatnonzero(np.bincount(messages.channel)).tolist()
                     if number in channels] if len(messages.channel) else []
@@ -269,6 +267,14 @@ class Run:
             return here and channel.publisher in driveline.publishers
         space = driveline.topic.rpartition("/")[0]
         return (channel.type, channel.topic) == (kind, f"{space}/{name}") and self._ours(channel)
+
+    def _wants(self, channel: Channel) -> bool:
+        """Return whether messages of a channel are needed for the columns."""
+        driveline = self.driveline
+        if driveline.runs and channel.type in (JOINT_STATE, FLUID_PRESSURE, FLOAT64_ARRAY):
+            return True
+        return channel.type == DIAGNOSTIC_ARRAY or channel.topic == driveline.topic or channel.row in {
+            *_TOPICS_OF_DRIVELINE, *SIGNALS, LIMITS}
 
     def _every_channel(self) -> Iterator[Channel]:
         for contents in self._contents.values():

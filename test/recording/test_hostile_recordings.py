@@ -28,7 +28,7 @@ from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
 from tcc_sim.replay.verification import SMALLEST_WORK, WORK_PER_BYTE, verify
 from tcc_sim.scene import load_scene
-from tcc_sim.topics import JOINT_STATE
+from tcc_sim.topics import FLOAT64_ARRAY, JOINT_STATE
 
 MEMORY = 250 << 20
 """Bytes that reading a file of some kB may take at most."""
@@ -127,6 +127,12 @@ def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path) ->
     assert f"the recording would unpack to more than {limit} bytes" in said
     assert said.startswith("1 read")
     assert peak < MEMORY
+
+
+def test_arrays_of_other_programs_do_not_count_as_used(tmp_path: Path) -> None:
+    grids = {k: [("/grid", FLOAT64_ARRAY, 0, 0, cdr.float64_array("", [0.0] * 60_000))] for k in range(100)}
+    bag(tmp_path / "run", ticked(load_scene("fig02"), 100), "fig02", joined=grids)
+    assert len(open_run(tmp_path / "run").states()[0]) == 100
 
 
 def test_more_topics_than_any_recording_has_are_passed_over(tmp_path: Path) -> None:
