@@ -240,5 +240,14 @@ class Recording(Result):
         return timing_of(self.scene, None, line.runs, frequency_changes(self.file), self.file.scene_text is None)
 
 
-read = Recording
-"""Function of the public interface that returns a recording as data."""
+def read(path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None,
+         topic: str | None = None, driveline: int | None = None) -> Recording:
+    """Return a recording as data (see `Recording`).
+
+    Examples
+    --------
+    >>> import tcc_sim
+    >>> tcc_sim.read(folder / "read.mcap").runs[0].began_by
+    'start'
+    """
+    return Recording(path, scene, joints, topic, driveline)
