@@ -316,14 +316,13 @@ def node_of_command(name: str, namespace: str) -> Iterator[Node]:
     import rclpy
     from rclpy.exceptions import NameValidationException
 
-    with ExitStack() as stack:
+    def create() -> Node:
         try:
-            node = stack.enter_context(_running([], lambda: rclpy.create_node(
-                name, namespace=namespace, enable_rosout=False, start_parameter_services=False)))
-        except InputError:
-            raise
+            return rclpy.create_node(name, namespace=namespace, enable_rosout=False, start_parameter_services=False)
         except (ValueError, NameValidationException) as error:
             raise InputError(f"--namespace {namespace!r} is not a namespace: {str(error).splitlines()[0]}") from None
+
+    with _running([], create) as node, ExitStack() as stack:
         before = signal.getsignal(signal.SIGINT)
         if before is signal.default_int_handler and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, _interrupt)
