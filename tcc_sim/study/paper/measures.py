@@ -529,7 +529,7 @@ def peaks_move(e: Evidence) -> Measured:
                     "" if all(rising) else f"{sum(rising)} of {counted(len(chains), 'peak')} shift up")
 
 
-def lost_at_peaks(e: Evidence, most: float) -> Measured:
+def lost_at_peaks(e: Evidence, least: float) -> Measured:
     peaks, close = peaks_of(e), e.limit("close")
     near, covered = list[bool](), list[float]()
     for r in FALLING:
@@ -537,8 +537,8 @@ def lost_at_peaks(e: Evidence, most: float) -> Measured:
         near += [bool((np.abs(row - x) <= close).any()) for x in jump_places(e, r)]
         covered.append(float((np.abs(FINER[FINER > 0.12, None] - row) <= close).any(axis=1).mean()))
     share = float(np.mean(near)) if near else 0.0
-    return Measured((share >= most, share > max(covered)), {"jumps": len(near), "share": share, "covered": covered},
-                    most > share > max(covered))
+    return Measured((share >= least, share > max(covered)), {"jumps": len(near), "share": share, "covered": covered},
+                    least > share > max(covered))
 
 
 def jump_doubles_period(e: Evidence) -> Measured:
