@@ -19,7 +19,7 @@ NUMBERS = {"1.5": 1.5, "-0.0": -0.0, "+7": 7.0, ".5": 0.5, "5.": 5.0, "1e3": 1e3
            "Infinity": NAN}
 """A cell with a decimal point, and the double nearest to it; NaN for a cell without a finite number."""
 LONG_CELLS = ["1_000", "", "-Inf", "1.25E+03", " ", "-", "NaN", "NULL", "1e400"]
-"""Those of long tables; one table without quotes and one with them have more than the first three."""
+"""Cells of long tables. One table without quotes and one with quotes have all cells, the others the first three."""
 NO_NUMBERS = ["two", "0x10", "1d5", "1.2.3", "1 2", "1,234.5", "1.234,5"]
 LONG, SHORT, WIDE = 3300, 12, 300 * "x"
 """Rows; the long table has more than a megabyte, most of it in a column that is not read."""
