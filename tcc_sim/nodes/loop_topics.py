@@ -241,7 +241,7 @@ def joining(node: Node, name: str) -> CommandedInput | None:
     if not node.count_publishers(name):
         return None
     latched = name == topics.TARGET and all(one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-                                     for one in node.get_publishers_info_by_topic(name))
+                                            for one in node.get_publishers_info_by_topic(name))
     return CommandedInput(node, topics.topic(name), qos=middleware.LATCHED if latched else middleware.COMMANDS)
 
 
