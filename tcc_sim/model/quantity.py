@@ -138,7 +138,7 @@ def check_rising(key: str, values: tuple[float, ...], name: str, unit: str) -> N
             raise InputError(f"{key} has {after:g} {unit} after {before:g} {unit}; the {name}s must increase")
 
 
-class Described:
+class Quantified:
     """A dataclass whose fields have quantities."""
 
     @classmethod
@@ -149,7 +149,7 @@ class Described:
 
 
 @dataclass(frozen=True)
-class Group(Described):
+class Group(Quantified):
     """Checked group of parameters; subclasses list the fields."""
 
     def __post_init__(self) -> None:
@@ -177,7 +177,7 @@ class Group(Described):
 
 
 @dataclass(frozen=True)
-class Options(Described):
+class Options(Quantified):
     """Options of a node, checked by the types and quantities of the fields; subclasses list the fields.
 
     Raises InputError: a value has another type or is out of range.
