@@ -27,7 +27,7 @@ from tcc_sim.output.terminal import say
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.study.benchmarks.peers import repeated
-from tcc_sim.study.continuation.branch import branch_through, first_point
+from tcc_sim.study.continuation.branch import branch_through
 from tcc_sim.study.continuation.motions import ContinuationPlan, check, start_orbit
 from tcc_sim.study.continuation.orbits import ParameterRange, Settings
 from tcc_sim.trajectory import State
@@ -95,12 +95,13 @@ def follow(system: System, period: int, low: float, high: float) -> tuple[Follow
     static = system.friction.static_coefficient
     map_ = check(system, ContinuationPlan(KEY, low, high, period=period))
     span = ParameterRange(low, high, name=KEY)
-    shooting, z = start_orbit(map_, span, system.friction.kinetic_coefficient, period)
-    first = first_point(dataclasses.replace(shooting, settings=Settings(max_points=MOST)), z)
+    first = start_orbit(map_, span, system.friction.kinetic_coefficient, period)
+    first = dataclasses.replace(first, equations=dataclasses.replace(first.equations,
+                                                                     settings=Settings(max_points=MOST)))
     used, branch = repeated(lambda: branch_through(first), REPEATS)
     seconds = min(used)
     result = tuple((NAMES.get(f.kind, f.kind), f.value / static) for f in branch.bifurcations)
-    started = State.of(shooting.nodes(z)[0]).starting(system)
+    started = State.of(first.section).starting(system)
     return Followed(len(branch.points), seconds, result, "default settings"), started
 
 

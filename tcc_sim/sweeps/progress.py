@@ -91,7 +91,7 @@ def point_bar(shown: bool = True) -> Iterator[Callable[[Any], None]]:
     """Yield a function to call with every point of a branch: it counts the points and names the last one."""
     with progress_bar("point", shown=shown) as bar:
         def tick(point: Any) -> None:
-            bar.set_postfix_str(f"{point.value:.6g}, period {point.orbit.period}", refresh=False)
+            bar.set_postfix_str(f"{point.value:.6g}, period {point.period}", refresh=False)
             bar.update()
 
         yield tick

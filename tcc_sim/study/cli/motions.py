@@ -65,12 +65,12 @@ def _branch_lines(motions: Motions) -> Iterator[str]:
     for number, branch in enumerate(motions.branches):
         values = [s.value for s in branch.points]
         yield (f"branch {number}: period {branch.period}, {key_value(key, min(values), 9, max(values))}, "
-               f"{counted(len(values), 'point')}, {sum(s.orbit.stable for s in branch.points)} stable")
+               f"{counted(len(values), 'point')}, {sum(s.stable for s in branch.points)} stable")
         for sentence in dict.fromkeys(end.described() for end in branch.ended):
             yield f"  {sentence}"
     for item in motions.bifurcations:
         yield (f"{item.kind:>18}  {key_value(key, item.value, 10)}  branch {item.branch}  "
-               f"max slip {speed(item.point.orbit.seen.largest, 8)}  residual {item.residual:.1e}")
+               f"max slip {speed(item.point.seen.largest, 8)}  residual {item.residual:.1e}")
     for entry in motions.at:
         yield (f"at {key_value(key, entry['value'])}: branch {entry['branch']}, period {entry['period']}, max slip "
                f"{speed(entry['max_slip_speed'], 9)}, {'stable' if entry['stable'] else 'unstable'}, {entry['events']}")

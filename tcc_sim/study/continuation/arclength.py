@@ -7,8 +7,8 @@ moves. T. R. Chandrupatla's bracketing method (Adv. Eng. Softw. 28, 1997) finds 
 points of a curve to rounding, with a corrector in every evaluation.
 
 A `Continuation` is the state of a curve that is being followed, and its iterator: it predicts, corrects and adapts the
-step. Functions in `Rules` say what belongs to one kind of curve: branches of periodic orbits along a parameter, or
-curves of their bifurcations in two. After the iterator of BifurcationKit.jl.
+step. Its subclasses follow one kind of curve each: branches of periodic orbits along a parameter, or curves of their
+bifurcations in two. After the iterator of BifurcationKit.jl.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cached_property
 from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -24,7 +25,7 @@ import numpy as np
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.result import KEY_UNITS, Described
 from tcc_sim.shown_units import key_unit
-from tcc_sim.study.continuation.orbits import FAILURES, SAME, Floats, Linearised, ParameterRange, Settings
+from tcc_sim.study.continuation.orbits import FAILURES, SAME, Floats, Linearised, ParameterRange, Settings, Values
 
 CORRECT_ITERATIONS = 8  # most steps
 CORRECT_STEP = 10.0  # step above which the corrector fails
@@ -56,15 +57,6 @@ class Equations(Protocol):
         """Residual and Jacobian."""
 
 
-class Solution(NamedTuple):
-    """A solution: unknowns (d + 1,), unit tangent, linearisation, and the sign of det [Jacobian; tangent]."""
-
-    z: Floats
-    tangent: Floats
-    linearised: Linearised
-    sign: float
-
-
 class Corrected(NamedTuple):
     """Result of the corrector.
 
@@ -80,10 +72,6 @@ class Corrected(NamedTuple):
     distance: float
     slopes: Floats
     contraction: float
-
-    def facing(self, way: Floats) -> Solution:
-        """The solution with the one of its two tangents that points along `way`."""
-        return solution_at(self.z, self.linearised, self.tangent if float(self.tangent @ way) > 0.0 else -self.tangent)
 
 
 FLAT = (np.empty(0), np.empty(0))
@@ -138,24 +126,6 @@ def corrector(equations: Equations, guess: Floats, row: Floats, plane: tuple[Flo
     return None
 
 
-def over_border(here: Solution, new: Solution) -> bool:
-    """Whether the event sequence differs between two solutions."""
-    return here.linearised.seen.events != new.linearised.seen.events
-
-
-def oriented(solution: Solution, sign: float) -> Solution:
-    """The solution with the tangent for which det [Jacobian; tangent] has this sign.
-
-    Where the event sequence changes, the Jacobians of a continuous map on both sides differ by c n^T, with n normal to
-    the border, so det [Jacobian; n] is the same: a branch with tangents of one orientation crosses the border,
-    whichever way its parameter goes there. M. di Bernardo, C. J. Budd, A. R. Champneys, P. Kowalczyk, Piecewise-smooth
-    Dynamical Systems, Springer 2008, Section 3.1.
-    """
-    if solution.sign == sign:
-        return solution
-    return solution._replace(tangent=-solution.tangent, sign=-solution.sign)
-
-
 def tangent_of(linearised: Linearised, along: Floats) -> Floats:
     """The unit tangent of the curve that points along `along`."""
     side = np.zeros(len(along))
@@ -169,20 +139,7 @@ def null_direction(linearised: Linearised) -> Floats:
     return np.asarray(np.linalg.svd(linearised.jacobian)[2][-1])
 
 
-def solution_at(z: Floats, linearised: Linearised, tangent: Floats) -> Solution:
-    """The solution at a point, with the sign of its determinant."""
-    matrix = np.empty((len(z), len(z)))
-    matrix[:-1], matrix[-1] = linearised.jacobian, tangent
-    return Solution(z, tangent, linearised, float(np.sign(np.linalg.det(matrix))))
-
-
-def solution_of(equations: Equations, z: Floats) -> Solution:
-    """The solution at a point, with one of its two tangents."""
-    linearised = equations.linearise(z)
-    return solution_at(z, linearised, null_direction(linearised))
-
-
-def cosine_between(here: Solution, new: Solution, by_amplitude: bool) -> float:
+def cosine_between(here: CurvePoint[Any], new: CurvePoint[Any], by_amplitude: bool) -> float:
     """Cosine between the chord from one point to the next and the tangent there."""
     # Along a curve that bends little the chord lies between both tangents; else the corrector has left the curve.
     way, along = new.z - here.z, new.tangent
@@ -192,7 +149,7 @@ def cosine_between(here: Solution, new: Solution, by_amplitude: bool) -> float:
     return float(way @ along) / max(float(np.sqrt((way @ way) * (along @ along))), 1e-300)
 
 
-def predictor_nodes(here: Solution, before: Sequence[Solution], slopes: Floats,
+def predictor_nodes(here: CurvePoint[Any], before: Sequence[CurvePoint[Any]], slopes: Floats,
                     count: int) -> list[tuple[float, Floats]]:
     """Nodes of the predictor: the distance of each along the tangent, and its unknowns and amplitudes less those here.
 
@@ -235,25 +192,71 @@ FORWARD = 0.1  # least cosine between tangent and chord of a cubic through the e
 OPPOSITE = 0.8  # cosine, but for its sign, above which the halves of two orbits are opposite
 
 
+E = TypeVar("E", bound=Equations)
+"""Kind of equations."""
+
+
 @dataclass(frozen=True, repr=False)
-class CurvePoint(Described):
-    """A point of a curve: unknowns and tangent, and the equations they belong to."""
+class CurvePoint(Described, Generic[E]):
+    """A point of a curve: its equations, unknowns (d + 1,), their linearisation there, and the unit tangent."""
 
-    solution: Solution
-    equations: Equations
-    by_amplitude: bool = field(default=True, kw_only=True)
-    """Whether the amplitudes were coordinates of the arclength on the step to this point."""
+    equations: E
+    z: Floats
+    linearised: Linearised
+    tangent: Floats
 
-    def moved(self: P, solution: Solution, by_amplitude: bool = True) -> P:
-        """The point of another solution of the same equations."""
-        return replace(self, solution=solution, by_amplitude=by_amplitude)
+    @classmethod
+    def at(cls: type[P], equations: Any, z: Floats) -> P:
+        """The point at a solution, with one of its two tangents."""
+        linearised = equations.linearise(z)
+        return cls(equations, z, linearised, null_direction(linearised))
+
+    @cached_property
+    def sign(self) -> float:
+        """The sign of det [Jacobian; tangent]."""
+        return float(np.sign(np.linalg.det(np.vstack([self.linearised.jacobian, self.tangent]))))
+
+    @property
+    def scaled(self) -> Floats:
+        """(P,) the free parameters among the unknowns."""
+        return self.z[self.equations.size:self.equations.size + len(self.equations.ranges)]
+
+    @property
+    def values(self) -> Values:
+        """The free parameters."""
+        return tuple(w.value(u) for w, u in zip(self.equations.ranges, self.scaled.tolist()))
+
+    @property
+    def value(self) -> float:
+        """The first free parameter."""
+        return self.values[0]
+
+    @property
+    def events(self) -> str:
+        """Event sequence of the motion."""
+        return self.linearised.seen.events
+
+    def moved(self: P, to: Corrected, way: Floats) -> P:
+        """The point at another solution of the same equations, with the tangent that points along `way`."""
+        return replace(self, z=to.z, linearised=to.linearised,
+                       tangent=to.tangent if float(to.tangent @ way) > 0.0 else -to.tangent)
 
     def turned(self: P) -> P:
         """The point with its tangent reversed."""
-        return replace(self, solution=oriented(self.solution, -self.solution.sign))
+        return replace(self, tangent=-self.tangent)
+
+    def oriented(self: P, sign: float) -> P:
+        """The point with the tangent for which det [Jacobian; tangent] has this sign.
+
+        Where the event sequence changes, the Jacobians of a continuous map on both sides differ by c n^T, with n normal
+        to the border, so det [Jacobian; n] is the same: a branch with tangents of one orientation crosses the border,
+        whichever way its parameter goes there. M. di Bernardo, C. J. Budd, A. R. Champneys, P. Kowalczyk,
+        Piecewise-smooth Dynamical Systems, Springer 2008, Section 3.1.
+        """
+        return self if self.sign == sign else self.turned()
 
 
-P = TypeVar("P", bound=CurvePoint)
+P = TypeVar("P", bound=CurvePoint[Any])
 """Kind of point of a curve."""
 
 
@@ -271,11 +274,11 @@ class Bracket(Generic[P]):
 
     def at(self, part: float) -> P | None:
         """The point at `part` (0 to 1) of the chord; None where the corrector fails."""
-        p, q = self.a.solution, self.b.solution
+        p, q = self.a, self.b
         chord = q.z - p.z
         length = float(np.linalg.norm(chord))
         if part in (0.0, 1.0) or length == 0.0:
-            return self.b if part == 1.0 else self.a
+            return q if part == 1.0 else p
         if part in self.kept:
             return self.kept[part]
         start, plane, low, high = None, FLAT, p.linearised.amplitudes, q.linearised.amplitudes
@@ -284,25 +287,25 @@ class Bracket(Generic[P]):
             start = self._start(part, chord / length, plane[0])
         else:
             guess = _hermite(p.z, q.z, p.tangent * length, q.tangent * length, part)
-        corrected = corrector(self.a.equations, guess, chord / length, plane, start=start)
+        corrected = corrector(p.equations, guess, chord / length, plane, start=start)
         if corrected is None:
             return None
-        self.kept[part] = self.a.moved(corrected.facing(p.tangent + q.tangent))
+        self.kept[part] = p.moved(corrected, p.tangent + q.tangent)
         return self.kept[part]
 
     def _start(self, part: float, row: Floats, weights: Floats) -> Floats | None:
         """The cubic through the known points about `part`, with tangents; None where a tangent points backwards."""
         known = {0.0: self.a, 1.0: self.b, **self.kept}
         low, high = max(k for k in known if k < part), min(k for k in known if k > part)
-        length = float(np.linalg.norm(self.b.solution.z - self.a.solution.z))
+        length = float(np.linalg.norm(self.b.z - self.a.z))
         whole, slopes = length * (1.0 + float(weights @ weights)), []
         for point in (known[low], known[high]):
-            tangent = point.solution.tangent
-            along = float(row @ tangent + weights @ (point.solution.linearised.amplitude_gradient @ tangent))
+            tangent = point.tangent
+            along = float(row @ tangent + weights @ (point.linearised.amplitude_gradient @ tangent))
             if not along > FORWARD * float(np.sqrt(1.0 + weights @ weights)):
                 return None
             slopes.append(tangent * (whole / along * (high - low)))
-        return _hermite(known[low].solution.z, known[high].solution.z, slopes[0], slopes[1],
+        return _hermite(known[low].z, known[high].z, slopes[0], slopes[1],
                         (part - low) / (high - low))
 
     def locate(self, test: Callable[[P], float], residual: Callable[[P], float] | None = None) -> P | None:
@@ -441,71 +444,61 @@ S = TypeVar("S")
 """Kind of special point."""
 
 
-def back_at_start(track: Continuation[P, S], new: P, special: list[S],
-                  stop: End | None) -> tuple[P, list[S], End | None]:
-    """Return the end of a curve at its first point, if the step to `new` passes it; else the arguments."""
-    if track.passes_start(new):
-        return track.points[0], special, stop or track.end(StopReason.CLOSED, track.points[0])
-    return new, special, stop
-
-
-def give_up(track: Continuation[P, S]) -> None:
-    """End a curve where no step succeeds."""
-    track.stop = track.end(StopReason.STEP, limit=track.settings.residual)
-
-
-def own_start(track: Continuation[P, S]) -> list[tuple[Floats, Floats]]:
-    """Return unknowns and tangent of the first point."""
-    equations, solution = track.here.equations, track.here.solution
-    return [(equations.outer(solution.z), equations.outer(solution.tangent))]
-
-
-@dataclass(frozen=True)
-class Rules(Generic[P, S]):
-    """Functions of a continuation for one kind of curve.
-
-    starts : unknowns and tangents with which the curve may pass its first point again
-    unresolved : the end where double precision does not resolve a new point
-    special : special points up to a new point; None where the step has skipped a piece of the curve
-    ended : the last point, its special points and the end where the curve ends before a new point; else the arguments
-    went_on : update for a new last point behind the given one, or end the curve there
-    lost : change the track where no step succeeds, or end the curve
-    beyond_corner : the next point beyond a corner of the curve at the last point; None where there is no corner
-    """
-
-    starts: Callable[[Continuation[P, S]], list[tuple[Floats, Floats]]] = own_start
-    unresolved: Callable[[Continuation[P, S], P], End | None] = lambda track, new: None
-    special: Callable[[Continuation[P, S], P], list[S] | None] = lambda track, new: []
-    ended: Callable[[Continuation[P, S], P, list[S], End | None], tuple[P, list[S], End | None]] = back_at_start
-    went_on: Callable[[Continuation[P, S], P], None] = lambda track, before: None
-    lost: Callable[[Continuation[P, S]], None] = give_up
-    beyond_corner: Callable[[Continuation[P, S]], P | None] = lambda track: None
-
-
 class Continuation(Generic[P, S]):
     """One direction of a curve; lengths are in natural sizes.
 
-    rules : what belongs to its kind
+    Subclasses override the methods for one kind of curve, from `every_start` to `beyond_corner`.
+
     special : special points so far, each with the number of the point before it
     stop : why the curve ended; None until then
-    before : solutions behind the last point, from which the next one is predicted
+    before : points behind the last point, from which the next one is predicted
     length : of the next step
     longest : longest next step, after one that has left the range or skipped a piece of the curve
+    by_amplitude : whether the amplitudes were coordinates of the arclength on the last step
     cut : number of points, and growth over a segment, at which failed steps last cut the orbit anew
-    tests : points and values of each test function since the last change of its sign
     """
 
-    def __init__(self, first: P, rules: Rules[P, S] | None = None) -> None:
-        self.rules: Rules[P, S] = rules or Rules()
+    def __init__(self, first: P) -> None:
         self.points = [first]
         self.special: list[tuple[int, S]] = []
         self.stop: End | None = None
         self.settings: Settings = first.equations.settings
-        self.before: list[Solution] = []
-        self.length, self.longest, self.tried = self.settings.first_step, math.inf, 0
+        self.before: list[P] = []
+        self.length, self.longest, self.tried, self.by_amplitude = self.settings.first_step, math.inf, 0, True
         self.cut: tuple[int, float] = (0, math.inf)
-        self.tests: dict[str, list[tuple[P, float]]] = {}
-        self.starts = self.rules.starts(self)
+        self.starts = self.every_start()
+
+    def every_start(self) -> list[tuple[Floats, Floats]]:
+        """Unknowns and tangents with which the curve may pass its first point again."""
+        return [(self.here.equations.outer(self.here.z), self.here.equations.outer(self.here.tangent))]
+
+    def unresolved(self, new: P) -> End | None:
+        """The end before a new point that double precision does not resolve."""
+        return None
+
+    def special_up_to(self, new: P) -> list[S] | None:
+        """Special points up to a new point; None where the step has skipped a piece of the curve."""
+        return []
+
+    def ended_before(self, new: P, special: list[S], stop: End | None) -> tuple[P, list[S], End | None]:
+        """The last point, its special points and the end where the curve ends before a new point; else the arguments.
+
+        Any curve ends at its first point.
+        """
+        if self.passes_start(new):
+            return self.points[0], special, stop or self.end(StopReason.CLOSED, self.points[0])
+        return new, special, stop
+
+    def went_on(self, before: P) -> None:
+        """Update for a new last point behind the given one, or end the curve there."""
+
+    def lost(self) -> None:
+        """Change the track where no step succeeds, or end the curve."""
+        self.stop = self.end(StopReason.STEP, limit=self.settings.residual)
+
+    def beyond_corner(self) -> P | None:
+        """The next point beyond a corner of the curve at the last point; None where there is no corner."""
+        return None
 
     @property
     def here(self) -> P:
@@ -521,9 +514,7 @@ class Continuation(Generic[P, S]):
             what: str = "") -> End:
         """An end at a point (the last one by default), named by the parameter of this number."""
         at = self.here if point is None else point
-        spans, first = at.equations.ranges, at.equations.size
-        span, scaled = spans[number], at.solution.z[first:first + len(spans)][number]
-        return End(reason, span.name, span.value(float(scaled)), limit, what.replace("_", " "))
+        return End(reason, at.equations.ranges[number].name, at.values[number], limit, what.replace("_", " "))
 
     def note(self, special: list[S]) -> None:
         """Add special points behind the last point."""
@@ -545,57 +536,56 @@ class Continuation(Generic[P, S]):
                 self.stop = self.end(StopReason.RANGE, number=bound)
                 return
             new = self.onward() if edge is None else edge
-            corner = new is None and (new := self.rules.beyond_corner(self)) is not None
+            corner = new is None and (new := self.beyond_corner()) is not None
             if new is None:
-                self.rules.lost(self)
+                self.lost()
                 continue
-            first = new.equations.size
-            inside = corner or edge is not None or all(
-                0.0 <= scaled <= 1.0 for scaled in new.solution.z[first:first + len(new.equations.ranges)])
-            self.stop = self.rules.unresolved(self, new) if inside and not corner else None
+            inside = corner or edge is not None or all(0.0 <= scaled <= 1.0 for scaled in new.scaled)
+            self.stop = self.unresolved(new) if inside and not corner else None
             if self.stop is not None:
                 return
-            special_points = self.rules.special(self, new) if inside else None
+            special_points = self.special_up_to(new) if inside else None
             if special_points is None and not corner:
-                self.longest = 0.5 * min(float(np.linalg.norm(new.solution.z - here.solution.z)), self.longest)
+                self.longest = 0.5 * min(float(np.linalg.norm(new.z - here.z)), self.longest)
                 continue
             self.longest = math.inf
             stop = None if edge is None else self.end(StopReason.RANGE, edge, number=bound)
-            new, special, stop = self.rules.ended(self, new, special_points or [], stop)
+            new, special, stop = self.ended_before(new, special_points or [], stop)
             self.note(special)
             self.points.append(new)
             self.stop = stop
             if corner:
                 self.before = []
             elif stop is None:
-                self.before = [*self.before[1 - NODES:], here.solution]
-                self.rules.went_on(self, here)
+                self.before = [*self.before[1 - NODES:], here]
+                self.went_on(here)
             yield self.here
 
     def onward(self) -> P | None:
         """The next point; by the unknowns alone where steps with the amplitudes as coordinates fail."""
         for by_amplitude in (True, False):
             if not by_amplitude:
-                if not len(self.here.solution.linearised.amplitudes):
+                if not len(self.here.linearised.amplitudes):
                     return None
                 self.length = min(FLAT_STEP, self.longest)
             try:
-                moved = self.step(by_amplitude)
-                if moved is not None:
-                    return self.here.moved(moved, by_amplitude)
+                new = self.step(by_amplitude)
+                if new is not None:
+                    return new
             except FAILURES:
                 continue
         return None
 
-    def step(self, by_amplitude: bool = True) -> Solution | None:
-        """The next solution along the curve; None where no step is short enough.
+    def step(self, by_amplitude: bool = True) -> P | None:
+        """The next point along the curve; None where no step is short enough.
 
         A step is halved where the corrector goes far from the predictor, where the tangent turns by more than a set
         angle, or where the determinant of Jacobian and tangent changes sign, because the curve has met another one.
 
         by_amplitude : whether the amplitudes are coordinates of the arclength, where there are any
         """
-        here, equations, settings = self.here.solution, self.here.equations, self.settings
+        here, equations, settings = self.here, self.here.equations, self.settings
+        self.by_amplitude = by_amplitude
         used = by_amplitude and len(here.linearised.amplitudes) > 0
         slopes = here.linearised.amplitude_gradient @ here.tangent if used else FLAT[0]
         reach = float(np.sqrt(1.0 + slopes @ slopes))
@@ -608,10 +598,9 @@ class Continuation(Generic[P, S]):
             corrected = corrector(equations, guess, here.tangent, (slopes, amplitudes), farthest=FARTHEST * self.length)
             if corrected is not None:
                 along = float(corrected.tangent @ here.tangent + corrected.slopes @ slopes)
-                new = solution_at(corrected.z, corrected.linearised, corrected.tangent if along > 0.0
-                                  else -corrected.tangent)
-                if over_border(here, new):
-                    new = oriented(new, here.sign)
+                new = here.moved(corrected, corrected.tangent if along > 0.0 else -corrected.tangent)
+                if here.events != new.events:
+                    new = new.oriented(here.sign)
                 turned = abs(along) < TURN * reach * float(np.sqrt(1.0 + corrected.slopes @ corrected.slopes))
                 jumped = new.sign != here.sign and self.length > BRANCHING
                 astray = cosine_between(here, new, len(slopes) > 0) < TURN
@@ -626,11 +615,11 @@ class Continuation(Generic[P, S]):
             most, known = LONGER_AFTER_REFUSED, known[:max(len(known) - 2, 2)]
         return None
 
-    def astray_beyond(self, new: Solution) -> bool:
+    def astray_beyond(self, new: P) -> bool:
         """Whether a step over a change of the event sequence has not reached a solution."""
         # The curve may have a corner there, and Newton's method a cycle of two points, one on either side of it: the
         # last step from a small residual on one side leads back to a large one on the other.
-        if not over_border(self.here.solution, new):
+        if self.here.events == new.events:
             return False
         try:
             left = float(np.abs(self.here.equations.linearise(new.z).residual).max())
@@ -643,34 +632,35 @@ class Continuation(Generic[P, S]):
 
         The step is shortened until the point is found. A curve that begins on a bound and leaves the range ends there.
         """
-        here, settings, solution = self.here, self.settings, self.here.solution
+        here, settings = self.here, self.settings
         for number in reversed(range(len(here.equations.ranges))):
             k = here.equations.size + number
-            slope = float(solution.tangent[k])
+            slope = float(here.tangent[k])
             bound = 1.0 if slope > 0.0 else 0.0
-            room = bound - float(solution.z[k])
+            room = bound - float(here.z[k])
             while self.length > settings.smallest_step and abs(self.length * slope) > abs(room):
                 if room == 0.0 and len(self.points) == 1:
                     return here, number
-                row = np.zeros(len(solution.z))
+                row = np.zeros(len(here.z))
                 row[k] = 1.0
-                nodes, way = predictor_nodes(solution, self.before, FLAT[0], NODES), room / slope
+                nodes, way = predictor_nodes(here, self.before, FLAT[0], NODES), room / slope
                 for _ in range(2):
                     way += (room - float(predictor(nodes, way)[k])) / slope
-                guess = solution.z + predictor(nodes, way)
+                guess = here.z + predictor(nodes, way)
                 guess[k] = bound
                 farthest = FARTHEST * self.length
                 corrected = corrector(here.equations, guess, row, farthest=farthest)
                 if corrected is not None and corrected.distance <= farthest:
-                    new = corrected.facing(solution.tangent)
-                    if float(new.tangent @ solution.tangent) > TURN and new.sign == solution.sign:
-                        return here.moved(new), number
+                    new = here.moved(corrected, here.tangent)
+                    if float(new.tangent @ here.tangent) > TURN and new.sign == here.sign:
+                        self.by_amplitude = True
+                        return new, number
                 self.length *= SHORTER
         return None
 
     def passes_start(self, new: P) -> bool:
         """Whether the step to `new` passes the first point along its tangent."""
-        p, q = (s.equations.outer(s.solution.z) for s in (self.here, new))
+        p, q = (s.equations.outer(s.z) for s in (self.here, new))
         length = float(np.linalg.norm(q - p))
         for z, tangent in self.starts if len(self.points) > 3 else []:
             ahead, behind = float(tangent @ (q - z)), float(tangent @ (p - z))
@@ -679,7 +669,7 @@ class Continuation(Generic[P, S]):
                     np.linalg.norm(p + part * (q - p) - z) <= PASSING * length):
                 continue
             middle = Bracket(self.here, new).at(part)
-            if middle is not None and np.linalg.norm(middle.equations.outer(middle.solution.z) - z) <= max(
+            if middle is not None and np.linalg.norm(middle.equations.outer(middle.z) - z) <= max(
                     PASSED * length, SAME):
                 return True
         return False

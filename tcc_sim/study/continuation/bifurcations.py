@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import Any, ClassVar
 
@@ -34,12 +35,20 @@ from tcc_sim.study.continuation.arclength import (
     OPPOSITE,
     Bracket,
     CurvePoint,
-    Solution,
-    solution_at,
+    P,
     tangent_of,
     turned_round,
 )
-from tcc_sim.study.continuation.orbits import Floats, Linearised, Margins, Orbit, Shooting
+from tcc_sim.study.continuation.orbits import (
+    NEUTRAL,
+    Floats,
+    Linearised,
+    Margins,
+    Observation,
+    OrbitFigures,
+    OrbitState,
+    Shooting,
+)
 
 LOCATED = 1e-8  # last Newton step of a bifurcation
 BORDER = 1e-12  # margin, relative to its natural size, of a solution
@@ -246,30 +255,58 @@ SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
 
 
 @dataclass(frozen=True, repr=False)
-class ContinuationPoint(CurvePoint):
-    """A point of a branch: unknowns and tangent, their equations, and the orbit."""
+class ContinuationPoint(CurvePoint[Shooting]):
+    """A point of a branch: a periodic orbit."""
 
     equations: Shooting
-    orbit: Orbit
-
-    @property
-    def shooting(self) -> Shooting:
-        """The equations of the orbit."""
-        return self.equations
 
     @property
     def slope(self) -> float:
         """The parameter's component of the tangent: 0 at a fold."""
-        return float(self.solution.tangent[self.shooting.size])
+        return float(self.tangent[self.equations.size])
 
     @property
-    def value(self) -> float:
-        """The parameter."""
-        return self.orbit.values[0]
+    def period(self) -> int:
+        """Period of the orbit, cycles."""
+        return self.equations.period
 
-    def moved(self, solution: Solution, by_amplitude: bool = True) -> ContinuationPoint:
-        """The point of another solution of the same equations."""
-        return replace(point_at(self.equations, solution), by_amplitude=by_amplitude)
+    @property
+    def section(self) -> Floats:
+        """(n,) state at phase 0."""
+        out: Floats = self.equations.nodes(self.z)[0]
+        return out
+
+    @cached_property
+    def multipliers(self) -> NDArray[np.complex128]:
+        """(n,) Floquet multipliers, largest modulus first."""
+        return multipliers_of(*self.linearised.blocks)
+
+    @property
+    def seen(self) -> Observation:
+        """Largest size, stick fraction and event sequence."""
+        return self.linearised.seen
+
+    @property
+    def residual(self) -> float:
+        """Largest component of the equations, in natural sizes."""
+        return float(np.abs(self.linearised.residual).max())
+
+    @property
+    def stable(self) -> bool:
+        """Whether every multiplier lies inside the unit circle by more than rounding."""
+        return bool(abs(self.multipliers[0]) < 1.0 - NEUTRAL)
+
+    @property
+    def state(self) -> OrbitState:
+        """The figures that every result reports."""
+        v, angle, speed = map(float, self.section)
+        return OrbitState(self.value, v, angle, speed, self.seen.largest, self.multipliers)
+
+    @property
+    def figures(self) -> OrbitFigures:
+        """All figures that are reported."""
+        return OrbitFigures(**vars(self.state), stick_fraction=self.seen.stick_fraction, stable=self.stable,
+                            events=self.events, residual=self.residual)
 
 
 @result_class(repr=False)
@@ -291,17 +328,12 @@ class Bifurcation(Described):
         return self.point.value
 
     @reporting("the motion at it", spread=True)
-    def state(self) -> orbits.OrbitState:
-        return self.point.orbit.state
+    def state(self) -> OrbitState:
+        return self.point.state
 
     @reporting("period of the motion", "periods of excitation")
     def period(self) -> int:
-        return self.point.orbit.period
-
-
-def point_at(shooting: Shooting, solution: Solution) -> ContinuationPoint:
-    """The continuation point of a solution."""
-    return ContinuationPoint(solution, shooting, orbits.orbit_at(shooting, solution.z, solution.linearised))
+        return self.point.period
 
 
 def doubling(m: NDArray[np.complex128]) -> float:
@@ -316,42 +348,42 @@ def torus(m: NDArray[np.complex128]) -> float:
 
 def _opposite(one: float, two: float, factors: Iterable[float]) -> bool:
     """Whether a test function, the product of `factors`, has changed its sign by more than rounding of one factor."""
-    return one * two < 0.0 and max(abs(one), abs(two)) > orbits.NEUTRAL * math.prod(factors)
+    return one * two < 0.0 and max(abs(one), abs(two)) > NEUTRAL * math.prod(factors)
 
 
 def smooth_bifurcations(bracket: Bracket[ContinuationPoint]) -> list[Bifurcation]:
     """The bifurcations between two points of one smooth piece of a branch, in order along it."""
     a, b, out = bracket.a, bracket.b, []
-    m, n = a.orbit.multipliers, b.orbit.multipliers
-    crossed = a.solution.sign != b.solution.sign
+    m, n = a.multipliers, b.multipliers
+    crossed = a.sign != b.sign
     tests: list[tuple[str, Callable[[ContinuationPoint], float], Callable[[ContinuationPoint], float]]] = []
     sizes = [max(pair) for pair in zip(map(abs, m.tolist()), map(abs, n.tolist()))]
     if a.slope * b.slope < 0.0:
-        tests.append(("fold", lambda s: s.slope, lambda s: float(np.abs(s.orbit.multipliers - 1.0).min())))
+        tests.append(("fold", lambda s: s.slope, lambda s: float(np.abs(s.multipliers - 1.0).min())))
     if _opposite(doubling(m), doubling(n), (1.0 + x for x in sizes)):
-        tests.append(("period_doubling", lambda s: doubling(s.orbit.multipliers),
-                      lambda s: float(np.abs(s.orbit.multipliers + 1.0).min())))
+        tests.append(("period_doubling", lambda s: doubling(s.multipliers),
+                      lambda s: float(np.abs(s.multipliers + 1.0).min())))
     if _opposite(torus(m), torus(n), (1.0 + x * y for x, y in combinations(sizes, 2))):
-        tests.append(("neimark_sacker", lambda s: torus(s.orbit.multipliers), _from_circle))
+        tests.append(("neimark_sacker", lambda s: torus(s.multipliers), _from_circle))
     if crossed:
-        tests.append(("branch_point", lambda s: s.solution.sign,
-                      lambda s: float(np.linalg.svd(s.solution.linearised.jacobian, compute_uv=False)[-1])))
+        tests.append(("branch_point", lambda s: s.sign,
+                      lambda s: float(np.linalg.svd(s.linearised.jacobian, compute_uv=False)[-1])))
     for kind, test, residual in tests:
         point = branch_point(bracket.b) if kind == "branch_point" else bracket.locate(test, residual)
         if point is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(point))):
             continue
-        left = max(residual(point), point.orbit.residual)
+        left = max(residual(point), point.residual)
         if left < SPURIOUS:
             out.append(Bifurcation(kind, point, left))
-    along = b.solution.z - a.solution.z
-    return sorted(out, key=lambda f: float(along @ f.point.solution.z))
+    along = b.z - a.z
+    return sorted(out, key=lambda f: float(along @ f.point.z))
 
 
 def branch_point(near: ContinuationPoint) -> ContinuationPoint | None:
     """The point where two branches cross, G + beta b = 0 and two scalars, as the Jacobian has one rank less there; None
     where there is none.
     """
-    shooting, z = near.shooting, near.solution.z
+    shooting, z = near.equations, near.z
     try:
         vectors, _, right = np.linalg.svd(shooting.linearise(z).jacobian)
         b, c = vectors[:, -1], right[-2:]
@@ -369,16 +401,30 @@ def branch_point(near: ContinuationPoint) -> ContinuationPoint | None:
         if solved is None or abs(solved[0][-1]) > BRANCH_POINT_DEFECT:
             return None
         z = solved[0][:-1]
-        return point_at(shooting, solution_at(z, shooting.linearise(z), near.solution.tangent))
+        return replace(near, z=z, linearised=shooting.linearise(z))
     except orbits.FAILURES:
         return None
 
 
 def _from_circle(point: ContinuationPoint) -> float:
     """Distance of the nearest complex pair from the unit circle; inf where there is none (a neutral saddle)."""
-    pairs = [abs(abs(x) ** 2 - 1.0) for x in point.orbit.multipliers if abs(np.angle(x)) > COMPLEX_PAIR
+    pairs = [abs(abs(x) ** 2 - 1.0) for x in point.multipliers if abs(np.angle(x)) > COMPLEX_PAIR
              and abs(np.angle(x)) < np.pi - COMPLEX_PAIR]
     return float(min(pairs, default=np.inf))
+
+
+def halve(bracket: Bracket[P], ends: list[P], parts: list[float], count: int) -> None:
+    """Halve a bracket `count` times about the change of its event sequence; `parts` of the chord belong to `ends`."""
+    for _ in range(count):
+        middle = 0.5 * (parts[0] + parts[1])
+        point = bracket.at(middle)
+        if point is None:
+            return
+        # The corrector's observation is from before its last step.
+        seen = point.equations.linearise(point.z).seen
+        point = replace(point, linearised=point.linearised._replace(seen=seen))
+        side = int(orbits.differ(point.events, bracket.a.events))
+        ends[side], parts[side] = point, middle
 
 
 def sliding_bifurcation(
@@ -387,34 +433,23 @@ def sliding_bifurcation(
 
     None in place of the bifurcation where friction is not the cause (the pressure reaches 0), or no margin vanishes.
     """
-    low, high = 0.0, 1.0
-    left, right = bracket.a, bracket.b
+    ends, parts = [bracket.a, bracket.b], [0.0, 1.0]
     best: tuple[ContinuationPoint, ContinuationPoint, Bifurcation] | None = None
     for count in BORDER_HALVINGS:
         if not count:
-            left, right = bracket.a, bracket.b
-        for _ in range(count):
-            middle = 0.5 * (low + high)
-            point = bracket.at(middle)
-            if point is None:
-                break
-            # The corrector's observation is from before its last step.
-            seen = point.shooting.linearise(point.solution.z).seen
-            point = replace(point, orbit=replace(point.orbit, seen=seen))
-            if orbits.differ(point.orbit.seen.events, bracket.a.orbit.seen.events):
-                high, right = middle, point
-            else:
-                low, left = middle, point
-        events = left.orbit.seen.events, right.orbit.seen.events
-        if orbits.differ(events[0].replace("F", ""), events[1].replace("F", "")) is False:
+            ends = [bracket.a, bracket.b]
+        halve(bracket, ends, parts, count)
+        left, right = ends
+        events = left.events, right.events
+        if not orbits.differ(events[0].replace("F", ""), events[1].replace("F", "")):
             return left, right, None
-        near = nearest_margins(left.shooting, left.solution.z), nearest_margins(right.shooting, right.solution.z)
+        near = nearest_margins(left.equations, left.z), nearest_margins(right.equations, right.z)
         kind = orbits.kind_of_change(*events, near)
         border = _on_border(kind, left, right, near)
         if border is not None:
             return left, right, border
         # The margin may vanish on one side only, and the bracket need not be narrow.
-        residual, at = min(((max(orbits.margin_residual(kind, (m,)), s.orbit.residual), s)
+        residual, at = min(((max(orbits.margin_residual(kind, (m,)), s.residual), s)
                             for s, m in zip((left, right), near)), key=lambda side: side[0])
         # In a bracket as narrow as rounding both ends may be on the side without the margin; then the next, wider
         # brackets are tried.
@@ -433,9 +468,9 @@ def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
     if not sides:
         return None
     # The margin that is to vanish belongs to the side without the event that it would make.
-    start, _ = min(sides, key=lambda side: (len(orbits.ring(side[0].orbit.seen.events)), abs(side[1].value)))
-    shooting, size = start.shooting, start.shooting.size
-    apart = max(float(np.linalg.norm(right.solution.z - left.solution.z)), 1e-9)
+    start, _ = min(sides, key=lambda side: (len(orbits.ring(side[0].events)), abs(side[1].value)))
+    shooting, size = start.equations, start.equations.size
+    apart = max(float(np.linalg.norm(right.z - left.z)), 1e-9)
     events, stays = list[str](), 0.0 if name == "arrival" else BORDER_LEFT
 
     def linearise(z: Floats) -> Linearised:
@@ -453,30 +488,31 @@ def _on_border(kind: str, left: ContinuationPoint, right: ContinuationPoint,
         return linearised._replace(residual=np.append(linearised.residual, margin.value),
                                    jacobian=np.vstack([linearised.jacobian, margin.slopes]))
 
-    solved = solve_bordered(linearise, start.solution.z, size, BORDER_ASTRAY * apart, BORDER_FINEST, stays)
+    solved = solve_bordered(linearise, start.z, size, BORDER_ASTRAY * apart, BORDER_FINEST, stays)
     if solved is None:
         return None
     z, linearised, error = solved
     linearised = linearised._replace(residual=linearised.residual[:size], jacobian=linearised.jacobian[:size])
-    point = point_at(shooting, solution_at(z, linearised, tangent_of(linearised, start.solution.tangent)))
-    return Bifurcation(kind, point, max(error, point.orbit.residual))
+    point = replace(start, z=z, linearised=linearised, tangent=tangent_of(linearised, start.tangent))
+    return Bifurcation(kind, point, max(error, point.residual))
 
 
-def special_points_between(a: ContinuationPoint, b: ContinuationPoint) -> list[Bifurcation] | None:
+def special_points_between(a: ContinuationPoint, b: ContinuationPoint,
+                           by_amplitude: bool = True) -> list[Bifurcation] | None:
     """The bifurcations between two neighbouring points, in order; None where the step has skipped a piece."""
-    bracket = Bracket(a, b, b.by_amplitude)
-    if not (a.shooting.map.piecewise and orbits.differ(a.orbit.seen.events, b.orbit.seen.events)):
+    bracket = Bracket(a, b, by_amplitude)
+    if not (a.equations.map.piecewise and orbits.differ(a.events, b.events)):
         return smooth_bifurcations(bracket)
     out: list[Bifurcation] = []
     for _ in range(MOST_BORDERS):
         left, right, points = sliding_bifurcation(bracket)
-        if float(np.linalg.norm(right.solution.z - left.solution.z)) > orbits.SAME:
+        if float(np.linalg.norm(right.z - left.z)) > orbits.SAME:
             return None
-        out += smooth_bifurcations(Bracket(bracket.a, left, b.by_amplitude))
+        out += smooth_bifurcations(Bracket(bracket.a, left, by_amplitude))
         if points is not None:
             out.append(points)
-        bracket = Bracket(right, b, b.by_amplitude)
-        if not orbits.differ(right.orbit.seen.events, b.orbit.seen.events):
+        bracket = Bracket(right, b, by_amplitude)
+        if not orbits.differ(right.events, b.events):
             break
     return out + smooth_bifurcations(bracket)
 
@@ -485,16 +521,16 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
     """The point between two at which the period of the orbit becomes shorter; None where it does not."""
     # The distance between the halves of the orbit changes its sign there. The branch is singular, so the doubling of
     # the shorter motion is solved instead.
-    shooting = here.shooting
+    shooting = here.equations
     of, period = shooting.map, shooting.period
     for shorter in range(of.forcing_period, period, of.forcing_period):
         if period % shorter:
             continue
-        one, two = ((of.evaluate(p.orbit.section, p.orbit.values, 0, shorter).value - p.orbit.section) / of.scales
+        one, two = ((of.evaluate(p.section, p.values, 0, shorter).value - p.section) / of.scales
                     for p in (here, new))
         if turned_round(one, two, OPPOSITE):
             simple = Shooting.single(of, shorter, *shooting.ranges, settings=shooting.settings)
-            near = simple.unknowns((here.orbit.section + 0.5 * one * of.scales)[None], here.orbit.values)
+            near = simple.unknowns((here.section + 0.5 * one * of.scales)[None], here.values)
             whole = Shooting.single(of, period, *shooting.ranges, settings=shooting.settings)
             try:
                 system = MinimallyAugmented("period_doubling", simple, near)
@@ -506,5 +542,5 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
                 return here
             if float(np.abs(linearised.residual).max()) > shooting.settings.residual:
                 return here
-            return point_at(whole, solution_at(solved[0], linearised, shooting.outer(here.solution.tangent)))
+            return ContinuationPoint(whole, solved[0], linearised, shooting.outer(here.tangent))
     return None

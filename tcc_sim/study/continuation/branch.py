@@ -18,15 +18,14 @@ import numpy as np
 from tcc_sim.analysis.steady.exponents import product_of
 from tcc_sim.result import Described, reported, reporting, result_class
 from tcc_sim.study.continuation import arclength, orbits
-from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, Rules, StopReason, corrector
+from tcc_sim.study.continuation.arclength import Bracket, Continuation, End, StopReason, corrector
 from tcc_sim.study.continuation.bifurcations import (
     Bifurcation,
     ContinuationPoint,
     period_doubling_end,
-    point_at,
     special_points_between,
 )
-from tcc_sim.study.continuation.orbits import Floats, Orbit, ParameterMap, Settings, Shooting
+from tcc_sim.study.continuation.orbits import Floats, ParameterMap, Settings, Shooting
 
 FAMILY = 1e-7  # distance of a multiplier from 1, and slope of the parameter, in a family at one value
 FAMILY_LENGTH = 1e-2  # length of a branch in a family before it ends
@@ -81,7 +80,7 @@ class Branch(Described):
 
     @reporting("the motions along it, in lists", listed=True, of=(orbits.OrbitFigures,))
     def motions(self) -> list[orbits.OrbitFigures]:
-        return [point.orbit.figures for point in self.points]
+        return [point.figures for point in self.points]
 
     @reporting("a sentence for each end", name="ended")
     def sentences(self) -> list[str]:
@@ -92,143 +91,131 @@ class Branch(Described):
         return [end.reason.name.lower() for end in self.ended]
 
 
-BranchTrack = Continuation[ContinuationPoint, Bifurcation]
-"""One direction of a branch."""
+class BranchTrack(Continuation[ContinuationPoint, Bifurcation]):
+    """One direction of a branch of periodic orbits along one parameter."""
 
+    def every_start(self) -> list[tuple[Floats, Floats]]:
+        """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may begin."""
+        out, shooting, z = super().every_start(), self.here.equations, self.here.z
+        of, size, tangent = shooting.map, shooting.size, shooting.outer(self.here.tangent)
+        for cycle in range(of.forcing_period, shooting.period, of.forcing_period):
+            image = of.evaluate(self.here.section, self.here.values, 0, cycle)
+            way = np.concatenate([image.derivatives @ (shooting.sizes * tangent) / of.scales, tangent[of.dimension:]])
+            out.append((np.concatenate([image.value / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
+        return out
 
-def _every_start(track: BranchTrack) -> list[tuple[Floats, Floats]]:
-    """Unknowns and tangent of single shooting at the first orbit, for every cycle in which it may begin."""
-    out, first = arclength.own_start(track), track.here
-    shooting, z = first.shooting, first.solution.z
-    of, size, tangent = shooting.map, shooting.size, shooting.outer(first.solution.tangent)
-    x, values = shooting.nodes(z)[0], shooting.values(z)
-    for k, shifted in enumerate(orbits.shifts(of, x, values, shooting.period)[1:], 1):
-        image = of.evaluate(x, values, 0, k * of.forcing_period)
-        way = np.concatenate([image.derivatives @ (shooting.sizes * tangent) / of.scales, tangent[of.dimension:]])
-        out.append((np.concatenate([shifted / of.scales, z[size:]]), way / float(np.linalg.norm(way))))
-    return out
+    def unresolved(self, new: ContinuationPoint) -> End | None:
+        """The end before a point with a multiplier that double precision does not resolve."""
+        if abs(new.multipliers[0]) <= self.settings.canard:
+            return None
+        return self.end(StopReason.CANARD, limit=self.settings.canard)
 
+    def special_up_to(self, new: ContinuationPoint) -> list[Bifurcation] | None:
+        """The bifurcations up to a new point; None where the step has skipped a piece."""
+        return special_points_between(self.here, new, self.by_amplitude)
 
-def _unresolved(track: BranchTrack, new: ContinuationPoint) -> End | None:
-    """The end before a point with a multiplier that double precision does not resolve."""
-    if abs(new.orbit.multipliers[0]) <= track.settings.canard:
-        return None
-    return track.end(StopReason.CANARD, limit=track.settings.canard)
-
-
-def _ended(track: BranchTrack, new: ContinuationPoint, special: list[Bifurcation],
-           stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
-    """The end of the branch where the orbit's period becomes shorter, or at its first point."""
-    # Next to it rounding decides the sign of a determinant, but a multiplier is 1.
-    turns = track.here.solution.sign != new.solution.sign or min(
-        float(np.abs(point.orbit.multipliers - 1.0).min()) for point in (track.here, new)) < NEXT_TO_ONE
-    shorter = period_doubling_end(track.here, new) if turns else None
-    if shorter is not None:
+    def ended_before(self, new: ContinuationPoint, special: list[Bifurcation],
+                     stop: End | None) -> tuple[ContinuationPoint, list[Bifurcation], End | None]:
+        """The end of the branch where the orbit's period becomes shorter, or at its first point."""
+        # Next to it rounding decides the sign of a determinant, but a multiplier is 1.
+        turns = self.here.sign != new.sign or min(
+            float(np.abs(point.multipliers - 1.0).min()) for point in (self.here, new)) < NEXT_TO_ONE
+        shorter = period_doubling_end(self.here, new) if turns else None
+        if shorter is None:
+            return super().ended_before(new, special, stop)
         # Beyond it the branch is its own shift: the multiplier of 1 there is no fold and no branch point.
-        special, span = [f for f in special if f.kind not in ("branch_point", "fold")], shorter.shooting.ranges[0]
-        while not special and track.special and track.special[-1][1].kind in ("branch_point", "fold") and abs(
-                span.scaled(track.special[-1][1].value) - span.scaled(shorter.value)) < SAME_END:
-            track.special.pop()
-        return shorter, special, stop or track.end(StopReason.DOUBLING, shorter)
-    return arclength.back_at_start(track, new, special, stop)
+        special, span = [f for f in special if f.kind not in ("branch_point", "fold")], shorter.equations.ranges[0]
+        while not special and self.special and self.special[-1][1].kind in ("branch_point", "fold") and abs(
+                span.scaled(self.special[-1][1].value) - span.scaled(shorter.value)) < SAME_END:
+            self.special.pop()
+        return shorter, special, stop or self.end(StopReason.DOUBLING, shorter)
 
+    def _in_a_family(self) -> bool:
+        """Whether some length of the branch has motions with a multiplier of 1 at one parameter."""
+        # Two points do not show it: beside a doubling, where the parameter grows as the square of the length, it hardly
+        # changes and a multiplier is 1 as well.
+        last = self.here
+        for point in reversed(self.points):
+            if abs(point.slope) > FAMILY or np.abs(point.multipliers - 1.0).min() > FAMILY:
+                return False
+            away = (last.section - point.section) / last.equations.map.scales
+            if float(np.linalg.norm(away)) >= FAMILY_LENGTH:
+                return True
+        return False
 
-def _in_a_family(track: BranchTrack) -> bool:
-    """Whether some length of the branch has motions with a multiplier of 1 at one parameter."""
-    # Two points do not show it: beside a doubling, where the parameter grows as the square of the length, it hardly
-    # changes and a multiplier is 1 as well.
-    last = track.here
-    for point in reversed(track.points):
-        if abs(point.slope) > FAMILY or np.abs(point.orbit.multipliers - 1.0).min() > FAMILY:
-            return False
-        away = (last.orbit.section - point.orbit.section) / last.shooting.map.scales
-        if float(np.linalg.norm(away)) >= FAMILY_LENGTH:
-            return True
-    return False
-
-
-def _went_on(track: BranchTrack, before: ContinuationPoint) -> None:
-    if _in_a_family(track):
-        track.stop = track.end(StopReason.FAMILY)
-        return
-    if before.shooting.map.piecewise and orbits.differ(before.orbit.seen.events, track.here.orbit.seen.events):
-        track.before = []
-    _remesh(track)
-
-
-def _lost(track: BranchTrack) -> None:
-    # A segment may start at an onset of slip, and Newton's method then alternates between two event sequences. The
-    # onset moves along a branch, so segments are cut by growth. This passes the canards behind both folds of period
-    # two, with either law.
-    if track.cut[0] != len(track.points):
-        track.cut = len(track.points), math.inf
-        if _remesh(track, anew=True):
-            track.length = arclength.FLAT_STEP
+    def went_on(self, before: ContinuationPoint) -> None:
+        """End the branch in a family; forget points beyond a border, and cut the orbit anew where it must be."""
+        if self._in_a_family():
+            self.stop = self.end(StopReason.FAMILY)
             return
-    arclength.give_up(track)
+        if before.equations.map.piecewise and orbits.differ(before.events, self.here.events):
+            self.before = []
+        self._remesh()
 
+    def lost(self) -> None:
+        """Cut the orbit anew, once, or end the branch."""
+        # A segment may start at an onset of slip, and Newton's method then alternates between two event sequences. The
+        # onset moves along a branch, so segments are cut by growth. This passes the canards behind both folds of period
+        # two, with either law.
+        if self.cut[0] != len(self.points):
+            self.cut = len(self.points), math.inf
+            if self._remesh(anew=True):
+                self.length = arclength.FLAT_STEP
+                return
+        super().lost()
 
-def _remesh(track: BranchTrack, anew: bool = False) -> bool:
-    """Cut the last orbit into other segments where the growth over one is large, or `anew`; now and then fewer."""
-    here, shooting, settings = track.here, track.here.shooting, track.here.shooting.settings
-    blocks, count = here.solution.linearised.blocks, len(shooting.segments)
-    fewer = count > 1 and len(track.points) % settings.fewer_after == 0
-    if shooting.keeps_segments(blocks, settings.regrowth, fewer or anew):
-        return False
-    finer, z = shooting.cut(here.solution.z)
-    if len(finer.segments) == count and not anew and shooting.keeps_segments(blocks, settings.regrowth, False):
-        return False
-    if anew and finer.segments == shooting.segments:
-        return False
-    polished = orbits.newton(finer, z)
-    if polished is None:
-        return False
-    linearised = finer.linearise(polished)
-    along, n = np.zeros(len(z)), shooting.map.dimension
-    along[:n], along[-1] = here.solution.tangent[:n], here.solution.tangent[-1]
-    tangent = arclength.tangent_of(linearised, along)
-    track.points[-1] = point_at(finer, arclength.solution_at(polished, linearised, tangent))
-    track.before = []
-    return True
+    def _remesh(self, anew: bool = False) -> bool:
+        """Cut the last orbit into other segments where the growth over one is large, or `anew`; now and then fewer."""
+        here, shooting, settings = self.here, self.here.equations, self.here.equations.settings
+        blocks, count = here.linearised.blocks, len(shooting.segments)
+        fewer = count > 1 and len(self.points) % settings.fewer_after == 0
+        if shooting.keeps_segments(blocks, settings.regrowth, fewer or anew):
+            return False
+        finer, z = shooting.cut(here.z)
+        if len(finer.segments) == count and not anew and shooting.keeps_segments(blocks, settings.regrowth, False):
+            return False
+        if anew and finer.segments == shooting.segments:
+            return False
+        polished = orbits.newton(finer, z)
+        if polished is None:
+            return False
+        linearised = finer.linearise(polished)
+        along, n = np.zeros(len(z)), shooting.map.dimension
+        along[:n], along[-1] = here.tangent[:n], here.tangent[-1]
+        self.points[-1] = ContinuationPoint(finer, polished, linearised, arclength.tangent_of(linearised, along))
+        self.before = []
+        return True
 
-
-def _beyond_corner(track: BranchTrack) -> ContinuationPoint | None:
-    """The next point beyond a change of the event sequence at which the branch has a corner; None without one."""
-    # An end of slip that passes phase 0 is a corner too, as motions that stick there have no slip speed.
-    here, shooting = track.here, track.here.shooting
-    if not shooting.map.piecewise:
-        return None
-    for distance in CORNER_DISTANCES:
-        try:
-            linearised = shooting.linearise(here.solution.z + distance * here.solution.tangent)
-            tangent = arclength.null_direction(linearised)
-            at = arclength.solution_at(here.solution.z, linearised, tangent)
-            along = arclength.oriented(at, here.solution.sign).tangent
-            z = here.solution.z + distance * along
-            events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
-        except orbits.FAILURES:
-            continue
-        # Where the derivative belongs to neither piece, the one along the other piece is taken.
-        for known in (linearised, None) if events != here.orbit.seen.events else ():
+    def beyond_corner(self) -> ContinuationPoint | None:
+        """The next point beyond a change of the event sequence at which the branch has a corner; None without one."""
+        # An end of slip that passes phase 0 is a corner too, as motions that stick there have no slip speed.
+        here, shooting = self.here, self.here.equations
+        if not shooting.map.piecewise:
+            return None
+        for distance in CORNER_DISTANCES:
             try:
-                start = known or shooting.linearise(z)
-                short: Continuation[CurvePoint, None] = Continuation(CurvePoint(
-                    arclength.solution_at(here.solution.z, start, arclength.tangent_of(start, along)),
-                    replace(shooting, settings=replace(shooting.settings, first_step=distance,
-                                                       smallest_step=CORNER_STEP))))
-                moved = short.step(by_amplitude=False)
-                new = None if moved is None else here.moved(moved, by_amplitude=False)
+                linearised = shooting.linearise(here.z + distance * here.tangent)
+                at = replace(here, linearised=linearised, tangent=arclength.null_direction(linearised))
+                along = at.oriented(here.sign).tangent
+                z = here.z + distance * along
+                events = shooting.map.evaluate(shooting.nodes(z)[0], shooting.values(z), 0, shooting.period).seen.events
             except orbits.FAILURES:
                 continue
-            if new is not None and new.orbit.seen.events != here.orbit.seen.events:
-                track.length = short.length
-                return new
-    return None
-
-
-BRANCH = Rules(_every_start, _unresolved, lambda track, new: special_points_between(track.here, new), _ended, _went_on,
-               _lost, _beyond_corner)
-"""A branch of periodic orbits along one parameter."""
+            # Where the derivative belongs to neither piece, the one along the other piece is taken.
+            for known in (linearised, None) if events != here.events else ():
+                try:
+                    start = known or shooting.linearise(z)
+                    near = replace(shooting, settings=replace(shooting.settings, first_step=distance,
+                                                              smallest_step=CORNER_STEP))
+                    short = Continuation[ContinuationPoint, None](ContinuationPoint(
+                        near, here.z, start, arclength.tangent_of(start, along)))
+                    new = short.step(by_amplitude=False)
+                except orbits.FAILURES:
+                    continue
+                if new is not None and new.events != here.events:
+                    self.length = short.length
+                    return replace(new, equations=shooting)
+        return None
 
 
 def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep: list[Branch] | None = None, *,
@@ -239,7 +226,7 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep:
     began : the end it starts at, where only one way is followed
     """
     keep = [] if keep is None else keep
-    tracks = [Continuation(start, BRANCH) for start in ((first, first.turned()) if both else (first,))]
+    tracks = [BranchTrack(start) for start in ((first, first.turned()) if both else (first,))]
     ahead, behind = tracks[0], tracks[-1]
     try:
         for track in tracks:
@@ -257,12 +244,12 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep:
                        *((len(nodes) + after, f) for after, f in special)]
         closed = ahead.ended.reason is StopReason.CLOSED
         start_end = ahead.ended if closed else behind.ended if both else began or ahead.ended
-        branch = Branch(first.orbit.period, origin, points, (start_end, ahead.ended), closed,
+        branch = Branch(first.period, origin, points, (start_end, ahead.ended), closed,
                         [replace(f, branch=len(keep), after=after) for after, f in special])
         for k, (a, b) in enumerate(pairwise(points)):
             between = [n for n, f in enumerate(branch.bifurcations) if f.after == k]
-            if between and a.orbit.stable != b.orbit.stable:  # The one next to the stable point is the change.
-                n = between[0] if a.orbit.stable else between[-1]
+            if between and a.stable != b.stable:  # The one next to the stable point is the change.
+                n = between[0] if a.stable else between[-1]
                 branch.bifurcations[n] = replace(branch.bifurcations[n], changes_stability=True)
         keep.append(branch)
     return branch
@@ -270,53 +257,50 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep:
 
 def first_point(shooting: Shooting, z: Floats) -> ContinuationPoint:
     """The first point of a branch at a solution; its tangent points to growing parameters."""
-    point = point_at(shooting, arclength.solution_of(shooting, z))
+    point = ContinuationPoint.at(shooting, z)
     return point.turned() if point.slope < 0.0 else point
 
 
-def orbits_at(branch: Branch, value: float) -> list[Orbit]:
-    """The orbits of a branch at exactly this value of its parameter, one for each crossing."""
-    out: list[Orbit] = []
+def orbits_at(branch: Branch, value: float) -> list[ContinuationPoint]:
+    """The orbits of a branch at this value of its parameter, one for each crossing."""
+    out: list[ContinuationPoint] = []
     for a, b in pairwise(branch.points):
         if a.value == value:
-            out.append(a.orbit)
+            out.append(a)
         elif (a.value - value) * (b.value - value) < 0.0:
             orbit = _crossing(a, b, value)
             if orbit is not None:
                 out.append(orbit)
     if branch.points[-1].value == value and not branch.closed:
-        out.append(branch.points[-1].orbit)
+        out.append(branch.points[-1])
     return out
 
 
-def _crossing(a: ContinuationPoint, b: ContinuationPoint, value: float) -> Orbit | None:
+def _crossing(a: ContinuationPoint, b: ContinuationPoint, value: float) -> ContinuationPoint | None:
     """The orbit at `value` between two points; None where the corrector fails."""
-    if a.shooting == b.shooting:
-        at, size = a.shooting.ranges[0].scaled(value), a.shooting.size
-        near = Bracket(a, b).locate(lambda s: float(s.solution.z[size]) - at)
-        return None if near is None else _at(near, value) or near.orbit
+    if a.equations == b.equations:
+        at, size = a.equations.ranges[0].scaled(value), a.equations.size
+        near = Bracket(a, b).locate(lambda s: float(s.z[size]) - at)
+        return None if near is None else _at(near, value) or near
     # Between two points in different segments the orbit is on the tangent of either one.
-    chord = b.shooting.outer(b.solution.z) - a.shooting.outer(a.solution.z)
+    chord = b.equations.outer(b.z) - a.equations.outer(a.z)
     for point in sorted((a, b), key=lambda s: abs(s.value - value)):
         orbit = _at(point, value)
-        if orbit is not None and float(np.abs((orbit.section - point.orbit.section) / a.shooting.map.scales).max()) <= (
+        if orbit is not None and float(np.abs((orbit.section - point.section) / a.equations.map.scales).max()) <= (
                 2.0 * float(np.linalg.norm(chord))):
             return orbit
     return None
 
 
-def _at(near: ContinuationPoint, value: float) -> Orbit | None:
+def _at(near: ContinuationPoint, value: float) -> ContinuationPoint | None:
     """The orbit at `value` from a guess on the tangent at a nearby point; None where the corrector fails."""
-    shooting, z, tangent = near.shooting, near.solution.z, near.solution.tangent
-    row, size = np.zeros(len(z)), near.shooting.size
+    shooting, z, tangent = near.equations, near.z, near.tangent
+    row, size = np.zeros(len(z)), near.equations.size
     row[size], away = 1.0, shooting.ranges[0].scaled(value) - float(z[size])
     guess = z + (tangent * (away / near.slope) if abs(away) > orbits.SAME and near.slope else row * away)
     guess[size] = shooting.ranges[0].scaled(value)
     corrected = arclength.corrector(shooting, guess, row)
-    if corrected is None:
-        return None
-    solution = arclength.solution_at(corrected.z, corrected.linearised, tangent)
-    return replace(point_at(shooting, solution).orbit, values=(value,))
+    return None if corrected is None else replace(near, z=corrected.z, linearised=corrected.linearised)
 
 
 MERGED = 1e-5  # distance, relative to the range, at which two ends of branches are one doubling
@@ -409,7 +393,7 @@ class BranchPiece(NamedTuple):
 
     def holds(self, seen: SettledMotion, size: float) -> float:
         """Distance of a motion's amplitude from the piece; inf where too far for a largest amplitude of `size`."""
-        low, high = self.a.orbit.seen.largest, self.b.orbit.seen.largest
+        low, high = self.a.seen.largest, self.b.seen.largest
         away = abs(low + self.part * (high - low) - seen.amplitude)
         return away if away <= ALIKE * size + OFF_CHORD * abs(high - low) else math.inf
 
@@ -438,20 +422,20 @@ def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base:
         if not seen.has_period(branch.period, base):
             continue
         for piece in pieces_at(branch, seen.value):
-            if (piece.a.orbit.stable or piece.b.orbit.stable) and (away := piece.holds(seen, size)) < best:
+            if (piece.a.stable or piece.b.stable) and (away := piece.holds(seen, size)) < best:
                 best, place = away, (number, piece.after)
     return place
 
 
 def passes_through(branch: Branch, point: ContinuationPoint) -> bool:
     """Whether a branch passes through an orbit, which may begin in any of its cycles."""
-    of, orbit = point.shooting.map, point.orbit
-    if branch.period != orbit.period:
+    of = point.equations.map
+    if branch.period != point.period:
         return False
-    sections = np.array(orbits.shifts(of, orbit.section, orbit.values, orbit.period))
+    sections = np.array(orbits.shifts(of, point.section, point.values, point.period))
     for piece in pieces_at(branch, point.value):
-        chord = piece.b.orbit.section - piece.a.orbit.section
-        away = np.abs((piece.a.orbit.section + piece.part * chord - sections) / of.scales).max(axis=1)
+        chord = piece.b.section - piece.a.section
+        away = np.abs((piece.a.section + piece.part * chord - sections) / of.scales).max(axis=1)
         if away.min() <= ON_CHORD + OFF_CHORD * np.abs(chord / of.scales).max():
             return True
     return False
@@ -488,21 +472,21 @@ def doubled(bifurcation: Bifurcation) -> ContinuationPoint | None:
     period is not in it; the tangent points away from the doubling.
     """
     point = bifurcation.point
-    single = point.shooting
-    of, blocks = single.map, point.solution.linearised.blocks
+    single = point.equations
+    of, blocks = single.map, point.linearised.blocks
     values, vectors = np.linalg.eig(product_of(blocks))
     phi = np.real(vectors[:, int(np.abs(values + 1.0).argmin())])
     phi = phi / np.linalg.norm(phi)
     along = [phi]
     for block in blocks[:-1]:
         along.append(block @ along[-1])
-    x, directions, segments = point.orbit.nodes, np.array(along), single.segments
+    x, directions, segments = single.nodes(point.z), np.array(along), single.segments
     if len(segments) == 1:
         shooting = Shooting.single(of, 2 * single.period, *single.ranges, settings=single.settings)
     else:
         shooting = replace(single, period=2 * single.period, segments=segments + segments)
         x, directions = np.vstack([x, x]), np.vstack([directions, -directions])
-    start = shooting.unknowns(x, point.orbit.values)
+    start = shooting.unknowns(x, point.values)
     direction, row = np.zeros(len(start)), np.zeros(len(start))
     direction[:-1], row[:len(phi)] = directions.ravel(), phi
     for amplitude in AMPLITUDES:
@@ -515,7 +499,7 @@ def doubled(bifurcation: Bifurcation) -> ContinuationPoint | None:
                 half = orbits.minimal_period(shooting.map, at, shooting.values(got.z), shooting.period, 0.1 * amplitude)
                 if half != shooting.period:
                     continue
-                return point_at(shooting, got.facing(sign * row))
+                return replace(point, equations=shooting).moved(got, sign * row)
             except orbits.FAILURES:
                 continue
     return None
@@ -536,13 +520,13 @@ def switch(branches: list[Branch], depth: int, longest: int | None = None, most:
                     continue
                 if most is not None and len(branches) >= most:
                     continue
-                scaled, merged = bifurcation.point.shooting.ranges[0].scaled, MERGED
+                scaled, merged = bifurcation.point.equations.ranges[0].scaled, MERGED
                 if any(abs(scaled(bifurcation.value) - scaled(end.value)) < merged for b in branches
                        if b.period == 2 * parent.period for end in (b.points[0], b.points[-1])):
                     continue
                 start = doubled(bifurcation)
                 if start is not None and not any(passes_through(branch, start) for branch in branches):
-                    began = End(StopReason.BEGAN, start.shooting.ranges[0].name, bifurcation.value)
+                    began = End(StopReason.BEGAN, start.equations.ranges[0].name, bifurcation.value)
                     origin = BranchOrigin(bifurcation.kind, bifurcation.value, number)
                     branch_through(start, origin, branches, both=False, began=began, tick=tick)
 
@@ -607,7 +591,7 @@ def stable_segments(branches: Sequence[Branch], low: float, high: float, unit: f
             ends = [_end_of_segment(branches, branch, point, beyond, span, unit)
                     for point, beyond in ((first, -1), (last, 1))]
             part = branch.points[first:last + 1]
-            values, amplitudes = [s.value / unit for s in part], [s.orbit.seen.largest for s in part]
+            values, amplitudes = [s.value / unit for s in part], [s.seen.largest for s in part]
             if values[-1] < values[0]:
                 values, amplitudes, ends = values[::-1], amplitudes[::-1], ends[::-1]
             if values[-1] - values[0] > NARROWEST * (high - low) / unit:
@@ -628,9 +612,9 @@ def _runs(points: Sequence[ContinuationPoint]) -> list[tuple[int, int]]:
     way = 0.0
     for k, point in enumerate(points):
         step = np.sign(point.value - points[k - 1].value)
-        if point.orbit.stable and out and out[-1][1] == k - 1 and not way * step < 0.0:
+        if point.stable and out and out[-1][1] == k - 1 and not way * step < 0.0:
             out[-1], way = (out[-1][0], k), step or way
-        elif point.orbit.stable:
+        elif point.stable:
             out.append((k, k))
             way = 0.0
     return out
@@ -640,7 +624,7 @@ def _end_of_segment(branches: Sequence[Branch], branch: Branch, point: int, beyo
          unit: float) -> SegmentEnd:
     """The end of a segment at one of its points, towards the neighbour `beyond`."""
     at, width = branch.points[point], span[1] - span[0]
-    size = max((s.orbit.seen.largest for b in branches for s in b.points), default=0.0)
+    size = max((s.seen.largest for b in branches for s in b.points), default=0.0)
     inner = 0 <= point + beyond < len(branch.points)
     bifurcation = next((f for f in branch.bifurcations if inner and f.after == min(point, point + beyond)
                         and f.changes_stability), None)
@@ -661,7 +645,7 @@ def _end_of_segment(branches: Sequence[Branch], branch: Branch, point: int, beyo
     jumps = bifurcation.kind == "fold"
     if bifurcation.kind == "period_doubling":
         first = doubled(bifurcation)
-        jumps = first is None or not first.orbit.stable
+        jumps = first is None or not first.stable
     return SegmentEnd(bifurcation.value / unit, bifurcation.kind, bifurcation.residual, jumps)
 
 
@@ -750,15 +734,15 @@ def _walk(branch: Branch, after: int, goal: float) -> tuple[int, bool]:
     a, b = points[after], points[after + 1]
     low, high = sorted((a.value, b.value))
     if low <= goal <= high:
-        return after, a.orbit.stable and b.orbit.stable
+        return after, a.stable and b.stable
     toward = 1.0 if goal > high else -1.0
     at, step = (after + 1, 1) if (b.value - a.value) * toward > 0.0 else (after, -1)
-    while points[at].orbit.stable:
+    while points[at].stable:
         following = at + step
         if not 0 <= following < len(points) or (points[following].value - points[at].value) * toward <= 0.0:
             break
         if (points[following].value - goal) * toward >= 0.0:
-            return min(at, following), points[following].orbit.stable
+            return min(at, following), points[following].stable
         at = following
     return at, False
 
@@ -766,11 +750,11 @@ def _walk(branch: Branch, after: int, goal: float) -> tuple[int, bool]:
 def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -> Bifurcation | None:
     """The bifurcation of a branch nearest to the pieces about one of its points; None for none nearby."""
     about = branch.points[max(point - 1, 0):point + 2]
-    values, amplitudes = [s.value for s in about], [s.orbit.seen.largest for s in about]
+    values, amplitudes = [s.value for s in about], [s.seen.largest for s in about]
 
     def away(bifurcation: Bifurcation) -> float:
         return (_away_from(bifurcation.value, values) / max(width, 1e-300)
-                + _away_from(bifurcation.point.orbit.seen.largest, amplitudes) / max(size, 1e-300))
+                + _away_from(bifurcation.point.seen.largest, amplitudes) / max(size, 1e-300))
 
     best = min(branch.bifurcations, key=away, default=None)
     return best if best is not None and away(best) <= NEAR_END else None

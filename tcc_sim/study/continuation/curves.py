@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,12 +20,13 @@ from tcc_sim.analysis.steady.exponents import multipliers_of
 from tcc_sim.result import Described, reported, reporting, result_class
 from tcc_sim.shown_units import key_unit
 from tcc_sim.study.continuation import arclength, orbits
-from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, P, Rules, StopReason
+from tcc_sim.study.continuation.arclength import Bracket, Continuation, CurvePoint, End, P, StopReason
 from tcc_sim.study.continuation.bifurcations import (
     BORDER_HALVINGS,
     Bifurcation,
     MinimallyAugmented,
     cyclic,
+    halve,
     nearest_margins,
 )
 from tcc_sim.study.continuation.orbits import Floats, Linearised, ParameterMap, ParameterRange, Settings
@@ -39,16 +40,8 @@ CURVE_JUMP = 1e-2  # part of the larger end value above which a test jumps
 BEND = 8e-3  # the same for second derivatives, relative to the length in which the Jacobian changes by one
 
 
-@dataclass(frozen=True, repr=False)
-class AugmentedPoint(CurvePoint):
-    """A point of a curve of bifurcations."""
-
-    equations: MinimallyAugmented
-
-    @property
-    def events(self) -> str:
-        """Event sequence of the motion."""
-        return self.solution.linearised.seen.events
+AugmentedPoint = CurvePoint[MinimallyAugmented]
+"""A point of a curve of bifurcations."""
 
 
 @result_class
@@ -67,8 +60,9 @@ class Special:
     @staticmethod
     def of(kind: str, point: AugmentedPoint, error: NDArray[np.floating[Any]], located: bool = True) -> Special:
         """The special point at a point with an error (P,) of the scaled parameters."""
+        value, second = point.values
         one, two = (w.width * float(e) for w, e in zip(point.equations.ranges, error))
-        return Special(kind, *parameter_values(point), one, two, located, point=point)
+        return Special(kind, value, second, one, two, located, point=point)
 
     def described(self, over: str, second: str) -> str:
         """The point in words, for the keys of its values, in the selected units."""
@@ -83,8 +77,8 @@ class Special:
 
 
 ENDING: dict[tuple[str, str], Callable[[AugmentedPoint], float]] = {
-    ("neimark_sacker", "resonance_1_1"): lambda s: float(s.solution.z[-1]),
-    ("neimark_sacker", "resonance_1_2"): lambda s: math.pi - float(s.solution.z[-1])}
+    ("neimark_sacker", "resonance_1_1"): lambda s: float(s.z[-1]),
+    ("neimark_sacker", "resonance_1_2"): lambda s: math.pi - float(s.z[-1])}
 """Kinds of curves and special points in which they end because a pair of multipliers becomes real, with the distance of
 the pair's angle from there.
 """
@@ -99,10 +93,10 @@ def values_of_tests(point: AugmentedPoint, longer: float = 0.0) -> dict[str, flo
     longer : step of differences at the point relative to the usual one, to fourth order; 0 takes the linearisation of
         the point and second order
     """
-    equations, u = point.equations, point.solution.z
+    equations, u = point.equations, point.z
     out: dict[str, float] = {}
     try:
-        linearised = equations.linearise(u, longer) if longer else point.solution.linearised
+        linearised = equations.linearise(u, longer) if longer else point.linearised
         if equations.turning:
             angle = float(u[-1])
             return {"resonance_1_1": math.sin(angle) if angle < 0.5 * np.pi else 1.0,
@@ -148,9 +142,9 @@ Test = Callable[[AugmentedPoint, float], float]
 def measured(point: AugmentedPoint, test: Test) -> tuple[float, float, Floats]:
     """A test at a point, its change by other difference steps and one more Newton step, and the parameters' change."""
     try:
-        linearised, value = point.equations.linearise(point.solution.z), test(point, 1.0)
+        linearised, value = point.equations.linearise(point.z), test(point, 1.0)
         step = np.linalg.lstsq(linearised.jacobian, -linearised.residual, rcond=None)[0]
-        polished = point.moved(point.solution._replace(z=point.solution.z + step))
+        polished = replace(point, z=point.z + step)
         changes = [abs(test(s, longer) - value) for s, longer in ((point, 0.5), (polished, 2.0))]
         return value, max(changes), np.abs(parameters(point, step))
     except (*orbits.FAILURES, KeyError):
@@ -178,7 +172,7 @@ def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -
         _, noise, step = measured(root, test)
         error = RESOLVED * (noise + abs(values[part])) / abs(slope) + CURVE_ROOT
         if error < 1.0 and abs(values[part]) <= CURVE_JUMP * max(abs(values[0.0]), abs(values[1.0])):
-            chord, tangent = b.solution.z - a.solution.z, root.solution.tangent
+            chord, tangent = b.z - a.z, root.tangent
             along = np.abs(parameters(root, tangent)) * float(chord @ chord) / abs(float(chord @ tangent))
             return Special.of(kind, root, error * along + RESOLVED * step + CURVE_EXACT)
     except (*orbits.FAILURES, KeyError):
@@ -213,7 +207,7 @@ def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable
             nodes += [] if located is None else [located]
     if len(nodes) < 4:
         return None if beyond is None else midway(kind, points[-1], beyond, False)
-    x, places = np.array([distance(s) for s in nodes]), np.array([parameters(s, s.solution.z) for s in nodes])
+    x, places = np.array([distance(s) for s in nodes]), np.array([parameters(s, s.z) for s in nodes])
 
     def at_end(x: Floats, k: int) -> Floats:
         return np.array(np.linalg.solve(np.vander(x[k:], increasing=True), places[k:])[0], np.float64)
@@ -223,45 +217,32 @@ def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable
     even = at_end(x**2, 0)
     if (np.abs(even - at) <= 10.0 * error + CURVE_EXACT).all():
         at, error = even, np.abs(even - at_end(x**2, 1))
-    z = last.solution.z.copy()
+    z = last.z.copy()
     parameters(last, z)[:] = at
     error = error + RESOLVED * last.equations.rounding
-    return Special.of(kind, last.moved(last.solution._replace(z=z)), error)
+    return Special.of(kind, replace(last, z=z), error)
 
 
 def midway(kind: str, a: AugmentedPoint, b: AugmentedPoint, is_located: bool) -> Special:
     """The special point in the middle between two points; its error is half of their distance."""
-    z, way = b.solution.z.copy(), parameters(b, b.solution.z) - parameters(a, a.solution.z)
+    z, way = b.z.copy(), parameters(b, b.z) - parameters(a, a.z)
     parameters(b, z)[:] -= 0.5 * way
     error = 0.5 * np.abs(way) + CURVE_EXACT
-    return Special.of(kind, b.moved(b.solution._replace(z=z)), error, is_located)
+    return Special.of(kind, replace(b, z=z), error, is_located)
 
 
-def parameters(point: CurvePoint, vector: NDArray[np.floating[Any]]) -> Floats:
+def parameters(point: CurvePoint[Any], vector: NDArray[np.floating[Any]]) -> Floats:
     """The two parameters in a vector of unknowns."""
     first = point.equations.size
     out: Any = vector[first:first + 2]
     return out  # type: ignore[no-any-return]
 
 
-def parameter_values(point: CurvePoint) -> tuple[float, float]:
-    """Both parameters at a point of a curve."""
-    one, two = (w.value(float(u)) for w, u in zip(point.equations.ranges, parameters(point, point.solution.z)))
-    return one, two
-
-
 def change_of_events(a: AugmentedPoint, b: AugmentedPoint) -> Special:
     """The change of the event sequence between two points, by bisection."""
-    equations = a.equations
-    bracket, ends, parts = Bracket(a, b, False), [a, b], [0.0, 1.0]
-    for _ in range(BORDER_HALVINGS[0]):
-        middle = 0.5 * (parts[0] + parts[1])
-        point = bracket.at(middle)
-        if point is None:
-            break
-        side = int(orbits.differ(point.events, a.events))
-        ends[side], parts[side] = point, middle
-    one, two = (nearest_margins(equations.shooting, s.solution.z[:equations.unknowns]) for s in ends)
+    bracket, ends = Bracket(a, b, False), [a, b]
+    halve(bracket, ends, [0.0, 1.0], BORDER_HALVINGS[0])
+    one, two = (nearest_margins(s.equations.shooting, s.z[:s.equations.unknowns]) for s in ends)
     kind = orbits.kind_of_change(ends[0].events, ends[1].events, (one, two))
     return midway(kind, ends[0], ends[1], True)
 
@@ -294,158 +275,154 @@ class BifurcationCurve(Described):
         return [str(end) for end in self.ended]
 
 
-CurveTrack = Continuation[AugmentedPoint, Special]
-"""One direction of a curve of bifurcations in two parameters."""
+class CurveTrack(Continuation[AugmentedPoint, Special]):
+    """One direction of a curve of bifurcations in two parameters.
 
+    A point of codimension two is listed where its test function has two signs, each of which is resolved: larger than
+    the changes that other difference steps and one more Newton step make.
 
-def _unresolved(track: CurveTrack, new: AugmentedPoint) -> End | None:
-    """The end before a motion along a part of which disturbances grow beyond double precision."""
-    blocks, most = new.solution.linearised.blocks, 0.0
-    ahead = np.broadcast_to(np.eye(blocks.shape[1]), blocks.shape)
-    for k in range(len(blocks)):
-        ahead = np.roll(blocks, -k, axis=0) @ ahead
-        most = max(most, float(np.abs(ahead).max()))
-    return None if most <= track.settings.canard else track.end(StopReason.CANARD_CURVE, limit=track.settings.canard)
+    tests : points and values of each test function since the last change of its sign
+    """
 
+    def __init__(self, first: AugmentedPoint) -> None:
+        super().__init__(first)
+        self.tests: dict[str, list[tuple[AugmentedPoint, float]]] = {}
+        self.test(first)
 
-def _special(track: CurveTrack, new: AugmentedPoint) -> list[Special]:
-    here = track.here
-    if here.equations.shooting.map.piecewise and orbits.differ(here.events, new.events):
-        track.tests.clear()
-        _test(track, new)
-        return [change_of_events(here, new)]
-    way = new.solution.z - here.solution.z
-    return sorted(_test(track, new), key=lambda s: float(way @ s.point.solution.z))
+    def unresolved(self, new: AugmentedPoint) -> End | None:
+        """The end before a motion along a part of which disturbances grow beyond double precision."""
+        blocks, most = new.linearised.blocks, 0.0
+        ahead = np.broadcast_to(np.eye(blocks.shape[1]), blocks.shape)
+        for k in range(len(blocks)):
+            ahead = np.roll(blocks, -k, axis=0) @ ahead
+            most = max(most, float(np.abs(ahead).max()))
+        return None if most <= self.settings.canard else self.end(StopReason.CANARD_CURVE, limit=self.settings.canard)
 
+    def special_up_to(self, new: AugmentedPoint) -> list[Special]:
+        """The change of the event sequence, or the special points between which the signs of tests change."""
+        here = self.here
+        if here.equations.shooting.map.piecewise and orbits.differ(here.events, new.events):
+            self.tests.clear()
+            self.test(new)
+            return [change_of_events(here, new)]
+        way = new.z - here.z
+        return sorted(self.test(new), key=lambda s: float(way @ s.point.z))
 
-def _test(track: CurveTrack, new: AugmentedPoint) -> list[Special]:
-    """Evaluate the tests at a point, and locate special points where their signs have changed."""
-    out: list[Special] = []
-    for name, value in values_of_tests(new).items():
-        known = track.tests.setdefault(name, [])
-        if not known or known[-1][1] * value > 0.0:
-            known.append((new, value))
-        else:
-            out += _crossed(track, name, new)
-    return out
+    def test(self, new: AugmentedPoint) -> list[Special]:
+        """Evaluate the tests at a point, and locate special points where their signs have changed."""
+        out: list[Special] = []
+        for name, value in values_of_tests(new).items():
+            known = self.tests.setdefault(name, [])
+            if not known or known[-1][1] * value > 0.0:
+                known.append((new, value))
+            else:
+                out += self._crossed(name, new)
+        return out
 
+    def _crossed(self, name: str, new: AugmentedPoint) -> list[Special]:
+        """The special point between the last point at which a test is resolved and a new one with another sign."""
+        def test(point: AugmentedPoint, longer: float) -> float:
+            return values_of_tests(point, longer)[name]
 
-def _crossed(track: CurveTrack, name: str, new: AugmentedPoint) -> list[Special]:
-    """The special point between the last point at which a test is resolved and a new one with another sign."""
-    def test(point: AugmentedPoint, longer: float) -> float:
-        return values_of_tests(point, longer)[name]
+        known, factor, before = self.tests[name], RESOLVED, 0.0
+        value, noise, _ = measured(new, test)
+        if not abs(value) > factor * noise:
+            return []
+        while known:
+            before, noise, _ = measured(known[-1][0], test)
+            if abs(before) > factor * noise:
+                break
+            known.pop()
+        last = known[-1][0] if known and before * value < 0.0 else None
+        known.append((new, value))
+        if last is None:
+            return []
+        apart = ENDING.get((new.equations.kind, name))
+        end = None if apart is None else singular_end(name, self.points, apart, new)
+        return [end or special_point(name, last, new, test)]
 
-    known, factor, before = track.tests[name], RESOLVED, 0.0
-    value, noise, _ = measured(new, test)
-    if not abs(value) > factor * noise:
-        return []
-    while known:
-        before, noise, _ = measured(known[-1][0], test)
-        if abs(before) > factor * noise:
-            break
-        known.pop()
-    last = known[-1][0] if known and before * value < 0.0 else None
-    known.append((new, value))
-    if last is None:
-        return []
-    apart = ENDING.get((new.equations.kind, name))
-    end = None if apart is None else singular_end(name, track.points, apart, new)
-    return [end or special_point(name, last, new, test)]
+    def ended_before(self, new: AugmentedPoint, special: list[Special],
+                     stop: End | None) -> tuple[AugmentedPoint, list[Special], End | None]:
+        """The end of the curve in a special point, or at its first point."""
+        equations = self.here.equations
+        last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
+        if equations.doubled:
+            halves = equations.between_halves(self.here.z)
+            if arclength.turned_round(halves, equations.between_halves(new.z), arclength.OPPOSITE):
+                last = singular_end("generalised_doubling", self.points, self._apart(), new)
+                special = [*special, *([] if last is None else [last])]
+        if last is None:
+            return super().ended_before(new, special, stop)
+        return last.point, special, self.end(StopReason.SPECIAL, last.point, what=last.kind)
 
+    def _apart(self) -> Callable[[AugmentedPoint], float]:
+        """The distance between the halves of an orbit, along that of the last point."""
+        equations = self.here.equations
+        halves = equations.between_halves(self.here.z)
+        unit = halves / max(float(np.linalg.norm(halves)), 1e-300)
+        return lambda s: float(unit @ equations.between_halves(s.z))
 
-def _ended(track: CurveTrack, new: AugmentedPoint, special: list[Special],
-           stop: End | None) -> tuple[AugmentedPoint, list[Special], End | None]:
-    """The end of the curve in a special point, or at its first point."""
-    equations = track.here.equations
-    last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
-    if equations.doubled:
-        halves = equations.between_halves(track.here.solution.z)
-        if arclength.turned_round(halves, equations.between_halves(new.solution.z), arclength.OPPOSITE):
-            last = singular_end("generalised_doubling", track.points, _apart(track), new)
-            special = [*special, *([] if last is None else [last])]
-    if last is None:
-        return arclength.back_at_start(track, new, special, stop)
-    return last.point, special, track.end(StopReason.SPECIAL, last.point, what=last.kind)
+    def went_on(self, before: AugmentedPoint) -> None:
+        """Renew the borders, and cut the orbit anew where it must be."""
+        self.cut, here = (0, math.inf), self.here
+        here.equations.update_borders(here.z, here.linearised)
+        self._remesh(others=(len(self.points) - 1) % self.settings.fewer_after == 0)
 
+    def lost(self) -> None:
+        """Cut the orbit more finely, or end the curve."""
+        # Where disturbances grow by 1e3 in slip and stick removes them within one segment, its derivative is not large,
+        # but changes within 1e-5, and its error is the state's over that length. Curves pass cusps only in segments
+        # over which disturbances grow by about 10.
+        equations = self.here.equations
+        for growth in FINER_GROWTHS:
+            if growth <= equations.shooting.settings.growth and growth < self.cut[1]:
+                self.cut = len(self.points), growth
+                if self._remesh(growth):
+                    self.length = arclength.FLAT_STEP
+                    return
+        super().lost()
+        # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
+        # doublings of the halves, so that the equations are singular.
+        if equations.doubled and (apart := self._apart())(self.here) <= HALVES_MET:
+            last = singular_end("generalised_doubling", self.points, apart)
+            if last is not None:
+                self.note([last])
+                self.stop = self.end(StopReason.SPECIAL, last.point, what=last.kind)
 
-def _apart(track: CurveTrack) -> Callable[[AugmentedPoint], float]:
-    """The distance between the halves of an orbit, along that of the last point."""
-    equations = track.here.equations
-    halves = equations.between_halves(track.here.solution.z)
-    unit = halves / max(float(np.linalg.norm(halves)), 1e-300)
-    return lambda s: float(unit @ equations.between_halves(s.solution.z))
-
-
-def _went_on(track: CurveTrack, _: AugmentedPoint) -> None:
-    track.cut, here = (0, math.inf), track.here
-    here.equations.update_borders(here.solution.z, here.solution.linearised)
-    _remesh(track, others=(len(track.points) - 1) % track.settings.fewer_after == 0)
-
-
-def _lost(track: CurveTrack) -> None:
-    # Where disturbances grow by 1e3 in slip and stick removes them within one segment, its derivative is not large,
-    # but changes within 1e-5, and its error is the state's over that length. Curves pass cusps only in segments
-    # over which disturbances grow by about 10.
-    equations = track.here.equations
-    for growth in FINER_GROWTHS:
-        if growth <= equations.shooting.settings.growth and growth < track.cut[1]:
-            track.cut = len(track.points), growth
-            if _remesh(track, growth):
-                track.length = arclength.FLAT_STEP
-                return
-    arclength.give_up(track)
-    # Folds of doubled motions of amplitude a lie within a^2 of a generalised doubling, where they meet the
-    # doublings of the halves, so that the equations are singular.
-    if equations.doubled and (apart := _apart(track))(track.here) <= HALVES_MET:
-        last = singular_end("generalised_doubling", track.points, apart)
-        if last is not None:
-            track.note([last])
-            track.stop = track.end(StopReason.SPECIAL, last.point, what=last.kind)
-
-
-def _remesh(track: CurveTrack, growth: float | None = None, others: bool = False) -> bool:
-    """Cut the last orbit into other segments if growth is large, above `growth`, or `others` may do."""
-    here, old = track.here, track.here.equations
-    settings, shooting = old.settings, old.shooting
-    # Only a thorough search finds growth that the same segment removes again.
-    others = others and (settings.thorough or len(shooting.segments) > 1)
-    if shooting.keeps_segments(here.solution.linearised.blocks, settings.regrowth, others or growth is not None):
-        return False
-    if growth is not None:
-        shooting = replace(shooting, settings=replace(shooting.settings, growth=growth, thorough=True))
-    try:
-        finer, z = shooting.cut(here.solution.z[:old.unknowns])
-        if finer.segments == shooting.segments:
+    def _remesh(self, growth: float | None = None, others: bool = False) -> bool:
+        """Cut the last orbit into other segments if growth is large, above `growth`, or `others` may do."""
+        here, old = self.here, self.here.equations
+        settings, shooting = old.settings, old.shooting
+        # Only a thorough search finds growth that the same segment removes again.
+        others = others and (settings.thorough or len(shooting.segments) > 1)
+        if shooting.keeps_segments(here.linearised.blocks, settings.regrowth, others or growth is not None):
             return False
-        other = MinimallyAugmented(old.kind, finer, z)
-        start = np.append(z, here.solution.z[-1:]) if old.turning else z
-        linearised = other.linearise(start)
-        other.update_borders(start, linearised, old)
-        polished = arclength.corrector(other, start, arclength.null_direction(linearised))
-    except orbits.FAILURES:
-        return False
-    if polished is None:
-        return False
-    # The first node and the parameters do not depend on the segments; the other nodes have the motion's errors.
-    sign = 1.0 if float(old.outer(here.solution.tangent) @ other.outer(polished.tangent)) > 0.0 else -1.0
-    solution = arclength.solution_at(polished.z, polished.linearised, sign * polished.tangent)
-    track.points[-1] = AugmentedPoint(solution, other)
-    track.before = []
-    track.note(_test(track, track.here))
-    return True
-
-
-CURVE = Rules(unresolved=_unresolved, special=_special, ended=_ended, went_on=_went_on, lost=_lost)
-"""A curve of bifurcations in two parameters.
-
-A point of codimension two is listed where its test function has two signs, each of which is resolved: larger than the
-changes that other difference steps and one more Newton step make.
-"""
+        if growth is not None:
+            shooting = replace(shooting, settings=replace(shooting.settings, growth=growth, thorough=True))
+        try:
+            finer, z = shooting.cut(here.z[:old.unknowns])
+            if finer.segments == shooting.segments:
+                return False
+            other = MinimallyAugmented(old.kind, finer, z)
+            start = np.append(z, here.z[-1:]) if old.turning else z
+            linearised = other.linearise(start)
+            other.update_borders(start, linearised, old)
+            polished = arclength.corrector(other, start, arclength.null_direction(linearised))
+        except orbits.FAILURES:
+            return False
+        if polished is None:
+            return False
+        # The first node and the parameters do not depend on the segments; the other nodes have the motion's errors.
+        sign = 1.0 if float(old.outer(here.tangent) @ other.outer(polished.tangent)) > 0.0 else -1.0
+        self.points[-1] = AugmentedPoint(other, polished.z, polished.linearised, sign * polished.tangent)
+        self.before = []
+        self.note(self.test(self.here))
+        return True
 
 
 def facing(point: P, forward: bool) -> P:
     """The point with the tangent along which the second parameter grows, or falls."""
-    growing = float(parameters(point, point.solution.tangent)[1]) > 0.0
+    growing = float(parameters(point, point.tangent)[1]) > 0.0
     return point if growing == forward else point.turned()
 
 
@@ -485,20 +462,16 @@ def bifurcation_curve(bifurcation: Bifurcation, of: ParameterMap, ranges: Ranges
     of : the map with both parameters free
     second : value of the second parameter at the bifurcation
     """
-    orbit, shooting = bifurcation.point.orbit, bifurcation.point.shooting
-    shooting = replace(shooting, map=of, ranges=ranges, settings=settings or shooting.settings)
+    point = bifurcation.point
+    shooting = replace(point.equations, map=of, ranges=ranges, settings=settings or point.equations.settings)
 
     def begun(forward: bool) -> CurveTrack:
-        finer, z = shooting.cut(shooting.unknowns(orbit.nodes, (orbit.values[0], second)))
+        finer, z = shooting.cut(shooting.unknowns(point.equations.nodes(point.z), (point.value, second)))
         system = MinimallyAugmented(bifurcation.kind, finer, z)
-        first = AugmentedPoint(arclength.solution_of(system, system.start), system)
-        track = Continuation(facing(first, forward), CURVE)
-        _test(track, track.here)
-        return track
+        return CurveTrack(facing(AugmentedPoint.at(system, system.start), forward))
 
-    return _both_ways(bifurcation.kind, begun, End(StopReason.STEP, ranges[0].name, bifurcation.value,
-                                                   shooting.settings.residual),
-                      second)
+    lost = End(StopReason.STEP, ranges[0].name, point.value, shooting.settings.residual)
+    return _both_ways(bifurcation.kind, begun, lost, second)
 
 
 def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value: float,
@@ -506,8 +479,8 @@ def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value:
     """The curve of a margin that vanishes at (value, second), both ways; that point alone where it cannot be set up."""
     border, at = Border(margin, ranges), np.array([ranges[0].scaled(value), ranges[1].scaled(second)])
 
-    def begun(forward: bool) -> Continuation[CurvePoint, Special]:
-        return Continuation(facing(CurvePoint(arclength.solution_of(border, at), border), forward))
+    def begun(forward: bool) -> Continuation[CurvePoint[Border], Special]:
+        return Continuation(facing(CurvePoint[Border].at(border, at), forward))
 
     lost = End(StopReason.STEP, ranges[0].name, value, orbits.DEFAULTS.residual)
     return _both_ways("stick_border", begun, lost, second)
@@ -535,5 +508,5 @@ def _both_ways(kind: str, begun: Callable[[bool], Continuation[Any, Special]], l
     points, special = ahead.points, [s for _, s in ahead.special]
     if behind is not ahead:
         points, special = behind.points[:0:-1] + points, [s for _, s in reversed(behind.special)] + special
-    values, others = zip(*map(parameter_values, points))
+    values, others = zip(*(point.values for point in points))
     return BifurcationCurve(kind, values, others, (behind.ended, ahead.ended), tuple(special))

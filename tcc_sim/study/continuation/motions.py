@@ -6,6 +6,7 @@ branches are the motion that the scene settles in, or given ones such as attract
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -172,7 +173,7 @@ class Seed:
     period: int
 
 
-def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float, period: int | None) -> tuple[Shooting, Floats]:
+def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float, period: int | None) -> ContinuationPoint:
     """The orbit near the motion that the scene settles in, by Newton's method.
 
     Raises NumericalFailure: none was found; the message names a value of the range at which motions settle.
@@ -196,7 +197,7 @@ def start_orbit(map_: DrivelineMap, span: ParameterRange, value: float, period: 
             known = [] if z is None else [simple.nodes(z)[0]]
         z = orbits.find_orbit(shooting, (value,), guesses, known)
         if z is not None:
-            return shooting, z
+            return first_point(shooting, z)
     raise NumericalFailure(_no_motion(map_, span, value, cycles, period, wanted))
 
 
@@ -277,8 +278,8 @@ def seeds_in(document: Mapping[str, Any], system: System, over: str, low: float,
 
 def refuse_family(first: ContinuationPoint, system: System) -> None:
     """Raise InputError for a motion of a family in pure slip."""
-    events = first.orbit.seen.events
-    if events in ("+", "-") and np.abs(first.orbit.multipliers - 1.0).min() < FAMILY:
+    events = first.events
+    if events in ("+", "-") and np.abs(first.multipliers - 1.0).min() < FAMILY:
         raise InputError("the settled motion is pure slip, with friction that does not depend on slip speed and "
                          f"carries the mean engine torque exactly ({system.engine.mean_torque:g} N m): a family of "
                          "motions with a multiplier of exactly 1, through which no single branch leads")
@@ -367,11 +368,11 @@ class Motions(Result):
 
     def columns(self) -> dict[str, list[Any]]:
         """A row for every point of every branch, in order along it."""
-        points = [(number, branch, p.orbit) for number, branch in enumerate(self.branches) for p in branch.points]
-        return {"branch": [number for number, *_ in points], "period": [branch.period for _, branch, _ in points],
-                self.plan.over: [orbit.values[0] for *_, orbit in points],
-                "max_slip_speed": [orbit.seen.largest for *_, orbit in points],
-                "stable": [orbit.stable for *_, orbit in points]}
+        points = [(number, point) for number, branch in enumerate(self.branches) for point in branch.points]
+        return {"branch": [number for number, _ in points], "period": [point.period for _, point in points],
+                self.plan.over: [point.value for _, point in points],
+                "max_slip_speed": [point.seen.largest for _, point in points],
+                "stable": [point.stable for _, point in points]}
 
     @reporting("friction law")
     def law(self) -> str:
@@ -459,16 +460,16 @@ def continue_motions(system: System, plan: ContinuationPlan, tick: Callable[[Con
             branch_through(first, origin, out.branches, tick=tick)
     else:
         start = min(max(_present(system, plan.over), plan.low), plan.high)
-        shooting, z = start_orbit(map_, span, start, plan.period)
-        first = first_point(shooting, z)
+        first = start_orbit(map_, span, start, plan.period)
         refuse_family(first, map_.system_at((start,)))
         branch_through(first, keep=out.branches, tick=tick)
     if plan.switch:
         switch(out.branches, plan.switch, tick=tick)
     for value in plan.at:
         for number, branch in enumerate(out.branches):
-            out.at += [OrbitAt(number, branch.period, branch.begun, orbit.figures).as_json()
-                       for orbit in orbits_at(branch, value)]
+            out.at += [OrbitAt(number, branch.period, branch.begun,
+                               dataclasses.replace(point.figures, value=value)).as_json()
+                       for point in orbits_at(branch, value)]
     if plan.second is not None:
         _curves(system, plan, span, out)
     out.complete = True

@@ -25,7 +25,6 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tcc_sim.analysis.steady.exponents import multipliers_of
 from tcc_sim.errors import InputError, OutOfRange
 from tcc_sim.result import Described, reported, result_class
 
@@ -480,55 +479,6 @@ class OrbitFigures(OrbitState, Described):
     stable: bool = reported("whether every multiplier is inside the unit circle")
     events: str = reported("sequence of slip (+, -) and stick (S)")
     residual: float = reported("largest residual of the equations, in natural sizes")
-
-
-@dataclass(frozen=True)
-class Orbit:
-    """A periodic orbit of the map.
-
-    period : cycles
-    values : the free parameters
-    nodes : (m, n) states at the starts of its segments; the first is the section at phase 0
-    multipliers : (n,) Floquet multipliers, largest modulus first
-    seen : largest size, stick fraction and event sequence
-    residual : largest component of the equations, in natural sizes
-    """
-
-    period: int
-    values: Values
-    nodes: Floats
-    multipliers: NDArray[np.complex128]
-    seen: Observation
-    residual: float
-
-    @property
-    def section(self) -> Floats:
-        """(n,) state at phase 0."""
-        out: Floats = self.nodes[0]
-        return out
-
-    @property
-    def stable(self) -> bool:
-        """Whether every multiplier lies inside the unit circle by more than rounding."""
-        return bool(abs(self.multipliers[0]) < 1.0 - NEUTRAL)
-
-    @property
-    def state(self) -> OrbitState:
-        """The figures that every result reports."""
-        v, angle, speed = map(float, self.section)
-        return OrbitState(self.values[0], v, angle, speed, self.seen.largest, self.multipliers)
-
-    @property
-    def figures(self) -> OrbitFigures:
-        """All figures that are reported."""
-        return OrbitFigures(**vars(self.state), stick_fraction=self.seen.stick_fraction, stable=self.stable,
-                            events=self.seen.events, residual=self.residual)
-
-
-def orbit_at(shooting: Shooting, z: Floats, linearised: Linearised) -> Orbit:
-    """The orbit of a solution `z` with its linearisation."""
-    return Orbit(shooting.period, shooting.values(z), shooting.nodes(z), multipliers_of(*linearised.blocks),
-                 linearised.seen, float(np.abs(linearised.residual).max()))
 
 
 def newton(shooting: Shooting, z: Floats, known: Sequence[Floats] = ()) -> Floats | None:

@@ -98,10 +98,10 @@ def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotio
     span, goal = ParameterRange(min(curve.values), max(curve.values)), replace(late, period=late.period or 1)
     point = point_of(DrivelineMap(curve.system, (curve.key,)), span, goal)
     if point is not None:
-        of, orbit = point.shooting.map, point.orbit
-        points = np.array(shifts(of, orbit.section, orbit.values, orbit.period))
+        of = point.equations.map
+        points = np.array(shifts(of, point.section, point.values, point.period))
         if np.abs((points - diagram.state_at_phase_0(of, late)) / of.scales).max(axis=1).min() < NEAR:
-            return replace(goal, amplitude=orbit.seen.largest) if orbit.stable else replace(late, period=0)
+            return replace(goal, amplitude=point.seen.largest) if point.stable else replace(late, period=0)
     return late if settled else replace(late, period=0)
 
 
@@ -155,7 +155,7 @@ def creeps(bifurcation: Bifurcation, system: System) -> bool:
     if system.friction.law != "smoothed" or bifurcation.kind not in SMOOTH:
         return False
     limit = stick_speed_of(terms_of(system))
-    return math.isfinite(limit) and bifurcation.point.orbit.seen.largest <= CREEP * limit
+    return math.isfinite(limit) and bifurcation.point.seen.largest <= CREEP * limit
 
 
 def orbit_behind(system: System, final: State, cycle: int, period: int, largest: float) -> dict[str, Any] | None:
@@ -165,7 +165,7 @@ def orbit_behind(system: System, final: State, cycle: int, period: int, largest:
     omega = system.engine.frequency
     point = point_of(DrivelineMap(system, ("engine.frequency",)), ParameterRange(0.5 * omega, 1.5 * omega),
                      SettledMotion(omega, np.array(final.numbers), cycle, period, largest))
-    return None if point is None else {"period": point.orbit.period, **point.orbit.figures.as_json()}
+    return None if point is None else {"period": point.period, **point.figures.as_json()}
 
 
 def later(system: System, start: Start, rtol: float | None = None) -> tuple[Summary, Start] | None:

@@ -298,7 +298,7 @@ class Evidence:
                     k = curve.values.index(seen.value)
                     if seen.period and not periodic[k]:
                         point = point_of(of, span, seen)
-                        periodic[k] = point is not None and point.orbit.stable
+                        periodic[k] = point is not None and point.stable
             self.known[name] = periodic
         return np.array(self.known[name])
 

@@ -54,7 +54,7 @@ def test_the_large_motion_of_period_two_is_a_closed_branch_over_the_frequency(cl
     assert len(folds) == 2
     assert folds == pytest.approx([min(values), max(values)], abs=1e-4)
     assert folds[0] < 0.36 < folds[1]
-    assert closed.points[0].orbit.section == pytest.approx(closed.points[-1].orbit.section)
+    assert closed.points[0].section == pytest.approx(closed.points[-1].section)
     assert max(f.residual for f in closed.bifurcations) < 1e-8
 
 
@@ -81,15 +81,15 @@ def test_the_doubled_branch_of_a_saddle_beside_a_canard(system: System) -> None:
     parent, child = result.branches
     (doubling,) = [f for f in parent.bifurcations if f.kind == "period_doubling"]
     doubled = replace(at, {MU_K: doubling.value})
-    assert np.abs(multipliers(doubled, doubling.point.orbit.section, 2) + 1.0).min() < 1e-4
+    assert np.abs(multipliers(doubled, doubling.point.section, 2) + 1.0).min() < 1e-4
     assert (child.period, child.origin) == (4, BranchOrigin("period_doubling", doubling.value, 0))
-    first = child.points[0].orbit
-    assert first.values[0] == pytest.approx(doubling.value, abs=1e-7)
+    first = child.points[0]
+    assert first.value == pytest.approx(doubling.value, abs=1e-7)
     # Beside the doubling a multiplier of the doubled motion is 1 and the other one the square of that of the saddle.
-    large = max(abs(m) for m in doubling.point.orbit.multipliers)
+    large = max(abs(m) for m in doubling.point.multipliers)
     assert abs(first.multipliers[0]) == pytest.approx(large**2, rel=0.02)
     assert np.abs(first.multipliers - 1.0).min() < 0.01
-    assert max(s.orbit.residual for s in child.points) < 1e-8
+    assert max(s.residual for s in child.points) < 1e-8
 
 
 @pytest.mark.parametrize(("kind", "changes", "plan"), [
@@ -118,7 +118,7 @@ def test_at_a_neimark_sacker_bifurcation_motions_nearby_cease_to_come_back(syste
     (item,) = result.bifurcations
     assert (item.kind, result.branches[0].period) == ("neimark_sacker", 1)
     assert item.residual < 1e-8
-    assert abs(item.point.orbit.multipliers[0].imag) > 0.1
+    assert abs(item.point.multipliers[0].imag) > 0.1
     for side, comes_back in ((1.0 - 3e-4, True), (1.0 + 3e-4, False)):
         value = side * item.value
         (orbit,) = orbits_at(result.branches[0], value)

@@ -38,7 +38,6 @@ from tcc_sim.study.continuation.orbits import (
     find_orbit,
     minimal_period,
     newton,
-    orbit_at,
 )
 
 
@@ -141,15 +140,15 @@ def check(branch: Branch, known: Known, sign: float, sizes: np.ndarray) -> None:
     assert {end.reason for end in branch.ended} == known.ends
     assert branch.closed == (StopReason.CLOSED in known.ends)
     for point in branch.points:
-        x, p = point.orbit.section / sizes, sign * point.value
+        x, p = point.section / sizes, sign * point.value
         assert known.law(x, p) == pytest.approx(0.0, abs=2e-8)
         expected = sorted(np.atleast_1d(known.multipliers(x, p)), key=lambda m: (-abs(m), -m.imag))
-        np.testing.assert_allclose(sorted(point.orbit.multipliers, key=lambda m: (-round(abs(m), 9), -m.imag)),
+        np.testing.assert_allclose(sorted(point.multipliers, key=lambda m: (-round(abs(m), 9), -m.imag)),
                                    expected, atol=1e-5)
-        assert point.orbit.residual <= 5e-9
+        assert point.residual <= 5e-9
         if abs(abs(expected[0]) - 1.0) > 1e-6:
-            assert point.orbit.stable == (abs(expected[0]) < 1.0)
-    places = [np.append(s.orbit.section / sizes, s.value) for s in branch.points]
+            assert point.stable == (abs(expected[0]) < 1.0)
+    places = [np.append(s.section / sizes, s.value) for s in branch.points]
     for one, two, three in zip(places, places[1:], places[2:]):
         assert (two - one) @ (three - two) > 0.0
     if known.ends == {StopReason.RANGE}:
@@ -161,9 +160,9 @@ def check(branch: Branch, known: Known, sign: float, sizes: np.ndarray) -> None:
     for f in branch.bifurcations:
         assert f.residual < 1e-8
         one, two = places[f.after:f.after + 2]
-        at = np.append(f.point.orbit.section / sizes, f.value)
+        at = np.append(f.point.section / sizes, f.value)
         assert 0.0 <= (at - one) @ (two - one) <= (two - one) @ (two - one)
-        assert f.changes_stability == (branch.points[f.after].orbit.stable != branch.points[f.after + 1].orbit.stable)
+        assert f.changes_stability == (branch.points[f.after].stable != branch.points[f.after + 1].stable)
 
 
 CASES = [(name, how) for name in KNOWN for how in ("mirrored", "sized", "cut")
@@ -214,7 +213,7 @@ def test_the_turning_branch_of_a_pitchfork(guess: float) -> None:
     branch = branch_of(TextbookMap(pitchfork, 1), -0.7, 1.0, 0.81, [guess])
     (point,) = [f for f in branch.bifurcations if f.kind == "branch_point"]
     assert (point.value, point.residual) == (pytest.approx(0.0, abs=1e-8), pytest.approx(0.0, abs=1e-8))
-    on = [s.orbit.section[0] for s in branch.points]
+    on = [s.section[0] for s in branch.points]
     assert [x * x for x in on] == pytest.approx([s.value for s in branch.points], abs=1e-7)
     assert on[0] * on[-1] < 0.0
 
@@ -247,7 +246,7 @@ def test_orbits_at_a_value_between_two_points(growth: float) -> None:
     for a in [*between, 0.37, 0.9]:
         (orbit,) = orbits_at(branch, a)
         x, y = orbit.section
-        assert (orbit.values, x + y, x * y) == ((a,), pytest.approx(0.7, abs=1e-9), pytest.approx(0.49 - a, abs=1e-9))
+        assert (orbit.value, x + y, x * y) == pytest.approx((a, 0.7, 0.49 - a), abs=1e-9)
     folded = branch_of(TextbookMap(henon, 2), -1.0, 1.5, 0.1, [0.1, 0.1])
     names = sorted(o.section[0] for o in orbits_at(folded, 0.2))
     assert names == pytest.approx([-0.35 - math.sqrt(0.3225), -0.35 + math.sqrt(0.3225)], abs=1e-9)
@@ -282,7 +281,7 @@ def test_bounds_on_points_and_tries_end_a_branch() -> None:
     assert {end.reason for end in tried.ended} == {StopReason.TRIES}
     canard = branch_of(of, -1.0, 1.5, 0.1, [0.1, 0.1], settings=Settings(canard=1.5))
     assert {end.reason for end in canard.ended} == {StopReason.CANARD}
-    assert 1.4 < max(abs(s.orbit.multipliers[0]) for s in canard.points) <= 1.5
+    assert 1.4 < max(abs(s.multipliers[0]) for s in canard.points) <= 1.5
 
 
 def test_a_family_of_motions_at_one_value_ends_a_branch() -> None:
@@ -315,7 +314,7 @@ def test_ctrl_c_keeps_the_branch() -> None:
 
 def orbit_of(shooting: Shooting, values: tuple[float, ...], guess: list[float], known=()):
     z = find_orbit(shooting, values, [np.array(guess)], known)
-    return orbit_at(shooting, z, shooting.linearise(z))
+    return first_point(shooting, z)
 
 
 def test_deflation_turns_newton_to_the_other_orbit() -> None:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from textbook_maps import BORDERS, Edged, Step, TextbookMap, at_second, branch_of, henon, mirrored, of_kind, resized
 
-from tcc_sim.study.continuation.arclength import StopReason, solution_at
-from tcc_sim.study.continuation.bifurcations import Bifurcation, point_at
+from tcc_sim.study.continuation.arclength import StopReason
+from tcc_sim.study.continuation.bifurcations import Bifurcation, ContinuationPoint
 from tcc_sim.study.continuation.curves import BifurcationCurve, bifurcation_curve
 from tcc_sim.study.continuation.orbits import DEFAULTS, ParameterRange, Settings, Shooting
 
@@ -215,8 +215,7 @@ def test_a_curve_of_folds_that_lie_in_a_sharp_bend(width: float) -> None:
     span, second = ParameterRange(-1.0, 1.0), ParameterRange(-0.9, 0.9)
     shooting = Shooting.single(TextbookMap(at_second(bent, 0.5), 1), 1, span)
     at = width * math.sqrt(0.75)
-    point = point_at(shooting, solution_at(z := np.array([width * 0.5 / math.sqrt(0.75), span.scaled(at)]),
-                                           shooting.linearise(z), np.array([1.0, 0.0])))
+    point = ContinuationPoint.at(shooting, np.array([width * 0.5 / math.sqrt(0.75), span.scaled(at)]))
     curve = bifurcation_curve(Bifurcation("fold", point, 0.0), TextbookMap(bent, 1), (span, second), 0.5)
     assert {end.reason for end in curve.ended} == BOTH
     assert sorted((curve.second[0], curve.second[-1])) == pytest.approx([-0.9, 0.9])

@@ -78,7 +78,7 @@ def test_a_jump_of_a_continued_sweep_is_the_fold_at_its_end(up) -> None:
     assert jump.value == pytest.approx(FOLD if up else -FOLD, abs=1e-9)
     assert jump.between[0] < jump.value < jump.between[1]
     # A motion between the last point and the fold lies on the branch too.
-    last = max(s.value for s in branch.points if s.orbit.section[0] < 0.0)
+    last = max(s.value for s in branch.points if s.section[0] < 0.0)
     p = 0.5 * (last + FOLD)
     x = float(np.roots([1.0, 0.0, -1.0, -p]).real.min())
     assert last < p < FOLD
@@ -122,9 +122,9 @@ def test_a_jump_at_a_doubling_names_it_and_its_unstable_branch_is_followed() -> 
     double = next(b for b in branches if b.period == 2)
     # x' = -x on period two: p + x^2 - x^4/2 = 0 has its fold at x = 1, p = -1/2, beyond the range.
     for point in double.points:
-        x = point.orbit.section[0]
+        x = point.section[0]
         assert point.value == pytest.approx(0.5 * x**4 - x**2, abs=1e-8)
-    assert {s.orbit.stable for s in double.points if abs(s.orbit.section[0]) < 0.9} == {False}
+    assert {s.stable for s in double.points if abs(s.section[0]) < 0.9} == {False}
     end = stable_segments(branches, -0.31, 0.09)[0].high
     assert (end.kind, end.jumps) == ("period_doubling", True)
 
@@ -229,6 +229,6 @@ def test_a_motion_of_a_sweep_begins_at_the_next_phase_0(side: float) -> None:
     for cycle in range(6):
         x = np.array([-side if cycle % 3 == 2 else side])
         point = point_of(of, UNIT, SettledMotion(0.0, x, cycle, 1, 1.0))
-        assert (point.orbit.period, point.orbit.section) == (3, pytest.approx([side]))
+        assert (point.period, point.section) == (3, pytest.approx([side]))
     assert [SettledMotion(0.0, np.zeros(1), 0, n, 1.0).has_period(6, 2) for n in (0, 2, 3, 4, 6)] == [
         False, False, True, False, True]

@@ -61,10 +61,10 @@ def margin_by_scipy(kind, system, x, cycles, closes=1e-9):
 
 def orbit_beside(result, key, offset):
     """Section of the orbit of the same branch at the border's parameter plus an offset, and its event sequence."""
-    shooting, z = result.point.shooting, result.point.solution.z
+    shooting, z = result.point.equations, result.point.z
     row = np.zeros(len(z))
     row[-1] = 1.0
-    tangent = result.point.solution.tangent
+    tangent = result.point.tangent
     guess = z + offset / tangent[-1] * tangent
     guess[-1] = z[-1] + offset
     exact = dataclasses.replace(shooting, settings=Settings(correct_tolerance=1e-11))
@@ -81,7 +81,7 @@ def located_again(item, system, key, reach):
     # The margin lives on the side with fewer events.
     offsets = (1.0 if len(sides[0]) <= len(sides[1]) else -1.0) * reach * np.array([1.0, 2.0, 3.0])
     nearby = [orbit_beside(item, key, offset) for offset in offsets]
-    margins = [margin_by_scipy(item.kind, replace(system, {key: value}), x, item.point.orbit.period)
+    margins = [margin_by_scipy(item.kind, replace(system, {key: value}), x, item.point.period)
                for x, value, _ in nearby]
     return abs(np.polynomial.Polynomial.fit(offsets, margins, 2).roots()).min()
 
@@ -103,7 +103,7 @@ def test_the_adding_sliding_of_period_two_beside_its_fold():
     names = sorted(continue_motions(DRY, ContinuationPlan(MU_K, 0.25, 0.285, period=2)).bifurcations,
                    key=lambda f: f.value)
     assert [f.kind for f in names] == ["adding_sliding", "fold"]
-    assert min(abs(m - 1.0) for m in names[1].point.orbit.multipliers) < 1e-6
+    assert min(abs(m - 1.0) for m in names[1].point.multipliers) < 1e-6
     assert [f.residual < 1e-8 for f in names] == [True, True]
     assert located_again(names[0], DRY, MU_K, 1e-4) < 1e-7
 
@@ -113,7 +113,7 @@ def test_a_change_for_two_reasons_has_the_kind_of_the_margin_that_vanishes():
     result = continue_motions(ALIKE, ContinuationPlan(OMEGA, 51.5, 54.0)).bifurcations
     assert [f.kind for f in sorted(result, key=lambda f: f.value)] == ["grazing_sliding", "adding_sliding"]
     for item, name in zip(sorted(result, key=lambda f: f.value), ("grazing", "stick")):
-        orbit = item.point.orbit
+        orbit = item.point
         assert abs(map_.margins(orbit.section, orbit.values, 0, orbit.period)[name].value) < 1e-10
 
 
@@ -128,7 +128,7 @@ def test_every_border_of_a_folded_branch_is_met_with_its_margin() -> None:
     assert len(grazing) == 3
     for item in grazing:  # Some are so unstable that an orbit beside them closes to 1e-7 only.
         border = replace(system, {OMEGA: item.value})
-        assert abs(margin_by_scipy(item.kind, border, item.point.orbit.section, 1, closes=1e-6)) < 1e-6
+        assert abs(margin_by_scipy(item.kind, border, item.point.section, 1, closes=1e-6)) < 1e-6
     assert max(f.residual for f in result.bifurcations) < 1e-8
 
 
@@ -145,20 +145,20 @@ def test_a_branch_turns_at_a_border_beyond_which_it_has_no_motion():
     near = [f for f in branch.bifurcations if 57.46 < f.value < 57.48]
     assert [f.kind for f in near] == ["fold", "grazing_sliding"]
     assert near[0].value == pytest.approx(near[1].value, abs=1e-6)
-    assert min(abs(m - 1.0) for m in near[0].point.orbit.multipliers) < 1e-6
+    assert min(abs(m - 1.0) for m in near[0].point.multipliers) < 1e-6
     border = replace(system, {OMEGA: near[1].value})
-    assert abs(margin_by_scipy("grazing_sliding", border, near[1].point.orbit.section, 3)) < 1e-6
+    assert abs(margin_by_scipy("grazing_sliding", border, near[1].point.section, 3)) < 1e-6
     within = [s for s in branch.points if near[1].value < s.value < near[0].value]
-    point = min(within, key=lambda s: abs(s.orbit.multipliers[0].real + 815.0))
+    point = min(within, key=lambda s: abs(s.multipliers[0].real + 815.0))
     # It closes by SciPy's motion too.
-    margin_by_scipy("grazing_sliding", replace(system, {OMEGA: point.value}), point.orbit.section, 3)
+    margin_by_scipy("grazing_sliding", replace(system, {OMEGA: point.value}), point.section, 3)
     # A step between the pieces that fold and grazing part is seen to leave out both, wherever it lands.
-    pieces = ([s for s in branch.points if s.value < 57.4655 and s.orbit.multipliers[0].real * m > 0.0 and
-               abs(s.orbit.multipliers[0]) > least] for m, least in ((-1.0, 100.0), (1.0, 0.3)))
-    beyond, before = (min(piece, key=lambda s: abs(s.orbit.multipliers[0])) for piece in pieces)
+    pieces = ([s for s in branch.points if s.value < 57.4655 and s.multipliers[0].real * m > 0.0 and
+               abs(s.multipliers[0]) > least] for m, least in ((-1.0, 100.0), (1.0, 0.3)))
+    beyond, before = (min(piece, key=lambda s: abs(s.multipliers[0])) for piece in pieces)
     for one, two in ((beyond, before), (before, beyond)):
-        assert differ(one.orbit.seen.events, two.orbit.seen.events)
-        assert one.shooting == two.shooting
+        assert differ(one.events, two.events)
+        assert one.equations == two.equations
         assert special_points_between(one, two) is None
 
 
@@ -179,7 +179,7 @@ def test_an_event_that_passes_phase_0_neither_ends_a_branch_nor_is_a_bifurcation
     assert [f.kind for f in branch.bifurcations] == others
     for item in branch.bifurcations:
         assert located_again(item, replace(PULSED, changes), plan.over, 1e-4) < 1e-8
-    assert (first.orbit.seen.events, last.orbit.seen.events) == ends
+    assert (first.events, last.events) == ends
 
 
 def test_a_branch_leaves_the_border_at_which_its_two_pieces_meet():
@@ -193,4 +193,4 @@ def test_a_branch_leaves_the_border_at_which_its_two_pieces_meet():
     assert len(set(met)) == len(met)
     (item,) = [f for f in branch.bifurcations if f.kind == "grazing_sliding" and f.value < 49.2]
     border = replace(system, {OMEGA: item.value})
-    assert abs(margin_by_scipy(item.kind, border, item.point.orbit.section, 1, closes=1e-6)) < 1e-7
+    assert abs(margin_by_scipy(item.kind, border, item.point.section, 1, closes=1e-6)) < 1e-7
