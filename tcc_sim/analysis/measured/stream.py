@@ -265,7 +265,8 @@ class CycleStream:
         cuts, numbers = self._cuts(run, end)
         if not len(numbers):
             return []
-        cycles = self._between(cuts)
+        rows = np.concatenate(self._waiting, axis=1)
+        cycles = self._laws.cycles(rows, cuts)
         self._from = float(cuts[-1])
         pieces = []
         ends = np.flatnonzero((numbers[1:] != numbers[:-1] + 1) | (numbers[:-1] == PART)) + 1
@@ -275,7 +276,6 @@ class CycleStream:
             else:
                 pieces.append(CyclePiece(int(numbers[a]), cycles[a:b]))
         self.runs[-1].pieces += pieces
-        rows = np.concatenate(self._waiting, axis=1)
         start = int(np.searchsorted(rows[0], self._from + SLACK * self.clock.cycle, side="right")) - 1
         self._waiting = [rows[:, start:].copy()]
         return pieces
@@ -306,19 +306,11 @@ class CycleStream:
         """Longest part that counts as none, s."""
         return STAMP + 1e-8 * self.clock.cycle
 
-    def _between(self, cuts: Floats) -> Cycles:
-        """Return the waiting samples between these times as cycles."""
-        *samples, angle, speed, held, lost = np.concatenate(self._waiting, axis=1)
-        t, slip_speed, plate_angle, plate_speed, engine, friction = samples
-        return replace(self._laws.cycles(t, slip_speed, plate_angle, plate_speed, engine, friction,
-                                         FarEnd(angle, speed), held.astype(np.int64), cuts, lost[1:] > 0.0),
-                       starts=cuts)
-
     def _rest(self) -> Cycles | None:
         """Return the waiting samples after the last cycle as a part; None for none."""
         if not self._waiting or self.runs[-1].end <= self._from + self._near:
             return None
-        return self._between(np.array([self._from, self.runs[-1].end]))
+        return self._laws.cycles(np.concatenate(self._waiting, axis=1), np.array([self._from, self.runs[-1].end]))
 
     def _close(self) -> None:
         """End at a gap or at the end of a run: the waiting samples are a part of a cycle."""

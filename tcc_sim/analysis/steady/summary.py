@@ -193,10 +193,10 @@ def cycle_parts_of(trajectory: Trajectory) -> tuple[Cycles | None, Cycles, Cycle
     late = int(not len(starts) or starts[-1] < end - near)
     cuts = np.concatenate([[begin] * early, starts, [end] * late])
     laws = Laws()
-    held = trajectory.along(laws.number_of).astype(np.int64)
-    whole = replace(laws.cycles(trajectory.t, trajectory.slip_speed, trajectory.plate_angle, trajectory.plate_speed,
-                                trajectory.engine_torque, trajectory.friction_torque, trajectory.far_end, held, cuts),
-                    starts=cuts)
+    run, far = trajectory, trajectory.far_end
+    whole = laws.cycles(np.stack(np.broadcast_arrays(
+        run.t, run.slip_speed, run.plate_angle, run.plate_speed, run.engine_torque, run.friction_torque, far.angle,
+        far.speed, run.along(laws.number_of), 0.0)), cuts)
     if not len(starts):
         return None, whole[:0], whole
     return whole[:1] if early else None, *split_cycles(whole[early:], len(starts) - 1)
@@ -216,29 +216,27 @@ class Laws:
             self._laws.append(law)
         return self._laws.index(law)
 
-    def cycles(self, t: Floats, slip_speed: Floats, plate_angle: Floats, plate_speed: Floats, engine: Floats,
-               friction: Floats, far: FarEnd, held: NDArray[np.int64], cuts: Floats,
-               bridged: NDArray[np.bool_] | None = None) -> Cycles:
+    def cycles(self, rows: Floats, cuts: Floats) -> Cycles:
         """Return the cycles of samples between `cuts`, (m + 1,) s, with the law that held in each interval.
 
-        t, slip_speed, plate_angle, plate_speed, engine, friction : (n,) samples, s, rad/s, rad, rad/s, N m, N m
-        held : (n,) number of the law at each sample and in the interval before it
-        bridged : (n - 1,) intervals in which a sample is missing; None for none
+        rows : (10, n) time, slip speed, plate angle, plate speed, engine torque, friction torque (s, rad/s, rad, rad/s,
+            N m, N m), angle and speed of the far end (rad, rad/s), number of the law at each sample and in the interval
+            before it, and 1 where a sample before is missing
         """
+        t, held, lost = rows[0], rows[-2].astype(np.int64), rows[-1, 1:] > 0.0
+
         def between(a: int, b: int, starts: Floats) -> Cycles:
             """Return those of the samples from a to b, both included."""
-            at, (stick_speed, linear) = slice(a, b + 1), self._laws[held[min(a + 1, b)]]
-            there = FarEnd(*(np.broadcast_to(column, t.shape)[at] for column in far))
-            slip, plate = equations.accelerations(slip_speed[at], plate_angle[at], plate_speed[at], engine[at],
-                                                  friction[at], linear, there.angle, there.speed)
-            return cycles_from_samples(t[at], slip_speed[at], slip, plate_angle[at], plate_speed[at], plate,
-                                       starts=starts, stick_speed=stick_speed, linear=linear, far=there,
-                                       bridged=None if bridged is None else bridged[a:b])
+            stick_speed, linear = self._laws[held[min(a + 1, b)]]
+            at, slip_speed, plate_angle, plate_speed, engine, friction, *far = rows[:-2, a:b + 1]
+            slip, plate = equations.accelerations(slip_speed, plate_angle, plate_speed, engine, friction, linear, *far)
+            return cycles_from_samples(at, slip_speed, slip, plate_angle, plate_speed, plate, starts=starts,
+                                       stick_speed=stick_speed, linear=linear, far=FarEnd(*far), bridged=lost[a:b])
 
         changes = np.flatnonzero(np.diff(held))
         changes = changes[(t[changes] > cuts[0]) & (t[changes] < cuts[-1])]
         if not len(changes):
-            return between(0, len(t) - 1, cuts)
+            return replace(between(0, len(t) - 1, cuts), starts=cuts)
         places = np.searchsorted(cuts, t[changes])
         ends, whole = np.insert(cuts, places, t[changes]), np.insert(np.ones(len(cuts), np.bool_), places, False)
         edges = [0, *(places + np.arange(len(places))).tolist(), len(ends) - 1]
@@ -252,7 +250,7 @@ class Laws:
         return Cycles(parts.section[whole], most(parts.highest, first), least(parts.lowest, first),
                       add(parts.stick_time, first), Loads(
                           add(energy, first), most(power, first), most(high, first), least(low, first),
-                          add(breakaways, first), add(fluid, first)))
+                          add(breakaways, first), add(fluid, first)), cuts)
 
 
 def first_cycle_of(trajectory: Trajectory) -> int:
