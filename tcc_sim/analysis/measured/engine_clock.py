@@ -300,15 +300,16 @@ class _Follower:
 
     def __init__(self, t: Floats, torque: Floats) -> None:
         self._t, self._torque, self._tried = t, torque, 0
-        self._model: tuple[float, float, float, float] | None = None
+        self._model: tuple[float, ...] = ()
+        """Time, phase then, frequency and its rate; empty where no line is followed."""
         self._sure_until = -math.inf
         self._misses = 0
-        self._stretch: Blocks | None = None
+        self._stretch: Blocks = []
         self.stretches: list[Blocks] = []
-        while self._search() if self._model is None else self._follow():
+        while self._follow() if self._model else self._search():
             pass
-        if self._stretch is not None and not self._misses and len(self._t):
-            self._take_rest(self._stretch)
+        if self._stretch and not self._misses and len(self._t):
+            self._take_rest()
         self._release()
 
     def _search(self) -> bool:
@@ -330,13 +331,11 @@ class _Follower:
         return True
 
     def _expected(self, t: Floats) -> Floats:
-        assert self._model is not None
         at, phase, frequency, change = self._model
         return phase + (t - at) * (frequency + 0.5 * change * (t - at))
 
     def _block(self) -> int:
         """Return the number of samples in the next block."""
-        assert self._model is not None
         at, _, frequency, change = self._model
         now = max(frequency + change * (float(self._t[0]) - at), 0.5 * frequency)
         end = float(self._t[0]) + CYCLES_PER_BLOCK * 2.0 * math.pi / now
@@ -349,9 +348,8 @@ class _Follower:
             return False
         t, fit = self._t[:count], self._measured(count)
         if fit is not None:
-            self._stretch = self._stretch or []
             self._misses = 0
-            self._add(self._stretch, fit, float(t[0]), float(self._t[count]), float(t[-1]))
+            self._add(fit, float(t[0]), float(self._t[count]), float(t[-1]))
             self._learn()
         else:
             self._misses += 1
@@ -369,30 +367,28 @@ class _Follower:
         fit, *halves = (_fit(self._t[part], self._torque[part], expected[part])
                         for part in (slice(0, count), slice(0, count // 2), slice(count // 2, count)))
         apart = math.remainder(halves[1].ahead - halves[0].ahead, 2.0 * math.pi)
-        agrees = abs(fit.ahead) <= LARGEST_SURPRISE or self._stretch is None
+        agrees = abs(fit.ahead) <= LARGEST_SURPRISE or not self._stretch
         agrees = agrees and abs(apart) <= LARGEST_TWIST
         return fit if fit.share >= STRONGEST_LINE and agrees else None
 
-    def _add(self, stretch: Blocks, fit: _Fit, begin: float, end: float, last: float) -> None:
-        """Add a block to a stretch: its samples go from `begin` to `last`, the next block begins at `end`."""
+    def _add(self, fit: _Fit, begin: float, end: float, last: float) -> None:
+        """Add a block to the stretch: its samples go from `begin` to `last`, the next block begins at `end`."""
         middle = 0.5 * (begin + last)
         phase = float(self._expected(np.array(middle))) + fit.ahead
-        stretch.append(Block(middle, phase, fit.amplitude, fit.share, begin, end))
+        self._stretch.append(Block(middle, phase, fit.amplitude, fit.share, begin, end))
 
-    def _take_rest(self, stretch: Blocks) -> None:
+    def _take_rest(self) -> None:
         """Make the rest at the end a block of its own, or a part of the last block if it is short."""
         begin, last = float(self._t[0]), float(self._t[-1])
         if 2 * len(self._t) >= self._block():
             fit = self._measured(len(self._t))
             if fit is not None:
-                self._add(stretch, fit, begin, last, last)
+                self._add(fit, begin, last, last)
                 return
-        stretch[-1] = stretch[-1]._replace(end=last)
+        self._stretch[-1] = self._stretch[-1]._replace(end=last)
 
     def _learn(self) -> None:
         """Update the model from the last blocks."""
-        assert self._stretch is not None
-        assert self._model is not None
         t, phase = np.array([(block.t, block.phase) for block in self._stretch[-PHASE_MEMORY:]]).T
         at, now, (frequency, change) = float(t[-1]), float(phase[-1]), self._model[2:]
         frequency += change * (at - self._model[0])
@@ -410,12 +406,12 @@ class _Follower:
     def _release(self) -> None:
         """End the stretch, without a block at either end that the oscillation fills only in part."""
         stretch = self._stretch
-        if stretch is not None and len(stretch) > MISSES:
+        if len(stretch) > MISSES:
             for end, neighbour in ((0, 1), (-1, -2)):
                 if len(stretch) > 2 and stretch[end].amplitude < FULL_SIZE * stretch[neighbour].amplitude:
                     del stretch[end]
             self.stretches.append(stretch)
-        self._stretch, self._model, self._misses = None, None, 0
+        self._stretch, self._model, self._misses = [], (), 0
 
 
 def _fit(t: Floats, torque: Floats, phase: Floats) -> _Fit:
