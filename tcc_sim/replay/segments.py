@@ -12,7 +12,7 @@ import numpy as np
 
 from tcc_sim.analysis.loop import BAND
 from tcc_sim.analysis.loop.control import handovers
-from tcc_sim.analysis.loop.loop_verdict import SETTLED_CYCLES, Signal
+from tcc_sim.analysis.loop.loop_verdict import NO_SIGNAL, SETTLED_CYCLES, Signal
 from tcc_sim.analysis.loop.tracking import Limits, Loop, Tracking, loop_cycles, target_jumps
 from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
 from tcc_sim.analysis.measured.signals import BRIDGED_TICKS
@@ -220,6 +220,6 @@ class _Judge:
         why = ("" if self._clock.identified
                else "periods of excitation could not be identified, so there is no cycle mean")
         note = f"; means over {self._clock.cycle:.3g} s, as the engine torque does not pulsate" if self._slices else ""
-        return Loop(course, self._reference, None if pressure is None else Signal(
+        return Loop(course, self._reference, NO_SIGNAL if pressure is None else Signal(
             states.stamp_ns.astype(np.float64) * 1e-9, pressure), limits=self._limits, floor=self._band, why=why,
             note=note, bridged=np.array(bridged).reshape(-1, 2), slip=slip)

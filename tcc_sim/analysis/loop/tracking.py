@@ -244,7 +244,7 @@ class Loop:
     """A run of a controlled driveline, of which segments are judged.
 
     reference : target slip speed, rad/s
-    pressure : applied through the time from each sample before, Pa; None if it was not recorded
+    pressure : applied through the time from each sample before, Pa; empty if it was not recorded
     limits : of the pressure as stated, Pa; None if nobody stated them
     floor : least band that counts as settled, rad/s
     why : reason in a sentence if there are no cycle means
@@ -256,7 +256,7 @@ class Loop:
 
     course: LoopCycles
     reference: Steps
-    pressure: Signal | None = None
+    pressure: Signal = verdicts.NO_SIGNAL
     limits: Limits | None = None
     floor: float = BAND
     why: str = ""
@@ -286,9 +286,7 @@ class Loop:
         counts: dict[str, Any] = {} if commands is None else {
             "command_rate": commands[0] / (end - begin) if end > begin else math.nan,
             "commands_applied": commands[0], "commands_superseded": commands[1]}
-        pressed = None if self.pressure is None else self.pressure.within(begin, end)
-        if pressed is not None and not len(pressed.t):
-            pressed = None
+        pressed = self.pressure.within(begin, end)
         counts |= self._pressure_figures(pressed)
         if not len(course.mean):
             return Tracking(target, verdict=None if self.why else LoopVerdict.TOO_SHORT.value,
@@ -449,8 +447,8 @@ class Loop:
         of_peak = 0.0 if moving else SETTLED * abs(float(error[peak]))
         return replace(errors, band=max(band, fine, of_peak), floor=max(self.floor, fine)), peak
 
-    def _pressure_figures(self, pressed: Signal | None) -> dict[str, Any]:
-        if pressed is None:
+    def _pressure_figures(self, pressed: Signal) -> dict[str, Any]:
+        if not len(pressed.t):
             return {"limits": self.limits or UNKNOWN}
         (t, p), limits = pressed, self.limits or LEAST_LIMIT
         step = np.diff(t, prepend=t[0] - (t[1] - t[0] if len(t) > 1 else 0.0))
@@ -460,10 +458,10 @@ class Loop:
                 "pressure_rate": math.sqrt(float(np.sum(np.diff(p) ** 2 / step[1:])) / total) if len(p) > 1 else 0.0,
                 "time_at_limit": float(step[at_limit].sum()) / total if total else math.nan}
 
-    def _verdict(self, errors: Errors, pressed: Signal | None, tail: np.ndarray, whole: float) -> Judged:
+    def _verdict(self, errors: Errors, pressed: Signal, tail: np.ndarray, whole: float) -> Judged:
         if len(errors.error) < verdicts.SETTLED_CYCLES or not tail.any():
             return verdicts.loop_verdict(errors, whole)
-        if pressed is not None and (limit := self._saturated(errors, tail, pressed)):
+        if limit := self._saturated(errors, tail, pressed):
             return Judged(LoopVerdict.SATURATED, limit)
         known = np.isfinite(errors.stick_time[tail])
         stick = errors.stick_time[tail][known]
@@ -472,7 +470,7 @@ class Loop:
         if (not errors.moving and share >= STICKS and 2 * np.count_nonzero(stick) > len(stick)
                 and float(np.abs(errors.reference[tail]).min()) > errors.floor):
             return Judged(LoopVerdict.STICKING, f"in stick for {100.0 * share:.3g} % of the last {lasts:.3g} s")
-        if pressed is not None and (stays := self._stays(errors, tail, pressed)):
+        if stays := self._stays(errors, tail, pressed):
             return Judged(LoopVerdict.OFF_TARGET, stays)
         return verdicts.loop_verdict(errors, whole)
 
@@ -526,8 +524,8 @@ def loop_of(run: Trajectory, clock: EngineClock, reference: Steps, pressure: Flo
             np.rint(run.t * 1e9).astype(np.int64), run.slip_speed, run.plate_angle, run.plate_speed, run.engine_torque,
             run.friction_torque, far=run.far_end)
     course, slip = loop_cycles(clock, ((True, *part) for part in slip.stretches() or [slip]), pieces)
-    return Loop(course, reference, None if pressure is None else Signal(run.t, pressure), limits, floor, before=before,
-                slip=slip)
+    return Loop(course, reference, verdicts.NO_SIGNAL if pressure is None else Signal(run.t, pressure), limits, floor,
+                before=before, slip=slip)
 
 
 def _at_level(pressure: Floats, level: float, side: int) -> NDArray[np.bool_]:
