@@ -80,8 +80,7 @@ def test_all_results_are_those_of_the_closed_form(count):
     for column, exact, error in zip(result.section.T, (v, angle, speed), (3e-6, 1e-9, 3e-6)):
         np.testing.assert_allclose(column, exact, rtol=0.0, atol=error)
     none = cycles_of(t, starts[:1])
-    assert (len(none), none.section.shape) == (0, (1, 3))
-    assert all(len(values) == 0 for values in asdict(none.loads).values())
+    assert (len(none), none.section.shape, {*map(len, asdict(none.loads).values())}) == (0, (1, 3), {0})
 
 
 @pytest.mark.parametrize("gap", [(0.2501, 0.2899), (0.1701, 0.2199), (0.3301, 0.5299)])
@@ -92,6 +91,8 @@ def test_nothing_between_the_neighbours_of_a_missing_sample_counts(gap):
     bridged = np.diff(t) > 0.01
     hidden = t[:-1][bridged][0], t[1:][bridged][0]
     result = cycles_of(t, starts, bridged)
+    few = cycles_of(t, starts[starts < hidden[1]], bridged)  # The last cycle may be one without a sample.
+    np.testing.assert_array_equal(few.loads.energy, result.loads.energy[:len(few)])
     for n in range(4):
         begin, end = starts[n], starts[n + 1]
         if hidden[0] <= begin and end <= hidden[1]:
@@ -102,8 +103,7 @@ def test_nothing_between_the_neighbours_of_a_missing_sample_counts(gap):
             continue
         compare(result, n, expected(begin, end, hidden))
     plain, none = cycles_of(t, starts), cycles_of(t, starts, np.zeros(len(t) - 1, bool))
-    for one, other in zip((plain.highest, plain.loads.energy), (none.highest, none.loads.energy)):
-        np.testing.assert_array_equal(one, other)
+    np.testing.assert_equal(asdict(plain), asdict(none))
 
 
 def test_the_set_valued_law_is_at_rest_where_both_ends_are_and_after_a_jump_of_the_slope():
