@@ -5,7 +5,6 @@ Derivatives and peaks do not cross a jump, which has two samples a rounding apar
 
 from __future__ import annotations
 
-from dataclasses import fields
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -140,16 +139,10 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     grid = _grid(t, starts, bridged)
     left, h, u = grid.left, grid.h, grid.u
     v, a = np.asarray(slip_speed, dtype=np.float64), np.asarray(slip_acceleration, dtype=np.float64)
-    leaving, arriving = _without_overshoot(t, v, a, stick_speed)
-    section = np.stack([_cubic(u, *_about_starts(grid, v, leaving, arriving)),
-                        _quintic(u, h, left, plate_angle, plate_speed, plate_acceleration),
+    at_starts, p, dp, q, dq = _cut(grid, v, *_without_overshoot(t, v, a, stick_speed))
+    section = np.stack([at_starts, _quintic(u, h, left, plate_angle, plate_speed, plate_acceleration),
                         _cubic(u, plate_speed[left], h * plate_acceleration[left], plate_speed[left + 1],
                                h * plate_acceleration[left + 1])], axis=1)
-    if len(starts) < 2:
-        none = np.empty(0)
-        return Cycles(section, none, none, none, None if linear is None else Loads(*[none] * len(fields(Loads))))
-
-    p, dp, q, dq = _cut(grid, v, leaving, arriving)
     if stick_speed == 0.0:
         rest = (p == 0.0) & (q == 0.0)
         dp, dq = np.where(rest, 0.0, dp), np.where(rest, 0.0, dq)
@@ -158,7 +151,7 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
     width = grid.width if grid.hidden is None else np.where(grid.hidden, 0.0, grid.width)
     within = width * _share_within(turns, values, p, dp, q, dq, stick_speed)
     if stick_speed == 0.0:
-        within += width * _share_at_rest(*_cut(grid, v, a[:-1], a[1:]))
+        within += width * _share_at_rest(*_cut(grid, v, a[:-1], a[1:])[1:])
     loads = None if linear is None else _loads(grid, v, a, np.asarray(plate_angle), np.asarray(plate_speed),
                                                np.asarray(plate_acceleration), section, stick_speed, linear, far)
     return Cycles(section, *_extremes(grid, values), np.add.reduceat(within, grid.pieces), loads)
@@ -169,7 +162,8 @@ class _Grid(NamedTuple):
 
     place, left, h, u : for every start, the number of samples before it, the interval, its length, s, and the part of
         it before the start
-    width : lengths of all intervals between samples and starts from the first start to the last, s
+    inside, between : of all samples and starts in order, those from the first start to the last, and the intervals
+    width : lengths of these intervals, s
     pieces : (m,) the first of these in each cycle
     hidden : which of these intervals lie where a sample is missing; None for none
     neighbours : which samples are neighbours of a missing one; None for none
@@ -181,6 +175,8 @@ class _Grid(NamedTuple):
     left: NDArray[np.int64]
     h: Floats
     u: Floats
+    inside: slice
+    between: slice
     width: Floats
     pieces: NDArray[np.int64]
     hidden: NDArray[np.bool_] | None = None
@@ -193,12 +189,13 @@ def _grid(t: Floats, starts: Floats, bridged: NDArray[np.bool_] | None = None) -
     h = t[left + 1] - t[left]
     u = np.clip((starts - t[left]) / h, 0.0, 1.0)
     first, last = int(place[0]), int(place[-1]) + len(starts)
-    instants = np.insert(t, place, starts)[first:last]
-    grid = _Grid(t, starts, place, left, h, u, np.maximum(np.diff(instants), 0.0),
-                 (place + np.arange(len(starts)) - place[0])[:-1])
+    inside, between = slice(first, last), slice(first, last - 1)
+    grid = _Grid(t, starts, place, left, h, u, inside, between,
+                 np.maximum(np.diff(np.insert(t, place, starts)[inside]), 0.0),
+                 (place + np.arange(len(starts)) - first)[:-1])
     if bridged is None or not bridged.any():
         return grid
-    return grid._replace(hidden=np.insert(bridged, left + 1, bridged[left])[first:last - 1],
+    return grid._replace(hidden=np.insert(bridged, left + 1, bridged[left])[between],
                          neighbours=np.append(bridged, False) | np.append(False, bridged))
 
 
@@ -210,8 +207,7 @@ def _extremes(grid: _Grid, values: Floats) -> tuple[Floats, Floats]:
     high, low = values.max(axis=1), values.min(axis=1)
     if grid.hidden is None:
         return np.maximum.reduceat(high, grid.pieces), np.minimum.reduceat(low, grid.pieces)
-    first, last = int(grid.place[0]), int(grid.place[-1]) + len(grid.place)
-    sampled = np.insert(np.ones(len(grid.t), dtype=np.bool_), grid.place, (grid.u == 0.0) | (grid.u == 1.0))[first:last]
+    sampled = np.insert(np.ones(len(grid.t), np.bool_), grid.place, (grid.u == 0.0) | (grid.u == 1.0))[grid.inside]
     begin, end = (np.where(known, values[:, k], np.nan) for known, k in ((sampled[:-1], 0), (sampled[1:], -1)))
     return (np.fmax.reduceat(np.where(grid.hidden, np.fmax(begin, end), high), grid.pieces),
             np.fmin.reduceat(np.where(grid.hidden, np.fmin(begin, end), low), grid.pieces))
@@ -259,18 +255,17 @@ def _loads(grid: _Grid, v: Floats, slip: Floats, angle: Floats, speed: Floats, p
     power = friction * v
     top = with_peaks(t, power)
     if grid.hidden is not None and grid.neighbours is not None:
-        between = slice(int(place[0]), int(place[-1]) + len(starts))
-        lost = np.diff((np.insert(total, place, put_in) - np.insert(stored(v, twist, speed), place, held))[between])
+        lost = np.diff((np.insert(total, place, put_in) - np.insert(stored(v, twist, speed), place, held))[grid.inside])
         energy -= np.add.reduceat(np.where(grid.hidden, lost, 0.0), grid.pieces)
-        lost = np.diff(np.insert(passed, place, through)[between])
+        lost = np.diff(np.insert(passed, place, through)[grid.inside])
         heat -= np.add.reduceat(np.where(grid.hidden, lost, 0.0), grid.pieces)
         top = np.where(grid.neighbours, power, top)
-    power = np.insert(top, place, np.interp(starts, t, power))[place[0]:place[-1] + len(starts)]
-    p, dp, q, dq = _cut(grid, shaft, rise[:-1], rise[1:])
+    power = np.insert(top, place, np.interp(starts, t, power))[grid.inside]
+    _, p, dp, q, dq = _cut(grid, shaft, rise[:-1], rise[1:])
     torques = _cubic(_turning_points(p, dp, q, dq), p[:, None], dp[:, None], q[:, None], dq[:, None])
     stuck = np.abs(v) <= stick_speed
     first = grid.left
-    breakaways = (stuck[:-1] & ~stuck[1:])[:max(int(first[-1]) + int(grid.u[-1] == 1.0), int(first[-2]) + 1)]
+    breakaways = (stuck[:-1] & ~stuck[1:])[:max(int(first[-1]) + int(grid.u[-1] == 1.0), int(first[-2:][0]) + 1)]
     return Loads(energy, _extremes(grid, np.stack([power[:-1], power[1:]], axis=1))[0],
                  *_extremes(grid, torques), np.add.reduceat(breakaways.astype(np.float64), first[:-1]), heat)
 
@@ -281,22 +276,16 @@ def integral_of(h: Floats, values: Floats, rates: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(parts)])
 
 
-def _about_starts(grid: _Grid, y: Floats, leaving: Floats, arriving: Floats) -> tuple[Floats, ...]:
-    """Return the cubics of the intervals in which the cycles start: values and slopes times h at both ends."""
-    left, h = grid.left, grid.h
-    return y[left], h * leaving[left], y[left + 1], h * arriving[left]
-
-
 def _cut(grid: _Grid, y: Floats, leaving: Floats, arriving: Floats) -> tuple[Floats, ...]:
-    """Return the cubics between samples and starts of cycles from the first start to the last, p, dp, q, dq, by values
-    y, (n,), and slopes at both ends of every interval, (n - 1,) each.
+    """Return values at the starts, and the cubics between samples and starts from the first start to the last, p, dp,
+    q, dq, by values y, (n,), and slopes at both ends of every interval, (n - 1,) each.
     """
-    about_starts = _about_starts(grid, y, leaving, arriving)
-    slope = _cubic_slope(grid.u, *about_starts) / grid.h
-    first, last = int(grid.place[0]), int(grid.place[-1]) + len(grid.place)
-    values = np.insert(y, grid.place, _cubic(grid.u, *about_starts))[first:last]
-    return (values[:-1], grid.width * np.insert(leaving, grid.left + 1, slope)[first:last - 1],
-            values[1:], grid.width * np.insert(arriving, grid.left, slope)[first:last - 1])
+    left, h = grid.left, grid.h
+    about_starts = y[left], h * leaving[left], y[left + 1], h * arriving[left]
+    slope, at_starts = _cubic_slope(grid.u, *about_starts) / h, _cubic(grid.u, *about_starts)
+    values = np.insert(y, grid.place, at_starts)[grid.inside]
+    return (at_starts, values[:-1], grid.width * np.insert(leaving, left + 1, slope)[grid.between],
+            values[1:], grid.width * np.insert(arriving, left, slope)[grid.between])
 
 
 def _without_overshoot(t: Floats, v: Floats, a: Floats, stick_speed: float) -> tuple[Floats, Floats]:
