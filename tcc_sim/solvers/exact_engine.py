@@ -330,15 +330,15 @@ def slip_event(bounds: Bounds, unit: float, x: float, order: int, level: float, 
 
 
 @fast
-def mode_at_rest(plate_angle: float, plate_speed: float, drive: Any, ratio: float, tolerance: float,
-                 linear: Linear) -> int:
+def mode_at_rest(state: Any, drive: Any, bounds: Bounds, linear: Linear) -> int:
     """Return the mode after v = 0 under load: stick where |lambda| <= r Ts, else slip in the direction of lambda.
 
-    Within `tolerance` (N m) of breakaway the rate of the margin decides: stick if it grows.
+    Within the torque's tolerance of breakaway the rate of the margin decides: stick if it grows.
     """
+    ratio, tolerance, plate_speed = bounds.ratio, bounds.torque_tolerance, state.plate_speed
     flywheel, plate, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
     both = flywheel + plate
-    spring = damping * plate_speed + stiffness * plate_angle
+    spring = damping * plate_speed + stiffness * state.plate_angle
     torque = (plate * drive.torque + flywheel * spring) / both
     margin = ratio * drive.load - abs(torque)
     if margin > tolerance:
@@ -369,8 +369,7 @@ def begin(setup: Setup, state: Any, drive: Any) -> None:
     elif state.slip_speed != 0.0:
         state.mode = POSITIVE if state.slip_speed > 0.0 else NEGATIVE
     else:
-        state.mode = mode_at_rest(state.plate_angle, state.plate_speed, drive, bounds.ratio, bounds.torque_tolerance,
-                                  terms.linear)
+        state.mode = mode_at_rest(state, drive, bounds, terms.linear)
     state.at_rest = 1 if state.slip_speed == 0.0 and state.mode != FREE else 0
 
 
@@ -421,8 +420,7 @@ def finish(setup: Setup, memory: Memory, step: Step, goal: float, angle: bool) -
     if step.event == REST or (stopped and state.at_rest == 0 and step.event != LAW_VARIES):
         state.slip_speed = 0.0
         excite(state.tau, state.shift, True, terms.mean_torque, waves, terms.mean_load, terms.pulsation, None, drive)
-        state.mode = mode_at_rest(state.plate_angle, state.plate_speed, drive, bounds.ratio, bounds.torque_tolerance,
-                                  terms.linear)
+        state.mode = mode_at_rest(state, drive, bounds, terms.linear)
         state.at_rest = 1
         return True
     return False
