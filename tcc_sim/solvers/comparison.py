@@ -25,6 +25,7 @@ import numpy as np
 from scipy.integrate import BDF, DOP853, LSODA, RK45, Radau
 
 from tcc_sim.compiling.compiled import Call, compiled, timed
+from tcc_sim.model.equations import matrix_of
 from tcc_sim.model.parameters import System
 from tcc_sim.solvers import SOLVERS
 from tcc_sim.solvers.fixed_step import piece_at, torques_now
@@ -227,7 +228,10 @@ def rates_of(terms: Terms, size: int) -> Callable[[float, Floats], Floats]:
 
 def jacobian_of(terms: Terms, size: int) -> Callable[[float, Floats], Floats]:
     """Return a function of t and y that returns the derivative of `rates_of` by y; one thread may use it."""
-    return _repeated(_jacobian, terms, np.zeros((size, size)))
+    out = np.zeros((size, size))
+    out[:3, :3] = matrix_of(terms.linear)
+    out[3:, [0, 2]] = 1.0
+    return _repeated(_jacobian, terms, out)
 
 
 def _repeated(kernel: Callable[..., object], terms: Terms, out: Floats) -> Callable[[float, Floats], Floats]:
@@ -246,6 +250,7 @@ def _repeated(kernel: Callable[..., object], terms: Terms, out: Floats) -> Calla
 
 @compiled
 def _jacobian(t: float, y: Floats, terms: Any, out: Floats) -> None:
+    """Fill the two derivatives that vary, those of the accelerations by the slip speed."""
     _, slope = smoothed_and_slope(y[0], terms.smoothing, terms.stribeck)
     rate = slope * torques_now(t, piece_at(terms.profile, t), terms.profile, terms)[1]
     linear = terms.linear
@@ -253,15 +258,7 @@ def _jacobian(t: float, y: Floats, terms: Any, out: Floats) -> None:
     on_plate = lost_torque(1.0, linear.plate_by_slip)
     out[0, 0] = (-rate * (1.0 / flywheel + 1.0 / plate) + on_plate / plate
                  - lost_torque(1.0, linear.flywheel_by_slip) / flywheel)
-    out[0, 1] = linear.stiffness / plate
-    out[0, 2] = linear.damping / plate
-    out[1, 2] = 1.0
     out[2, 0] = (rate - on_plate) / plate
-    out[2, 1] = -linear.stiffness / plate
-    out[2, 2] = -linear.damping / plate
-    if len(y) > 3:
-        out[3, 0] = 1.0
-        out[3, 2] = 1.0
 
 
 def _scales(problem: Problem, terms: Terms) -> Floats:
