@@ -172,12 +172,7 @@ def far_end_at(far: Floats, t: Any) -> tuple[Floats, Floats, Floats]:
 
 def _lines(times: Sequence[float], values: Sequence[float], constant: float) -> Floats:
     """Return a profile as rows of time, value and rate; one row for a constant."""
-    if not times:
-        return np.array([[0.0, constant, 0.0]])
-    lines = np.zeros((len(times), 3))
-    lines[:, 0], lines[:, 1] = times, values
-    lines[:-1, 2] = np.diff(values) / np.diff(times)
-    return lines
+    return lines_through(np.array(times or [0.0]), np.array(values if times else [constant]))
 
 
 def reached(t: Any, row: Any) -> Any:
