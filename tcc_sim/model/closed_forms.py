@@ -111,12 +111,9 @@ def engine_series(system: System) -> Sines:
     """
     system.check_repeats("a closed form")
     e = system.engine
-    if not e.harmonic:
-        return Sines.of(e.mean_torque, [])
-    higher = [(n * e.frequency, a, p) for n,
-              (a, p) in enumerate(zip(e.harmonic_amplitudes, e.harmonic_phases), 2) if a > 0.0]
-    return Sines.of(e.mean_torque,
-                    ([(e.frequency, e.torque_amplitude, 0.0)] if e.torque_amplitude > 0.0 else []) + higher)
+    harmonics = zip((e.torque_amplitude, *e.harmonic_amplitudes), (0.0, *e.harmonic_phases))
+    return Sines.of(e.mean_torque, [(n * e.frequency, a, p) for n, (a, p) in enumerate(harmonics, 1)
+                                    if e.harmonic and a > 0.0])
 
 
 def load_series(system: System) -> Sines:
