@@ -252,8 +252,6 @@ class Function:
         self._returned.append(kind)
         wanted = self._wanted if self._wanted is not None else kind
         self.text = text
-        if isinstance(wanted, (Static, Items, Column)) or (self._wanted is None and isinstance(kind, Static)):
-            return
         if not isinstance(wanted, Pointed):
             text = self._as((text, kind), wanted)
         else:
@@ -327,8 +325,6 @@ class Function:
             check(not self._depth)
             self._names[target.id] = text, kind
         elif isinstance(target, ast.Name):
-            if kind == INT and self._kinds.get(target.id) == DOUBLE:
-                kind = DOUBLE
             self._declare(target.id, kind)
             self._put(f"{word(target.id)} = {_bare(text)};")
         elif isinstance(target, ast.Subscript) and any(isinstance(part, ast.Slice) for part in ast.walk(target.slice)):
@@ -353,8 +349,6 @@ class Function:
         return name
 
     def _kept(self, text: str, kind: Kind) -> Text:
-        if isinstance(kind, (Static, Items, c_types.Keys, c_types.Row, Column)):
-            return text, kind
         name = self._variable(kind)
         pointed = isinstance(kind, Pointed)
         self._put(f"{name} = {target_of(text) if pointed else text};")
@@ -382,8 +376,6 @@ class Function:
 
     def _number(self, node: ast.expr) -> Text:
         text, kind = self._expression(node)
-        if isinstance(kind, Static) and isinstance(kind.value, bool):
-            return text, INT
         return text, only(kind, c_types.Scalar)
 
     def _test(self, node: ast.expr) -> Text:
@@ -426,21 +418,16 @@ class Function:
 
     def _attribute(self, node: ast.Attribute) -> Text:
         """Print a field of a NamedTuple, a scene key, data that are known, or an object of another module."""
-        if not self._of_value(node) and not isinstance(self._resolved(node.value), tuple):
-            return self._value(self._resolved(node))
         text, kind = self._expression(node.value)
         if isinstance(kind, c_types.Keys):
             return self._key(text, kind, node)
         if isinstance(kind, Static):
             return self._value(getattr(kind.value, node.attr))
-        if isinstance(kind, Struct):
-            for name, field in kind.fields:
-                if name == node.attr and isinstance(field, Static):
-                    return self._value(field.value)
-                if name == node.attr:
-                    place = f"{text[1:]}.{name}" if text.startswith("&") else f"{text}->{name}"
-                    return f"&{place}" if isinstance(field, Pointed) else place, field
-        raise c_types.Refused
+        field = dict(only(kind, Struct).fields)[node.attr]
+        if isinstance(field, Static):
+            return self._value(field.value)
+        place = f"{text[1:]}.{node.attr}" if text.startswith("&") else f"{text}->{node.attr}"
+        return f"&{place}" if isinstance(field, Pointed) else place, field
 
     def _key(self, text: str, kind: c_types.Keys, node: ast.Attribute) -> Text:
         """Print a scene key of a group, one of its groups, or what a property of it computes."""
@@ -453,8 +440,6 @@ class Function:
         if not kind.group and node.attr in type(kind.value).__annotations__ and hasattr(value, "quantities"):
             return text, c_types.Keys(value, node.attr, kind.place)
         place = kind.place(f"{kind.group}.{node.attr}")
-        if value == ():
-            return "0", Static(())
         if place is None:
             return self._value(value)
         if isinstance(value, tuple):
