@@ -16,7 +16,7 @@ import pytest
 from documents import valid
 
 from tcc_sim.cli import main
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.scene import load_scene
 
 PAGE = Path(__file__).resolve().parent.parent / ".github" / "guide" / "tutorial.md"
@@ -123,7 +123,7 @@ def test_the_tutorial_runs_and_prints_what_it_shows(tmp_path: Path, monkeypatch:
     assert (document["lost_messages"], document["complete"], document["command"][0]) == (0, True, "demo")
     first = document["segments"][0]
     assert (first["began_by"], first["tracking"]["target"]) == ("start", 20.0)
-    recorded = open_run(Path("clutch1/recording"))
+    recorded = Run(Path("clutch1/recording"))
     assert {"/target_slip_speed", "/actuation_pressure", "/applied_pressure", "/held"} <= set(recorded.topics)
     held = document["inputs"]["actuation_pressure"]
     assert (held["publishers"], held["refused"], held["lost"], held["ignored"]) == (1, 0, 0, 0)

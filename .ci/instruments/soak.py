@@ -27,7 +27,7 @@ from typing import Any
 from tcc_sim.errors import TccError, counted
 from tcc_sim.nodes.children import Session
 from tcc_sim.output.terminal import say, seconds_bar
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 
 COMMANDED = ("/engine_torque", "/actuation_pressure")
 WARM_UP = 60.0
@@ -115,17 +115,17 @@ def lossy(folder: Path, shares: str) -> dict[str, str]:
 
 def figures_of(recording: Path) -> Recorded:
     """Return counts, losses and drift of a recording."""
-    run = open_run(recording)
+    run = Run(recording)
     first: tuple[int, int] | None = None
     last = (0, 0)
-    for states in run.states():
+    for states in run.columns().runs:
         first = first or (int(states.stamp_ns[0]), int(states.log_ns[0]))
         last = (int(states.stamp_ns[-1]), int(states.log_ns[-1]))
     begin = first or last
     drift = ((last[1] - begin[1]) - (last[0] - begin[0])) * 1e-9
     result = run.result or {}
     number = result.get("lost", {}).get(run.joint_states_topic)
-    return Recorded(dict(run.messages), run.lost_messages, run.complete, number == run.lost_messages, drift,
+    return Recorded(dict(run.messages), run.stamps.lost, run.complete, number == run.stamps.lost, drift,
                     list(run.warnings), (last[0] - begin[0]) * 1e-9)
 
 

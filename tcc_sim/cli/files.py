@@ -108,9 +108,9 @@ def recover(arguments: argparse.Namespace, recording: Path, out: Path | None = N
     out : directory to create (default: RUN_recovered beside it)
     """
     from tcc_sim.recording import recovery
-    from tcc_sim.recording.reader import open_run
+    from tcc_sim.recording.reader import Run
 
-    result = recovery.recover(open_run(recording), out or recovery.default_directory(recording))
+    result = recovery.recover(Run(recording), out or recovery.default_directory(recording))
     say(printable(f"recovered {counted(sum(result.messages.values()), 'message')} into {result.directory}"))
     for topic, count in list(result.messages.items())[:TOPICS_SHOWN]:
         say(f"  {one_line(topic)}: {count}")

@@ -151,9 +151,9 @@ def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> 
     (`replay.timeline`). Raise InputError if there is no scene, or if the scene changed or the far end moved during the
     run, and RecordingError if nothing can be read.
     """
-    from tcc_sim.recording.reader import open_run
+    from tcc_sim.recording.reader import Run
 
-    recorded = open_run(path, **driveline)
+    recorded = Run(path, **driveline)
     if recorded.scene_text is not None:
         scene = parse_scene(recorded.scene_text, str(path))
     if scene is None:

@@ -13,7 +13,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.messages.held import PROCESS, RUN
 from tcc_sim.recording.announcements import MOST_SOURCES, InputSource, Stamps, read_source
 from tcc_sim.recording.contents import Channel
-from tcc_sim.recording.layouts import Floats, Layouts, Positions, times_of
+from tcc_sim.recording.layouts import NUMBER, Floats, Layouts, Positions, sent_ns
 from tcc_sim.recording.records import Messages
 from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64, FLOAT64_ARRAY, FLUID_PRESSURE, HEADER, LIMITS, SHAFT, TARGET
 
@@ -84,12 +84,12 @@ class Commands:
                         self._sources.setdefault(source)
             elif channel.type == SIGNALS.get(name):
                 found = self._layouts[channel.type].take(np.frombuffer(data, np.uint8), messages, [number])
-                found = found.part(np.isfinite(found.columns["value"]))
-                values = found.columns["value"]
+                found = found.part(np.isfinite(found.values[0]))
+                (values,) = found.values
                 if name in COMMANDS and len(values):
                     self.publishers.setdefault(name, set()).add(channel.publisher)
                 who = np.full(len(values), self._numbers.setdefault(channel.publisher, len(self._numbers)))
-                self._sent.setdefault(name, []).append((who, found.heads["number"], times_of(found.heads)[1], values))
+                self._sent.setdefault(name, []).append((who, found.heads[NUMBER], sent_ns(found.heads), values))
 
     def _count(self, statuses: Iterable[cdr.DiagnosticsStatus], publisher: str) -> None:
         """Take diagnostics: of each process the status with the most paced ticks, as its counts never decrease."""

@@ -15,7 +15,7 @@ from tcc_sim.messages.held import PROCESS
 from tcc_sim.parameter_file import LARGEST_FILE, description_in
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.contents import Channel
-from tcc_sim.recording.layouts import Decoded, Layouts
+from tcc_sim.recording.layouts import LOG, ROW, SENT, STAMP, Decoded, Layouts
 from tcc_sim.recording.records import Messages
 from tcc_sim.result import reported, result_class
 from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
@@ -23,7 +23,7 @@ from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT,
 _MOST_NAMED = 20
 _PARTICIPANT = 24
 """Hexadecimal digits of a publisher's identifier that it shares with all publishers of its process (RTPS)."""
-_TIMES = ("log_ns", "sent_ns")
+_CLOCKS = ROW, LOG, SENT
 _SCENE, _SCENE_KEY = "scene", "ros__parameters"
 
 
@@ -81,16 +81,14 @@ class _Sent:
     def __init__(self, topic: str, publisher: str, able: bool, run: str = "") -> None:
         self.topic, self.publisher, self.able, self.run = topic, publisher, able, run
         self.names = Counter[tuple[str, ...]]()
-        self.place = self.log_ns = self.sent_ns = self.stamps = (1 << 63, -1 << 63)
+        self.spans = dict.fromkeys((*_CLOCKS, STAMP), (1 << 63, -1 << 63))
         """Smallest and largest: number in the order of reading, times of receipt and of sending, and stamp, ns."""
 
-    def add(self, group: Decoded, before: int) -> None:
-        """Take messages of one chunk, which has `before` messages before it."""
-        self.names[group.names] += len(group.rows)
-        for what, values in (("place", before + group.rows), ("stamps", group.stamps),
-                             *((name, group.heads[name]) for name in _TIMES)):
-            low, high = getattr(self, what)
-            setattr(self, what, (min(low, int(values.min())), max(high, int(values.max()))))
+    def add(self, group: Decoded) -> None:
+        """Take messages of one chunk."""
+        self.names[group.names] += len(group.frames)
+        for row, (low, high) in self.spans.items():
+            self.spans[row] = min(low, int(group.heads[row].min())), max(high, int(group.heads[row].max()))
 
 
 class Inventory:
@@ -105,7 +103,7 @@ class Inventory:
         self._runs: dict[str, _Sent] = {}
         self._scenes: dict[tuple[str, str, SceneRecord], None] = {}
         """Namespace, publisher and text of each scene on a topic."""
-        self._place = 0
+        self._before = 0
 
     @staticmethod
     def wants(channel: Channel) -> bool:
@@ -120,9 +118,8 @@ class Inventory:
     def take(self, data: bytes, messages: Messages, channels: Mapping[int, Channel]) -> None:
         """Take one chunk."""
         array = np.frombuffer(data, dtype=np.uint8)
-        for number in np.flatnonzero(np.bincount(messages.channel)).tolist():
-            channel = channels.get(number)
-            if channel is None or not self.wants(channel):
+        for number, channel in channels.items():
+            if not self.wants(channel):
                 continue
             if channel.type == STRING:
                 self._announced(data, messages, number, channel)
@@ -132,15 +129,16 @@ class Inventory:
                 if same.names in ((OUTPUT_JOINT,), (CLUTCH_JOINT,)):
                     continue
                 able = set(self._joints) <= set(same.names)
+                same.heads[ROW] += self._before
                 for run in np.unique(same.frames[same.frames != b""]).tolist() if able else ():
                     sent = _Sent(channel.topic, channel.publisher, True, run.decode())
-                    self._runs.setdefault(sent.run, sent).add(same.part(same.frames == run), self._place)
+                    self._runs.setdefault(sent.run, sent).add(same.part(same.frames == run))
                     same = same.part(same.frames != run)
-                if not len(same.rows):
+                if not len(same.frames):
                     continue
                 key = channel.topic, channel.publisher, tuple(self._joints) if able else tuple(sorted(same.names))
-                self._sent.setdefault(key, _Sent(channel.topic, channel.publisher, able)).add(same, self._place)
-        self._place += len(messages.channel)
+                self._sent.setdefault(key, _Sent(channel.topic, channel.publisher, able)).add(same)
+        self._before += len(messages.channel)
 
     def _announced(self, data: bytes, messages: Messages, number: int, channel: Channel) -> None:
         for head, body in messages.of(data, number):
@@ -175,7 +173,7 @@ class Inventory:
         processes: dict[str, list[_Sent]] = {}
         for run in sorted(self._runs.values(), key=lambda one: one.run):
             processes.setdefault(run.run[:PROCESS], []).append(run)
-        for process, runs in sorted(processes.items(), key=lambda item: (item[0][:8], item[1][0].log_ns[0])):
+        for process, runs in sorted(processes.items(), key=lambda item: (item[0][:8], item[1][0].spans[LOG][0])):
             several = chains.setdefault(names.get(process, runs[0].topic), [])
             before = next((chain for chain in several if not _beside(chain[-1], runs)), None)
             if before is None:
@@ -193,12 +191,13 @@ class Inventory:
                 latest[one.text] = replace(one, version=one.version or known)
         mine = tuple(sorted(latest.values(), key=lambda one: (runs.index(one.run), one.first_stamp_ns, one.log_ns)))
         zeros = {one.run: one.zero_ns for one in mine}
-        return _recorded(chain, mine, [stamp - zeros.get(one.run, 0) for one in chain for stamp in one.stamps])
+        stamps = [stamp - zeros.get(one.run, 0) for one in chain for stamp in one.spans[STAMP]]
+        return _recorded(chain, mine, stamps)
 
     def _unnamed(self, sent: _Sent, recorded: Sequence[SceneRecord]) -> RecordedDriveline:
         scenes = self._scenes_of(sent.topic.rpartition("/")[0], sent.publisher, recorded) if sent.able else ()
         zeros = zeros_of(one.text for one in scenes)
-        return _recorded([sent], scenes, simulation_ns(np.array(sent.stamps), zeros).tolist())
+        return _recorded([sent], scenes, simulation_ns(np.array(sent.spans[STAMP]), zeros).tolist())
 
     def _scenes_of(self, space: str, publisher: str,
                    recorded: Sequence[SceneRecord]) -> tuple[SceneRecord, ...]:
@@ -260,9 +259,9 @@ def _recorded(chain: Sequence[_Sent], scenes: tuple[SceneRecord, ...], stamps: S
 
 def _beside(one: Sequence[_Sent], other: Sequence[_Sent]) -> bool:
     """Return whether the runs of two processes overlap in the file and by every clock that tells time."""
-    for what in ("place", *_TIMES):
-        (low, high), (begin, end) = ((min(getattr(run, what)[0] for run in runs),
-                                      max(getattr(run, what)[1] for run in runs)) for runs in (one, other))
+    for clock in _CLOCKS:
+        (low, high), (begin, end) = ((min(run.spans[clock][0] for run in runs),
+                                      max(run.spans[clock][1] for run in runs)) for runs in (one, other))
         if low == high == begin == end:
             continue
         if begin > high or low > end:

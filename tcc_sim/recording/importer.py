@@ -26,7 +26,7 @@ from tcc_sim.recording.commands import COMMANDS
 from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.mcap_file import McapFile
 from tcc_sim.recording.parts import KINDS, METADATA, PACKED, listed, listed_counts, needed_of
-from tcc_sim.recording.reader import Run, open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.recording.records import PASSED_OVER, Expansion
 from tcc_sim.recording.recovery import copy_messages, recover
 from tcc_sim.recording.runs import placed
@@ -84,7 +84,7 @@ def import_bag(path: Path, directory: Path, joints: Mapping[str, str] | None = N
                 Path(folder, part.name).symlink_to(part.resolve())
             unpacked = [_unpacked(part, Path(folder)) for part in packed]
             staged = Path(folder) if path.is_dir() else unpacked[0]
-        run = open_run(staged, joints, topic, driveline)
+        run = Run(staged, joints, topic, driveline)
         if run.driveline.runs:
             columns = run.columns()
             saved = recover(run, directory)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,34 +23,36 @@ Positions = NDArray[np.int64]
 Frames = NDArray[np.bytes_]
 
 
+ROW, NUMBER, LOG, SENT, STAMP, ORIGIN = range(6)
+"""Rows of the heads of messages, (6, n): place in the chunk, sequence number, times of receipt and sending, and stamp,
+ns, and number of the run or publisher that each is from.
+"""
+
+
 class Decoded(NamedTuple):
     """Messages of a chunk, in their order.
 
     names : names of their joints; empty for several layouts
-    rows : (n,) index of each message in the chunk
-    heads : (n,) array of HEAD
-    stamps : (n,) stamps, ns
+    heads : (6, n) as ROW, NUMBER and so on say, without the origin
     frames : (n,) frames that are names of runs, empty for others
-    columns : (n,) values by field, NaN where a message has none
+    values : (fields, n) values, NaN where a message has none
     """
 
     names: tuple[str, ...]
-    rows: Positions
-    heads: NDArray[np.void]
-    stamps: NDArray[np.int64]
+    heads: Positions
     frames: Frames
-    columns: dict[str, Floats]
+    values: Floats
 
-    def part(self, which: NDArray[Any]) -> Decoded:
+    def part(self, which: NDArray[np.bool_]) -> Decoded:
         """Return some of the messages."""
-        return Decoded(self.names, self.rows[which], self.heads[which], self.stamps[which], self.frames[which],
-                       {name: column[which] for name, column in self.columns.items()})
+        return Decoded(self.names, self.heads.compress(which, axis=1), self.frames[which],
+                       self.values.compress(which, axis=1))
 
 
-def times_of(heads: NDArray[np.void]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return times of receipt and of sending, ns; that of receipt for both where the message has no other."""
-    log, sent = (heads[name].astype(np.int64) for name in ("log_ns", "sent_ns"))
-    return log, np.where(sent > 0, sent, log)
+def sent_ns(heads: Positions) -> Positions:
+    """Return the times of sending, ns; that of receipt where a message has no other."""
+    times: Positions = np.where(heads[SENT] > 0, heads[SENT], heads[LOG])
+    return times
 
 
 class Layouts:
@@ -68,14 +70,14 @@ class Layouts:
 
     def take(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> Decoded:
         """Return the messages of these channels that hold the wanted values."""
-        none = Decoded((), np.empty(0, np.int64), np.empty(0, HEAD), np.empty(0, np.int64),
-                       np.empty(0, f"S{cdr.RUN_LENGTH}"), {name: np.empty(0) for name in self.fields})
         groups = [group for group in self.groups(data, messages, channels) if set(self.joints) <= set(group.names)]
-        if len(groups) < 2:
-            return groups[0] if groups else none
-        rows, heads, stamps, frames = (np.concatenate(columns) for columns in zip(*(group[1:5] for group in groups)))
-        columns = {name: np.concatenate([group.columns[name] for group in groups]) for name in self.fields}
-        return Decoded((), rows, heads, stamps, frames, columns).part(np.argsort(rows))
+        if len(groups) == 1:
+            return groups[0]
+        none = Decoded((), np.empty((6, 0), np.int64), np.empty(0, f"S{cdr.RUN_LENGTH}"),
+                       np.empty((len(self.fields), 0)))
+        heads, frames, values = (np.concatenate(parts, axis=-1) for parts in zip(*(one[1:] for one in (none, *groups))))
+        order = np.argsort(heads[ROW])
+        return Decoded((), heads.take(order, axis=1), frames[order], values.take(order, axis=1))
 
     def groups(self, data: NDArray[np.uint8], messages: Messages, channels: Sequence[int]) -> list[Decoded]:
         """Return the messages of these channels by their layouts."""
@@ -108,45 +110,32 @@ class Layouts:
         values, same = layout.found(windows_of(data, size)[offset + MESSAGE_HEAD])
         mine[mine] = same
         if len(values):
-            heads: NDArray[np.void] = windows_of(data, MESSAGE_HEAD)[offset[same]].view(HEAD)[:, 0]
+            records = windows_of(data, MESSAGE_HEAD)[offset[same]].view(HEAD)[:, 0]
+            heads = np.array([left[mine], records["number"], records["log_ns"], records["sent_ns"], cdr.stamps(values),
+                              np.zeros(len(values), np.int64)])
             frames = np.zeros(len(values), f"S{cdr.RUN_LENGTH}")
             if int.from_bytes(layout.example[cdr.FRAME - 4:cdr.FRAME].tobytes(), "little") == cdr.RUN_LENGTH + 1:
                 bodies = values.view(np.uint8).reshape(-1, size)[:, cdr.FRAME:cdr.FRAME + cdr.RUN_LENGTH]
                 found, at = np.unique(np.ascontiguousarray(bodies).view(frames.dtype)[:, 0], return_inverse=True)
                 frames = np.array([name if _RUN.fullmatch(name) else b"" for name in found.tolist()], frames.dtype)[at]
-            columns = {name: values[name].astype(np.float64) if name in (values.dtype.names or ())
-                       else np.full(len(values), np.nan) for name in self.fields}
-            groups.append(Decoded(names, left[mine], heads, cdr.stamps(values), frames, columns))
+            nothing = np.full(len(values), np.nan)
+            columns = [values[name] if name in (values.dtype.names or ()) else nothing for name in self.fields]
+            groups.append(Decoded(names, heads, frames, np.array(columns).reshape(-1, len(values))))
         rest: Positions = left[~mine]
         return rest
 
 
 @dataclass(frozen=True)
 class StampedMessages:
-    """Messages of one kind in the order of reading, (n,) arrays.
+    """Messages of one kind in the order of reading.
 
-    origin : number of the run or publisher that each is from
-    stamp_ns, number, log_ns, sent_ns : stamp, sequence number, times of receipt and sending, ns; of receipt, the time
-        of sending if the recorder logged simulation time (use_sim_time), which is years earlier
-    kept : index of each message in the columns, -1 for one outside the window
+    heads : (6, n) as in `Decoded`; ROW is that in the columns, -1 for a message outside the window, and LOG the time of
+        sending if the recorder logged simulation time (use_sim_time), which is years earlier
     columns : values by field
     """
 
-    origin: NDArray[np.int64]
-    stamp_ns: NDArray[np.int64]
-    number: NDArray[np.int64]
-    log_ns: NDArray[np.int64]
-    sent_ns: NDArray[np.int64]
-    kept: NDArray[np.int64]
-    columns: Mapping[str, Floats]
-
-    def __len__(self) -> int:
-        return len(self.origin)
-
-    def at(self, order: Positions) -> StampedMessages:
-        """Return the messages in another order."""
-        return StampedMessages(self.origin[order], self.stamp_ns[order], self.number[order], self.log_ns[order],
-                               self.sent_ns[order], self.kept[order], self.columns)
+    heads: Positions
+    columns: dict[str, Floats]
 
 
 class Collected:
@@ -159,8 +148,8 @@ class Collected:
     def __init__(self, layouts: Layouts, place: Callable[[Decoded], tuple[Positions, Positions, NDArray[np.bool_]]]
                  ) -> None:
         self.layouts, self._place = layouts, place
-        self._parts: list[tuple[NDArray[np.int64], ...]] = []
-        self._columns: list[dict[str, Floats]] = []
+        self._heads = [np.empty((6, 0), np.int64)]
+        self._values = [np.empty((len(layouts.fields), 0))]
         self.kept = 0
         """Number of messages in the window."""
         self.unnamed = 0
@@ -171,21 +160,18 @@ class Collected:
         their values.
         """
         found = self.layouts.take(data, messages, channels)
-        origin, stamps, inside = self._place(found)
-        ours = origin >= 0
-        heads, kept = found.heads[ours], inside[ours]
-        log, sent = times_of(heads)
-        self._parts.append((origin[ours], stamps[ours], heads["number"].astype(np.int64),
-                            np.where(log < sent - _YEAR, sent, log), sent,
-                            np.where(kept, self.kept + np.cumsum(kept) - 1, -1)))
-        self._columns.append({name: column[ours & inside] for name, column in found.columns.items()})
+        heads, (origin, stamps, inside) = found.heads, self._place(found)
+        kept, sent = inside & (origin >= 0), sent_ns(heads)
+        heads[ORIGIN], heads[STAMP], heads[SENT] = origin, stamps, sent
+        heads[LOG] = np.where(heads[LOG] < sent - _YEAR, sent, heads[LOG])
+        heads[ROW] = np.where(kept, self.kept + np.cumsum(kept) - 1, -1)
+        self._heads.append(heads.compress(origin >= 0, axis=1))
+        self._values.append(found.values.compress(kept, axis=1))
         self.kept += int(np.count_nonzero(kept))
         self.unnamed += int(np.count_nonzero(found.frames == b""))
 
     def messages(self) -> StampedMessages:
-        """Return all messages."""
-        none = (np.empty(0, np.int64),) * 6
-        origin, stamp, number, log, sent, kept = (np.concatenate(columns) for columns in zip(none, *self._parts))
-        return StampedMessages(origin, stamp, number, log, sent, kept, {
-            name: np.concatenate([np.empty(0), *(part[name] for part in self._columns)])
-            for name in self.layouts.fields})
+        """Return all messages, which are no longer kept here."""
+        heads, values = np.concatenate(self._heads, axis=1), np.concatenate(self._values, axis=1)
+        self._heads, self._values = [], []
+        return StampedMessages(heads, dict(zip(self.layouts.fields, values)))

@@ -16,12 +16,12 @@ from tcc_sim import topics
 from tcc_sim.errors import InputError, RecordingError, counted, one_line
 from tcc_sim.messages import held
 from tcc_sim.recording.announcements import SceneRecord, simulation_ns, zeros_of
-from tcc_sim.recording.columns import Columns, JointStates, Window
+from tcc_sim.recording.columns import Columns, Window
 from tcc_sim.recording.commands import COMMANDS, SIGNALS, SOURCE, Commands
 from tcc_sim.recording.contents import CDR, Channel, Contents, batches, together
 from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
-from tcc_sim.recording.layouts import Collected, Decoded, Layouts
-from tcc_sim.recording.parts import Parts, numbers_of, opened, parts_of
+from tcc_sim.recording.layouts import NUMBER, SENT, STAMP, Collected, Decoded, Layouts
+from tcc_sim.recording.parts import numbers_of, opened, parts_of
 from tcc_sim.recording.records import Messages, RecordStream, Warnings
 from tcc_sim.recording.runs import BEAT, commands_held, received_of, runs_of
 from tcc_sim.recording.stamps import StampCounter
@@ -37,7 +37,7 @@ MOST_DIFFERING = 0.2
 _MOST_NAMED, _LARGEST_COUNT = 50, 10**18
 
 Chunk = tuple[bytes, Messages, Mapping[int, Channel]]
-"""Bytes of an unpacked chunk, the positions of its messages, and the channels described so far."""
+"""Bytes of an unpacked chunk, the positions of its messages, and the channels of these, as far as described."""
 
 
 class TooManyStates(InputError):
@@ -45,19 +45,22 @@ class TooManyStates(InputError):
 
 
 class Run:
-    """A recording of one or several files, opened by `open_run`.
+    """A recording, a bag directory or an MCAP file, opened with the options of `Choice`; RecordingError if nothing can
+    be read, InputError if the driveline does not exist.
 
     topics : message type by topic
     drivelines : its drivelines, and other nodes with joint states
     complete : whether the recording was closed properly; False if it was cut short
     result : the recorder's final record (lost messages by topic), merged over all files; None without one
-    warnings : one sentence for each damage, complete after `states()`
-    messages : number of messages read by topic, complete after `states()`
+    warnings : one sentence for each damage, complete after `columns()`
+    messages : number of messages read by topic, complete after `columns()`
     size : size of all files, bytes
     """
 
-    def __init__(self, path: Path, parts: Parts, choice: Choice) -> None:
-        self.path, self._choice = path, choice
+    def __init__(self, path: Path | str, joints: Mapping[str, str] | None = None, topic: str | None = None,
+                 driveline: int | None = None) -> None:
+        self.path, self._choice = Path(path), Choice(joints, topic, driveline)
+        parts = parts_of(self.path)
         self.warnings, self.stamps, self.messages = Warnings(), StampCounter(), dict[str, int]()
         self.result: dict[str, Any] | None = None
         self._contents: dict[Path, Contents] = {}
@@ -84,13 +87,12 @@ class Run:
             self.result = together(self.result, contents.result)
         # Each part of a split recording repeats the scene.
         self.recorded_scenes = list(dict.fromkeys(scene for contents in every for scene in contents.scenes))
-        inventory, self.topics = Inventory(choice.names), dict[str, str]()
+        inventory, self.topics = Inventory(self._choice.names), dict[str, str]()
         for data, messages, channels in self._chunks(inventory.wants):
             inventory.take(data, messages, channels)
-            self.topics.update({channel.topic: channel.type for channel in channels.values()})
         self.topics.update({channel.topic: channel.type for channel in self._every_channel()})
         self._damage, self.warnings = next(iter(self.warnings), ""), Warnings()
-        self.drivelines = inventory.drivelines(self.recorded_scenes, choice)
+        self.drivelines = inventory.drivelines(self.recorded_scenes, self._choice)
         self._driveline = next((one for one in self.drivelines if one.read), None)
         self._refused = inventory.refused(self.joint_states_topic)
 
@@ -137,15 +139,6 @@ class Run:
         """Name of the solver in the result record; `fixed_step`, the driveline's, by default."""
         name = (self.result or {}).get("solver")
         return name if isinstance(name, str) else "fixed_step"
-
-    @property
-    def lost_messages(self) -> int:
-        """Number of joint_states messages that are missing according to the stamps."""
-        return self.stamps.lost
-
-    def states(self) -> tuple[JointStates, ...]:
-        """Return the joint_states of every run; errors are those of `columns`."""
-        return self.columns().runs
 
     def columns(self, window: Window | None = None) -> Columns:
         """Read the recording, or the states in a window, once and return it as columns.
@@ -199,31 +192,30 @@ class Run:
                                for one in self._every_channel())
         zeros = zeros_of(scene.text for scene in self.scenes)
         origins = _Origins(self, window, zeros)
-        kinds = {"joint_states": Collected(
-            Layouts(JOINT_STATE, self._choice.names, topics.topic("joint_states").fields), origins.of)}
-        kinds |= {row.name: Collected(Layouts(row.type, row.joints, row.joint_fields or row.fields), origins.of)
-                  for row in topics.stamped()}
+        joints = {"joint_states": self._choice.names}
+        kinds = {row.name: Collected(
+            Layouts(row.type, joints.get(row.name, row.joints), row.joint_fields or row.fields), origins.of)
+            for row in (topics.topic("joint_states"), *topics.stamped())}
         commands, rows = Commands(space, zeros[:0] if keyed else zeros), dict[int, list[NDArray[np.float64]]]()
         for data, messages, channels in self._chunks(self._wants):
             array = np.frombuffer(data, dtype=np.uint8)
-            here = [(number, channels[number]) for number in np.flatnonzero(np.bincount(messages.channel)).tolist()
-                    if number in channels] if len(messages.channel) else []
             for name, kind in kinds.items():
-                if mine := [number for number, channel in here if self._is(channel, name)]:
+                if mine := [number for number, channel in channels.items() if self._is(channel, name)]:
                     kind.take(array, messages, mine)
             if keyed:
-                for number, channel in here:
+                for number, channel in channels.items():
                     if channel.type == FLOAT64_ARRAY:
                         origins.take_held(data, messages, number, rows)
-            commands.take(data, messages, {number: channel for number, channel in here if self._ours(channel)})
+            commands.take(data, messages, {
+                number: channel for number, channel in channels.items() if self._ours(channel)})
             self._check_memory(kinds["joint_states"].kept)
         found = {name: kind.messages() for name, kind in kinds.items()}
-        joined = {row.name: replace(found[row.name], columns={  # The shaft's torque follows from the states.
-            name: found[row.name].columns[name] for name in row.fields if name != SHAFT})
-            for row in topics.stamped() if len(found[row.name])}
-        states, held_rows = found["joint_states"], {run: np.concatenate(of) for run, of in rows.items()}
-        for run, of_run in held_rows.items():  # In the order of their numbers, each once.
-            held_rows[run] = of_run[np.unique(of_run[:, held.NUMBER], return_index=True)[1]]
+        states = found.pop("joint_states")
+        joined = {name: one for name, one in found.items() if one.heads.size}
+        for one in joined.values():
+            one.columns.pop(SHAFT, None)  # It follows from the states.
+        held_rows = {run: every[np.unique(every[:, held.NUMBER], return_index=True)[1]]  # In order, each once.
+                     for run, of_run in rows.items() for every in [np.concatenate(of_run)]}
         runs, self._differing, unplaced = runs_of(states, joined, held_rows, driveline.runs, commands.sources,
                                                   self.stamps)
         if unplaced:
@@ -235,7 +227,7 @@ class Run:
         if unknown := sum(int(np.count_nonzero(one.held_row < 0)) for one in runs if one.held_row is not None):
             self.warnings.append(f"inputs are unknown at {counted(unknown, 'tick')}: what stated them is missing")
         self._pass_over(kinds)
-        last = int(states.sent_ns.max(initial=0))
+        last = int(states.heads[SENT].max(initial=0))
         recorded, before = commands.recorded(last), commands.recorded(last - BEAT)
         if not held_rows and (names := [name for name in COMMANDS if recorded.get(name)]):
             self.warnings.append(f"{', '.join(names)}: left out, as the recording does not state when the driveline "
@@ -243,7 +235,7 @@ class Run:
         # Commands to another driveline on the same topics, and repeats without numbers, cannot be told apart.
         renamed = INPUTS[1] if keyed and kinds["applied_pressure"].unnamed else ""  # These are no applied pressures.
         mixed = (any(one.able and not one.read and one.topic.rpartition("/")[0] == space for one in self.drivelines)
-                 or (self.stamps.repeated > 0 and not states.number.any()))
+                 or (self.stamps.repeated > 0 and not states.heads[NUMBER].any()))
         received: dict[str, int | None] = dict.fromkeys(
             name for name in INPUTS if (mixed or name == renamed) and recorded.get(name))
         for name in INPUTS if held_rows and not mixed else ():
@@ -306,9 +298,11 @@ class Run:
                 stream = RecordStream(file, warnings=self.warnings)
                 for data, messages, checked in batches(stream, contents, wants, seen):
                     unchecked = unchecked or not checked
-                    yield data, messages, contents.channels
+                    yield data, messages, {number: contents.channels[number] for number in np.unique(
+                        messages.channel).tolist() if number in contents.channels}
             known.channels = {**contents.channels, **known.channels}
             for channel, row in contents.channels.items():
+                self.topics[row.topic] = row.type
                 self.messages[row.topic] = self.messages.get(row.topic, 0) + seen[channel]
             self.warnings.conclude()
             self.warnings.extend(contents.warnings())
@@ -376,11 +370,11 @@ class _Origins:
         lie in the window by time alone.
         """
         if not self._names:
-            stamps = simulation_ns(found.stamps, self._zeros)
+            stamps = simulation_ns(found.heads[STAMP], self._zeros)
             return np.where(found.frames == b"", self._identified, -1), stamps, self._window.mask(stamps, None)
         names, inverse = np.unique(found.frames, return_inverse=True)
         origin = np.array([self._numbers.get(name, -1) for name in names.tolist()], np.int64)[inverse]
-        stamps = found.stamps - self._zero[np.maximum(origin, 0)]
+        stamps = found.heads[STAMP] - self._zero[np.maximum(origin, 0)]
         return origin, stamps, self._window.mask(stamps, origin)
 
     def take_held(self, data: bytes, messages: Messages, channel: int,
@@ -402,12 +396,3 @@ def _contents_of(path: Path) -> Contents:
             contents.add(record.opcode, record.body)
     contents.complete = stream.complete
     return contents
-
-
-def open_run(path: Path | str, joints: Mapping[str, str] | None = None, topic: str | None = None,
-             driveline: int | None = None) -> Run:
-    """Open a bag directory or an MCAP file with the options of `Choice`; RecordingError if nothing can be read,
-    InputError if the driveline does not exist.
-    """
-    path = Path(path)
-    return Run(path, parts_of(path), Choice(joints, topic, driveline))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tcc_sim.messages import held
 from tcc_sim.recording.announcements import InputSource, SceneRecord
 from tcc_sim.recording.columns import NEVER, Commanded, JointStates
-from tcc_sim.recording.layouts import Floats, Positions, StampedMessages
+from tcc_sim.recording.layouts import LOG, NUMBER, ORIGIN, ROW, SENT, STAMP, Floats, Positions, StampedMessages
 from tcc_sim.recording.stamps import Break, StampCounter
 from tcc_sim.topics import HELD_INPUTS, INPUTS
 
@@ -40,47 +40,54 @@ def runs_of(states: StampedMessages, joined: Mapping[str, StampedMessages], rows
     """
     unplaced: list[str] = []
     if not names:
-        publisher = states.origin
+        publisher = states.heads[ORIGIN]
         states, joined, unplaced = _numbered(states, joined)
-        counter.pieces(states.stamp_ns, publisher)
-    order = np.lexsort((states.stamp_ns, states.origin))
-    origin, stamp = states.origin[order], states.stamp_ns[order]
-    fresh = np.append(True, (np.diff(origin) != 0) | (np.diff(stamp) != 0))[:len(order)]
-    differing = _count_differing(states, order, fresh)
-    order, origin = order[fresh], origin[fresh]
-    orders = [np.lexsort((messages.stamp_ns, messages.origin)) for messages in joined.values()]
-    by_key = [(messages, by, messages.origin[by]) for messages, by in zip(joined.values(), orders)]
+        counter.pieces(states.heads[STAMP], publisher)
+    every = _by_stamp(states.heads)
+    fresh = np.append(True, (np.diff(every[ORIGIN]) != 0) | (np.diff(every[STAMP]) != 0))[:every.shape[1]]
+    differing = _count_differing(states.columns, every[ROW], fresh)
+    every = every.compress(fresh, axis=1)
+    by_stamp = [(messages.columns, _by_stamp(messages.heads)) for messages in joined.values()]
     runs, index, process = list[JointStates](), 0, ""
-    for number in np.unique(origin).tolist():
-        mine = order[slice(*np.searchsorted(origin, [number, number + 1]))]
+    for number in np.unique(every[ORIGIN]).tolist():
+        mine = _of_run(every, number)
         facts: dict[str, Any] = {"began": Break.RESET if number else Break.START}
         if names:
             kind = (Break.START if not process else
                     Break.RESET if names[number][:held.PROCESS] == process else Break.RESTART)
             process, of_run = names[number][:held.PROCESS], rows.get(number)
-            stamps = states.stamp_ns[mine]
+            stamps = mine[STAMP]
             # The runs before the first one may not be in the recording.
             joined_late = kind is Break.START and not names[number].endswith(held.FIRST)
             facts = {"began": Break.RESET if joined_late else kind, "cut": float(stamps[0]) > BEGIN_TICKS * (
-                float(np.median(np.diff(stamps))) if len(mine) > 1 else 0.0)}
+                float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0)}
             ended = of_run is not None and of_run[-1, held.LAST] == held.ENDED
             counter.feed_run(stamps, kind, int(of_run[-1, held.TIME]) if ended else None)  # type: ignore[index]
-        mine = mine[states.kept[mine] >= 0]
-        if not len(mine):
+        inside = mine[ROW] >= 0
+        if not inside.any():
             continue
-        stamps, further = states.stamp_ns[mine], dict[str, Floats]()
-        for messages, by, of in by_key:
-            further |= _joined(messages, by[slice(*np.searchsorted(of, [number, number + 1]))], stamps)
-        facts |= {name: column[states.kept[mine]] for name, column in states.columns.items()}
+        stamps, log, sent, row = (mine[kind][inside] for kind in (STAMP, LOG, SENT, ROW))
+        further = {name: column for columns, of_all in by_stamp
+                   for name, column in _joined(columns, _of_run(of_all, number), stamps).items()}
+        facts |= {name: column[row] for name, column in states.columns.items()}
         if number in rows:
             facts |= {"held": rows[number], "held_row": _rows_at(rows[number], stamps)}
-        runs.append(_filled(JointStates(
-            stamps, states.log_ns[mine], states.sent_ns[mine], run=number, index=index, further=further, **facts)))
-        index += len(mine)
+        runs.append(_filled(JointStates(stamps, log, sent, run=number, index=index, further=further, **facts)))
+        index += len(stamps)
     if names:
         counter.repeated = int(np.count_nonzero(~fresh))
         counter.messages += counter.repeated
     return _with_sources(runs, () if names else sources), differing, unplaced
+
+
+def _by_stamp(heads: Positions) -> Positions:
+    """Return heads sorted by run and stamp."""
+    return heads.take(np.lexsort((heads[STAMP], heads[ORIGIN])), axis=1)
+
+
+def _of_run(heads: Positions, number: int) -> Positions:
+    """Return the part of heads that are sorted so which belongs to a run."""
+    return heads[:, slice(*np.searchsorted(heads[ORIGIN], [number, number + 1]))]
 
 
 def _numbered(states: StampedMessages, joined: Mapping[str, StampedMessages]
@@ -94,15 +101,17 @@ def _numbered(states: StampedMessages, joined: Mapping[str, StampedMessages]
     """
     numbered, unplaced, of_states = dict[str, StampedMessages](), list[str](), list[int]()
     for name, messages in (("", states), *joined.items()):
-        if len(messages) and (messages.origin > 0).all():
-            messages = messages.at(np.argsort(messages.number, kind="stable"))
-        back = np.diff(messages.stamp_ns, prepend=messages.stamp_ns[:1]) < 0
-        last = messages.stamp_ns[np.append(np.flatnonzero(back), len(messages))[:len(messages)] - 1].tolist()
+        heads = messages.heads
+        if (heads[ORIGIN] > 0).all():
+            heads = heads.take(np.argsort(heads[NUMBER], kind="stable"), axis=1)
+        stamps = heads[STAMP]
+        back = np.diff(stamps, prepend=stamps[:1]) < 0
+        last = stamps[np.append(np.flatnonzero(back), len(back))[:len(back)] - 1].tolist()
         of_states = of_states if name else last
         matched = _matched(last, of_states)
         unplaced += [name] if last and not matched else []
         origin = np.array(matched or [-1] * len(last), np.int64)[np.cumsum(back)]
-        numbered[name] = replace(messages, origin=origin)
+        numbered[name] = StampedMessages(np.array([*heads[:ORIGIN], origin]), messages.columns)
     return numbered.pop(""), numbered, unplaced
 
 
@@ -128,54 +137,43 @@ def _matched(last: Sequence[int], of_states: Sequence[int]) -> list[int]:
     return first if first == late else []
 
 
-def placed(messages: Sequence[SceneRecord | InputSource], runs: Sequence[JointStates],
+def placed(messages: Sequence[SceneRecord | InputSource], runs: Iterable[JointStates], names: Sequence[str] = (),
            from_begin: bool = True) -> list[tuple[int, int]]:
     """Return index (in the whole recording) of the first state to which an announcement applies, and its number.
 
-    That state has the announced stamp or the next one, in the first run in which it was sent after the announcement.
-    With `from_begin` the first applies from the begin on, as a scene does.
+    That state has the announced stamp or the next one, in the run that the announcement names (`names` are those of the
+    runs) or, without names, in the first run in which it was sent after the announcement; the first one then applies
+    from the begin on, as a scene does, with `from_begin`.
     """
-    out = [(0, 0)] if from_begin and messages else []
+    out = [(0, 0)] if from_begin and messages and not names else []
     for number, one in enumerate(messages[len(out):], len(out)):
         for states in runs:
             row = int(np.searchsorted(states.stamp_ns, min(one.first_stamp_ns, NEVER)))
-            if row < len(states) and states.sent_ns[row] >= one.log_ns:
+            if row < len(states) and (one.run == names[states.run] if names else states.sent_ns[row] >= one.log_ns):
                 out.append((states.index + row, number))
                 break
     return sorted(out)
 
 
-def placed_by_run(scenes: Sequence[SceneRecord], runs: Iterable[JointStates], names: Sequence[str]
-                  ) -> list[tuple[int, int]]:
-    """Return index of the first state to which a scene that names its run applies, and its number."""
-    out = []
-    for states in runs:
-        for number, one in enumerate(scenes):
-            row = int(np.searchsorted(states.stamp_ns, min(one.first_stamp_ns, NEVER)))
-            if one.run == names[states.run] and row < len(states):
-                out.append((states.index + row, number))
+def _joined(columns: Mapping[str, Floats], heads: Positions, stamps: NDArray[np.int64]) -> dict[str, Floats]:
+    """Return the columns of messages, sorted by stamp, at states of these stamps, (n,)."""
+    heads = heads.compress(heads[ROW] >= 0, axis=1)
+    out = {name: np.full(len(stamps), np.nan) for name in columns}
+    if heads.size:
+        nearest = np.searchsorted(heads[STAMP], stamps).clip(max=heads.shape[1] - 1)
+        same = heads[STAMP][nearest] == stamps
+        for name, values in columns.items():
+            out[name][same] = values[heads[ROW][nearest[same]]]
     return out
 
 
-def _joined(messages: StampedMessages, its: Positions, stamps: NDArray[np.int64]) -> dict[str, Floats]:
-    """Return the columns of messages, sorted by stamp, at states of these stamps, (n,)."""
-    its = its[messages.kept[its] >= 0]
-    columns = {name: np.full(len(stamps), np.nan) for name in messages.columns}
-    if len(its):
-        nearest = np.searchsorted(messages.stamp_ns[its], stamps).clip(max=len(its) - 1)
-        same = messages.stamp_ns[its[nearest]] == stamps
-        for name, values in messages.columns.items():
-            columns[name][same] = values[messages.kept[its[nearest[same]]]]
-    return columns
-
-
-def _count_differing(states: StampedMessages, order: Positions, fresh: NDArray[np.bool_]) -> int:
-    """Return how many repeated messages differ from the one before them."""
+def _count_differing(columns: Mapping[str, Floats], rows: Positions, fresh: NDArray[np.bool_]) -> int:
+    """Return how many repeated messages differ from the one before them, by their rows in the columns."""
     again = np.flatnonzero(~fresh)
-    one, other = states.kept[order[again]], states.kept[order[again - 1]]
+    one, other = rows[again], rows[again - 1]
     both = (one >= 0) & (other >= 0)
     wrong = np.zeros(int(np.count_nonzero(both)), np.bool_)
-    for column in states.columns.values():
+    for column in columns.values():
         a, b = column[one[both]], column[other[both]]
         wrong |= (a != b) & ~(np.isnan(a) & np.isnan(b))
     return int(np.count_nonzero(wrong))
@@ -187,7 +185,7 @@ def received_of(rows: Mapping[int, Floats], states: StampedMessages, name: str) 
     """
     total = 0.0
     for run, of_run in rows.items():
-        first = int(states.stamp_ns[states.origin == run].min(initial=NEVER))
+        first = int(states.heads[STAMP][states.heads[ORIGIN] == run].min(initial=NEVER))
         received = of_run[:, held.index_in_held(name, "received")]
         at = int(np.searchsorted(of_run[:, held.TIME], first, side="right")) - 1
         total += received[-1] - (received[max(at, 0)] if first > 0 else 0.0)

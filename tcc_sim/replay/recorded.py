@@ -18,7 +18,7 @@ from tcc_sim.errors import InputError, counted, require
 from tcc_sim.recording.columns import Window
 from tcc_sim.recording.commands import COMMANDS
 from tcc_sim.recording.drivelines import RecordedDriveline
-from tcc_sim.recording.reader import TooManyStates, open_run
+from tcc_sim.recording.reader import Run, TooManyStates
 from tcc_sim.replay.control import signals_of
 from tcc_sim.replay.segments import Segment, segments_of
 from tcc_sim.replay.timeline import Timeline, timeline_of, trajectory_of
@@ -101,7 +101,7 @@ class Recording(Result):
     def __init__(self, path: Path | str, scene: str | None = None, joints: Mapping[str, str] | None = None,
                  topic: str | None = None, driveline: int | None = None) -> None:
         self.path = Path(path)
-        self.file = open_run(path, joints, topic, driveline)
+        self.file = Run(path, joints, topic, driveline)
         given = None if scene is None else load_scene(scene)
         if self.file.scene_text is not None:
             given = parse_scene(self.file.scene_text, self.path.stem)

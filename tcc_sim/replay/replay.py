@@ -171,7 +171,7 @@ def _analysed(recording: Recording, line: Timeline, scene: Scene, timing: Timing
         path=recording.path, scene=scene, summary=summary,
         trajectory=trajectory_of(line, end, at_end, clock, run), cycles=cycles,
         first_cycle=first, timing=timing, continuity=run.stamps, messages=run.stamps.messages,
-        drivelines=tuple(run.drivelines), lost_messages=run.lost_messages, complete=run.complete,
+        drivelines=tuple(run.drivelines), lost_messages=run.stamps.lost, complete=run.complete,
         warnings=tuple(warnings), pace=pace, parts_missing=run.parts_missing,
         control=signals_of(line, states, clock, stream.continuity.tick).control(clock.cycle), run=states.run,
         segments=segments, damping=damping_of_cycles(system, kept, begin, summary.period) if damping else None)

@@ -29,7 +29,7 @@ from tcc_sim.model.profile import START, Origin, smooth_corners
 from tcc_sim.recording.announcements import MOST_SCENES, SceneRecord
 from tcc_sim.recording.columns import Columns, Commanded, JointStates, Window
 from tcc_sim.recording.reader import Run
-from tcc_sim.recording.runs import commands_held, placed, placed_by_run
+from tcc_sim.recording.runs import commands_held, placed
 from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.solvers.terms import stick_speed_of, terms_from, terms_of, torques_at
 from tcc_sim.topics import INPUTS, TARGET, topic
@@ -193,8 +193,7 @@ def timeline_of(run: Run, scene: Scene, window: Window | None = None) -> Timelin
     """Read the timeline of a recording, or of the states in a window; errors are those of `Run.columns`."""
     columns = run.columns(window)
     scenes = run.scenes[:MOST_SCENES]
-    places = (placed_by_run(scenes, columns.runs, run.driveline.runs) if columns.keyed
-              else placed(scenes, columns.runs))
+    places = placed(scenes, columns.runs, run.driveline.runs)
     line = Timeline(**vars(columns), scene=scene, scenes=run.scenes, places=tuple(places))
     return line if window is None else line.within(window)
 

@@ -211,7 +211,7 @@ def test_where_time_does_not_matter_nothing_is_dropped_and_requests_are_answered
 
 def test_in_real_time_what_was_not_sent_is_counted_and_the_count_is_recorded(bench: Any, tmp_path: Any) -> None:
     from tcc_sim.nodes.recorder import Recorder
-    from tcc_sim.recording.reader import open_run
+    from tcc_sim.recording.reader import Run
 
     recorder = Recorder(rclpy.create_node("recorder", context=bench.context, parameter_overrides=[
         Parameter("output", value=str(tmp_path / "run"))]))
@@ -235,9 +235,9 @@ def test_in_real_time_what_was_not_sent_is_counted_and_the_count_is_recorded(ben
     bench.until(known)
     assert f"0 lost, {publisher.refused} never sent" in recorder.close()
     recorder.node.destroy_node()
-    run = open_run(tmp_path / "run")
-    stamps = list(itertools.chain.from_iterable(batch.stamp_ns.tolist() for batch in run.states()))
+    run = Run(tmp_path / "run")
+    stamps = list(itertools.chain.from_iterable(batch.stamp_ns.tolist() for batch in run.columns().runs))
     assert stamps == publisher.taken[:len(stamps)]
     assert run.result is not None
-    assert (run.result["unsent"], run.lost_messages) == ({"/joint_states": publisher.refused}, publisher.refused)
+    assert (run.result["unsent"], run.stamps.lost) == ({"/joint_states": publisher.refused}, publisher.refused)
     assert f"{publisher.refused} messages of /joint_states could not be sent by their publisher" in run.warnings

@@ -22,7 +22,7 @@ from waiting import until_or_ended
 import tcc_sim
 from tcc_sim.cli import main
 from tcc_sim.errors import TccError
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 
@@ -140,7 +140,7 @@ def test_a_killed_command_leaves_no_node_of_its_real_time_session_behind(tmp_pat
     for pid in nodes:
         while Path(f"/proc/{pid}/stat").exists() and Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z":
             os.sched_yield()
-    assert open_run(tmp_path / "recording").scene_text is not None
+    assert Run(tmp_path / "recording").scene_text is not None
 
 
 def test_realtime_gives_every_figure(tmp_path: Path) -> None:

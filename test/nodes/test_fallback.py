@@ -18,7 +18,7 @@ from test_live_changes import Recorded, exactly
 from tcc_sim.messages import cdr
 from tcc_sim.messages.held import COMMAND, FALLBACK
 from tcc_sim.recording.announcements import zeros_of
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.scene import load_scene
 
 
@@ -46,7 +46,7 @@ def test_without_arguments_it_subscribes_to_both_and_moves_as_its_scene_says(ben
     assert [command.name for command in chain.loop.commands] == ["engine_torque", "actuation_pressure"]
     chain.run(200)
     exactly(chain.close(), runs=1)
-    batches = list(open_run(tmp_path / "run").states())
+    batches = list(Run(tmp_path / "run").columns().runs)
     t = np.concatenate([b.stamp_ns for b in batches]) * 1e-9
     engine = np.concatenate([b.engine_torque for b in batches])
     pressure = np.concatenate([b.of("applied_pressure") for b in batches])
@@ -78,11 +78,11 @@ def test_commands_time_outs_changes_and_resets_are_verified_to_the_last_bit(benc
     chain.run(100)
     exactly(chain.close(), runs=2)
     names = "engine_torque", "actuation_pressure"
-    sources = [tuple(row) for states in open_run(tmp_path / "run").columns().runs for row in np.stack(
+    sources = [tuple(row) for states in Run(tmp_path / "run").columns().runs for row in np.stack(
         [states.input(name, "source") for name in names], axis=1).tolist()]
     assert set(sources) >= {(FALLBACK, FALLBACK), (COMMAND, FALLBACK), (COMMAND, COMMAND)}
     assert (sources[0], sources[-1]) == ((FALLBACK, FALLBACK), (COMMAND, FALLBACK))
-    run = open_run(tmp_path / "run")
+    run = Run(tmp_path / "run")
     assert [states.stamp_ns[0] for states in run.columns().runs] == [0, 0]
     assert run.stamps.lost == 0
     assert [one.topic for one in run.drivelines] == ["/joint_states"]  # Stamped topics are no drivelines.

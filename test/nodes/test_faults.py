@@ -20,7 +20,7 @@ from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError, TccError
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.pacing import CATCH_UP
-from tcc_sim.recording.reader import Run, open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.scene import load_scene
 
 RATE = 1000
@@ -31,8 +31,8 @@ LEASE = "1"
 def recorded(output: Path) -> Run | None:
     """The recording so far; None if it cannot be read yet."""
     try:
-        run = open_run(output)
-        list(run.states())
+        run = Run(output)
+        list(run.columns().runs)
     except RecordingError:
         return None
     return run
@@ -70,8 +70,8 @@ def test_a_driveline_that_was_stopped_counts_missed_ticks_and_goes_on_without_a_
     assert driveline.stop() == recorder.stop() == 0
     for words in ("no /joint_states for", "arrives again"):
         assert sum(words in line for line in recorder.lines) == 1
-    run = open_run(output)
-    batches = list(run.states())
+    run = Run(output)
+    batches = list(run.columns().runs)
     stamps = np.concatenate([b.stamp_ns for b in batches])
     log = np.concatenate([b.log_ns for b in batches])
     assert stamps.tolist() == [k * 10**9 // RATE for k in range(len(stamps))]
@@ -102,10 +102,10 @@ def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
     until(messages_in(output, before.messages["/joint_states"] + 300))
     until(lambda: (run := recorded(output)) is not None and len(run.scenes) == 2)
     assert second.stop() == recorder.stop() == 0
-    run = open_run(output)
+    run = Run(output)
     by_run: dict[int, list[int]] = {}
     first_speed: dict[int, float] = {}
-    for batch in run.states():
+    for batch in run.columns().runs:
         first_speed.setdefault(batch.run, float(batch.flywheel_speed[0]))
         by_run.setdefault(batch.run, []).extend(batch.stamp_ns.tolist())
     assert list(by_run) == [0, 1]
@@ -119,7 +119,7 @@ def test_a_killed_driveline_is_told_and_one_started_again_is_a_run_of_its_own(
     assert run.warnings == ["simulation time started again 1 time (0 resets, 1 restart): these are "
                             "separate runs"]
     # The recording assigns each run its own scene.
-    batches = list(run.states())
+    batches = list(run.columns().runs)
     change = [batch.run for batch in batches].index(1)
     assert run.scenes[0].log_ns <= batches[0].log_ns[0]
     assert batches[change - 1].log_ns[-1] < run.scenes[1].log_ns <= batches[change].log_ns[0]

@@ -22,7 +22,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes.driveline import DrivelineNode
 from tcc_sim.nodes.middleware import COMMANDS, poll, states, subscribe
 from tcc_sim.nodes.recorder import Recorder
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 
 
 def driveline(bench: Any, namespace: str = "", **parameters: object) -> DrivelineNode:
@@ -176,8 +176,8 @@ def test_eight_drivelines_in_namespaces_keep_apart(bench: Any, tmp_path: Path) -
         node.loop.stop()
     recorder.drain()
     recorder.close()
-    run = open_run(tmp_path / "run")
+    run = Run(tmp_path / "run")
     assert set(run.topics) == {"/d3/scene", "/d3/joint_states", "/d3/engine_torque"}
-    batches = list(run.states())
+    batches = list(run.columns().runs)
     assert {float(x) for batch in batches for x in batch.engine_torque} <= {300.0, 103.0}
     assert [scene.text.count("slip_speed: 13.0") for scene in run.scenes] == [1]

@@ -27,7 +27,7 @@ from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.middleware import COMMANDS
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 
 Control = Callable[..., tuple[int, str, str]]
 
@@ -67,7 +67,7 @@ def driveline(context: Context) -> Iterator[NodeProcess]:
 def recorded(bag: Path) -> int:
     """Number of states that can be read now."""
     try:
-        return sum(map(len, open_run(bag).states()))
+        return sum(map(len, Run(bag).columns().runs))
     except RecordingError:
         return 0
 
@@ -85,7 +85,7 @@ def test_a_command_acts_and_the_recording_gives_the_same_run(control: Control, d
         until_or_ended(lambda: recorded(tmp_path / "run") > seen + 50, recorder)
     finally:
         assert recorder.stop() == 0
-    (*_, last) = open_run(tmp_path / "run").states()
+    (*_, last) = Run(tmp_path / "run").columns().runs
     assert set(last.of("applied_pressure")[-40:].tolist()) == {230000.0}
     assert tcc_sim.analyse(tmp_path / "run", verify=True, discard=0).verification.verified
 

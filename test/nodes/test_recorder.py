@@ -15,7 +15,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.nodes import recorder
 from tcc_sim.nodes.middleware import LATCHED, message_class, states
 from tcc_sim.nodes.track import unsent_message
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.topics import JOINT_STATE, TOPICS, topic
 
 TICK = 1_000_000
@@ -54,9 +54,9 @@ def test_every_topic_of_the_table_is_recorded_in_the_namespace_of_the_node(conte
         publishers[row.name].publish(message.get(row.type) or message_class(row.type)())
     until(lambda: sum(track.messages for track in result.tracks.values()) == len(TOPICS), step=result.drain)
     assert f"{len(TOPICS)} messages" in result.close()
-    run = open_run(tmp_path / "run")
+    run = Run(tmp_path / "run")
     assert run.topics == {node.resolve_topic_name(row.name): row.type for row in TOPICS}
-    assert sum(map(len, run.states())) == 1
+    assert sum(map(len, run.columns().runs)) == 1
     assert run.scene_text == SCENE
     assert run.result["lost"] == dict.fromkeys(run.topics, 0)
 
@@ -70,11 +70,11 @@ def test_a_burst_is_recorded_whole_with_times_and_numbers(context, tmp_path):
     until(lambda: result.tracks["/joint_states"].messages == 5000, step=result.drain)
     result.look()
     result.close()
-    run = open_run(tmp_path / "run")
-    batches = list(run.states())
+    run = Run(tmp_path / "run")
+    batches = list(run.columns().runs)
     assert np.concatenate([batch.stamp_ns for batch in batches]).tolist() == [n * TICK for n in range(5000)]
     assert (np.diff(np.concatenate([batch.log_ns for batch in batches])) >= 0).all()
-    assert (run.complete, run.lost_messages, run.result["lost"], run.result["missing_stamps"]) == (
+    assert (run.complete, run.stamps.lost, run.result["lost"], run.result["missing_stamps"]) == (
         True, 0, {"/joint_states": 0}, {"/joint_states": 0})
 
 
@@ -153,7 +153,7 @@ def test_a_topic_outside_the_table_is_recorded_by_its_type_once_it_is_there(cont
     publisher.publish(cdr.int8(4))
     until(lambda: result.tracks["/elsewhere"].messages == 1, step=result.drain)
     result.close()
-    assert open_run(tmp_path / "run").topics == {"/elsewhere": "std_msgs/msg/Int8"}
+    assert Run(tmp_path / "run").topics == {"/elsewhere": "std_msgs/msg/Int8"}
 
 
 def publish(result, publisher, numbers):
@@ -180,13 +180,13 @@ def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(conte
     assert len(parts) > 2
     stamps, counted = [], 0
     for path in parts:
-        run = open_run(path)
-        stamps += np.concatenate([batch.stamp_ns for batch in run.states()]).tolist()
+        run = Run(path)
+        stamps += np.concatenate([batch.stamp_ns for batch in run.columns().runs]).tolist()
         assert (run.scene_text, run.complete) == (SCENE, True)
         counted += run.result["messages"]["/joint_states"]
     assert stamps == [n * TICK for n in range(2000)]
-    whole = open_run(tmp_path / "run")
-    assert sum(map(len, whole.states())) == counted == whole.result["messages"]["/joint_states"] == 2000
+    whole = Run(tmp_path / "run")
+    assert sum(map(len, whole.columns().runs)) == counted == whole.result["messages"]["/joint_states"] == 2000
     assert (whole.result["lost"], whole.result["unsent"]) == ({"/joint_states": 0, "/scene": 0}, {"/joint_states": 3})
 
 
@@ -204,7 +204,7 @@ def test_every_publisher_has_a_channel_of_its_own_and_one_that_goes_is_named(con
         result.look()
     assert capfd.readouterr().err.count("the publisher of /joint_states is gone") == 2
     result.close()
-    runs = [open_run(tmp_path / "run", driveline=k) for k in (0, 1)]
-    assert sorted(stamp for run in runs for batch in run.states() for stamp in batch.stamp_ns.tolist()) == [
+    runs = [Run(tmp_path / "run", driveline=k) for k in (0, 1)]
+    assert sorted(stamp for run in runs for batch in run.columns().runs for stamp in batch.stamp_ns.tolist()) == [
         n * TICK for n in range(100)]
     assert [run.messages for run in runs] == [{"/joint_states": 100}] * 2

@@ -19,7 +19,7 @@ from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.nodes.middleware import message_class, poll, states, subscribe
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.topics import JOINT_STATE
 
 
@@ -37,7 +37,7 @@ def process_context(monkeypatch, domain, discovery):
 def readable(output):
     """How many joint_states can be read now."""
     try:
-        return sum(map(len, open_run(output).states()))
+        return sum(map(len, Run(output).columns().runs))
     except RecordingError:
         return 0
 
@@ -67,8 +67,8 @@ def test_a_driveline_ends_after_a_busy_recorder_has_received_everything(process_
     driveline.await_line("waits until subscribers have received the last messages of /")
     recorder.send_signal(signal.SIGCONT)
     assert driveline.wait() == recorder.stop() == 0
-    run = open_run(tmp_path / "run")
-    (result,) = run.states()
+    run = Run(tmp_path / "run")
+    (result,) = run.columns().runs
     assert result.stamp_ns.tolist() == heard == [n * TICK for n in range(400)]
     assert np.isfinite(result.of("applied_pressure")).all()
     assert run.warnings == []
@@ -99,7 +99,7 @@ def test_recorders_that_end_one_after_the_other_leave_what_can_be_analysed_and_r
     assert recorder.stop() == 0
     driveline.check()
     driveline.kill()
-    assert open_run(tmp_path / "stopped").scene_text is not None
+    assert Run(tmp_path / "stopped").scene_text is not None
     for name in ("full", "killed"):
         output, digest = tmp_path / name, hashlib.sha256(files[name].read_bytes()).digest()
         result = tcc_sim.analyse(output, verify=True)
@@ -111,7 +111,7 @@ def test_recorders_that_end_one_after_the_other_leave_what_can_be_analysed_and_r
         with rosbag2.Reader(recovered) as reader:
             assert sum(1 for _ in reader.messages()) == reader.message_count
             assert next(c.msgcount for c in reader.connections if c.topic == "/joint_states") == result.messages
-        assert open_run(recovered).complete
+        assert Run(recovered).complete
         assert ([path.name for path in output.iterdir()],
                 hashlib.sha256(files[name].read_bytes()).digest()) == ([files[name].name], digest)
     with full_disk(20_000):  # A full disk has no room for the recovered bag.

@@ -18,7 +18,7 @@ from tcc_sim.errors import InputError
 from tcc_sim.messages import cdr
 from tcc_sim.output.files import read_json
 from tcc_sim.output.samples import documented, read_arrays, write_columns, write_samples, write_trajectory
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.scene import load_scene
 from tcc_sim.trajectory import Trajectory
 
@@ -31,8 +31,8 @@ def test_a_recording_of_samples_has_every_number(flywheel: list[float] | None, t
                      20.0 * t, 30.0 * t + 1.0, np.array([1, 0, -1], np.int8), 0.5, "euler",
                      flywheel_angle=None if flywheel is None else np.array(flywheel))
     write_trajectory(tmp_path / "a.mcap", run, "text")
-    read = open_run(tmp_path / "a.mcap")
-    states, = read.states()
+    read = Run(tmp_path / "a.mcap")
+    states, = read.columns().runs
     assert (read.scene_text, read.solver, states.stamp_ns.tolist()) == ("text", "euler", [0, 100_000_000, 300_000_000])
     for name, values in (("flywheel_angle", flywheel or [0.1, 0.4, 0.7]), ("flywheel_speed", [6.0, 9.0, 6.0]),
                          ("plate_angle", [0.1, 0.2, 0.4]), ("plate_speed", [5.0, 6.0, 8.0]),

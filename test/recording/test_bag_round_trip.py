@@ -16,7 +16,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.messages.definitions import CARRIED, definition, installed_text
 from tcc_sim.output.samples import write_trajectory
 from tcc_sim.recording.bag import BagWriter
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.topics import topic
 
 SCENE = "/**:\n  ros__parameters:\n    rate: 1000.0\n"
@@ -55,8 +55,8 @@ def write(directory, rows, stamps, *, pressures=None, close=True, flush_every=50
 
 
 def read(path, topic=None):
-    run = open_run(path, topic)
-    batches = list(run.states())
+    run = Run(path, topic)
+    batches = list(run.columns().runs)
     names = ("flywheel_angle", "plate_angle", "flywheel_speed", "plate_speed", "engine_torque", "friction_torque")
     table = np.column_stack([np.concatenate([getattr(batch, name) for batch in batches]) for name in names])
     return run, batches, np.concatenate([batch.stamp_ns for batch in batches]), table
@@ -71,7 +71,7 @@ def test_a_complete_bag_comes_back_bit_for_bit(tmp_path):
         assert (table == rows).all()
         assert (np.concatenate([batch.log_ns for batch in batches]) == 10**18 + np.array(stamps)).all()
         assert all(not batch.further and batch.run == 0 for batch in batches)
-        assert (run.complete, run.warnings, run.lost_messages) == (True, [], 0)
+        assert (run.complete, run.warnings, run.stamps.lost) == (True, [], 0)
         assert run.messages == {"/joint_states": 333, "/slip_speed": 333}
         assert (run.scene_text, run.scenes[0].version, run.result) == (
             SCENE, "1.2.3", {"lost": {"/joint_states": 0, "/slip_speed": 0}})
@@ -94,11 +94,11 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path, content):
     (tmp_path / "x.mcap").write_bytes(content)
     for path in (tmp_path, tmp_path / "x.mcap"):
         with pytest.raises(RecordingError) as caught:
-            list(open_run(path).states())
+            list(Run(path).columns().runs)
         assert "\n" not in str(caught.value)
     for path in (tmp_path / "none", tmp_path / "none.mcap"):
         with pytest.raises(RecordingError, match="cannot be read"):
-            open_run(path)
+            Run(path)
 
 
 def test_rosbags_reads_messages_and_metadata(tmp_path):

@@ -15,7 +15,7 @@ from test_bag_round_trip import SCENE, TICK, columns, read, write
 from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.recording import records
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.recording.recovery import recover
 
 COUNT = 200
@@ -101,7 +101,7 @@ def test_recovery_of_damage_is_a_bag_that_reads_without_damage(tmp_path, origina
         content = damaged(damaged(data, draw), draw)
         path.write_bytes(content)
         try:
-            recovered = recover(open_run(path), out)
+            recovered = recover(Run(path), out)
         except RecordingError as error:
             one_line(error)
             assert not out.exists()
@@ -110,7 +110,7 @@ def test_recovery_of_damage_is_a_bag_that_reads_without_damage(tmp_path, origina
         with rosbag2.Reader(out) as reader:
             assert sum(1 for _ in reader.messages()) == reader.message_count == sum(recovered.messages.values())
         if recovered.messages.get("/joint_states"):
-            assert open_run(out).complete
+            assert Run(out).complete
             check(out, rows)
 
 
@@ -123,10 +123,10 @@ def test_the_verb_recovers_beside_the_original_and_says_what_is_missing(tmp_path
     output = capsys.readouterr().out
     assert f"into {directory}_recovered" in output
     assert "note: the recording was cut short" in output
-    run = open_run(tmp_path / "run_recovered")
+    run = Run(tmp_path / "run_recovered")
     assert run.complete
     assert run.scene_text == SCENE
-    assert 0 < sum(map(len, run.states())) < COUNT
+    assert 0 < sum(map(len, run.columns().runs)) < COUNT
     assert "exists already" in refused("recover", directory)
     refused("recover", tmp_path / "nothing")
 

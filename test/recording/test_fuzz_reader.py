@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from tcc_sim.errors import RecordingError
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.recording.recovery import recover
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -63,8 +63,8 @@ def read_or_refused(folder, data):
     path = folder / "x.mcap"
     path.write_bytes(data)
     try:
-        run = open_run(path)
-        for batch in run.states():
+        run = Run(path)
+        for batch in run.columns().runs:
             assert len(batch)
         recover(run, folder / "saved")
     except RecordingError as error:

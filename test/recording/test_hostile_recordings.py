@@ -22,7 +22,7 @@ from tcc_sim.messages import cdr
 from tcc_sim.parameter_file import LARGEST_FILE
 from tcc_sim.recording import contents, records
 from tcc_sim.recording.mcap_file import RECOVERY_RECORD, RESULT_RECORD, SCENE_RECORD, McapFile, digest
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.recording.recovery import recover
 from tcc_sim.replay.recorded import read
 from tcc_sim.replay.replay import replay
@@ -89,8 +89,8 @@ def cost(path: Path) -> tuple[str, int]:
     """Result of reading in words, and the most memory of Python and NumPy, bytes."""
     tracemalloc.start()
     try:
-        run = open_run(path)
-        said = f"{sum(map(len, run.states()))} read; {'; '.join(run.warnings)}"
+        run = Run(path)
+        said = f"{sum(map(len, run.columns().runs))} read; {'; '.join(run.warnings)}"
     except RecordingError as error:
         said = str(error)
     finally:
@@ -132,15 +132,15 @@ def test_chunks_that_unpack_to_too_much_together_are_left_out(tmp_path: Path) ->
 def test_arrays_of_other_programs_do_not_count_as_used(tmp_path: Path) -> None:
     grids = {k: [("/grid", FLOAT64_ARRAY, 0, 0, cdr.float64_array("", [0.0] * 60_000))] for k in range(100)}
     bag(tmp_path / "run", ticked(load_scene("fig02"), 100), "fig02", joined=grids)
-    assert len(open_run(tmp_path / "run").states()[0]) == 100
+    assert len(Run(tmp_path / "run").columns().runs[0]) == 100
 
 
 def test_more_topics_than_any_recording_has_are_passed_over(tmp_path: Path) -> None:
     count = contents.MOST_TOPICS + 50
     many = b"".join(channel(n, f"/{n}/x") for n in range(count))
-    run = open_run(written(tmp_path / "x.mcap", chunk(schema() + many), channel(count, "/joint_states"), schema(),
+    run = Run(written(tmp_path / "x.mcap", chunk(schema() + many), channel(count, "/joint_states"), schema(),
                            channel(1), chunk(message(1, TICK))))
-    list(run.states())
+    list(run.columns().runs)
     assert len(run.topics) == contents.MOST_TOPICS
 
 
@@ -174,8 +174,8 @@ def test_work_that_a_scene_asks_for_is_bounded_by_the_size_of_the_file(tmp_path:
 def test_damaged_places_are_named_up_to_a_number(tmp_path: Path) -> None:
     broken = bytearray(chunk(message(1, 0)))
     broken[-3] ^= 1
-    run = open_run(written(tmp_path / "x.mcap", schema(), channel(1), chunk(message(1, TICK)), bytes(broken) * 500))
-    assert sum(map(len, run.states())) == 1
+    run = Run(written(tmp_path / "x.mcap", schema(), channel(1), chunk(message(1, TICK)), bytes(broken) * 500))
+    assert sum(map(len, run.columns().runs)) == 1
     assert sum("is left out" in sentence for sentence in run.warnings) == records.MOST_SENTENCES
     assert f"{500 - records.MOST_SENTENCES} more places damaged" in run.warnings
 
@@ -230,7 +230,7 @@ def test_recovery_parses_so_much_quality_of_service_and_no_more(tmp_path: Path) 
     many = b"".join(channel(n, f"/{n}", {"offered_qos_profiles": f"- depth: {n + 1000}\n" + " " * 18_987})
                     for n in range(100))
     path = written(tmp_path / "x.mcap", chunk(schema() + many + b"".join(message(n, TICK) for n in range(100))))
-    assert sum(recover(open_run(path), tmp_path / "saved").messages.values()) == 100
+    assert sum(recover(Run(path), tmp_path / "saved").messages.values()) == 100
     saved = yaml.safe_load((tmp_path / "saved" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     offered = [row["topic_metadata"]["offered_qos_profiles"][0]["depth"]
                for row in saved["topics_with_message_count"]]
@@ -244,14 +244,14 @@ def test_a_part_that_cannot_be_read_does_not_cost_the_others(tmp_path: Path, con
     path = bag(tmp_path / "run", ticked(SCENE, 300), SCENE, max_duration=0.1)
     (path / name).write_bytes(content)
     lost = 100 * (name == "run_1.mcap")
-    run = open_run(path)
-    assert sum(map(len, run.states())) == 300 - lost
+    run = Run(path)
+    assert sum(map(len, run.columns().runs)) == 300 - lost
     assert [text for text in run.warnings if name in text and text.startswith("left out")]
     assert run.complete is (name != "run_1.mcap")
     assert main(["analyse", str(path)]) == 0
     assert name in capsys.readouterr().out
     assert main(["recover", str(path)]) == 0
-    assert sum(map(len, open_run(tmp_path / "run_recovered").states())) == 300 - lost
+    assert sum(map(len, Run(tmp_path / "run_recovered").columns().runs)) == 300 - lost
 
 
 def test_nothing_but_parts_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
@@ -259,7 +259,7 @@ def test_nothing_but_parts_that_cannot_be_read_is_refused(tmp_path: Path) -> Non
     for number in range(2):
         (tmp_path / "run" / f"run_{number}.mcap").write_bytes(b"")
     with pytest.raises(RecordingError, match=r"run_0\.mcap: it is not an MCAP file"):
-        open_run(tmp_path / "run")
+        Run(tmp_path / "run")
 
 
 def test_a_pipe_is_no_recording_and_keeps_nobody_waiting(tmp_path: Path, refused: Callable[..., str]) -> None:
@@ -271,7 +271,7 @@ def test_times_near_the_end_of_the_clock_stay_in_one_part(tmp_path: Path) -> Non
     late = [record(Opcode.MESSAGE, struct.pack("<HIQQ", 1, n, 2**64 - 50 + n if n % 2 else n, n) +
                    cdr.joint_state(n * TICK, *(0.0,) * 6)) for n in range(40)]
     path = written(tmp_path / "x.mcap", schema(), channel(1), chunk(b"".join(late)))
-    saved = recover(open_run(path), tmp_path / "saved")
+    saved = recover(Run(path), tmp_path / "saved")
     assert saved.messages == {"/joint_states": 40}
     assert sorted(part.name for part in (tmp_path / "saved").iterdir()) == ["metadata.yaml", "saved_0.mcap"]
 
@@ -280,7 +280,7 @@ def test_quality_of_service_with_chained_merge_keys_is_not_followed(tmp_path: Pa
     chain = "- &a0 {x: 1}\n" + "".join(f"- &a{n} {{<<: [{', '.join([f'*a{n - 1}'] * 9)}]}}\n" for n in range(1, 40))
     path = written(tmp_path / "x.mcap", chunk(schema() + channel(1, metadata={"offered_qos_profiles": chain})
                                               + message(1, TICK)))
-    assert recover(open_run(path), tmp_path / "saved").messages == {"/joint_states": 1}
+    assert recover(Run(path), tmp_path / "saved").messages == {"/joint_states": 1}
 
 
 def test_a_scene_is_as_long_for_the_writer_as_for_the_reader(tmp_path: Path) -> None:
@@ -291,8 +291,8 @@ def test_a_scene_is_as_long_for_the_writer_as_for_the_reader(tmp_path: Path) -> 
     with pytest.raises(InputError, match=f"{LARGEST_FILE + 1}.*{LARGEST_FILE}"):
         output.describe(text + "#")
     output.close()
-    assert open_run(path).scene_text == text
-    longer = open_run(written(tmp_path / "y.mcap", scene(text + "#"), schema(), channel(1), chunk(message(1, TICK))))
-    list(longer.states())
+    assert Run(path).scene_text == text
+    longer = Run(written(tmp_path / "y.mcap", scene(text + "#"), schema(), channel(1), chunk(message(1, TICK))))
+    list(longer.columns().runs)
     assert longer.scene_text is None
     assert "a record that describes the recording is damaged and was ignored" in longer.warnings

@@ -15,7 +15,7 @@ from tcc_sim.cli import main
 from tcc_sim.errors import RecordingError
 from tcc_sim.messages import cdr
 from tcc_sim.recording.bag import BagWriter
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
 from tcc_sim.topics import HEADER, JOINT_STATE
@@ -33,7 +33,7 @@ def split(tmp_path, **limits):
 def test_the_parts_together_and_each_by_itself_are_the_recording(tmp_path):
     path, rows = split(tmp_path, max_duration=0.3)
     assert sorted(p.name for p in path.iterdir()) == ["metadata.yaml", *(f"run_{n}.mcap" for n in range(4))]
-    run = open_run(path)
+    run = Run(path)
     assert stamps_of(path) == list(range(1000))
     assert (run.complete, run.warnings, len(run.scenes), run.messages) == (True, [], 2, {"/joint_states": 1000})
     for n, part in enumerate((path, *(path / f"run_{n}.mcap" for n in range(4)))):
@@ -42,7 +42,7 @@ def test_the_parts_together_and_each_by_itself_are_the_recording(tmp_path):
         assert n or result.verification.exact == 1000
         if n:
             assert stamps_of(part) == [row[0] // TICK for row in rows[300 * n - 300:300 * n]]
-            assert open_run(part).complete
+            assert Run(part).complete
             assert result.scene.system.engine.mean_torque == (300.0 if n < 3 else 250.0)
 
 
@@ -73,7 +73,7 @@ def test_a_part_ends_at_its_size_or_where_its_index_would_take_too_much_memory(t
         assert all(20_000 < size < 60_000 for size in sizes[:-1])
     else:
         assert len(sizes) == 4  # Ten flushes of a chunk each.
-    assert (stamps_of(path), open_run(path).complete) == (list(range(1000)), True)
+    assert (stamps_of(path), Run(path).complete) == (list(range(1000)), True)
 
 
 def test_every_part_begins_with_the_last_latched_message_of_each_channel(tmp_path):
@@ -110,8 +110,8 @@ def test_results_of_the_parts_are_added(tmp_path):
     writer = BagWriter(tmp_path / "run", FIG02.text(), max_duration=0.1, result=result)
     filled(writer, range(250))
     writer.close({"lost": {"/slip_speed": 10, "/x": 1}, "solver": "fixed_step", "unsent": {"/joint_states": 64}})
-    run = open_run(tmp_path / "run")
-    list(run.states())
+    run = Run(tmp_path / "run")
+    list(run.columns().runs)
     assert run.result == {"lost": {"/slip_speed": 13, "/x": 1}, "messages": {"/slip_speed": 20}, "solver": "fixed_step",
                           "unsent": {"/joint_states": 64}}
     assert "13 messages of /slip_speed lost while recording" in run.warnings
@@ -120,16 +120,16 @@ def test_results_of_the_parts_are_added(tmp_path):
 
 def test_killed_while_it_writes_a_later_part_and_a_part_that_is_gone(tmp_path, capsys):
     path, _ = split(tmp_path, max_duration=0.3, cut=True)
-    run = open_run(path)
-    assert len(np.concatenate([batch.stamp_ns for batch in run.states()])) == 1000
+    run = Run(path)
+    assert len(np.concatenate([batch.stamp_ns for batch in run.columns().runs])) == 1000
     assert not run.complete
     assert main(["recover", str(path)]) == 0
     assert "cut short" in capsys.readouterr().out
-    assert open_run(tmp_path / "run_recovered").complete
+    assert Run(tmp_path / "run_recovered").complete
     (path / "run_1.mcap").unlink()
-    run = open_run(path)
-    assert len(np.concatenate([batch.stamp_ns for batch in run.states()])) == 700
-    assert (run.lost_messages, "part 1 is missing" in run.warnings) == (300, True)
+    run = Run(path)
+    assert len(np.concatenate([batch.stamp_ns for batch in run.columns().runs])) == 700
+    assert (run.stamps.lost, "part 1 is missing" in run.warnings) == (300, True)
 
 
 def test_parts_are_synchronised_where_that_is_asked_for(tmp_path, monkeypatch):
@@ -147,7 +147,7 @@ def test_parts_are_synchronised_where_that_is_asked_for(tmp_path, monkeypatch):
     assert set(synced) == {".", "safe", "safe/safe_0.mcap"}
     writer.file.sync()
     assert synced[-1] == "safe/safe_1.mcap"
-    assert sum(map(len, open_run(tmp_path / "safe" / "safe_1.mcap").states())) == 200
+    assert sum(map(len, Run(tmp_path / "safe" / "safe_1.mcap").columns().runs)) == 200
     writer.close()
     assert synced[-1] == "safe"
 
@@ -176,7 +176,7 @@ def filled(writer, numbers):
 
 
 def stamps_of(path):
-    return (np.concatenate([batch.stamp_ns for batch in open_run(path).states()]) // TICK).tolist()
+    return (np.concatenate([batch.stamp_ns for batch in Run(path).columns().runs]) // TICK).tolist()
 
 
 def test_a_bag_whose_directory_is_renamed_shares_nothing_with_one_made_under_its_name(tmp_path):
@@ -193,7 +193,7 @@ def test_a_bag_whose_directory_is_renamed_shares_nothing_with_one_made_under_its
     assert stamps_of(tmp_path / "moved") == list(range(450))
     assert stamps_of(tmp_path / "run") == list(range(1000, 1250))
     for folder in ("moved", "run"):
-        assert open_run(tmp_path / folder).complete
+        assert Run(tmp_path / folder).complete
         assert sorted(path.name for path in (tmp_path / folder).glob("*.part")) == []
 
 
@@ -212,7 +212,7 @@ def test_a_name_that_another_has_taken_is_left_to_it_and_the_parts_are_whole(tmp
         writer.close()
     assert (tmp_path / "run" / taken).read_text() == "another's"
     assert stamps_of(tmp_path / "run" / "run_0.mcap") == list(range(100))
-    assert open_run(tmp_path / "run" / "run_0.mcap").complete
+    assert Run(tmp_path / "run" / "run_0.mcap").complete
     assert {path.name for path in (tmp_path / "run").iterdir()} == {"run_0.mcap", taken} | (
         {"metadata.yaml"} if taken == "run_1.mcap" else {"run_1.mcap"})
 

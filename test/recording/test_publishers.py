@@ -6,7 +6,7 @@ from driveline_bags import TICK, bag, ticked
 from re_encodings import read, save
 
 from tcc_sim.errors import RecordingError
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.replay.recorded import Recording
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
@@ -30,10 +30,10 @@ def test_of_publishers_without_names_of_runs_the_one_with_the_most_states_is_rea
                                                                                                           order):
     """Nothing states whether one of them is the other one started again."""
     path = two(tmp_path, order)
-    numbers = {one.publisher: number for number, one in enumerate(open_run(path).drivelines)}
+    numbers = {one.publisher: number for number, one in enumerate(Run(path).drivelines)}
     for number, who, states in ((None, "b", 250), (numbers["b"], "b", 250), (numbers["a"], "a", 200)):
-        run = open_run(path, driveline=number)
-        kept = np.concatenate([batch.stamp_ns for batch in run.states()])
+        run = Run(path, driveline=number)
+        kept = np.concatenate([batch.stamp_ns for batch in run.columns().runs])
         assert kept.tolist() == [n * TICK for n in range(states)]
         assert (run.driveline.publisher, run.driveline.states) == (who, states)
         assert {one.publisher: one.read for one in run.drivelines} == {"a": who == "a", "b": who == "b"}
@@ -61,7 +61,7 @@ def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):
     rows = ticked(MINIMAL, 400)
     mixed = [row for pair in zip(rows[200:400], rows[:200]) for row in pair]
     with pytest.raises(RecordingError, match="publishers are mixed and cannot be separated"):
-        list(open_run(bag(tmp_path / "run", mixed, MINIMAL)).states())
+        list(Run(bag(tmp_path / "run", mixed, MINIMAL)).columns().runs)
 
 
 @pytest.mark.parametrize(("given", "kept"), [(2**32 - 1, 2**32 - 1), (2**32, 0), (2**32 + 5, 5)])

@@ -7,7 +7,7 @@ from driveline_bags import TICK, bag, readings, ticked
 
 from tcc_sim.cli import main
 from tcc_sim.code_version import code_version
-from tcc_sim.recording.reader import open_run
+from tcc_sim.recording.reader import Run
 from tcc_sim.replay.replay import replay
 from tcc_sim.replay.timeline import timeline_of
 from tcc_sim.replay.verification import STEP_TOLERANCE, verify
@@ -65,7 +65,7 @@ def test_one_input_falls_back_to_its_mean_and_the_other_to_its_harmonics(tmp_pat
 
 
 def test_progress_counts_every_state_and_may_be_left_out(tmp_path):
-    line = timeline_of(open_run(bag(tmp_path / "run", ticked(SCENES["fig02"], 300), SCENES["fig02"])), SCENES["fig02"])
+    line = timeline_of(Run(bag(tmp_path / "run", ticked(SCENES["fig02"], 300), SCENES["fig02"])), SCENES["fig02"])
     counts = []
     assert verify(line, 10**6, counts.append).verified
     assert sum(counts) == 300
