@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import zstandard
@@ -30,7 +29,7 @@ from tcc_sim.recording.reader import Run
 from tcc_sim.recording.records import PASSED_OVER, Expansion
 from tcc_sim.recording.recovery import copy_messages, recover
 from tcc_sim.recording.runs import placed
-from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, HELD_INPUTS, INPUTS, JOINT_STATE
+from tcc_sim.topics import DIAGNOSTIC_ARRAY, FLOAT64_ARRAY, FLUID_PRESSURE, HELD_INPUTS, INPUTS, JOINT_STATE, topic
 
 _WANTED = {*CARRIED, DIAGNOSTIC_ARRAY}
 """Message types that are copied."""
@@ -129,11 +128,11 @@ def _copied(part: Path, file: McapFile) -> tuple[int, int]:
     """Copy the wanted messages of a part; return the numbers of messages read, and in the part as it states."""
     from rosbags.rosbag1 import Reader as Ros1Reader
     from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
 
-    ros1 = part.suffix == ".bag"
+    ros1, types = part.suffix == ".bag", get_typestore(Stores.ROS2_FOXY)
     channels: dict[int, int | None] = {}
     with Ros1Reader(part) if ros1 else Reader(part) as reader:
-        convert = _converter(reader.connections) if ros1 else lambda data, _: bytes(data)
         read = 0
         for connection, time, data in reader.messages():
             read += 1
@@ -144,22 +143,8 @@ def _copied(part: Path, file: McapFile) -> tuple[int, int]:
                     connection.topic, kind, schema=schema) if kind in _WANTED else None
             number = channels[connection.id]
             if number is not None:
-                file.write(number, time, time, convert(data, connection.msgtype))
+                file.write(number, time, time, bytes(types.ros1_to_cdr(data, connection.msgtype) if ros1 else data))
         return read, int(reader.message_count)
-
-
-def _converter(connections: Sequence[Any]) -> Callable[[bytes, str], bytes]:
-    from rosbags.convert.converter import generate_message_converter
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    source, target = get_typestore(Stores.EMPTY), get_typestore(Stores.ROS2_FOXY)
-    wanted = [one for one in connections if one.msgtype in _WANTED]
-    source.register({name: fields for one in wanted
-                     for name, fields in get_types_from_msg(one.msgdef.data, one.msgtype).items()})
-    cache: dict[str, object] = {}
-    functions = {kind: generate_message_converter(source, target, kind, kind, cache, src_is2=False, dst_is2=True)
-                 for kind in {one.msgtype for one in wanted}}
-    return lambda data, kind: bytes(functions[kind](data))
 
 
 def _written(run: Run, directory: Path) -> Imported:
@@ -200,17 +185,14 @@ def _written(run: Run, directory: Path) -> Imported:
 def _write_run(bag: BagWriter, channels: Mapping[str, int], states: JointStates, run: str, zero: int) -> None:
     """Write the messages of a run, whose stamps count from `zero`, ns."""
     tick = float(np.median(np.diff(states.stamp_ns))) if len(states) > 1 else 1e6
-    stamps = (states.stamp_ns - zero).tolist()
     angle, speed = (np.broadcast_to(column, len(states)).tolist() for column in states.far_end[:2])
     reports, pressures = dict(_reports(states, tick, zero)), states.of("applied_pressure").tolist()
-    rows = zip(stamps, states.log_ns.tolist(), states.sent_ns.tolist(), *(
-        column.tolist() for column in (states.flywheel_angle, states.plate_angle, states.flywheel_speed,
-                                       states.plate_speed, states.engine_torque, states.friction_torque)))
-    for k, (stamp, log, sent, flywheel, plate, flywheel_speed, plate_speed, engine, friction) in enumerate(rows):
+    values = zip(*(getattr(states, name).tolist() for name in topic("joint_states").fields))
+    rows = zip((states.stamp_ns - zero).tolist(), states.log_ns.tolist(), states.sent_ns.tolist(), values)
+    for k, (stamp, log, sent, joints) in enumerate(rows):
         if k in reports:
             bag.write(channels["held"], log, sent, held.held_message(run, reports[k]), latched=True)
-        bag.write(channels["joint_states"], log, sent, cdr.joint_state(
-            stamp, flywheel, plate, flywheel_speed, plate_speed, engine, friction, run))
+        bag.write(channels["joint_states"], log, sent, cdr.ENCODERS["joint_states"](stamp, *joints, frame=run))
         if np.isfinite(pressures[k]):
             bag.write(channels["applied_pressure"], log, sent, cdr.fluid_pressure(stamp, pressures[k], frame=run))
         if states.stamp_ns[k] >= states.moved_ns and np.isfinite(angle[k]):
