@@ -8,6 +8,7 @@ import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from io import FileIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -49,23 +50,15 @@ class _Output:
     """A new unbuffered file: after an error such as a full disk, no buffered data remains that could fail again."""
 
     def __init__(self, name: Path | str, folder: int | None) -> None:
-        self.file = FileIO(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666, dir_fd=folder),
-                           "wb")
-        self.flush = self.file.flush  # Nothing is buffered here.
-        self._position = 0
+        self.file = FileIO(name, "xb", opener=partial(os.open, mode=0o666, dir_fd=folder))
+        self.flush, self.tell = self.file.flush, self.file.tell
 
     def write(self, data: bytes) -> int:
         """Write all of `data`."""
         left = memoryview(data)
         while left:
-            count = self.file.write(left)
-            self._position += count
-            left = left[count:]
+            left = left[self.file.write(left):]
         return len(data)
-
-    def tell(self) -> int:
-        """Return the number of bytes written."""
-        return self._position
 
 
 class TopicMetadata(NamedTuple):
