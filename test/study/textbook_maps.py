@@ -52,7 +52,7 @@ class TextbookMap:
             slopes[:, self.dimension:] += by_parameters
         if not np.isfinite(x).all():
             raise ArithmeticError("not finite")
-        return Image(x, slopes, Observation(max(sizes), 0.0, "", tuple(sizes)), np.array(rows) if rows else None)
+        return Image(x, slopes, Observation(amplitudes=tuple(sizes)), np.array(rows or np.empty((0, 1))))
 
     def evaluate_each(self, states: Floats, values: Values, firsts: Sequence[float],
                       cycles: Sequence[float]) -> list[Image]:

@@ -673,3 +673,12 @@ class Continuation(Generic[P, S]):
                     PASSED * length, SAME):
                 return True
         return False
+
+
+def joined(tracks: Sequence[Continuation[P, S]]) -> tuple[list[P], list[tuple[int, S]], tuple[End, End]]:
+    """Points, numbered special points and both ends of a curve that was followed one way, or that way and the other."""
+    ahead, behind = tracks[0], tracks[-1]
+    nodes = [] if behind is ahead else [point.turned() for point in behind.points[:0:-1]]
+    before = [] if behind is ahead else [(len(nodes) - 1 - after, item) for after, item in reversed(behind.special)]
+    return (nodes + ahead.points, before + [(len(nodes) + after, item) for after, item in ahead.special],
+            (behind.ended, ahead.ended))

@@ -48,6 +48,8 @@ from tcc_sim.study.continuation.orbits import (
     OrbitFigures,
     OrbitState,
     Shooting,
+    Vectors,
+    cyclic,
 )
 
 LOCATED = 1e-8  # last Newton step of a bifurcation
@@ -65,10 +67,6 @@ CURVE_TOLERANCE = 1e-8  # last step and residual of a point
 # Step along null vectors of length one for first derivatives of the Jacobian. Beside canards motions bend within
 # 1e-7, and the Jacobian's noise is some 1e-14: by halving, the derivative is good to four digits in both cases.
 DIFFERENCE = 1e-8
-
-Vectors = NDArray[Any]
-"""Real or complex, (m, n): one for every segment."""
-
 
 def solve_bordered(linearise: Callable[[Floats], Linearised], u: Floats, size: int, reach: float,
                    finest: float = LOCATED, left: float = 0.0) -> tuple[Floats, Linearised, float] | None:
@@ -111,17 +109,6 @@ def solve_bordered(linearise: Callable[[Floats], Linearised], u: Floats, size: i
     except orbits.FAILURES:
         return None
     return None
-
-
-def cyclic(blocks: Floats, mu: complex) -> Vectors:
-    """L(mu) of the segments' derivatives (m, n, n)."""
-    m, n = blocks.shape[:2]
-    out = np.zeros((m * n, m * n), dtype=np.complex128 if np.imag(mu) else np.float64)
-    for k in range(m):
-        rows, following = slice(k * n, k * n + n), (k + 1) % m
-        out[rows, rows] = blocks[k]
-        out[rows, following * n:following * n + n] -= np.eye(n) * (mu if k + 1 == m else 1.0)
-    return out
 
 
 def bordered(a: Vectors, b: Vectors, c: Vectors) -> tuple[Vectors, Vectors, Vectors]:
@@ -232,12 +219,11 @@ def nearest_margins(shooting: Shooting, z: Floats) -> Margins:
     """The margins of an orbit that are least in size over all segments, with derivatives by the scaled unknowns."""
     nodes, values, n, size = shooting.nodes(z), shooting.values(z), shooting.map.dimension, shooting.size
     out: dict[str, orbits.Margin] = {}
-    for k, (first, length) in enumerate(zip(shooting.layout[0], shooting.segments)):
+    for k, (first, length) in enumerate(zip(shooting.starts, shooting.segments)):
         for name, margins in shooting.map.margins(nodes[k], values, first, length).items():
             if name not in out or abs(margins.value) < abs(out[name].value):
-                slopes = np.zeros(len(z))
-                slopes[k * n:k * n + n] = margins.slopes[:n] * shooting.map.scales
-                slopes[size:] = margins.slopes[n:] * shooting.widths
+                slopes, scaled = np.zeros(len(z)), margins.slopes * shooting.sizes
+                slopes[k * n:k * n + n], slopes[size:] = scaled[:n], scaled[n:]
                 out[name] = margins._replace(slopes=slopes)
     return out
 
@@ -249,10 +235,6 @@ BRANCH_POINT_DEFECT = 1e-6  # largest defect of its equations
 HALVES_REACH = 0.1  # largest distance of the doubling from the orbit whose halves are alike
 MOST_BORDERS = 6  # most changes in one step
 BORDER_ASTRAY = 10.0  # distance, in lengths of the bracket, beyond which another border has been found
-
-SMOOTH = ("fold", "period_doubling", "neimark_sacker", "branch_point")
-"""Kinds without a change of the event sequence."""
-
 
 @dataclass(frozen=True, repr=False)
 class ContinuationPoint(CurvePoint[Shooting]):
@@ -351,25 +333,34 @@ def _opposite(one: float, two: float, factors: Iterable[float]) -> bool:
     return one * two < 0.0 and max(abs(one), abs(two)) > NEUTRAL * math.prod(factors)
 
 
+def _from_circle(point: ContinuationPoint) -> float:
+    """Distance of the nearest complex pair from the unit circle; inf where there is none (a neutral saddle)."""
+    pairs = [abs(abs(x) ** 2 - 1.0) for x in point.multipliers if abs(np.angle(x)) > COMPLEX_PAIR
+             and abs(np.angle(x)) < np.pi - COMPLEX_PAIR]
+    return float(min(pairs, default=np.inf))
+
+
+TESTS: dict[str, tuple[Callable[[ContinuationPoint], float], Callable[[ContinuationPoint], float]]] = {
+    "fold": (lambda s: s.slope, lambda s: float(np.abs(s.multipliers - 1.0).min())),
+    "period_doubling": (lambda s: doubling(s.multipliers), lambda s: float(np.abs(s.multipliers + 1.0).min())),
+    "neimark_sacker": (lambda s: torus(s.multipliers), _from_circle),
+    "branch_point": (lambda s: s.sign, lambda s: float(
+        np.linalg.svd(s.linearised.jacobian, compute_uv=False)[-1]))}
+"""Kinds without a change of the event sequence, with the test function of each and its residual."""
+
+
 def smooth_bifurcations(bracket: Bracket[ContinuationPoint]) -> list[Bifurcation]:
     """The bifurcations between two points of one smooth piece of a branch, in order along it."""
     a, b, out = bracket.a, bracket.b, []
     m, n = a.multipliers, b.multipliers
-    crossed = a.sign != b.sign
-    tests: list[tuple[str, Callable[[ContinuationPoint], float], Callable[[ContinuationPoint], float]]] = []
     sizes = [max(pair) for pair in zip(map(abs, m.tolist()), map(abs, n.tolist()))]
-    if a.slope * b.slope < 0.0:
-        tests.append(("fold", lambda s: s.slope, lambda s: float(np.abs(s.multipliers - 1.0).min())))
-    if _opposite(doubling(m), doubling(n), (1.0 + x for x in sizes)):
-        tests.append(("period_doubling", lambda s: doubling(s.multipliers),
-                      lambda s: float(np.abs(s.multipliers + 1.0).min())))
-    if _opposite(torus(m), torus(n), (1.0 + x * y for x, y in combinations(sizes, 2))):
-        tests.append(("neimark_sacker", lambda s: torus(s.multipliers), _from_circle))
-    if crossed:
-        tests.append(("branch_point", lambda s: s.sign,
-                      lambda s: float(np.linalg.svd(s.linearised.jacobian, compute_uv=False)[-1])))
-    for kind, test, residual in tests:
-        point = branch_point(bracket.b) if kind == "branch_point" else bracket.locate(test, residual)
+    crossed = {"fold": a.slope * b.slope < 0.0, "branch_point": a.sign != b.sign,
+               "period_doubling": _opposite(doubling(m), doubling(n), (1.0 + x for x in sizes)),
+               "neimark_sacker": _opposite(torus(m), torus(n), (1.0 + x * y for x, y in combinations(sizes, 2)))}
+    for kind, (test, residual) in TESTS.items():
+        if not crossed[kind]:
+            continue
+        point = branch_point(b) if kind == "branch_point" else bracket.locate(test, residual)
         if point is None or (kind == "neimark_sacker" and not np.isfinite(_from_circle(point))):
             continue
         left = max(residual(point), point.residual)
@@ -404,13 +395,6 @@ def branch_point(near: ContinuationPoint) -> ContinuationPoint | None:
         return replace(near, z=z, linearised=shooting.linearise(z))
     except orbits.FAILURES:
         return None
-
-
-def _from_circle(point: ContinuationPoint) -> float:
-    """Distance of the nearest complex pair from the unit circle; inf where there is none (a neutral saddle)."""
-    pairs = [abs(abs(x) ** 2 - 1.0) for x in point.multipliers if abs(np.angle(x)) > COMPLEX_PAIR
-             and abs(np.angle(x)) < np.pi - COMPLEX_PAIR]
-    return float(min(pairs, default=np.inf))
 
 
 def halve(bracket: Bracket[P], ends: list[P], parts: list[float], count: int) -> None:

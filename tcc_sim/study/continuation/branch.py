@@ -227,7 +227,6 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep:
     """
     keep = [] if keep is None else keep
     tracks = [BranchTrack(start) for start in ((first, first.turned()) if both else (first,))]
-    ahead, behind = tracks[0], tracks[-1]
     try:
         for track in tracks:
             for point in track.follow():
@@ -236,15 +235,9 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep:
             if track.ended.reason is StopReason.CLOSED:
                 break
     finally:
-        points, special = ahead.points, ahead.special
-        if both:
-            nodes = [s.turned() for s in behind.points[:0:-1]]
-            points = nodes + points
-            special = [*((len(nodes) - 1 - after, f) for after, f in reversed(behind.special)),
-                       *((len(nodes) + after, f) for after, f in special)]
-        closed = ahead.ended.reason is StopReason.CLOSED
-        start_end = ahead.ended if closed else behind.ended if both else began or ahead.ended
-        branch = Branch(first.period, origin, points, (start_end, ahead.ended), closed,
+        closed = tracks[0].ended.reason is StopReason.CLOSED
+        points, special, ended = arclength.joined(tracks[:1] if closed else tracks)
+        branch = Branch(first.period, origin, points, (began or ended[0], ended[1]), closed,
                         [replace(f, branch=len(keep), after=after) for after, f in special])
         for k, (a, b) in enumerate(pairwise(points)):
             between = [n for n, f in enumerate(branch.bifurcations) if f.after == k]
@@ -263,21 +256,16 @@ def first_point(shooting: Shooting, z: Floats) -> ContinuationPoint:
 
 def orbits_at(branch: Branch, value: float) -> list[ContinuationPoint]:
     """The orbits of a branch at this value of its parameter, one for each crossing."""
-    out: list[ContinuationPoint] = []
-    for a, b in pairwise(branch.points):
-        if a.value == value:
-            out.append(a)
-        elif (a.value - value) * (b.value - value) < 0.0:
-            orbit = _crossing(a, b, value)
-            if orbit is not None:
-                out.append(orbit)
+    found = [_crossing(a, b, value) for a, b in pairwise(branch.points)]
     if branch.points[-1].value == value and not branch.closed:
-        out.append(branch.points[-1])
-    return out
+        found.append(branch.points[-1])
+    return [point for point in found if point is not None]
 
 
 def _crossing(a: ContinuationPoint, b: ContinuationPoint, value: float) -> ContinuationPoint | None:
-    """The orbit at `value` between two points; None where the corrector fails."""
+    """The orbit at `value` from one point up to the next; None where there is none, or where the corrector fails."""
+    if a.value == value or not (a.value - value) * (b.value - value) < 0.0:
+        return a if a.value == value else None
     if a.equations == b.equations:
         at, size = a.equations.ranges[0].scaled(value), a.equations.size
         near = Bracket(a, b).locate(lambda s: float(s.z[size]) - at)
@@ -322,7 +310,7 @@ class SettledMotion:
 
     value : of the parameter
     state : (n,) at the start of cycle `cycle`
-    period : cycles; 0 for none
+    period : cycles after which it and the excitation repeat; 0 for none
     amplitude : its largest size
     """
 
@@ -331,10 +319,6 @@ class SettledMotion:
     cycle: int
     period: int
     amplitude: float
-
-    def has_period(self, period: int, base: int = 1) -> bool:
-        """Whether it repeats after `period` cycles, where the excitation repeats after `base`."""
-        return self.period > 0 and math.lcm(self.period, base) == period
 
 
 def bifurcation_diagram(of: ParameterMap, span: orbits.ParameterRange, seen: Sequence[SettledMotion],
@@ -348,7 +332,7 @@ def bifurcation_diagram(of: ParameterMap, span: orbits.ParameterRange, seen: Seq
     size, longest = amplitude_of(seen), settings.longest_period * of.forcing_period
     left = {k: s for k, s in enumerate(seen) if 0 < s.period <= longest}
     while left and len(out) < settings.max_branches:
-        left = {k: s for k, s in left.items() if place_of(s, out, size, of.forcing_period) is None}
+        left = {k: s for k, s in left.items() if place_of(s, out, size) is None}
         runs: list[list[int]] = []
         for k, s in left.items():
             if runs and runs[-1][-1] == k - 1 and left[k - 1].period == s.period:
@@ -367,9 +351,9 @@ def bifurcation_diagram(of: ParameterMap, span: orbits.ParameterRange, seen: Seq
 
 def left_out(seen: Sequence[SettledMotion], branches: Sequence[Branch], base: int = 1,
              settings: Settings = SWEPT) -> list[str]:
-    """Sentences on motions and branches that a diagram leaves out."""
+    """Sentences on motions and branches that a diagram leaves out, where the excitation repeats after `base` cycles."""
     size, longest, out = amplitude_of(seen), settings.longest_period * base, list[str]()
-    alone = [s for s in seen if s.period and place_of(s, branches, size, base) is None]
+    alone = [s for s in seen if s.period and place_of(s, branches, size) is None]
     long = sum(s.period > longest for s in alone)
     if len(alone) > long:
         full = len(branches) >= settings.max_branches
@@ -412,14 +396,14 @@ def pieces_at(branch: Branch, value: float) -> list[BranchPiece]:
     return out
 
 
-def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float, base: int = 1) -> tuple[int, int] | None:
+def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float) -> tuple[int, int] | None:
     """The stable piece with the period and amplitude of a motion, the nearest one of several; None for no piece.
 
     The piece is the number of its branch and that of the point before it.
     """
     best, place = math.inf, None
     for number, branch in enumerate(branches):
-        if not seen.has_period(branch.period, base):
+        if seen.period != branch.period:
             continue
         for piece in pieces_at(branch, seen.value):
             if (piece.a.stable or piece.b.stable) and (away := piece.holds(seen, size)) < best:
@@ -649,10 +633,9 @@ def _end_of_segment(branches: Sequence[Branch], branch: Branch, point: int, beyo
     return SegmentEnd(bifurcation.value / unit, bifurcation.kind, bifurcation.residual, jumps)
 
 
-def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float, base: int = 1) -> int | None:
+def segment_of(seen: SettledMotion, among: Sequence[StableSegment], size: float) -> int | None:
     """The number of the segment of a motion of a sweep, by its period and largest size; None where there is none."""
-    away = {k: abs(s.amplitude(seen.value) - seen.amplitude) for k, s in enumerate(among)
-            if seen.has_period(s.period, base)}
+    away = {k: abs(s.amplitude(seen.value) - seen.amplitude) for k, s in enumerate(among) if seen.period == s.period}
     near = {k: a for k, a in away.items() if a <= 2.0 * ALIKE * size}
     return min(near, key=lambda k: near[k]) if near else None
 
@@ -670,14 +653,13 @@ class Jump:
     bifurcation: int | None = reported("its number in bifurcations")
 
 
-def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: float, base: int = 1,
+def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: float,
              direction: str = "cold") -> list[Jump]:
     """The jumps of a sweep, each with its cause and the number of its bifurcation among those of all branches.
 
     seen : its motions in order of the parameter
     branches : from `bifurcation_diagram`
     least : smallest change of the largest size of a jump, relative to the largest periodic motion
-    base : cycles after which the excitation repeats
     direction : up or down where every motion starts from its neighbour below or above, whose end is then the cause
     """
     size = amplitude_of(seen)
@@ -686,7 +668,7 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
     for a, b in pairwise(seen):
         if not abs(b.amplitude - a.amplitude) > least * size:
             continue
-        cause, bifurcation = _cause(a, b, branches, size, width, base, direction)
+        cause, bifurcation = _cause(a, b, branches, size, width, direction)
         value = 0.5 * (a.value + b.value) if bifurcation is None else bifurcation.value
         every = (f for branch in branches for f in branch.bifurcations)
         number = next((k for k, f in enumerate(every) if f is bifurcation), None)
@@ -694,10 +676,10 @@ def jumps_of(seen: Sequence[SettledMotion], branches: Sequence[Branch], least: f
     return out
 
 
-def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size: float, width: float, base: int,
+def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size: float, width: float,
            direction: str) -> tuple[str, Bifurcation | None]:
     """The cause of a jump between two neighbouring motions of a sweep, and its bifurcation."""
-    place_before, place_after = place_of(a, branches, size, base), place_of(b, branches, size, base)
+    place_before, place_after = place_of(a, branches, size), place_of(b, branches, size)
     unplaced = NOT_FOLLOWED if any(s.period and p is None for s,
                                    p in ((a, place_before), (b, place_after))) else APERIODIC
     ends, goes_on = list[tuple[bool, Bifurcation]](), False
@@ -707,7 +689,7 @@ def _cause(a: SettledMotion, b: SettledMotion, branches: Sequence[Branch], size:
         branch = branches[place[0]]
         last, reached = _walk(branch, place[1], goal)
         same = other is not None and other[0] == place[0] and abs(last - other[1]) <= 1
-        if reached and (same or (other is not None and seen.has_period(branch.period, base)
+        if reached and (same or (other is not None and seen.period == branch.period
                                      and any(p.after == last and math.isfinite(p.holds(seen, size))
                                              for p in pieces_at(branch, seen.value)))):
             return STEEP, None

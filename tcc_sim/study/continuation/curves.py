@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,11 +25,10 @@ from tcc_sim.study.continuation.bifurcations import (
     BORDER_HALVINGS,
     Bifurcation,
     MinimallyAugmented,
-    cyclic,
     halve,
     nearest_margins,
 )
-from tcc_sim.study.continuation.orbits import Floats, Linearised, ParameterMap, ParameterRange, Settings
+from tcc_sim.study.continuation.orbits import Floats, Linearised, ParameterMap, ParameterRange, Settings, cyclic
 
 CURVE_ROOT = 1e-9  # width of the bracket of a point of codimension two, relative to the step
 CURVE_SLOPE = 1e-2  # distance from it of the slope of its test, relative to the bracket
@@ -135,23 +134,19 @@ def _cubic(equations: MinimallyAugmented, u: Floats, q: Floats, p: Floats, longe
     return float(0.5 * np.sum(p * (c + 3.0 * np.einsum("kij,kj->ki", first, h))))
 
 
-Test = Callable[[AugmentedPoint, float], float]
-"""Test function of a point and of the step of its differences relative to the usual one."""
-
-
-def measured(point: AugmentedPoint, test: Test) -> tuple[float, float, Floats]:
+def measured(point: AugmentedPoint, name: str) -> tuple[float, float, Floats]:
     """A test at a point, its change by other difference steps and one more Newton step, and the parameters' change."""
     try:
-        linearised, value = point.equations.linearise(point.z), test(point, 1.0)
+        linearised, value = point.equations.linearise(point.z), values_of_tests(point, 1.0)[name]
         step = np.linalg.lstsq(linearised.jacobian, -linearised.residual, rcond=None)[0]
         polished = replace(point, z=point.z + step)
-        changes = [abs(test(s, longer) - value) for s, longer in ((point, 0.5), (polished, 2.0))]
+        changes = [abs(values_of_tests(s, longer)[name] - value) for s, longer in ((point, 0.5), (polished, 2.0))]
         return value, max(changes), np.abs(parameters(point, step))
     except (*orbits.FAILURES, KeyError):
         return 0.0, math.inf, np.full(2, math.inf)
 
 
-def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -> Special:
+def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint) -> Special:
     """The special point between two points at which a test has different signs: a root, or the narrowest bracket."""
     if a.equations is not b.equations:
         return midway(kind, a, b, False)
@@ -161,7 +156,7 @@ def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -
         point = bracket.at(part)
         if point is None:
             raise ArithmeticError("the curve is lost between two of its points")
-        values[part] = test(point, 1.0)
+        values[part] = values_of_tests(point, 1.0)[kind]
         return values[part]
 
     try:
@@ -169,7 +164,7 @@ def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint, test: Test) -
         low, high = max(part - CURVE_SLOPE, 0.0), min(part + CURVE_SLOPE, 1.0)
         slope, root = (value(high) - value(low)) / (high - low), bracket.at(part)
         assert root is not None
-        _, noise, step = measured(root, test)
+        _, noise, step = measured(root, kind)
         error = RESOLVED * (noise + abs(values[part])) / abs(slope) + CURVE_ROOT
         if error < 1.0 and abs(values[part]) <= CURVE_JUMP * max(abs(values[0.0]), abs(values[1.0])):
             chord, tangent = b.z - a.z, root.tangent
@@ -238,24 +233,13 @@ def parameters(point: CurvePoint[Any], vector: NDArray[np.floating[Any]]) -> Flo
     return out  # type: ignore[no-any-return]
 
 
-def change_of_events(a: AugmentedPoint, b: AugmentedPoint) -> Special:
-    """The change of the event sequence between two points, by bisection."""
-    bracket, ends = Bracket(a, b, False), [a, b]
-    halve(bracket, ends, [0.0, 1.0], BORDER_HALVINGS[0])
-    one, two = (nearest_margins(s.equations.shooting, s.z[:s.equations.unknowns]) for s in ends)
-    kind = orbits.kind_of_change(ends[0].events, ends[1].events, (one, two))
-    return midway(kind, ends[0], ends[1], True)
-
-
 # Distance between the halves of a fold's orbit at which a curve that ends has reached a generalised doubling, whose
 # parameters are then known to its square.
 HALVES_MET = 1e-2
 FINER_GROWTHS = (10.0, 3.0)  # growths over a segment of thorough cuts after failed steps
 MARGIN_STEP = 1e-6  # step of differences of a margin by the two parameters
 
-TRACED = ("fold", "period_doubling", "neimark_sacker")
-"""Kinds that have a minimally augmented system."""
-KINDS = (*TRACED, "stick_border")
+KINDS = ("fold", "period_doubling", "neimark_sacker", "stick_border")
 """Kinds that can be followed in two keys."""
 Ranges = tuple[ParameterRange, ParameterRange]
 
@@ -304,7 +288,11 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
         if here.equations.shooting.map.piecewise and orbits.differ(here.events, new.events):
             self.tests.clear()
             self.test(new)
-            return [change_of_events(here, new)]
+            ends = [here, new]
+            halve(Bracket(here, new, False), ends, [0.0, 1.0], BORDER_HALVINGS[0])
+            near = [nearest_margins(s.equations.shooting, s.z[:s.equations.unknowns]) for s in ends]
+            kind = orbits.kind_of_change(ends[0].events, ends[1].events, near)
+            return [midway(kind, ends[0], ends[1], True)]
         way = new.z - here.z
         return sorted(self.test(new), key=lambda s: float(way @ s.point.z))
 
@@ -321,15 +309,12 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
 
     def _crossed(self, name: str, new: AugmentedPoint) -> list[Special]:
         """The special point between the last point at which a test is resolved and a new one with another sign."""
-        def test(point: AugmentedPoint, longer: float) -> float:
-            return values_of_tests(point, longer)[name]
-
         known, factor, before = self.tests[name], RESOLVED, 0.0
-        value, noise, _ = measured(new, test)
+        value, noise, _ = measured(new, name)
         if not abs(value) > factor * noise:
             return []
         while known:
-            before, noise, _ = measured(known[-1][0], test)
+            before, noise, _ = measured(known[-1][0], name)
             if abs(before) > factor * noise:
                 break
             known.pop()
@@ -339,7 +324,7 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
             return []
         apart = ENDING.get((new.equations.kind, name))
         end = None if apart is None else singular_end(name, self.points, apart, new)
-        return [end or special_point(name, last, new, test)]
+        return [end or special_point(name, last, new)]
 
     def ended_before(self, new: AugmentedPoint, special: list[Special],
                      stop: End | None) -> tuple[AugmentedPoint, list[Special], End | None]:
@@ -420,21 +405,15 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
         return True
 
 
-def facing(point: P, forward: bool) -> P:
-    """The point with the tangent along which the second parameter grows, or falls."""
-    growing = float(parameters(point, point.tangent)[1]) > 0.0
-    return point if growing == forward else point.turned()
-
-
+@dataclass(frozen=True)
 class Border:
     """The equation of a border in two parameters: a margin vanishes."""
 
+    margin: Callable[[float, float], float]
+    ranges: Ranges
     rounding: ClassVar[float] = 1e-12
     settings: ClassVar[Settings] = orbits.DEFAULTS
     size: ClassVar[int] = 0
-
-    def __init__(self, margin: Callable[[float, float], float], ranges: Ranges) -> None:
-        self.margin, self.ranges = margin, ranges
 
     def outer(self, vector: Floats) -> Floats:
         """All unknowns; there are no segments."""
@@ -465,13 +444,13 @@ def bifurcation_curve(bifurcation: Bifurcation, of: ParameterMap, ranges: Ranges
     point = bifurcation.point
     shooting = replace(point.equations, map=of, ranges=ranges, settings=settings or point.equations.settings)
 
-    def begun(forward: bool) -> CurveTrack:
+    def first() -> AugmentedPoint:
         finer, z = shooting.cut(shooting.unknowns(point.equations.nodes(point.z), (point.value, second)))
         system = MinimallyAugmented(bifurcation.kind, finer, z)
-        return CurveTrack(facing(AugmentedPoint.at(system, system.start), forward))
+        return AugmentedPoint.at(system, system.start)
 
     lost = End(StopReason.STEP, ranges[0].name, point.value, shooting.settings.residual)
-    return _both_ways(bifurcation.kind, begun, lost, second)
+    return _both_ways(bifurcation.kind, first, CurveTrack, lost, second)
 
 
 def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value: float,
@@ -479,23 +458,22 @@ def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value:
     """The curve of a margin that vanishes at (value, second), both ways; that point alone where it cannot be set up."""
     border, at = Border(margin, ranges), np.array([ranges[0].scaled(value), ranges[1].scaled(second)])
 
-    def begun(forward: bool) -> Continuation[CurvePoint[Border], Special]:
-        return Continuation(facing(CurvePoint[Border].at(border, at), forward))
-
     lost = End(StopReason.STEP, ranges[0].name, value, orbits.DEFAULTS.residual)
-    return _both_ways("stick_border", begun, lost, second)
+    return _both_ways("stick_border", lambda: CurvePoint[Border].at(border, at), Continuation, lost, second)
 
 
-def _both_ways(kind: str, begun: Callable[[bool], Continuation[Any, Special]], lost: End,
+def _both_ways(kind: str, first: Callable[[], P], track_from: Callable[[P], Continuation[P, Special]], lost: End,
                second: float) -> BifurcationCurve:
-    """The curve through a point, both ways from it or once round.
+    """The curve through its first point, both ways from it, first to larger second parameters, or once round.
 
     lost, second : the end where no way can be set up, and the second parameter there
     """
-    tracks: list[Continuation[Any, Special]] = []
+    tracks: list[Continuation[P, Special]] = []
     for forward in (True, False):
         try:
-            tracks.append(begun(forward))
+            point = first()
+            growing = float(parameters(point, point.tangent)[1]) > 0.0
+            tracks.append(track_from(point if growing == forward else point.turned()))
             deque(tracks[-1].follow(), 0)
         except orbits.FAILURES:
             if not tracks:
@@ -504,9 +482,6 @@ def _both_ways(kind: str, begun: Callable[[bool], Continuation[Any, Special]], l
         if tracks[-1].ended.reason is StopReason.CLOSED:
             del tracks[:-1]
             break
-    ahead, behind = tracks[0], tracks[-1]
-    points, special = ahead.points, [s for _, s in ahead.special]
-    if behind is not ahead:
-        points, special = behind.points[:0:-1] + points, [s for _, s in reversed(behind.special)] + special
+    points, special, ended = arclength.joined(tracks)
     values, others = zip(*(point.values for point in points))
-    return BifurcationCurve(kind, values, others, (behind.ended, ahead.ended), tuple(special))
+    return BifurcationCurve(kind, values, others, ended, tuple(item for _, item in special))

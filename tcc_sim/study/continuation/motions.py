@@ -97,10 +97,9 @@ class DrivelineMap:
         for image, count in zip(prepared.each(starts, firsts, ends), cycles):
             if not all(math.isfinite(number) for number in image.state.tolist()):
                 raise ArithmeticError("the state is not finite")
-            heights = image.heights.tolist()
-            stuck = image.stick_time / (count * prepared.period)
-            out.append(Image(image.state, image.derivatives, orbits.Observation(
-                max(heights), stuck, image.events, tuple(heights)), image.heights_derivatives))
+            seen = orbits.Observation(image.stick_time / (count * prepared.period), image.events,
+                                      tuple(image.heights.tolist()))
+            out.append(Image(image.state, image.derivatives, seen, image.heights_derivatives))
         return out
 
     def _prepare(self, values: Values) -> Prepared:

@@ -38,20 +38,20 @@ Values = tuple[float, ...]
 class Observation(NamedTuple):
     """Observation of a motion over some cycles.
 
-    largest : the largest size of the motion (for the driveline |slip speed|, rad/s)
     stick_fraction : 0 to 1
     events : the sequence of modes, such as "S+S"; empty for a map without
-    amplitudes : the largest size in each cycle, which can change much where the section hardly moves
+    amplitudes : the largest size of the motion in each cycle (for the driveline |slip speed|, rad/s), which can change
+        much where the section hardly moves
     """
 
-    largest: float
-    stick_fraction: float
-    events: str
+    stick_fraction: float = 0.0
+    events: str = ""
     amplitudes: tuple[float, ...] = ()
 
-
-UNSEEN = Observation(0.0, 0.0, "")
-"""Observation where there is nothing to observe."""
+    @property
+    def largest(self) -> float:
+        """The largest size of the motion."""
+        return max(self.amplitudes, default=0.0)
 
 
 class Image(NamedTuple):
@@ -60,13 +60,13 @@ class Image(NamedTuple):
     value : (n,) state after them
     derivatives : (n, n + P) with respect to the state before them, and to the free parameters
     seen : observation of these cycles
-    amplitude_gradient : (N, n + P) derivatives of the N observed amplitudes, likewise, if the map has them
+    amplitude_gradient : (N, n + P) derivatives of the N observed amplitudes, likewise; no rows if the map has none
     """
 
     value: Floats
     derivatives: Floats
-    seen: Observation = UNSEEN
-    amplitude_gradient: Floats | None = None
+    seen: Observation = Observation()
+    amplitude_gradient: Floats = np.empty((0, 1))
 
     @property
     def jacobian(self) -> Floats:
@@ -264,13 +264,24 @@ class Linearised(NamedTuple):
     residual: Floats
     jacobian: Floats
     blocks: Floats = np.empty((0, 0, 0))
-    seen: Observation = UNSEEN
+    seen: Observation = Observation()
     amplitudes: Floats = np.empty(0)
     amplitude_gradient: Floats = np.empty((0, 0))
 
 
-Places = tuple[NDArray[np.intp], NDArray[np.intp]]
-"""Rows and columns in a Jacobian."""
+Vectors = NDArray[Any]
+"""Real or complex, (m, n): one for every segment."""
+
+
+def cyclic(blocks: Floats, mu: complex) -> Vectors:
+    """L(mu) x = (M_1 x_1 - x_2, ..., M_m x_m - mu x_1) of the segments' derivatives M (m, n, n)."""
+    m, n = blocks.shape[:2]
+    out = np.zeros((m * n, m * n), dtype=np.complex128 if np.imag(mu) else np.float64)
+    for k in range(m):
+        rows, following = slice(k * n, k * n + n), (k + 1) % m
+        out[rows, rows] = blocks[k]
+        out[rows, following * n:following * n + n] -= np.eye(n) * (mu if k + 1 == m else 1.0)
+    return out
 
 
 @dataclass(frozen=True)
@@ -309,25 +320,15 @@ class Shooting:
         """The free parameters of a point."""
         return tuple([w.value(u) for w, u in zip(self.ranges, z[self.size:].tolist())])
 
-    @property
-    def widths(self) -> list[float]:
-        """Change of each free parameter per unit of its unknown."""
-        return [w.width for w in self.ranges]
-
     @cached_property
     def sizes(self) -> Floats:
         """(n + P,) sizes of a node and of the parameters."""
-        return np.concatenate([self.map.scales, self.widths])
+        return np.concatenate([self.map.scales, [w.width for w in self.ranges]])
 
     @cached_property
-    def layout(self) -> tuple[list[float], Places, Places]:
-        """Starts of the segments, in cycles, and the places of their derivatives and of the nodes in which they end."""
-        n, count = self.map.dimension, len(self.segments)
-        diagonal = np.arange(self.size)
-        rows = diagonal.reshape(-1, n)
-        return ([sum(self.segments[:k]) for k in range(count)],
-                (np.broadcast_to(rows[:, :, None], (count, n, n)), np.broadcast_to(rows[:, None, :], (count, n, n))),
-                (diagonal, np.roll(diagonal, -n)))
+    def starts(self) -> list[float]:
+        """Starts of the segments, in cycles."""
+        return [sum(self.segments[:k]) for k in range(len(self.segments))]
 
     def nodes(self, z: Floats) -> Floats:
         """(m, n) states at the starts of the segments."""
@@ -339,38 +340,21 @@ class Shooting:
 
     def linearise(self, z: Floats) -> Linearised:
         """Residual and derivative at `z`, with the map's exceptions."""
-        n, size, scales, count = self.map.dimension, self.size, self.map.scales, len(self.segments)
-        values, nodes = self.values(z), self.nodes(z)
-        starts, blocks_at, ends_at = self.layout
-        images = self.map.evaluate_each(nodes, values, starts, self.segments)
+        n, scales, nodes = self.map.dimension, self.map.scales, self.nodes(z)
+        images = self.map.evaluate_each(nodes, self.values(z), self.starts, self.segments)
         parts = np.array([image.derivatives for image in images]) * (self.sizes / scales[:, None])
-        blocks, ends, following = parts[..., :n], images[0].value, nodes[0]
-        if count == 1:
-            jacobian = parts[0].copy()
-        else:
-            ends, following = np.array([image.value for image in images]), np.roll(nodes, -1, axis=0)
-            jacobian = np.zeros((size, size + len(self.ranges)))
-            jacobian[blocks_at], jacobian[:, size:] = blocks, parts[..., n:].reshape(size, -1)
-        jacobian[ends_at] -= 1.0
+        blocks = parts[..., :n]
+        jacobian = np.hstack([cyclic(blocks, 1.0), parts[..., n:].reshape(self.size, -1)])
+        ends, following = np.array([image.value for image in images]), np.concatenate([nodes[1:], nodes[:1]])
         residual = ((ends - following) / scales).ravel()
         seen, scale = joined_observation([image.seen for image in images], self.segments), self.map.amplitude_scale
-        gradients = [image.amplitude_gradient for image in images if image.amplitude_gradient is not None]
-        if len(gradients) < count:
-            return Linearised(residual, jacobian, blocks, seen)
-        return Linearised(residual, jacobian, blocks, seen, np.array(seen.amplitudes) / scale,
-                          self._joined(gradients, self.sizes / scale))
-
-    def _joined(self, gradients: Sequence[Floats], sizes: Floats) -> Floats:
-        """(N, d + P) derivatives of the amplitudes of all segments by nodes and parameters of these sizes."""
-        parts = [gradient * sizes for gradient in gradients]
-        if len(parts) == 1:
-            return parts[0]
-        n, size, row = self.map.dimension, self.size, 0
-        out = np.zeros((sum(map(len, parts)), size + len(self.ranges)))
-        for k, part in enumerate(parts):
-            out[row:row + len(part), k * n:k * n + n], out[row:row + len(part), size:] = part[:, :n], part[:, n:]
+        gradient, row, size = np.zeros((len(seen.amplitudes), self.size + len(self.ranges))), 0, self.size
+        for k, image in enumerate(images):
+            part = image.amplitude_gradient * (self.sizes / scale)
+            columns = gradient[row:row + len(part)]
+            columns[:, k * n:k * n + n], columns[:, size:] = part[:, :n], part[:, n:]
             row += len(part)
-        return out
+        return Linearised(residual, jacobian, blocks, seen, np.array(seen.amplitudes[:row]) / scale, gradient[:row])
 
     def cut(self, z: Floats) -> tuple[Shooting, Floats]:
         """The same orbit in as few segments as bound the growth over each, and its unknowns.
@@ -444,8 +428,7 @@ def joined_observation(seen: list[Observation], segments: tuple[float, ...]) -> 
         return seen[0]
     events = "".join(mode for mode, _ in groupby("".join(part.events for part in seen)))
     stick = sum(part.stick_fraction * length for part, length in zip(seen, segments)) / sum(segments)
-    return Observation(max(part.largest for part in seen), stick, events,
-                       tuple(h for part in seen for h in part.amplitudes))
+    return Observation(stick, events, tuple(h for part in seen for h in part.amplitudes))
 
 
 NEWTON_TOLERANCE = 1e-10  # last step of an orbit

@@ -19,7 +19,7 @@ from tcc_sim.result import reported, result_class
 from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.study.continuation import branch as diagram
-from tcc_sim.study.continuation.bifurcations import SMOOTH, Bifurcation
+from tcc_sim.study.continuation.bifurcations import Bifurcation
 from tcc_sim.study.continuation.branch import ALIKE, SWEPT, Branch, Jump, SettledMotion, jumps_of, point_of
 from tcc_sim.study.continuation.motions import DrivelineMap
 from tcc_sim.study.continuation.orbits import ParameterRange, Settings, shifts
@@ -64,13 +64,12 @@ def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
     summary = point.summary
     if not summary.settled:
         return _later(sweep.curve, k, point.end)
-    amplitude = summary.max_slip_speed
+    amplitude, system = summary.max_slip_speed, sweep.curve.at(k)
+    together = math.lcm(summary.period, common_cycles(system) or 1)
     if summary.period:  # The maximum in the sweep may belong to a transient.
-        system = sweep.curve.at(k)
-        together = math.lcm(summary.period, common_cycles(system) or 1)
         cycles = solve(system, cycles=together, start_cycle=point.end.cycle, state=point.end.state).solved_cycles
         amplitude = summarise_cycles(cycles, CycleTimes(system.cycle)).max_slip_speed
-    return SettledMotion(value, np.array(point.end.state.numbers), point.end.cycle, summary.period, amplitude)
+    return SettledMotion(value, np.array(point.end.state.numbers), point.end.cycle, together, amplitude)
 
 
 def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
@@ -81,8 +80,8 @@ def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
         if settled is None:
             break
         summary, start = settled
-        motion = SettledMotion(curve.values[k], np.array(start.state.numbers), start.cycle, summary.period,
-                               summary.max_slip_speed)
+        motion = SettledMotion(curve.values[k], np.array(start.state.numbers), start.cycle,
+                               math.lcm(summary.period, common_cycles(curve.system)), summary.max_slip_speed)
         late = approached(curve, motion, summary.settled)
         if late.period:
             break
@@ -95,7 +94,8 @@ def approached(curve: Curve, late: SettledMotion, settled: bool) -> SettledMotio
     It has no period if that orbit is unstable, or if there is no such orbit and it has not `settled`. A motion without
     a recognised period may approach a period-one orbit, on alternate sides of it.
     """
-    span, goal = ParameterRange(min(curve.values), max(curve.values)), replace(late, period=late.period or 1)
+    span, goal = ParameterRange(min(curve.values), max(curve.values)), replace(
+        late, period=late.period or common_cycles(curve.system))
     point = point_of(DrivelineMap(curve.system, (curve.key,)), span, goal)
     if point is not None:
         of = point.equations.map
@@ -133,7 +133,7 @@ def motions_behind(sweeps: Sequence[Sweep], progress: bool = False) -> list[Moti
         forward = sorted(row, key=lambda s: s.value)
         jumps = [replace(jump, cause="stick_border") if jump.bifurcation is not None and creeps(
                      bifurcations[jump.bifurcation], sweep.curve.system) else jump
-                 for jump in jumps_of(forward, branches, JUMP, base, sweep.plan.direction)]
+                 for jump in jumps_of(forward, branches, JUMP, sweep.plan.direction)]
         sentences = diagram.left_out(row, branches, base)
         if higher := still_higher(sweep, row):
             sentences.append(f"{higher} of {len(row)} points show a transient that outlasts the cycles that are "
@@ -152,7 +152,7 @@ def motions_behind_each(sweeps: Sequence[Sweep], jobs: int | None = None,
 
 def creeps(bifurcation: Bifurcation, system: System) -> bool:
     """Return whether a bifurcation of the smoothed law is an end of stick, that is, its motion creeps."""
-    if system.friction.law != "smoothed" or bifurcation.kind not in SMOOTH:
+    if system.friction.law != "smoothed":
         return False
     limit = stick_speed_of(terms_of(system))
     return math.isfinite(limit) and bifurcation.point.seen.largest <= CREEP * limit

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.steady.exponents import Lyapunov, largest_lyapunov_exponent
 from tcc_sim.analysis.steady.summary import Summary
 from tcc_sim.errors import counted
-from tcc_sim.model.closed_forms import common_cycles
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import Value
 from tcc_sim.result import reported, reporting, result_class
@@ -265,8 +264,8 @@ class Evidence:
         among = self.stretches([row], axis, over=over)[0]
         sweep = self.curves([row], axis, over=over)[0]
         unit, seen = NORMALISED[over][1], seen_in(sweep)
-        base, size = common_cycles(sweep.curve.system), diagram.amplitude_of(seen)
-        at = {s.value: segment_of(replace(s, value=s.value / unit), among, size, base) for s in seen}
+        size = diagram.amplitude_of(seen)
+        at = {s.value: segment_of(replace(s, value=s.value / unit), among, size) for s in seen}
         return [at.get(value) for value in sweep.curve.values]
 
     def motions(self, rows: Mapping[str, Values], axis: Floats, *, over: str = FREQUENCY) -> list[Motion]:

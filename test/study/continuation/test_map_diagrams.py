@@ -230,5 +230,3 @@ def test_a_motion_of_a_sweep_begins_at_the_next_phase_0(side: float) -> None:
         x = np.array([-side if cycle % 3 == 2 else side])
         point = point_of(of, UNIT, SettledMotion(0.0, x, cycle, 1, 1.0))
         assert (point.period, point.section) == (3, pytest.approx([side]))
-    assert [SettledMotion(0.0, np.zeros(1), 0, n, 1.0).has_period(6, 2) for n in (0, 2, 3, 4, 6)] == [
-        False, False, True, False, True]
