@@ -216,15 +216,14 @@ class CurvePoint(Described, Generic[E]):
         """The sign of det [Jacobian; tangent]."""
         return float(np.sign(np.linalg.det(np.vstack([self.linearised.jacobian, self.tangent]))))
 
-    @property
-    def scaled(self) -> Floats:
-        """(P,) the free parameters among the unknowns."""
-        return self.z[self.equations.size:self.equations.size + len(self.equations.ranges)]
+    def free(self, vector: Floats) -> Floats:
+        """The part (P,) of a vector of unknowns that belongs to the free parameters."""
+        return vector[self.equations.size:self.equations.size + len(self.equations.ranges)]
 
     @property
     def values(self) -> Values:
         """The free parameters."""
-        return tuple(w.value(u) for w, u in zip(self.equations.ranges, self.scaled.tolist()))
+        return tuple(w.value(u) for w, u in zip(self.equations.ranges, self.free(self.z).tolist()))
 
     @property
     def value(self) -> float:
@@ -540,7 +539,7 @@ class Continuation(Generic[P, S]):
             if new is None:
                 self.lost()
                 continue
-            inside = corner or edge is not None or all(0.0 <= scaled <= 1.0 for scaled in new.scaled)
+            inside = corner or edge is not None or all(0.0 <= scaled <= 1.0 for scaled in new.free(new.z))
             self.stop = self.unresolved(new) if inside and not corner else None
             if self.stop is not None:
                 return

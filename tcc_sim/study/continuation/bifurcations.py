@@ -68,6 +68,7 @@ CURVE_TOLERANCE = 1e-8  # last step and residual of a point
 # 1e-7, and the Jacobian's noise is some 1e-14: by halving, the derivative is good to four digits in both cases.
 DIFFERENCE = 1e-8
 
+
 def solve_bordered(linearise: Callable[[Floats], Linearised], u: Floats, size: int, reach: float,
                    finest: float = LOCATED, left: float = 0.0) -> tuple[Floats, Linearised, float] | None:
     """The solution near `u` of an orbit's equations and further ones, as many as unknowns, by Newton's method.

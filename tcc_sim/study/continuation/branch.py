@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -333,12 +333,9 @@ def bifurcation_diagram(of: ParameterMap, span: orbits.ParameterRange, seen: Seq
     left = {k: s for k, s in enumerate(seen) if 0 < s.period <= longest}
     while left and len(out) < settings.max_branches:
         left = {k: s for k, s in left.items() if place_of(s, out, size) is None}
-        runs: list[list[int]] = []
-        for k, s in left.items():
-            if runs and runs[-1][-1] == k - 1 and left[k - 1].period == s.period:
-                runs[-1].append(k)
-            else:
-                runs.append([k])
+        # Numbers that follow each other without a gap differ from their places by one number.
+        runs = [[k for _, (k, _) in run] for _, run in groupby(enumerate(left.items()), lambda item: (
+            item[1][0] - item[0], item[1][1].period))]
         if not runs:
             break
         run = max(runs, key=len)

@@ -138,10 +138,10 @@ def measured(point: AugmentedPoint, name: str) -> tuple[float, float, Floats]:
     """A test at a point, its change by other difference steps and one more Newton step, and the parameters' change."""
     try:
         linearised, value = point.equations.linearise(point.z), values_of_tests(point, 1.0)[name]
-        step = np.linalg.lstsq(linearised.jacobian, -linearised.residual, rcond=None)[0]
+        step: Any = np.linalg.lstsq(linearised.jacobian, -linearised.residual, rcond=None)[0]
         polished = replace(point, z=point.z + step)
         changes = [abs(values_of_tests(s, longer)[name] - value) for s, longer in ((point, 0.5), (polished, 2.0))]
-        return value, max(changes), np.abs(parameters(point, step))
+        return value, max(changes), np.abs(point.free(step))
     except (*orbits.FAILURES, KeyError):
         return 0.0, math.inf, np.full(2, math.inf)
 
@@ -168,7 +168,7 @@ def special_point(kind: str, a: AugmentedPoint, b: AugmentedPoint) -> Special:
         error = RESOLVED * (noise + abs(values[part])) / abs(slope) + CURVE_ROOT
         if error < 1.0 and abs(values[part]) <= CURVE_JUMP * max(abs(values[0.0]), abs(values[1.0])):
             chord, tangent = b.z - a.z, root.tangent
-            along = np.abs(parameters(root, tangent)) * float(chord @ chord) / abs(float(chord @ tangent))
+            along = np.abs(root.free(tangent)) * float(chord @ chord) / abs(float(chord @ tangent))
             return Special.of(kind, root, error * along + RESOLVED * step + CURVE_EXACT)
     except (*orbits.FAILURES, KeyError):
         pass
@@ -202,7 +202,7 @@ def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable
             nodes += [] if located is None else [located]
     if len(nodes) < 4:
         return None if beyond is None else midway(kind, points[-1], beyond, False)
-    x, places = np.array([distance(s) for s in nodes]), np.array([parameters(s, s.z) for s in nodes])
+    x, places = np.array([distance(s) for s in nodes]), np.array([s.free(s.z) for s in nodes])
 
     def at_end(x: Floats, k: int) -> Floats:
         return np.array(np.linalg.solve(np.vander(x[k:], increasing=True), places[k:])[0], np.float64)
@@ -213,24 +213,17 @@ def singular_end(kind: str, points: Sequence[AugmentedPoint], distance: Callable
     if (np.abs(even - at) <= 10.0 * error + CURVE_EXACT).all():
         at, error = even, np.abs(even - at_end(x**2, 1))
     z = last.z.copy()
-    parameters(last, z)[:] = at
+    last.free(z)[:] = at
     error = error + RESOLVED * last.equations.rounding
     return Special.of(kind, replace(last, z=z), error)
 
 
 def midway(kind: str, a: AugmentedPoint, b: AugmentedPoint, is_located: bool) -> Special:
     """The special point in the middle between two points; its error is half of their distance."""
-    z, way = b.z.copy(), parameters(b, b.z) - parameters(a, a.z)
-    parameters(b, z)[:] -= 0.5 * way
+    z, way = b.z.copy(), b.free(b.z) - a.free(a.z)
+    b.free(z)[:] -= 0.5 * way
     error = 0.5 * np.abs(way) + CURVE_EXACT
     return Special.of(kind, replace(b, z=z), error, is_located)
-
-
-def parameters(point: CurvePoint[Any], vector: NDArray[np.floating[Any]]) -> Floats:
-    """The two parameters in a vector of unknowns."""
-    first = point.equations.size
-    out: Any = vector[first:first + 2]
-    return out  # type: ignore[no-any-return]
 
 
 # Distance between the halves of a fold's orbit at which a curve that ends has reached a generalised doubling, whose
@@ -458,7 +451,7 @@ def border_curve(margin: Callable[[float, float], float], ranges: Ranges, value:
     """The curve of a margin that vanishes at (value, second), both ways; that point alone where it cannot be set up."""
     border, at = Border(margin, ranges), np.array([ranges[0].scaled(value), ranges[1].scaled(second)])
 
-    lost = End(StopReason.STEP, ranges[0].name, value, orbits.DEFAULTS.residual)
+    lost = End(StopReason.STEP, ranges[0].name, value, border.settings.residual)
     return _both_ways("stick_border", lambda: CurvePoint[Border].at(border, at), Continuation, lost, second)
 
 
@@ -472,7 +465,7 @@ def _both_ways(kind: str, first: Callable[[], P], track_from: Callable[[P], Cont
     for forward in (True, False):
         try:
             point = first()
-            growing = float(parameters(point, point.tangent)[1]) > 0.0
+            growing = float(point.free(point.tangent)[1]) > 0.0
             tracks.append(track_from(point if growing == forward else point.turned()))
             deque(tracks[-1].follow(), 0)
         except orbits.FAILURES:

@@ -158,14 +158,8 @@ def _reduced(longer: str, rules: tuple[tuple[str, str], ...], shorter: str) -> b
 
 def _replaced(text: str, pattern: str, by: str) -> set[str]:
     """The rings in which `by` replaces `pattern` at one of its places on the ring `text`."""
-    out = set()
-    for k in range(len(text)):
-        turned = text[k:] + text[:k]
-        if turned.startswith(pattern):
-            out.add(ring(by + turned[len(pattern):]))
-        elif len(turned) == len(pattern) - 1 and turned + turned[0] == pattern:
-            out.add(by[0])
-    return out
+    turns = (text[k:] + text[:k] for k in range(len(text)))
+    return {ring(by + turned[len(pattern):]) for turned in turns if (turned + turned[0]).startswith(pattern)}
 
 
 MARGINS = {"adding_sliding": "stick", "grazing_sliding": "grazing", "crossing_sliding": "arrival",
