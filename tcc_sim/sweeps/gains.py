@@ -111,7 +111,7 @@ def _executed(law: LawFile) -> Callable[..., Any]:
         sys.path.append(folder)
     try:
         exec(compile(law.text, law.path, "exec"), vars(module))  # noqa: S102
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"{law.path} does not run: {type(error).__name__}: {one_line(str(error))}") from error
     found: Callable[..., Any] | None = getattr(module, law.name, None)
     if found is None or not callable(found):
@@ -138,15 +138,15 @@ def _loop(scene: Scene, law: LawFile | Callable[..., Any], target: Mapping[float
           limits: Limits | None, values: Mapping[str, float]) -> GainPoint:
     """Run and judge the loop at some values: keys with a dot are those of the scene."""
     scene = scene.with_values({key: value for key, value in values.items() if "." in key})
-    made = _factory_of(law)(**{key: value for key, value in values.items() if "." not in key})
     text = ", ".join(f"{key} {value:g}" for key, value in values.items())
     try:
+        made = _factory_of(law)(**{key: value for key, value in values.items() if "." not in key})
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # The number of refused commands stands in the result.
             run = closed_loop(scene, made, seconds, scene.operation.rate)
     except InputError as error:
         raise InputError(f"with {text}: {error}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise TccError(f"the law failed with {text}: {type(error).__name__}: {one_line(str(error))}") from error
     return GainPoint(run.tracking_of(target, limits=limits), run.refused)
 
@@ -221,6 +221,8 @@ def _check(scene: Scene, factory: Callable[..., Any], keys: Sequence[str],
         signature(factory).bind(**dict.fromkeys(given))
     except TypeError as error:
         raise InputError(f"the law takes {signature(factory)}, not {', '.join(given) or 'nothing'}: {error}") from None
+    except ValueError:
+        pass  # A builtin without a signature, which fails when it is called.
     for place in places:
         scene.with_values({key: value for key, value in place.items() if "." in key})
 
