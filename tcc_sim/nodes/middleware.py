@@ -137,22 +137,21 @@ class SequenceNumbers:
     Attributes
     ----------
     lost : number of lost messages: newer ones replaced them in the queue, or they were lost on the way
-    next : publisher -> expected sequence number of its next message
+    numbers : publisher -> sequence numbers from its first to its last message
     """
 
     def __init__(self) -> None:
         self.lost = 0
-        self.next: dict[bytes, int] = {}
+        self.numbers: dict[bytes, range] = {}
 
     def count(self, info: Mapping[str, Any]) -> bytes:
         """Count the messages missing between this message and its publisher's last one, and return the publisher."""
         publisher, number = publisher_of(info), info.get("publication_sequence_number")
         if not publisher or not number:
             return publisher
-        if publisher not in self.next and len(self.next) >= MOST_PUBLISHERS:
-            del self.next[next(iter(self.next))]
-        expected = self.next.get(publisher, number)
-        if number > expected:
-            self.lost += number - expected
-        self.next[publisher] = number + 1
+        if publisher not in self.numbers and len(self.numbers) >= MOST_PUBLISHERS:
+            del self.numbers[next(iter(self.numbers))]
+        known = self.numbers.get(publisher, range(number, number))
+        self.lost += max(0, number - known.stop)
+        self.numbers[publisher] = range(min(number, known.start), max(number + 1, known.stop))
         return publisher

@@ -78,6 +78,7 @@ class Track(SequenceNumbers):
         self.latched = latched
         self._node = node
         self.subscription = self._subscription(latched=latched)
+        self._before: dict[bytes, range] = {}  # Numbers of messages from replaced subscriptions; they may come again.
         self._best_effort: Subscription[Any] | None = None
         self._heard_reliably: set[bytes] = set()
         self.publishers: set[bytes] = set()
@@ -98,6 +99,9 @@ class Track(SequenceNumbers):
     def take(self) -> Taken:
         """Take the waiting messages, each once, and count the lost ones; this needs no valid context."""
         taken = poll(self.subscription)
+        if self._before:
+            taken = [(data, info) for data, info in taken
+                     if info.get("publication_sequence_number") not in self._before.get(publisher_of(info), ())]
         if len(self._heard_reliably) > MOST_PUBLISHERS:
             self._heard_reliably.clear()
         self._heard_reliably.update(who for _, info in taken if (who := self.count(info)))
@@ -143,6 +147,7 @@ class Track(SequenceNumbers):
                 waited += self.take()
                 self._node.destroy_subscription(self.subscription)
                 self.latched, self.subscription = latched, self._subscription(latched=latched)
+                self._before = dict(self.numbers)
         return waited
 
     def _asks_again(self, publishers: Sequence[bytes]) -> bool:
@@ -154,9 +159,9 @@ class Track(SequenceNumbers):
         if len(self._offered) > MOST_PUBLISHERS:
             self._offered, self._requests = set(), Counter({p: self._requests[p] for p in publishers})
         self._offered.update(publishers)
-        if self.next and not self._offered & self.next.keys():
+        if self.numbers and not self._offered & self.numbers.keys():
             return False  # This middleware has two identifiers of a publisher, so silent ones cannot be identified.
-        silent = [publisher for publisher in publishers if publisher not in self.next
+        silent = [publisher for publisher in publishers if publisher not in self.numbers
                   and self._requests[publisher] < _MOST_REQUESTS]
         self._requests.update(silent)
         return bool(silent)

@@ -13,7 +13,7 @@ from waiting import until
 
 from tcc_sim.messages import cdr
 from tcc_sim.nodes import recorder
-from tcc_sim.nodes.middleware import LATCHED, message_class, states
+from tcc_sim.nodes.middleware import CHANGES, LATCHED, message_class, states
 from tcc_sim.nodes.track import unsent_message
 from tcc_sim.recording.reader import Run
 from tcc_sim.topics import JOINT_STATE, TOPICS, topic
@@ -129,6 +129,19 @@ def test_a_best_effort_publisher_comes_and_goes_and_the_reliable_one_loses_nothi
         values = [cdr.read_float64(data) for _, _, data in reader.messages()]
     assert [value for value in values if value >= 0.0] == list(range(900))
     assert sorted(value for value in values if value < 0.0) == [-3.0, -2.0, -1.0]
+
+
+def test_a_silent_latched_publisher_lets_no_message_of_another_be_recorded_twice(context, tmp_path):
+    result = start(context, tmp_path / "run", topics=["held", "joint_states"])
+    driveline, silent = (rclpy.create_node(name, context=context) for name in ("driveline", "silent"))
+    held, _ = (node.create_publisher(message_class(topic("held").type), "held", CHANGES) for node in (driveline, silent))
+    publish(result, publisher_of(driveline, "joint_states"), range(2))
+    for turn in range(3):
+        for _ in range(10):
+            held.publish(message_class(topic("held").type)())
+        until(lambda turn=turn: result.tracks["/held"].messages == 10 * (turn + 1), step=result.drain)
+        result.look()
+    assert result.close() == f"recorded 32 messages in {tmp_path / 'run'}, 0 lost"
 
 
 def test_two_topics_of_other_types_remapped_onto_one_are_refused(entered, tmp_path):
