@@ -17,7 +17,7 @@ from tcc_sim.scene import Scene, parse_scene
 from tcc_sim.tables.chosen_columns import CHANNELS
 from tcc_sim.tables.file_columns import TIME
 from tcc_sim.tables.measured_table import HOLDS, MeasuredTable, longest_part
-from tcc_sim.tables.sampling import in_words
+from tcc_sim.tables.sampling import holes_in, in_words
 from tcc_sim.topics import FAR_END, INPUTS
 from tcc_sim.trajectory import Floats
 
@@ -84,6 +84,9 @@ class Measurement:
         usual = float(np.median(steps))
         if usual <= 0.0:
             raise InputError(f"{self.source}: the times do not increase")
+        if len(gaps := holes_in(self.t)):
+            raise InputError(f"{self.source} has no samples from {in_words(gaps)} beside steps of {usual:.6g} s; "
+                             "identification needs evenly spaced samples: give a part without a gap")
         worst = int(np.argmax(np.abs(steps - usual)))
         if abs(steps[worst] - usual) > UNEVEN * usual:
             raise InputError(f"{self.source} has a step of {steps[worst]:.6g} s at {self.t[worst]:.6g} s beside steps "
