@@ -207,13 +207,16 @@ class JointCommands:
     def poll(self, tick: int, answers: int | None = None) -> list[CommandedInput]:
         """Hold the arrived commands from tick `tick` on, and return their inputs.
 
-        In lock-step a command must have the stamp `answers` (ns) of the state that it answers, or stamp 0.
+        In lock-step a command must have the stamp `answers` (ns) of the state that it answers, or stamp 0. A message
+        that cannot be read, which may command any input, counts as refused for each and answers no state.
         """
         taken: list[CommandedInput] = []
         for data, _ in islice(iter(self._take, None), middleware.COMMANDS.depth):
             try:
                 message = deserialize_message(data, self._kind)
             except Exception:  # rclpy raises various exceptions on invalid bytes.
+                for command in self._inputs.values():
+                    command.refuse(f"{topics.JOINT_COMMAND}: the message cannot be read")
                 continue
             stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
             for joint, value in zip(message.name, message.effort):

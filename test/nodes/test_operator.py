@@ -227,12 +227,13 @@ def test_commands_of_joints_act_as_those_of_the_topics(bench: Any, pacing: str) 
     loop.begin()
     sent = [(["flywheel", "clutch"], [120.0, 2e5]), (["clutch", "arm"], [1.5e5, 7.0]), (["flywheel"], [float("nan")]),
             (["clutch"], [-1.0])]
+    publisher.publish(b"no message")
     for names, efforts in sent:
         publisher.publish(JointState(name=names, effort=efforts))
     torque, pressure = loop.commands
-    bench.until(lambda: (loop.step(), pressure.refused)[1])
-    assert (torque.value, torque.received, torque.refused) == (120.0, 1, 0)
-    assert (pressure.value, pressure.received, pressure.refused) == (1.5e5, 2, 1)
+    bench.until(lambda: (loop.step(), pressure.refused == 2)[1])
+    assert (torque.value, torque.received, torque.refused, "command" in torque.refusal) == (120.0, 1, 1, True)
+    assert (pressure.value, pressure.received, pressure.refused) == (1.5e5, 2, 2)
     reading = loop.plant.reading()
     assert (reading.engine_torque, reading.applied_pressure) == (120.0, 1.5e5)
 
