@@ -12,7 +12,7 @@ after the part that repeats in each engine cycle is taken away. An average over 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import Enum
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -120,7 +120,7 @@ class LoopCycles:
         """Return the cycles that end after `begin` and up to `end`, s."""
         near = 1e-9 + 1e-6 * (end - begin)
         rows = slice(*np.searchsorted(self.ends, [begin + min(near, 1e-7), end + near]).tolist())
-        return LoopCycles(*(column[rows] for column in vars(self).values()))
+        return LoopCycles(*(getattr(self, column.name)[rows] for column in fields(LoopCycles)))
 
     def means_of(self, t: Floats, values: NDArray[Any]) -> Floats:
         """Return the means over cycles, (n,), of the values before the times t, (m,) s; NaN without any."""
