@@ -98,7 +98,14 @@ class Timeline(Columns):
         """
         if number >= len(self.scenes):
             return self.scene, START
-        return parse_scene(self.scenes[number].parameters, self.scene.name), self.scenes[number].origin
+        if number not in self._parsed:
+            self._parsed[number] = parse_scene(self.scenes[number].parameters, self.scene.name)
+        return self._parsed[number], self.scenes[number].origin
+
+    @cached_property
+    def _parsed(self) -> dict[int, Scene]:
+        """Scenes by number, each after its first use."""
+        return {}
 
     def scene_at(self, index: int) -> Scene:
         """Return the scene that applies to a state."""
