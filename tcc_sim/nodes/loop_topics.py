@@ -215,8 +215,8 @@ class JointCommands:
             try:
                 message = deserialize_message(data, self._kind)
             except Exception:  # rclpy raises various exceptions on invalid bytes.
-                for command in self._inputs.values():
-                    command.refuse(f"{topics.JOINT_COMMAND}: the message cannot be read")
+                for one in self._inputs.values():
+                    one.refuse(f"{topics.JOINT_COMMAND}: the message cannot be read")
                 continue
             stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
             for joint, value in zip(message.name, message.effort):
