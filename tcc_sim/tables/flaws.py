@@ -6,7 +6,9 @@ steps, constant stretches of an input, stick at 0, spikes of stick-slip that las
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,10 @@ HELD, ALIKE = 3, 0.8
 PLATEAU, PLATEAUS, ABRUPT = 3, 3, 0.55
 """Least rows at an extreme that was clipped, least number of such stretches, and least change into one, relative to the
 usual one.
+"""
+ROUNDED, LEVEL, SLOWLY = 2.0, 4.0, 4
+"""Rounding explains a leap by ROUNDED steps of quantisation, and a stretch of one value that is reached and left
+slowly: in a SLOWLY-th part of its rows by LEVEL steps, or by ROUNDED ones at a peak.
 """
 COARSE = 50.0
 """Number of steps of quantisation in a column's range below which a sentence names them."""
@@ -113,7 +119,8 @@ def far_off(values: Floats, name: str) -> Rows:
             out |= far & np.isin(values, ABSENT)
         elif tail[at + 1] - tail[at] > FAR * rest and (
                 len(np.unique(values[far])) == 1 or not (far[1:] & far[:-1]).any()) and (
-                far[1:-1].any() or np.isin(values[far], ABSENT).all()):
+                far[1:-1].any() or np.isin(values[far], ABSENT).all()) and (
+                tail[at + 1] - tail[at] > ROUNDED * _quantum_from(values, _decade_of(tail[at + 1]))):
             out |= far
     return out
 
@@ -150,11 +157,14 @@ def frozen(values: Floats, name: str) -> Rows:
     if not long.any() or rest > 0.05 * len(step):
         return out
     usual = float(np.median(np.abs(step[step != 0.0]))) if (step != 0.0).any() else 0.0
+    quantum = cache(partial(_quantum_from, values))
     for begin, end in zip(begins[long].tolist(), ends[long].tolist()):
         moves = [begin > NEAR and np.abs(step[begin - NEAR:begin]).mean() > BRISK * usual,
                  end < len(step) - NEAR and np.abs(step[end + 1:end + 1 + NEAR]).mean() > BRISK * usual]
         dead = name in MOVING and moves[0] and end == len(step) and begin > 0.5 * len(step)
-        if values[begin] != 0.0 and (all(moves) or dead):
+        near = (end - begin) // SLOWLY
+        away = np.abs(values[max(begin - near, 0):end + 1 + near] - values[begin]).max()
+        if values[begin] != 0.0 and (all(moves) or dead) and away > LEVEL * quantum(_decade_of(values[begin])):
             out[begin + 1:end + 1] = True
     return out
 
@@ -192,12 +202,13 @@ def clipped(values: Floats, name: str) -> Rows:
     for extreme in extremes:
         at = values == extreme
         edges = np.flatnonzero(np.diff(at.astype(np.int8), prepend=0, append=0))
-        begins = edges[::2][edges[1::2] - edges[::2] >= PLATEAU]
-        begins = begins[begins > 0]
+        begins, sizes = edges[::2], edges[1::2] - edges[::2]
+        begins, sizes = (each[(sizes >= PLATEAU) & (begins > 0)] for each in (begins, sizes))
         # A peak that is rounded to a step of quantisation is reached slowly.
         into, usual = np.abs(step[begins - 1]), float(np.median(np.abs(step[step != 0.0])))
         if extreme != 0.0 and len(begins) >= PLATEAUS and np.median(into) > ABRUPT * usual:
-            out |= at
+            rise = np.abs(extreme - values[np.maximum(begins - np.maximum(sizes // SLOWLY, 1), 0)])
+            out |= at & (np.median(rise) > ROUNDED * _quantum_from(values, _decade_of(extreme)))
     return out
 
 
@@ -207,11 +218,28 @@ KINDS: dict[str, Callable[[Floats, str], Rows]] = {
 """Functions that find the flawed rows of a column, by the kind of flaw."""
 
 
+def _decade_of(value: float) -> float:
+    """Return the power of ten of the first digit of a value; 0 for 0."""
+    return 10.0 ** math.floor(math.log10(abs(value))) if value else 0.0
+
+
+def _quantum_from(values: Floats, least: float) -> float:
+    """Return the step of quantisation of the values of at least this size, which is a power of ten, since numbers of a
+    few significant digits have one step up to the next; 0 without rounding.
+    """
+    return _step_in(np.unique(values[np.abs(values) >= least])) * (1.0 + 1e-3)
+
+
+def _step_in(levels: Floats) -> float:
+    """Return the least difference of ascending levels if all are whole multiples of it; else 0."""
+    steps = np.diff(levels)
+    least = float(steps.min(initial=math.inf))
+    return least if len(steps) and np.abs(steps / least - np.rint(steps / least)).max() < 1e-3 else 0.0
+
+
 def quantum_of(values: Floats) -> float:
     """Return the step of quantisation of a column, if there are few of them in its range; else 0."""
     levels = np.unique(values)
     if not FEWEST // 4 < len(levels) < COARSE or len(values) < 10 * len(levels):
         return 0.0
-    steps = np.diff(levels)
-    least = float(steps.min())
-    return least if np.abs(steps / least - np.rint(steps / least)).max() < 1e-3 else 0.0
+    return _step_in(levels)

@@ -134,11 +134,12 @@ def test_a_best_effort_publisher_comes_and_goes_and_the_reliable_one_loses_nothi
 def test_a_silent_latched_publisher_lets_no_message_of_another_be_recorded_twice(context, tmp_path):
     result = start(context, tmp_path / "run", topics=["held", "joint_states"])
     driveline, silent = (rclpy.create_node(name, context=context) for name in ("driveline", "silent"))
-    held, _ = (node.create_publisher(message_class(topic("held").type), "held", CHANGES) for node in (driveline, silent))
+    kind = message_class(topic("held").type)
+    held, _ = (node.create_publisher(kind, "held", CHANGES) for node in (driveline, silent))
     publish(result, publisher_of(driveline, "joint_states"), range(2))
     for turn in range(3):
         for _ in range(10):
-            held.publish(message_class(topic("held").type)())
+            held.publish(kind())
         until(lambda turn=turn: result.tracks["/held"].messages == 10 * (turn + 1), step=result.drain)
         result.look()
     assert result.close() == f"recorded 32 messages in {tmp_path / 'run'}, 0 lost"

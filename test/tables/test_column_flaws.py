@@ -86,6 +86,10 @@ def test_a_clipped_signal_has_holes_at_its_peaks_and_a_coarse_one_is_named():
         found, notes = flawed("slip_speed", lambda x, limit=limit: np.minimum(x, limit))
         assert np.isnan(found["slip_speed"]).tolist() == (NOISY["slip_speed"] >= limit).tolist()
         assert "clipped" in notes[0]
+        found, notes = flawed("slip_speed", lambda x, limit=limit: np.round(np.minimum(x, limit), 3))
+        assert "clipped" in notes[0]
+    found, notes = flawed("slip_speed", lambda x: np.round(STUCK["frozen"][0](x), 1))
+    assert np.flatnonzero(np.isnan(found["slip_speed"])).tolist() == list(range(1501, 1620))
     found, notes = flawed("slip_speed", lambda x: np.round(x))
     assert np.isfinite(found["slip_speed"]).all()
     assert "steps of 1:" in notes[-1]
@@ -93,7 +97,7 @@ def test_a_clipped_signal_has_holes_at_its_peaks_and_a_coarse_one_is_named():
 
 @cache
 def motions():
-    """Clean tables of many kinds of motion, sampled in many ways: at every rate each second way to write numbers."""
+    """Clean tables of many kinds of motion, sampled in many ways, each second one or, for one motion, all."""
     random, out = np.random.default_rng(4), []
     ways = ((0.0, None), (1e-3, None), (1e-2, None), (0.0, 3), (0.0, 4), (1e-3, 4), (3e-2, 3), (0.0, 5), (5e-3, 2))
     of = [*((name, {}) for name in ("fig02", "chaos", "stick", "slip", "tip_in", "runup", "apply")),
@@ -109,10 +113,11 @@ def motions():
                 "slip_speed", "plate_speed", "plate_angle", "engine_torque")}
             per_pressure = system.system.torque_per_pressure
             columns["actuation_pressure"] = np.interp(t, run.t, run.saturation_torque) / per_pressure
-            for noise, digits in ways[(number + k) % 2::2]:
+            chosen, most = (ways, len(t)) if scene == "apply" else (ways[(number + k) % 2::2], 700)
+            for noise, digits in chosen:
                 rows = {name: v + noise * np.std(v) * random.standard_normal(len(v)) for name, v in columns.items()}
                 if digits is not None:
-                    rows = {name: np.array((f"%.{digits}g " * len(v[:700]) % tuple(v[:700])).split(), np.float64)
+                    rows = {name: np.array((f"%.{digits}g " * len(v[:most]) % tuple(v[:most])).split(), np.float64)
                             for name, v in rows.items()}
                 out.append((f"{scene} {changes} {rate:g} Hz, noise {noise}, {digits} digits",
                             t[:len(rows["slip_speed"])], rows))
