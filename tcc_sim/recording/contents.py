@@ -85,9 +85,8 @@ class Contents:
     """Number of damaged records among them."""
     recovered: list[str] = field(default_factory=list)
     """Losses that were recorded when this recording was recovered from another."""
-    attachments: int = 0
-    foreign: int = 0
-    """Number of metadata records of other programs."""
+    foreign: Counter[str] = field(default_factory=Counter)
+    """Numbers of attachments and of metadata records of other programs, by kind."""
     passed_over: int = 0
     """Number of records after MOST_DAMAGED damaged ones."""
     complete: bool = False
@@ -114,7 +113,7 @@ class Contents:
                 schema = self.schemas.get(channel.schema_id, ("", ""))
                 self._keep(self.channels, channel.id, _channel(channel, schema), checked)
             elif opcode == Opcode.ATTACHMENT:
-                self.attachments += 1
+                self.foreign["attachment"] += 1
         except (KeyError, ValueError, RecursionError, struct.error):
             self.damaged += 1
 
@@ -141,7 +140,7 @@ class Contents:
         """Take a metadata record of this package; ignore others."""
         name, values = record.name, record.metadata
         if name not in (mcap_file.SCENE_RECORD, mcap_file.RESULT_RECORD, mcap_file.RECOVERY_RECORD):
-            self.foreign += name != mcap_file.ROSBAG2_RECORD
+            self.foreign["metadata record"] += name != mcap_file.ROSBAG2_RECORD
             return
         if name == mcap_file.SCENE_RECORD:
             version, scene, log_time = values["version"], values["scene"], values["log_time"]

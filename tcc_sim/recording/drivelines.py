@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,31 +17,13 @@ from tcc_sim.recording.contents import Channel
 from tcc_sim.recording.layouts import LOG, ROW, SENT, STAMP, Decoded, Layouts
 from tcc_sim.recording.records import Messages
 from tcc_sim.result import reported, result_class
-from tcc_sim.topics import CLUTCH_JOINT, JOINT_NAMES, JOINT_STATE, OUTPUT_JOINT, STRING
+from tcc_sim.topics import CLUTCH_JOINT, JOINT_STATE, OUTPUT_JOINT, STRING
 
 _MOST_NAMED = 20
 _PARTICIPANT = 24
 """Hexadecimal digits of a publisher's identifier that it shares with all publishers of its process (RTPS)."""
 _CLOCKS = ROW, LOG, SENT
 _SCENE, _SCENE_KEY = "scene", "ros__parameters"
-
-
-class Choice(NamedTuple):
-    """Options that select a driveline of a recording.
-
-    joints : names of flywheel and clutch_plate, if they differ
-    topic : topic of its joint_states; None for any
-    driveline : its number in the list of drivelines, counted from 0; None for the rule of `Inventory.chosen`
-    """
-
-    joints: Mapping[str, str] | None = None
-    topic: str | None = None
-    driveline: int | None = None
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of flywheel and clutch plate."""
-        return tuple((self.joints or {}).get(name, name) for name in JOINT_NAMES)
 
 
 @result_class
@@ -153,15 +134,17 @@ class Inventory:
                 space = channel.topic.rpartition("/")[0]
                 self._scenes.setdefault((space, channel.publisher, SceneRecord(text, "", when)))
 
-    def drivelines(self, recorded: Sequence[SceneRecord], choice: Choice) -> list[RecordedDriveline]:
-        """Return the drivelines, those that can be read first, with the chosen one marked; InputError if the choice
-        does not exist or lacks the joints. `recorded` are the scenes in metadata records.
+    def drivelines(self, recorded: Sequence[SceneRecord], topic: str | None,
+                   number: int | None) -> list[RecordedDriveline]:
+        """Return the drivelines, those that can be read first, with the one on a topic or with a number marked, as
+        `chosen` says; InputError if it does not exist or lacks the joints. `recorded` are the scenes in metadata
+        records.
         """
         scenes = list(dict.fromkeys([*recorded, *(record for *_, record in self._scenes)]))
         drivelines = [self._unnamed(sent, recorded) for sent in self._sent.values()]
         drivelines += [self._named(chain, [one for one in scenes if one.run]) for chain in self._named_chains(scenes)]
         drivelines.sort(key=lambda one: (not one.able, len(one.topic), one.topic))
-        number = self.chosen(drivelines, choice)
+        number = chosen(drivelines, topic, number)
         return [replace(one, read=place == number) for place, one in enumerate(drivelines)]
 
     def _named_chains(self, scenes: Sequence[SceneRecord]) -> list[list[_Sent]]:
@@ -216,34 +199,34 @@ class Inventory:
         every = [*scenes.values(), *more.values()]
         return tuple(sorted(every, key=lambda record: record.log_ns) if more else every)
 
-    def chosen(self, drivelines: Sequence[RecordedDriveline], choice: Choice) -> int | None:
-        """Return the number of the driveline to read, or None if no driveline has the joints.
 
-        The rule: one with a scene before one without; then the shortest topic, alphabetically; then the latest run, if
-        runs have names; then the one with the most states.
-        """
-        topic = None if choice.topic is None else "/" + choice.topic.removeprefix("/")
-        if choice.driveline is not None:
-            number = choice.driveline
-            if not 0 <= number < len(drivelines):
-                raise InputError(f"driveline is {number}; the recording holds {counted(len(drivelines), 'driveline')}, "
-                                 "counted from 0")
-            if topic is not None and drivelines[number].topic != topic:
-                raise InputError(f"driveline {number} is on {drivelines[number].topic}, not on {topic}")
-            if not drivelines[number].able:
-                raise RecordingError(joints_sentence([drivelines[number]]))
-            return number
-        on = [one for one in drivelines if topic in (None, one.topic)]
-        if topic is not None and not on:
-            topics = ", ".join(dict.fromkeys(one.topic for one in drivelines)) or "none"
-            raise InputError(f"no joint_states were recorded on {topic}; the topics with joint_states are {topics}")
-        able = [number for number, one in enumerate(drivelines) if one in on and one.able]
-        if topic is not None and not able:
-            raise RecordingError(joints_sentence(on))
-        return min(able, key=lambda number: (not drivelines[number].scenes, len(drivelines[number].topic),
-                                             drivelines[number].topic,
-                                             [-int(run[:8], 16) for run in drivelines[number].runs[-1:]] or [0],
-                                             -drivelines[number].states, drivelines[number].publisher), default=None)
+def chosen(drivelines: Sequence[RecordedDriveline], topic: str | None, number: int | None) -> int | None:
+    """Return the number of the driveline to read, or None if no driveline has the joints.
+
+    The rule without a number: one with a scene before one without; then the shortest topic, alphabetically; then the
+    latest run, if runs have names; then the one with the most states.
+    """
+    topic = None if topic is None else "/" + topic.removeprefix("/")
+    if number is not None:
+        if not 0 <= number < len(drivelines):
+            raise InputError(f"driveline is {number}; the recording holds {counted(len(drivelines), 'driveline')}, "
+                             "counted from 0")
+        if topic is not None and drivelines[number].topic != topic:
+            raise InputError(f"driveline {number} is on {drivelines[number].topic}, not on {topic}")
+        if not drivelines[number].able:
+            raise RecordingError(joints_sentence([drivelines[number]]))
+        return number
+    on = [one for one in drivelines if topic in (None, one.topic)]
+    if topic is not None and not on:
+        topics = ", ".join(dict.fromkeys(one.topic for one in drivelines)) or "none"
+        raise InputError(f"no joint_states were recorded on {topic}; the topics with joint_states are {topics}")
+    able = [(place, one) for place, one in enumerate(drivelines) if one in on and one.able]
+    if topic is not None and not able:
+        raise RecordingError(joints_sentence(on))
+    best = min(able, default=None, key=lambda item: (
+        not item[1].scenes, len(item[1].topic), item[1].topic,
+        [-int(run[:8], 16) for run in item[1].runs[-1:]] or [0], -item[1].states, item[1].publisher))
+    return None if best is None else best[0]
 
 
 def _recorded(chain: Sequence[_Sent], scenes: tuple[SceneRecord, ...], stamps: Sequence[int]) -> RecordedDriveline:

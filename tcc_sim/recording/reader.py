@@ -19,7 +19,7 @@ from tcc_sim.recording.announcements import SceneRecord, simulation_ns, zeros_of
 from tcc_sim.recording.columns import Columns, Window
 from tcc_sim.recording.commands import COMMANDS, SIGNALS, SOURCE, Commands
 from tcc_sim.recording.contents import CDR, Channel, Contents, batches, together
-from tcc_sim.recording.drivelines import Choice, Inventory, RecordedDriveline, joints_sentence, same_process
+from tcc_sim.recording.drivelines import Inventory, RecordedDriveline, joints_sentence, same_process
 from tcc_sim.recording.layouts import NUMBER, SENT, STAMP, Collected, Decoded, Layouts
 from tcc_sim.recording.parts import numbers_of, opened, parts_of
 from tcc_sim.recording.records import Messages, RecordStream, Warnings
@@ -45,9 +45,12 @@ class TooManyStates(InputError):
 
 
 class Run:
-    """A recording, a bag directory or an MCAP file, opened with the options of `Choice`; RecordingError if nothing can
-    be read, InputError if the driveline does not exist.
+    """A recording, a bag directory or an MCAP file; RecordingError if nothing can be read, InputError if the driveline
+    does not exist.
 
+    joints : names of flywheel and clutch_plate, if they differ
+    topic : topic of the driveline's joint_states; None for any
+    driveline : its number in the list of drivelines, counted from 0; None for the rule of `drivelines.chosen`
     topics : message type by topic
     drivelines : its drivelines, and other nodes with joint states
     complete : whether the recording was closed properly; False if it was cut short
@@ -59,7 +62,8 @@ class Run:
 
     def __init__(self, path: Path | str, joints: Mapping[str, str] | None = None, topic: str | None = None,
                  driveline: int | None = None) -> None:
-        self.path, self._choice = Path(path), Choice(joints, topic, driveline)
+        self.path = Path(path)
+        self._joints = tuple((joints or {}).get(name, name) for name in topics.JOINT_NAMES)
         parts = parts_of(self.path)
         self.warnings, self.stamps, self.messages = Warnings(), StampCounter(), dict[str, int]()
         self.result: dict[str, Any] | None = None
@@ -87,12 +91,12 @@ class Run:
             self.result = together(self.result, contents.result)
         # Each part of a split recording repeats the scene.
         self.recorded_scenes = list(dict.fromkeys(scene for contents in every for scene in contents.scenes))
-        inventory, self.topics = Inventory(self._choice.names), dict[str, str]()
+        inventory, self.topics = Inventory(self._joints), dict[str, str]()
         for data, messages, channels in self._chunks(inventory.wants):
             inventory.take(data, messages, channels)
         self.topics.update({channel.topic: channel.type for channel in self._every_channel()})
         self._damage, self.warnings = next(iter(self.warnings), ""), Warnings()
-        self.drivelines = inventory.drivelines(self.recorded_scenes, self._choice)
+        self.drivelines = inventory.drivelines(self.recorded_scenes, topic, driveline)
         self._driveline = next((one for one in self.drivelines if one.read), None)
         self._refused = inventory.refused(self.joint_states_topic)
 
@@ -176,9 +180,8 @@ class Run:
         self.warnings, self.messages = Warnings(), dict.fromkeys(self.topics, 0)
         yield from self._chunks(lambda _: True)
         self.warnings.extend(self._left_out)
-        for what in ("attachments", "foreign"):
-            if count := sum(getattr(contents, what) for contents in self._contents.values()):
-                kind = "attachment" if what == "attachments" else "metadata record"
+        for kind in ("attachment", "metadata record"):
+            if count := sum(contents.foreign[kind] for contents in self._contents.values()):
                 self.warnings.append(f"{counted(count, kind)} of other programs not copied")
 
     def _read(self, window: Window) -> Columns:
@@ -192,7 +195,7 @@ class Run:
                                for one in self._every_channel())
         zeros = zeros_of(scene.text for scene in self.scenes)
         origins = _Origins(self, window, zeros)
-        joints = {"joint_states": self._choice.names}
+        joints = {"joint_states": self._joints}
         kinds = {row.name: Collected(
             Layouts(row.type, joints.get(row.name, row.joints), row.joint_fields or row.fields), origins.of)
             for row in (topics.topic("joint_states"), *topics.stamped())}
