@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from tcc_sim.analysis.loop import BAND
-from tcc_sim.analysis.loop.control import handovers
+from tcc_sim.analysis.loop.control import Steps, handovers
 from tcc_sim.analysis.loop.loop_verdict import NO_SIGNAL, SETTLED_CYCLES, Signal
 from tcc_sim.analysis.loop.tracking import Limits, Loop, Tracking, loop_cycles, target_jumps
 from tcc_sim.analysis.measured.engine_clock import EngineClock, Scheduled, Tracked, clock_of_scene
@@ -157,11 +156,11 @@ def segments_of(line: Timeline, clock: EngineClock | None, discard: int | None, 
     shared = stream if not line.changes and all(len(cuts) == 1 for cuts in runs) else None
     segments: list[Segment] = []
     for cuts in runs:
-        judge = _Judge(line, cuts, clock, band, limits)
+        tracking = _tracking_of(line, cuts, clock, discard or 0, band, limits)
         for cut in cuts[:MOST_SEGMENTS - len(segments)]:
             stamps = cut.states.stamp_ns
             segment = Segment(cut.states.run, int(stamps[0]) * 1e-9, int(stamps[-1]) * 1e-9, cut.began_by, cut.changes,
-                              _summary(cut, clock, shared, discard), judge.tracking(cut, discard or 0))
+                              _summary(cut, clock, shared, discard), next(tracking))
             segments.append(segment if segment.summary is None else replace(
                 segment, summary=replace(segment.summary, solver=solver, elapsed_s=elapsed_s)))
     return tuple(segments), sum(map(len, runs))
@@ -179,47 +178,43 @@ def _summary(cut: Cut, clock: EngineClock | None, shared: CycleStream | None, di
     return None
 
 
-class _Judge:
-    """Tracking of the segments of one run, whose cycles are read once."""
-
-    def __init__(self, line: Timeline, cuts: list[Cut], clock: EngineClock | None, band: float,
-                 limits: Limits | None) -> None:
-        self._line, self._cuts, self._band, self._limits = line, cuts, band, limits
-        self._states = next(states for states in line.runs if states.run == cuts[0].states.run)
-        self._clock = clock or clock_of_scene(cuts[0].scene.system)
-        # Without pulsation any slice of time gives the mean.
-        sought = isinstance(self._clock, Tracked) or not self._clock.identified
-        torque = self._states.engine_torque[np.isfinite(self._states.engine_torque)]
-        # The torque is constant apart from a few steps.
-        self._slices = (sought and len(self._states) > 1 and len(torque) > 0
-                        and 100 * np.count_nonzero(np.diff(torque)) < len(torque))
-        if self._slices:
-            self._clock = Scheduled(max(SLICE, TICKS * 1e-9 * float(np.median(np.diff(self._states.stamp_ns)))))
-        self._reference = line.target_in(self._states)
-
-    def tracking(self, cut: Cut, discard: int) -> Tracking | None:
-        """Return the tracking of a segment from its first target on; None without a target."""
+def _tracking_of(line: Timeline, cuts: list[Cut], clock: EngineClock | None, discard: int, band: float,
+                 limits: Limits | None) -> Iterator[Tracking | None]:
+    """Iterate over the tracking of each segment of a run from its first target on; None for one without a target."""
+    states = next(states for states in line.runs if states.run == cuts[0].states.run)
+    reference, loop = line.target_in(states), None
+    for cut in cuts:
         begin, end = (float(cut.states.stamp_ns[k]) * 1e-9 for k in (0, -1))
-        reference = self._reference
         if not len(reference.t) or reference.t[0] > end:
-            return None
+            yield None
+            continue
+        loop = loop or _loop_of(states, cuts[0].scene, reference, clock, band, limits)
         late = float(reference.t[0]) > begin + 1e-9
         begin = max(begin, float(reference.t[0]))
-        return self._loop.tracking(begin, end, stepped=True if late else cut.stepped, discard=discard,
-                                   commands=counts_between(self._states, begin, end))
+        yield loop.tracking(begin, end, stepped=True if late else cut.stepped, discard=discard,
+                            commands=counts_between(states, begin, end))
 
-    @cached_property
-    def _loop(self) -> Loop:
-        states = self._states
-        stream = CycleStream(self._cuts[0].scene.system, self._clock)
-        pieces = [piece for block in states.blocks() for piece in stream.feed_states(block)]
-        course, slip = loop_cycles(self._clock, slip_between_gaps(states, stream.continuity.tick), pieces, states.run)
-        pressure = states.further.get("applied_pressure")
-        bridged = [gap for run in stream.runs for gap in run.gaps
-                   if gap[1] - gap[0] <= BRIDGED_TICKS * stream.continuity.tick_s]
-        why = ("" if self._clock.identified
-               else "periods of excitation could not be identified, so there is no cycle mean")
-        note = f"; means over {self._clock.cycle:.3g} s, as the engine torque does not pulsate" if self._slices else ""
-        return Loop(course, self._reference, NO_SIGNAL if pressure is None else Signal(
-            states.stamp_ns.astype(np.float64) * 1e-9, pressure), limits=self._limits, floor=self._band, why=why,
-            note=note, bridged=np.array(bridged).reshape(-1, 2), slip=slip)
+
+def _loop_of(states: JointStates, scene: Scene, reference: Steps, clock: EngineClock | None, band: float,
+             limits: Limits | None) -> Loop:
+    """Return the controlled run with these states."""
+    clock = clock or clock_of_scene(scene.system)
+    # Without pulsation any slice of time gives the mean.
+    sought = isinstance(clock, Tracked) or not clock.identified
+    torque = states.engine_torque[np.isfinite(states.engine_torque)]
+    # The torque is constant apart from a few steps.
+    slices = (sought and len(states) > 1 and len(torque) > 0
+              and 100 * np.count_nonzero(np.diff(torque)) < len(torque))
+    if slices:
+        clock = Scheduled(max(SLICE, TICKS * 1e-9 * float(np.median(np.diff(states.stamp_ns)))))
+    stream = CycleStream(scene.system, clock)
+    pieces = [piece for block in states.blocks() for piece in stream.feed_states(block)]
+    course, slip = loop_cycles(clock, slip_between_gaps(states, stream.continuity.tick), pieces, states.run)
+    pressure = states.further.get("applied_pressure")
+    bridged = [gap for run in stream.runs for gap in run.gaps
+               if gap[1] - gap[0] <= BRIDGED_TICKS * stream.continuity.tick_s]
+    why = "" if clock.identified else "periods of excitation could not be identified, so there is no cycle mean"
+    note = f"; means over {clock.cycle:.3g} s, as the engine torque does not pulsate" if slices else ""
+    applied = NO_SIGNAL if pressure is None else Signal(states.stamp_ns.astype(np.float64) * 1e-9, pressure)
+    return Loop(course, reference, applied, limits=limits, floor=band, why=why, note=note,
+                bridged=np.array(bridged).reshape(-1, 2), slip=slip)
