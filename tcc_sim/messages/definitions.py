@@ -65,7 +65,10 @@ def definition(type_name: str) -> Definition:
     """
     text, names = "", [type_name]
     for name in names:  # The list grows.
-        own = _text_of_type(name)
+        own = installed_text(name, ".msg")
+        if own is None and name not in CARRIED:
+            raise InputError(f"the definition of {name} is not installed")
+        own = CARRIED[name][0] if own is None else own
         package, _, short = name.split("/")
         text += own if name == type_name else f"\n{'=' * 80}\nMSG: {package}/{short}\n{own}"
         names += [one for one in dict.fromkeys(_dependencies(name, own)) if one not in names]
@@ -91,14 +94,6 @@ def installed_text(type_name: str, suffix: str) -> str | None:
         if path.is_file():
             return path.read_text(encoding="utf-8")
     return None
-
-
-def _text_of_type(type_name: str) -> str:
-    """Return the .msg text of one type."""
-    text = installed_text(type_name, ".msg")
-    if text is None and type_name not in CARRIED:
-        raise InputError(f"the definition of {type_name} is not installed")
-    return CARRIED[type_name][0] if text is None else text
 
 
 def _dependencies(type_name: str, text: str) -> Iterator[str]:
