@@ -71,11 +71,6 @@ class BagWriter:
                     folder.rmdir()
             raise
 
-    @property
-    def scene_text(self) -> str | None:
-        """The latest scene written, or None."""
-        return self._scene[0] if self._scene is not None else None
-
     def describe(self, scene_text: str, version: str = "", log_ns: int = 0) -> None:
         """Record the scene (YAML) that the following messages come from."""
         self.file.describe(scene_text, version, log_ns)

@@ -183,7 +183,7 @@ def test_a_recording_in_parts_has_the_scene_and_figures_of_its_own_in_each(conte
     node = rclpy.create_node("driveline", context=context)
     publisher_of(node, "scene").publish(String(data=SCENE))
     publisher = publisher_of(node, "joint_states")
-    until(lambda: result.bag.scene_text == SCENE, step=result.drain)
+    until(lambda: result.tracks["/scene"].messages, step=result.drain)
     for n in range(0, 2000, 200):
         publish(result, publisher, range(n, n + 200))
         result.bag.file.flush()
