@@ -59,7 +59,7 @@ class RecordedDriveline:
 class _Sent:
     """Messages of one run, or of one publisher with the same joints, or with both of those wanted (`able`)."""
 
-    def __init__(self, topic: str, publisher: str, able: bool, run: str = "") -> None:
+    def __init__(self, topic: str, publisher: str, able: bool, run: str) -> None:
         self.topic, self.publisher, self.able, self.run = topic, publisher, able, run
         self.names = Counter[tuple[str, ...]]()
         self.spans = dict.fromkeys((*_CLOCKS, STAMP), (1 << 63, -1 << 63))
@@ -80,8 +80,7 @@ class Inventory:
     def __init__(self, joints: Sequence[str]) -> None:
         self._joints = joints
         self._layouts: dict[tuple[str, str], Layouts] = {}
-        self._sent: dict[tuple[str, str, tuple[str, ...]], _Sent] = {}
-        self._runs: dict[str, _Sent] = {}
+        self._sent: dict[tuple[str, ...], _Sent] = {}
         self._scenes: dict[tuple[str, str, SceneRecord], None] = {}
         """Namespace, publisher and text of each scene on a topic."""
         self._before = 0
@@ -110,15 +109,13 @@ class Inventory:
                 if same.names in ((OUTPUT_JOINT,), (CLUTCH_JOINT,)):
                     continue
                 able = set(self._joints) <= set(same.names)
+                names = self._joints if able else sorted(same.names)
                 same.heads[ROW] += self._before
-                for run in np.unique(same.frames[same.frames != b""]).tolist() if able else ():
-                    sent = _Sent(channel.topic, channel.publisher, True, run.decode())
-                    self._runs.setdefault(sent.run, sent).add(same.part(same.frames == run))
-                    same = same.part(same.frames != run)
-                if not len(same.frames):
-                    continue
-                key = channel.topic, channel.publisher, tuple(self._joints) if able else tuple(sorted(same.names))
-                self._sent.setdefault(key, _Sent(channel.topic, channel.publisher, able)).add(same)
+                for frame in np.unique(same.frames).tolist():
+                    run = frame.decode() if able else ""
+                    sent = _Sent(channel.topic, channel.publisher, able, run)
+                    key = (run,) if run else (sent.topic, sent.publisher, *names)
+                    self._sent.setdefault(key, sent).add(same.part(same.frames == frame))
         self._before += len(messages.channel)
 
     def _announced(self, data: bytes, messages: Messages, number: int, channel: Channel) -> None:
@@ -141,7 +138,7 @@ class Inventory:
         records.
         """
         scenes = list(dict.fromkeys([*recorded, *(record for *_, record in self._scenes)]))
-        drivelines = [self._unnamed(sent, recorded) for sent in self._sent.values()]
+        drivelines = [self._unnamed(sent, recorded) for sent in self._sent.values() if not sent.run]
         drivelines += [self._named(chain, [one for one in scenes if one.run]) for chain in self._named_chains(scenes)]
         drivelines.sort(key=lambda one: (not one.able, len(one.topic), one.topic))
         number = chosen(drivelines, topic, number)
@@ -154,7 +151,7 @@ class Inventory:
         names = {one.run[:PROCESS]: one.driveline for one in scenes if one.run}
         chains: dict[str, list[list[list[_Sent]]]] = {}
         processes: dict[str, list[_Sent]] = {}
-        for run in sorted(self._runs.values(), key=lambda one: one.run):
+        for run in sorted((sent for sent in self._sent.values() if sent.run), key=lambda one: one.run):
             processes.setdefault(run.run[:PROCESS], []).append(run)
         for process, runs in sorted(processes.items(), key=lambda item: (item[0][:8], item[1][0].spans[LOG][0])):
             several = chains.setdefault(names.get(process, runs[0].topic), [])
@@ -188,7 +185,7 @@ class Inventory:
 
         A metadata record has no publisher; one whose scene only other drivelines announced on a topic is theirs.
         """
-        senders = [sent.publisher for sent in self._sent.values()]
+        senders = [sent.publisher for sent in self._sent.values() if not sent.run]
         comparable = any(same_process(who, senders) for _, who, _ in self._scenes)
         published = [record for of, who, record in self._scenes
                      if of == space and (same_process(who, (publisher,)) or not comparable)]
