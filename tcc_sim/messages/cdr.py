@@ -282,20 +282,16 @@ _OWN = {row.name: [layout_of(ENCODERS[row.name](0, *[0.0] * len(row.fields), fra
         for row in (topics.topic("joint_states"), *topics.stamped())}
 
 
-def own_records(messages: Sequence[bytes], name: str) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
-    """Return the values of the driveline's messages on joint_states or a topic of `topics.stamped`, by field, and an
-    (n,) mask of those.
-    """
-    layouts = _OWN[name]
-    names = layouts[0].record.names or ()
-    out = np.zeros(len(messages), [(name, layouts[0].record[name]) for name in names])
+def own_records(messages: Sequence[bytes], name: str) -> NDArray[np.void]:
+    """Return the values of the driveline's messages on joint_states or a topic of `topics.stamped`, by field."""
+    kind = _OWN[name][0].record
+    out = np.zeros(len(messages), [(field, kind[field]) for field in kind.names or ()])
     own = np.zeros(len(messages), np.bool_)
-    for layout in layouts:
+    for layout in _OWN[name]:
         found, same = layout.records(messages)
-        for name in names:
-            out[name][same] = found[name]
+        out[same] = found
         own |= same
-    return out[own], own
+    return out[own]
 
 
 def read_stamp(data: bytes) -> int:

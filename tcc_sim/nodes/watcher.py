@@ -119,7 +119,7 @@ class Watcher:
         if self._waiting["joint_states"] and (everything or now - self._shown >= self._period):
             self._shown, taken = now, self._waiting
             self._waiting = {name: [] for name in taken}
-            rows, _ = cdr.own_records(taken["joint_states"], "joint_states")
+            rows = cdr.own_records(taken["joint_states"], "joint_states")
             stamps = simulation_ns(cdr.stamps(rows), self._zeros)
             cuts = 1 + np.flatnonzero(np.diff(stamps) < 0)
             for piece in np.split(np.arange(len(rows)), cuts):
@@ -192,7 +192,7 @@ class Watcher:
                 values = np.where(commanded, table[:, held.index_in_held(name, "value")], math.nan)
                 signals[name] = table[:, held.TIME].astype(np.int64), values
         for carrier in stamped():
-            rows, _ = cdr.own_records(taken[carrier.name], carrier.name)
+            rows = cdr.own_records(taken[carrier.name], carrier.name)
             stamps = simulation_ns(cdr.stamps(rows), self._zeros)
             signals |= {row.name: (stamps, rows[row.fields[0]].astype(np.float64)) for row in shown()
                         if row.fields and row.fields[0] in carrier.fields}

@@ -41,7 +41,7 @@ class Attacker(Commander):
 
     def hear(self) -> int:
         for data, _ in poll(self.subscription):
-            (row,), _ = cdr.own_records([data], "joint_states")
+            (row,) = cdr.own_records([data], "joint_states")
             self.stamps.append(int(row["sec"]) * 10**9 + int(row["nanosec"]))
             self.values.append(tuple(float(row[name]) for name in row.dtype.names[2:]))
         return len(self.stamps)

@@ -184,7 +184,7 @@ def listing(folder, names, **more):
 
 def joints(data):
     """Stamp (ns) and values of a message of the driveline's."""
-    (record,), _ = cdr.own_records([data], "joint_states")
+    (record,) = cdr.own_records([data], "joint_states")
     stamp, *values = (record[name].item() for name in record.dtype.names)
     return stamp * 10**9 + values[0], *values[1:]
 
