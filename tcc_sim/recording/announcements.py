@@ -124,7 +124,7 @@ class InputSource:
     first_stamp_ns: int
     commanded: frozenset[str]
     number: int = 0
-    run = ""
+    run = ""  # Such a message does not name its run.
 
 
 def read_source(head: np.void, body: bytes, zeros: Stamps) -> InputSource | None:
