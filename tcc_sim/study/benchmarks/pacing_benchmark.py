@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -32,17 +32,6 @@ SHORTEST_TRIAL = 0.2
 """Least length of a trial, s."""
 DEFAULT_SLACK_NS = 50_000
 """Default timer slack of a thread in Linux, ns."""
-
-
-def _trials() -> list[tuple[str, dict[str, Any], int, float]]:
-    """Return name, settings, timer slack (ns) and lead (s) of each trial."""
-    core = max(os.sched_getaffinity(0))
-    every: dict[str, Any] = {"thread_priority": 50, "cpu_affinity": (core,), "lock_memory": True}
-    words = "thread_priority 50", f"cpu_affinity [{core}]", "lock_memory"
-    return [("nothing asked for", {}, DEFAULT_SLACK_NS, 0.0), ("timer slack 1 ns", {}, TIMER_SLACK_NS, 0.0),
-            ("slack, awake ahead", {}, TIMER_SLACK_NS, LEAD),
-            *((f"slack, {word}", {name: every[name]}, TIMER_SLACK_NS, 0.0) for word, name in zip(words, every)),
-            ("all of these", every, TIMER_SLACK_NS, LEAD)]
 
 
 @result_class(kw_only=True)
@@ -80,19 +69,16 @@ class PacingFigures(LoopFigures, Described):
     settings: list[Trial] = reported("the bare loop with each setting")
 
 
-class Stretch(NamedTuple):
-    """A stretch of a loop: its deadlines, and the processor time of the whole process during it and its length, s."""
-
-    pacer: Pacer
-    cpu: float
-    wall: float
+Stretch = tuple[Pacer, float, float]
+"""Deadlines of a loop, and the processor time of the whole process during the loop and its length, s."""
 
 
-def stretch_of(pacer: Pacer, body: Callable[[], object]) -> Stretch:
-    """Run a loop for one stretch."""
+def stretch_of(rate: float, length: float, body: Callable[[Pacer, float], object], lead: float = LEAD) -> Stretch:
+    """Run a loop for `length` seconds; its deadlines keep the latenesses of all of its ticks."""
+    pacer = Pacer(1.0 / rate, int(length * rate * 1.5) + 100, lead=lead)
     began, cpu = time.monotonic(), time.process_time()
-    body()
-    return Stretch(pacer, time.process_time() - cpu, time.monotonic() - began)
+    body(pacer, length)
+    return pacer, time.process_time() - cpu, time.monotonic() - began
 
 
 def figures_of(stretches: Sequence[Stretch]) -> LoopFigures:
@@ -120,7 +106,7 @@ def measure(wished: Operation, duration: float, progress: Callable[[float], Any]
     with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
                                environment) if recorder else None
-        trials = [_trial(wished.rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration), *trial) for trial in _trials()]
+        trials = list(_trials(wished.rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration)))
         chosen = {"scene": "fig02", "rate": wished.rate, "wait_for_subscribers": int(recorder),
                   "thread_priority": wished.thread_priority, "lock_memory": wished.lock_memory}
         chosen |= {"cpu_affinity": list(wished.cpu_affinity)} if wished.cpu_affinity else {}
@@ -139,10 +125,10 @@ def measure(wished: Operation, duration: float, progress: Callable[[float], Any]
             if listener is not None:
                 listener.stop()
             release()
-    pacers, bare = [part.pacer for part in node_side], vars(figures_of(bare_side))
+    pacers = [pacer for pacer, _, _ in node_side]
     return PacingFigures(wished.rate, sum(p.ticks for p in pacers), sum(p.missed_ticks for p in pacers),
-                         max((p.drift for p in pacers), key=abs), **vars(figures_of(node_side)),
-                         **{f"bare_{name}": value for name, value in bare.items()}, settings=trials)
+                         max((p.drift for p in pacers), key=abs), **vars(figures_of(node_side)), settings=trials,
+                         **{f"bare_{name}": value for name, value in vars(figures_of(bare_side)).items()})
 
 
 def _alternated(node: DrivelineNode, wished: Operation, duration: float,
@@ -151,27 +137,28 @@ def _alternated(node: DrivelineNode, wished: Operation, duration: float,
     done = 0.0
     while done < duration - 1e-9:
         length = min(SLICE, duration - done)
-        pacer, bare = _pacer(wished.rate, length), _pacer(wished.rate, length, lead=0.0)
-        of_node = stretch_of(pacer, partial(_node_stretch, node, pacer, length))
+        of_node = stretch_of(wished.rate, length, partial(_node_stretch, node))
         progress((done + 0.5 * length) / duration)
-        of_bare = stretch_of(bare, partial(_bare_stretch, bare, length, wished))
+        of_bare = stretch_of(wished.rate, length, partial(_bare_stretch, wished, TIMER_SLACK_NS, []), 0.0)
         done += length
         progress(done / duration)
         yield of_node, of_bare
 
 
-def _pacer(rate: float, length: float, lead: float = LEAD) -> Pacer:
-    """Return the deadlines of a stretch, which keep the latenesses of all of its ticks."""
-    return Pacer(1.0 / rate, int(length * rate * 1.5) + 100, lead=lead)
-
-
-def _trial(rate: float, length: float, name: str, wished: dict[str, Any], timer_slack_ns: int, lead: float) -> Trial:
-    """Return the bare loop's figures with some settings, and the refused ones."""
-    pacer, settings, refused = _pacer(rate, length, lead), Operation(**wished), list[str]()
-    stretch = stretch_of(pacer, lambda: refused.extend(_bare_stretch(pacer, length, settings, timer_slack_ns)))
-    if settings.lock_memory:
-        release_memory()
-    return Trial(name, refused, **vars(figures_of([stretch])))
+def _trials(rate: float, length: float) -> Iterator[Trial]:
+    """Yield the bare loop's figures with each of the settings, and the refused ones."""
+    core = max(os.sched_getaffinity(0))
+    every: dict[str, Any] = {"thread_priority": 50, "cpu_affinity": (core,), "lock_memory": True}
+    words = "thread_priority 50", f"cpu_affinity [{core}]", "lock_memory"
+    alone = ((f"slack, {word}", {name: every[name]}, TIMER_SLACK_NS, 0.0) for word, name in zip(words, every))
+    for name, settings, slack, lead in (
+            ("nothing asked for", {}, DEFAULT_SLACK_NS, 0.0), ("timer slack 1 ns", {}, TIMER_SLACK_NS, 0.0),
+            ("slack, awake ahead", {}, TIMER_SLACK_NS, LEAD), *alone, ("all of these", every, TIMER_SLACK_NS, LEAD)):
+        wished, refused = Operation(**settings), list[str]()
+        stretch = stretch_of(rate, length, partial(_bare_stretch, wished, slack, refused), lead)
+        if wished.lock_memory:
+            release_memory()
+        yield Trial(name, refused, **vars(figures_of([stretch])))
 
 
 def _node_stretch(node: DrivelineNode, pacer: Pacer, length: float) -> None:
@@ -190,9 +177,9 @@ def _node_stretch(node: DrivelineNode, pacer: Pacer, length: float) -> None:
     loop.request(lambda: loop.pause(True))
 
 
-def _bare_stretch(pacer: Pacer, length: float, wished: Operation, timer_slack_ns: int = TIMER_SLACK_NS) -> list[str]:
-    """Run a thread that only waits for its deadlines for `length` seconds; return the refused settings."""
-    stop, refused = threading.Event(), list[str]()
+def _bare_stretch(wished: Operation, timer_slack_ns: int, refused: list[str], pacer: Pacer, length: float) -> None:
+    """Run a thread that only waits for its deadlines for `length` seconds; add the refused settings to `refused`."""
+    stop = threading.Event()
 
     def spin() -> None:
         refused.extend(prepare_thread(wished.thread_priority, wished.cpu_affinity, wished.lock_memory, timer_slack_ns))
@@ -206,4 +193,3 @@ def _bare_stretch(pacer: Pacer, length: float, wished: Operation, timer_slack_ns
     stop.wait(length)
     stop.set()
     thread.join()
-    return refused
