@@ -29,8 +29,8 @@ from tcc_sim.model.parameters import System
 from tcc_sim.solvers.comparison import jacobian_of, rates_of
 from tcc_sim.solvers.per_cycle import cycles_from_samples, starts_of
 from tcc_sim.solvers.terms import rates_along, terms_of
-from tcc_sim.study.benchmarks.references import Floats, error_scales
-from tcc_sim.trajectory import State
+from tcc_sim.study.benchmarks.references import error_scales
+from tcc_sim.trajectory import Floats, State
 
 TIMEOUT = 60.0
 """Time limit of one run, s."""
@@ -81,21 +81,18 @@ def of_children() -> float:
 
 def bare_lsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
     """Call `scipy.integrate.solve_ivp` with LSODA and compiled right-hand side and Jacobian; store cycle ends only."""
-    terms, y = terms_of(system), np.array(State.at_start(system).numbers)
-    atol = np.asarray(rtol * error_scales(system))
-    ends, times = _times(system, cycles, 1), _times(system, cycles, FINE)
+    terms, y, ends = terms_of(system), np.array(State.at_start(system).numbers), _times(system, cycles, 1)
     rates, jacobian = rates_of(terms, len(y)), jacobian_of(terms, len(y))
 
     def solve(dense: bool) -> Any:
-        return solve_ivp(rates, (0.0, float(ends[-1])), y, method="LSODA", t_eval=ends, rtol=rtol, atol=atol,
-                         jac=jacobian, dense_output=dense)
+        return solve_ivp(rates, (0.0, float(ends[-1])), y, method="LSODA", t_eval=ends, rtol=rtol, jac=jacobian,
+                         atol=rtol * error_scales(system), dense_output=dense)
 
     used, _ = repeated(lambda: solve(False), repeats)
     run = solve(True)
-    states = run.y.T
-    if len(states) != cycles + 1:
+    if run.status < 0:
         raise NumericalFailure(str(run.message))
-    return PeerRun(states, _largest(system, times, run.sol(times).T), min(used), max(used), len(run.sol.ts) - 1)
+    return run_of(system, run.y.T, run.sol(_times(system, cycles, FINE)).T, min(used), max(used), len(run.sol.ts) - 1)
 
 
 def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
@@ -121,9 +118,9 @@ def numbalsoda(system: System, cycles: int, rtol: float, repeats: int) -> PeerRu
 
     solve(1)  # It compiles its own part.
     used, section = repeated(lambda: solve(1), repeats)
-    largest = _largest(system, _times(system, cycles, FINE), solve(FINE))
+    run = run_of(system, section, solve(FINE), min(used), max(used))
     del kept
-    return PeerRun(section, largest, min(used), max(used))
+    return run
 
 
 def rates_for_c(system: System) -> Callable[..., None]:
@@ -155,18 +152,13 @@ def cvode(system: System, cycles: int, rtol: float, repeats: int) -> PeerRun:
                p.amplitude, p.frequency_ratio, p.phase, *State.at_start(system).numbers, rtol,
                *(rtol * error_scales(system))]
     words = " ".join([*(f"{float(x):.17g}" for x in numbers), f"{cycles} {FINE} {repeats}"])
-    try:
-        ended = subprocess.run([cvode_program()], input=words, capture_output=True, text=True, timeout=TIMEOUT,
-                               check=False)
-    except subprocess.TimeoutExpired:
-        raise NumericalFailure(f"took more than {TIMEOUT:g} s") from None
+    ended = _ended([cvode_program()], input=words, text=True)
     if ended.returncode:
         raise NumericalFailure(ended.stderr.strip() or f"ended with status {ended.returncode}")
     head, *lines = ended.stdout.splitlines()
     seconds, slowest, steps = head.split()
     rows = np.array([line.split() for line in lines], dtype=np.float64)
-    return PeerRun(rows[:cycles + 1], _largest(system, _times(system, cycles, FINE), rows[cycles + 1:]), float(seconds),
-                   float(slowest), int(steps))
+    return run_of(system, rows[:cycles + 1], rows[cycles + 1:], float(seconds), float(slowest), int(steps))
 
 
 @cache
@@ -178,8 +170,7 @@ def cvode_program() -> str:
     folder = tempfile.mkdtemp(prefix="tcc_sim_")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     program, source = f"{folder}/cvode", str(Path(__file__).with_name("cvode.c"))
-    ended = subprocess.run([command, "-O3", source, "-o", program, *(f"-l{name}" for name in LIBRARIES)],
-                           capture_output=True, text=True, check=False)
+    ended = _ended([command, "-O3", source, "-o", program, *(f"-l{name}" for name in LIBRARIES)], text=True)
     if ended.returncode:
         why = next((line for line in ended.stderr.splitlines() if "error" in line or "cannot find" in line), "")
         raise MissingPackage(
@@ -192,38 +183,48 @@ def _times(system: System, cycles: int, per_cycle: int) -> Floats:
     return np.linspace(0.0, cycles * system.cycle, cycles * per_cycle + 1)
 
 
-def _largest(system: System, t: Floats, states: Floats) -> Floats:
-    """Return the largest |slip speed| per cycle from cubics through samples of v and v'."""
-    rates = rates_along(t, np.ascontiguousarray(states), terms_of(system))
-    return cycles_from_samples(t, states[:, 0], rates[:, 0], states[:, 1], states[:, 2], rates[:, 2],
-                               starts=starts_of(system, 0, float(t[-1])), stick_speed=STICK).largest
+def _ended(command: list[str], **how: Any) -> Any:
+    """Run a program to its end, at most for TIMEOUT."""
+    try:
+        return subprocess.run(command, capture_output=True, timeout=TIMEOUT, check=False, **how)
+    except subprocess.TimeoutExpired:
+        raise NumericalFailure(f"took more than {TIMEOUT:g} s") from None
+
+
+def run_of(system: System, section: Floats, fine: Floats, seconds: float, slowest: float,
+           steps: int | None = None) -> PeerRun:
+    """Return a run from the states at the cycle ends and at FINE samples a cycle; cubics through samples of v and v'
+    give the largest slip speeds.
+    """
+    t = _times(system, len(section) - 1, FINE)
+    rates = rates_along(t, np.ascontiguousarray(fine), terms_of(system))
+    cycles = cycles_from_samples(t, fine[:, 0], rates[:, 0], fine[:, 1], fine[:, 2], rates[:, 2],
+                                 starts=starts_of(system, 0, float(t[-1])), stick_speed=STICK)
+    return PeerRun(section, cycles.largest, seconds, slowest, steps)
 
 
 def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_cycle: int) -> str:
     """Return the model as an XPPAUT file, with all digits of every number."""
     check_supported("peer", system, "XPPAUT")
     d, f, e, p, start = system.driveline, system.friction, system.engine, system.pressure, system.initial
-    number = "{:.17g}".format
-    load = number(system.saturation_mean)
+    swing, excess, step = system.saturation_amplitude, system.friction_ratio - 1.0, system.cycle / per_cycle
+    load = f"{system.saturation_mean:.17g}"
     if p.amplitude > 0.0:
-        rate = p.frequency_ratio * e.frequency
-        load += f"+{number(system.saturation_amplitude)}*sin({number(rate)}*t+{number(p.phase)})"
-    excess = system.friction_ratio - 1.0
-    falling = f"*(1+{number(excess)}*exp(-{number(f.decay)}*abs(v)))" if excess > 0.0 else ""
-    step = system.cycle / per_cycle
-    return "\n".join([
-        f"ts={load}",
-        f"tf=ts*tanh({number(f.smoothing)}*v){falling}",
-        f"s={number(d.damping)}*w+{number(d.stiffness)}*q",
-        f"v'=({number(e.mean_torque)}+{number(e.torque_amplitude)}*sin({number(e.frequency)}*t)-tf)"
-        f"/{number(d.flywheel_inertia)}-(tf-s)/{number(d.plate_inertia)}",
-        "q'=w",
-        f"w'=(tf-s)/{number(d.plate_inertia)}",
-        f"init v={number(start.slip_speed)},q={number(start.plate_angle)},w={number(start.plate_speed)}",
-        f"@ total={number(step * (cycles * per_cycle))},dt={number(step)},meth={method},toler={tolerance:g},"
-        f"atoler={tolerance:g}",
-        "@ maxstor=1000000,bounds=1e9,output=out.dat",
-        "done", ""])
+        load += f"+{swing:.17g}*sin({p.frequency_ratio * e.frequency:.17g}*t+{p.phase:.17g})"
+    falling = f"*(1+{excess:.17g}*exp(-{f.decay:.17g}*abs(v)))" if excess > 0.0 else ""
+    return f"""\
+ts={load}
+tf=ts*tanh({f.smoothing:.17g}*v){falling}
+s={d.damping:.17g}*w+{d.stiffness:.17g}*q
+v'=({e.mean_torque:.17g}+{e.torque_amplitude:.17g}*sin({e.frequency:.17g}*t)-tf)/{d.flywheel_inertia:.17g}-(tf-s)/\
+{d.plate_inertia:.17g}
+q'=w
+w'=(tf-s)/{d.plate_inertia:.17g}
+init v={start.slip_speed:.17g},q={start.plate_angle:.17g},w={start.plate_speed:.17g}
+@ total={step * (cycles * per_cycle):.17g},dt={step:.17g},meth={method},toler={tolerance:g},atoler={tolerance:g}
+@ maxstor=1000000,bounds=1e9,output=out.dat
+done
+"""
 
 
 def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: int) -> PeerRun:
@@ -239,11 +240,7 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
             place = Path(folder)
             (place / "model.ode").write_text(xppaut_file(system, method, tolerance, count, per_cycle))
             (place / "out.dat").unlink(missing_ok=True)
-            try:
-                subprocess.run(["xppaut", "model.ode", "-silent"], cwd=folder, stdin=subprocess.DEVNULL,
-                               stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=TIMEOUT, check=False)
-            except subprocess.TimeoutExpired:
-                raise NumericalFailure(f"took more than {TIMEOUT:g} s") from None
+            _ended(["xppaut", "model.ode", "-silent"], cwd=folder, stdin=subprocess.DEVNULL)
             try:
                 rows = np.loadtxt(place / "out.dat", ndmin=2)
             except (OSError, ValueError):
@@ -259,4 +256,4 @@ def xppaut(system: System, method: str, tolerance: float, cycles: int, repeats: 
         seconds, slowest = ((of(long) - min(short)) * cycles / (many - 1) for of in (min, max))
         if seconds <= 0.0:
             raise NumericalFailure(f"{many} cycles take no longer than one, by the clock")
-    return PeerRun(section, _largest(system, _times(system, cycles, FINE), fine), seconds, slowest)
+    return run_of(system, section, fine, seconds, slowest)
