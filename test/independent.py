@@ -13,7 +13,11 @@ from scipy.integrate import odeint, solve_ivp
 
 from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.parameters import System, replace
-from tcc_sim.study.benchmarks.references import Floats, Jacobian, Law, Pairs, Rates, coefficient, slope
+from tcc_sim.study.benchmarks.references import Law
+from tcc_sim.trajectory import Floats
+
+Rates = Callable[[float, Any], list[float]]
+Jacobian = Callable[[float, Any], list[list[float]]]
 
 
 class Piecewise(Law):
@@ -40,11 +44,6 @@ class Piecewise(Law):
                 changes.append((new, mode, after))
             t = new
         return out, changes, stuck
-
-
-def coefficient_and_slope(v: float, pairs: Pairs, sigma: float) -> tuple[float, float]:
-    """Return mubar of (7) and its slope."""
-    return coefficient(v, 3, pairs, sigma), slope(v, 3, pairs, sigma)
 
 
 def equations(system: System, drag: float = 0.0) -> tuple[Rates, Jacobian]:

@@ -244,7 +244,7 @@ class Excited:
                 self.plates, bar = run.sol, run.y[:, -1]
             result = odeint(lambda at, y, of=within: self.law.rates(of(at), y, 3)[:3], state,
                             np.concatenate([[a], t[inside], [b]]), tfirst=True, rtol=1e-9, mxstep=200_000,
-                            atol=[1e-9 / max(self.law.smoothing / 50.0, 1.0), 1e-11, 1e-9])
+                            atol=[1e-9 / max(self.law.system.friction.smoothing / 50.0, 1.0), 1e-11, 1e-9])
             out[inside], state = result[1:-1, 0], result[-1]
         out[np.abs(t - marks[-1]) <= 1e-9] = state[0]
         return out

@@ -5,13 +5,14 @@ from dataclasses import replace as with_field
 
 import numpy as np
 import pytest
-from independent import Piecewise, coefficient_and_slope, equations
+from independent import Piecewise, equations
 from scipy.integrate import solve_ivp
 
 from tcc_sim.analysis.steady.damping import damping_of_cycles, slope_of_friction
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.solvers import solve
+from tcc_sim.study.benchmarks.references import coefficient_and_slope
 from tcc_sim.trajectory import Cycles
 
 LOADED = {"friction.kinetic_coefficient": 0.24, "pressure.mean": 260e3, "pressure.amplitude": 52e3,

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 from differences import difference
-from independent import Piecewise, coefficient_and_slope, equations, smoothed_states, tangent_map
+from independent import Piecewise, equations, smoothed_states, tangent_map
 from scipy.integrate import solve_ivp, trapezoid
 
 from tcc_sim.analysis.steady.damping import damping_of_cycles
@@ -30,7 +30,7 @@ from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.solvers.stroboscopic import sections, stroboscopic_map
 from tcc_sim.study.basins.compute import basins
 from tcc_sim.study.benchmarks.peers import xppaut_file
-from tcc_sim.study.benchmarks.references import reference, sliding_of
+from tcc_sim.study.benchmarks.references import coefficient_and_slope, reference, sliding_of
 from tcc_sim.study.continuation.motions import DrivelineMap, continuation
 from tcc_sim.study.paper.harmonic_balance import harmonic_balance
 from tcc_sim.trajectory import State

@@ -6,12 +6,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from independent import coefficient_and_slope
 from scipy.integrate import odeint
 
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
+from tcc_sim.study.benchmarks.references import coefficient_and_slope
 from tcc_sim.sweeps.simulation import simulate
 
 STICK_SLIP = replace(System(), {

@@ -22,7 +22,7 @@ from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.solvers.comparison import REACH, stick_rate
 from tcc_sim.study.benchmarks import peers
 from tcc_sim.study.benchmarks.peers import repeated
-from tcc_sim.study.benchmarks.references import Reference, disagreement, errors, reference
+from tcc_sim.study.benchmarks.references import Reference, errors, reference
 from tcc_sim.trajectory import State
 
 Row = dict[str, Any]
@@ -167,8 +167,8 @@ def precision_study(effort: Effort, done: Callable[[int, int, str], None]) -> It
                 count = min(count + 1, total - 1)
         results = [row for row in rows if "why" not in row]
         yield {"scene": case.name, "description": case.description, "law": law, "cycles": effort.cycles,
-               "reference": {"solvers": [t.name for t in truths], "floor": disagreement(*truths)}, "results": results,
-               "omitted": [row for row in rows if "why" in row], "warm_up": warm_up,
+               "reference": {"solvers": [t.name for t in truths], "floor": max(errors(truths[1], truths[0]))},
+               "results": results, "omitted": [row for row in rows if "why" in row], "warm_up": warm_up,
                "long_run": list(long_runs(case, fastest(results, TARGET), effort))}
     done(total, total, "")
 
@@ -206,7 +206,7 @@ def measured_row(case: Scene, solver: str, setting: float, truth: Reference, eff
     row: Row = {"solver": solver, "setting": setting}
     try:
         run = run_of(case.system, effort.cycles, solver, setting, effort)
-        deviation = errors(run.section, run.largest, truth)
+        deviation = errors(run, truth)
         if not max(deviation) <= WRONG:
             raise NumericalFailure(f"wrong: its largest relative error is {max(deviation):.2g}")
     except TccError as error:

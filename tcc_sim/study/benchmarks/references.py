@@ -9,12 +9,12 @@ floor, below which an error is not resolved. States are slip speed, plate angle,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -22,11 +22,8 @@ from tcc_sim.errors import NumericalFailure
 from tcc_sim.model.equations import check_supported
 from tcc_sim.model.groups import Friction
 from tcc_sim.model.parameters import System
-from tcc_sim.trajectory import State
+from tcc_sim.trajectory import Floats, State
 
-Floats = NDArray[np.float64]
-Rates = Callable[[float, Any], list[float]]
-Jacobian = Callable[[float, Any], list[list[float]]]
 Pairs = Sequence[tuple[float, float]]
 POINTS = 129
 """Number of points of the search around a largest slip speed."""
@@ -65,9 +62,10 @@ class Law:
                                                                  enumerate(zip(e.harmonic_amplitudes,
                                                                                e.harmonic_phases), 2))]
         self._pressure = p.mean, p.amplitude, p.frequency_ratio * e.frequency, p.phase
-        kinetic, self.pairs = sliding_of(system.friction)
+        kinetic, pairs = sliding_of(system.friction)
         self._per_pressure = kinetic * system.clutch.area * system.clutch.radius
-        self.ratio, self.smoothing = 1.0 + sum(c for c, _ in self.pairs), system.friction.smoothing
+        self.ratio = 1.0 + sum(c for c, _ in pairs)
+        self.sliding = partial(coefficient_and_slope, pairs=pairs, sigma=system.friction.smoothing)
 
     def engine(self, t: float) -> float:
         """Return Te(t), N m."""
@@ -97,8 +95,8 @@ class Law:
         if mode == 0:
             torque = self.need(t, (v, angle, speed))
         else:
-            torque = 0.0 if mode == 2 else max(self.load(t), 0.0) * coefficient(v, mode, self.pairs, self.smoothing)
-            torque += self.system.converter.coupling * v
+            load = 0.0 if mode == 2 else max(self.load(t), 0.0)
+            torque = load * self.sliding(v, mode=mode)[0] + self.system.converter.coupling * v
         plate = (torque - damping * speed - stiffness * angle) / i2
         slip = 0.0 if mode == 0 else (self.engine(t) - torque - self.drag * (v + speed)) / i1 - plate
         return [slip, speed, plate, v + speed]
@@ -110,9 +108,8 @@ class Law:
             both = i1 + i2
             return [[0.0] * 4, [0.0, 0.0, 1.0, 0.0], [0.0, -stiffness / both, -(damping + self.drag) / both, 0.0],
                     [1.0, 0.0, 1.0, 0.0]]
-        rise, slow = self.system.converter.coupling, self.drag / i1
-        if mode != 2:
-            rise += max(self.load(t), 0.0) * slope(float(y[0]), mode, self.pairs, self.smoothing)
+        load, slow = 0.0 if mode == 2 else max(self.load(t), 0.0), self.drag / i1
+        rise = self.system.converter.coupling + load * self.sliding(float(y[0]), mode=mode)[1]
         return [[-rise / i1 - rise / i2 - slow, stiffness / i2, damping / i2 - slow, 0.0], [0.0, 0.0, 1.0, 0.0],
                 [rise / i2, -stiffness / i2, -damping / i2, 0.0], [1.0, 0.0, 1.0, 0.0]]
 
@@ -170,11 +167,17 @@ class Law:
         y[0] = 0.0
         return self.at_rest(t, y)
 
-    def arcs(self, y: Floats, ends: Sequence[float], method: str, rtol: float, atol: Any, longest: float = math.inf,
+    def arcs(self, y: Floats, ends: Sequence[float], method: str, rtol: float, atol: Any = None, longest: float = 0.0,
              dense: bool = False) -> Iterator[tuple[int, int, Any, Floats, int]]:
         """Yield every arc from t = 0 up to each of `ends`: number of the end, mode of the arc, its solution by SciPy,
         the state after it and the mode that follows.
+
+        atol, longest : absolute tolerance, by default of `error_scales`, and longest step of the set-valued law, s, by
+            default of LONGEST, since SciPy would miss two events in one step
         """
+        frequency = self.system.engine.frequency * max(1.0, self.system.pressure.frequency_ratio)
+        longest = longest or LONGEST / max(frequency, self.system.natural_frequency)
+        atol = rtol * error_scales(self.system) if atol is None else atol
         mode, t, changed = self.first_mode(y), 0.0, -math.inf
         for n, end in enumerate(ends):
             while t < end:
@@ -196,24 +199,17 @@ def sliding_of(friction: Friction) -> tuple[float, list[tuple[float, float]]]:
     return kinetic, [(friction.static_coefficient / kinetic - 1.0, friction.decay)]
 
 
-def coefficient(v: float, mode: int, pairs: Pairs, sigma: float) -> float:
-    """Return mubar with pairs of `sliding_of`: law (7) for mode 3, the slip branch of (6) for mode +1 and -1."""
-    size, out = abs(v) if mode == 3 else max(mode * v, 0.0), 1.0
+def coefficient_and_slope(v: float, pairs: Pairs, sigma: float, mode: int = 3) -> tuple[float, float]:
+    """Return mubar of (7), or for mode +1 or -1 the slip branch of (6), with pairs of `sliding_of`; and its slope."""
+    size, value, falling = abs(v) if mode == 3 else max(mode * v, 0.0), 1.0, 0.0
     for c, a in pairs:
-        out += c * math.exp(-a * size)
-    return out * (math.tanh(sigma * v) if mode == 3 else mode)
-
-
-def slope(v: float, mode: int, pairs: Pairs, sigma: float) -> float:
-    """Return the slope of `coefficient`."""
-    size = abs(v) if mode == 3 else max(mode * v, 0.0)
-    parts = [(c * math.exp(-a * size), a) for c, a in pairs]
-    falling = -sum(a * part for part, a in parts)
+        part = c * math.exp(-a * size)
+        value += part
+        falling -= a * part
     if mode != 3:
-        return falling
+        return value * mode, falling
     step = math.tanh(sigma * v)
-    rise = sigma * (1.0 - step) * (1.0 + step)
-    return rise * (1.0 + sum(part for part, _ in parts)) + falling * abs(step)
+    return value * step, sigma * (1.0 - step) * (1.0 + step) * value + falling * abs(step)
 
 
 def reference(system: System, cycles: int, method: str, rtol: float) -> Reference:
@@ -223,9 +219,8 @@ def reference(system: System, cycles: int, method: str, rtol: float) -> Referenc
     section, largest, size = np.empty((cycles + 1, 3)), np.zeros(cycles), np.zeros(3)
     section[0] = start
     ends = [(n + 1) * system.cycle for n in range(cycles)]
-    scales = rtol * error_scales(system)
-    for n, mode, run, y, _ in law.arcs(start, ends, method, rtol, scales, longest_reference_step(system)):
-        largest[n] = max(largest[n], largest_speed(law, run.t, run.y, mode, rtol, scales))
+    for n, mode, run, y, _ in law.arcs(start, ends, method, rtol):
+        largest[n] = max(largest[n], largest_speed(law, run.t, run.y, mode, rtol))
         if n >= cycles // 2:
             size = np.maximum(size, np.abs(run.y).max(axis=1))
         section[n + 1] = y
@@ -240,24 +235,18 @@ def final_state(system: System, duration: float, method: str, rtol: float) -> tu
     check_supported("reference", system, "a reference solution")
     last: Floats = np.array(State.at_start(system).numbers)
     largest = np.abs(last)
-    law, atol, longest = Law(system, EVALUATIONS), rtol * error_scales(system), longest_reference_step(system)
-    for _, _, run, y, _ in law.arcs(last, [duration], method, rtol, atol, longest):
+    for _, _, run, y, _ in Law(system, EVALUATIONS).arcs(last, [duration], method, rtol):
         last, largest = y, np.maximum(largest, np.abs(run.y).max(axis=1))
     return last, largest
 
 
-def disagreement(first: Reference, second: Reference) -> float:
-    """Return the floor: the largest of the three errors of one reference against the other."""
-    return max(errors(second.section, second.largest, first))
-
-
-def errors(section: Floats, largest: Floats, truth: Reference) -> tuple[float, float, float]:
-    """Return final, section and maximum-slip error, relative to signal maxima in the second half of the horizon, of
-    sections (N + 1, 3) and largest |slip speed| per cycle (N,), rad/s.
+def errors(run: Any, truth: Reference) -> tuple[float, float, float]:
+    """Return final, section and maximum-slip error, relative to signal maxima in the second half of the horizon, of a
+    run with `section` and `largest` as a reference has them. The largest one between two references is the floor.
     """
     size = np.maximum(truth.size, 1e-300)
-    off = np.abs(section - truth.section) / size
-    return float(off[-1].max()), float(off.max()), float(np.abs(largest - truth.largest).max() / size[0])
+    off = np.abs(run.section - truth.section) / size
+    return float(off[-1].max()), float(off.max()), float(np.abs(run.largest - truth.largest).max() / size[0])
 
 
 def error_scales(system: System) -> Floats:
@@ -267,13 +256,7 @@ def error_scales(system: System) -> Floats:
     return np.array([slip, twist, twist * system.natural_frequency])
 
 
-def longest_reference_step(system: System) -> float:
-    """Return the longest step of a set-valued reference, s: SciPy would miss two events in one step."""
-    frequency = system.engine.frequency * max(1.0, system.pressure.frequency_ratio)
-    return LONGEST / max(frequency, system.natural_frequency)
-
-
-def largest_speed(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: Floats) -> float:
+def largest_speed(law: Law, t: Floats, y: Floats, mode: int, rtol: float) -> float:
     """Return the largest |v| of an arc; SciPy's DOP853, with an interpolant of order 7, refines the largest node."""
     if mode == 0:
         return 0.0
@@ -282,7 +265,8 @@ def largest_speed(law: Law, t: Floats, y: Floats, mode: int, rtol: float, atol: 
     if high == low:
         return abs(float(y[0, k]))
     run = solve_ivp(lambda t, y: law.rates(t, y, mode)[:3], (t[low], t[high]), y[:, low], method="DOP853",
-                    rtol=max(rtol, 3e-14), atol=atol, dense_output=True, max_step=(t[high] - t[low]) / 2)
+                    rtol=max(rtol, 3e-14), atol=rtol * error_scales(law.system), dense_output=True,
+                    max_step=(t[high] - t[low]) / 2)
     times = np.linspace(t[low], t[high], POINTS)
     values = np.abs(run.sol(times)[0])
     i = int(np.argmax(values))
