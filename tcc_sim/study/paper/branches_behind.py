@@ -57,32 +57,25 @@ def seen_in(sweep: Sweep) -> list[SettledMotion]:
 
 
 def _seen(sweep: Sweep, k: int) -> SettledMotion | None:
-    """Return one motion of a sweep, continued until it settles if it does."""
+    """Return one motion of a sweep, continued until it settles; it has no period if none is found after RUNS."""
     value, point = sweep.curve.values[k], sweep.points[k]
     if point is None or point.summary is None:
         return None
-    summary = point.summary
-    if not summary.settled:
-        return _later(sweep.curve, k, point.end)
-    amplitude, system = summary.max_slip_speed, sweep.curve.at(k)
-    together = math.lcm(summary.period, common_cycles(system) or 1)
-    if summary.period:  # The maximum in the sweep may belong to a transient.
-        cycles = solve(system, cycles=together, start_cycle=point.end.cycle, state=point.end.state).solved_cycles
-        amplitude = summarise_cycles(cycles, CycleTimes(system.cycle)).max_slip_speed
-    return SettledMotion(value, np.array(point.end.state.numbers), point.end.cycle, together, amplitude)
-
-
-def _later(curve: Curve, k: int, start: Start) -> SettledMotion | None:
-    """Continue a motion from `start` until it settles; it has no period if none is found after RUNS."""
-    late = None
+    system, summary, start, late = sweep.curve.at(k), point.summary, point.end, None
+    if summary.settled:
+        amplitude, together = summary.max_slip_speed, math.lcm(summary.period, common_cycles(system) or 1)
+        if summary.period:  # The maximum in the sweep may belong to a transient.
+            cycles = solve(system, cycles=together, start_cycle=start.cycle, state=start.state).solved_cycles
+            amplitude = summarise_cycles(cycles, CycleTimes(system.cycle)).max_slip_speed
+        return SettledMotion(value, np.array(start.state.numbers), start.cycle, together, amplitude)
     for _ in range(RUNS):
-        settled = later(curve.at(k), start)
+        settled = later(system, start)
         if settled is None:
             break
         summary, start = settled
-        motion = SettledMotion(curve.values[k], np.array(start.state.numbers), start.cycle,
-                               math.lcm(summary.period, common_cycles(curve.system)), summary.max_slip_speed)
-        late = approached(curve, motion, summary.settled)
+        motion = SettledMotion(value, np.array(start.state.numbers), start.cycle,
+                               math.lcm(summary.period, common_cycles(sweep.curve.system)), summary.max_slip_speed)
+        late = approached(sweep.curve, motion, summary.settled)
         if late.period:
             break
     return late

@@ -151,6 +151,6 @@ def check_options(number: int, options: FigureOptions) -> None:
         raise InputError(f"Fig. {number} has no points on branches; --branches is for {numbers}")
 
 
-def series_system(series: Series, options: FigureOptions, **values: Value) -> System:
+def series_system(series: Series, options: FigureOptions) -> System:
     """Return the system of one curve."""
-    return replace(paper_system(series.values), {"friction.law": options.law, **values})
+    return paper_system({**series.values, "friction.law": options.law})

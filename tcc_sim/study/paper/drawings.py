@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,8 @@ import numpy as np
 from tcc_sim.errors import counted
 from tcc_sim.result import json_of
 from tcc_sim.shown_units import speed
-from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, plain
-from tcc_sim.study.paper.figures import Figure
+from tcc_sim.study.paper.catalogue import FIGURES, SWEPT, FigureOptions, check_options, plain
+from tcc_sim.study.paper.figures import Figure, figure_data
 from tcc_sim.study.views import branch_panels
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel, compose
@@ -152,13 +153,9 @@ def label_jumps(axis: Any, curves: Sequence[Record], unit: float) -> None:
 
 def spread(places: Sequence[float], least: float, low: float, high: float) -> list[float]:
     """Move sorted positions apart to at least `least`, upward from `low` and then back from `high`."""
-    out = list(places)
-    for k in range(1, len(out)):
-        out[k] = max(out[k], out[k - 1] + least)
-    out[-1] = min(out[-1], max(high, low + least * (len(out) - 1)))
-    for k in range(len(out) - 2, -1, -1):
-        out[k] = min(out[k], out[k + 1] - least)
-    return out
+    moved = list(accumulate(places, lambda before, place: max(place, before + least)))
+    moved[-1] = min(moved[-1], max(high, low + least * (len(moved) - 1)))
+    return list(accumulate(reversed(moved), lambda above, place: min(place, above - least)))[::-1]
 
 
 def key_panel(height: float) -> Panel:
@@ -447,9 +444,6 @@ def paper_figure(figure: int, *, quick: bool = False, law: str = "smoothed", dir
     >>> tcc_sim.figure(2, quick=True).kind
     'solvers'
     """
-    from tcc_sim.study.paper.catalogue import FigureOptions, check_options
-    from tcc_sim.study.paper.figures import figure_data
-
     options = FigureOptions(quick, direction, law, jobs, branches=branches)
     check_options(figure, options)
     data = figure_data(FIGURES[figure], options)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -182,9 +182,12 @@ def more_than_anywhere(count: Callable[[float], float], marks: Mapping[str, floa
                     why.format(", ".join(fewer)) if fewer else "", motions)
 
 
-def place_of_change(holds: Callable[[float], bool], low: float, high: float, halvings: int) -> float:
-    """Return the middle of the interval in which a condition changes, after some halvings."""
+def place_of_change(holds: Callable[[float], bool], low: float, high: float, halvings: int) -> float | None:
+    """Return the middle of the interval in which a condition changes, after some halvings; None if both ends are alike.
+    """
     first = holds(low)
+    if holds(high) == first:
+        return None
     for _ in range(halvings):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if holds(middle) == first else (low, middle)
@@ -826,16 +829,11 @@ def _slip_from_stick(e: Evidence, row: Values, ratio: float, law: str) -> float:
     return float(solve(stuck, cycles=20).solved_cycles.largest.max())
 
 
-def end_of_stick(e: Evidence, row: Values, low: float, high: float) -> float | None:
-    """Return omega/omega_n at which a motion from stick slips within 20 cycles; None if both ends are alike."""
-    def slips(ratio: float) -> bool:
-        return _slip_from_stick(e, row, ratio, "set_valued") > SLIPS
-
-    return place_of_change(slips, low, high, 14) if slips(low) != slips(high) else None
-
-
 def stick_ends(e: Evidence, loads: str) -> Measured:
     """Compare limits of stick by (10) with those of motions that start in stick; `loads`: under varying load."""
+    def slips(ratio: float, row: Values) -> bool:
+        return _slip_from_stick(e, row, ratio, "set_valued") > SLIPS
+
     pairs = {}
     for name, row in STICKY.items():
         if bool(row) is bool(loads):
@@ -843,7 +841,7 @@ def stick_ends(e: Evidence, loads: str) -> Measured:
             for end, omega in (("lower", limits.lower), ("upper", limits.higher)):
                 if omega is not None:
                     limit = omega / OMEGA_N
-                    found = end_of_stick(e, row, limit - 0.02, limit + 0.02)
+                    found = place_of_change(partial(slips, row=row), limit - 0.02, limit + 0.02, 14)
                     pairs[f"{name}, {end} limit: (10), simulation"] = found, limit
     return Measured(list(pairs.values()), {name: [limit, found] for name, (found, limit) in pairs.items()}, True)
 

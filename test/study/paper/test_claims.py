@@ -59,7 +59,7 @@ def test_limits_of_stick_are_those_of_the_closed_form(cheap: dict[str, Finding])
         loads = [540.0 * (1.0 + 0.25 * np.sin(t + psi)) for psi in (0.0, 0.5 * np.pi, np.pi)]
         assert min(abs((load - np.abs(torque)).min()) for load in loads) < 0.05
     assert {cheap[name].verdict for name in ("limits_of_stick", "stick_limits_varying")} == {CONFIRMED}
-    assert measures.end_of_stick(Evidence(1e-9, 1), {}, 0.45, 0.49) is None
+    assert measures.place_of_change(lambda ratio: ratio > 0.44, 0.45, 0.49, 14) is None
 
 
 def test_the_law_of_figure_3_is_judged_by_its_own_maxima(cheap: dict[str, Finding]) -> None:
