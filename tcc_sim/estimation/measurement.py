@@ -148,7 +148,7 @@ def _without_holes(table: MeasuredTable) -> MeasuredTable:
 
 def read_recording(path: Path, scene: Scene | None = None, **driveline: Any) -> tuple[Measurement, Scene]:
     """Return the longest run of a recording, and the run's scene; without one, `scene`. `driveline` selects a driveline
-    (see `recording.drivelines.Choice`).
+    (see `recording.reader.Run`).
 
     Inputs from topics count as measured, with their values at both ends of the tick after each sample
     (`replay.timeline`). Raise InputError if there is no scene, or if the scene changed or the far end moved during the

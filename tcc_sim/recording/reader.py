@@ -148,7 +148,7 @@ class Run:
         """Read the recording, or the states in a window, once and return it as columns.
 
         States that name their run are in the order of their stamps, wherever they stand in the files; those of other
-        recordings as in `runs.unkeyed_runs`. RecordingError if there are no joint_states, or publishers are mixed and
+        recordings as in `runs.runs_of`. RecordingError if there are no joint_states, or publishers are mixed and
         cannot be separated; TooManyStates if the states would need more than half of the machine's memory.
         """
         topic = self.driveline.topic
