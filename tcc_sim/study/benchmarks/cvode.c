@@ -1,8 +1,8 @@
 /* CVODE of SUNDIALS (BDF, dense Jacobian by hand) on equations (1), (2) with the friction law (7), for `precision`.
    Standard input: I1 I2 C23 K23, A R, mu_s mu_k alpha sigma, Tm Tp omega, Pm Pp ratio psi, v theta2 omega2 at t = 0,
    rtol and three absolute tolerances, cycles, samples per cycle, repeats.
-   Standard output: least CPU seconds of `repeats` runs that keep the cycle ends, and their steps; the states at the cycle
-   ends; the states of one more run at all samples. */
+   Standard output: least and largest CPU seconds of `repeats` runs that keep the cycle ends, and their steps; the states
+   at the cycle ends; the states of one more run at all samples. */
 #include <cvode/cvode.h>
 #include <math.h>
 #include <nvector/nvector_serial.h>

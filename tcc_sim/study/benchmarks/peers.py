@@ -211,7 +211,7 @@ def xppaut_file(system: System, method: str, tolerance: float, cycles: int, per_
     load = f"{system.saturation_mean:.17g}"
     if p.amplitude > 0.0:
         load += f"+{swing:.17g}*sin({p.frequency_ratio * e.frequency:.17g}*t+{p.phase:.17g})"
-    falling = f"*(1+{excess:.17g}*exp(-{f.decay:.17g}*abs(v)))" if excess > 0.0 else ""
+    falling = f"*(1+{excess:.17g}*exp(-{f.decay:.17g}*abs(v)))" if excess else ""
     return f"""\
 ts={load}
 tf=ts*tanh({f.smoothing:.17g}*v){falling}
