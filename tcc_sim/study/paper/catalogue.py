@@ -11,7 +11,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
@@ -20,10 +20,7 @@ from numpy.typing import NDArray
 from tcc_sim.errors import InputError
 from tcc_sim.model.parameters import System, replace
 from tcc_sim.model.quantity import Value
-
-if TYPE_CHECKING:
-    from tcc_sim.sweeps.results import Curve, Sweep
-    from tcc_sim.sweeps.simulation import Plan
+from tcc_sim.sweeps.sweep import Curve, Plan, Sweep
 
 PRESSURE = 225e3
 """Mean pressure of Figs. 4 to 18, Pa."""
