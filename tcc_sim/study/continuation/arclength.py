@@ -149,15 +149,15 @@ def cosine_between(here: CurvePoint[Any], new: CurvePoint[Any], by_amplitude: bo
     return float(way @ along) / max(float(np.sqrt((way @ way) * (along @ along))), 1e-300)
 
 
-def predictor_nodes(here: CurvePoint[Any], before: Sequence[CurvePoint[Any]], slopes: Floats,
-                    count: int) -> list[tuple[float, Floats]]:
+def predictor_nodes(here: CurvePoint[Any], before: Sequence[CurvePoint[Any]],
+                    slopes: Floats) -> list[tuple[float, Floats]]:
     """Nodes of the predictor: the distance of each along the tangent, and its unknowns and amplitudes less those here.
 
     The first two are `here` itself; the second one holds the tangent.
     """
     size, used = len(here.z), len(slopes)
     nodes = [(0.0, np.zeros(size + used)), (0.0, np.concatenate([here.tangent, slopes]) / (1.0 + slopes @ slopes))]
-    for point in before[:-count - 1:-1]:
+    for point in before[:-NODES - 1:-1]:
         if len(point.z) != size or (used and len(point.linearised.amplitudes) != used):
             break
         away = np.concatenate([point.z - here.z, point.linearised.amplitudes[:used]
@@ -374,9 +374,9 @@ def chandrupatla(f: Callable[[float], float], a: float, b: float, tolerance: flo
     return best
 
 
-def turned_round(one: Floats, two: Floats, opposite: float) -> bool:
-    """Whether two vectors are opposite: the cosine between them is below -`opposite`."""
-    return float(one @ two) < -opposite * float(np.linalg.norm(one) * np.linalg.norm(two))
+def turned_round(one: Floats, two: Floats) -> bool:
+    """Whether two vectors are opposite: the cosine between them is below -OPPOSITE."""
+    return float(one @ two) < -OPPOSITE * float(np.linalg.norm(one) * np.linalg.norm(two))
 
 
 GROWN = 10.0  # growth of a residual by the last step above which it has left the curve
@@ -562,10 +562,8 @@ class Continuation(Generic[P, S]):
 
     def onward(self) -> P | None:
         """The next point; by the unknowns alone where steps with the amplitudes as coordinates fail."""
-        for by_amplitude in (True, False):
+        for by_amplitude in (True, False) if len(self.here.linearised.amplitudes) else (True,):
             if not by_amplitude:
-                if not len(self.here.linearised.amplitudes):
-                    return None
                 self.length = min(FLAT_STEP, self.longest)
             try:
                 new = self.step(by_amplitude)
@@ -588,7 +586,7 @@ class Continuation(Generic[P, S]):
         used = by_amplitude and len(here.linearised.amplitudes) > 0
         slopes = here.linearised.amplitude_gradient @ here.tangent if used else FLAT[0]
         reach = float(np.sqrt(1.0 + slopes @ slopes))
-        known, most = predictor_nodes(here, self.before, slopes, NODES), LONGER
+        known, most = predictor_nodes(here, self.before, slopes), LONGER
         while self.length >= settings.smallest_step:
             ahead = predictor(known, self.length * reach)
             guess = here.z + ahead[:len(here.z)]
@@ -642,7 +640,7 @@ class Continuation(Generic[P, S]):
                     return here, number
                 row = np.zeros(len(here.z))
                 row[k] = 1.0
-                nodes, way = predictor_nodes(here, self.before, FLAT[0], NODES), room / slope
+                nodes, way = predictor_nodes(here, self.before, FLAT[0]), room / slope
                 for _ in range(2):
                     way += (room - float(predictor(nodes, way)[k])) / slope
                 guess = here.z + predictor(nodes, way)

@@ -31,26 +31,8 @@ from numpy.typing import NDArray
 from tcc_sim.analysis.steady.exponents import multipliers_of
 from tcc_sim.result import Described, reported, reporting, result_class
 from tcc_sim.study.continuation import orbits
-from tcc_sim.study.continuation.arclength import (
-    OPPOSITE,
-    Bracket,
-    CurvePoint,
-    P,
-    tangent_of,
-    turned_round,
-)
-from tcc_sim.study.continuation.orbits import (
-    NEUTRAL,
-    Floats,
-    Linearised,
-    Margins,
-    Observation,
-    OrbitFigures,
-    OrbitState,
-    Shooting,
-    Vectors,
-    cyclic,
-)
+from tcc_sim.study.continuation.arclength import Bracket, CurvePoint, P, tangent_of, turned_round
+from tcc_sim.study.continuation.orbits import Floats, Linearised, Margins, Shooting, Vectors, cyclic
 
 LOCATED = 1e-8  # last Newton step of a bifurcation
 BORDER = 1e-12  # margin, relative to its natural size, of a solution
@@ -265,7 +247,7 @@ class ContinuationPoint(CurvePoint[Shooting]):
         return multipliers_of(*self.linearised.blocks)
 
     @property
-    def seen(self) -> Observation:
+    def seen(self) -> orbits.Observation:
         """Largest size, stick fraction and event sequence."""
         return self.linearised.seen
 
@@ -277,18 +259,18 @@ class ContinuationPoint(CurvePoint[Shooting]):
     @property
     def stable(self) -> bool:
         """Whether every multiplier lies inside the unit circle by more than rounding."""
-        return bool(abs(self.multipliers[0]) < 1.0 - NEUTRAL)
+        return bool(abs(self.multipliers[0]) < 1.0 - orbits.NEUTRAL)
 
     @property
-    def state(self) -> OrbitState:
+    def state(self) -> orbits.OrbitState:
         """The figures that every result reports."""
         v, angle, speed = map(float, self.section)
-        return OrbitState(self.value, v, angle, speed, self.seen.largest, self.multipliers)
+        return orbits.OrbitState(self.value, v, angle, speed, self.seen.largest, self.multipliers)
 
     @property
-    def figures(self) -> OrbitFigures:
+    def figures(self) -> orbits.OrbitFigures:
         """All figures that are reported."""
-        return OrbitFigures(**vars(self.state), stick_fraction=self.seen.stick_fraction, stable=self.stable,
+        return orbits.OrbitFigures(**vars(self.state), stick_fraction=self.seen.stick_fraction, stable=self.stable,
                             events=self.events, residual=self.residual)
 
 
@@ -311,7 +293,7 @@ class Bifurcation(Described):
         return self.point.value
 
     @reporting("the motion at it", spread=True)
-    def state(self) -> OrbitState:
+    def state(self) -> orbits.OrbitState:
         return self.point.state
 
     @reporting("period of the motion", "periods of excitation")
@@ -331,7 +313,7 @@ def torus(m: NDArray[np.complex128]) -> float:
 
 def _opposite(one: float, two: float, factors: Iterable[float]) -> bool:
     """Whether a test function, the product of `factors`, has changed its sign by more than rounding of one factor."""
-    return one * two < 0.0 and max(abs(one), abs(two)) > NEUTRAL * math.prod(factors)
+    return one * two < 0.0 and max(abs(one), abs(two)) > orbits.NEUTRAL * math.prod(factors)
 
 
 def _from_circle(point: ContinuationPoint) -> float:
@@ -513,7 +495,7 @@ def period_doubling_end(here: ContinuationPoint, new: ContinuationPoint) -> Cont
             continue
         one, two = ((of.evaluate(p.section, p.values, 0, shorter).value - p.section) / of.scales
                     for p in (here, new))
-        if turned_round(one, two, OPPOSITE):
+        if turned_round(one, two):
             simple = Shooting.single(of, shorter, *shooting.ranges, settings=shooting.settings)
             near = simple.unknowns((here.section + 0.5 * one * of.scales)[None], here.values)
             whole = Shooting.single(of, period, *shooting.ranges, settings=shooting.settings)

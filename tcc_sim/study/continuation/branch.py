@@ -398,14 +398,11 @@ def place_of(seen: SettledMotion, branches: Sequence[Branch], size: float) -> tu
 
     The piece is the number of its branch and that of the point before it.
     """
-    best, place = math.inf, None
-    for number, branch in enumerate(branches):
-        if seen.period != branch.period:
-            continue
-        for piece in pieces_at(branch, seen.value):
-            if (piece.a.stable or piece.b.stable) and (away := piece.holds(seen, size)) < best:
-                best, place = away, (number, piece.after)
-    return place
+    away, number, after = min(
+        ((piece.holds(seen, size), number, piece.after)
+         for number, branch in enumerate(branches) if seen.period == branch.period
+         for piece in pieces_at(branch, seen.value) if piece.a.stable or piece.b.stable), default=(math.inf, 0, 0))
+    return None if math.isinf(away) else (number, after)
 
 
 def passes_through(branch: Branch, point: ContinuationPoint) -> bool:
@@ -486,20 +483,18 @@ def doubled(bifurcation: Bifurcation) -> ContinuationPoint | None:
     return None
 
 
-def switch(branches: list[Branch], depth: int, longest: int | None = None, most: int | None = None,
+def switch(branches: list[Branch], depth: int, longest: float = math.inf, most: float = math.inf,
            tick: Tick | None = None) -> None:
     """Append the doubled branch of every period doubling in which none of the others ends, and theirs, to `depth`.
 
-    longest, most : period followed, in cycles, and branches, where they are bounded
+    longest, most : bounds of the period followed, in cycles, and of the number of branches
     """
     first = 0
     for _ in range(depth):
         generation, first = list(enumerate(branches))[first:], len(branches)
         for number, parent in generation:
             for bifurcation in parent.bifurcations:
-                if bifurcation.kind != "period_doubling" or (longest is not None and 2 * parent.period > longest):
-                    continue
-                if most is not None and len(branches) >= most:
+                if bifurcation.kind != "period_doubling" or 2 * parent.period > longest or len(branches) >= most:
                     continue
                 scaled, merged = bifurcation.point.equations.ranges[0].scaled, MERGED
                 if any(abs(scaled(bifurcation.value) - scaled(end.value)) < merged for b in branches
@@ -618,9 +613,8 @@ def _end_of_segment(branches: Sequence[Branch], branch: Branch, point: int, beyo
                       if f.kind == "period_doubling" and abs(f.value - end.value) <= near), None)
         if begun is not None and end.reason in (StopReason.BEGAN, StopReason.DOUBLING):
             return SegmentEnd(begun.value / unit, begun.kind, begun.residual)
-    if not inner and min(at.value - span[0], span[1] - at.value) <= 1e-9 * width:
-        return SegmentEnd(at.value / unit)
-    bifurcation = bifurcation or nearest_bifurcation(branch, point, size, width)
+    if inner or min(at.value - span[0], span[1] - at.value) > 1e-9 * width:
+        bifurcation = bifurcation or nearest_bifurcation(branch, point, size, width)
     if bifurcation is None:
         return SegmentEnd(at.value / unit)
     jumps = bifurcation.kind == "fold"
@@ -728,17 +722,12 @@ def _walk(branch: Branch, after: int, goal: float) -> tuple[int, bool]:
 
 def nearest_bifurcation(branch: Branch, point: int, size: float, width: float) -> Bifurcation | None:
     """The bifurcation of a branch nearest to the pieces about one of its points; None for none nearby."""
-    about = branch.points[max(point - 1, 0):point + 2]
-    values, amplitudes = [s.value for s in about], [s.seen.largest for s in about]
+    about = np.array([(s.value, s.seen.largest) for s in branch.points[max(point - 1, 0):point + 2]])
+    low, high, sizes = about.min(axis=0), about.max(axis=0), np.maximum((width, size), 1e-300)
 
     def away(bifurcation: Bifurcation) -> float:
-        return (_away_from(bifurcation.value, values) / max(width, 1e-300)
-                + _away_from(bifurcation.point.seen.largest, amplitudes) / max(size, 1e-300))
+        at = np.array((bifurcation.value, bifurcation.point.seen.largest))
+        return float(np.sum(np.maximum(np.maximum(low - at, at - high), 0.0) / sizes))
 
     best = min(branch.bifurcations, key=away, default=None)
     return best if best is not None and away(best) <= NEAR_END else None
-
-
-def _away_from(x: float, among: Sequence[float]) -> float:
-    """Distance of a number from the interval of some numbers."""
-    return max(min(among) - x, x - max(among), 0.0)

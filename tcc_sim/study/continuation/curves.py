@@ -326,7 +326,7 @@ class CurveTrack(Continuation[AugmentedPoint, Special]):
         last = next((s for s in special if (equations.kind, s.kind) in ENDING), None)
         if equations.doubled:
             halves = equations.between_halves(self.here.z)
-            if arclength.turned_round(halves, equations.between_halves(new.z), arclength.OPPOSITE):
+            if arclength.turned_round(halves, equations.between_halves(new.z)):
                 last = singular_end("generalised_doubling", self.points, self._apart(), new)
                 special = [*special, *([] if last is None else [last])]
         if last is None:
