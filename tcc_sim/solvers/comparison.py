@@ -16,7 +16,6 @@ import math
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache, partial
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -323,8 +322,7 @@ def _solve(problem: Problem, name: str) -> Trajectory:
     if len(times) > 1:
         starts = ends[:np.searchsorted(ends, times[-1], side="right")]
         with np.errstate(all="ignore"):  # A run that blows up overflows before it ends.
-            cycles, rest = split_cycles(replace(cycles_of_states(times, states, terms, starts), starts=starts),
-                                        problem.whole_cycles)
+            cycles, rest = split_cycles(cycles_of_states(times, states, terms, starts), problem.whole_cycles)
     stuck = any(part is not None and part.stick_time.any() for part in (cycles, rest))
     limit = rk4_limit(problem.system) if fixed and stuck and status is Status.DONE else math.inf
     if fixed and step > limit:

@@ -21,7 +21,6 @@ bracket is short. So after a halving the equation itself is checked, and halving
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -509,7 +508,7 @@ def solve(problem: Problem) -> Trajectory:
                                 axis=1))
         kept = due
         starts = ends[first:] if done == ticks else ends[first:np.searchsorted(ends, t[-1] + STAMP, side="right")]
-        cycles.append(replace(cycles_of_states(t, states, terms, starts), starts=starts))
+        cycles.append(cycles_of_states(t, states, terms, starts))
         first += len(cycles[-1])
         keep = max(int(np.searchsorted(t, min(ends[first], t[-1]), side="right")) - 2, 0)
         t, states = t[keep:], states[keep:]

@@ -154,7 +154,7 @@ def cycles_from_samples(t: Floats, slip_speed: Floats, slip_acceleration: Floats
         within += width * _share_at_rest(*_cut(grid, v, a[:-1], a[1:])[1:])
     loads = None if linear is None else _loads(grid, v, a, np.asarray(plate_angle), np.asarray(plate_speed),
                                                np.asarray(plate_acceleration), section, stick_speed, linear, far)
-    return Cycles(section, *_extremes(grid, values), np.add.reduceat(within, grid.pieces), loads)
+    return Cycles(section, *_extremes(grid, values), np.add.reduceat(within, grid.pieces), loads, starts)
 
 
 class _Grid(NamedTuple):

@@ -236,7 +236,7 @@ class Laws:
         changes = np.flatnonzero(np.diff(held))
         changes = changes[(t[changes] > cuts[0]) & (t[changes] < cuts[-1])]
         if not len(changes):
-            return replace(between(0, len(t) - 1, cuts), starts=cuts)
+            return between(0, len(t) - 1, cuts)
         places = np.searchsorted(cuts, t[changes])
         ends, whole = np.insert(cuts, places, t[changes]), np.insert(np.ones(len(cuts), np.bool_), places, False)
         edges = [0, *(places + np.arange(len(places))).tolist(), len(ends) - 1]
