@@ -168,7 +168,7 @@ class PureSlip:
     """Solution (14) of (12): v = a0 + a1 t + sines + transient, and the motion of the plate.
 
     direction : sign of the slip, +1 or -1
-    a0 : rad/s; a1 = (Tm - Tsm)/I1 : rad/s^2 (with the opposite sign of Tsm for negative slip)
+    a0 : rad/s; a1 = (Tm - Tsm)/I1 : rad/s^2 (with the opposite sign of Tsm for negative slip); 0 in a steady state
     slip : the sines a21, a22 of (14), with their phases; their mean is a0. They are v(t) of (15), rad/s, without the
         transient (and without a1 t, which has no steady state)
     plate : steady plate angle, rad
@@ -206,11 +206,6 @@ class PureSlip:
     def plate_speed(self, t: Any) -> Floats:
         """Return theta2'(t), rad/s."""
         return self.plate.rate()(t) + self._transient(t)[2]
-
-    @property
-    def steady(self) -> bool:
-        """Whether a steady state exists: a1 = 0 (Tm = Tsm)."""
-        return self.a1 == 0.0
 
     @property
     def margin(self) -> float:
