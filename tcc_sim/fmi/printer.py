@@ -8,6 +8,7 @@ be None is a flag at run time.
 from __future__ import annotations
 
 import ast
+import builtins
 import importlib
 import inspect
 import math
@@ -106,12 +107,11 @@ class Library:
                 self.texts.append(printed.lines)
         return self._done[key]
 
-    def entry(self, name: str, source: Any, *kinds: Kind) -> Kind:
-        """Print a function that other C calls by a name of its own, and return the type of its result."""
+    def entry(self, name: str, source: Any, *kinds: Kind) -> None:
+        """Print a function that other C calls by a name of its own."""
         printed, result = self.function(source, kinds)
         check(not isinstance(result, (Static, Items)))
         self.texts.append(f"#define {name} {printed}")
-        return result
 
     def structure(self, source: type[Any]) -> Struct:
         """Return the structure of a NamedTuple."""
@@ -155,7 +155,8 @@ class Function:
 
     def __init__(self, library: Library, source: Callable[..., Any], name: str, kinds: tuple[Kind, ...],
                  result: Kind | None = None) -> None:
-        self._library, self._globals, self._title = library, dict(source.__globals__), source.__name__
+        self._library, self._title = library, source.__name__
+        self._globals = {**vars(builtins), **source.__globals__}
         self._names: dict[str, Text] = {}
         """Local names that stand for an expression, with it."""
         self._locals: dict[str, Kind] = {}
@@ -414,7 +415,7 @@ class Function:
             kind = self._kinds[node.id]
             stored = isinstance(kind, Pointed) and node.id in self._locals
             return f"{'&' if stored else ''}{word(node.id)}", kind
-        return self._value(self._resolved(node))
+        return self._value(self._globals[node.id])
 
     def _attribute(self, node: ast.Attribute) -> Text:
         """Print a field of a NamedTuple, a scene key, data that are known, or an object of another module."""
@@ -662,8 +663,10 @@ class Function:
 
     def _call(self, node: ast.Call) -> Text:
         """Print a call of a printed function, of C's own functions or of what arrays and NamedTuples have."""
-        if isinstance(node.func, ast.Attribute) and self._of_value(node.func.value):
-            return self._method(node, node.func)
+        if isinstance(node.func, ast.Attribute):
+            text, kind = self._expression(node.func.value)
+            if not isinstance(kind, Static):
+                return self._method(node, node.func.attr, text, kind)
         called = self._resolved(node.func)
         if called in self._arrays:
             return self._arrays[called](self, node)
@@ -705,24 +708,17 @@ class Function:
         return self._result(f"{name}({', '.join(text for text, kind in given if not isinstance(kind, Static))})",
                             result)
 
-    def _of_value(self, node: ast.expr) -> bool:
-        """Return whether an expression is a value of the function, and no module or class."""
-        while isinstance(node, ast.Attribute):
-            node = node.value
-        return not isinstance(node, ast.Name) or node.id in {*self._kinds, *self._names}
-
-    def _method(self, node: ast.Call, method: ast.Attribute) -> Text:
+    def _method(self, node: ast.Call, name: str, text: str, kind: Kind) -> Text:
         """Print a call on a value: NamedTuple._replace, copy of an array, and max and min of a column."""
-        text, kind = self._expression(method.value)
-        if method.attr == "_replace" and isinstance(kind, Struct):
+        if name == "_replace" and isinstance(kind, Struct):
             return self._built(node, kind, None, text)
-        if method.attr == "copy" and isinstance(kind, Table):
+        if name == "copy" and isinstance(kind, Table):
             return self._kept(text, kind)
-        check(method.attr in ("max", "min"))
+        check(name in ("max", "min"))
         column = only(kind, Column)
         extreme, _ = self._kept(column.at("0"), DOUBLE)
         with self._loop(column.length) as k:
-            self._put(f"{extreme} = {method.attr}_double({extreme}, {column.at(k)});")
+            self._put(f"{extreme} = {name}_double({extreme}, {column.at(k)});")
         return extreme, DOUBLE
 
     def _built(self, node: ast.Call, kind: Struct, called: type[Any] | None, copied: str = "") -> Text:
@@ -782,16 +778,9 @@ class Function:
         return f"&{name}", kind
 
     def _resolved(self, node: ast.expr) -> Any:
-        """Return the object of a dotted name in the source's module, or None."""
-        if isinstance(node, ast.Name):
-            if node.id in self._names or node.id in self._kinds:
-                kind = self._names[node.id][1] if node.id in self._names else self._kinds[node.id]
-                return kind.value if isinstance(kind, Static) else None
-            builtins = self._globals["__builtins__"]
-            builtins = builtins if isinstance(builtins, dict) else vars(builtins)
-            return self._globals.get(node.id, builtins.get(node.id))
-        dotted = only(node, ast.Attribute)
-        return getattr(self._resolved(dotted.value), dotted.attr, None)
+        """Return the object that an expression names, or None."""
+        kind = self._expression(node)[1]
+        return kind.value if isinstance(kind, Static) else None
 
     _nodes: ClassVar[dict[type[ast.AST], Callable[[Function, Any], Text]]] = {
         ast.Constant: _constant, ast.Name: _name, ast.Attribute: _attribute, ast.Subscript: _subscript,
