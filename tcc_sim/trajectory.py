@@ -137,34 +137,30 @@ class Cycles:
 
 @dataclass(frozen=True)
 class Runs:
-    """Engine cycles of m runs with N cycles each; the fields are those of `Cycles` with the runs as first axis.
+    """Engine cycles of m runs with N cycles each, in the units of `Cycles`.
 
     solver : the solver of all of them
     section : (m, N + 1, 3)
-    highest, lowest, stick_time : (m, N)
-    loads : (m, 6, N), in the order of the fields of `Loads`
+    values : (m, 9, N) largest and smallest slip speed, time in stick, and the loads in the order of `Loads`
     seconds : (m,) computing time, s: a run's share by steps in that of the call that solved several
     done : (m,) whether a run reached its end with finite numbers; the numbers of others are of no use
     """
 
     solver: str
     section: Floats
-    highest: Floats
-    lowest: Floats
-    stick_time: Floats
-    loads: Floats
+    values: Floats
     seconds: Floats
     done: NDArray[np.bool_]
 
     def cycles(self, k: int) -> Cycles:
         """Return the cycles of one run."""
-        return Cycles(self.section[k], self.highest[k], self.lowest[k], self.stick_time[k], Loads(*self.loads[k]))
+        highest, lowest, stick_time, *loads = self.values[k]
+        return Cycles(self.section[k], highest, lowest, stick_time, Loads(*loads))
 
     def chosen(self, runs: Sequence[int], first: int = 0) -> Runs:
         """Return some of the runs, from their cycle `first` on."""
         at: Any = slice(None) if list(runs) == list(range(len(self.done))) else list(runs)
-        return Runs(self.solver, self.section[at, first:], self.highest[at, first:], self.lowest[at, first:],
-                    self.stick_time[at, first:], self.loads[at, :, first:], self.seconds[at], self.done[at])
+        return Runs(self.solver, self.section[at, first:], self.values[at, :, first:], self.seconds[at], self.done[at])
 
 
 def joined_runs(parts: Sequence[Runs]) -> Runs:
@@ -172,10 +168,9 @@ def joined_runs(parts: Sequence[Runs]) -> Runs:
     if len(parts) == 1:
         return parts[0]
     section = [part.section[:, :-1] for part in parts[:-1]] + [parts[-1].section]
-    highest, lowest, stick_time, loads = (np.concatenate([getattr(part, name) for part in parts], axis=-1)
-                                          for name in ("highest", "lowest", "stick_time", "loads"))
-    return replace(parts[-1], section=np.concatenate(section, axis=1), highest=highest, lowest=lowest,
-                   stick_time=stick_time, loads=loads, seconds=np.sum([part.seconds for part in parts], axis=0))
+    values = np.concatenate([part.values for part in parts], axis=-1)
+    return replace(parts[-1], section=np.concatenate(section, axis=1), values=values,
+                   seconds=np.sum([part.seconds for part in parts], axis=0))
 
 
 def split_cycles(cycles: Cycles, whole: int) -> tuple[Cycles, Cycles | None]:

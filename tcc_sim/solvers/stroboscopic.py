@@ -277,13 +277,12 @@ def solve_runs(systems: Sequence[System], states: Sequence[State], first: Sequen
                         [(setup._replace(waves=setup.waves.copy()),) for setup in setups])
     spent = time.perf_counter() - began
     section = slots.raw[:many, :cycles + 1, :3].copy()
-    highest, lowest, stick_time = np.ascontiguousarray(slots.raw[:many, :cycles, 3:].transpose(2, 0, 1))
-    records = slots.loads.view(np.float64).reshape(slots.count, -1, shell.LOADS.itemsize // 8)[:many, :cycles, :-1]
-    loads = np.ascontiguousarray(records.transpose(0, 2, 1))
-    loads[:, :, :loads_from] = math.nan
+    loads = slots.loads.view(np.float64).reshape(slots.count, -1, shell.LOADS.itemsize // 8)[:many, :cycles, :-1]
+    values = np.ascontiguousarray(np.concatenate([slots.raw[:many, :cycles, 3:], loads], axis=2).transpose(0, 2, 1))
+    values[:, 3:, :loads_from] = math.nan
     steps = slots.memory["counters"]["steps"][:many]
-    finite = np.isfinite(section).all(axis=(1, 2)) & np.isfinite(highest + lowest + stick_time).all(axis=1)
-    return Runs(engine.name, section, highest, lowest, stick_time, loads, spent * steps / max(int(steps.sum()), 1),
+    finite = np.isfinite(section).all(axis=(1, 2)) & np.isfinite(values[:, :3].sum(axis=1)).all(axis=1)
+    return Runs(engine.name, section, values, spent * steps / max(int(steps.sum()), 1),
                 finite & (np.array(ended) == shell.DONE))
 
 

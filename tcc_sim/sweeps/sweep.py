@@ -317,7 +317,7 @@ def solve_block(systems: Sequence[System], values: Sequence[float], plan: Plan) 
     plan.check(systems[0])
     out: list[Point | None] = [None] * len(systems)
     for at, kept, discarded in _kept_runs(systems, plan):
-        chosen, count = [systems[k] for k in at], discarded + kept.highest.shape[1]
+        chosen, count = [systems[k] for k in at], discarded + kept.values.shape[2]
         summaries, sections = summaries_of(kept, [system.cycle for system in chosen], discarded)
         if plan.discard == "auto":
             summaries = [summary if summary.settled or summary.runaway else dataclasses.replace(summary, transient=True)
@@ -390,10 +390,9 @@ def summaries_of(runs: Runs, cycles: Sequence[float], dropped: int) -> tuple[lis
     cycles : (m,) length of an engine cycle of each run, s
     dropped : number of cycles dropped before, from cycle 0 on
     """
-    section, high, low = runs.section, runs.highest, runs.lowest
-    count = high.shape[1]
+    section, count = runs.section, runs.values.shape[2]
     most = steady.longest_tried(count + 1)
-    points = section / np.array([steady.sizes_of(*each) for each in zip(section, high, low)])[:, None]
+    points = section / np.array([steady.sizes_of(each, *runs.values[k, :2]) for k, each in enumerate(section)])[:, None]
     repeating = ([Periodicity(*each, most) for each in repetitions(points, most, steady.TOLERANCE)] if most else
                  [steady.of_points(each, most, steady.TOLERANCE) for each in points])
     out, sections = list[Summary](), list[Floats]()

@@ -50,10 +50,8 @@ RUNS = [*(orbit(p) for p in range(1, 18)), *(orbit(p, noise=1e-9) for p in (1, 2
 
 def stacked(runs):
     """The same runs as one set of arrays."""
-    columns = (np.array([getattr(each, name) for each in runs])
-               for name in ("section", "highest", "lowest", "stick_time"))
-    loads = np.array([each.loads.columns() for each in runs])
-    return Runs("", *columns, loads, np.zeros(len(runs)), np.ones(len(runs), dtype=bool))
+    values = np.array([[each.highest, each.lowest, each.stick_time, *each.loads.columns()] for each in runs])
+    return Runs("", np.array([each.section for each in runs]), values, np.zeros(len(runs)), np.ones(len(runs), bool))
 
 
 def test_every_kind_of_run_is_judged_as_alone():
