@@ -276,11 +276,11 @@ def begin_output(output: Any, slip_speed: float, mode: int) -> None:
 
 
 @fast
-def keep_samples(rows: Any, degree: int, unit: float, x: float, tau: float, period: float, per_cycle: int, output: Any,
-                 samples: Any, angle: bool) -> None:
+def keep_samples(rows: Any, degree: int, unit: float, x: float, tau: float, period: float, store: Store, output: Any,
+                 angle: bool) -> None:
     """Store the samples, uniform in time, before the end of the step: rows of v, theta2, theta2' (and theta1)."""
-    spacing = period / per_cycle
-    first = output.cycle * per_cycle
+    spacing, samples = period / store.per_cycle, store.samples
+    first = output.cycle * store.per_cycle
     end = tau + x * unit
     while output.samples < samples.shape[0] and (output.samples - first) * spacing < end:
         at = min(max(((output.samples - first) * spacing - tau) / unit, 0.0), x)

@@ -178,18 +178,16 @@ expand_stuck = unrolled(stuck)
 
 
 @fast
-def stick_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
-              pulsation: tuple[float, float, float] | None, state: Any, drive: Any, remaining: float, rows: Any,
-              workspace: Any) -> Step:
+def stick_arc(bounds: Bounds, terms: Terms, waves: Any, pulsation: Pulsation, state: Any, drive: Any, remaining: float,
+              rows: Any, workspace: Any) -> Step:
     """Return a step in stick of at most `remaining` seconds, to breakaway where |lambda| = r Ts."""
     unit = 1.0 / bounds.stick_rate
-    expand_excitation(rows, LINEAR_ORDER + 1, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None,
-                      drive)
+    expand_excitation(rows, LINEAR_ORDER + 1, unit, state.tau, True, terms, waves, pulsation, None, drive)
     for k in range(LINEAR_ORDER + 1):
         rows[SLIP, k] = 0.0
     rows[ANGLE, 0] = state.plate_angle
     rows[SPEED, 0] = state.plate_speed
-    expand_stuck(LINEAR_ORDER, rows, unit, linear, bounds.ratio, pulsation)
+    expand_stuck(LINEAR_ORDER, rows, unit, terms.linear, bounds.ratio, pulsation)
     torque = bounds.torque_tolerance * 1e12
     longest = series.ENDLESS
     for k in range(LINEAR_ORDER - 1, LINEAR_ORDER + 1):
@@ -270,11 +268,10 @@ def accelerations_at(linear: Linear, v: float, state: Any, engine: float, fricti
 
 
 @fast
-def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mean_load: float,
-             pulsation: tuple[float, float, float] | None, stribeck: Stribeck, state: Any, drive: Any,
+def slip_arc(bounds: Bounds, terms: Terms, waves: Any, pulsation: Pulsation, stribeck: Stribeck, state: Any, drive: Any,
              remaining: float, rows: Any, workspace: Any) -> Step:
     """Return a step in slip, or without load, of at most `remaining` s, to v = 0, or to the speed `far`."""
-    mode, v = state.mode, state.slip_speed
+    mode, v, linear = state.mode, state.slip_speed, terms.linear
     sign = 0.0 if mode == FREE else float(mode)
     rows[SLIP, 0] = v
     rows[ANGLE, 0] = state.plate_angle
@@ -294,11 +291,10 @@ def slip_arc(bounds: Bounds, linear: Linear, mean_torque: float, waves: Any, mea
             acceleration = abs(accelerations_at(linear, v, state, drive.torque, friction)[0])
             slope = (1.0 / linear.flywheel + 1.0 / linear.plate) * drive.load * steepness(sign * v, stribeck)
             unit = 1.0 / (bounds.slip_rate + series.fastest_at(stribeck, sign * v) * acceleration + slope)
-            expand_excitation(rows, order, unit, state.tau, True, mean_torque, waves, mean_load, pulsation, None, drive)
+            expand_excitation(rows, order, unit, state.tau, True, terms, waves, pulsation, None, drive)
             series.expand(order, rows, unit, linear, sign, pulsation, stribeck, excess, None, None, None)
     if not falling:
-        expand_excitation(rows, order, unit, state.tau, mode != FREE, mean_torque, waves, mean_load, pulsation, None,
-                          drive)
+        expand_excitation(rows, order, unit, state.tau, mode != FREE, terms, waves, pulsation, None, drive)
         series.expand(order, rows, unit, linear, sign, pulsation, None, None, None, None, None)
     longest = remaining / unit
     x = series_length(rows, order, longest, bounds.truncation, bounds.speed_scale)
@@ -363,7 +359,7 @@ def begin(setup: Setup, state: Any, drive: Any) -> None:
     if bounds.clamped:
         state.load_edge, loaded = series.clamp_edge(state.tau, math.inf, state.shift, terms.mean_load, terms.pulsation,
                                                     None)
-    excite(state.tau, state.shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, None, drive)
+    excite(state.tau, state.shift, loaded, terms, waves, terms.pulsation, None, drive)
     if not loaded:
         state.mode = FREE
     elif state.slip_speed != 0.0:
@@ -379,13 +375,11 @@ def step_on(setup: Setup, memory: Memory, goal: float) -> Step:
     bounds, terms, _, waves, _ = setup
     state, _, drive, work, _, _ = memory
     remaining = min(goal, state.load_edge) - state.tau
-    excite(state.tau, state.shift, state.mode != FREE, terms.mean_torque, waves, terms.mean_load, terms.pulsation,
-           None, drive)
+    excite(state.tau, state.shift, state.mode != FREE, terms, waves, terms.pulsation, None, drive)
     if state.mode == STICK:
-        return stick_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, state, drive,
-                         remaining, work.rows, work.bernstein)
-    return slip_arc(bounds, terms.linear, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.stribeck,
-                    state, drive, remaining, work.rows, work.bernstein)
+        return stick_arc(bounds, terms, waves, terms.pulsation, state, drive, remaining, work.rows, work.bernstein)
+    return slip_arc(bounds, terms, waves, terms.pulsation, terms.stribeck, state, drive, remaining, work.rows,
+                    work.bernstein)
 
 
 @fast
@@ -419,7 +413,7 @@ def finish(setup: Setup, memory: Memory, step: Step, goal: float, angle: bool) -
                                                                        and state.slip_speed >= 0.0)
     if step.event == REST or (stopped and state.at_rest == 0 and step.event != LAW_VARIES):
         state.slip_speed = 0.0
-        excite(state.tau, state.shift, True, terms.mean_torque, waves, terms.mean_load, terms.pulsation, None, drive)
+        excite(state.tau, state.shift, True, terms, waves, terms.pulsation, None, drive)
         state.mode = mode_at_rest(state, drive, bounds, terms.linear)
         state.at_rest = 1
         return True
@@ -509,13 +503,10 @@ def note_gradient(mode: int, order: int, block: int, group: Any, rows: Any, leas
 
 
 @fast
-def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, ratio: float, groups: Any,
-                 sines: Any, pulsation: Pulsation, workspace: Any, least: Any) -> None:
-    """Store the margin at the end of slip in direction `mode`, before the disturbances pass the event.
-
-    sines : coefficients of `changes.expand_sines` over that step
-    workspace : (LANES,)
-    """
+def note_arrival(mode: int, step: Step, state: Any, drive: Any, linear: Linear, ratio: float, pulsation: Pulsation,
+                 tangent: Tangent) -> None:
+    """Store the margin at the end of slip in direction `mode`, before the disturbances pass the event."""
+    groups, sines, workspace, least = tangent.groups, tangent.along.sines, tangent.shared.workspace, tangent.margins
     flywheel, plate, damping, stiffness = linear.flywheel, linear.plate, linear.damping, linear.stiffness
     both = flywheel + plate
     spring = damping * state.plate_speed + stiffness * state.plate_angle
@@ -749,8 +740,7 @@ def carry_event(mode: int, step: Step, setup: Setup, memory: Memory, tangent: Ta
     if mode in (STICK, FREE) or state.mode in (mode, FREE):
         return True
     if tangent.shared.extended != 0:
-        note_arrival(mode, step, state, drive, terms.linear, bounds.ratio, groups, tangent.along.sines,
-                     terms.pulsation, tangent.shared.workspace, tangent.margins)
+        note_arrival(mode, step, state, drive, terms.linear, bounds.ratio, terms.pulsation, tangent)
     return land(mode, state.mode, state, drive, bounds.ratio, terms.linear, groups)
 
 
@@ -765,8 +755,7 @@ def keep(step: Step, mode: int, tau: float, setup: Setup, memory: Memory, store:
     period, rows = setup.limits.period, work.rows
     first = output.samples
     if store.per_cycle > 0:
-        shell.keep_samples(rows, step.degree, step.unit, step.x, tau, period, store.per_cycle, output,
-                           store.samples, angle)
+        shell.keep_samples(rows, step.degree, step.unit, step.x, tau, period, store, output, angle)
         for i in range(first, output.samples):
             store.samples[i, 4] = mode
     cut = shell.end_of_cycle(tau, state.tau, period, step.unit, step.x)

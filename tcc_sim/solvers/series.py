@@ -322,10 +322,10 @@ def swell_and_rate(tau: float, phase: float, omega: float, row: Any) -> tuple[fl
 
 
 @fast
-def excite(tau: float, shift: float, loaded: bool, mean_torque: float, waves: Any, mean_load: float,
-           pulsation: Pulsation, profile: Any, drive: Any) -> None:
+def excite(tau: float, shift: float, loaded: bool, terms: Terms, waves: Any, pulsation: Pulsation, profile: Any,
+           drive: Any) -> None:
     """Fill `drive` and the sines and cosines of `waves` at tau; Ts is 0 unless `loaded`."""
-    phase, omega, torque, torque_rate, load, load_rate = tau, 1.0, mean_torque, 0.0, mean_load, 0.0
+    phase, omega, torque, torque_rate, load, load_rate = tau, 1.0, terms.mean_torque, 0.0, terms.mean_load, 0.0
     if profile is not None:
         phase, torque, load = reached(tau, profile)
         omega, shift = frequency_at(tau, profile), profile[of.SHIFT]
@@ -353,8 +353,8 @@ def excite(tau: float, shift: float, loaded: bool, mean_torque: float, waves: An
 
 
 @fast
-def expand_excitation(rows: Any, count: int, unit: float, tau: float, loaded: bool, mean_torque: float, waves: Any,
-                      mean_load: float, pulsation: Pulsation, profile: Any, drive: Any) -> None:
+def expand_excitation(rows: Any, count: int, unit: float, tau: float, loaded: bool, terms: Terms, waves: Any,
+                      pulsation: Pulsation, profile: Any, drive: Any) -> None:
     """Fill the first `count` Taylor coefficients in t/unit of Te and Ts about tau, for which `drive` and `waves` are
     filled. Of a constant load only coefficient 0 is written.
     """
@@ -364,17 +364,17 @@ def expand_excitation(rows: Any, count: int, unit: float, tau: float, loaded: bo
         if waves.shape[0] == 0:
             for k in range(COLUMNS):
                 rows[ENGINE, k] = 0.0
-            rows[ENGINE, 0] = mean_torque
+            rows[ENGINE, 0] = terms.mean_torque
         for i in range(waves.shape[0]):
             sine, cosine = waves[i].amplitude * waves[i].sine, waves[i].amplitude * waves[i].cosine
             if i == 0:
-                expand_sine(count - 1, rows[ENGINE], mean_torque, sine, cosine, waves[i].rate * unit)
+                expand_sine(count - 1, rows[ENGINE], terms.mean_torque, sine, cosine, waves[i].rate * unit)
             else:
                 expand_sine(count - 1, rows[ENGINE], None, sine, cosine, waves[i].rate * unit)
         if pulsation is None:
-            rows[LOAD, 0] = mean_load if loaded else 0.0
+            rows[LOAD, 0] = terms.mean_load if loaded else 0.0
         elif loaded:
-            expand_sine(count - 1, rows[LOAD], mean_load, pulsation[0] * drive.load_sine,
+            expand_sine(count - 1, rows[LOAD], terms.mean_load, pulsation[0] * drive.load_sine,
                         pulsation[0] * drive.load_cosine, pulsation[1] * unit)
         else:
             for k in range(COLUMNS):

@@ -367,8 +367,7 @@ def series_step(place: Place, friction: LocalFriction, remaining: float, loaded:
     rows[series.SLIP, 0] = state.slip_speed
     rows[series.ANGLE, 0] = state.plate_angle
     rows[series.SPEED, 0] = state.plate_speed
-    series.expand_excitation(rows, order, unit, state.tau, loaded, terms.mean_torque, waves, terms.mean_load,
-                             terms.pulsation, terms.profile, drive)
+    series.expand_excitation(rows, order, unit, state.tau, loaded, terms, waves, terms.pulsation, terms.profile, drive)
     expand_region(order, rows, unit, terms, limits.sigma, place, friction, terms.pulsation, terms.stribeck)
     x = series_length(rows, order, place.slip_tolerance, place.speed_tolerance)
     x = min(x, min(remaining, 0.5 * limits.period) / unit)

@@ -498,8 +498,7 @@ def keep(step: Step, degree: int, x: float, cut: float, first: int, limits: Limi
     else:
         begun = float(profile[STARTED])
     if store.per_cycle > 0:
-        shell.keep_samples(work.rows, degree, step.unit, x, state.tau, limits.period, store.per_cycle, output,
-                           store.samples, angle)
+        shell.keep_samples(work.rows, degree, step.unit, x, state.tau, limits.period, store, output, angle)
     behind = shell.keep_modes(work.rows, degree, step.unit, x, cut, begun + state.tau, limits.speeds.stick, output,
                               store.transitions, store.loads, work.bernstein)
     shell.keep_cycle(work.rows, degree, x, cut, behind, output, store.cycles, work.bernstein)
@@ -534,7 +533,7 @@ def take_step(first: int, count: int, tail: float, setup: Setup, memory: Memory,
     tau, period = state.tau, limits.period
     edge, loaded = clamp_edge(tau, tau + 2.0 * period, state.shift, terms.mean_load, terms.pulsation, terms.profile)
     stop = min(edge, (count - output.cycle) * period + tail)
-    excite(tau, state.shift, loaded, terms.mean_torque, waves, terms.mean_load, terms.pulsation, terms.profile, drive)
+    excite(tau, state.shift, loaded, terms, waves, terms.pulsation, terms.profile, drive)
     place = region_of(state, loaded, control, limits, terms, drive)
     friction = smoothed.friction_here(place, state, limits, terms, drive)
     if smoothed.choose_method(place, friction, edge - tau, state, control, limits, terms, drive, tables):
