@@ -157,8 +157,6 @@ class Function:
                  result: Kind | None = None) -> None:
         self._library, self._title = library, source.__name__
         self._globals = {**vars(builtins), **source.__globals__}
-        self._names: dict[str, Text] = {}
-        """Local names that stand for an expression, with it."""
         self._locals: dict[str, Kind] = {}
         self._written: list[str] = []
         self._depth, self._fresh = 0, 0
@@ -169,9 +167,9 @@ class Function:
         given = list(zip([*parameters, *further], kinds))
         self._kinds: dict[str, Kind] = dict(given)
         """Types of parameters and, later, of assigned names."""
-        for parameter, kind in given:
-            if isinstance(kind, Static):
-                self._names[parameter] = str(int(bool(kind.value))), kind
+        self._names: dict[str, Text] = {name: (str(int(bool(kind.value))), kind) for name, kind in given
+                                        if isinstance(kind, Static)}
+        """Local names that stand for an expression, with it."""
         if tree.args.vararg:
             self._names[tree.args.vararg.arg] = "", Items(tuple((word(one), self._kinds[one]) for one in further))
         self.text, self._wanted, self._returned = "", result, list[Kind]()
@@ -253,13 +251,11 @@ class Function:
         self._returned.append(kind)
         wanted = self._wanted if self._wanted is not None else kind
         self.text = text
-        if not isinstance(wanted, Pointed):
-            text = self._as((text, kind), wanted)
+        if isinstance(wanted, Pointed):
+            self._assign_to("*made", (text, kind), wanted)
+            self._put("return;")
         else:
-            check(kind == wanted)
-            self._put(f"*made = {target_of(text)};")
-            text = ""
-        self._put(f"return {text};".replace(" ;", ";"))
+            self._put(f"return {self._as((text, kind), wanted)};")
 
     def _for(self, node: ast.For) -> None:
         """Print a loop: unrolled if its items are known, and over whole numbers otherwise."""
