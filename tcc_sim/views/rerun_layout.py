@@ -5,10 +5,9 @@ beside a recording, with which Rerun shows the signals of the MCAP file without 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,19 +20,22 @@ from tcc_sim.views import style
 ELAPSED = "elapsed"
 """Timeline of the views: simulation time that continues to rise when a reset sets simulation time back."""
 SIMULATION = "sim_time"
-STATES = {-1: "slip -", 0: "stick", 1: "slip +"}
+STATES = {-1: ("slip -", style.RED), 0: ("stick", style.GREY), 1: ("slip +", style.BLUE)}
 UNKNOWN = 9
 """State of a sample whose slip speed is unknown."""
-STATE_COLOURS = {"slip -": style.RED, "stick": style.GREY, "slip +": style.BLUE}
-LINES = {"torque/engine": ("engine torque (N m)", style.ORANGE),
-         "torque/friction": ("friction torque (N m)", style.BLUE),
+SIGNALS = {"mean_slip": "control/mean", **{row.name: row.view for row in shown()}}
+"""Entity paths of the signals of a controller's test: cycle means, and topics that hold each value until the next one.
+"""
+LINES = {**{row.view: (f"{row.name.replace('_', ' ')} ({row.unit})", style.PURPLE) for row in shown()},
          "slip/speed": ("slip speed (rad/s)", style.BLUE), "plate/angle": ("plate angle (rad)", style.GREEN),
          "plate_speed/speed": ("plate speed (rad/s)", style.PURPLE),
-         "control/mean": ("cycle mean of the slip speed (rad/s)", style.BLUE)}
-_LOOKS = {"control/target": ("target (rad/s)", style.RED), "pressure/applied": ("applied (Pa)", style.GREEN),
-          "pressure/command": ("commanded (Pa)", style.ORANGE),
-          "torque/engine_command": ("engine torque commanded (N m)", style.YELLOW)}
-"""Names and colours of signals that hold each value until the next one, where they are not those of the topic."""
+         "torque/engine": ("engine torque (N m)", style.ORANGE),
+         "torque/friction": ("friction torque (N m)", style.BLUE),
+         "torque/engine_command": ("engine torque commanded (N m)", style.YELLOW),
+         "control/mean": ("cycle mean of the slip speed (rad/s)", style.BLUE),
+         "control/target": ("target (rad/s)", style.RED), "pressure/applied": ("applied (Pa)", style.GREEN),
+         "pressure/command": ("commanded (Pa)", style.ORANGE)}
+"""Names and colours of lines, by entity path."""
 MARKS = {"cycles/largest": ("largest slip speed (rad/s)", style.BLUE, "circle", 3.0),
          "cycles/smallest": ("smallest slip speed (rad/s)", style.RED, "circle", 3.0),
          "event/mark": ("event", style.RED, "diamond", 6.0)}
@@ -56,18 +58,6 @@ VIEWS = {"Slip speed (rad/s)": ("slip", "control"), "Torques (N m)": ("torque",)
          "Stick and slip: -1, 0, 1": ("state",), "Actuation pressure (Pa)": ("pressure",),
          "Far end of the shaft (rad/s)": ("far_end",)}
 """Panels of `Topic.view` in each time series view."""
-
-
-def signals() -> dict[str, tuple[str, str, str]]:
-    """Return entity path, label and colour of the topics that are shown by themselves, by name."""
-    return {row.name: (row.view, *_LOOKS.get(row.view, (f"{row.name.replace('_', ' ')} ({row.unit})", style.PURPLE)))
-            for row in shown()}
-
-
-def further_panels(names: Collection[str]) -> dict[str, str]:
-    """Return the panels of these topics that the layout has only for them, each with a title."""
-    return {row.panel: f"{row.name.replace('_', ' ').capitalize()} ({row.unit})" for row in reversed(shown())
-            if row.name in names and row.panel not in ("torque", "slip", "control", "pressure")}
 
 
 @dataclass(frozen=True)
@@ -116,13 +106,12 @@ def _ticks(low: float, high: float, intervals: int) -> tuple[float, ...]:
     return tuple(k * step for k in range(math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9) + 1))
 
 
-def blueprint(cycle: float, controlled: bool = False, least: float = 0.0,
-              further: Mapping[str, str] = MappingProxyType({}), length: float = math.inf) -> Any:
+def blueprint(cycle: float, controlled: bool, least: float, topics: Collection[str], length: float) -> Any:
     """Return the blueprint: torques, slip, mode and plate on the left; portrait, maxima, events, summary on the right.
 
     In a test of a controller, its target and the pressures over more cycles replace the plate. The time series show
     `least` seconds, or HISTORY_CYCLES engine cycles where these are longer, but no more than the `length` of all runs,
-    s, so that a short run fills them. `further` panels (`further_panels`) follow.
+    s, so that a short run fills them. Panels of further `topics` follow.
     """
     rrb = rerun().blueprint
 
@@ -131,22 +120,21 @@ def blueprint(cycle: float, controlled: bool = False, least: float = 0.0,
         cursor = rrb.TimeRangeBoundary.cursor_relative
         return cursor(seconds=-min(max(cycles * cycle, least), length)), cursor(seconds=0.0)
 
-    def recent(cycles: float = HISTORY_CYCLES) -> Any:
-        """Return a time axis that follows the cursor."""
-        return rrb.TimeAxis(view_range=rrb.TimeRange(*before(cycles)))
-
     def history(origin: str, name: str, cycles: float = HISTORY_CYCLES, marked: bool = False) -> Any:
         """Return a time series that follows the cursor, optionally with the events marked in it."""
         legend = rrb.PlotLegend(visible=origin in ("torque", "control", "pressure"))
         contents = ["$origin/**", "/event/**"] if marked else "$origin/**"
-        return rrb.TimeSeriesView(origin=origin, name=name, axis_x=recent(cycles), plot_legend=legend,
-                                  contents=contents)
+        recent = rrb.TimeAxis(view_range=rrb.TimeRange(*before(cycles)))
+        return rrb.TimeSeriesView(origin=origin, name=name, axis_x=recent, plot_legend=legend, contents=contents)
 
     plate = [history("plate", "Plate angle (rad)"), history("plate_speed", "Plate speed (rad/s)")]
     control = [history("control", "Target and cycle mean (rad/s)", CONTROL_CYCLES, marked=True),
                history("pressure", "Actuation pressure (Pa)", CONTROL_CYCLES)]
     rows = [history("torque", "Torques (N m)"), history("slip", "Slip speed (rad/s)", marked=True),
-            rrb.StateTimelineView(origin="state", name="Stick and slip", time_view=recent())]
+            rrb.StateTimelineView(origin="state", name="Stick and slip", time_view=rrb.TimeAxis(
+                view_range=rrb.TimeRange(*before(HISTORY_CYCLES))))]
+    further = {row.panel: title_of(row) for row in reversed(shown())
+               if row.name in topics and row.panel not in ("torque", "slip", "control", "pressure")}
     last = [history(panel, title, CONTROL_CYCLES) for panel, title in further.items()]
     histories = rrb.Vertical(*rows, *(control if controlled else plate), *last,
                              row_shares=[3, 3, 1.6, *((3, 2.5) if controlled else (2, 2)), *(2 for _ in last)])
@@ -184,14 +172,13 @@ def looks(controlled: bool) -> Iterator[tuple[str, Any]]:
     """Yield entity paths and components that are sent once: names, units and colours."""
     rr = rerun()
     for path, (name, colour) in LINES.items():
-        yield path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5)
-    for path, name, colour in signals().values():
-        if controlled or path.startswith("torque"):
-            yield path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5, interpolation_mode="StepAfter")
+        held = {"interpolation_mode": "StepAfter"} if path in {row.view for row in shown()} else {}
+        if controlled or not held or path.startswith("torque"):
+            yield path, rr.SeriesLines(names=name, colors=rgb(colour), widths=1.5, **held)
     for path, (name, colour, marker, size) in MARKS.items():
         yield path, rr.SeriesPoints(names=name, colors=rgb(colour), markers=marker, marker_sizes=size)
-    yield "state", rr.StateConfiguration(values=list(STATE_COLOURS), labels=list(STATE_COLOURS),
-                                         colors=[rgb(c) for c in STATE_COLOURS.values()])
+    names, colours = zip(*STATES.values())
+    yield "state", rr.StateConfiguration(values=names, labels=names, colors=list(map(rgb, colours)))
     yield "phase/orbit", rr.LineStrips2D.from_fields(colors=rgb(style.BLUE), radii=rr.Radius.ui_points(0.4))
     yield "phase/section", rr.Points2D.from_fields(colors=rgb(style.RED), radii=rr.Radius.ui_points(3.0))
 
@@ -212,13 +199,12 @@ def write_layout(recording: Path) -> Path:
     path, rrb = files[0].with_suffix(".rbl"), rerun().blueprint
     rows = [row for row in TOPICS if row.view and row.type in PARTS]
     views = {title: [row for row in rows if row.panel in panels] for title, panels in VIEWS.items()}
-    known = [row for shown in views.values() for row in shown]
-    views |= {f"{row.name.replace('_', ' ').capitalize()} ({row.unit})": [row] for row in rows if row not in known}
-    shown = [rrb.TimeSeriesView(origin="/", name=title, contents=[f"/{row.name}" for row in shown],
-                                overrides={f"/{row.name}": _line_of(row) for row in shown})
-             for title, shown in views.items()]
-    shown.append(rrb.TimeSeriesView(origin="/joint_states", name="Joint states"))  # Rerun draws it without a mapping.
-    blueprint = rrb.Blueprint(rrb.Vertical(*shown), collapse_panels=True, auto_views=False)
+    views |= {title_of(row): [row] for row in rows if not any(row in part for part in views.values())}
+    series = [rrb.TimeSeriesView(origin="/", name=title, contents=[f"/{row.name}" for row in part],
+                                 overrides={f"/{row.name}": _line_of(row) for row in part})
+              for title, part in views.items()]
+    series.append(rrb.TimeSeriesView(origin="/joint_states", name="Joint states"))  # Rerun draws it without a mapping.
+    blueprint = rrb.Blueprint(rrb.Vertical(*series), collapse_panels=True, auto_views=False)
     try:
         path.open("xb").close()
         blueprint.save(path.stem, str(path))
@@ -227,6 +213,11 @@ def write_layout(recording: Path) -> Path:
     except OSError as error:
         raise InputError(f"{path} cannot be written: {error.strerror}") from None
     return path
+
+
+def title_of(row: Topic) -> str:
+    """Return the title of a panel of one topic."""
+    return f"{row.name.replace('_', ' ').capitalize()} ({row.unit})"
 
 
 def _line_of(row: Topic) -> Any:

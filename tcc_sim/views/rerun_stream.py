@@ -12,8 +12,9 @@ from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures import wait as wait_for
+from contextlib import AbstractContextManager
+from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ _ENDING = 3.0
 """Longest wait for Rerun to end after a failure, s: sometimes it waits for ever for a writer that has ended."""
 
 
-class RerunStream:
+class RerunStream(AbstractContextManager["RerunStream"]):
     """Stream of a run to a file, a started viewer or a running one; a context manager.
 
     The phase portrait shows the slip speed over the plate angle. It has one strip for each engine cycle, and shows the
@@ -83,7 +84,6 @@ class RerunStream:
         self._file = file
         self._cycle = cycle
         self._state: int | None = None
-        self._elapsed_ns = 0
         self._offset_ns = 0
         self._last_ns: int | None = None
         self._strip: Floats = np.empty((0, 2))
@@ -100,7 +100,7 @@ class RerunStream:
         self.recording = self._rr.RecordingStream("tcc_sim", send_properties=True)
         self.recording.set_log_time_enabled(False)
         self.recording.set_log_tick_enabled(False)
-        shown = layout.blueprint(cycle, controlled, history, layout.further_panels(topics), length)
+        shown = layout.blueprint(cycle, controlled, history, topics, length)
         try:
             if file is not None:
                 _writable(file, LAYOUT)  # Rerun would wait for ever for a writer that ends here.
@@ -117,11 +117,7 @@ class RerunStream:
                 file.unlink(missing_ok=True)
             raise
 
-    def __enter__(self) -> RerunStream:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self.close(wait=kind is None)
 
     def samples(self, stamp_ns: NDArray[np.int64], slip_speed: Floats, plate_angle: Floats, plate_speed: Floats,
@@ -142,24 +138,20 @@ class RerunStream:
         if self._last_ns is None:
             self._event(int(stamp_ns[0]), "the first state that is shown", "INFO")
         elif new_run:
-            self._offset_ns = self._elapsed_ns + 1_000_000 - int(stamp_ns[0])
+            self._offset_ns += self._last_ns + 1_000_000 - int(stamp_ns[0])
             self._strip, self._state, self._cycle_number = np.empty((0, 2)), None, None
             self._mark(int(stamp_ns[0]), "simulation time starts again: the driveline was reset or restarted")
         before = stamp_ns[0] if new_run or self._last_ns is None else self._last_ns
         gaps = np.flatnonzero(np.diff(stamp_ns, prepend=before) > longest) if longest else np.empty(0, np.int64)
         stamp_ns = np.insert(stamp_ns, gaps, np.append(before, stamp_ns)[gaps] + longest // 2)
-        engine_torque, friction_torque, slip_speed, plate_angle, plate_speed = (
-            np.insert(values, gaps, math.nan) for values in (
-                engine_torque, friction_torque, slip_speed, plate_angle, plate_speed))
-        state = np.where(np.isfinite(slip_speed), np.insert(state, gaps, layout.UNKNOWN), layout.UNKNOWN)
-        for path, values in (("torque/engine", engine_torque), ("torque/friction", friction_torque),
-                             ("slip/speed", slip_speed), ("plate/angle", plate_angle),
-                             ("plate_speed/speed", plate_speed)):
+        slip_speed, plate_angle, *others = (np.insert(values, gaps, math.nan) for values in (
+            slip_speed, plate_angle, plate_speed, engine_torque, friction_torque))
+        for path, values in zip(("slip/speed", "plate/angle", "plate_speed/speed", "torque/engine", "torque/friction"),
+                                (slip_speed, plate_angle, *others)):
             self._line(path, stamp_ns, values)
-        self._lanes(stamp_ns, state)
+        self._lanes(stamp_ns, np.where(np.isfinite(slip_speed), np.insert(state, gaps, layout.UNKNOWN), layout.UNKNOWN))
         self._orbit(stamp_ns, plate_angle, slip_speed)
         self._last_ns = int(stamp_ns[-1])
-        self._elapsed_ns = self._last_ns + self._offset_ns
 
     def cycles(self, cycles: Cycles, first: int) -> None:
         """Send the results of whole engine cycles, from number `first` on, after their samples."""
@@ -183,16 +175,15 @@ class RerunStream:
         """
         if self._stalled:
             return
-        paths = {"mean_slip": "control/mean", **{name: path for name, (path, *_) in layout.signals().items()}}
         for name, (stamps, values) in signals.items():
             if len(stamps):
-                self._line(paths[name], stamps, values)
+                self._line(layout.SIGNALS[name], stamps, values)
                 if name != "mean_slip":
                     self._held[name] = float(values[-1])
                 elif np.isfinite(values).any():
                     self._mean = float(values[np.isfinite(values)][-1])
         for name, value in self._held.items() if self._last_ns is not None else ():  # They hold up to here.
-            self._line(paths[name], np.array([self._last_ns]), np.array([value]))
+            self._line(layout.SIGNALS[name], np.array([self._last_ns]), np.array([value]))
         for event in events:
             self._mark(round(event.t * 1e9), event.text)
 
@@ -309,7 +300,7 @@ class RerunStream:
         changed = np.flatnonzero(state != before)
         self._state = int(state[-1])
         if len(changed):
-            names = [layout.STATES.get(s, "") for s in state[changed].tolist()]  # An empty one ends the lane.
+            names = [layout.STATES.get(s, ("",))[0] for s in state[changed].tolist()]  # An empty one ends the lane.
             self._send("state", stamp_ns[changed], self._rr.StateChange.columns(state=names))
 
     def _orbit(self, stamp_ns: NDArray[np.int64], plate_angle: Floats, slip_speed: Floats) -> None:
@@ -319,22 +310,20 @@ class RerunStream:
         before = number[0] if self._cycle_number is None else self._cycle_number
         starts = np.flatnonzero(np.diff(number, prepend=before))
         self._cycle_number = int(number[-1])
-        strips, ends, counts = [], [], []
-        for part, end in zip(np.split(points, starts), [*starts.tolist(), None]):
-            self._strip = np.concatenate([self._strip, part])
-            if end is not None:
-                strip = np.concatenate([self._strip, points[end:end + 1]])
-                known = np.isfinite(strip).all(axis=1)
-                parts = [part[np.isfinite(part).all(axis=1)] for part in np.split(strip, np.flatnonzero(~known))]
-                parts = [part for part in parts if len(part) > 1]
-                strips += parts
-                counts.append(len(parts))
-                ends.append(end)
-                self._strip = np.empty((0, 2))
+        whole, cuts = np.concatenate([self._strip, points]), [0, *(starts + len(self._strip)).tolist()]
+        strips: list[Floats] = []
+        counts: list[int] = []
+        for begin, end in pairwise(cuts):
+            strip = whole[begin:end + 1]
+            parts = [part[np.isfinite(part).all(axis=1)]
+                     for part in np.split(strip, np.flatnonzero(~np.isfinite(strip).all(axis=1)))]
+            strips += [part for part in parts if len(part) > 1]
+            counts.append(len(strips) - sum(counts))
+        self._strip = whole[cuts[-1]:]
         if strips:
             self._extents.extend(np.stack([strip.min(axis=0), strip.max(axis=0)]) for strip in strips)
             self._frame()
-            self._send("phase/orbit", stamp_ns[ends], self._rr.LineStrips2D.columns(strips=strips).partition(counts))
+            self._send("phase/orbit", stamp_ns[starts], self._rr.LineStrips2D.columns(strips=strips).partition(counts))
 
     def _frame(self) -> None:
         """Send new axes of the portrait if its cycles exceed the present ones or use only a small part of one."""
