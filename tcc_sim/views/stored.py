@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,9 +39,6 @@ class Record(SimpleNamespace):
 
     def __getitem__(self, name: str) -> Any:
         return vars(self)[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(vars(self))
 
     @staticmethod
     def of(value: Any) -> Any:
