@@ -14,9 +14,10 @@ import numpy as np
 
 from tcc_sim.shown_units import speed
 from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED
+from tcc_sim.study.basins.results import Planes
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel
-from tcc_sim.views.style import AxisQuantity, quantities
+from tcc_sim.views.style import AxisQuantity
 from tcc_sim.views.sweeps import draw_cells, edges
 
 MARKS = {"fold": ("o", "fold"), "period_doubling": ("s", "period doubling"), "neimark_sacker": ("D", "Neimark-Sacker"),
@@ -38,8 +39,9 @@ def branch_panels(values: Mapping[str, Any], unstable: str = "period {}, unstabl
         """Draw a line or a mark, whose name the legend has once."""
         axis.plot(x, y, label=None if name in axis.get_legend_handles_labels()[1] else name, **look)
 
+    over = style.quantity_of(values["over"])
+
     def branches(axis: Any) -> None:
-        quantities(axis, style.quantity_of(values["over"]), style.MAX_SLIP)
         for number, branch in enumerate(values["branches"]):
             parts = zip(stable_and_unstable(values, number), ("-", UNSTABLE), ("period {}, stable", unstable))
             for (x, y), dashes, name in parts:
@@ -61,10 +63,10 @@ def branch_panels(values: Mapping[str, Any], unstable: str = "period {}, unstabl
                           color=style.INK)
                 axis.annotate(point["kind"].replace("_", " "), (point["value"], point["second"]), (5.0, -10.0),
                               textcoords="offset points", fontsize=6.5)
-        quantities(axis, style.quantity_of(values["over"]), style.quantity_of(values["second_over"]))
 
-    return [Panel("Branches", branches, 2.9),
-            *([Panel("Curves of bifurcations", curves, 2.6)] if values.get("curves") else [])]
+    return [Panel("Branches", branches, 2.9, over, style.MAX_SLIP),
+            *([Panel("Curves of bifurcations", curves, 2.6, over, style.quantity_of(values["second_over"]))]
+              if values.get("curves") else [])]
 
 
 def stable_and_unstable(document: Mapping[str, Any], number: int) -> list[tuple[Any, Any]]:
@@ -100,19 +102,16 @@ def basin_panels(document: Any) -> list[Panel]:
     document : one result or several, or their JSON; to JSON, which has no cells, add the `labels` of the .npz
     """
     if not isinstance(document, Mapping):
-        each = document if isinstance(document, Sequence) else [document]
-        planes = [{**one.as_json(), "labels": one.labels, "over": one.over} for one in each]
-    elif "over" not in document:
-        planes = [{**document, "labels": document.get("labels"), "over": None}]
-    else:
-        planes = [{"over": (document["over"], value), **{name: document[name][k] for name in (
-            "attractors", "undecided", "runaway")}} for k, value in enumerate(document["values"])]
-    if planes[0]["over"] is None:
-        return [Panel("", partial(_map, plane=planes[0]), 4.2)]
-    return [Panel("", partial(_fractions, planes=planes), 3.4)]
+        planes = Planes(document if isinstance(document, Sequence) else [document])
+        document = {**planes.as_json(), "labels": planes.planes[0].labels}
+    if "over" in document:
+        return [Panel("", partial(_fractions, planes=document), 3.4, style.quantity_of(document["over"]),
+                      AxisQuantity("fraction of the plane"))]
+    x, y = (style.quantity_of(axis["key"]) for axis in document["plane"])
+    return [Panel("", partial(_map, plane=document, labels=document.get("labels")), 4.2, x, y)]
 
 
-def _map(axes: Any, plane: Mapping[str, Any]) -> None:
+def _map(axes: Any, plane: Mapping[str, Any], labels: Any) -> None:
     """Draw the cells, if known, in the colours of their attractors, and the projected section points of these."""
     from matplotlib.colors import to_rgb
 
@@ -120,11 +119,10 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
     colours: list[Any] = [tuple(0.55 ** periods[:k].count(period) * part for part in to_rgb(style.colour_of(period)))
                           for k, period in enumerate(periods)]  # Darker for each further one of a period.
     x, y = np.array(first["values"]), np.array(second["values"])
-    if plane["labels"] is not None:
+    if labels is not None:
         cells: list[Any] = [EXTRAS[RUNAWAY][0], EXTRAS[UNDECIDED][0], *map(style.tint, colours or ["white"])]
-        draw_cells(axes, x, y, np.asarray(plane["labels"], np.float64) - RUNAWAY, cells)
+        draw_cells(axes, x, y, np.asarray(labels, np.float64) - RUNAWAY, cells)
     axes.set(xlim=edges(x)[[0, -1]], ylim=edges(y)[[0, -1]])
-    quantities(axes, style.quantity_of(first["key"]), style.quantity_of(second["key"]))
     states = ("initial.plate_angle", "initial.slip_speed", "initial.plate_speed")
     columns = [states.index(axis["key"]) for axis in plane["plane"]]
     third = next(key for key in states if key not in (first["key"], second["key"]))
@@ -139,7 +137,7 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
                   scalex=False, scaley=False, clip_on=True, **look)
         name = (f"{f'period {periods[k]}' if periodic else 'no period'}, largest slip speed "
                 f"{speed(attractor['max_slip_speed'], 4)} ({100.0 * attractor['fraction']:.3g} %)")
-        if plane["labels"] is not None and np.any(np.asarray(plane["labels"]) == k):
+        if labels is not None and np.any(np.asarray(labels) == k):
             style.key(axes, name, area=True, facecolor=style.tint(colours[k]), edgecolor=look["color"])
         elif len(points):  # Without cells there is no area to name.
             style.key(axes, name, markersize=4.5, **look)
@@ -148,7 +146,7 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
         first_mark = first_mark or (look["marker"] if len(points) else "")
     for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values()):
         if plane[name] > 0.0:
-            blank = plane["labels"] is None
+            blank = labels is None
             style.key(axes, f"{words} ({100 * plane[name]:.3g} %){', not drawn' * blank}", area=True,
                       facecolor="none" if blank else colour, edgecolor="none" if blank else style.GREY)
     if first_mark:
@@ -157,15 +155,13 @@ def _map(axes: Any, plane: Mapping[str, Any]) -> None:
                   color=style.GREY, markersize=4.5)
 
 
-def _fractions(axes: Any, planes: Sequence[Mapping[str, Any]]) -> None:
-    values = [plane["over"][1] for plane in planes]
-    periods = sorted({a["period"] for plane in planes for a in plane["attractors"]}, key=lambda p: (p == 0, p))
+def _fractions(axes: Any, planes: Mapping[str, Any]) -> None:
+    values, each = planes["values"], planes["attractors"]
+    periods = sorted({a["period"] for attractors in each for a in attractors}, key=lambda p: (p == 0, p))
     bands = [(f"period {period}" if period else "no period", style.tint(style.colour_of(period)),
-              [sum(a["fraction"] for a in plane["attractors"] if a["period"] == period) for plane in planes])
+              [sum(a["fraction"] for a in attractors if a["period"] == period) for attractors in each])
              for period in periods]
-    bands += [(words, colour, [plane[name] for plane in planes])
-              for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values())]
+    bands += [(words, colour, planes[name]) for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values())]
     names, colours, rows = zip(*(band for band in bands if any(band[2])))
     axes.stackplot(values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
     axes.set(ylim=(0.0, 1.0), xlim=(min(values), max(values)))
-    quantities(axes, style.quantity_of(planes[0]["over"][0]), AxisQuantity("fraction of the plane"))

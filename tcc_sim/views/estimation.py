@@ -17,14 +17,16 @@ from tcc_sim.scene import SceneLike, system_of
 from tcc_sim.shown_units import speed
 from tcc_sim.solvers.terms import stick_speed_of, terms_of
 from tcc_sim.topics import topic
+from tcc_sim.trajectory import Floats
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel
 from tcc_sim.views.stored import Record
-from tcc_sim.views.style import AxisQuantity, quantities
+from tcc_sim.views.style import AxisQuantity
 from tcc_sim.views.sweeps import numbers
 
-SHOWN = 400
-"""Number of samples of measured and fitted speeds in the picture."""
+SHOWN, POINTS = 400, 801
+"""Number of samples of measured and fitted speeds in the picture, and of points of a friction law."""
+COEFFICIENT = AxisQuantity("friction coefficient")
 
 
 def bode(values: Mapping[str, Any]) -> list[Panel]:
@@ -35,23 +37,19 @@ def bode(values: Mapping[str, Any]) -> list[Panel]:
     about = (f"{values['output']} by {values['input']}".replace("_", " ") + ", mean slip "
              + speed(values["operating_point"]["mean_slip"], 4))
 
-    def curve(axis: Any, y: Any, quantity: AxisQuantity) -> None:
+    def curve(axis: Any, y: Floats) -> None:
         axis.semilogx(values["frequencies"], y, label=name)
-        quantities(axis, style.FREQUENCY, quantity)
 
-    return [Panel(about, partial(curve, y=20.0 * np.log10(np.where(gain > 0.0, gain, np.nan)),
-                                 quantity=AxisQuantity("gain", unit)), 2.3),
-            Panel("phase", partial(curve, y=np.degrees(numbers(values["phase"])),
-                                   quantity=AxisQuantity("phase", "degrees")), 2.0, over=True, named=False)]
+    decibels, degrees = 20.0 * np.log10(np.where(gain > 0.0, gain, np.nan)), np.degrees(numbers(values["phase"]))
+    return [Panel(about, partial(curve, y=decibels), 2.3, style.FREQUENCY, AxisQuantity("gain", unit)),
+            Panel("phase", partial(curve, y=degrees), 2.0, style.FREQUENCY, AxisQuantity("phase", "degrees"),
+                  over=True, named=False)]
 
 
 def identification(document: Any) -> list[Panel]:
     """Return the fit of `identify`, its residuals and parameters; for JSON, which has no samples, only the parameters.
     """
     document = Record.of(document) if isinstance(document, Mapping) else document
-    if isinstance(document.curve, Record):
-        vars(document.curve).update({name: np.array(part) for name, part in vars(document.curve).items()})
-
     residuals, measured, curve = document.residuals or {}, document.measurement, document.curve
 
     def fit(axis: Any) -> None:
@@ -59,12 +57,10 @@ def identification(document: Any) -> list[Panel]:
         data, t = measured.channels["slip_speed"][:len(residual)], measured.t[:len(residual)]
         axis.plot(t[:SHOWN], data[:SHOWN], linestyle="none", marker=".", color=style.GREY, label="measured")
         axis.plot(t[:SHOWN], (data + residual)[:SHOWN], color=style.BLUE, label="fitted")
-        quantities(axis, style.TIME, style.SLIP)
 
     def residual(axis: Any, name: str) -> None:
         values = residuals[name] / document.noise[name]
         axis.plot(measured.t[:len(values)], values, color=style.GREY, linewidth=0.5)
-        quantities(axis, style.TIME, AxisQuantity("residual / noise"))
 
     def friction(axis: Any) -> None:
         v = curve.slip_speeds
@@ -76,12 +72,10 @@ def identification(document: Any) -> list[Panel]:
         axis.fill_between(v, 0.0, 1.0, where=between, transform=axis.get_xaxis_transform(), color=style.GREY, alpha=0.2,
                           linewidth=0.0, label="not visited")
         axis.set_xlim(0.0, v[-1])
-        quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
 
     def likelihood(axis: Any) -> None:
         axis.plot(document.likelihood.values, document.likelihood.excess, marker="o")
         axis.axhline(3.84, color=style.RED, linewidth=0.8, label="95 %")
-        quantities(axis, style.quantity_of(document.likelihood.key), AxisQuantity("chi-square over the least"))
 
     def parameters(axis: Any) -> None:
         found = document.parameters
@@ -94,19 +88,18 @@ def identification(document: Any) -> list[Panel]:
         axis.set_yticks(np.arange(len(found)), [
             p.key.partition(".")[2].replace("_", " ") if not p.key.endswith("offset") else p.key for p in found])
         axis.set_ylim(len(found) - 0.5, -0.5)
-        quantities(axis, AxisQuantity("value and 95 % interval, from the start", "%"))
 
     quality = f"chi-square per degree of freedom {document.chi2_per_dof:.3g}{'' if document.accepted else ': no fit'}"
     panels = [panel for panel, there in (
-        (Panel("Fit", fit), residuals),
-        *((Panel(f"Residual of the {name.replace('_', ' ')}", partial(residual, name=name)), True)
-          for name in residuals),
-        (Panel("Parameters", parameters, named=False), document.parameters),
-        (Panel("Friction", friction, 1.9), curve), (Panel("Likelihood", likelihood), document.likelihood)) if there]
+        (Panel("Fit", fit, 1.6, style.TIME, style.SLIP), residuals),
+        *((Panel(f"Residual of the {name.replace('_', ' ')}", partial(residual, name=name), 1.6, style.TIME,
+                 AxisQuantity("residual / noise")), True) for name in residuals),
+        (Panel("Parameters", parameters, 1.6, AxisQuantity("value and 95 % interval, from the start", "%"),
+               named=False), document.parameters),
+        (Panel("Friction", friction, 1.9, style.SLIP, COEFFICIENT), curve),
+        (Panel("Likelihood", likelihood, 1.6, style.quantity_of(getattr(document.likelihood, "key", "")),
+               AxisQuantity("chi-square over the least")), document.likelihood)) if there]
     return [panels[0]._replace(title=f"{panels[0].title}, {quality}"), *panels[1:]]
-
-
-POINTS = 801
 
 
 def friction_panels(scene: SceneLike) -> list[Panel]:
@@ -134,7 +127,6 @@ def friction_panels(scene: SceneLike) -> list[Panel]:
         points = np.array([law.slip_speeds, law.coefficients])
         axis.plot(*points[:, points[0] <= far], "o", color=style.INK, label=table)
         axis.set(ylim=(0.0, None), xlim=(0.0, far))
-        quantities(axis, style.SLIP, AxisQuantity("friction coefficient"))
 
     def slope(axis: Any) -> None:
         v = np.linspace(0.0, far, POINTS)
@@ -145,11 +137,10 @@ def friction_panels(scene: SceneLike) -> list[Panel]:
                          label="critical slope (22), mean pressure")
         if np.abs(slopes).max() > 10.0 * abs(least):
             axis.set_yscale("symlog", linthresh=10.0 ** math.ceil(math.log10(max(abs(least), 1.0))))
-        quantities(axis, style.SLIP, AxisQuantity("slope", "N m s/rad"))
         axis.set(xlim=(0.0, far), ylim=(min(1.5 * slopes.min(), 1.5 * least, -1e-3),
                                         max(1.5 * slopes.max(), 0.5 * abs(least), 1e-3)))
 
-    return [Panel("Friction law", partial(coefficient, far=far), 2.2),
-            Panel("Close to 0", partial(coefficient, far=3.0 * stick if stick > 0.0 else 0.05 * far, near=True), 2.2,
-                  beside=True),
-            Panel("Slope of the torque", slope, 2.2, beside=True)]
+    close = partial(coefficient, far=3.0 * stick if stick > 0.0 else 0.05 * far, near=True)
+    return [Panel("Friction law", partial(coefficient, far=far), 2.2, style.SLIP, COEFFICIENT),
+            Panel("Close to 0", close, 2.2, style.SLIP, COEFFICIENT, beside=True),
+            Panel("Slope of the torque", slope, 2.2, style.SLIP, AxisQuantity("slope", "N m s/rad"), beside=True)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -25,23 +26,24 @@ FEW, PEAKED = 0.02, 2.0
 """
 LINES = 5
 """Number of decades in a spectrum."""
-SIGNALS = {"slip_speed": style.SLIP, "shaft_torque": AxisQuantity("shaft torque", "N m")}
+SIGNALS = {"shaft_torque": AxisQuantity("shaft torque", "N m"), "slip_speed": style.SLIP}
 SHORT = {"slip_speed": "Slip", "shaft_torque": "Torque"}
 """Names in the titles of narrow panels."""
 ORDER = AxisQuantity("crank order")
-BOX = {"facecolor": "black", "alpha": 0.55, "edgecolor": "none", "pad": 0.8}
-"""Box behind a label in a map."""
+NOTE: dict[str, Any] = {"textcoords": "offset points", "color": "white", "fontsize": 6.5, "bbox": {
+    "facecolor": "black", "alpha": 0.55, "edgecolor": "none", "pad": 0.8}}
+MODE: dict[str, Any] = {"color": "white", "lw": 0.9, "ls": (0, (4, 2))}
+"""Looks of a label and of the line of a mode in a map."""
 
 
 def order_panels(orders: Orders) -> list[Panel]:
     """Return the panels of the orders, over the engine frequency if it always rises or always falls, else over time."""
     orders = orders.with_blanks()
     along, over = _along(orders)
-    ends, judder = (along.min(), along.max()), orders.judder
+    ends, judder, known = (along.min(), along.max()), orders.judder, bool(np.isfinite(orders.shaft_torque).any())
 
     def unmeasured(axis: Any) -> None:
         axis.text(0.5, 0.5, "not measured", transform=axis.transAxes, ha="center", va="center")
-        quantities(axis, over)
 
     def judders(axis: Any) -> None:
         peaks = np.sort(judder.peak[np.isfinite(judder.peak)])
@@ -52,7 +54,6 @@ def order_panels(orders: Orders) -> list[Panel]:
                   label=f"peak ({above} of {len(peaks)} windows off scale)" if above else "peak")
         axis.plot(along, judder.rms, color=style.BLUE, ls=":", label="rms")
         axis.set(ylim=(0.0, top if above else None), xlim=ends)
-        quantities(axis, over, AxisQuantity("slip about its mean", "rad/s"))
 
     def heat(axis: Any) -> None:
         if np.isfinite(orders.heat).any():
@@ -60,93 +61,94 @@ def order_panels(orders: Orders) -> list[Panel]:
         else:
             unmeasured(axis)
         axis.set(ylim=(0.0, None), xlim=ends)
-        quantities(axis, over, style.HEAT)
 
-    known = bool(np.isfinite(orders.shaft_torque).any())
-    maps, cuts = ({of: partial(draw, orders=orders, of=of) if known or of == "slip_speed" else unmeasured
-                   for of in ("shaft_torque", "slip_speed")} for draw in (_map, _cuts))
-    shaft = "shaft_torque" if known else "slip_speed"
-    panels = [*(Panel(SIGNALS[of].name.capitalize(), draw, 2.3, beside=of == "slip_speed", named=False,
-                      alone=maps[shaft]) for of, draw in maps.items()),
-              *(Panel(f"Orders of the {SIGNALS[of].name}", draw, 2.4, beside=of == "slip_speed", over=True)
-                for of, draw in cuts.items()),
-              Panel("Judder", judders, 1.9), Panel("Cumulative heat", heat, 1.6, beside=True)]
+    def panel(of: str, title: str, draw: Callable[..., None], height: float, y: AxisQuantity, **how: Any) -> Panel:
+        there = known or of == "slip_speed"
+        return Panel(title, partial(draw, orders=orders, of=of) if there else unmeasured, height, over,
+                     y if there else None, beside=of == "slip_speed", **how)
+
+    torque, slip = (panel(of, SIGNALS[of].name.capitalize(), _map, 2.3, ORDER, named=False) for of in SIGNALS)
+    panels = [torque._replace(alone=torque if known else slip), slip,
+              *(panel(of, f"Orders of the {SIGNALS[of].name}", _cuts, 2.4, _decibels(of), over=True) for of in SIGNALS),
+              Panel("Judder", judders, 1.9, over, AxisQuantity("slip about its mean", "rad/s")),
+              Panel("Cumulative heat", heat, 1.6, over, style.HEAT, beside=True)]
     if over is not style.TIME:
+        shaft = "shaft_torque" if known else "slip_speed"
         panels.append(Panel(f"Campbell diagram of the {SIGNALS[shaft].name}",
-                            partial(_campbell, orders=orders, of=shaft), 2.7, named=False))
+                            partial(_campbell, orders=orders, of=shaft), 2.7, AxisQuantity("engine speed", "rpm"),
+                            AxisQuantity("frequency", "Hz"), named=False))
     return panels
 
 
 def comparison_panels(comparison: OrderComparison) -> list[Panel]:
     """Return the maps of a measured and a simulated run with their difference, and the cuts of both."""
     runs = {"measured": comparison.measured.with_blanks(), "simulated": comparison.simulated.with_blanks()}
-    measured = runs["measured"]
+    measured, simulated = runs.values()
     along, over = _along(measured)
-    shown = _shown(measured)
 
     def difference(axis: Any, of: str, top: float) -> None:
         """Draw a map of the simulated minus the measured level, blank where both are below the range of the maps."""
-        one, other = (level(getattr(run, of)[:, shown]).T for run in runs.values())
+        (order, one, _), (_, other, _) = (_levels_of(run, of) for run in runs.values())
         apart = np.ma.masked_where(~(np.maximum(one, other) >= top - SHOWN), other - one)
-        _levels(axis, along, measured.order[shown], apart, cmap="RdBu_r", low=-DIFFERENCE, top=DIFFERENCE,
+        _levels(axis, along, order, apart, cmap="RdBu_r", low=-DIFFERENCE, top=DIFFERENCE,
                 label=f"simulated less measured (dB),\nblank below {top - SHOWN:.0f} dB")
         axis.set(ylim=(0.25 * measured.per_revolution, float(measured.order[-1])), xlim=(along.min(), along.max()))
-        quantities(axis, over, ORDER)
 
     def both(axis: Any, of: str) -> None:
         _cuts(axis, measured, of, "_measured", linewidth=2.4, alpha=0.45)
-        _cuts(axis, runs["simulated"], of, "", linewidth=0.9)
+        _cuts(axis, simulated, of, "", linewidth=0.9)
 
-    names = [name for name in SIGNALS if np.isfinite(getattr(measured, name)).any()]
+    names = [name for name in reversed(SIGNALS) if np.isfinite(getattr(measured, name)).any()]
     panels = []
     for name in names:
-        top = max(_top(getattr(run, name), run) for run in runs.values())
-        apart = partial(difference, of=name, top=top)
-        maps = {which: partial(_map, orders=run, of=name, top=top, named=False) for which, run in runs.items()}
-        panels += [Panel(f"{SHORT[name]}, {which}", draw, 2.3, beside=which != "measured", named=False, alone=apart)
-                   for which, draw in {**maps, "difference": apart}.items()]
-    return panels + [Panel("Wide: measured, thin: simulated", partial(both, of=name), 2.4, beside=k > 0)
-                     for k, name in enumerate(names)]
+        top = max(_levels_of(run, name)[2] for run in runs.values())
+        apart = Panel(f"{SHORT[name]}, difference", partial(difference, of=name, top=top), 2.3, over, ORDER,
+                      beside=True, named=False)
+        panels += [*(Panel(f"{SHORT[name]}, {which}", partial(_map, orders=run, of=name, top=top, named=False), 2.3,
+                           _along(run)[1], ORDER, beside=run is simulated, alone=apart, named=False)
+                     for which, run in runs.items()), apart]
+    return panels + [Panel("Wide: measured, thin: simulated", partial(both, of=name), 2.4, _along(simulated)[1],
+                           _decibels(name), beside=k > 0) for k, name in enumerate(names)]
 
 
 def spectrum_panels(spectrum: Spectrum) -> list[Panel]:
     """Return the spectra of slip speed and shaft torque over the crank order."""
-    return [Panel(f"Spectrum of the {quantity.name}", partial(_spectrum, spectrum=spectrum, name=name), 2.4,
-                  beside=name == "shaft_torque") for name, quantity in SIGNALS.items()]
+    return [Panel(f"Spectrum of the {name}", partial(_spectrum, spectrum=spectrum, of=of), 2.4, ORDER,
+                  AxisQuantity("density", f"({unit})$^2$/Hz") if getattr(spectrum, of) is None else
+                  AxisQuantity("amplitude", unit), beside=of == "shaft_torque")
+            for of, (name, unit, _) in reversed(SIGNALS.items())]
 
 
-def _spectrum(axis: Any, spectrum: Spectrum, name: str) -> None:
+def _spectrum(axis: Any, spectrum: Spectrum, of: str) -> None:
     """Draw lines over the order, sub-harmonics in red, or a density; the upper axis is the frequency."""
-    values, unit = getattr(spectrum, name), SIGNALS[name].unit
-    order = spectrum.order[1:]
-    if values is not None:
-        heights = values[1:]
+    lines, order = getattr(spectrum, of) is not None, spectrum.order[1:]
+    heights = getattr(spectrum, of if lines else f"{of}_density")[1:]
+    top = float(np.nanmax(heights, initial=1e-12))
+    low = top * 10.0**-(LINES if lines else 2 * LINES)
+    if lines:
         marked = np.isclose(order[:, None], spectrum.subharmonics[None, :]).any(axis=1)
-        top = float(np.nanmax(heights, initial=1e-12))
         for mine, colour, label in ((~marked, style.BLUE, "amplitude"), (marked, style.RED, "sub-harmonic")):
-            shown = mine & (heights >= top * 10.0**-LINES * (1.0 - 1e-9))
+            shown = mine & (heights >= low * (1.0 - 1e-9))
             if shown.any():
-                axis.vlines(order[shown], top * 10.0**-LINES, heights[shown], color=colour, linewidth=1.0)
+                axis.vlines(order[shown], low, heights[shown], color=colour, linewidth=1.0)
                 axis.plot(order[shown], heights[shown], linestyle="none", marker="o", markersize=2.4, color=colour,
                           label=label)
-        quantity = AxisQuantity("amplitude", unit)
     else:
-        heights = getattr(spectrum, f"{name}_density")[1:]
-        top = float(np.nanmax(heights, initial=1e-12))
         axis.plot(order, heights, color=style.BLUE, linewidth=0.7)
-        quantity = AxisQuantity("density", f"({unit})$^2$/Hz")
-    axis.set(yscale="log", ylim=(top * 10.0**-(LINES if values is not None else 2 * LINES), 3.0 * top),
-             xlim=(0.0, float(order[-1])))
-    quantities(axis, ORDER, quantity)
+    axis.set(yscale="log", ylim=(low, 3.0 * top), xlim=(0.0, float(order[-1])))
     each = float(spectrum.frequency[-1] / spectrum.order[-1])
     above = axis.secondary_xaxis("top", functions=(lambda x: x * each, lambda x: x / each))
     quantities(above, style.FREQUENCY)
     above.spines["top"].set_visible(True)
 
 
+def _decibels(of: str) -> AxisQuantity:
+    return AxisQuantity(SIGNALS[of].name, f"dB re 1 {SIGNALS[of].unit}")
+
+
 def _cuts(axis: Any, orders: Orders, of: str, which: str = "", **look: Any) -> None:
     """Draw the first orders along the run, dB; with names of their own, or a label `which` that no legend shows."""
-    along, name = _along(orders)
+    along, _ = _along(orders)
     curves = {order: level(orders.cut(order, of)) for order in orders.cuts}
     top = max(float(np.nanmax(curve)) for curve in curves.values())
     for colour, (order, curve) in zip(style.CYCLE, curves.items()):
@@ -155,7 +157,6 @@ def _cuts(axis: Any, orders: Orders, of: str, which: str = "", **look: Any) -> N
         elif not which:
             style.key(axis, f"order {order:g}, below {top - SHOWN:.0f} dB", linestyle="none")
     axis.set(ylim=(top - SHOWN, top + 0.05 * SHOWN), xlim=(along.min(), along.max()))
-    quantities(axis, name, AxisQuantity(SIGNALS[of].name, f"dB re 1 {SIGNALS[of].unit}"))
 
 
 def _along(orders: Orders) -> tuple[Floats, AxisQuantity]:
@@ -166,33 +167,28 @@ def _along(orders: Orders) -> tuple[Floats, AxisQuantity]:
     return (orders.frequency, style.ENGINE) if rises else (orders.time, style.TIME)
 
 
-def _top(amplitude: Floats, orders: Orders) -> float:
-    return float(5.0 * np.ceil(float(np.nanmax(level(amplitude[:, _shown(orders)]))) / 5.0))
-
-
-def _shown(orders: Orders) -> Any:
-    return orders.order > 0.25 * orders.per_revolution
+def _levels_of(orders: Orders, of: str) -> tuple[Floats, Floats, float]:
+    """Return the orders in maps, (m,), their levels along the run, (m, n), dB, and the upper end of the maps' range."""
+    shown = orders.order > 0.25 * orders.per_revolution
+    levels = level(getattr(orders, of)[:, shown]).T
+    return orders.order[shown], levels, float(5.0 * np.ceil(float(np.nanmax(levels)) / 5.0))
 
 
 def _map(axis: Any, orders: Orders, of: str, top: float | None = None, named: bool = True) -> None:
     """Draw an order map of a signal with the two linear modes, which may be named."""
-    (along, over), shown, amplitude = _along(orders), _shown(orders), getattr(orders, of)
-    levels = level(amplitude[:, shown]).T
-    top = _top(amplitude, orders) if top is None else top
-    _levels(axis, along, orders.order[shown], levels, f"dB re 1 {SIGNALS[of].unit}", top,
-            ticks=np.arange(top - SHOWN, top + 1.0, 10.0))
+    (along, _), (shown, levels, own) = _along(orders), _levels_of(orders, of)
+    top = own if top is None else top
+    _levels(axis, along, shown, levels, _decibels(of).unit, top, ticks=np.arange(top - SHOWN, top + 1.0, 10.0))
     lowest, highest = 0.25 * orders.per_revolution, float(orders.order[-1])
     for omega, name in zip(orders.modes, ("stuck", "slipping")):
         order = orders.per_revolution * omega / orders.frequency
-        axis.plot(along, np.where((order <= highest) & (order >= lowest), order, np.nan), color="white", lw=0.9,
-                  ls=(0, (4, 2)))
+        axis.plot(along, np.where((order <= highest) & (order >= lowest), order, np.nan), **MODE)
         inside = np.flatnonzero((order >= lowest) & (order <= 0.95 * highest) & (along < along.mean()))
         if named and len(inside):
             at = inside[np.argmax(np.abs((order[inside] / orders.per_revolution + 0.5) % 1.0 - 0.5))]  # Between orders.
-            axis.annotate(f"{name}, {frequency(omega, 4)}", (along[at], order[at]), xytext=(4, 0), color="white",
-                          textcoords="offset points", fontsize=6.5, va="center", bbox=BOX, clip_on=True)
+            axis.annotate(f"{name}, {frequency(omega, 4)}", (along[at], order[at]), (4, 0), **NOTE, va="center",
+                          clip_on=True)
     axis.set(ylim=(lowest, highest), xlim=(along.min(), along.max()))
-    quantities(axis, over, ORDER)
 
 
 def _levels(axis: Any, x: Any, y: Any, levels: Any, label: str, top: float, low: float | None = None,
@@ -206,21 +202,17 @@ def _levels(axis: Any, x: Any, y: Any, levels: Any, label: str, top: float, low:
 
 def _campbell(axis: Any, orders: Orders, of: str) -> None:
     """Draw the levels over engine speed and frequency, with the orders that are listed and the two linear modes."""
-    amplitude, shown, unit = getattr(orders, of), _shown(orders), SIGNALS[of].unit
-    rpm = orders.frequency * UNITS["rpm"][1] / orders.per_revolution
-    hertz = np.outer(rpm / 60.0, orders.order[shown])
-    top, levels = _top(amplitude, orders), level(amplitude[:, shown])
-    highest = 1.05 * max(float(hertz[levels > top - SHOWN].max()), *(0.5 / np.pi * omega for omega in orders.modes))
-    _levels(axis, np.broadcast_to(rpm[:, None], hertz.shape), hertz, levels, f"dB re 1 {unit}", top, aspect=20)
-    for omega, name in zip(orders.modes, ("stuck", "slipping")):
-        if 0.5 / np.pi * omega < hertz.max():
-            axis.axhline(0.5 / np.pi * omega, color="white", lw=0.9, ls=(0, (4, 2)))
-            axis.annotate(f"{name}, {0.5 / np.pi * omega:.4g} Hz", (rpm.min(), 0.5 / np.pi * omega), xytext=(4, 2),
-                          textcoords="offset points", color="white", fontsize=6.5, bbox=BOX)
+    shown, levels, top = _levels_of(orders, of)
+    rpm, modes = orders.frequency * UNITS["rpm"][1] / orders.per_revolution, [0.5 / np.pi * x for x in orders.modes]
+    hertz = np.outer(rpm / 60.0, shown)
+    highest = 1.05 * max(float(hertz[top - SHOWN < levels.T].max()), *modes)
+    _levels(axis, np.broadcast_to(rpm[:, None], hertz.shape), hertz, levels.T, _decibels(of).unit, top, aspect=20)
+    for mode, name in zip(modes, ("stuck", "slipping")):
+        if mode < hertz.max():
+            axis.axhline(mode, **MODE)
+            axis.annotate(f"{name}, {mode:.4g} Hz", (rpm.min(), mode), (4, 2), **NOTE)
     for order in orders.cuts:
         at = min(float(rpm.max()), 0.94 * 60.0 * highest / order)
         axis.plot([0.0, at], [0.0, order * at / 60.0], color="white", lw=0.5, alpha=0.45, ls=(0, (1, 2)))
-        axis.annotate(f"order {order:g}", (at, order * at / 60.0), xytext=(-6, 0), textcoords="offset points",
-                      color="white", fontsize=6.5, va="center", ha="right", bbox=BOX)
+        axis.annotate(f"order {order:g}", (at, order * at / 60.0), (-6, 0), **NOTE, va="center", ha="right")
     axis.set(xlim=(rpm.min(), rpm.max()), ylim=(0.0, highest))
-    quantities(axis, AxisQuantity("engine speed", "rpm"), AxisQuantity("frequency", "Hz"))

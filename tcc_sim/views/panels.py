@@ -7,15 +7,18 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tcc_sim.views import style
+from tcc_sim.views.style import AxisQuantity
 
 
 class Panel(NamedTuple):
     """A panel of a picture.
 
+    draw : function that draws the curves into an axis
     height : inch
+    x, y : quantities along the axes; None where `draw` names them
     beside : whether it stands beside the panel before it where the picture covers a page
     over : whether it shares the horizontal axis of the panel above it
-    alone : function that draws into an axis of another figure, if it differs
+    alone : panel for an axis of another figure, if it differs
     named : whether its curves have a legend
     close : whether it stands beside the panel before it in a column too
     """
@@ -23,11 +26,18 @@ class Panel(NamedTuple):
     title: str
     draw: Callable[[Any], object]
     height: float = 1.6
+    x: AxisQuantity | None = None
+    y: AxisQuantity | None = None
     beside: bool = False
     over: bool = False
-    alone: Callable[[Any], object] | None = None
+    alone: Panel | None = None
     named: bool = True
     close: bool = False
+
+    def draw_into(self, axis: Any) -> None:
+        """Draw the panel with the names of its quantities."""
+        self.draw(axis)
+        style.quantities(axis, self.x, self.y)
 
 
 def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float = style.PAGE, *,
@@ -50,21 +60,17 @@ def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float =
             drawn.supxlabel(caption, x=0.01, ha="left", fontsize=6.8, color=style.GREY)
         grid = drawn.add_gridspec(len(rows), columns, height_ratios=heights)
         axes: list[Any] = []
-        above: list[Any] = []
         for k, row in enumerate(rows):
             places = ([grid[k, :]] if len(row) == 1 else [grid[k, n] for n in range(2)] if len(row) == 2 else
                       list(grid[k, :].subgridspec(1, len(row))))
-            placed = []
+            above = axes[len(axes) - len(rows[k - 1]):] if k else []
             for n, (panel, place) in enumerate(zip(row, places)):
                 shared = above[n] if panel.over and n < len(above) else None
-                axis = drawn.add_subplot(place, sharex=shared)
-                panel.draw(axis)
+                axes.append(drawn.add_subplot(place, sharex=shared))
+                panel.draw_into(axes[-1])
                 if shared is not None:
                     shared.set_xlabel("")
                     shared.tick_params(labelbottom=False)
-                placed.append(axis)
-                axes.append(axis)
-            above = placed
         titled = [(axis, panel.title) for axis, panel in zip(axes, panels) if panel.title]
         style.panel_titles([axis for axis, _ in titled], [words for _, words in titled])
         named = [axis for axis, panel in zip(axes, panels) if panel.named]
@@ -73,7 +79,7 @@ def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float =
         else:
             for axis in named:
                 style.legend_above(axis)
-        return style.save(drawn, path) if path.suffix else style.save_both(drawn, path)[0]
+        return style.save(drawn, path)
 
 
 def _rows(panels: Sequence[Panel], wide: bool) -> Iterator[list[Panel]]:
@@ -89,7 +95,7 @@ def _rows(panels: Sequence[Panel], wide: bool) -> Iterator[list[Panel]]:
 def draw_into(axis: Any, panel: Panel, title: str = "") -> Any:
     """Draw a panel into an axis with a legend of several curves or of areas, and return the axis."""
     before, legend = len(style.entries(axis)[0]), axis.get_legend()
-    (panel.alone or panel.draw)(axis)
+    (panel.alone or panel).draw_into(axis)
     if title:
         axis.set_title(title)
     named = style.entries(axis)[0]

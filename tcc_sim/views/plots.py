@@ -18,7 +18,7 @@ from tcc_sim.shown_units import UNITS, shown_in
 from tcc_sim.trajectory import Trajectory, no_cycles
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel, compose, draw_into
-from tcc_sim.views.runs import last_cycles, manoeuvre
+from tcc_sim.views.runs import NO_CONTROL, last_cycles, manoeuvre
 from tcc_sim.views.stored import DAMAGE, Record, kind_of, read_stored, revived
 
 
@@ -176,7 +176,7 @@ def panels_of(result: Any) -> list[Panel]:
                          "sweep, scatter, continuation, basins, linearise or identify")
     if hasattr(result, "first_cycle"):  # The replay of a recording has the end of its run only.
         return last_cycles(run, result.cycles, result.first_cycle, result.summary, result.control, result.spectrum)
-    control = getattr(run, "control", None)  # Only runs under commands have it.
+    control = getattr(run, "control", None) or NO_CONTROL  # Only runs under commands have it.
     if len(run.t) > 2 and run.system is not None and run.system.profile is not None:
         return manoeuvre(run, control)
     if not run.cycles and len(run.t) > 2 and run.t[-1] - run.t[0] >= run.cycle:

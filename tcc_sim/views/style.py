@@ -212,20 +212,15 @@ def widened(limits: tuple[float, float]) -> tuple[float, float]:
 
 
 def save(drawn: Any, path: Path) -> Path:
-    """Write a picture in the format of the suffix of `path`; the same picture gives the same bytes.
+    """Write a picture in the format of the suffix of `path`, or to `path`.svg and `path`.png; return the last path.
 
-    Raise InputError: another suffix than those of SUFFIXES.
+    The same picture gives the same bytes. Raise InputError: another suffix than those of SUFFIXES.
     """
-    check_suffix(path, SUFFIXES)
-    lay_out(drawn)
-    drawn.savefig(path, metadata=SUFFIXES[path.suffix])
-    return path
-
-
-def save_both(drawn: Any, stem: Path) -> tuple[Path, Path]:
-    """Write `stem`.png and `stem`.svg with one layout."""
-    raster = save(drawn, stem.with_name(stem.name + ".png"))
-    return raster, save(drawn, stem.with_name(stem.name + ".svg"))
+    for file in [path] if path.suffix else [path.with_suffix(".svg"), path.with_suffix(".png")]:
+        check_suffix(file, SUFFIXES)
+        lay_out(drawn)
+        drawn.savefig(file, metadata=SUFFIXES[file.suffix])
+    return file
 
 
 def lay_out(drawn: Any) -> None:

@@ -46,7 +46,6 @@ def sweep_panels(values: Mapping[str, Any], transient: str = "") -> list[Panel]:
     away, open_ = flags(values.get("runaway"), x.shape), flags(values.get("transient"), x.shape)
 
     def maxima(axis: Any) -> None:
-        quantities(axis, over, style.MAX_SLIP)
         largest = numbers(values["max_slip_speed"])
         bounded = np.where(away, np.nan, largest)
         top = float(np.nanmax(bounded, initial=0.0)) or 1.0
@@ -78,14 +77,12 @@ def sweep_panels(values: Mapping[str, Any], transient: str = "") -> list[Panel]:
                           rasterized=len(points) > 5000)
         axis.margins(y=0.1)
         axis.set_ylim(style.widened(axis.get_ylim()))  # A motion that stays the same is no diagram of rounding.
-        quantities(axis, over, AxisQuantity("plate angle on section", "rad"))
 
-    def curve(axis: Any, name: str, quantity: AxisQuantity, factor: float = 1.0) -> None:
+    def curve(axis: Any, name: str, factor: float) -> None:
         axis.plot(*parted(x, factor * numbers(values[name])), **{**DOTS, "linestyle": "-"}, markersize=size,
                   color=style.BLUE, linewidth=0.9)
         if name == "stick_fraction":
             axis.set_ylim(-4.0, 104.0)
-        quantities(axis, over, quantity)
 
     def exponents(axis: Any) -> None:
         middle, low, high = (numbers([(one or {}).get(name) for one in values["lyapunov"]])
@@ -93,14 +90,15 @@ def sweep_panels(values: Mapping[str, Any], transient: str = "") -> list[Panel]:
         axis.axhline(0.0, color=style.INK, linewidth=0.6, zorder=1)
         axis.vlines(x, low, high, color=style.SKY, linewidth=1.0)
         axis.plot(x, middle, **DOTS, markersize=size, color=style.BLUE)
-        quantities(axis, over, AxisQuantity("exponent", "1/s"))
 
-    (stick, of_stick, percent), (energy, of_energy, _) = RESULTS[1:]
-    return [Panel("Maxima", maxima, 1.9),
-            Panel("Heat", lambda axis: curve(axis, energy, of_energy), 1.9, over=True) if values.get("varying") else
-            Panel("Orbit diagram", orbit, 1.9, over=True),  # A manoeuvre has no orbit.
-            Panel("Time in stick", lambda axis: curve(axis, stick, of_stick, percent), 1.5, over=True),
-            *([Panel("Largest Lyapunov exponent", exponents, over=True)] if values.get("lyapunov") else [])]
+    stick, energy = (partial(curve, name=name, factor=factor) for name, _, factor in RESULTS[1:])
+    return [Panel("Maxima", maxima, 1.9, over, style.MAX_SLIP),
+            Panel("Heat", energy, 1.9, over, RESULTS[2][1], over=True) if values.get("varying") else
+            Panel("Orbit diagram", orbit, 1.9, over, AxisQuantity("plate angle on section", "rad"),
+                  over=True),  # A manoeuvre has no orbit.
+            Panel("Time in stick", stick, 1.5, over, RESULTS[1][1], over=True),
+            *([Panel("Largest Lyapunov exponent", exponents, 1.6, over, AxisQuantity("exponent", "1/s"), over=True)]
+              if values.get("lyapunov") else [])]
 
 
 def draw_open(axis: Any, x: Floats, y: Floats, which: Bools, size: float, name: str = "") -> None:
@@ -132,11 +130,11 @@ def grid_panels(values: Mapping[str, Any]) -> list[Panel]:
         cells = [[(sides[j], rows[k]), (sides[j + 1], rows[k]), (sides[j + 1], rows[k + 1]), (sides[j], rows[k + 1])]
                  for k, j in np.argwhere(transient)]
         axis.add_collection(PolyCollection(cells, hatch="////", facecolor="none", edgecolor=style.GREY, linewidth=0.0))
-        _name_two_keys(axis, values)
+        blank(axis)
 
     def largest(axis: Any) -> None:
         speeds = numbers(values["max_slip_speed"])
-        shade = axis.pcolormesh(edges(x), edges(y), np.ma.masked_where(away | ~np.isfinite(speeds), speeds),
+        shade = axis.pcolormesh(edges(x), edges(y), np.ma.masked_invalid(np.where(away, np.nan, speeds)),
                                 cmap="viridis", vmin=0.0, rasterized=True)
         quantities(axis.figure.colorbar(shade, ax=axis).ax, None, style.MAX_SLIP)
         if away.any():
@@ -166,14 +164,8 @@ def grid_panels(values: Mapping[str, Any]) -> list[Panel]:
         bar.ax.minorticks_off()
         hatch(axis)
 
-    return [Panel("Maxima", largest, 2.7), Panel("Period", periods, 2.7, beside=True, named=False)]
-
-
-def _name_two_keys(axis: Any, values: Mapping[str, Any]) -> None:
-    """Name both keys of a map, whose empty cells are grey."""
-    axis.set_facecolor(NOT_FOUND)
-    axis.grid(False)
-    quantities(axis, style.quantity_of(values["over"]), style.quantity_of(values["second_over"]))
+    keys = style.quantity_of(values["over"]), style.quantity_of(values["second_over"])
+    return [Panel("Maxima", largest, 2.7, *keys), Panel("Period", periods, 2.7, *keys, beside=True, named=False)]
 
 
 def scatter_panels(values: Mapping[str, Any]) -> list[Panel]:
@@ -202,14 +194,12 @@ def scatter_panels(values: Mapping[str, Any]) -> list[Panel]:
             axis.axhline(level, color=style.INK, linewidth=0.8, linestyle="-" if share == 0.5 else ":",
                          label="median" if share == 0.5 else f"{100.0 * share:g} %")
 
-    def draw(axis: Any, name: str, quantity: AxisQuantity | None, scale: float, key: str) -> None:
+    def draw(axis: Any, name: str, key: str, scale: float) -> None:
         (band if over else samples)(axis, name, key, scale)
         axis.locator_params(axis="x", nbins=9 if len(keys) < 2 else 4)
-        quantities(axis, style.quantity_of(key), quantity)
 
-    return [Panel(quantity.name.capitalize() if not k else "", partial(
-                draw, name=name, quantity=quantity, scale=scale, key=key), 1.7, beside=k > 0, over=bool(n),
-                named=not n and not k)
+    return [Panel("" if k else quantity.name.capitalize(), partial(draw, name=name, key=key, scale=scale), 1.7,
+                  style.quantity_of(key), quantity, beside=k > 0, over=n > 0, named=n == k == 0)
             for n, (name, quantity, scale) in enumerate(OF_MANOEUVRE if values.get("varying") else RESULTS)
             for k, key in enumerate([over] if over else keys)]
 
@@ -224,33 +214,34 @@ def gain_panels(values: Mapping[str, Any]) -> list[Panel]:
         """Return the size of a figure per loop, (n,) or (second, first); NaN for an unknown one."""
         return np.abs(numbers(values[name]))
 
-    def curve(axis: Any, name: str, quantity: AxisQuantity) -> None:
+    def curve(axis: Any, name: str) -> None:
         y, settled = figures(name), np.array([verdict == "settled" for verdict in values["verdict"]])
         axis.plot(x, y, color=style.GREY, linewidth=0.8, zorder=1)
         axis.plot(x[settled], y[settled], **DOTS, markersize=3.0, color=style.BLUE, label="settled")
         others = ~settled & (np.isfinite(y) | (name == SETTLING))
         draw_open(axis, x, np.where(np.isfinite(y), y, 0.0), others, 3.0, "not settled")
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
-        quantities(axis, style.quantity_of(values["over"]), quantity)
 
-    def cells(axis: Any, name: str, quantity: AxisQuantity) -> None:
+    def cells(axis: Any, name: str) -> None:
         figure, sides = figures(name), []
         for side, centres in (("x", x), ("y", numbers(values["second_values"]))):
             even = len(centres) > 2 and min(centres) > 0.0 and np.ptp(np.diff(np.log(centres))) < 1e-6
             sides.append(np.exp(edges(np.log(centres))) if even else edges(centres))
             axis.set(**{f"{side}scale": "log" if even else "linear"})
         shade = axis.pcolormesh(*sides, np.ma.masked_invalid(figure), cmap="viridis", rasterized=True)
-        quantities(axis.figure.colorbar(shade, ax=axis).ax, None, quantity)
+        quantities(axis.figure.colorbar(shade, ax=axis).ax, None, shown[name])
         if not np.isfinite(figure).all() and name == SETTLING:
             style.key(axis, f"not settled ({(~np.isfinite(figure)).sum()} of {figure.size})", area=True,
                       facecolor=NOT_FOUND, edgecolor=style.GREY)
-        _name_two_keys(axis, values)
+        blank(axis)
 
     peak = "peak_deviation" if np.isfinite(figures("peak_deviation")).any() else "overshoot"
+    shown = {SETTLING: AxisQuantity("settling time", "s"), peak: AxisQuantity(peak.replace("_", " "), "rad/s")}
+    over, second = style.quantity_of(values["over"]), style.quantity_of(values["second_over"]) if over_two else None
     draw = cells if over_two else curve
-    return [Panel("Settling", partial(draw, name=SETTLING, quantity=AxisQuantity("settling time", "s")), 2.7),
-            Panel("Peak", partial(draw, name=peak, quantity=AxisQuantity(peak.replace("_", " "), "rad/s")), 2.7,
-                  beside=over_two, over=not over_two, named=not over_two)]
+    return [Panel("Settling", partial(draw, name=SETTLING), 2.7, over, second or shown[SETTLING]),
+            Panel("Peak", partial(draw, name=peak), 2.7, over, second or shown[peak], beside=over_two,
+                  over=not over_two, named=not over_two)]
 
 
 def classes(regimes: Sequence[str | None], away: Bools) -> dict[str, tuple[str, Bools]]:
@@ -274,6 +265,12 @@ def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 def numbers(values: Sequence[Any]) -> Floats:
     """Return values, or rows of them, with NaN for missing ones."""
     return np.array(values, dtype=np.float64)
+
+
+def blank(axis: Any) -> None:
+    """Show cells of a map that are not painted in grey."""
+    axis.set_facecolor(NOT_FOUND)
+    axis.grid(False)
 
 
 def draw_cells(axis: Any, x: Floats, y: Floats, classes: Floats, colours: Sequence[Any]) -> Any:

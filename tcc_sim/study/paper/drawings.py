@@ -194,8 +194,8 @@ def map_panels(data: Record) -> list[Panel]:
         for mark in data.marks:
             axis.axvline(mark, color=style.GREY, linewidth=0.6, linestyle=(0, (2, 2)), zorder=0.5)
 
-    heights = (2.2, 1.6) if branched else (1.2, 1.2)
-    return [*(Panel(title, partial(draw, curve=curve), height, beside=draw is right, over=True, named=False,
+    heights, ratio = (2.2, 1.6) if branched else (1.2, 1.2), style.quantity_of(AXES[data.axis])
+    return [*(Panel(title, partial(draw, curve=curve), height, ratio, beside=draw is right, over=True, named=False,
                     close=draw is right and not branched)
               for curve in curves for draw, title, height in zip((left, right), (curve.label, ""), heights)),
             key_panel(1.0 if branched else 0.5)]
@@ -204,6 +204,7 @@ def map_panels(data: Record) -> list[Panel]:
 def damping_panels(data: Record) -> list[Panel]:
     """Return both readings of (21) above the maxima and the orbit diagram."""
     curve, x = data.curves[0], np.array(data.x)
+    maxima, orbit = swept(data, curve)
     weighted, negative = numbers(curve.equivalent_damping or []), numbers(curve.negative_slope_mean or [])
 
     def damping(axis: Any) -> None:
@@ -221,8 +222,9 @@ def damping_panels(data: Record) -> list[Panel]:
         close.tick_params(labelsize=5.5)
 
     return [Panel("equivalent damping", damping, 2.1),
-            Panel("maximum slip speed", partial(draw_maxima, data=data, curve=curve), 1.4, over=True),
-            Panel("orbit diagram", swept(data, curve)[1].draw, 1.8, over=True)]
+            maxima._replace(title="maximum slip speed", draw=partial(draw_maxima, data=data, curve=curve), height=1.4,
+                            over=True),
+            orbit._replace(title="orbit diagram", height=1.8)]
 
 
 def orbit_panels(data: Record) -> list[Panel]:
@@ -242,10 +244,10 @@ def orbit_panels(data: Record) -> list[Panel]:
         draw_branches(axis, data, curves)
         axis.set(ylim=(0.0, top_of(axis, curves)), ylabel=MAXIMUM)
 
-    panels = [(DIRECTIONS[curve.direction][0], swept(data, curve)[1].draw, 1.7) for curve in curves]
-    panels += [("branches behind them", branches, 3.4)] if curves[0].branches is not None else []
-    return [*(Panel(title, partial(shaded, draw=draw), height, over=k > 0, named=False)
-              for k, (title, draw, height) in enumerate(panels)), key_panel(1.5 if len(panels) > len(curves) else 0.3)]
+    panels = [swept(data, curve)[1]._replace(title=DIRECTIONS[curve.direction][0], height=1.7) for curve in curves]
+    panels += [Panel("branches behind them", branches, 3.4, panels[0].x)] if curves[0].branches is not None else []
+    return [*(panel._replace(draw=partial(shaded, draw=panel.draw), over=k > 0, named=False)
+              for k, panel in enumerate(panels)), key_panel(1.5 if len(panels) > len(curves) else 0.3)]
 
 
 def history_panels(data: Record) -> list[Panel]:
