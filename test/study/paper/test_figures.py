@@ -136,7 +136,10 @@ def test_every_kind_of_sweep_is_computed_and_drawn(number: int, span: tuple[floa
                   series=FIGURES[number].series[:1])
     data = json_of(document("figure", figure_data(row, options), paper_system(), ["figure"]))
     valid("figure", json.loads(json.dumps(data, allow_nan=False)))
-    tcc_sim.plot(data, tmp_path / "a.png", "column")
+    tcc_sim.plot(data, tmp_path / "a.png", "column", units="rpm")
+    for axis in (axis for axis in laid_out[0].axes if "rad/s" in axis.get_ylabel()):  # In every unit.
+        ticks = [axis.yaxis.get_major_formatter()(at).replace("\N{MINUS SIGN}", "-") for at in axis.get_yticks()]
+        np.testing.assert_allclose(np.array(ticks, float), axis.get_yticks(), atol=1e-9)
     assert (data["figure"], data["kind"], data["law"]) == (number, row.kind, options.law)
     np.testing.assert_allclose(data["x"], np.linspace(*span, count))
     assert data["axis"] == ("mu_k/mu_s" if number == 6 else "omega/omega_n")
