@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tcc_sim.shown_units import speed
-from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED
+from tcc_sim.study.basins.attractors import RUNAWAY
 from tcc_sim.study.basins.results import Planes
 from tcc_sim.views import style
 from tcc_sim.views.panels import Panel
@@ -93,7 +93,8 @@ def stable_and_unstable(document: Mapping[str, Any], number: int) -> list[tuple[
 
 
 MARKERS = "os^Dvp*"
-EXTRAS: dict[int, tuple[Any, str]] = {RUNAWAY: (style.RUNAWAY, "runaway slip"), UNDECIDED: ("#FFFFFF", "undecided")}
+EXTRAS: dict[str, tuple[Any, str]] = {"runaway": (style.RUNAWAY, "runaway slip"), "undecided": ("#FFFFFF", "undecided")}
+"""Colours and names of starts that reach no attractor, in the order of their labels from RUNAWAY on."""
 
 
 def basin_panels(document: Any) -> list[Panel]:
@@ -120,7 +121,7 @@ def _map(axes: Any, plane: Mapping[str, Any], labels: Any) -> None:
                           for k, period in enumerate(periods)]  # Darker for each further one of a period.
     x, y = np.array(first["values"]), np.array(second["values"])
     if labels is not None:
-        cells: list[Any] = [EXTRAS[RUNAWAY][0], EXTRAS[UNDECIDED][0], *map(style.tint, colours or ["white"])]
+        cells: list[Any] = [*(colour for colour, _ in EXTRAS.values()), *map(style.tint, colours or ["white"])]
         draw_cells(axes, x, y, np.asarray(labels, np.float64) - RUNAWAY, cells)
     axes.set(xlim=edges(x)[[0, -1]], ylim=edges(y)[[0, -1]])
     states = ("initial.plate_angle", "initial.slip_speed", "initial.plate_speed")
@@ -144,7 +145,7 @@ def _map(axes: Any, plane: Mapping[str, Any], labels: Any) -> None:
         else:
             style.key(axes, f"{name}, not drawn", linestyle="")
         first_mark = first_mark or (look["marker"] if len(points) else "")
-    for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values()):
+    for name, (colour, words) in EXTRAS.items():
         if plane[name] > 0.0:
             blank = labels is None
             style.key(axes, f"{words} ({100 * plane[name]:.3g} %){', not drawn' * blank}", area=True,
@@ -161,7 +162,7 @@ def _fractions(axes: Any, planes: Mapping[str, Any]) -> None:
     bands = [(f"period {period}" if period else "no period", style.tint(style.colour_of(period)),
               [sum(a["fraction"] for a in attractors if a["period"] == period) for attractors in each])
              for period in periods]
-    bands += [(words, colour, planes[name]) for name, (colour, words) in zip(("runaway", "undecided"), EXTRAS.values())]
+    bands += [(words, colour, planes[name]) for name, (colour, words) in EXTRAS.items()]
     names, colours, rows = zip(*(band for band in bands if any(band[2])))
     axes.stackplot(values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
     axes.set(ylim=(0.0, 1.0), xlim=(min(values), max(values)))
