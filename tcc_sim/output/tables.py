@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tcc_sim.analysis.measured.orders import JudderFigures
+from tcc_sim.analysis.measured.orders import JudderFigures, OrderComparison, Orders, Spectrum, level
 from tcc_sim.analysis.repetition import LONGEST
 from tcc_sim.analysis.steady.summary import AFTER_A_GAP, Summary, runaway_cause
 from tcc_sim.errors import counted
@@ -18,7 +18,6 @@ from tcc_sim.trajectory import Status
 
 if TYPE_CHECKING:
     from tcc_sim.analysis.loop.tracking import Tracking
-    from tcc_sim.analysis.measured.orders import OrderComparison, Orders, Spectrum
     from tcc_sim.analysis.steady.damping import Damping
     from tcc_sim.sweeps.gains import GainMap
     from tcc_sim.sweeps.results import Grid, Sweep
@@ -98,8 +97,6 @@ def order_lines(orders: Orders) -> list[str]:
 
 def comparison_lines(comparison: OrderComparison) -> list[str]:
     """Return the differences of simulated and measured orders, where an order is within 30 dB of its largest value."""
-    from tcc_sim.analysis.measured.orders import level
-
     pairs = []
     for name in ("slip_speed", "shaft_torque"):
         for order in comparison.measured.cuts:
