@@ -130,7 +130,8 @@ def grid_panels(values: Mapping[str, Any]) -> list[Panel]:
         cells = [[(sides[j], rows[k]), (sides[j + 1], rows[k]), (sides[j + 1], rows[k + 1]), (sides[j], rows[k + 1])]
                  for k, j in np.argwhere(transient)]
         axis.add_collection(PolyCollection(cells, hatch="////", facecolor="none", edgecolor=style.GREY, linewidth=0.0))
-        blank(axis)
+        axis.set_facecolor(NOT_FOUND)
+        axis.grid(False)
 
     def largest(axis: Any) -> None:
         speeds = numbers(values["max_slip_speed"])
@@ -233,7 +234,8 @@ def gain_panels(values: Mapping[str, Any]) -> list[Panel]:
         if not np.isfinite(figure).all() and name == SETTLING:
             style.key(axis, f"not settled ({(~np.isfinite(figure)).sum()} of {figure.size})", area=True,
                       facecolor=NOT_FOUND, edgecolor=style.GREY)
-        blank(axis)
+        axis.set_facecolor(NOT_FOUND)
+        axis.grid(False)
 
     peak = "peak_deviation" if np.isfinite(figures("peak_deviation")).any() else "overshoot"
     shown = {SETTLING: AxisQuantity("settling time", "s"), peak: AxisQuantity(peak.replace("_", " "), "rad/s")}
@@ -265,12 +267,6 @@ def parted(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 def numbers(values: Sequence[Any]) -> Floats:
     """Return values, or rows of them, with NaN for missing ones."""
     return np.array(values, dtype=np.float64)
-
-
-def blank(axis: Any) -> None:
-    """Show cells of a map that are not painted in grey."""
-    axis.set_facecolor(NOT_FOUND)
-    axis.grid(False)
 
 
 def draw_cells(axis: Any, x: Floats, y: Floats, classes: Floats, colours: Sequence[Any]) -> Any:
