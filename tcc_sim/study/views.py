@@ -162,7 +162,8 @@ def _fractions(axes: Any, planes: Mapping[str, Any]) -> None:
     bands = [(f"period {period}" if period else "no period", style.tint(style.colour_of(period)),
               [sum(a["fraction"] for a in attractors if a["period"] == period) for attractors in each])
              for period in periods]
-    bands += [(words, colour, planes[name]) for name, (colour, words) in EXTRAS.items()]
+    bands += [(words, colour, [share for share, _ in zip(planes[name], values, strict=True)])
+              for name, (colour, words) in EXTRAS.items()]
     names, colours, rows = zip(*(band for band in bands if any(band[2])))
     axes.stackplot(values, rows, labels=names, colors=colours, edgecolor=style.GREY, linewidth=0.4)
     axes.set(ylim=(0.0, 1.0), xlim=(min(values), max(values)))
