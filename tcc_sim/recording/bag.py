@@ -40,7 +40,7 @@ class BagWriter:
                  max_duration: float = 0.0, max_size: int = 0, max_chunks: int = MOST_CHUNKS, sync: bool = False,
                  result: Callable[[], Mapping[str, Any]] | None = None) -> None:
         self.directory = directory
-        self._name = directory.resolve().name
+        self._name = os.path.basename(os.path.realpath(directory))  # Path.resolve fails for a loop.
         self._duration_ns = round(max_duration * 1e9) if max_duration > 0.0 else math.inf
         self._size = max_size if max_size > 0 else math.inf
         self._max_chunks = max_chunks
@@ -51,7 +51,7 @@ class BagWriter:
         self._elapsed: dict[int, tuple[int, int]] = {}
         self._folder, made = -1, list[Path]()
         try:
-            _make(directory, made)
+            _make(directory, self._name, made)
             self._folder = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
             self.file = McapFile(self._path(0), scene_text, version, self._folder)
             if scene_text is not None:
@@ -187,13 +187,15 @@ class BagWriter:
         return after
 
 
-def _make(directory: Path, made: list[Path]) -> None:
-    """Create a directory that must not exist, with its parents, and add the created ones to `made`, from outside."""
+def _make(directory: Path, name: str, made: list[Path]) -> None:
+    """Create a directory that must not exist, with its parents, and add the created ones to `made`, from outside; its
+    files have its `name`.
+    """
     try:
         if os.path.lexists(directory):
             raise FileExistsError
         longest = os.pathconf(next(folder for folder in directory.absolute().parents if folder.is_dir()), "PC_NAME_MAX")
-        if len(os.fsencode(directory.resolve().name + _PART)) > longest:
+        if len(os.fsencode(name + _PART)) > longest:
             raise RecordingError(f"the name {directory.name} is too long: {longest - len(_PART)} bytes are allowed, "
                                  "since the files in it are named after it")
         parents = [folder for folder in directory.absolute().parents if not folder.exists()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import os
 import pickle
 import sys
 import time
@@ -128,7 +129,7 @@ def law_in(text: str) -> LawFile:
     if not colon or not name.isidentifier():
         raise InputError(f"law is {text!r}; it must be FILE.py:NAME, a class or a function in a Python file")
     try:
-        return LawFile(str(Path(path).resolve()), name, Path(path).read_text(encoding="utf-8"))
+        return LawFile(os.path.realpath(path), name, Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or one_line(str(error))
         raise InputError(f"the law's file {path} cannot be read: {reason}") from None

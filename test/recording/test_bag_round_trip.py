@@ -84,8 +84,10 @@ def test_what_the_recorder_counted_as_lost_is_told(tmp_path):
 
 def test_an_existing_output_is_refused_and_left_alone(tmp_path):
     (tmp_path / "run").mkdir()
-    with pytest.raises(RecordingError, match="exists already"):
-        BagWriter(tmp_path / "run")
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    for name in ("run", "loop", "loop/run"):
+        with pytest.raises(RecordingError, match=name):
+            BagWriter(tmp_path / name)
     assert list((tmp_path / "run").iterdir()) == []
 
 
