@@ -27,7 +27,9 @@ from tcc_sim.code_version import code_version
 from tcc_sim.errors import InputError, TccError, missing_package, one_line
 
 if TYPE_CHECKING:
+    from rclpy import InitContextManager
     from rclpy.node import Node
+    from rclpy.signals import SignalHandlerOptions
 
 LOOK = 0.25
 """Longest time between two checks for a signal, s."""
@@ -240,13 +242,22 @@ def created(create: Callable[[], N]) -> N:
         raise InputError(f"ROS 2 refuses the node: {' '.join(str(error).split())}") from None
 
 
+def initialised(words: list[str], signals: SignalHandlerOptions | None = None) -> InitContextManager:
+    """Initialise ROS 2, for a `with` block; raise InputError if it refuses the words, or can write no log."""
+    import rclpy
+
+    try:
+        return rclpy.init(args=words, signal_handler_options=signals)
+    except RuntimeError as error:
+        raise InputError(f"ROS 2 does not start: {' '.join(str(error).split())}") from None
+
+
 @contextmanager
 def _running(words: list[str], create: Callable[[], N]) -> Iterator[N]:
     """Initialise ROS 2 with the words of a command line, and create a node for the duration of a `with` block.
 
     Raises InputError: ROS 2 refuses the parameter file, the words or the node.
     """
-    import rclpy
     from rclpy.signals import SignalHandlerOptions
 
     for option, file in pairwise(words):
@@ -256,11 +267,7 @@ def _running(words: list[str], create: Callable[[], N]) -> Iterator[N]:
                     stream.read(1)
             except OSError as error:
                 raise InputError(f"--params-file {file}: {error.strerror}") from None
-    try:
-        ros = rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        raise InputError(f"ROS 2 arguments not understood: {' '.join(str(error).split())}") from None
-    with ros:
+    with initialised(words, SignalHandlerOptions.NO):
         node = created(create)
         try:
             yield node

@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import rclpy
 from rclpy.logging import LoggingSeverity
 from rclpy.parameter import Parameter
 
 from tcc_sim.nodes.children import NodeProcess, private_environment
 from tcc_sim.nodes.driveline import SWITCH_INTERVAL, DrivelineNode
-from tcc_sim.nodes.executables import created
+from tcc_sim.nodes.executables import created, initialised
 from tcc_sim.nodes.pacing import LEAD, TIMER_SLACK_NS, Pacer, prepare_thread, release_memory
 from tcc_sim.result import Described, reported, result_class
 from tcc_sim.scene import Operation
@@ -103,7 +102,7 @@ def measure(wished: Operation, duration: float, progress: Callable[[float], Any]
     environment, release = private_environment()
     os.environ.update(environment)
     sys.setswitchinterval(SWITCH_INTERVAL)
-    with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, rclpy.init(args=[]):
+    with tempfile.TemporaryDirectory(prefix="tcc_sim_") as folder, initialised([]):
         listener = NodeProcess("recorder", {"output": str(Path(folder) / "recording")},
                                environment) if recorder else None
         trials = list(_trials(wished.rate, max(SHORTEST_TRIAL, SETTING_SLICE * duration)))
