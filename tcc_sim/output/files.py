@@ -96,11 +96,14 @@ def draft(path: Path) -> Iterator[Path]:
     replaced.
 
     Raises InputError: no regular file is at `path`, but a directory or another special file; or a file has appeared
-    there. Raises OSError: the disk is full; the error names `path`.
+    there. Raises OSError: the disk is full or the folder cannot be written; the error names `path`.
     """
     check_name(path)
     existed = replaceable(path)
-    folder = Path(tempfile.mkdtemp(prefix=f".{path.stem[:32]}.", suffix=".part", dir=path.parent))
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=f".{path.stem[:32]}.", suffix=".part", dir=path.parent))
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
     try:
         part = folder / path.name
         yield part

@@ -121,3 +121,5 @@ def test_a_full_disk_is_said_with_the_name_that_the_user_gave(number: int, tmp_p
     with pytest.raises(OSError, match=os.strerror(errno.EIO)) as other:
         write(OSError(errno.EIO, os.strerror(errno.EIO)))  # Of something else that is read meanwhile.
     assert other.value.filename is None
+    with pytest.raises(OSError, match=r"'/proc/mine\.json'"):  # Nobody can create a file there.
+        write_json(Path("/proc/mine.json"), {})
