@@ -181,36 +181,11 @@ class Scattered(Result):
         return {name: rows if self.over else [row[0] for row in rows] for name, rows in lists_of(self.sweeps).items()}
 
 
-def scattered_curves(system: System, tolerances: Tolerances, over: str = "",
-                     values: Sequence[float] = ()) -> list[Curve]:
-    """Return a curve for every sample: over another key, or at the sample's value of the first scattered key.
-
-    Raises InputError: `over` is scattered too, too many values, an unknown key, or a value out of its range.
-    """
-    sampled = tolerances.sampled
-    if over in sampled:
-        raise InputError(f"{over} is swept and scattered; it must be one of the two")
-    refuse_related([*sampled, over])
-    for key in sampled:
-        check_effect(system, key)
-    if tolerances.samples * max(len(values), 1) > MOST_VALUES:
-        raise InputError(f"there are {tolerances.samples} samples of {len(values)} values; there may be "
-                         f"{MOST_VALUES}")
-    first = tolerances.bounds[0][0]
-    out = []
-    for k in range(tolerances.samples):
-        sampled_values = {key: float(column[k]) for key, column in sampled.items() if over or key != first}
-        factor = sampled_values.pop(SCALED, None)
-        mine = replace(system, sampled_values)
-        mine = mine if factor is None else varied(mine, SCALED, factor)
-        out.append(Curve(mine, over, tuple(values)) if over else Curve(mine, first, (float(sampled[first][k]),)))
-    return out
-
-
 def scattering(system: System, bounds: Iterable[tuple[str, float, float]], samples: int, over: str = "",
                values: Sequence[float] = (), *, seed: int = 0, every: bool = False,
                quantiles: Sequence[float] = PROBABILITIES) -> tuple[list[Curve], Callable[[list[Sweep]], Scattered]]:
-    """Return the curves of `scatter`, and the function that makes its result of the solved ones.
+    """Return the curves of `scatter`, one for each sample: over another key, or at the sample's value of the first
+    scattered key; and the function that makes its result of the solved ones.
 
     bounds : key, lowest and highest value
     samples : number of samples; best a power of 2
@@ -219,10 +194,25 @@ def scattering(system: System, bounds: Iterable[tuple[str, float, float]], sampl
     every : include samples that ran away or have not settled in the quantiles
     quantiles : probabilities of the quantiles, rising (default 0.05,0.5,0.95)
 
-    Raises InputError: as `Tolerances` and `scattered_curves`.
+    Raises InputError: as `Tolerances`; `over` is scattered too, too many values, an unknown key, or a value out of its
+    range.
     """
     tolerances = Tolerances(tuple(bounds), samples, seed, sequence_of_numbers("quantiles", quantiles))
-    curves = scattered_curves(system, tolerances, over, sequence_of_numbers(over, values))
+    values, sampled, first = sequence_of_numbers(over, values), tolerances.sampled, tolerances.bounds[0][0]
+    if over in sampled:
+        raise InputError(f"{over} is swept and scattered; it must be one of the two")
+    refuse_related([*sampled, over])
+    for key in sampled:
+        check_effect(system, key)
+    if samples * max(len(values), 1) > MOST_VALUES:
+        raise InputError(f"there are {samples} samples of {len(values)} values; there may be {MOST_VALUES}")
+    curves = []
+    for k in range(samples):
+        sampled_values = {key: float(column[k]) for key, column in sampled.items() if over or key != first}
+        factor = sampled_values.pop(SCALED, None)
+        mine = replace(system, sampled_values)
+        mine = mine if factor is None else varied(mine, SCALED, factor)
+        curves.append(Curve(mine, over, values) if over else Curve(mine, first, (float(sampled[first][k]),)))
     return curves, lambda sweeps: Scattered(tolerances, over, sweeps, every)
 
 
@@ -243,7 +233,7 @@ def scatter(scene: Scene | System | str, bounds: Mapping[str, tuple[float, float
     Raises
     ------
     InputError
-        As `Tolerances` and `scattered_curves`.
+        As `scattering`.
 
     Examples
     --------

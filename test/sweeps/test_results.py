@@ -18,7 +18,7 @@ from tcc_sim.model.parameters import replace
 from tcc_sim.scene import load_scene
 from tcc_sim.solvers import solve
 from tcc_sim.sweeps.results import Grid, Point, varied
-from tcc_sim.sweeps.scatter import Tolerances, scatter, scattered_curves
+from tcc_sim.sweeps.scatter import Tolerances, scatter, scattering
 from tcc_sim.sweeps.simulation import simulate
 from tcc_sim.sweeps.sweep import Curve, Plan, curves_of, sweep, sweep_curves
 
@@ -227,9 +227,8 @@ def test_the_command_gives_quantiles_per_value(tmp_path, capsys) -> None:
     *((lambda n=n: Tolerances((("a", 1.0, 2.0),), 4, n), ("seed", str(n), "0 to 4294967295")) for n in (-1, 1 << 32)),
     *((lambda p=p: Tolerances((("a", 1.0, 2.0),), 4, 0, p), ("quantiles", "0 to 1")) for p in (
         (), (0.5, 0.5), (0.5, 0.1), (-0.1, 0.5), (0.5, 1.1), (0.5, math.nan))),
-    (lambda: scattered_curves(SYSTEM, Tolerances(((KINETIC, 0.2, 0.3),), 4), KINETIC, [0.2]), (KINETIC,)),
-    (lambda: scattered_curves(SYSTEM, Tolerances(((KINETIC, 0.2, 0.3),), 1001), PRESSURE, [1e5] * 1000),
-     ("1001", "1000", "1000000"))])
+    (lambda: scattering(SYSTEM, [(KINETIC, 0.2, 0.3)], 4, KINETIC, [0.2]), (KINETIC,)),
+    (lambda: scattering(SYSTEM, [(KINETIC, 0.2, 0.3)], 1001, PRESSURE, [1e5] * 1000), ("1001", "1000", "1000000"))])
 def test_a_sweep_or_scatter_out_of_its_bounds_is_refused(work, words: tuple[str, ...]) -> None:
     with pytest.raises(InputError) as error:
         work()
