@@ -22,7 +22,7 @@ EXPLANATION = "tcc_sim.functions:explanation"
 
 
 @command(common.add_changes)
-def scenes(arguments: argparse.Namespace, show: str | None = None) -> int:
+def scenes(arguments: argparse.Namespace, show: str | None = None) -> None:
     """List the bundled scenes.
 
     example : scenes --show fig02
@@ -32,18 +32,17 @@ def scenes(arguments: argparse.Namespace, show: str | None = None) -> int:
     """
     if show is not None:
         sys.stdout.write(load_scene(show).with_changes(parse_assignments(arguments.set)).text())
-        return 0
+        return
     if arguments.set:
         raise InputError("--set changes the scene that --show prints; give --show NAME too")
     bundled = bundled_scenes()
     width = max(map(len, bundled), default=0)
     for name, path in bundled.items():
         say(f"{name:<{width}}  {description_in(path.read_text(encoding='utf-8'))}")
-    return 0
 
 
 @command(common.add_scene, of(EXPLANATION), common.outputs("the estimates and terms"))
-def explain(arguments: argparse.Namespace) -> int:
+def explain(arguments: argparse.Namespace) -> None:
     """Estimate how a scene behaves, and list the terms of its equations.
 
     example : explain fig02
@@ -70,7 +69,6 @@ def explain(arguments: argparse.Namespace) -> int:
         say("kernel arguments\n  " + "; ".join(f"{name}: {kind}" for name, kind in document["kernel"].items()))
     _say_step(document["step"], arguments.cost)
     common.deliver(arguments, scene, explanation, shown=scene)
-    return 0
 
 
 def _say_step(step: dict[str, Any] | None, cost: bool) -> None:
@@ -98,7 +96,7 @@ TOPICS_SHOWN = 100
 
 
 @command(forms={"recording": Form("RUN", Path), "out": Form("DIR", Path)})
-def recover(arguments: argparse.Namespace, recording: Path, out: Path | None = None) -> int:
+def recover(arguments: argparse.Namespace, recording: Path, out: Path | None = None) -> None:
     """Make a complete, indexed bag from a recording that was cut short or damaged.
 
     example : recover run1 --out run1_whole
@@ -120,12 +118,11 @@ def recover(arguments: argparse.Namespace, recording: Path, out: Path | None = N
         say(f"  note: {one_line(sentence)}")
     if not result.missing:
         say("  nothing is missing; the original was complete" if result.complete else "  nothing is missing")
-    return 0
 
 
 @command(of("tcc_sim.recording.importer:import_bag", common.FORMS, common.DRIVELINE),
          forms={"bag": Form("BAG", Path), "recording": Form("RUN", Path)})
-def import_(arguments: argparse.Namespace, bag: Path, recording: Path) -> int:
+def import_(arguments: argparse.Namespace, bag: Path, recording: Path) -> None:
     """Write a bag in SQLite, of ROS 1 or of another program as a recording.
 
     example : import lab.db3 run1 --joints flywheel=engine,clutch_plate=turbine
@@ -141,13 +138,12 @@ def import_(arguments: argparse.Namespace, bag: Path, recording: Path) -> int:
                   f"{result.directory}"))
     for sentence in result.notes:
         say(f"  note: {one_line(sentence)}")
-    return 0
 
 
 @command(partial(common.add_layout, title="that of the command"),
          partial(common.add_units, default="those of the command"),
          forms={"result": Form("FILE.json|FILE.npz", Path)})
-def plot(arguments: argparse.Namespace, result: Path, plot: Path | None = None, force: bool = False) -> int:
+def plot(arguments: argparse.Namespace, result: Path, plot: Path | None = None, force: bool = False) -> None:
     """Draw the result in a .json or .npz file of another verb again.
 
     example : plot run.json --plot run.pdf --width column
@@ -166,11 +162,10 @@ def plot(arguments: argparse.Namespace, result: Path, plot: Path | None = None, 
     with draft(path) as part:
         plots.plot(result, part, arguments.width, title=title and printable(title), units=arguments.units)
     say(f"picture in {path}")
-    return 0
 
 
 @command(common.add_scene, of(FMU, {"step": Form("S", number(5e-5, 1.0, "s")), "out": Form("FILE.fmu", Path)}))
-def fmu(arguments: argparse.Namespace) -> int:
+def fmu(arguments: argparse.Namespace) -> None:
     """Export the real-time step of a scene in C as a co-simulation FMU.
 
     example : fmu controlled --fmi 3 --out clutch.fmu
@@ -182,7 +177,7 @@ def fmu(arguments: argparse.Namespace) -> int:
 
     scene = common.scene_of(arguments)
     path = fmu_file(scene, **keywords_of(arguments, options_in(FMU)))
-    common.warn_of(scene)
+    common.say_of_table(scene.warnings())
     if folder := folder_of_binary(arguments.fmi, arguments.sources_only):
         held = f"sources in C99 and a binary for {folder}"
     elif arguments.sources_only or compiler() is not None:
@@ -190,4 +185,3 @@ def fmu(arguments: argparse.Namespace) -> int:
     else:
         held = "sources in C99; no C compiler was found here, so importers compile them"
     say(f"{path}: FMI {arguments.fmi}.0 for co-simulation, {held}")
-    return 0

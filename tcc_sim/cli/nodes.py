@@ -40,7 +40,7 @@ STEP = 0.1
 @command(forms={"scene": Form("S"), "controller": Form("COMMAND"), "duration": Form("SECONDS", number(
     0.5, 86400.0, "s")), "out": Form("DIR", Path)})
 def demo(arguments: argparse.Namespace, scene: str | None = None, controller: str | None = None, duration: float = 10.0,
-         out: Path | None = None) -> int:
+         out: Path | None = None) -> None:
     """Run nodes, recorder and controller on ROS 2, analyse the recording and draw it.
 
     example : demo --scene controlled --duration 5 --out run1
@@ -69,7 +69,7 @@ def demo(arguments: argparse.Namespace, scene: str | None = None, controller: st
     recording = directory / "recording"
     rate = RATE if scene is None and controller is None else driven.operation.rate
     _record(driven, {"scene": name, "rate": rate}, recording, duration, commands)
-    return _analyse(driven, recording, directory, missing, arguments)
+    _analyse(driven, recording, directory, missing, arguments)
 
 
 def _split_command(command: str, scene: Scene) -> list[str]:
@@ -128,7 +128,7 @@ def controller_of(scene: Scene) -> tuple[str, dict[str, object]] | None:
 
 
 def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
-             arguments: argparse.Namespace) -> int:
+             arguments: argparse.Namespace) -> None:
     """Replay the asked time of the recording into analysis.json, run.rrd and overview.png, and print the summary."""
     from tcc_sim.output.files import write_json
     from tcc_sim.output.provenance import document
@@ -155,7 +155,6 @@ def _analyse(scene: Scene, recording: Path, directory: Path, missing: list[str],
     if "rerun" not in missing:
         say(f"  rerun {directory / 'run.rrd'}")
     say(f"  tcc-sim explain {scene.name}\n  tcc-sim demo --scene chaos")
-    return 0
 
 
 ACTIONS = {
@@ -174,7 +173,7 @@ FORMS = {"value": Form("X", number(-math.inf, math.inf)), "rate": Form("HZ", num
 
 @command(add_namespace, forms={"connect": Form("URL")})
 def watch(arguments: argparse.Namespace, rrd: Path | None = None, spawn: bool = False, connect: str | None = None,
-          web: bool = False) -> int:
+          web: bool = False) -> None:
     """Show running nodes live in Rerun.
 
     example : watch --rrd live.rrd
@@ -203,7 +202,6 @@ def watch(arguments: argparse.Namespace, rrd: Path | None = None, spawn: bool = 
             say(f"viewer: {page}", flush=True)
         say(watcher.watch(arguments.namespace, lambda text: print(text, file=sys.stderr), web=web, file=rrd,
                           spawn=rrd is None and connect is None, url=connect))
-    return 0
 
 
 def add_actions(parser: argparse.ArgumentParser) -> None:
@@ -224,7 +222,7 @@ def add_actions(parser: argparse.ArgumentParser) -> None:
 
 
 @command(add_actions)
-def control(arguments: argparse.Namespace) -> int:
+def control(arguments: argparse.Namespace) -> None:
     """Reset, pause, step or command a running driveline, and get or set its parameters.
 
     example : control set pressure.mean=230000 engine.mean_torque=310
@@ -256,4 +254,3 @@ def control(arguments: argparse.Namespace) -> int:
                 say(ask.command(arguments.action, tell=tell, **keywords_of(arguments, parameters_of(COMMAND))))
             except KeyboardInterrupt:
                 say("interrupted; no more commands are sent")
-    return 0

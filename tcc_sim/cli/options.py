@@ -32,6 +32,8 @@ ROW = re.compile(r"^([a-z_]\w*(?:, [a-z_]\w*)*) : (.+(?:\n +.+)*)", re.MULTILINE
 
 Source = Callable[[Any], object]
 """Function that adds options to a parser or to a group of one."""
+Verb = Callable[..., int | None]
+"""Function of a verb: its exit status, or None for 0."""
 
 
 class Form(NamedTuple):
@@ -196,7 +198,7 @@ def keywords_of(arguments: argparse.Namespace, names: str | Iterable[str]) -> di
 class VerbFunction:
     """A verb: its function, further options, and forms of the words for its own parameters."""
 
-    function: Callable[..., int]
+    function: Verb
     sources: tuple[Source, ...] = ()
     forms: Mapping[str, Form] = field(default_factory=dict)
 
@@ -214,10 +216,10 @@ class VerbFunction:
 
     def __call__(self, arguments: argparse.Namespace) -> int:
         """Run the verb and return the exit status."""
-        return self.function(arguments, **keywords_of(arguments, parameters_of(self.name)))
+        return self.function(arguments, **keywords_of(arguments, parameters_of(self.name))) or 0
 
 
-def command(*sources: Source, forms: Mapping[str, Form] | None = None) -> Callable[[Callable[..., int]], VerbFunction]:
+def command(*sources: Source, forms: Mapping[str, Form] | None = None) -> Callable[[Verb], VerbFunction]:
     """Return the decorator that makes a verb of a function.
 
     sources : functions that add options beside those of the function's own parameters, in this order

@@ -28,7 +28,7 @@ would be more than MOST_DRAWN, and none where SAMPLES of them would be more than
 
 @command(common.add_scene, of(common.SIMULATION, common.FORMS), of(common.PLAN, common.FORMS, without=common.OF_SWEEPS),
          common.outputs("the summary", "the samples: .npz, .csv, .parquet, .mat or .mcap"))
-def simulate(arguments: argparse.Namespace, samples: int = 200) -> int:
+def simulate(arguments: argparse.Namespace, samples: int = 200) -> None:
     """Solve a scene and summarise its steady state.
 
     example : simulate fig02 --plot fig02.png
@@ -94,7 +94,6 @@ def simulate(arguments: argparse.Namespace, samples: int = 200) -> int:
         lines.append(f"{counted(len(result.trajectory.t), 'sample')} in {arguments.out}")
     common.deliver(arguments, scene, result, lines, shown=drawn, write=lambda document: write_samples(
         arguments.out, result.trajectory, scene.text(), document=document))
-    return 0
 
 
 def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:

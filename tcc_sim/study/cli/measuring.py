@@ -51,7 +51,7 @@ def stability(arguments: argparse.Namespace, quick: bool = False, out: Path = Pa
                 "cpu_affinity": Form("CORE", number(0, 1023, kind=int), several=True)})
 def realtime(arguments: argparse.Namespace, rate: float = 1000.0, duration: float = 60.0, json: Path | None = None,
              recorder: bool = False, thread_priority: int = 0, cpu_affinity: Sequence[int] = (),
-             lock_memory: bool = False) -> int:
+             lock_memory: bool = False) -> None:
     """Compare the pacing of the driveline node with a bare absolute-deadline loop.
 
     example : realtime --rate 1000 --duration 10 --json realtime.json
@@ -79,7 +79,6 @@ def realtime(arguments: argparse.Namespace, rate: float = 1000.0, duration: floa
         figures = measure(scene.operation, duration, lambda part: done(2.0 * duration * part), recorder)
     _say_pacing(figures.as_json())
     deliver(arguments, scene, figures)
-    return 0
 
 
 def _report(arguments: argparse.Namespace, out: Path, scenes: Sequence[str] = ()) -> int:

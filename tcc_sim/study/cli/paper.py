@@ -30,7 +30,7 @@ if TYPE_CHECKING:
          forms={"figure": Form("N|all"), "out": Form("DIR", Path), "jobs": Form("N", number(1, 1024, kind=int))})
 def figure(arguments: argparse.Namespace, figure: str, quick: bool = False,
            law: Literal["smoothed", "set_valued"] = "smoothed", direction: Literal["cold", "up", "down"] | None = None,
-           branches: bool = False, jobs: int | None = None, out: Path = Path("figures"), force: bool = False) -> int:
+           branches: bool = False, jobs: int | None = None, out: Path = Path("figures"), force: bool = False) -> None:
     """Draw figures of the paper and write their numbers.
 
     example : figure 6 --branches
@@ -70,7 +70,7 @@ def figure(arguments: argparse.Namespace, figure: str, quick: bool = False,
     if len(stems) == 1:
         (one, stem), = stems.items()
         _write(one, stem, options, draw_one, arguments)
-        return 0
+        return
     # Drawing takes as long as computing and holds the interpreter lock, so another process draws.
     with without_working_directory(), ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _begin_painter,
                                                           (arguments.units,)) as painter:
@@ -79,7 +79,6 @@ def figure(arguments: argparse.Namespace, figure: str, quick: bool = False,
                  for one, stem in stems.items()]
         for picture in drawn:
             picture.result()
-    return 0
 
 
 def _begin_painter(units: str | None) -> None:
