@@ -140,8 +140,8 @@ def _status_of(words: list[str]) -> int:
         reason = one_line(f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}")
         print(f"tcc-sim: {reason}", file=sys.stderr)
         return 2 if error.errno in (errno.ENAMETOOLONG, errno.ENOTDIR) else 1
-    except KeyboardInterrupt:
-        print("tcc-sim: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"tcc-sim: {str(stop) or 'interrupted'}", file=sys.stderr)
         return 130
 
 

@@ -184,19 +184,23 @@ def deliver(arguments: argparse.Namespace, scene: Scene | System, result: Any, l
     """Write the files of a result, print its lines, unless its JSON goes to standard output, and draw its picture.
 
     shown : the result that --plot draws; None for no picture
-    write : function that writes the file of --out, from the JSON document
+    write : function that writes the file of --out, from the JSON document; None for one with the result
     """
-    from tcc_sim.output.provenance import document
+    from tcc_sim.output.provenance import document, warnings_of
 
     title, recording = getattr(arguments, "title", ""), getattr(arguments, "recording", None)
+    out = getattr(arguments, "out", None)
     if title is None:
         title = recording.name if recording is not None else getattr(scene, "name", "")
-    writes = write if getattr(arguments, "out", None) is not None else None
-    if writes is not None or arguments.json is not None:
+    if out is not None or arguments.json is not None:
         whole = document(arguments.verb, result, scene, arguments.words, title)
-    if writes is not None:
-        writes(whole)
-    warn_of(scene)
+    if out is not None and write is not None:
+        write(whole)
+    elif out is not None:
+        from tcc_sim.output.samples import write_result
+
+        write_result(out, result, whole)
+    say_of_table(warnings_of(scene))
     if arguments.json is not None:
         write_json(arguments.json, whole)
     aloud = arguments.json != STANDARD_OUTPUT
@@ -210,10 +214,3 @@ def deliver(arguments: argparse.Namespace, scene: Scene | System, result: Any, l
             plot(result if shown is ... else shown, part, arguments.width, title=printable(title))
         if aloud:
             say(f"picture in {picture}")
-
-
-def warn_of(scene: Scene | System) -> None:
-    """Print the warnings about a scene on standard error."""
-    from tcc_sim.output.provenance import warnings_of
-
-    say_of_table(warnings_of(scene))

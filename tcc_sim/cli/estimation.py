@@ -39,7 +39,7 @@ def _frequencies(text: str) -> list[float]:
              lambda text: numbers_apart(text, ",", 2), "KP,KI, two numbers above 0"))}),
          common.outputs("operating point, matrices and responses",
                         "the response as .csv or .parquet, with the matrices as .npz or .mat"))
-def linearise(arguments: argparse.Namespace) -> int:
+def linearise(arguments: argparse.Namespace) -> None:
     """Give the transfer function from pressure or engine torque about a settled motion.
 
     example : linearise controlled --slip 20 --controller 3,11.25 --plot bode.png
@@ -47,16 +47,14 @@ def linearise(arguments: argparse.Namespace) -> int:
     writes : --json FILE holds all numbers, --out FILE the arrays, --plot FILE a picture
     """
     from tcc_sim.estimation.linearise import linearise as response
-    from tcc_sim.output.samples import TABLES, write_result
+    from tcc_sim.output.samples import TABLES
 
     if arguments.slip is not None:
         common.refuse_swept(arguments.set, ["pressure.mean"])
     scene = common.scene_of(arguments)
     common.check_outputs(arguments, TABLES)
     result = response(scene, **keywords_of(arguments, options_in(LINEARISE)), progress=True)
-    common.deliver(arguments, scene, result, _response_lines(result), write=lambda document: write_result(
-        arguments.out, type(result), result.columns(), document, result.arrays()))
-    return 0
+    common.deliver(arguments, scene, result, _response_lines(result))
 
 
 def _response_lines(result: Linearisation) -> Iterator[str]:
@@ -133,10 +131,11 @@ def identify(arguments: argparse.Namespace) -> int:
     common.say_of_table(result.warnings)
 
     def write(_: dict[str, Any]) -> None:
-        with draft(arguments.out) as part:
-            part.write_text(result.scene.text(), encoding="utf-8")
+        if result.accepted:
+            with draft(arguments.out) as part:
+                part.write_text(result.scene.text(), encoding="utf-8")
 
-    common.deliver(arguments, scene, result, _estimate_lines(result), write=write if result.accepted else None)
+    common.deliver(arguments, scene, result, _estimate_lines(result), write=write)
     if not result.accepted:
         print(f"tcc-sim: no acceptable fit: {result.why}", file=sys.stderr)
     return 0 if result.accepted else 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
              "same command resumes from them", force="replace an existing --json file, table or picture"),
          forms={"over": Form("KEY=START:STOP:COUNT[:log]|KEY=V,V,...", repeated=True),
                 "scatter": Form("KEY=LOW:HIGH", repeated=True)})
-def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequence[str] = ()) -> int:
+def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequence[str] = ()) -> None:
     """Solve a scene at many values of one key or two.
 
     example : sweep fig02 --over engine.frequency=40:300:131 --cycles 600 --discard 500 --plot sweep.png
@@ -54,7 +53,8 @@ def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequ
     from tcc_sim.sweeps.sweep import sweep_curves
 
     if arguments.law is not None:
-        return _map_gains(arguments)
+        _map_gains(arguments)
+        return
     for name in _given(arguments, WITH_LAW if scatter else (*WITH_LAW, *WITH_SCATTER)):
         needed = "--law FILE.py:NAME" if name in WITH_LAW else "--scatter KEY=LOW:HIGH"
         raise InputError(f"{option_of(name)} needs {needed}")
@@ -65,47 +65,45 @@ def sweep(arguments: argparse.Namespace, over: Sequence[str] = (), scatter: Sequ
     common.check_outputs(arguments, TABLES if table is not None else ())
     stored = arguments.out if table is None else table.with_name(table.name + ".part")
     curves, gather = _work(arguments, scene.system)
-    ended = ""
+    ended: BaseException | None = None
     try:
         sweeps = sweep_curves(curves, plan, jobs=arguments.jobs, dask=arguments.dask, out=stored,
                               head=head_of("sweep_points", scene, arguments.words), progress=True)
     except (SweepInterrupted, WorkersLost) as stop:
-        ended, sweeps = str(stop), stop.sweeps
+        ended, sweeps = stop, stop.sweeps
     result = gather(sweeps)
-    resumable = bool(ended) and arguments.out is not None
-    if arguments.json is not None or arguments.out is not None or ended:
+    resumable = ended is not None and arguments.out is not None
+    if arguments.json is not None or arguments.out is not None or ended is not None:
         points = [p for s in sweeps for p in s.points]
         failed = sum(p is not None and p.summary is None for p in points)
         lines = [f"{sum(p is not None for p in points)} of {counted(len(points), 'value')} in {sweeps[0].seconds:.3g} s"
                  + (f"; {failed} failed" if failed else ""), *unsettled_lines(sweeps)]
-        if isinstance(result, Scattered) and "quantiles" in vars(arguments) and not ended:
+        if isinstance(result, Scattered) and "quantiles" in vars(arguments) and ended is None:
             lines = [lines[0], *quantile_lines(result)]
     elif isinstance(result, Scattered):
         lines = quantile_lines(result)
     else:
         lines = sweep_lines(result, terminal_width())
-    if resumable and arguments.json != STANDARD_OUTPUT:
-        arguments.json = None  # Else the resumed command would refuse to overwrite this file.
+    if resumable:  # The resumed command writes the files, and would refuse to overwrite them.
+        arguments.out = arguments.plot = None
+        arguments.json = arguments.json if arguments.json == STANDARD_OUTPUT else None
 
     def write(document: dict[str, Any]) -> None:
         if table is not None and stored is not None:
             if table.suffix != ".npz":  # The table has the results already, and the text of many would be long.
                 document = {name: document[name] for name in HEAD if name in document}
-            write_result(table, type(result), result.columns(), document)
+            write_result(table, result, document)
             stored.unlink()
 
-    common.deliver(arguments, scene, result, lines + doubtful_lines(sweeps),
-                   **({"shown": None} if resumable else {"write": write}))
-    if ended:
-        resume = f"; the same command resumes from {stored}" if resumable else ""
-        print(f"tcc-sim: {ended}{resume}", file=sys.stderr)
-        return 130 if ended == "interrupted" else 1
-    return 0
+    common.deliver(arguments, scene, result, lines + doubtful_lines(sweeps), write=write)
+    if ended is not None:
+        ended.args = (f"{ended}; the same command resumes from {stored}" if resumable else str(ended),)
+        raise ended
 
 
-def _map_gains(arguments: argparse.Namespace) -> int:
+def _map_gains(arguments: argparse.Namespace) -> None:
     """Judge the closed loops of a law, write the files, and print a line for each loop unless a file holds them."""
-    from tcc_sim.output.samples import TABLES, write_result
+    from tcc_sim.output.samples import TABLES
     from tcc_sim.output.tables import gain_lines
     from tcc_sim.sweeps.gains import gain_map
     from tcc_sim.sweeps.simulation import Plan
@@ -126,9 +124,7 @@ def _map_gains(arguments: argparse.Namespace) -> int:
     result = gain_map(scene, arguments.law, dict(over), arguments.target, **duration, progress=True,
                       **keywords_of(arguments, options_in(GAINS, "duration")))
     files = arguments.json is not None or arguments.out is not None
-    common.deliver(arguments, scene, result, gain_lines(result, alone=files), write=lambda document: write_result(
-        arguments.out, type(result), result.columns(), document))
-    return 0
+    common.deliver(arguments, scene, result, gain_lines(result, alone=files))
 
 
 def _given(arguments: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:

@@ -55,21 +55,18 @@ def write_columns(path: Path, suffix: str, columns: Mapping[str, Any], units: Ma
             rows.writerows(zip(*(np.asarray(values).tolist() for values in columns.values())))
 
 
-def write_result(path: Path, kind: type, columns: Mapping[str, Any], document: Mapping[str, Any],
-                 arrays: Mapping[str, Any] | None = None) -> None:
-    """Write a result of a class as .npz, .csv, .parquet or .mat, with the JSON `document` except in a .csv.
+def write_result(path: Path, result: Any, document: Mapping[str, Any]) -> None:
+    """Write a result as .npz, .csv, .parquet or .mat, with the JSON `document` except in a .csv.
 
-    columns : the result as a table, each column of the same length
-    arrays : what a .npz and a .mat have instead; None for the columns
+    The file has the `columns` of the result; a .npz and a .mat have its `arrays` instead, where its class has these.
     """
-    named = columns if arrays is None else arrays
+    named = (result.arrays if path.suffix in (".npz", ".mat") and hasattr(result, "arrays") else result.columns)()
     with draft(path) as part:
         if path.suffix == ".npz":
             with part.open("wb") as stream:
                 np.savez_compressed(stream, **named, **documented(document))
         else:
-            shown = named if path.suffix == ".mat" else columns
-            write_columns(part, path.suffix, shown, units_of_columns(kind, shown),
+            write_columns(part, path.suffix, named, units_of_columns(type(result), named),
                           {"document": json.dumps(document, allow_nan=False)}, {})
 
 

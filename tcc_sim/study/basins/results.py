@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from numpy.typing import NDArray
 from tcc_sim.errors import counted
 from tcc_sim.model.parameters import System
 from tcc_sim.model.quantity import sequence_of_numbers
-from tcc_sim.output.samples import write_result
 from tcc_sim.result import Described, Result, as_lists, reported, reporting, result_class
 from tcc_sim.shown_units import speed
 from tcc_sim.study.basins.attractors import RUNAWAY, UNDECIDED, Attractor, Counts, Labels
@@ -162,24 +160,23 @@ class Planes(Described):
             return planes[0]
         return {**as_lists(planes, Bounded if self.bounded else Basins), "plane": self.planes[0].plane}
 
-    def write(self, path: Path, document: Mapping[str, Any]) -> None:
-        """Write .npz or .mat: `labels` and `cycles`, (second, first) arrays, the values of both axes, and `document`;
-        or .csv or .parquet: the columns of `Basins`, a row per cell.
-
-        `over` adds a first axis, or a first column. Labels: -1 undecided, -2 runaway, else an index into the attractors
-        in `document`.
-        """
-        labels, cycles = np.stack([one.labels for one in self.planes]), np.stack([one.cycles for one in self.planes])
-        first, second = self.planes[0].plane
-        arrays: dict[str, Any] = {"first_values": np.array(first.values), "second_values": np.array(second.values)}
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """Return the columns of `Basins` for all planes below each other, with the values of `over` first."""
         tables = [one.columns() for one in self.planes]
-        columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+        over = {} if self.over is None else {self.over: np.repeat(np.array(self.values), self.planes[0].labels.size)}
+        return {**over, **{name: np.concatenate([table[name] for table in tables]) for name in tables[0]}}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return `labels` and `cycles`, (second, first) arrays, and the values of both axes; `over` adds a first axis.
+
+        Labels: -1 undecided, -2 runaway, else an index into the attractors.
+        """
+        cells = {name: np.stack([getattr(one, name) for one in self.planes]) for name in ("labels", "cycles")}
+        first, second = self.planes[0].plane
+        axes = {"first_values": np.array(first.values), "second_values": np.array(second.values)}
         if self.over is None:
-            labels, cycles = labels[0], cycles[0]
-        else:
-            arrays["over_values"] = np.array(self.values)
-            columns = {self.over: np.repeat(arrays["over_values"], labels[0].size), **columns}
-        write_result(path, Basins, columns, document, {"labels": labels, "cycles": cycles, **arrays})
+            return {**{name: each[0] for name, each in cells.items()}, **axes}
+        return {**cells, **axes, "over_values": np.array(self.values)}
 
 
 def boundary_of(labels: Labels) -> Boundary | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
                    "second": Form("KEY=START:STOP")}, without="over seeds"),
          common.outputs("branches, bifurcations and curves"),
          forms={"over": Form("KEY=START:STOP", required=True)})
-def continue_(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> int:
+def continue_(arguments: argparse.Namespace, over: str, seeds: Path | None = None) -> None:
     """Follow periodic motions along a key, stable or unstable, with their bifurcations.
 
     example : continue chaos --over friction.kinetic_coefficient=0.2:0.3 --switch --plot branches.png
@@ -55,9 +54,7 @@ def continue_(arguments: argparse.Namespace, over: str, seeds: Path | None = Non
         interrupted = True
     common.deliver(arguments, scene, motions, _branch_lines(motions), shown=motions if motions.branches else None)
     if interrupted:
-        print("tcc-sim: interrupted; the results up to here are complete", file=sys.stderr)
-        return 130
-    return 0
+        raise KeyboardInterrupt("interrupted; the results up to here are complete")
 
 
 def _branch_lines(motions: Motions) -> Iterator[str]:
@@ -86,7 +83,7 @@ def _branch_lines(motions: Motions) -> Iterator[str]:
     "over": Form("KEY=START:STOP:COUNT")}, needed="plane"), common.outputs(
         "attractors and fractions", "label and cycles of every cell: .npz, .mat, .csv or .parquet; until it is "
         "complete, finished rows are in FILE.part, and the same command resumes from them"))
-def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
+def basins(arguments: argparse.Namespace, boundary: bool = False) -> None:
     """Find attractors and their basins in a plane of two initial conditions.
 
     example : basins chaos --plane initial.slip_speed=-40:40:41 --plane initial.plate_angle=0:0.2:41 --plot basins.png
@@ -109,15 +106,11 @@ def basins(arguments: argparse.Namespace, boundary: bool = False) -> int:
         result = compute(scene, plane, over=over, **keywords_of(arguments, options_in(BASINS, "over")), part=part,
                          progress=True, head=head_of("basin_rows", scene, arguments.words))
         planes = Planes(result, boundary)
-        common.deliver(arguments, scene, planes, _basin_lines(planes), shown=result,
-                       write=lambda document: planes.write(arguments.out, document))
+        common.deliver(arguments, scene, planes, _basin_lines(planes), shown=result)
     except KeyboardInterrupt:
-        resume = f"; the same command resumes from {part}" if part is not None else ""
-        print(f"tcc-sim: interrupted{resume}", file=sys.stderr)
-        return 130
+        raise KeyboardInterrupt(f"interrupted; the same command resumes from {part}" if part else "") from None
     if part is not None:
         part.unlink()
-    return 0
 
 
 def _basin_lines(planes: Planes) -> Iterator[str]:

@@ -13,6 +13,7 @@ import pytest
 from scipy.stats import linregress
 
 from tcc_sim.model.parameters import System
+from tcc_sim.output.samples import write_result
 from tcc_sim.study.basins.attractors import Attractor
 from tcc_sim.study.basins.results import Axis, Basins, Boundary, Planes, boundary_of
 
@@ -81,8 +82,8 @@ def test_planes_along_a_key_are_lists_of_their_figures() -> None:
 @pytest.mark.parametrize("suffix", [".npz", ".csv"])
 def test_the_files_of_planes(suffix: str, tmp_path: Path) -> None:
     single, several = tmp_path / f"one{suffix}", tmp_path / f"two{suffix}"
-    Planes([basins()]).write(single, {"format": "a"})
-    Planes([basins(("engine.frequency", value)) for value in (80.0, 90.0)]).write(several, {"format": "b"})
+    write_result(single, Planes([basins()]), {"format": "a"})
+    write_result(several, Planes([basins(("engine.frequency", value)) for value in (80.0, 90.0)]), {"format": "b"})
     if suffix == ".csv":
         head, units, *rows = single.read_text().splitlines()
         assert (head, units) == ("initial.slip_speed,initial.plate_angle,label,cycles", "rad/s,rad,,")
