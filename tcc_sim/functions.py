@@ -117,6 +117,8 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
     >>> result.summary.period, result.confirmed
     (1, True)
     """
+    from tcc_sim.analysis.measured.orders import compared, orders_of
+
     words = [f"{key}={points}" for key, points in profile.items()] if isinstance(profile, Mapping) else list(profile)
     values = {**(set or {}), **parse_profiles(words)}
     changed, source, measured = as_scene(scene).with_changes(values), None, None
@@ -145,8 +147,11 @@ def simulation(scene: SceneLike, plan: Plan | None = None, *, set: Mapping[str, 
         from tcc_sim.replay.given_inputs import doubts_about
 
         result = replace(result, notes=(*source.notes, *doubts_about(source), *(measured.notes if measured else ())))
-    if orders:
-        result = _with_orders(result, measured)
+    if orders and measured is None:
+        result = replace(result, orders=orders_of(result.trajectory))
+    elif orders and measured is not None:
+        both = compared(measured, result.trajectory)
+        result = replace(result, orders=both.simulated, measured_orders=both.measured)
     return replace(result, spectrum=spectrum_of_run(result, changed)) if spectrum else result
 
 
@@ -168,16 +173,6 @@ def _driven_scene(scene: Scene, source: MeasuredTable | Recording, hold: str | N
     if pulses is not None:
         raise InputError("pulses are those of the tacho of a table, for orders; ask for orders of a table")
     return driven, None
-
-
-def _with_orders(result: Simulation, measured: Signals | None) -> Simulation:
-    """Return a simulation with its orders, and with the measured ones beside them where there are any."""
-    from tcc_sim.analysis.measured.orders import compared, orders_of
-
-    if measured is None:
-        return replace(result, orders=orders_of(result.trajectory))
-    both = compared(measured, result.trajectory)
-    return replace(result, orders=both.simulated, measured_orders=both.measured)
 
 
 def _options(names: Iterable[str]) -> str:

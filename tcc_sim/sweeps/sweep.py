@@ -40,7 +40,7 @@ from tcc_sim.sweeps.executors import AHEAD, Attendance, each_done, workers
 from tcc_sim.sweeps.file import SweepFile
 from tcc_sim.sweeps.progress import progress_bar
 from tcc_sim.sweeps.results import Curve, Grid, Point, Sweep, check_effect, varied
-from tcc_sim.sweeps.simulation import Plan, Simulation, Start
+from tcc_sim.sweeps.simulation import Plan, Start
 from tcc_sim.trajectory import Floats, Runs, State, Status, joined_runs
 
 RTOL = 1e-6
@@ -242,20 +242,10 @@ def solve_point(system: System, value: float, plan: Plan, start: Start | None = 
 
     A numerical failure is the status of the point, without a summary, and its last state is not passed on.
     """
-    samples = simulation.ORDER_SAMPLES if _sampled(system, plan) else 0
-    return as_point(value, plan, simulation.simulate(
-        system, with_sweep_tolerance(system, plan), start=start, samples_per_cycle=samples))
-
-
-def _sampled(system: System, plan: Plan) -> bool:
-    """Return whether the results of a point need samples between the cycles."""
-    return system.profile is not None or plan.orders is not None
-
-
-def as_point(value: float, plan: Plan, result: Simulation) -> Point:
-    """Return the point of a sweep from its simulation."""
+    sampled = system.profile is not None or plan.orders is not None
+    result = simulation.simulate(system, with_sweep_tolerance(system, plan), start=start,
+                                 samples_per_cycle=simulation.ORDER_SAMPLES if sampled else 0)
     summary, section, judder = result.summary, np.empty((0, 2)), None
-    sampled = result.trajectory.system is not None and _sampled(result.trajectory.system, plan)
     if summary is not None:
         judder = judder_of(result.trajectory, summary.covers[0]) if sampled else None
         section = np.array(summary.section, dtype=np.float64).reshape(-1, 2)
