@@ -41,10 +41,4 @@ __all__ = ["Scene", "System", "Trajectory", "__version__", "analyse", "basins", 
            "explain", "figure", "fmu", "fmu_controller", "gain_map", "identify", "linearise", "load_scene", "orders",
            "plot", "read", "scatter", "simulate", "solve", "spectrum", "sweep", "sweep_grid"]
 
-
-__getattr__ = importing(__file__)
-
-
-def __dir__() -> list[str]:
-    """Return the public names."""
-    return sorted(__all__)
+__getattr__, __dir__ = importing(__name__)

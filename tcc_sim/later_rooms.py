@@ -5,6 +5,7 @@ Core rooms name the study here alone, so that whoever removes `tcc_sim/study` se
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
@@ -28,10 +29,13 @@ def from_later_room(name: str) -> Any:
     return getattr(import_module(module), function)
 
 
-def importing(file: str) -> Callable[[str], object]:
-    """Return the `__getattr__` of a module that imports each name, which the file imports for type checkers, when it is
-    first used; so `import tcc_sim` stays light, and neither ROS nor the study is loaded without need.
+def importing(name: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
+    """Return `__getattr__` and `__dir__` of a module that imports each name, which its file imports for type checkers,
+    when it is first used; so `import tcc_sim` stays light, and neither ROS nor the study is loaded without need.
     """
+    this = sys.modules[name]
+    file = str(this.__file__)
+
     @cache
     def places() -> dict[str, tuple[str, str]]:
         import ast
@@ -46,4 +50,4 @@ def importing(file: str) -> Callable[[str], object]:
         module, there = places()[name]
         return getattr(import_module(module), there)
 
-    return found
+    return found, lambda: sorted(this.__all__)

@@ -42,9 +42,4 @@ __all__ = ["Axis", "Basins", "Branch", "ControlledRun", "Figure", "FitSettings",
            "Scattered", "Seed", "Sensor", "Signals", "Simulation", "Spectrum", "Start", "Status", "Steps", "Summary",
            "Sweep", "Tracking", "Transitions"]
 
-__getattr__ = importing(__file__)
-
-
-def __dir__() -> list[str]:
-    """Return the names of the types."""
-    return sorted(__all__)
+__getattr__, __dir__ = importing(__name__)
