@@ -29,12 +29,24 @@ def _joints(text: str) -> dict[str, str]:
     return names
 
 
+def _targets(text: str) -> float | dict[float, float]:
+    """Return the target in `V`, or the targets by time in `T:V,T:V`."""
+    if ":" not in text:
+        return float(text)
+    pairs = [(float(t), float(value)) for t, value in (part.split(":") for part in text.split(","))]
+    if len(dict(pairs)) < len(pairs):
+        raise argparse.ArgumentTypeError(f"{text!r} has two targets for one time")
+    return dict(pairs)
+
+
 FORMS = {
     "profile": Form("KEY=T:V,T:V", repeated=True), "inputs": Form("RUN|FILE", Path), "inputs_scene": Form("SCENE"),
     "joints": Form("flywheel=NAME,clutch_plate=NAME", reader(
         _joints, "flywheel=NAME,clutch_plate=NAME")), "columns": Form("NAME=COLUMN[:UNIT],..."),
     "from_": Form("S", float), "to": Form("S", float), "pulses": Form("N", number(1, 10_000, kind=int)),
     "discard": Form("N|auto", reader(lambda text: text if text == "auto" else int(text), "a number of cycles or auto")),
+    "target": Form("V|T:V,T:V", reader(_targets, "a slip speed in rad/s, or T:V,T:V with times in s")),
+    "limits": Form("LOW:HIGH", reader(lambda text: numbers_apart(text, ":", 2), "LOW:HIGH, two pressures in Pa")),
     "connect": Form("URL"), "rrd": Form("FILE", Path),
     "dask": Form("ADDRESS"), "quantiles": Form("P,P,...", reader(
         lambda text: numbers_apart(text, ","), "numbers separated by commas")), "scene": Form("SCENE")}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from tcc_sim.background import awaited
 from tcc_sim.cli import arguments as common
-from tcc_sim.cli.options import Form, command, keywords_of, numbers_apart, of, options_in, reader
+from tcc_sim.cli.options import Form, command, keywords_of, of, options_in
 from tcc_sim.errors import InputError, counted, require
 from tcc_sim.output.terminal import say
 from tcc_sim.shown_units import show_in
@@ -106,23 +106,8 @@ def _check_samples(arguments: argparse.Namespace, cycles: float) -> None:
         raise InputError(f"--out would hold {samples:.3g} samples; it must be at most {LARGEST_OUTPUT:g}")
 
 
-def _targets(text: str) -> float | dict[float, float]:
-    """Return the target in `V`, or the targets by time in `T:V,T:V`."""
-    if ":" not in text:
-        return float(text)
-    pairs = [(float(t), float(value)) for t, value in (part.split(":") for part in text.split(","))]
-    if len(dict(pairs)) < len(pairs):
-        raise argparse.ArgumentTypeError(f"{text!r} has two targets for one time")
-    return dict(pairs)
-
-
-TARGETS = Form("V|T:V,T:V", reader(_targets, "a slip speed in rad/s, or T:V,T:V with times in s"))
-LIMITS = Form("LOW:HIGH", reader(lambda text: numbers_apart(text, ":", 2), "LOW:HIGH, two pressures in Pa"))
-FORMS = {**common.FORMS, "recording": Form("RUN|FILE", Path), "discard": Form("CYCLES", int),
-         "target": TARGETS, "limits": LIMITS}
-
-
-@command(of(common.ANALYSIS, FORMS, needed="recording"), common.outputs(
+@command(of(common.ANALYSIS, {**common.FORMS, "recording": Form("RUN|FILE", Path), "discard": Form("CYCLES", int)},
+            needed="recording"), common.outputs(
     "the figures", "the samples of the analysed run as .csv, .npz, .parquet or .mat, with units and scene"))
 def analyse(arguments: argparse.Namespace, layout: bool = False) -> int:
     """Summarise a recording, show it in Rerun, solve it again.

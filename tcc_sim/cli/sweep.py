@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from tcc_sim.cli import arguments as common
 from tcc_sim.cli.options import Form, bounds_of_range, command, keywords_of, of, option_of, options_in, values_of_range
-from tcc_sim.cli.runs import LIMITS, TARGETS
 from tcc_sim.errors import InputError, SweepInterrupted, WorkersLost, counted, given_in
 from tcc_sim.model.parameters import ORDER
 from tcc_sim.model.quantity import SPEED_UNIT, number_in
@@ -20,7 +19,7 @@ WITH_SCATTER = ("samples", *options_in(SCATTER, "over values"))
 WITH_LAW = ("target", *options_in(GAINS, "duration jobs dask"))
 """Options that need --scatter, and those that need --law."""
 FORMS = {**common.FORMS, "orders": Form("SPEED,...", optional=""), "direction": Form("cold|up|down"),
-         "law": Form("FILE.py:NAME"), "target": TARGETS, "limits": LIMITS}
+         "law": Form("FILE.py:NAME")}
 
 if TYPE_CHECKING:
     from tcc_sim.model.parameters import System
