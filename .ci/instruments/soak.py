@@ -26,8 +26,9 @@ from typing import Any
 
 from tcc_sim.errors import TccError, counted
 from tcc_sim.nodes.children import Session
-from tcc_sim.output.terminal import say, seconds_bar
+from tcc_sim.output.terminal import say
 from tcc_sim.recording.reader import Run
+from tcc_sim.sweeps.progress import seconds_bar
 
 COMMANDED = ("/engine_torque", "/actuation_pressure")
 WARM_UP = 60.0

@@ -18,13 +18,14 @@ import numpy as np
 from tcc_sim.errors import NumericalFailure, TccError
 from tcc_sim.model.parameters import System
 from tcc_sim.output.tables import markdown_table
-from tcc_sim.output.terminal import counted_bar, say
+from tcc_sim.output.terminal import say
 from tcc_sim.solvers import SOLVERS, solve
 from tcc_sim.study.benchmarks import peers
 from tcc_sim.study.benchmarks.peers import repeated
 from tcc_sim.study.benchmarks.references import Reference, errors, reference
 from tcc_sim.study.paper.catalogue import FIGURES, OMEGA_N, paper_system
 from tcc_sim.sweeps.executors import cores
+from tcc_sim.sweeps.progress import counted_bar
 from tcc_sim.sweeps.sweep import Curve, Plan, sweep_curves
 
 ERROR = 1e-6

@@ -22,7 +22,8 @@ from tcc_sim.cli.arguments import add_namespace
 from tcc_sim.cli.options import Form, command, keywords_of, number, of, parameters_of
 from tcc_sim.errors import InputError
 from tcc_sim.output.files import new_directory, new_file
-from tcc_sim.output.terminal import say, seconds_bar
+from tcc_sim.output.terminal import say
+from tcc_sim.sweeps.progress import seconds_bar
 
 if TYPE_CHECKING:
     from tcc_sim.scene import Scene

@@ -1,4 +1,4 @@
-"""Output on a terminal: lines wrapped to its width, with continuation lines indented, and progress bars."""
+"""Output on a terminal: lines wrapped to its width, with continuation lines indented."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ import re
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 
 NARROWEST = 40
 """Smallest width used, even if the terminal is narrower, columns."""
@@ -54,29 +52,3 @@ def open_streams() -> None:
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-
-
-@contextmanager
-def counted_bar(unit: str) -> Iterator[Callable[[int, int, str], None]]:
-    """Show progress of a task; call the yielded function with the number of parts done, of all parts, and the name of
-    the next one.
-    """
-    from tcc_sim.sweeps.progress import progress_bar
-
-    with progress_bar(unit, leave=False) as bar:
-        def done(count: int, total: int, following: str) -> None:
-            bar.total = total
-            bar.set_description_str(following, refresh=False)
-            bar.update(count - bar.n)
-
-        yield done
-
-
-@contextmanager
-def seconds_bar(name: str, total: float) -> Iterator[Callable[[float], None]]:
-    """Show progress of a task that runs for `total` s; call the yielded function with the seconds done so far."""
-    from tcc_sim.sweeps.progress import progress_bar
-
-    with progress_bar("s", total, desc=name, leave=False,
-                      bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s") as bar:
-        yield lambda done: bar.update(done - bar.n)

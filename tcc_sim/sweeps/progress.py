@@ -95,3 +95,25 @@ def point_bar(shown: bool = True) -> Iterator[Callable[[Any], None]]:
             bar.update()
 
         yield tick
+
+
+@contextmanager
+def counted_bar(unit: str) -> Iterator[Callable[[int, int, str], None]]:
+    """Show progress of a task; call the yielded function with the number of parts done, of all parts, and the name of
+    the next one.
+    """
+    with progress_bar(unit, leave=False) as bar:
+        def done(count: int, total: int, following: str) -> None:
+            bar.total = total
+            bar.set_description_str(following, refresh=False)
+            bar.update(count - bar.n)
+
+        yield done
+
+
+@contextmanager
+def seconds_bar(name: str, total: float) -> Iterator[Callable[[float], None]]:
+    """Show progress of a task that runs for `total` s; call the yielded function with the seconds done so far."""
+    with progress_bar("s", total, desc=name, leave=False,
+                      bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s") as bar:
+        yield lambda done: bar.update(done - bar.n)

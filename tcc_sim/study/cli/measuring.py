@@ -15,7 +15,8 @@ from tcc_sim.cli.options import Form, command, number
 from tcc_sim.errors import printable, require
 from tcc_sim.model.parameters import System
 from tcc_sim.output.files import new_directory, new_file, write_json
-from tcc_sim.output.terminal import counted_bar, say, seconds_bar
+from tcc_sim.output.terminal import say
+from tcc_sim.sweeps.progress import counted_bar, seconds_bar
 
 
 @command(partial(add_layout, title="none"), forms={"scenes": Form("NAME", several=True), "out": Form("DIR", Path)})
