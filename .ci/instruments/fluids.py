@@ -43,7 +43,8 @@ def draw_fluids(path: Path, frequencies: np.ndarray = FREQUENCIES) -> Path:
         law.legend(loc="best")
         largest.set(xlabel="engine frequency (rad/s)", ylabel="largest slip speed (rad/s)", ylim=(-1.0, None))
         judder.set(xlabel="engine frequency (rad/s)", ylabel="breakaways a second", ylim=(-1.0, None))
-        style.panel_titles((law, largest, judder), ["Tables and fits", "Sweep", "Judder"])
+        for axis, title in ((law, "(a) Tables and fits"), (largest, "(b) Sweep"), (judder, "(c) Judder")):
+            axis.set_title(title)
         return style.save(drawn, path)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any, NamedTuple
 
 from tcc_sim.views import style
@@ -42,10 +43,10 @@ class Panel(NamedTuple):
 
 def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float = style.PAGE, *,
             below: bool = False, caption: str = "", formulas: bool = False) -> Path:
-    """Draw panels with letters below each other, or beside each other where a page has room, to a file, or to
-    `path`.png and `path`.svg if it has no suffix.
+    """Draw panels with letters, unless only one has a title, below each other, or beside each other where a page has
+    room, to a file, or to `path`.png and `path`.svg if it has no suffix.
 
-    below : whether one legend of all panels stands below them, in place of legends above each
+    below : whether one legend of all panels stands below them, in place of legends above each; it adds to the height
     caption : lines below all panels
     formulas : whether the title may have formulas
 
@@ -72,13 +73,16 @@ def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float =
                     shared.set_xlabel("")
                     shared.tick_params(labelbottom=False)
         titled = [(axis, panel.title) for axis, panel in zip(axes, panels) if panel.title]
-        style.panel_titles([axis for axis, _ in titled], [words for _, words in titled])
+        for letter, (axis, words) in zip(ascii_lowercase, titled):
+            axis.set_title(f"({letter}) {words}" if len(titled) > 1 else words)
         named = [axis for axis, panel in zip(axes, panels) if panel.named]
-        if below:
-            style.legend_below(drawn, named)
-        else:
+        if not below:
             for axis in named:
                 style.legend_above(axis)
+        elif names := {name: handle for axis in named for handle, name in zip(*style.entries(axis))}:
+            legend = style.fitted_legend(drawn, names.values(), names, 0.98 * drawn.bbox.width,
+                                         loc="outside lower center")
+            drawn.set_figheight(drawn.get_figheight() + legend.get_window_extent().height / drawn.dpi)
         return style.save(drawn, path)
 
 

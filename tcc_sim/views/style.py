@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from string import ascii_lowercase
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -262,12 +261,6 @@ def lay_out(drawn: Any) -> None:
         axis.set_position([round(x, 5) for x in axis.get_position(original=True).bounds])
 
 
-def panel_titles(axes: Sequence[Any], titles: Sequence[str]) -> None:
-    """Title the panels (a), (b), ..., or one panel without a letter."""
-    for letter, axis, title in zip(ascii_lowercase, axes, titles):
-        axis.set_title(f"({letter}) {title}" if len(axes) > 1 else title)
-
-
 def key(axis: Any, label: str, *, area: bool = False, **look: Any) -> Any:
     """Add a legend entry for marks or areas that the axes hold without a label, and return its artist."""
     drawn, = axis.fill([], [], label=label, **look) if area else axis.plot([], [], label=label, **look)
@@ -294,7 +287,7 @@ def legend_above(axis: Any) -> None:
     small = {"fontsize": 6.5, "handlelength": 1.1, "columnspacing": 0.8, "handletextpad": 0.4} if narrow else {}
     whole, room = axis.get_window_extent(), axis.get_window_extent().width
     top = max([whole.y1, *(each.get_tightbbox().y1 for each in axis.child_axes)])  # Above an axis along the upper side.
-    drawn = _fitted(axis, *entries(axis), room, loc="lower right",
+    drawn = fitted_legend(axis, *entries(axis), room, loc="lower right",
                     bbox_to_anchor=(1.0, 1.0 + (top - whole.y1) / whole.height), **small)
     if drawn is None:
         return
@@ -307,14 +300,7 @@ def legend_above(axis: Any) -> None:
         axis.set_title(title, loc=side, pad=None if beside else 4.0 + above)
 
 
-def legend_below(drawn: Any, axes: Sequence[Any]) -> None:
-    """Place one legend of all axes below the picture, whose height grows by that of the legend."""
-    named = {name: handle for axis in axes for handle, name in zip(*entries(axis))}
-    if fitted := _fitted(drawn, named.values(), named, 0.98 * drawn.bbox.width, loc="outside lower center"):
-        drawn.set_figheight(drawn.get_figheight() + fitted.get_window_extent().height / drawn.dpi)
-
-
-def _fitted(holder: Any, handles: Any, names: Any, room: float, **look: Any) -> Any:
+def fitted_legend(holder: Any, handles: Any, names: Any, room: float, **look: Any) -> Any:
     """Return a legend of axes or of a figure with the largest number of columns that fit into a width, pixels, or one;
     None if there is nothing to name.
     """

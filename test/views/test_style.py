@@ -15,6 +15,7 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 import matplotlib
 
 from tcc_sim.views import style
+from tcc_sim.views.panels import Panel, compose
 
 PROMISED = {"font.size": 8.0, "savefig.dpi": 200, "pdf.fonttype": 42, "ps.fonttype": 42}
 """Settings that the page on pictures promises, or that journals ask for."""
@@ -63,25 +64,20 @@ WORDS = "a title of a panel with a number of words in it"
 @pytest.mark.parametrize(("names", "title", "below", "width"), [
     (FEW, "t", True, style.PAGE), (LONG, WORDS, False, style.PAGE), (LONG, "t", True, style.COLUMN),
     (MANY, WORDS, False, style.COLUMN), (ONE, WORDS, True, style.COLUMN)])
-def test_legends_and_titles_have_room(names: list[str], title: str, below: bool, width: float, tmp_path: Path) -> None:
+def test_legends_and_titles_have_room(names: list[str], title: str, below: bool, width: float, tmp_path: Path,
+                                      laid_out: list[Any]) -> None:
     """Whatever their length, within the picture and beside each other."""
-    with style.figure(width, 8.0, f"picture {title} {title}") as drawn:
-        axes = drawn.subplots(2, 1)
-        for axis in axes:
-            for k, name in enumerate(names):
-                axis.plot([0.0, 1.0], [k, k], label=f"{name} {k}")
-            style.quantities(axis, style.TIME, style.AxisQuantity("a quantity with a name of many words", "rad/s"))
-        style.panel_titles(axes, [title, title])
-        if below:
-            style.legend_below(drawn, axes)
-        else:
-            for axis in axes:
-                style.legend_above(axis)
-        style.lay_out(drawn)
-        check(drawn)
-        shown = drawn.legends if below else [axis.get_legend() for axis in axes]
-        for legend in shown:
-            assert [text.get_text() for text in legend.get_texts()] == [f"{name} {k}" for k, name in enumerate(names)]
+    def draw(axis: Any) -> None:
+        for k, name in enumerate(names):
+            axis.plot([0.0, 1.0], [k, k], label=f"{name} {k}")
+
+    panel = Panel(title, draw, 4.0, style.TIME, style.AxisQuantity("a quantity with a name of many words", "rad/s"))
+    compose(tmp_path / "a.png", [panel, panel], f"picture {title} {title}", width, below=below)
+    drawn, = laid_out
+    check(drawn)
+    shown = drawn.legends if below else [axis.get_legend() for axis in drawn.axes]
+    for legend in shown:
+        assert [text.get_text() for text in legend.get_texts()] == [f"{name} {k}" for k, name in enumerate(names)]
 
 
 def test_a_legend_names_only_what_is_drawn() -> None:
