@@ -35,7 +35,7 @@ class Panel(NamedTuple):
     named: bool = True
     close: bool = False
 
-    def draw_into(self, axis: Any) -> None:
+    def draw_labelled(self, axis: Any) -> None:
         """Draw the panel with the names of its quantities."""
         self.draw(axis)
         style.quantities(axis, self.x, self.y)
@@ -68,7 +68,7 @@ def compose(path: Path, panels: Sequence[Panel], title: str = "", width: float =
             for n, (panel, place) in enumerate(zip(row, places)):
                 shared = above[n] if panel.over and n < len(above) else None
                 axes.append(drawn.add_subplot(place, sharex=shared))
-                panel.draw_into(axes[-1])
+                panel.draw_labelled(axes[-1])
                 if shared is not None:
                     shared.set_xlabel("")
                     shared.tick_params(labelbottom=False)
@@ -99,7 +99,7 @@ def _rows(panels: Sequence[Panel], wide: bool) -> Iterator[list[Panel]]:
 def draw_into(axis: Any, panel: Panel, title: str = "") -> Any:
     """Draw a panel into an axis with a legend of several curves or of areas, and return the axis."""
     before, legend = len(style.entries(axis)[0]), axis.get_legend()
-    (panel.alone or panel).draw_into(axis)
+    (panel.alone or panel).draw_labelled(axis)
     if title:
         axis.set_title(title)
     named = style.entries(axis)[0]
