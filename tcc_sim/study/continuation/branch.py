@@ -237,7 +237,8 @@ def branch_through(first: ContinuationPoint, origin: BranchOrigin = START, keep:
     finally:
         closed = tracks[0].ended.reason is StopReason.CLOSED
         points, special, ended = arclength.joined(tracks[:1] if closed else tracks)
-        branch = Branch(first.period, origin, points, (began or ended[0], ended[1]), closed,
+        start_end = ended[0] if closed else began or ended[0]
+        branch = Branch(first.period, origin, points, (start_end, ended[1]), closed,
                         [replace(f, branch=len(keep), after=after) for after, f in special])
         for k, (a, b) in enumerate(pairwise(points)):
             between = [n for n, f in enumerate(branch.bifurcations) if f.after == k]

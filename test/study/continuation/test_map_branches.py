@@ -28,7 +28,7 @@ from textbook_maps import (
 )
 
 from tcc_sim.errors import InputError, OutOfRange
-from tcc_sim.study.continuation.arclength import StopReason
+from tcc_sim.study.continuation.arclength import End, StopReason
 from tcc_sim.study.continuation.branch import Branch, BranchOrigin, branch_through, first_point, orbits_at, switch
 from tcc_sim.study.continuation.orbits import (
     DEFAULTS,
@@ -218,6 +218,12 @@ def test_the_turning_branch_of_a_pitchfork(guess: float) -> None:
     assert on[0] * on[-1] < 0.0
 
 
+def test_a_closed_branch_ends_where_it_closes_however_it_began() -> None:
+    first = branch_of(TextbookMap(isola, 1), -2.0, 2.0, 0.0, [-1.0]).points[0]
+    closed = branch_through(first, both=False, began=End(StopReason.BEGAN, "p", first.value))
+    assert [end.reason for end in closed.ended] == [StopReason.CLOSED, StopReason.CLOSED]
+
+
 @pytest.mark.parametrize("value", [0.1, 0.1001, 0.2, 0.2999, 0.3])
 def test_a_branch_reaches_both_ends_of_its_range_from_beside_them(value: float) -> None:
     values = [point.value for point in branch_of(TextbookMap(henon, 2), 0.1, 0.3, value, [0.3, 0.3]).points]
@@ -323,8 +329,7 @@ def test_deflation_turns_newton_to_the_other_orbit() -> None:
     other = orbit_of(shooting, (1.4,), [0.8, 0.8], [first.section])
     roots = np.roots([1.0, 0.7, -1.4])
     assert sorted([first.section[0], other.section[0]]) == pytest.approx(sorted(roots), abs=1e-10)
-    both = [shooting.unknowns(x.section[None], (1.4,)) for x in (first, other)]
-    assert newton(shooting, shooting.unknowns(np.array([[0.3, 0.2]]), (1.4,)), both) is None
+    assert newton(shooting, shooting.unknowns(np.array([[0.3, 0.2]]), (1.4,)), [first.z, other.z]) is None
 
 
 def test_an_orbit_of_a_shorter_period_is_passed_over() -> None:
