@@ -20,6 +20,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 import rclpy
 from rclpy.context import Context
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 import tcc_sim
@@ -219,8 +220,6 @@ def test_watch_without_a_driveline_ends_with_one_line_and_no_file(tmp_path: Path
 @pytest.mark.parametrize("pacing", ["real_time", "lockstep"])
 def test_commands_of_joints_act_as_those_of_the_topics(bench: Any, pacing: str) -> None:
     """As joint_state_topic_hardware_interface of ros2_control sends them: names and efforts."""
-    from sensor_msgs.msg import JointState
-
     loop = bench.driveline(scene="commands", pacing=pacing, command_timeout=0.0).loop
     publisher = bench.probe.create_publisher(JointState, "command", 10)
     bench.until(publisher.get_subscription_count)
@@ -239,8 +238,6 @@ def test_commands_of_joints_act_as_those_of_the_topics(bench: Any, pacing: str) 
 
 
 def test_in_lock_step_a_command_of_joints_answers_the_state_of_its_stamp(bench: Any) -> None:
-    from sensor_msgs.msg import JointState
-
     node = bench.driveline(scene="commands", pacing="lockstep", command_timeout=0.0, wait_for_subscribers=1)
     publisher = bench.probe.create_publisher(JointState, "command", 10)
 

@@ -11,18 +11,18 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 import rclpy
 from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import FluidPressure, JointState
+from std_msgs.msg import Float64
 
-from tcc_sim.nodes.slip_controller import SlipControllerNode
+import tcc_sim
+from tcc_sim.cli.nodes import controller_of
+from tcc_sim.nodes.slip_controller import QOS, SlipControllerNode
+from tcc_sim.plant.slip_control import SlipController, Tuning
 from tcc_sim.scene import load_scene
 
 
 def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_scenes_that_need_one(bench: Any) -> None:
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from std_msgs.msg import Float64
-
-    from tcc_sim.cli.nodes import controller_of
-    from tcc_sim.plant.slip_control import Tuning
-
     bench.add(SlipControllerNode(context=bench.context, parameter_overrides=[Parameter("target", value=30)]))
     heard: list[float] = []
     late = bench.add(rclpy.create_node("late", context=bench.context))
@@ -36,11 +36,6 @@ def test_the_target_is_said_latched_and_the_demo_starts_a_controller_for_the_sce
 
 def test_states_that_waited_all_reach_the_law_and_the_newest_alone_is_answered(bench: Any) -> None:
     """Single answers would lag more and more on a busy machine, and the dead time would make the loop unstable."""
-    from sensor_msgs.msg import FluidPressure, JointState
-
-    from tcc_sim.nodes.slip_controller import QOS
-    from tcc_sim.plant.slip_control import SlipController, Tuning
-
     node = SlipControllerNode(context=bench.context)
     driveline = bench.add(rclpy.create_node("driveline", context=bench.context))
     heard: list[FluidPressure] = []
@@ -60,8 +55,6 @@ def test_states_that_waited_all_reach_the_law_and_the_newest_alone_is_answered(b
 
 
 def test_the_scene_is_the_one_that_the_controller_is_tuned_for() -> None:
-    from tcc_sim.plant.slip_control import Tuning
-
     system = load_scene("controlled").system
     tuning = Tuning()
     assert tuning.torque_per_pressure == pytest.approx(system.torque_per_pressure, rel=1e-12)
@@ -69,11 +62,6 @@ def test_the_scene_is_the_one_that_the_controller_is_tuned_for() -> None:
 
 
 def test_target_bandwidth_and_limits_change_while_it_runs_and_are_published_and_judged_by(driveline: Any) -> None:
-    from rclpy.parameter import Parameter
-
-    import tcc_sim
-    from tcc_sim.plant.slip_control import SlipController, Tuning
-
     rig = driveline("controlled")
     node = rig.add(SlipControllerNode())
     first = rig.run(seconds=0.4)
