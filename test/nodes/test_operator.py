@@ -25,7 +25,7 @@ from std_msgs.msg import Float64
 
 import tcc_sim
 from tcc_sim.cli import main
-from tcc_sim.errors import RecordingError
+from tcc_sim.errors import InputError, RecordingError
 from tcc_sim.nodes.children import CLOCK_STARTED, NodeProcess
 from tcc_sim.nodes.middleware import COMMANDS
 from tcc_sim.recording.reader import Run
@@ -135,8 +135,6 @@ def test_a_domain_that_is_no_number_is_refused_as_such(control: Control, monkeyp
 
 
 def test_an_input_of_the_scene_takes_no_command_and_lock_step_takes_one_as_the_answer(bench) -> None:
-    from tcc_sim.errors import InputError
-
     loop = bench.driveline(scene="controlled", pacing="lockstep", command_timeout=0.0).loop
     loop.begin()
     with pytest.raises(InputError, match=r"engine_torque.*actuation_pressure"):

@@ -11,6 +11,7 @@ import pytest
 from tcc_sim.errors import InputError
 from tcc_sim.plant.driveline import MEASURED, SHARE, Plant
 from tcc_sim.scene import load_scene
+from tcc_sim.solvers import solve
 from tcc_sim.solvers.terms import SUBSTEP_LIMIT
 
 MEANS = {"engine.fallback": "mean", "pressure.fallback": "mean"}
@@ -146,8 +147,6 @@ def test_engine_torque_and_pressure_go_on_from_where_they_are():
 
 
 def test_a_profile_runs_in_ticks_as_offline():
-    from tcc_sim.solvers import solve
-
     scene = load_scene("chaos").with_values({"engine.frequency_times": [0.0, 0.0505], "engine.frequency_values":
                                                [100.0, 220.0], "pacing": "lockstep"})
     plant = Plant(scene)

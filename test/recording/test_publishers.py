@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 from driveline_bags import TICK, bag, ticked
+from mcap.reader import make_reader
 from re_encodings import read, save
 
 from tcc_sim.errors import RecordingError
+from tcc_sim.messages import cdr
+from tcc_sim.recording.mcap_file import McapFile
 from tcc_sim.recording.reader import Run
 from tcc_sim.replay.recorded import Recording
 from tcc_sim.replay.replay import replay
 from tcc_sim.scene import load_scene
+from tcc_sim.topics import JOINT_STATE
 
 MINIMAL, COMMANDS = load_scene("minimal"), load_scene("commands")
 
@@ -66,12 +70,6 @@ def test_where_nothing_tells_them_apart_they_are_refused(tmp_path):
 
 @pytest.mark.parametrize(("given", "kept"), [(2**32 - 1, 2**32 - 1), (2**32, 0), (2**32 + 5, 5)])
 def test_a_number_of_a_message_wraps_at_32_bits(tmp_path, given, kept):
-    from mcap.reader import make_reader
-
-    from tcc_sim.messages import cdr
-    from tcc_sim.recording.mcap_file import McapFile
-    from tcc_sim.topics import JOINT_STATE
-
     output = McapFile(tmp_path / "x.mcap")
     output.write(output.channel("/joint_states", JOINT_STATE), 0, 0, cdr.joint_state(0, *[0.0] * 6), given)
     output.close()
